@@ -1,0 +1,1 @@
+"""Frames in, recordings out, recordings back in. Knows no slip and no soil."""

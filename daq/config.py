@@ -1,0 +1,264 @@
+"""vehicle.toml, terrain.toml and runs.toml as checked models: unknown keys refused, all faults at once."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from daq.errors import ConfigError, Fault, nearest
+
+ROLES = (
+    "vertical_load",
+    "drawbar_pull",
+    "driving_torque",
+    "wheel_speed",
+    "ground_speed",
+    "ground_speed_valid",
+    "latitude",
+    "longitude",
+    "course",
+    "gnss_time",
+    "wheel_angle",
+    "sinkage",
+)
+"""What a signal can be to us. A command asks only for the roles it needs."""
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class VehicleSection(_Section):
+    """``[vehicle]``."""
+
+    name: str = "unnamed vehicle"
+    mass_kg: Positive | None = None
+
+
+class WheelSection(_Section):
+    """``[wheel]``: the instrumented wheel; outboard = on the soil side of the transducer."""
+
+    radius_m: Positive
+    width_m: Positive
+    position: str = ""
+    outboard_mass_kg: NonNegative = 0.0
+    outboard_inertia_kgm2: NonNegative = 0.0
+    tyre: Literal["smooth", "lugged"] | None = None
+
+
+class BusSection(_Section):
+    """``[[bus]]``: one CAN bus and the DBC files that describe it."""
+
+    channel: str
+    dbc: tuple[str, ...] = ()
+    interface: str | None = None
+    fd: bool = False
+    bitrate: int | None = None
+
+
+class SensorSection(_Section):
+    """``[sensors.<role>]``: whole delay of the sensor, and sigma of one sample in SI units."""
+
+    latency_s: Finite = 0.0
+    sigma: NonNegative | None = None
+
+
+class TransducerSection(_Section):
+    """``[transducer]``: axes of the wheel force transducer and how its zero was taken."""
+
+    frame: Literal["vehicle", "wheel"] = "vehicle"
+    side: Literal["left", "right"] = "left"
+    angle_offset_deg: Finite = 0.0
+    angle_direction: Literal[1, -1] = 1
+    zero: Literal["lifted", "spin", "none"] = "none"
+
+
+class VehicleConfig(_Section):
+    """vehicle.toml. A role that is not in ``signals`` is not there; commands say which they need."""
+
+    vehicle: VehicleSection = VehicleSection()
+    wheel: WheelSection | None = None
+    bus: tuple[BusSection, ...] = ()
+    signals: dict[str, str] = Field(default_factory=dict)
+    sensors: dict[str, SensorSection] = Field(default_factory=dict)
+    transducer: TransducerSection = TransducerSection()
+
+    @field_validator("signals", "sensors")
+    @classmethod
+    def _known_roles(cls, value: dict[str, Any]) -> dict[str, Any]:
+        unknown = [role for role in value if role not in ROLES]
+        if unknown:
+            raise ValueError(
+                "; ".join(f"no role is called {role!r} ({nearest(role, ROLES)})" for role in unknown)
+            )
+        return value
+
+    @field_validator("signals")
+    @classmethod
+    def _message_dot_signal(cls, value: dict[str, str]) -> dict[str, str]:
+        for role, name in value.items():
+            if name.count(".") != 1 or not all(name.split(".")):
+                raise ValueError(f'{role} = {name!r} is not "Message.Signal"')
+        return value
+
+    def latency_s(self, role: str) -> float:
+        """Return the declared delay of a role's sensor, 0 where none is declared."""
+        sensor = self.sensors.get(role)
+        return sensor.latency_s if sensor else 0.0
+
+
+class SoilSection(_Section):
+    """``[soil]``: the laboratory's values, in the units of the paper's Tab. 1."""
+
+    name: str
+    cohesion_kpa: NonNegative
+    friction_angle_deg: Annotated[float, Field(ge=0, lt=60)]
+    shear_modulus_m: Annotated[float, Field(gt=0, lt=1)]
+    sinkage_exponent: Annotated[float, Field(gt=0, lt=3)]
+    cohesive_modulus_kn: Finite
+    frictional_modulus_kn: Finite
+    unit_weight_kn_m3: Positive | None = None
+
+
+SOIL_KEYS = (
+    "cohesion_kpa",
+    "friction_angle_deg",
+    "shear_modulus_m",
+    "sinkage_exponent",
+    "cohesive_modulus_kn",
+    "frictional_modulus_kn",
+)
+"""Order of the rows of ``[uncertainty] covariance``."""
+
+
+class UncertaintySection(_Section):
+    """``[uncertainty]``: relative one-sigma per key (friction angle: of tan phi), or a covariance.
+
+    ``covariance`` is 6 x 6 in the order of `SOIL_KEYS`, in the units of ``[soil]`` (friction angle in degrees).
+    """
+
+    cohesion_kpa: NonNegative | None = None
+    friction_angle_deg: NonNegative | None = None
+    shear_modulus_m: NonNegative | None = None
+    sinkage_exponent: NonNegative | None = None
+    cohesive_modulus_kn: NonNegative | None = None
+    frictional_modulus_kn: NonNegative | None = None
+    unit_weight_kn_m3: NonNegative | None = None
+    covariance: tuple[tuple[float, ...], ...] | None = None
+
+    @field_validator("covariance")
+    @classmethod
+    def _six_by_six(cls, value: tuple[tuple[float, ...], ...] | None) -> tuple[tuple[float, ...], ...] | None:
+        if value is not None and (len(value) != 6 or any(len(row) != 6 for row in value)):
+            raise ValueError(f"covariance must be 6 x 6, in the order {', '.join(SOIL_KEYS)}")
+        return value
+
+
+class TerrainConfig(_Section):
+    """terrain.toml."""
+
+    soil: SoilSection
+    uncertainty: UncertaintySection | None = None
+
+
+class RunInfo(_Section):
+    """``[[run]]``: what is known of one run besides its frames."""
+
+    file: str = ""
+    id: str = ""
+    direction: Literal["out", "back"] = "out"
+    pass_number: Annotated[int, Field(ge=1)] = 1
+    added_load_kg: Finite = 0.0
+    inflation_kpa: Positive | None = None
+
+
+class RunsConfig(_Section):
+    """runs.toml."""
+
+    run: tuple[RunInfo, ...] = ()
+
+
+ConfigT = TypeVar("ConfigT", VehicleConfig, TerrainConfig, RunsConfig)
+
+
+def parse_toml(text: str, kind: type[ConfigT], where: str) -> ConfigT:
+    """Parse and check TOML text.
+
+    Parameters
+    ----------
+    text : str
+    kind : VehicleConfig, TerrainConfig or RunsConfig
+    where : str
+        Name of the file or attachment, for messages.
+
+    Raises
+    ------
+    ConfigError
+        Lists every fault at once, each with the key it is at.
+    """
+    try:
+        raw = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(
+            Fault("not valid TOML", where, str(error), next_step="mend the line named above")
+        ) from None
+    try:
+        return kind.model_validate(raw)
+    except ValidationError as error:
+        raise ConfigError(*_faults(error, kind, where)) from None
+
+
+def load_toml(path: Path, kind: type[ConfigT]) -> ConfigT:
+    """Read a TOML file; see `parse_toml`."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ConfigError(Fault("no such file", str(path), next_step="check the path")) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(Fault("the file cannot be read", str(path), str(error))) from None
+    return parse_toml(text, kind, str(path))
+
+
+def _faults(error: ValidationError, kind: type[BaseModel], where: str) -> list[Fault]:
+    faults = []
+    for item in error.errors():
+        location = ".".join(str(part) for part in item["loc"])
+        message = item["msg"].removeprefix("Value error, ")
+        if item["type"] == "extra_forbidden":
+            known = _known_keys(kind, item["loc"])
+            faults.append(
+                Fault(f"unknown key {location!r}", where, expected=nearest(str(item["loc"][-1]), known))
+            )
+        elif item["type"] == "missing":
+            faults.append(Fault(f"key {location!r} is missing", where, next_step="add it"))
+        else:
+            faults.append(Fault(f"{location}: {message}", where, found=repr(item["input"])))
+    return faults
+
+
+def _known_keys(kind: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
+    """Return the keys that are known beside the last part of `location`."""
+    current: type[BaseModel] | None = kind
+    for part in location[:-1]:
+        if current is None or isinstance(part, int):
+            continue
+        annotation = current.model_fields[part].annotation if part in current.model_fields else None
+        current = _model_in(annotation)
+    return list(current.model_fields) if current else []
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for inner in getattr(annotation, "__args__", ()):
+        found = _model_in(inner)
+        if found is not None:
+            return found
+    return None

@@ -1,0 +1,104 @@
+"""The exception tree. The lowest layer, so that every room may use it.
+
+A message says what, where, found, expected and the next step. Each class is also a standard
+exception, so that ``except ValueError`` and ``except OSError`` keep working.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong, in the words a user needs.
+
+    Attributes
+    ----------
+    what : str
+        The fault in one sentence.
+    where, found, expected, next_step : str, optional
+        File, key or row; the offending value; what would have been right; what to do now.
+    """
+
+    what: str
+    where: str = ""
+    found: str = ""
+    expected: str = ""
+    next_step: str = ""
+
+    def __str__(self) -> str:
+        labelled = (
+            ("where", self.where),
+            ("found", self.found),
+            ("expected", self.expected),
+            ("next", self.next_step),
+        )
+        return "\n".join([self.what, *(f"  {label}: {text}" for label, text in labelled if text)])
+
+
+class WheelsoilError(Exception):
+    """Base of every error that wheelsoil raises on purpose.
+
+    Parameters
+    ----------
+    *faults : Fault or str
+        Everything that is wrong, all at once.
+    """
+
+    exit_code: ClassVar[int] = 1
+
+    def __init__(self, *faults: Fault | str) -> None:
+        self.faults: tuple[Fault, ...] = tuple(f if isinstance(f, Fault) else Fault(f) for f in faults)
+        super().__init__(_render(self.faults))
+
+    def __str__(self) -> str:
+        return _render(self.faults)
+
+
+class ConfigError(WheelsoilError, ValueError):
+    """A file, option or argument that people wrote is wrong."""
+
+    exit_code: ClassVar[int] = 2
+
+
+class DatabaseError(ConfigError):
+    """A DBC file cannot be used, or contradicts another one."""
+
+
+class DataError(WheelsoilError, ValueError):
+    """The data are readable but cannot give what was asked for."""
+
+
+class RecordingError(WheelsoilError, OSError):
+    """A recording or log cannot be read or written."""
+
+    exit_code: ClassVar[int] = 3
+
+
+class HardwareError(WheelsoilError, OSError):
+    """A bus, an interface or a disk fails."""
+
+    exit_code: ClassVar[int] = 4
+
+
+def _render(faults: tuple[Fault, ...]) -> str:
+    if len(faults) == 1:
+        return str(faults[0])
+    numbered = [f"{i}. {fault}".replace("\n", "\n   ") for i, fault in enumerate(faults, 1)]
+    return "\n".join([f"{len(faults)} faults:", *numbered])
+
+
+def nearest(name: str, known: Iterable[str], limit: int = 3) -> str:
+    """Return the nearest known names as text for a message ("nearest: a, b"), or the whole short list."""
+    names = sorted(set(known))
+    close = difflib.get_close_matches(name, names, n=limit, cutoff=0.5)
+    if close:
+        return "nearest: " + ", ".join(close)
+    if not names:
+        return "there are none"
+    shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+    return f"known: {shown}"

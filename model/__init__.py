@@ -1,0 +1,1 @@
+"""Processed runs to parameters, causes and gains. No I/O, no plotting."""

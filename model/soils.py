@@ -1,0 +1,89 @@
+"""Published soils as presets, each with its source; SI units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians, tan
+
+from daq.config import TerrainConfig
+
+
+@dataclass(frozen=True)
+class Soil:
+    """Parameters of Bekker's and Janosi-Hanamoto's equations.
+
+    Attributes
+    ----------
+    name : str
+    cohesion_pa : float
+        c of Eq. 4.
+    friction_angle_rad : float
+        phi of Eq. 4.
+    shear_modulus_m : float
+        K of Eq. 4.
+    sinkage_exponent : float
+        n of Eq. 2.
+    cohesive_modulus : float
+        k_c of Eq. 2, N/m^(n+1).
+    frictional_modulus : float
+        k_phi of Eq. 2, N/m^(n+2).
+    unit_weight_n_m3 : float
+    source : str
+    """
+
+    name: str
+    cohesion_pa: float
+    friction_angle_rad: float
+    shear_modulus_m: float
+    sinkage_exponent: float
+    cohesive_modulus: float
+    frictional_modulus: float
+    unit_weight_n_m3: float = 16_500.0
+    source: str = ""
+
+    @property
+    def tan_phi(self) -> float:
+        """Tangent of the friction angle."""
+        return tan(self.friction_angle_rad)
+
+    def stiffness(self, width_m: float) -> float:
+        """Return k = k_c/b + k_phi of Eq. 2 in Pa/m^n (the paper's print k_c/(b + k_phi) is a misprint)."""
+        return self.cohesive_modulus / width_m + self.frictional_modulus
+
+
+def soil_from_terrain(terrain: TerrainConfig) -> Soil:
+    """Build a `Soil` in SI units from terrain.toml."""
+    s = terrain.soil
+    return Soil(
+        name=s.name,
+        cohesion_pa=s.cohesion_kpa * 1e3,
+        friction_angle_rad=radians(s.friction_angle_deg),
+        shear_modulus_m=s.shear_modulus_m,
+        sinkage_exponent=s.sinkage_exponent,
+        cohesive_modulus=s.cohesive_modulus_kn * 1e3,
+        frictional_modulus=s.frictional_modulus_kn * 1e3,
+        unit_weight_n_m3=(s.unit_weight_kn_m3 or 16.5) * 1e3,
+        source="terrain.toml",
+    )
+
+
+def _soil(
+    name: str, c: float, phi_deg: float, K: float, n: float, kc: float, kphi: float, source: str
+) -> Soil:
+    return Soil(name, c, radians(phi_deg), K, n, kc, kphi, source=source)
+
+
+_YANG = "Yang, Lin, Zhang, Wang (2016), J. Southeast Univ. 32(2), Tab. 1"
+_DING = "Ding et al. (2015), as in unitsSpaceLab/gz-terramechanics soil_params.yaml"
+_WONG = "Wong, Theory of Ground Vehicles, as in A. Lines' thesis code"
+
+SOILS: dict[str, Soil] = {
+    "clay": _soil("clay", 7580, 14, 0.025, 0.85, 43.68e3, 499.3e3, _YANG),
+    "sandy": _soil("sandy", 1000, 25, 0.025, 1.04, 1.00e3, 580.0e3, _YANG),
+    "ding_clay": _soil("ding_clay", 4140, 13, 0.006, 0.5, 13.19e3, 692.15e3, _DING),
+    "dry_sand": _soil("dry_sand", 1040, 28, 0.010, 1.10, 0.99e3, 1528.43e3, _DING),
+    "lunar": _soil("lunar", 170, 35, 0.018, 1.0, 1.4e3, 820e3, _DING),
+    "hit_lss1": _soil("hit_lss1", 250, 31.9, 0.010, 1.10, 15.6e3, 2407.4e3, _DING),
+    "sandy_loam": _soil("sandy_loam", 3300, 33.7, 0.025, 1.1, 74.6e3, 2080e3, _WONG),
+}
+"""Presets by name; ``SOILS["clay"]`` and ``SOILS["sandy"]`` are the paper's."""

@@ -1,0 +1,1 @@
+"""Channels to a processed run: pure functions on arrays."""

@@ -1,0 +1,123 @@
+"""ProcessedRun: everything the model needs of one run, on one time base."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.config import RunInfo
+
+FloatArray = NDArray[np.float64]
+
+
+class Segment(IntEnum):
+    """What the vehicle is doing."""
+
+    UNKNOWN = 0
+    STANDSTILL = 1
+    DRIVE = 2
+    COAST = 3
+    BRAKE = 4
+
+
+class Reason(IntEnum):
+    """Why a sample is left out; 0 = it is used. The first reason that holds is kept."""
+
+    USED = 0
+    GAP = 1
+    INVALID_FIX = 2
+    NOT_MEASURED = 3
+    STANDSTILL = 4
+    TOO_SLOW = 5
+    FILTER_EDGE = 6
+    NEGATIVE_LOAD = 7
+    SLIP_OUT_OF_RANGE = 8
+
+
+@dataclass(frozen=True)
+class QualityReport:
+    """What was kept, what was not, and what the sensors' clocks looked like.
+
+    Attributes
+    ----------
+    shares : mapping str -> float
+        Share of samples per `Reason` name (sums to 1).
+    residual_latency_s, residual_latency_sigma_s : float
+        Ground speed against wheel speed after declared latencies are removed; positive: ground speed is late.
+        NaN where it cannot be estimated.
+    speed_scale, speed_scale_sigma : float
+        Ground speed over rim speed on hardly slipping samples; NaN where it cannot be estimated.
+    clock : mapping str -> float
+        GNSS time against host clock: offset_s, drift_ppm, residual_s (empty without GNSS time).
+    notes : tuple of str
+        Sentences for people, e.g. "no standstill: zeros could not be checked".
+    """
+
+    shares: dict[str, float] = field(default_factory=dict)
+    residual_latency_s: float = float("nan")
+    residual_latency_sigma_s: float = float("nan")
+    speed_scale: float = float("nan")
+    speed_scale_sigma: float = float("nan")
+    clock: dict[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ProcessedRun:
+    """One run on one time base; SI units, radians; every array has shape (n,).
+
+    A quantity that was not measured is all NaN. ``*_sigma`` is the one-sigma of one sample.
+    Signs: load positive up on the wheel, drawbar pull positive forward, torque positive driving
+    (``dbc/README.md``). Slip: Eq. 6 for driving, (r omega - V)/V for braking.
+
+    Attributes
+    ----------
+    run : RunInfo
+    rate_hz : float
+    cutoff_hz : float
+        Of the zero-phase filter that every channel passed.
+    wheel_radius_m : float
+    time_s : since the first sample; ``start_ns`` is its UTC time.
+    reason : uint8, see `Reason`; ``segment`` : uint8, see `Segment`.
+    latitude_deg, longitude_deg : NaN without position.
+    """
+
+    run: RunInfo
+    rate_hz: float
+    cutoff_hz: float
+    wheel_radius_m: float
+    start_ns: int
+    time_s: FloatArray
+    slip: FloatArray
+    slip_sigma: FloatArray
+    ground_speed_mps: FloatArray
+    ground_speed_sigma_mps: FloatArray
+    wheel_speed_radps: FloatArray
+    wheel_speed_sigma_radps: FloatArray
+    vertical_load_n: FloatArray
+    vertical_load_sigma_n: FloatArray
+    drawbar_pull_n: FloatArray
+    drawbar_pull_sigma_n: FloatArray
+    driving_torque_nm: FloatArray
+    driving_torque_sigma_nm: FloatArray
+    sinkage_m: FloatArray
+    sinkage_sigma_m: FloatArray
+    ground_acceleration_mps2: FloatArray
+    wheel_acceleration_radps2: FloatArray
+    distance_m: FloatArray
+    latitude_deg: FloatArray
+    longitude_deg: FloatArray
+    segment: NDArray[np.uint8]
+    reason: NDArray[np.uint8]
+    quality: QualityReport
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """Samples that have no reason to be left out."""
+        return np.asarray(self.reason == Reason.USED)
