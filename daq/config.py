@@ -95,9 +95,7 @@ class VehicleConfig(_Section):
     def _known_roles(cls, value: dict[str, Any]) -> dict[str, Any]:
         unknown = [role for role in value if role not in ROLES]
         if unknown:
-            raise ValueError(
-                "; ".join(f"no role is called {role!r} ({nearest(role, ROLES)})" for role in unknown)
-            )
+            raise ValueError("; ".join(f"no role is called {role!r} ({nearest(role, ROLES)})" for role in unknown))
         return value
 
     @field_validator("signals")
@@ -206,9 +204,7 @@ def parse_toml(text: str, kind: type[ConfigT], where: str) -> ConfigT:
     try:
         raw = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(
-            Fault("not valid TOML", where, str(error), next_step="mend the line named above")
-        ) from None
+        raise ConfigError(Fault("not valid TOML", where, str(error), next_step="mend the line named above")) from None
     try:
         return kind.model_validate(raw)
     except ValidationError as error:
@@ -233,9 +229,7 @@ def _faults(error: ValidationError, kind: type[BaseModel], where: str) -> list[F
         message = item["msg"].removeprefix("Value error, ")
         if item["type"] == "extra_forbidden":
             known = _known_keys(kind, item["loc"])
-            faults.append(
-                Fault(f"unknown key {location!r}", where, expected=nearest(str(item["loc"][-1]), known))
-            )
+            faults.append(Fault(f"unknown key {location!r}", where, expected=nearest(str(item["loc"][-1]), known)))
         elif item["type"] == "missing":
             faults.append(Fault(f"key {location!r} is missing", where, next_step="add it"))
         else:

@@ -67,9 +67,7 @@ def soil_from_terrain(terrain: TerrainConfig) -> Soil:
     )
 
 
-def _soil(
-    name: str, c: float, phi_deg: float, K: float, n: float, kc: float, kphi: float, source: str
-) -> Soil:
+def _soil(name: str, c: float, phi_deg: float, K: float, n: float, kc: float, kphi: float, source: str) -> Soil:
     return Soil(name, c, radians(phi_deg), K, n, kc, kphi, source=source)
 
 
