@@ -1,0 +1,167 @@
+"""The ``wheelsoil`` command: subcommands that are imported when they are called, and one error boundary."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated, Any, NamedTuple
+
+import typer
+import typer.core
+import typer.main
+
+from daq.errors import ConfigError, Fault, HardwareError, WheelsoilError, nearest
+from wheelsoil import __version__
+
+
+class Entry(NamedTuple):
+    """Where a subcommand lives (its module has a function ``command``) and what it does, in one line."""
+
+    module: str
+    summary: str
+
+
+COMMANDS: dict[str, Entry] = {
+    "demo": Entry("demo", "Simulate a vehicle and take its frames the whole way to a report."),
+    "log": Entry("log", "Record the vehicle's buses until the time is up or Ctrl-C."),
+    "replay": Entry("replay", "Send a recording's frames onto buses, with their timing."),
+    "import": Entry("import_logs", "Turn log files of any format into a recording."),
+    "info": Entry("info", "Say what a recording holds."),
+    "recover": Entry("recover", "Save what a cut-off recording still holds."),
+    "export": Entry("export", "Write decoded signals as Parquet, CSV or MAT."),
+    "simulate": Entry("simulate", "Drive a simulated instrumented vehicle over a soil."),
+    "process": Entry("process", "Bring a run onto one time base: slip, forces, quality."),
+    "soil": Entry("soil", "Find terrain parameters from plate and shear tests."),
+    "fit": Entry("fit", "Fit Wong's model and three slip-sinkage laws."),
+    "report": Entry("report", "Write the fitted-model report of a terrain's runs."),
+}
+"""Every subcommand, in the order of a test's life."""
+
+BROKEN_PIPE_EXIT = 141
+INTERRUPTED_EXIT = 130
+
+
+class LazyGroup(typer.core.TyperGroup):
+    """A group that imports a subcommand's module when it is called, and lists them without importing any."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names in `COMMANDS` order."""
+        del ctx
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Import and return one subcommand, or None for an unknown name."""
+        del ctx
+        return load(cmd_name) if cmd_name in COMMANDS else None
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the subcommand that `args` starts with; an unknown name comes with the nearest known."""
+        if args and args[0] not in COMMANDS and not args[0].startswith("-"):
+            ctx.fail(f"No such command {args[0]!r} ({nearest(args[0], COMMANDS)}).")
+        return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the subcommand inside the error boundary: every way to fail ends in a message and an exit code."""
+        try:
+            result = super().invoke(ctx)
+            sys.stdout.flush()
+        except WheelsoilError as error:
+            raise SystemExit(_complain(error)) from None
+        except KeyboardInterrupt:
+            raise SystemExit(INTERRUPTED_EXIT) from None
+        except BrokenPipeError:
+            raise SystemExit(_go_quietly()) from None
+        except OSError as error:
+            raise SystemExit(_complain(_from_system(error))) from None
+        return result
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the list of subcommands from the table."""
+        del ctx
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, entry.summary) for name, entry in COMMANDS.items()])
+
+
+def load(name: str) -> Any:
+    """Return the click command of a subcommand (its module's function ``command``)."""
+    entry = COMMANDS[name]
+    function = importlib.import_module(f"wheelsoil.cli.{entry.module}").command
+    app = typer.Typer(add_completion=False, rich_markup_mode=None)
+    app.command(name)(function)
+    return typer.main.get_command(app)
+
+
+def run(args: Sequence[str] | None = None) -> int:
+    """Run the command line in this process.
+
+    Parameters
+    ----------
+    args : sequence of str, optional
+        Without the program's name; ``sys.argv[1:]`` when None.
+
+    Returns
+    -------
+    int
+        Exit code: 0 ok, 1 a check failed, 2 usage or configuration, 3 unreadable recording, 4 hardware,
+        130 interrupted, 141 the reader of our output went away.
+    """
+    try:
+        _group().main(args=args, prog_name="wheelsoil")
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+    return 0
+
+
+def main() -> None:
+    """Run the command line and leave with its exit code."""
+    sys.exit(run())
+
+
+def _group() -> Any:
+    app = typer.Typer(
+        cls=LazyGroup, add_completion=False, rich_markup_mode=None, no_args_is_help=True, pretty_exceptions_enable=False
+    )
+    app.callback()(_root)
+    return typer.main.get_group(app)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"wheelsoil {__version__}")
+        raise typer.Exit
+
+
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    """From CAN frames of a wheel force transducer to a wheel-soil model that says what it gets wrong.
+
+    Exit codes: 0 ok, 1 a check failed, 2 usage or configuration, 3 unreadable recording, 4 hardware, 130 interrupted.
+    """
+    del version
+
+
+def _complain(error: WheelsoilError) -> int:
+    print(f"wheelsoil: {error}", file=sys.stderr)
+    return error.exit_code
+
+
+def _go_quietly() -> int:
+    """Point stdout at nothing, so that the interpreter's last flush says nothing either."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return BROKEN_PIPE_EXIT
+
+
+def _from_system(error: OSError) -> WheelsoilError:
+    """Turn what the operating system refused into one of ours: a path is usage, the rest is hardware."""
+    what = error.strerror or str(error) or type(error).__name__
+    where = str(error.filename or "")
+    if isinstance(
+        error, FileNotFoundError | FileExistsError | PermissionError | IsADirectoryError | NotADirectoryError
+    ):
+        return ConfigError(Fault(what, where, next_step="check the path and its permissions"))
+    return HardwareError(Fault(what, where, next_step="check the disk and the device"))
