@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.dual import Dual, Number, value_of
+from model.dual import Number, value_of
 
 FloatArray = NDArray[np.float64]
 LoadOf = Callable[[Any, Any], Any]
@@ -89,23 +89,18 @@ def balanced(
     return result
 
 
-def differentiate(sinkage: FloatArray, load: Number, load_at: Callable[[Number], Number], seed: str = "__Z") -> Number:
-    """Give a solved sinkage its derivatives: one Newton step of Eq. 7 in `Dual` (or complex) arithmetic.
+def differentiate(sinkage: FloatArray, load: Number, carried: Number, slope: FloatArray) -> Number:
+    """Give a solved sinkage its derivatives: one Newton step of Eq. 7 in the arithmetic of `carried`.
 
     Parameters
     ----------
     sinkage : array, shape (n, 1)
         The solution without derivatives.
-    load : Number
-        The load it carries.
-    load_at : callable
-        Eq. 7 of a sinkage of any `Number` kind.
+    load, carried : Number
+        W, and Eq. 7 at that sinkage; with derivatives by whatever is wanted.
+    slope : array, shape (n, 1)
+        dW/dZ of Eq. 7, N/m.
     """
-    at = load_at(Dual(sinkage, {seed: 1.0}))
-    slope = at.partials[seed]
-    carried = load_at(sinkage) if np.iscomplexobj(load_at(sinkage)) else at
-    if isinstance(carried, Dual):
-        carried = Dual(carried.value, {k: d for k, d in carried.partials.items() if k != seed})
     miss = carried - load
     # the value is solved already: only the derivative part of the step is wanted
     return sinkage - (miss - value_of(miss)) / slope

@@ -263,7 +263,8 @@ class WheelSoilModel:
         numbers = [load, *(getattr(patch, name) for name in patch.__dataclass_fields__)]
         if not any(isinstance(x, Dual) or np.iscomplexobj(x) for x in numbers):
             return solved
-        return sinkages.differentiate(solved, load, lambda z: self._resultants(patch, z).load())
+        slope = self._resultants(plain, Dual(solved, {"Z": 1.0})).load().partials["Z"]
+        return sinkages.differentiate(solved, load, self._resultants(patch, solved).load(), slope)
 
     def _parameters(self, values: Mapping[str, Number], wrt: Sequence[str]) -> dict[str, Number]:
         unknown = [name for name in values if name not in self._defaults]

@@ -17,3 +17,11 @@ def data_dir(*parts: str) -> Path:
     if not path.exists():
         pytest.skip(f"not in WHEELSOIL_DATA: {'/'.join(parts)}")
     return path
+
+
+def shared_file(name: str) -> Path:
+    """Return a file that stands beside the data folder, or skip."""
+    path = data_dir().parent / name
+    if not path.exists():
+        pytest.skip(f"{name} does not stand beside WHEELSOIL_DATA")
+    return path
