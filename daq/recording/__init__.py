@@ -1,1 +1,7 @@
 """MCAP recordings, written and read as columns."""
+
+from daq.recording.index import Loss
+from daq.recording.reader import Recording, Topic
+from daq.recording.writer import RecordingWriter
+
+__all__ = ["Loss", "Recording", "RecordingWriter", "Topic"]

@@ -1,0 +1,193 @@
+"""Chunks of an MCAP file, read with every length and checksum looked at."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import BinaryIO, Self
+
+LARGEST_CHUNK_BYTES = 1 << 30
+"""A chunk that claims more than this when unpacked is taken for damaged."""
+
+_RECORD = struct.Struct("<BQ")
+_CHUNK_HEAD = struct.Struct("<BQQQQII")
+_CHUNK_OPCODE = 6
+
+
+class DamagedError(Exception):
+    """Bytes that are not what they should be. Caught inside this package and told as a `Loss`."""
+
+
+@dataclass(frozen=True)
+class ChunkEntry:
+    """Where a chunk lies and what it holds.
+
+    Attributes
+    ----------
+    offset, size : int
+        Of the whole record.
+    start_ns, end_ns : int
+        First and last log time of its messages.
+    channel_ids : frozenset of int, optional
+        Channels of its messages; None when that is not known.
+    bare : bool
+        Whether it is a run of messages that lie in no chunk.
+    """
+
+    offset: int
+    size: int
+    start_ns: int
+    end_ns: int
+    channel_ids: frozenset[int] | None = None
+    bare: bool = False
+
+    @classmethod
+    def at(cls, file: BinaryIO, offset: int, size: int) -> Self:
+        """Read the entry from the head of the chunk itself.
+
+        Raises
+        ------
+        DamagedError
+            If its lengths contradict each other.
+        """
+        head = _ChunkHead.read(file, offset, size)
+        return cls(offset, size, head.start_ns, head.end_ns)
+
+    def with_channel(self, channel_id: int) -> Self:
+        """Return the entry with one more channel."""
+        return replace(self, channel_ids=(self.channel_ids or frozenset()) | {channel_id})
+
+    def grown(self, size: int, time_ns: int, channel_id: int) -> Self:
+        """Return the entry of a run that is one message longer."""
+        return replace(
+            self.with_channel(channel_id),
+            size=self.size + size,
+            start_ns=min(self.start_ns, time_ns),
+            end_ns=max(self.end_ns, time_ns),
+        )
+
+
+@dataclass(frozen=True)
+class _ChunkHead:
+    start_ns: int
+    end_ns: int
+    unpacked_size: int
+    crc: int
+    compression: str
+    data_offset: int
+    data_size: int
+
+    @classmethod
+    def read(cls, file: BinaryIO, offset: int, size: int) -> Self:
+        head = read_at(file, offset, _CHUNK_HEAD.size)
+        if len(head) < _CHUNK_HEAD.size:
+            raise DamagedError("a chunk is cut off")
+        opcode, length, start_ns, end_ns, unpacked, crc, name_size = _CHUNK_HEAD.unpack(head)
+        if opcode != _CHUNK_OPCODE or length != size - 9 or name_size > 32:
+            raise DamagedError("no chunk where one should be")
+        rest = read_at(file, offset + _CHUNK_HEAD.size, name_size + 8)
+        data_offset = offset + _CHUNK_HEAD.size + name_size + 8
+        data_size = int.from_bytes(rest[name_size:], "little")
+        if len(rest) != name_size + 8 or data_offset + data_size != offset + size:
+            raise DamagedError("a chunk whose lengths contradict each other")
+        name = rest[:name_size].decode("ascii", "replace")
+        return cls(start_ns, end_ns, unpacked, crc, name, data_offset, data_size)
+
+
+@dataclass(frozen=True)
+class PackedChunk:
+    """A chunk as it lies in the file: what copying it takes."""
+
+    data: bytes
+    compression: str
+    unpacked_size: int
+    crc: int
+
+
+def read_at(file: BinaryIO, offset: int, size: int) -> bytes:
+    """Return up to `size` bytes at `offset`."""
+    file.seek(offset)
+    return file.read(size)
+
+
+def read_packed(file: BinaryIO, entry: ChunkEntry) -> PackedChunk:
+    """Return a chunk without unpacking it.
+
+    Raises
+    ------
+    DamagedError
+        If it is cut off or its lengths contradict each other.
+    """
+    if entry.bare:
+        data = read_at(file, entry.offset, entry.size)
+        return PackedChunk(data, "", entry.size, zlib.crc32(data))
+    head = _ChunkHead.read(file, entry.offset, entry.size)
+    data = read_at(file, head.data_offset, head.data_size)
+    return PackedChunk(data, head.compression, head.unpacked_size, head.crc)
+
+
+def read_chunk(file: BinaryIO, entry: ChunkEntry) -> bytes:
+    """Return a chunk's records, unpacked and checked.
+
+    Raises
+    ------
+    DamagedError
+        If it is cut off, cannot be unpacked or fails its checksum.
+    """
+    return unpacked(read_packed(file, entry))
+
+
+def unpacked(chunk: PackedChunk) -> bytes:
+    """Unpack and check a chunk; see `read_chunk`."""
+    if chunk.unpacked_size > LARGEST_CHUNK_BYTES:
+        raise DamagedError(f"a chunk claims {chunk.unpacked_size} bytes")
+    content = _decompressed(chunk)
+    if len(content) != chunk.unpacked_size:
+        raise DamagedError("a chunk has another size than it says")
+    if chunk.crc and zlib.crc32(content) != chunk.crc:
+        raise DamagedError("a chunk fails its checksum")
+    return content
+
+
+def _decompressed(chunk: PackedChunk) -> bytes:
+    if chunk.compression == "":
+        return chunk.data
+    if chunk.compression == "zstd":
+        import zstandard
+
+        try:
+            if zstandard.frame_content_size(chunk.data) > LARGEST_CHUNK_BYTES:
+                raise DamagedError("a chunk claims too many bytes")
+            return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=chunk.unpacked_size)
+        except zstandard.ZstdError as error:
+            raise DamagedError(f"a chunk cannot be unpacked: {error}") from None
+    if chunk.compression == "lz4":
+        import lz4.frame
+
+        try:
+            return bytes(lz4.frame.decompress(chunk.data))
+        except (RuntimeError, ValueError, MemoryError, EOFError) as error:
+            raise DamagedError(f"a chunk cannot be unpacked: {error}") from None
+    raise DamagedError(f"a chunk is packed as {chunk.compression!r}, which we do not know")
+
+
+def content_records(content: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield ``(opcode, start, length)`` of each record's body in a chunk or summary.
+
+    Raises
+    ------
+    DamagedError
+        If a record reaches over the end.
+    """
+    position, end = 0, len(content)
+    while position < end:
+        if position + 9 > end:
+            raise DamagedError("a record is cut off")
+        opcode, length = _RECORD.unpack_from(content, position)
+        position += 9
+        if position + length > end:
+            raise DamagedError("a record is cut off")
+        yield opcode, position, length
+        position += length

@@ -1,0 +1,210 @@
+"""The recording format: MCAP profile ``ros2``, every topic ``cdr`` with a ``ros2msg`` schema.
+
+Raw frames lie in one topic per bus and kind of frame, many fixed-size records a message. The CDR layout of that
+array is exactly `CLASSIC_DTYPE` or `FD_DTYPE`, so that reading and writing are memory copies. CDR aligns each
+number to its own size, counted from behind the 4 bytes of encapsulation. With the constant 7-letter frame id the
+header takes 20 bytes and the count of the array 4 more: the records begin at byte 24, aligned to 8.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray
+
+PROFILE = "ros2"
+MESSAGE_ENCODING = "cdr"
+SCHEMA_ENCODING = "ros2msg"
+PACKAGE = "wheelsoil_msgs"
+FRAME_ID = b"vehicle\0"
+"""Constant frame id of every header, with CDR's closing NUL: 8 bytes, so that all records have a fixed size."""
+
+CLASSIC_SCHEMA = f"{PACKAGE}/msg/CanFrames"
+FD_SCHEMA = f"{PACKAGE}/msg/CanFdFrames"
+RAW_DTYPES: dict[str, np.dtype[np.void]] = {CLASSIC_SCHEMA: CLASSIC_DTYPE, FD_SCHEMA: FD_DTYPE}
+"""Record layout of each raw schema."""
+
+RUN_START = "run_start"
+RUN_END = "run_end"
+"""Names of the metadata records that open and close a run."""
+
+_RULE = "=" * 80
+HEADER_DEFINITIONS = f"""\
+{_RULE}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{_RULE}
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+_RECORD_FIELDS = """\
+int64 time_ns
+uint32 can_id
+uint8 bus
+uint8 flags
+uint8 length
+uint8 reserved
+"""
+
+
+def raw_schema_text(name: str) -> str:
+    """Return the ros2msg definition of `CLASSIC_SCHEMA` or `FD_SCHEMA`."""
+    element = name.rsplit("/", 1)[1].removesuffix("s")
+    size = RAW_DTYPES[name]["data"].shape[0]
+    return (
+        f"std_msgs/Header header\n{PACKAGE}/{element}[] frames\n{HEADER_DEFINITIONS}"
+        f"{_RULE}\nMSG: {PACKAGE}/{element}\n{_RECORD_FIELDS}uint8[{size}] data\n"
+    )
+
+
+NAVSATFIX_SCHEMA = "sensor_msgs/msg/NavSatFix"
+NAVSATFIX_TEXT = f"""\
+std_msgs/Header header
+sensor_msgs/NavSatStatus status
+float64 latitude
+float64 longitude
+float64 altitude
+float64[9] position_covariance
+uint8 position_covariance_type
+{HEADER_DEFINITIONS}{_RULE}
+MSG: sensor_msgs/NavSatStatus
+int8 status
+uint16 service
+"""
+
+ENCAPSULATION = b"\x00\x01\x00\x00"
+"""CDR, little endian."""
+MESSAGE_OPCODE = 5
+_RAW_MESSAGE = struct.Struct("<BQHIQQ4siII8sI")
+_RAW_BODY = struct.Struct("<4siII8sI")
+RAW_PREFIX_SIZE = _RAW_BODY.size
+"""Bytes of a raw message before its first frame."""
+
+# What an MCAP message record and a CDR header put before the fields of a fixed-size message.
+MESSAGE_PREFIX = [
+    ("opcode", "u1"),
+    ("record_length", "<u8"),
+    ("channel_id", "<u2"),
+    ("sequence", "<u4"),
+    ("log_time", "<u8"),
+    ("publish_time", "<u8"),
+    ("encapsulation", "S4"),
+    ("sec", "<i4"),
+    ("nanosec", "<u4"),
+    ("frame_id_length", "<u4"),
+    ("frame_id", "S8"),
+]
+RECORD_HEAD_SIZE = 9
+MESSAGE_HEAD_SIZE = RECORD_HEAD_SIZE + 22
+
+
+def fixed_message_dtype(fields: list[tuple[str, str] | tuple[str, str, tuple[int, ...]]]) -> np.dtype[np.void]:
+    """Return the layout of a whole MCAP message record with these CDR fields behind its header."""
+    return np.dtype([*MESSAGE_PREFIX, *fields])
+
+
+def fill_prefix(
+    records: NDArray[np.void],
+    channel_id: int,
+    sequence: int,
+    log_time_ns: NDArray[np.int64],
+    stamp_ns: NDArray[np.int64],
+) -> None:
+    """Fill everything before the fields of fixed-size message records, in place."""
+    records["opcode"] = MESSAGE_OPCODE
+    records["record_length"] = records.dtype.itemsize - RECORD_HEAD_SIZE
+    records["channel_id"] = channel_id
+    records["sequence"] = (sequence + np.arange(len(records))) & 0xFFFFFFFF
+    records["log_time"] = np.maximum(log_time_ns, 0)
+    records["publish_time"] = np.maximum(stamp_ns, 0)
+    records["encapsulation"] = ENCAPSULATION
+    seconds, nanoseconds = np.divmod(stamp_ns, 1_000_000_000)
+    records["sec"] = np.clip(seconds, -(2**31), 2**31 - 1)
+    records["nanosec"] = nanoseconds
+    records["frame_id_length"] = len(FRAME_ID)
+    records["frame_id"] = FRAME_ID
+
+
+def raw_message_head(channel_id: int, sequence: int, time_ns: int, frame_count: int, record_size: int) -> bytes:
+    """Return what goes before the frames in the MCAP message record of a raw batch.
+
+    Parameters
+    ----------
+    channel_id, sequence : int
+    time_ns : int
+        Host receive time of the last frame.
+    frame_count, record_size : int
+        Number of frames that follow, and the bytes of each.
+    """
+    seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
+    clipped_s = min(max(seconds, -(2**31)), 2**31 - 1)
+    unsigned_ns = max(time_ns, 0)
+    length = _RAW_MESSAGE.size - RECORD_HEAD_SIZE + frame_count * record_size
+    return _RAW_MESSAGE.pack(
+        MESSAGE_OPCODE,
+        length,
+        channel_id,
+        sequence & 0xFFFFFFFF,
+        unsigned_ns,
+        unsigned_ns,
+        ENCAPSULATION,
+        clipped_s,
+        nanoseconds,
+        len(FRAME_ID),
+        FRAME_ID,
+        frame_count,
+    )
+
+
+def raw_frames(content: bytes, start: int, length: int, dtype: np.dtype[np.void]) -> FrameArray:
+    """Return the frames of one raw message as a view.
+
+    Parameters
+    ----------
+    content : bytes
+    start, length : int
+        Where the message's CDR bytes lie in `content`.
+    dtype : CLASSIC_DTYPE or FD_DTYPE
+
+    Raises
+    ------
+    ValueError
+        If the bytes are not laid out as `raw_message_head` writes them.
+    """
+    if length < RAW_PREFIX_SIZE:
+        raise ValueError(f"a raw message of {length} bytes is too short")
+    encapsulation, _, _, id_length, _, count = _RAW_BODY.unpack_from(content, start)
+    if encapsulation != ENCAPSULATION or id_length != len(FRAME_ID):
+        raise ValueError("a raw message has another header than wheelsoil writes")
+    if length != RAW_PREFIX_SIZE + count * dtype.itemsize:
+        raise ValueError(f"a raw message of {length} bytes cannot hold {count} frames of {dtype.itemsize} bytes")
+    return np.frombuffer(content, dtype, count, start + RAW_PREFIX_SIZE)
+
+
+_CHECKSUM_KEY = "crc32"
+
+
+def with_checksum(name: str, values: Mapping[str, str]) -> dict[str, str]:
+    """Return metadata values with a checksum: MCAP itself has none for them."""
+    plain = {key: text for key, text in values.items() if key != _CHECKSUM_KEY}
+    return {**plain, _CHECKSUM_KEY: _checksum(name, plain)}
+
+
+def checked_metadata(name: str, values: Mapping[str, str]) -> dict[str, str] | None:
+    """Return metadata values without their checksum, or None where it does not fit."""
+    plain = {key: text for key, text in values.items() if key != _CHECKSUM_KEY}
+    if _CHECKSUM_KEY in values and values[_CHECKSUM_KEY] != _checksum(name, plain):
+        return None
+    return plain
+
+
+def _checksum(name: str, values: Mapping[str, str]) -> str:
+    return f"{zlib.crc32(json.dumps([name, sorted(values.items())]).encode()):08x}"

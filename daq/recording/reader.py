@@ -1,0 +1,266 @@
+"""Recording: an MCAP file read back as columns."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Self, TypeVar
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Metadata
+from pydantic import ValidationError
+
+from daq.config import RunInfo
+from daq.errors import DataError, Fault, RecordingError, nearest
+from daq.frames import FrameBatch, concatenate
+from daq.recording.chunks import ChunkEntry, DamagedError
+from daq.recording.format import RUN_END, RUN_START, checked_metadata
+from daq.recording.index import FileIndex, Loss, parsed, read_index, read_record
+from daq.recording.raw import RawChannel, chunks_between, raw_batches, raw_channels
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a recording.
+
+    Attributes
+    ----------
+    name, schema_name, encoding : str
+    message_count : int
+    metadata : dict str -> str
+        Of decoded topics: ``bus``, ``message`` and ``signals``.
+    """
+
+    name: str
+    schema_name: str
+    encoding: str
+    message_count: int
+    metadata: dict[str, str]
+
+
+class Recording:
+    """An MCAP recording, whole or cut off. Make one with `Recording.open`.
+
+    It holds no file open; each reading opens the file anew.
+    """
+
+    def __init__(self, index: FileIndex) -> None:
+        self._index = index
+        self._raw = raw_channels(index)
+        self._damage: dict[int, Loss] = {}
+
+    @classmethod
+    def open(cls, path: str | Path) -> Self:
+        """Open a recording.
+
+        A file that was cut off is opened as it is: all whole chunks are read, and `loss` says what is missing.
+
+        Raises
+        ------
+        RecordingError
+            If there is no such file, or it is no MCAP file.
+        """
+        return cls(read_index(Path(path)))
+
+    @property
+    def path(self) -> Path:
+        """Where the file is."""
+        return self._index.path
+
+    @property
+    def library(self) -> str:
+        """What wrote the file."""
+        return self._index.library
+
+    @property
+    def loss(self) -> tuple[Loss, ...]:
+        """What cannot be read, in the order of the file.
+
+        Damage to the frame of the file, to attachments and metadata is known at once; damage inside a chunk only
+        after its frames were asked for.
+        """
+        _ = self.attachments, self.metadata
+        return tuple(sorted([*self._index.losses, *self._damage.values()], key=lambda loss: loss.at_byte))
+
+    @property
+    def has_raw_frames(self) -> bool:
+        """Whether there are wheelsoil's raw topics."""
+        return bool(self._raw)
+
+    @cached_property
+    def buses(self) -> tuple[str, ...]:
+        """Names of the buses, in the order of the ``bus`` column."""
+        ordered = sorted(self._raw.values(), key=lambda channel: channel.bus_index)
+        return tuple(dict.fromkeys(channel.bus for channel in ordered))
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """Every topic of the file, raw, decoded or foreign."""
+        index = self._index
+        return tuple(
+            Topic(
+                channel.topic,
+                index.schemas[channel.schema_id].name if channel.schema_id in index.schemas else "",
+                channel.message_encoding,
+                index.message_counts.get(channel.id, 0),
+                dict(channel.metadata),
+            )
+            for channel in index.channels.values()
+        )
+
+    @cached_property
+    def attachments(self) -> dict[str, bytes]:
+        """Attached files by name; damaged ones are left out and listed in `loss`."""
+        found = (self._record(at, size, Opcode.ATTACHMENT, _attachment) for at, size in self._index.attachments)
+        return {attachment.name: attachment.data for attachment in found if attachment is not None}
+
+    @cached_property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """Metadata records by name; of several with one name the later values win."""
+        merged: dict[str, dict[str, str]] = {}
+        for at, size in self._index.metadata:
+            record = self._record(at, size, Opcode.METADATA, _metadata)
+            if record is not None:
+                merged.setdefault(record.name, {}).update(record.metadata)
+        return merged
+
+    @cached_property
+    def run(self) -> RunInfo | None:
+        """What is known of the run; None where the recording does not say.
+
+        Raises
+        ------
+        RecordingError
+            If it says something that is no run information.
+        """
+        text = self.metadata.get(RUN_START, {}).get("run")
+        try:
+            return None if text is None else RunInfo.model_validate_json(text)
+        except ValidationError:
+            raise RecordingError(Fault("the run information cannot be read", str(self.path), found=str(text))) from None
+
+    @cached_property
+    def time_range_ns(self) -> tuple[int, int] | None:
+        """Time of the first and the last frame (in a foreign file: message); None when there is none."""
+        if not self._raw:
+            chunks = self._index.chunks
+            return (min(c.start_ns for c in chunks), max(c.end_ns for c in chunks)) if chunks else None
+        first = next(self._batches(self._raw, self._index.chunks), None)
+        last = next(self._batches(self._raw, self._index.chunks[::-1]), None)
+        if first is None or last is None:
+            return None
+        return int(first.frames["time_ns"].min()), int(last.frames["time_ns"].max())
+
+    @cached_property
+    def frame_counts(self) -> dict[str, int]:
+        """Frames per bus: as ``run_end`` tells them where the file is whole, else counted."""
+        ended = self.metadata.get(RUN_END, {})
+        told = [ended.get(f"frames.{bus}", "") for bus in self.buses]
+        if not self._index.losses and all(text.isdecimal() for text in told):
+            return dict(zip(self.buses, map(int, told), strict=True))
+        counts = np.zeros(len(self.buses), np.int64)
+        for batch in self._batches(self._raw, self._index.chunks):
+            counts += np.bincount(batch.frames["bus"], minlength=len(counts))
+        return dict(zip(self.buses, counts.tolist(), strict=True))
+
+    def frames(self, bus: str | None = None) -> FrameBatch:
+        """Return all frames at once; see `frame_batches`."""
+        batches = list(self.frame_batches(bus))
+        return concatenate(batches) if batches else FrameBatch.empty(self.buses)
+
+    def frame_batches(
+        self, bus: str | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[FrameBatch]:
+        """Return an iterator over the raw frames, in bounded memory.
+
+        Frames of one topic come in the order they were received; between topics (buses, classical and FD) they are
+        merged by time within a batch.
+
+        Parameters
+        ----------
+        bus : str, optional
+            Only this bus.
+        start_ns, end_ns : int, optional
+            Only frames with ``start_ns <= time_ns < end_ns``.
+
+        Raises
+        ------
+        RecordingError
+            If the file holds no raw topics of wheelsoil.
+        DataError
+            If there is no such bus.
+        """
+        if not self._raw:
+            raise self._no_raw_topics()
+        if bus is not None and bus not in self.buses:
+            raise DataError(Fault(f"no bus is called {bus!r}", str(self.path), expected=nearest(bus, self.buses)))
+        channels = {i: channel for i, channel in self._raw.items() if bus in (None, channel.bus)}
+        low = -(2**63) if start_ns is None else start_ns
+        high = 2**63 if end_ns is None else end_ns
+        return _between(self._batches(channels, chunks_between(self._index.chunks, low, high)), low, high)
+
+    def _batches(self, channels: dict[int, RawChannel], chunks: list[ChunkEntry]) -> Iterator[FrameBatch]:
+        if self._index.has_summary:
+            chunks = [c for c in chunks if c.channel_ids is None or not c.channel_ids.isdisjoint(channels)]
+        return raw_batches(self.path, chunks, channels, self.buses, self._note_damage)
+
+    def _note_damage(self, entry: ChunkEntry, why: str) -> None:
+        self._damage[entry.offset] = Loss(why, entry.offset, entry.size)
+
+    def _record(self, at: int, size: int, opcode: int, reader: Callable[[bytes], T]) -> T | None:
+        try:
+            with self.path.open("rb") as file:
+                return reader(read_record(file, at, size, opcode))
+        except DamagedError as damage:
+            self._damage[at] = Loss(str(damage), at, size)
+        except OSError as error:
+            raise RecordingError(
+                Fault("the recording cannot be read", str(self.path), error.strerror or str(error))
+            ) from None
+        return None
+
+    def _no_raw_topics(self) -> RecordingError:
+        topics = [topic.name for topic in self.topics]
+        shown = ", ".join(topics[:8]) + (", ..." if len(topics) > 8 else "")
+        return RecordingError(
+            Fault(
+                "this MCAP file holds no wheelsoil raw topics, so there are no CAN frames to read",
+                str(self.path),
+                found=f"topics {shown}" if topics else "no topics",
+                expected="topics /can/<bus>/raw",
+                next_step="`wheelsoil info` shows what it holds; `wheelsoil import` makes recordings of CAN logs",
+            )
+        )
+
+
+def _between(batches: Iterator[FrameBatch], low: int, high: int) -> Iterator[FrameBatch]:
+    for batch in batches:
+        time_ns = batch.frames["time_ns"]
+        if low <= time_ns.min() and time_ns.max() < high:
+            yield batch
+        else:
+            inside = (time_ns >= low) & (time_ns < high)
+            if inside.any():
+                yield batch[inside]
+
+
+def _attachment(body: bytes) -> Attachment:
+    attachment: Attachment = parsed(Attachment.read, body)
+    crc = int.from_bytes(body[-4:], "little")
+    if crc and zlib.crc32(body[:-4]) != crc:
+        raise DamagedError("an attachment fails its checksum")
+    return attachment
+
+
+def _metadata(body: bytes) -> Metadata:
+    record = parsed(Metadata.read, body)
+    values = checked_metadata(record.name, record.metadata)
+    if values is None:
+        raise DamagedError("a metadata record fails its checksum")
+    return Metadata(record.name, values)

@@ -1,0 +1,353 @@
+"""An MCAP file being written, a whole chunk at a time.
+
+The records themselves are the ``mcap`` package's; what its ``Writer`` lacks is here: chunks built from arrays,
+chunks copied as they are, fsync, and a file that stays well-formed when the disk is full.
+"""
+
+from __future__ import annotations
+
+import os
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from io import FileIO
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+from mcap.writer import MCAP0_MAGIC
+from numpy.typing import NDArray
+
+from daq.errors import Fault, HardwareError, RecordingError
+from daq.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
+
+Compression = Literal["zstd", "lz4", "none"]
+_INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
+_FOOTER_LENGTH = 8 + 8 + 4
+
+
+@dataclass(frozen=True)
+class MessageGroup:
+    """Messages of one channel that go into a chunk together.
+
+    Attributes
+    ----------
+    channel_id : int
+    records : sequence of bytes-like
+        Whole MCAP message records; joined they are what is written.
+    offsets : int64 array, shape (n,)
+        Where each message begins in the joined `records`.
+    log_time_ns : int64 array, shape (n,)
+    """
+
+    channel_id: int
+    records: Sequence[bytes | memoryview]
+    offsets: NDArray[np.int64]
+    log_time_ns: NDArray[np.int64]
+
+
+class McapSink:
+    """An MCAP file with one writer; records of the data section as they come, the summary at `finish`.
+
+    Parameters
+    ----------
+    path : Path
+    compression : {"zstd", "lz4", "none"}
+    overwrite : bool
+        Whether a file that is there may be replaced.
+    profile : str
+
+    Raises
+    ------
+    RecordingError
+        If the file is there already, or cannot be made.
+    """
+
+    def __init__(
+        self, path: Path, *, compression: Compression = "zstd", overwrite: bool = False, profile: str = PROFILE
+    ) -> None:
+        self.path = path
+        self.position = 0
+        self.failed = False
+        self._compression: Literal["zstd", "lz4", ""] = "" if compression == "none" else compression
+        self._compress = _compressor(compression)
+        self._file = _create(path, overwrite)
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self._pending_definitions: list[McapRecord] = []
+        self._chunk_indexes: list[bytes] = []
+        self._attachment_indexes: list[AttachmentIndex] = []
+        self._metadata_indexes: list[MetadataIndex] = []
+        self._message_counts: dict[int, int] = {}
+        self._times: tuple[int, int] | None = None
+        self._write(MCAP0_MAGIC + serialized(Header(profile, f"wheelsoil {_version()}")))
+        _sync_folder(path)
+
+    def add_schema(self, name: str, text: str) -> int:
+        """Add a ros2msg schema, or return the id of the one that is there."""
+        data = text.encode()
+        for known in self.schemas.values():
+            if known.name == name and known.data == data:
+                return known.id
+        schema = Schema(id=len(self.schemas) + 1, name=name, encoding=SCHEMA_ENCODING, data=data)
+        self.schemas[schema.id] = schema
+        self._pending_definitions.append(schema)
+        return schema.id
+
+    def add_channel(self, topic: str, schema_id: int, metadata: Mapping[str, str]) -> int:
+        """Add a cdr channel and return its id."""
+        channel = Channel(len(self.channels) + 1, topic, MESSAGE_ENCODING, dict(metadata), schema_id)
+        self.channels[channel.id] = channel
+        self._pending_definitions.append(channel)
+        return channel.id
+
+    def write_chunk(self, groups: Iterable[MessageGroup]) -> None:
+        """Write messages as one chunk, behind the definitions they need."""
+        parts: list[bytes | memoryview] = [serialized(*self._pending_definitions)]
+        size = len(parts[0])
+        index: dict[int, NDArray[np.void]] = {}
+        for group in groups:
+            entries = np.empty(len(group.offsets), _INDEX_ENTRY)
+            entries["log_time"] = np.maximum(group.log_time_ns, 0)
+            entries["offset"] = group.offsets + size
+            index[group.channel_id] = entries
+            parts += group.records
+            size += sum(len(part) for part in group.records)
+        if index:
+            content = b"".join(parts)
+            self.put_chunk(self._compress(content), self._compression, len(content), zlib.crc32(content), index)
+            self._pending_definitions.clear()
+
+    def put_chunk(
+        self, data: bytes, compression: str, size: int, crc: int, index: Mapping[int, NDArray[np.void]]
+    ) -> None:
+        """Write a chunk that is already compressed, with the index of its messages.
+
+        Parameters
+        ----------
+        data : bytes
+        compression : str
+            As MCAP names it: ``"zstd"``, ``"lz4"`` or ``""``.
+        size, crc : int
+            Of the uncompressed content.
+        index : mapping channel id -> structured array of ``log_time``, ``offset``
+        """
+        start = min((int(entries["log_time"].min()) for entries in index.values() if len(entries)), default=0)
+        end = max((int(entries["log_time"].max()) for entries in index.values() if len(entries)), default=0)
+        chunk = serialized(
+            Chunk(
+                compression=compression,
+                data=data,
+                message_start_time=start,
+                message_end_time=end,
+                uncompressed_crc=crc,
+                uncompressed_size=size,
+            )
+        )
+        offsets: dict[int, int] = {}
+        messages = b""
+        for channel_id, entries in index.items():
+            offsets[channel_id] = self.position + len(chunk) + len(messages)
+            messages += _message_index(channel_id, entries)
+        chunk_index = ChunkIndex(
+            chunk_length=len(chunk),
+            chunk_start_offset=self.position,
+            compression=compression,
+            compressed_size=len(data),
+            message_end_time=end,
+            message_index_length=len(messages),
+            message_index_offsets=offsets,
+            message_start_time=start,
+            uncompressed_size=size,
+        )
+        self._write(chunk + messages)
+        self._chunk_indexes.append(serialized(chunk_index))
+        for channel_id, entries in index.items():
+            self._message_counts[channel_id] = self._message_counts.get(channel_id, 0) + len(entries)
+        if any(len(entries) for entries in index.values()):
+            first, last = self._times or (start, end)
+            self._times = (min(first, start), max(last, end))
+
+    def attach(self, name: str, data: bytes, *, media_type: str, time_ns: int) -> None:
+        """Write an attachment."""
+        record = serialized(Attachment(0, time_ns, name, media_type, data))
+        self._attachment_indexes.append(
+            AttachmentIndex(self.position, len(record), time_ns, 0, len(data), name, media_type)
+        )
+        self._write(record)
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Write a metadata record."""
+        record = serialized(Metadata(name=name, metadata=dict(values)))
+        self._metadata_indexes.append(MetadataIndex(self.position, len(record), name))
+        self._write(record)
+
+    def sync(self) -> None:
+        """Have the operating system put on the disk what was written (fsync)."""
+        self._guarded(lambda: os.fsync(self._file.fileno()))
+
+    def finish(self) -> None:
+        """Write the summary and close the file; after a failed write only close it."""
+        try:
+            if not self.failed:
+                self._write(self._summary())
+                self.sync()
+        finally:
+            self._file.close()
+
+    def _summary(self) -> bytes:
+        data_end = serialized(DataEnd(0))
+        start = self.position + len(data_end)
+        groups = (
+            (Opcode.SCHEMA, serialized(*self.schemas.values())),
+            (Opcode.CHANNEL, serialized(*self.channels.values())),
+            (Opcode.STATISTICS, serialized(self._statistics())),
+            (Opcode.CHUNK_INDEX, b"".join(self._chunk_indexes)),
+            (Opcode.ATTACHMENT_INDEX, serialized(*self._attachment_indexes)),
+            (Opcode.METADATA_INDEX, serialized(*self._metadata_indexes)),
+        )
+        body, offsets = b"", b""
+        for opcode, group in groups:
+            if group:
+                offsets += serialized(SummaryOffset(opcode, start + len(body), len(group)))
+            body += group
+        offset_start = start + len(body)
+        summary = body + offsets
+        head = bytes([Opcode.FOOTER]) + _FOOTER_LENGTH.to_bytes(8, "little")
+        crc = zlib.crc32(summary + head + start.to_bytes(8, "little") + offset_start.to_bytes(8, "little"))
+        return data_end + summary + serialized(Footer(start, offset_start, crc)) + MCAP0_MAGIC
+
+    def _statistics(self) -> Statistics:
+        start, end = self._times or (0, 0)
+        return Statistics(
+            attachment_count=len(self._attachment_indexes),
+            channel_count=len(self.channels),
+            channel_message_counts=self._message_counts,
+            chunk_count=len(self._chunk_indexes),
+            message_count=sum(self._message_counts.values()),
+            message_end_time=end,
+            message_start_time=start,
+            metadata_count=len(self._metadata_indexes),
+            schema_count=len(self.schemas),
+        )
+
+    def _write(self, data: bytes) -> None:
+        def write() -> None:
+            rest = memoryview(data)
+            while rest:
+                rest = rest[self._file.write(rest) :]
+
+        self._guarded(write)
+        self.position += len(data)
+
+    def _guarded(self, action: Callable[[], None]) -> None:
+        if self.failed:
+            raise HardwareError(Fault("the recording was given up after a failed write", str(self.path)))
+        try:
+            action()
+        except OSError as error:
+            self.failed = True
+            self._cut_back()
+            raise HardwareError(
+                Fault(
+                    "the recording cannot be written on",
+                    str(self.path),
+                    error.strerror or str(error),
+                    next_step="free the disk; what was written before stays readable",
+                )
+            ) from None
+
+    def _cut_back(self) -> None:
+        """Take off the half-written record, so that only whole ones stay."""
+        try:
+            self._file.truncate(self.position)
+        except OSError:
+            return
+
+
+def serialized(*records: McapRecord) -> bytes:
+    """Return MCAP records as bytes."""
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    data: bytes = builder.end()  # type: ignore[no-untyped-call]
+    return data
+
+
+def index_entries(log_time_ns: NDArray[np.int64], offsets: NDArray[np.int64]) -> NDArray[np.void]:
+    """Return a message index as the array `McapSink.put_chunk` takes."""
+    entries = np.empty(len(offsets), _INDEX_ENTRY)
+    entries["log_time"] = log_time_ns
+    entries["offset"] = offsets
+    return entries
+
+
+def _message_index(channel_id: int, entries: NDArray[np.void]) -> bytes:
+    size = entries.nbytes
+    head = bytes([Opcode.MESSAGE_INDEX]) + (6 + size).to_bytes(8, "little")
+    return head + channel_id.to_bytes(2, "little") + size.to_bytes(4, "little") + entries.tobytes()
+
+
+def _compressor(compression: Compression) -> Callable[[bytes], bytes]:
+    if compression == "zstd":
+        import zstandard
+
+        return zstandard.ZstdCompressor().compress
+    if compression == "lz4":
+        import lz4.frame
+
+        return lambda data: bytes(lz4.frame.compress(data))
+    return lambda data: data
+
+
+def _create(path: Path, overwrite: bool) -> FileIO:
+    try:
+        return FileIO(path, "w" if overwrite else "x")
+    except FileExistsError:
+        raise RecordingError(
+            Fault("there is a file already", str(path), next_step="choose another name, or say that it may be replaced")
+        ) from None
+    except OSError as error:
+        raise RecordingError(
+            Fault("the recording cannot be made", str(path), error.strerror or str(error), next_step="check the folder")
+        ) from None
+
+
+def _sync_folder(path: Path) -> None:
+    """Have the file's name survive a power cut; where a folder cannot be synced there is nothing to do."""
+    try:
+        folder = os.open(path.parent, os.O_RDONLY)
+    except OSError:
+        return
+    try:
+        os.fsync(folder)
+    except OSError:
+        return
+    finally:
+        os.close(folder)
+
+
+def _version() -> str:
+    try:
+        return version("wheelsoil")
+    except PackageNotFoundError:
+        return "unknown"

@@ -1,0 +1,129 @@
+"""Names that ROS 2 tools accept, and the fixed-size layout of decoded topics."""
+
+from __future__ import annotations
+
+import json
+import keyword
+import re
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.recording.format import HEADER_DEFINITIONS, PACKAGE, fill_prefix, fixed_message_dtype
+
+
+def snake_case(name: str) -> str:
+    """Return `name` in the form ``[a-z][a-z0-9]*(_[a-z0-9]+)*`` that ROS 2 asks of fields and we use for topics."""
+    parted = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name)
+    plain = re.sub(r"[^a-z0-9]+", "_", parted.lower()).strip("_")
+    return plain if plain[:1].isalpha() else f"x_{plain}".rstrip("_")
+
+
+def camel_case(name: str) -> str:
+    """Return `name` in the form ``[A-Z][a-zA-Z0-9]*`` that ROS 2 asks of types."""
+    return "".join(part.capitalize() for part in snake_case(name).split("_"))
+
+
+def numbered(name: str, taken: Container[str], joint: str = "_") -> str:
+    """Return `name`, or the first of ``name_2``, ``name_3``, ... that is not taken."""
+    candidate, number = name, 2
+    while candidate in taken:
+        candidate, number = f"{name}{joint}{number}", number + 1
+    return candidate
+
+
+def field_names(signals: Sequence[str]) -> list[str]:
+    """Return a unique ROS 2 field name for each signal, in order."""
+    names: list[str] = []
+    taken = {"header", *keyword.kwlist, *keyword.softkwlist}
+    for signal in signals:
+        names.append(numbered(snake_case(signal), taken))
+        taken.add(names[-1])
+    return names
+
+
+class TopicNames:
+    """Hands out topic and type names of one recording, each once."""
+
+    def __init__(self) -> None:
+        self._topics: set[str] = set()
+        self._types = {"CanFrame", "CanFrames", "CanFdFrame", "CanFdFrames"}
+
+    def topic(self, bus: str, name: str) -> str:
+        """Return ``/can/<bus>/<name>`` in snake case, numbered when it is taken."""
+        topic = numbered(f"/can/{snake_case(bus)}/{snake_case(name)}", self._topics)
+        self._topics.add(topic)
+        return topic
+
+    def type_name(self, bus: str, message: str) -> str:
+        """Return the CamelCase type name of a DBC message on a bus, numbered when it is taken."""
+        name = numbered(camel_case(bus) + camel_case(message), self._types, joint="N")
+        self._types.add(name)
+        return name
+
+
+@dataclass(frozen=True)
+class DecodedLayout:
+    """How one DBC message on one bus is written as a topic.
+
+    Attributes
+    ----------
+    schema_name, schema_text : str
+    metadata : dict str -> str
+        Of the MCAP channel: ``bus``, ``message``, and ``signals``: a JSON object
+        field -> {"name": the DBC's signal name, "unit": its unit}.
+    signals, fields : tuple of str
+        The DBC's names and the field of each.
+    dtype : structured dtype
+        Of a whole MCAP message record.
+    """
+
+    schema_name: str
+    schema_text: str
+    metadata: dict[str, str]
+    signals: tuple[str, ...]
+    fields: tuple[str, ...]
+    dtype: np.dtype[np.void]
+
+    def records(
+        self,
+        channel_id: int,
+        sequence: int,
+        time_ns: NDArray[np.int64],
+        publish_ns: NDArray[np.int64],
+        values: Mapping[str, NDArray[np.float64]],
+    ) -> NDArray[np.void]:
+        """Return whole MCAP message records, one a sample; a signal that `values` lacks is NaN."""
+        records = np.zeros(len(time_ns), self.dtype)
+        fill_prefix(records, channel_id, sequence, time_ns, publish_ns)
+        for signal, field in zip(self.signals, self.fields, strict=True):
+            records[f"field_{field}"] = values.get(signal, np.nan)
+        return records
+
+
+def decoded_layout(type_name: str, bus: str, message: str, units: Mapping[str, str]) -> DecodedLayout:
+    """Lay out a DBC message: a header and one float64 a signal.
+
+    Parameters
+    ----------
+    type_name : str
+        Unique CamelCase name of the ROS 2 type.
+    bus, message : str
+        As in vehicle.toml and the DBC.
+    units : mapping str -> str
+        Unit per signal, in the order of the fields.
+    """
+    signals = tuple(units)
+    fields = tuple(field_names(signals))
+    described = {field: {"name": name, "unit": units[name]} for field, name in zip(fields, signals, strict=True)}
+    padding: list[tuple[str, str]] = [("padding", "<u4")] if fields else []
+    return DecodedLayout(
+        schema_name=f"{PACKAGE}/msg/{type_name}",
+        schema_text="std_msgs/Header header\n" + "".join(f"float64 {f}\n" for f in fields) + HEADER_DEFINITIONS,
+        metadata={"bus": bus, "message": message, "signals": json.dumps(described, ensure_ascii=False)},
+        signals=signals,
+        fields=fields,
+        dtype=fixed_message_dtype([*padding, *((f"field_{f}", "<f8") for f in fields)]),
+    )

@@ -1,0 +1,317 @@
+"""RecordingWriter: frames into a crash-safe MCAP file."""
+
+from __future__ import annotations
+
+import mimetypes
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.config import RunInfo
+from daq.errors import DataError, Fault
+from daq.frames import FrameArray, FrameBatch
+from daq.recording.decoded import DecodedTopics
+from daq.recording.format import (
+    CLASSIC_SCHEMA,
+    FD_SCHEMA,
+    RUN_END,
+    RUN_START,
+    raw_message_head,
+    raw_schema_text,
+    with_checksum,
+)
+from daq.recording.sink import Compression, McapSink, MessageGroup
+from daq.recording.topics import TopicNames
+
+FRAMES_PER_MESSAGE = 4096
+
+
+class RecordingWriter:
+    """Writes frames, and views of them, into one MCAP file.
+
+    Frames are gathered and written as a chunk when there are enough or when `flush_every_s` has passed; what a kill
+    can take is what was gathered since. Not for several threads at once.
+
+    Parameters
+    ----------
+    path : str or Path
+    run : RunInfo, optional
+    attachments : mapping str -> bytes
+        DBC files, ``vehicle.toml``, ``terrain.toml``.
+    metadata : mapping str -> str
+        Goes into the ``run_start`` record.
+    compression : {"zstd", "lz4", "none"}
+    chunk_bytes : int
+        Uncompressed size at which a chunk is written whatever the clock says.
+    flush_every_s, sync_every_s : float or None
+        How often gathered frames are handed to the operating system, and how often it is made to put them on the
+        disk; None: only when told.
+    decoded_rate_hz : float or None
+        Decoded topics are thinned to this rate; None: every sample.
+    overwrite : bool
+        Whether a file that is there may be replaced.
+
+    Raises
+    ------
+    RecordingError
+        If the file is there already or cannot be made.
+    HardwareError
+        From any method, if the disk fails or is full. What was written before stays readable.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        run: RunInfo | None = None,
+        attachments: Mapping[str, bytes] | None = None,
+        metadata: Mapping[str, str] | None = None,
+        compression: Compression = "zstd",
+        chunk_bytes: int = 1 << 20,
+        flush_every_s: float | None = 0.2,
+        sync_every_s: float | None = 1.0,
+        decoded_rate_hz: float | None = 100.0,
+        overwrite: bool = False,
+    ) -> None:
+        self.path = Path(path)
+        self._chunk_bytes = chunk_bytes
+        self._flush_every_s = flush_every_s
+        self._sync_every_s = sync_every_s
+        self._sink = McapSink(self.path, compression=compression, overwrite=overwrite)
+        self._names = TopicNames()
+        self._buses: dict[str, int] = {}
+        self._streams: dict[tuple[str, bool], _RawStream] = {}
+        self._decoded = DecodedTopics(self._sink, self._names, decoded_rate_hz)
+        self._pending_bytes = 0
+        self._closed = False
+        self._flushed_at = self._synced_at = time.monotonic()
+        now_ns = time.time_ns()
+        for name, data in (attachments or {}).items():
+            self._sink.attach(name, data, media_type=_media_type(name), time_ns=now_ns)
+        started = {"created_ns": str(now_ns), **(metadata or {})}
+        if run is not None:
+            started["run"] = run.model_dump_json()
+        self.add_metadata(RUN_START, started)
+
+    @property
+    def frame_counts(self) -> dict[str, int]:
+        """Frames taken so far, per bus."""
+        counts = dict.fromkeys(self._buses, 0)
+        for (bus, _), stream in self._streams.items():
+            counts[bus] += stream.count
+        return counts
+
+    @property
+    def bytes_written(self) -> int:
+        """Size of the file so far."""
+        return self._sink.position
+
+    def write_frames(self, batch: FrameBatch) -> None:
+        """Take frames in the order they were received.
+
+        Raises
+        ------
+        DataError
+            If a frame's bus is not one of the batch's.
+        """
+        for name in batch.buses:
+            self._stream(name, batch.is_fd)
+        size = batch.frames.dtype.itemsize
+        start = 0
+        while start < len(batch):
+            room = max(1, (self._chunk_bytes - self._pending_bytes) // size)
+            self._gather(batch.frames[start : start + room], batch.buses)
+            start += room
+            if self._pending_bytes >= self._chunk_bytes:
+                self._write_raw()
+        self.tick()
+
+    def write_decoded(
+        self,
+        message: str,
+        bus: str,
+        time_ns: NDArray[np.int64],
+        signals: Mapping[str, NDArray[np.float64]],
+        units: Mapping[str, str],
+        *,
+        publish_ns: NDArray[np.int64] | None = None,
+    ) -> None:
+        """Write a DBC message's physical values as a topic of its own.
+
+        Parameters
+        ----------
+        message, bus : str
+        time_ns : int64 array, shape (n,)
+            Host receive time.
+        signals : mapping str -> float64 array, shape (n,)
+            NaN where a frame did not carry the signal.
+        units : mapping str -> str
+            Unit of every signal of the message; the first call for a message settles which there are.
+        publish_ns : int64 array, shape (n,), optional
+            Best estimate of the measurement time; `time_ns` where there is none.
+        """
+        self._decoded.write(message, bus, time_ns, signals, units, time_ns if publish_ns is None else publish_ns)
+        self._after_decoded()
+
+    def write_position(
+        self,
+        bus: str,
+        time_ns: NDArray[np.int64],
+        latitude_deg: NDArray[np.float64],
+        longitude_deg: NDArray[np.float64],
+        altitude_m: NDArray[np.float64] | None = None,
+    ) -> None:
+        """Write positions as a ROS 2 NavSatFix topic, for map panels; NaN is written as "no fix"."""
+        self._decoded.write_position(bus, time_ns, latitude_deg, longitude_deg, altitude_m)
+        self._after_decoded()
+
+    def attach(self, name: str, data: bytes) -> None:
+        """Add an attachment."""
+        self._sink.attach(name, data, media_type=_media_type(name), time_ns=time.time_ns())
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Add a metadata record, e.g. the final clock fit."""
+        self._sink.add_metadata(name, with_checksum(name, values))
+
+    def flush(self) -> None:
+        """Hand everything gathered so far to the operating system; a kill cannot take it any more."""
+        self._write_raw()
+        self._decoded.write_chunk()
+        self._flushed_at = time.monotonic()
+
+    def sync(self) -> None:
+        """Flush, and have it put on the disk; a power cut cannot take it any more."""
+        self.flush()
+        self._sink.sync()
+        self._synced_at = time.monotonic()
+
+    def tick(self) -> None:
+        """Flush and sync if it is time to. Every write does this; call it when there is nothing to write."""
+        now = time.monotonic()
+        if self._sync_every_s is not None and now - self._synced_at >= self._sync_every_s:
+            self.sync()
+        elif self._flush_every_s is not None and now - self._flushed_at >= self._flush_every_s:
+            self.flush()
+
+    def close(self, exit_status: str = "ok", drops: Mapping[str, int] | None = None) -> None:
+        """Write what is left, the ``run_end`` record and the summary; a second call does nothing.
+
+        Parameters
+        ----------
+        exit_status : str
+            ``"ok"``, ``"interrupted"`` or what went wrong.
+        drops : mapping str -> int, optional
+            Frames lost before they came here, per bus.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            self.flush()
+            ended = {"ended_ns": str(time.time_ns()), "exit_status": exit_status}
+            ended |= {f"frames.{bus}": str(count) for bus, count in self.frame_counts.items()}
+            ended |= {f"drops.{bus}": str(count) for bus, count in (drops or {}).items()}
+            steps = sum(stream.steps_back for stream in self._streams.values())
+            self.add_metadata(RUN_END, ended | {"time_steps_back": str(steps)})
+        finally:
+            self._sink.finish()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+        elif self._sink.failed:
+            self._closed = True
+            self._sink.finish()
+        else:
+            self.close("interrupted" if issubclass(kind, KeyboardInterrupt) else f"error: {kind.__name__}")
+
+    def _stream(self, bus: str, is_fd: bool) -> _RawStream:
+        stream = self._streams.get((bus, is_fd))
+        if stream is None:
+            index = self._buses.setdefault(bus, len(self._buses))
+            schema = FD_SCHEMA if is_fd else CLASSIC_SCHEMA
+            schema_id = self._sink.add_schema(schema, raw_schema_text(schema))
+            topic = self._names.topic(bus, "raw_fd" if is_fd else "raw")
+            channel_id = self._sink.add_channel(topic, schema_id, {"bus": bus, "bus_index": str(index)})
+            stream = self._streams[bus, is_fd] = _RawStream(channel_id, index)
+        return stream
+
+    def _gather(self, frames: FrameArray, buses: tuple[str, ...]) -> None:
+        bus = frames["bus"]
+        if bus.max() >= len(buses):
+            raise DataError(Fault(f"a frame is of bus {bus.max()}", found=f"{len(buses)} buses in the batch"))
+        is_fd = FrameBatch(frames[:0], buses).is_fd
+        if (bus == bus[0]).all():
+            self._stream(buses[bus[0]], is_fd).take(frames.copy())
+        else:
+            for number in np.unique(bus):
+                self._stream(buses[number], is_fd).take(frames[bus == number])
+        self._pending_bytes += frames.nbytes
+
+    def _write_raw(self) -> None:
+        self._sink.write_chunk(stream.release() for stream in self._streams.values() if stream.pending)
+        self._pending_bytes = 0
+
+    def _after_decoded(self) -> None:
+        if self._decoded.pending_bytes >= self._chunk_bytes:
+            self._decoded.write_chunk()
+        self.tick()
+
+
+class _RawStream:
+    """Gathered frames of one bus and kind."""
+
+    def __init__(self, channel_id: int, bus_index: int) -> None:
+        self.channel_id = channel_id
+        self.bus_index = bus_index
+        self.pending: list[FrameArray] = []
+        self.count = 0
+        self.steps_back = 0
+        self._sequence = 0
+        self._last_ns: int | None = None
+
+    def take(self, frames: FrameArray) -> None:
+        """Gather frames; the array is ours from now on."""
+        frames["bus"] = self.bus_index
+        time_ns = frames["time_ns"]
+        self.steps_back += int(np.count_nonzero(time_ns[1:] < time_ns[:-1]))
+        if self._last_ns is not None and time_ns[0] < self._last_ns:
+            self.steps_back += 1
+        self._last_ns = int(time_ns[-1])
+        self.pending.append(frames)
+        self.count += len(frames)
+
+    def release(self) -> MessageGroup:
+        """Return the gathered frames as messages, and forget them."""
+        frames = self.pending[0] if len(self.pending) == 1 else np.concatenate(self.pending)
+        self.pending = []
+        starts = range(0, len(frames), FRAMES_PER_MESSAGE)
+        records: list[bytes | memoryview] = []
+        offsets = np.zeros(len(starts), np.int64)
+        log_time_ns = np.zeros(len(starts), np.int64)
+        position = 0
+        for i, start in enumerate(starts):
+            piece = frames[start : start + FRAMES_PER_MESSAGE]
+            offsets[i] = position
+            log_time_ns[i] = piece["time_ns"].max()
+            head = raw_message_head(
+                self.channel_id, self._sequence, int(log_time_ns[i]), len(piece), piece.dtype.itemsize
+            )
+            records += [head, piece.view(np.uint8).data]
+            position += len(head) + piece.nbytes
+            self._sequence += 1
+        return MessageGroup(self.channel_id, records, offsets, log_time_ns)
+
+
+def _media_type(name: str) -> str:
+    return mimetypes.guess_type(name)[0] or "application/octet-stream"
