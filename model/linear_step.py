@@ -1,0 +1,110 @@
+"""The linearised least-squares problem of one Gauss-Newton iteration: undamped, damped and bounded steps.
+
+In the scaled step ``y = D s`` and with ``[J D^-1 | r] = Q [R | q]`` the problem ``min |r + J s|^2 + mu |D s|^2`` is
+
+    min |q + R y|^2 + mu |y|^2,
+
+of the size of the parameters, however many rows the residual has. With ``R = U S V'`` its solution for any mu is
+``y = -V S (S^2 + mu)^-1 U' q``. Where that leaves the box, the problem with the box is solved by active sets.
+
+Source: More (1978), Lecture Notes in Math. 630; Stark & Parker (1995), Computational Statistics 10, 129-141.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+_RANK_TOLERANCE = 1e-14
+_RADIUS_MET = 0.1  # relative accuracy to which a damped step meets the radius
+
+
+@dataclass(frozen=True)
+class LinearProblem:
+    """``min |q + R y|`` within a box.
+
+    Attributes
+    ----------
+    triangle : shape (k, p)
+        R; k = min(m, p + 1).
+    target : shape (k,)
+        q.
+    unit : shape (p,)
+        D, the unit of each step: ``s = y / unit``.
+    lower, upper : shape (p,)
+        Box of y; contains 0.
+    """
+
+    triangle: FloatArray
+    target: FloatArray
+    unit: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+    @staticmethod
+    def of(
+        residual: FloatArray, jacobian: FloatArray, *, unit: FloatArray, lower: FloatArray, upper: FloatArray
+    ) -> LinearProblem:
+        """Return the problem in the scaled step; `lower` and `upper` bound the step s itself."""
+        reduced: FloatArray = np.asarray(np.linalg.qr(np.column_stack([jacobian / unit, residual]), mode="r"))
+        return LinearProblem(reduced[:, :-1], reduced[:, -1], unit, lower * unit, upper * unit)
+
+    def foretold_gain(self, step: FloatArray) -> float:
+        """Return by how much the sum of squares falls for a step y, were the residual linear."""
+        change = self.triangle @ step
+        return float(-(2 * self.target + change) @ change)
+
+    @cached_property
+    def newton_step(self) -> FloatArray:
+        """The undamped step within the box, shape (p,); of least length where the data leave it open."""
+        length = np.linalg.norm(self.triangle, axis=0)
+        length[length == 0] = 1.0
+        free, *_ = np.linalg.lstsq(self.triangle / length, -self.target, rcond=_RANK_TOLERANCE)
+        return self._boxed(free / length, 0.0)
+
+    def step_within(self, radius: float) -> tuple[FloatArray, float]:
+        """Return the step that is at most `radius` long (to a tenth), and the damping mu that makes it so."""
+        if np.linalg.norm(self.newton_step) <= (1 + _RADIUS_MET) * radius:
+            return self.newton_step, 0.0
+        mu = self._damping(radius)
+        left, singular, right = self._svd
+        return self._boxed(-right.T @ (singular * (left.T @ self.target) / (singular**2 + mu)), mu), mu
+
+    @cached_property
+    def _svd(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        left, singular, right = np.linalg.svd(self.triangle, full_matrices=False)
+        return left, singular, right
+
+    def _damping(self, radius: float) -> float:
+        """Return mu by bisection of its logarithm: the length of the step falls with mu, and is below gradient / mu."""
+        left, singular, _ = self._svd
+        gradient = singular * (left.T @ self.target)
+        high = float(np.linalg.norm(gradient)) / radius
+        low, mu = 1e-30 * high, high
+        for _ in range(100):
+            mu = float(np.sqrt(low * high))
+            length = float(np.linalg.norm(gradient / (singular**2 + mu)))
+            if abs(length - radius) <= _RADIUS_MET * radius:
+                break
+            low, high = (mu, high) if length > radius else (low, mu)
+        return mu
+
+    def _boxed(self, step: FloatArray, mu: float) -> FloatArray:
+        """Return `step`, or where it leaves the box the solution of the problem with mu within the box."""
+        if np.all((step >= self.lower) & (step <= self.upper)):
+            return step
+        from scipy.optimize import lsq_linear
+
+        size = float(np.linalg.norm(self.target))
+        count = step.size
+        matrix = np.vstack([self.triangle, np.sqrt(mu) * np.eye(count)])
+        target = np.concatenate([-self.target / size, np.zeros(count)])
+        solution = lsq_linear(
+            matrix, target, (self.lower / size, self.upper / size), method="bvls", tol=1e-15, max_iter=10 * count
+        )
+        return np.clip(solution.x * size, self.lower, self.upper)
