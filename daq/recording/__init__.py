@@ -2,6 +2,7 @@
 
 from daq.recording.index import Loss
 from daq.recording.reader import Recording, Topic
+from daq.recording.recover import Recovery, recover
 from daq.recording.writer import RecordingWriter
 
-__all__ = ["Loss", "Recording", "RecordingWriter", "Topic"]
+__all__ = ["Loss", "Recording", "RecordingWriter", "Recovery", "Topic", "recover"]

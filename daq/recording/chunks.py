@@ -14,6 +14,9 @@ LARGEST_CHUNK_BYTES = 1 << 30
 _RECORD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<BQQQQII")
 _CHUNK_OPCODE = 6
+_MESSAGE_HEAD = struct.Struct("<HIQ")
+MESSAGE_HEAD_SIZE = 22
+"""Bytes of a message record's body before its data."""
 
 
 class DamagedError(Exception):
@@ -158,8 +161,8 @@ def _decompressed(chunk: PackedChunk) -> bytes:
         import zstandard
 
         try:
-            if zstandard.frame_content_size(chunk.data) > LARGEST_CHUNK_BYTES:
-                raise DamagedError("a chunk claims too many bytes")
+            if zstandard.frame_content_size(chunk.data) not in (-1, chunk.unpacked_size):
+                raise DamagedError("a chunk contradicts itself about its size")
             return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=chunk.unpacked_size)
         except zstandard.ZstdError as error:
             raise DamagedError(f"a chunk cannot be unpacked: {error}") from None
@@ -167,10 +170,26 @@ def _decompressed(chunk: PackedChunk) -> bytes:
         import lz4.frame
 
         try:
+            if lz4.frame.get_frame_info(chunk.data)["content_size"] not in (0, chunk.unpacked_size):
+                raise DamagedError("a chunk contradicts itself about its size")
             return bytes(lz4.frame.decompress(chunk.data))
         except (RuntimeError, ValueError, MemoryError, EOFError) as error:
             raise DamagedError(f"a chunk cannot be unpacked: {error}") from None
     raise DamagedError(f"a chunk is packed as {chunk.compression!r}, which we do not know")
+
+
+def message_head(content: bytes, start: int, length: int) -> tuple[int, int]:
+    """Return channel id and log time of the message whose record body is at `start`.
+
+    Raises
+    ------
+    DamagedError
+        If it is too short to be a message.
+    """
+    if length < MESSAGE_HEAD_SIZE:
+        raise DamagedError("a message is too short")
+    channel_id, _, log_time_ns = _MESSAGE_HEAD.unpack_from(content, start)
+    return channel_id, log_time_ns
 
 
 def content_records(content: bytes) -> Iterator[tuple[int, int, int]]:

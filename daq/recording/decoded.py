@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.errors import DataError, Fault, nearest
 from daq.recording.format import NAVSATFIX_SCHEMA, NAVSATFIX_TEXT, fill_prefix, fixed_message_dtype
 from daq.recording.sink import McapSink, MessageGroup
 from daq.recording.topics import DecodedLayout, TopicNames, decoded_layout
@@ -67,6 +68,7 @@ class DecodedTopics:
         """Gather samples of a DBC message; see `RecordingWriter.write_decoded`."""
         topic = self._topics.get((bus, message)) or self._new_topic(message, bus, units)
         assert topic.layout is not None
+        _check(message, topic.layout, time_ns, signals)
         rows = self._thinned(topic, time_ns)
         values = {name: column[rows] for name, column in signals.items()}
         self._gather(
@@ -130,6 +132,23 @@ class DecodedTopics:
         if len(rows):
             topic.kept_ns = int(time_ns[rows[-1]])
         return rows
+
+
+def _check(
+    message: str, layout: DecodedLayout, time_ns: NDArray[np.int64], signals: Mapping[str, NDArray[np.float64]]
+) -> None:
+    faults = [
+        Fault(f"{message} has no signal {name!r}", expected=nearest(name, layout.signals))
+        for name in signals
+        if name not in layout.signals
+    ]
+    faults += [
+        Fault(f"{message}.{name} has another length than its time", found=f"{column.shape} for {time_ns.shape}")
+        for name, column in signals.items()
+        if column.shape != time_ns.shape
+    ]
+    if faults:
+        raise DataError(*faults)
 
 
 def _group(topic: _Topic) -> MessageGroup:

@@ -103,7 +103,6 @@ MESSAGE_PREFIX = [
     ("frame_id", "S8"),
 ]
 RECORD_HEAD_SIZE = 9
-MESSAGE_HEAD_SIZE = RECORD_HEAD_SIZE + 22
 
 
 def fixed_message_dtype(fields: list[tuple[str, str] | tuple[str, str, tuple[int, ...]]]) -> np.dtype[np.void]:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, Protocol, TypeVar
+from typing import BinaryIO, TypeVar
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -84,11 +84,6 @@ class FileIndex:
             self.schemas[record.id] = record
         else:
             self.channels[record.id] = record
-
-
-class _Readable(Protocol):
-    @staticmethod
-    def read(stream: ReadDataStream) -> object: ...
 
 
 RecordT = TypeVar("RecordT")

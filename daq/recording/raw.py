@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,15 +12,20 @@ from mcap.opcode import Opcode
 
 from daq.errors import Fault, RecordingError
 from daq.frames import FrameArray, FrameBatch
-from daq.recording.chunks import ChunkEntry, DamagedError, content_records, read_chunk
+from daq.recording.chunks import (
+    MESSAGE_HEAD_SIZE,
+    ChunkEntry,
+    DamagedError,
+    content_records,
+    message_head,
+    read_chunk,
+)
 from daq.recording.format import MESSAGE_ENCODING, RAW_DTYPES, raw_frames
 from daq.recording.index import FileIndex
 
 BATCH_FRAMES = 1 << 16
 """Chunks are joined until they hold so many frames: what a live logger writes every 0.2 s is small."""
 
-_CHANNEL_ID = struct.Struct("<H")
-_MESSAGE_HEAD_SIZE = 22
 _CLOCK_SLACK_NS = 10_000_000_000
 """How far a host clock may step back between two chunks before a search by time would pass over frames."""
 
@@ -119,13 +123,10 @@ def _gather(
         for opcode, start, length in content_records(content):
             if opcode != Opcode.MESSAGE:
                 continue
-            if length < _MESSAGE_HEAD_SIZE:
-                raise DamagedError("a message is too short")
-            channel_id = _CHANNEL_ID.unpack_from(content, start)[0]
+            channel_id, _ = message_head(content, start, length)
             channel = channels.get(channel_id)
             if channel is not None:
-                begin, size = start + _MESSAGE_HEAD_SIZE, length - _MESSAGE_HEAD_SIZE
-                frames = raw_frames(content, begin, size, channel.dtype)
+                frames = raw_frames(content, start + MESSAGE_HEAD_SIZE, length - MESSAGE_HEAD_SIZE, channel.dtype)
                 gathered.setdefault(channel_id, []).append(frames)
                 count += len(frames)
     except (DamagedError, ValueError) as error:
@@ -152,4 +153,4 @@ def _merged(
     # A clock that steps back must not reorder the frames of one topic: they are sorted by the latest time so far.
     latest = np.concatenate([np.maximum.accumulate(stream.frames["time_ns"]) for stream in streams])
     order = np.argsort(latest, kind="stable")
-    return FrameBatch(np.concatenate([stream.frames for stream in streams])[order], buses)
+    return FrameBatch(np.concatenate([stream.frames for stream in streams]).take(order), buses)

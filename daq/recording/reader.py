@@ -48,10 +48,15 @@ class Recording:
     """An MCAP recording, whole or cut off. Make one with `Recording.open`.
 
     It holds no file open; each reading opens the file anew.
+
+    Attributes
+    ----------
+    index : FileIndex
+        What lies where in the file.
     """
 
     def __init__(self, index: FileIndex) -> None:
-        self._index = index
+        self.index = index
         self._raw = raw_channels(index)
         self._damage: dict[int, Loss] = {}
 
@@ -71,12 +76,12 @@ class Recording:
     @property
     def path(self) -> Path:
         """Where the file is."""
-        return self._index.path
+        return self.index.path
 
     @property
     def library(self) -> str:
         """What wrote the file."""
-        return self._index.library
+        return self.index.library
 
     @property
     def loss(self) -> tuple[Loss, ...]:
@@ -86,7 +91,7 @@ class Recording:
         after its frames were asked for.
         """
         _ = self.attachments, self.metadata
-        return tuple(sorted([*self._index.losses, *self._damage.values()], key=lambda loss: loss.at_byte))
+        return tuple(sorted([*self.index.losses, *self._damage.values()], key=lambda loss: loss.at_byte))
 
     @property
     def has_raw_frames(self) -> bool:
@@ -102,7 +107,7 @@ class Recording:
     @property
     def topics(self) -> tuple[Topic, ...]:
         """Every topic of the file, raw, decoded or foreign."""
-        index = self._index
+        index = self.index
         return tuple(
             Topic(
                 channel.topic,
@@ -117,14 +122,14 @@ class Recording:
     @cached_property
     def attachments(self) -> dict[str, bytes]:
         """Attached files by name; damaged ones are left out and listed in `loss`."""
-        found = (self._record(at, size, Opcode.ATTACHMENT, _attachment) for at, size in self._index.attachments)
+        found = (self._record(at, size, Opcode.ATTACHMENT, _attachment) for at, size in self.index.attachments)
         return {attachment.name: attachment.data for attachment in found if attachment is not None}
 
     @cached_property
     def metadata(self) -> dict[str, dict[str, str]]:
         """Metadata records by name; of several with one name the later values win."""
         merged: dict[str, dict[str, str]] = {}
-        for at, size in self._index.metadata:
+        for at, size in self.index.metadata:
             record = self._record(at, size, Opcode.METADATA, _metadata)
             if record is not None:
                 merged.setdefault(record.name, {}).update(record.metadata)
@@ -149,10 +154,10 @@ class Recording:
     def time_range_ns(self) -> tuple[int, int] | None:
         """Time of the first and the last frame (in a foreign file: message); None when there is none."""
         if not self._raw:
-            chunks = self._index.chunks
+            chunks = self.index.chunks
             return (min(c.start_ns for c in chunks), max(c.end_ns for c in chunks)) if chunks else None
-        first = next(self._batches(self._raw, self._index.chunks), None)
-        last = next(self._batches(self._raw, self._index.chunks[::-1]), None)
+        first = next(self._batches(self._raw, self.index.chunks), None)
+        last = next(self._batches(self._raw, self.index.chunks[::-1]), None)
         if first is None or last is None:
             return None
         return int(first.frames["time_ns"].min()), int(last.frames["time_ns"].max())
@@ -162,10 +167,10 @@ class Recording:
         """Frames per bus: as ``run_end`` tells them where the file is whole, else counted."""
         ended = self.metadata.get(RUN_END, {})
         told = [ended.get(f"frames.{bus}", "") for bus in self.buses]
-        if not self._index.losses and all(text.isdecimal() for text in told):
+        if not self.index.losses and all(text.isdecimal() for text in told):
             return dict(zip(self.buses, map(int, told), strict=True))
         counts = np.zeros(len(self.buses), np.int64)
-        for batch in self._batches(self._raw, self._index.chunks):
+        for batch in self._batches(self._raw, self.index.chunks):
             counts += np.bincount(batch.frames["bus"], minlength=len(counts))
         return dict(zip(self.buses, counts.tolist(), strict=True))
 
@@ -203,10 +208,10 @@ class Recording:
         channels = {i: channel for i, channel in self._raw.items() if bus in (None, channel.bus)}
         low = -(2**63) if start_ns is None else start_ns
         high = 2**63 if end_ns is None else end_ns
-        return _between(self._batches(channels, chunks_between(self._index.chunks, low, high)), low, high)
+        return _between(self._batches(channels, chunks_between(self.index.chunks, low, high)), low, high)
 
     def _batches(self, channels: dict[int, RawChannel], chunks: list[ChunkEntry]) -> Iterator[FrameBatch]:
-        if self._index.has_summary:
+        if self.index.has_summary:
             chunks = [c for c in chunks if c.channel_ids is None or not c.channel_ids.isdisjoint(channels)]
         return raw_batches(self.path, chunks, channels, self.buses, self._note_damage)
 

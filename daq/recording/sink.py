@@ -6,14 +6,16 @@ chunks copied as they are, fsync, and a file that stays well-formed when the dis
 
 from __future__ import annotations
 
+import contextlib
 import os
+import time
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from io import FileIO
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from mcap.data_stream import RecordBuilder
@@ -37,11 +39,12 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
-from daq.errors import Fault, HardwareError, RecordingError
+from daq.errors import ConfigError, Fault, HardwareError, RecordingError, nearest
 from daq.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
 
 Compression = Literal["zstd", "lz4", "none"]
 _INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
+_TEXT_SUFFIXES = (".dbc", ".toml", ".txt", ".csv", ".json")
 _FOOTER_LENGTH = 8 + 8 + 4
 
 
@@ -80,6 +83,8 @@ class McapSink:
     ------
     RecordingError
         If the file is there already, or cannot be made.
+    HardwareError
+        From any method, if the disk fails or is full.
     """
 
     def __init__(
@@ -88,7 +93,7 @@ class McapSink:
         self.path = path
         self.position = 0
         self.failed = False
-        self._compression: Literal["zstd", "lz4", ""] = "" if compression == "none" else compression
+        self._compression = "" if compression == "none" else compression
         self._compress = _compressor(compression)
         self._file = _create(path, overwrite)
         self.schemas: dict[int, Schema] = {}
@@ -119,6 +124,12 @@ class McapSink:
         self.channels[channel.id] = channel
         self._pending_definitions.append(channel)
         return channel.id
+
+    def put_definitions(self, schemas: Mapping[int, Schema], channels: Mapping[int, Channel]) -> None:
+        """Write definitions of another file, under the ids they have there, ahead of its chunks."""
+        self.schemas.update(schemas)
+        self.channels.update(channels)
+        self._write(serialized(*schemas.values(), *channels.values()))
 
     def write_chunk(self, groups: Iterable[MessageGroup]) -> None:
         """Write messages as one chunk, behind the definitions they need."""
@@ -187,8 +198,10 @@ class McapSink:
             first, last = self._times or (start, end)
             self._times = (min(first, start), max(last, end))
 
-    def attach(self, name: str, data: bytes, *, media_type: str, time_ns: int) -> None:
+    def attach(self, name: str, data: bytes) -> None:
         """Write an attachment."""
+        time_ns = time.time_ns()
+        media_type = "text/plain" if name.endswith(_TEXT_SUFFIXES) else "application/octet-stream"
         record = serialized(Attachment(0, time_ns, name, media_type, data))
         self._attachment_indexes.append(
             AttachmentIndex(self.position, len(record), time_ns, 0, len(data), name, media_type)
@@ -203,7 +216,10 @@ class McapSink:
 
     def sync(self) -> None:
         """Have the operating system put on the disk what was written (fsync)."""
-        self._guarded(lambda: os.fsync(self._file.fileno()))
+        try:
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise self._given_up(error) from None
 
     def finish(self) -> None:
         """Write the summary and close the file; after a failed write only close it."""
@@ -251,37 +267,36 @@ class McapSink:
         )
 
     def _write(self, data: bytes) -> None:
-        def write() -> None:
+        if self.failed:
+            raise HardwareError(Fault("the recording was given up after a failed write", str(self.path)))
+        end = self.position + len(data)
+        try:
             rest = memoryview(data)
             while rest:
                 rest = rest[self._file.write(rest) :]
-
-        self._guarded(write)
-        self.position += len(data)
-
-    def _guarded(self, action: Callable[[], None]) -> None:
-        if self.failed:
-            raise HardwareError(Fault("the recording was given up after a failed write", str(self.path)))
-        try:
-            action()
+            self.position = end
         except OSError as error:
-            self.failed = True
-            self._cut_back()
-            raise HardwareError(
-                Fault(
-                    "the recording cannot be written on",
-                    str(self.path),
-                    error.strerror or str(error),
-                    next_step="free the disk; what was written before stays readable",
-                )
-            ) from None
+            raise self._given_up(error) from None
+        finally:
+            if self.position != end:  # Ctrl-C comes through here too
+                self._cut_back()
+
+    def _given_up(self, error: OSError) -> HardwareError:
+        self.failed = True
+        return HardwareError(
+            Fault(
+                "the recording cannot be written on",
+                str(self.path),
+                error.strerror or str(error),
+                next_step="free the disk; what was written before stays readable",
+            )
+        )
 
     def _cut_back(self) -> None:
-        """Take off the half-written record, so that only whole ones stay."""
-        try:
+        """Take off a half-written record, so that only whole ones stay."""
+        with contextlib.suppress(OSError):
             self._file.truncate(self.position)
-        except OSError:
-            return
+            self._file.seek(self.position)
 
 
 def serialized(*records: McapRecord) -> bytes:
@@ -316,7 +331,10 @@ def _compressor(compression: Compression) -> Callable[[bytes], bytes]:
         import lz4.frame
 
         return lambda data: bytes(lz4.frame.compress(data))
-    return lambda data: data
+    if compression == "none":
+        return lambda data: data
+    known = get_args(Compression)
+    raise ConfigError(Fault(f"unknown compression {compression!r}", expected=nearest(compression, known)))
 
 
 def _create(path: Path, overwrite: bool) -> FileIO:
@@ -334,16 +352,12 @@ def _create(path: Path, overwrite: bool) -> FileIO:
 
 def _sync_folder(path: Path) -> None:
     """Have the file's name survive a power cut; where a folder cannot be synced there is nothing to do."""
-    try:
+    with contextlib.suppress(OSError):
         folder = os.open(path.parent, os.O_RDONLY)
-    except OSError:
-        return
-    try:
-        os.fsync(folder)
-    except OSError:
-        return
-    finally:
-        os.close(folder)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 def _version() -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import keyword
 import re
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +26,7 @@ def camel_case(name: str) -> str:
     return "".join(part.capitalize() for part in snake_case(name).split("_"))
 
 
-def numbered(name: str, taken: Container[str], joint: str = "_") -> str:
+def numbered(name: str, taken: Collection[str], joint: str = "_") -> str:
     """Return `name`, or the first of ``name_2``, ``name_3``, ... that is not taken."""
     candidate, number = name, 2
     while candidate in taken:
@@ -44,18 +44,33 @@ def field_names(signals: Sequence[str]) -> list[str]:
     return names
 
 
+_RAW = ("raw", "raw_fd")
+
+
 class TopicNames:
     """Hands out topic and type names of one recording, each once."""
 
     def __init__(self) -> None:
+        self._buses: dict[str, str] = {}
         self._topics: set[str] = set()
         self._types = {"CanFrame", "CanFrames", "CanFdFrame", "CanFdFrames"}
 
+    def raw_topic(self, bus: str, is_fd: bool) -> str:
+        """Return ``/can/<bus>/raw``, or ``raw_fd``; nothing else is ever given these names."""
+        return f"{self._folder(bus)}/{_RAW[is_fd]}"
+
     def topic(self, bus: str, name: str) -> str:
         """Return ``/can/<bus>/<name>`` in snake case, numbered when it is taken."""
-        topic = numbered(f"/can/{snake_case(bus)}/{snake_case(name)}", self._topics)
+        folder = self._folder(bus)
+        raw = {f"{folder}/{taken}" for taken in _RAW}
+        topic = numbered(f"{folder}/{snake_case(name)}", self._topics | raw)
         self._topics.add(topic)
         return topic
+
+    def _folder(self, bus: str) -> str:
+        if bus not in self._buses:
+            self._buses[bus] = numbered(snake_case(bus), self._buses.values())
+        return f"/can/{self._buses[bus]}"
 
     def type_name(self, bus: str, message: str) -> str:
         """Return the CamelCase type name of a DBC message on a bus, numbered when it is taken."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mimetypes
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -90,10 +89,9 @@ class RecordingWriter:
         self._pending_bytes = 0
         self._closed = False
         self._flushed_at = self._synced_at = time.monotonic()
-        now_ns = time.time_ns()
         for name, data in (attachments or {}).items():
-            self._sink.attach(name, data, media_type=_media_type(name), time_ns=now_ns)
-        started = {"created_ns": str(now_ns), **(metadata or {})}
+            self._sink.attach(name, data)
+        started = {"created_ns": str(time.time_ns()), **(metadata or {})}
         if run is not None:
             started["run"] = run.model_dump_json()
         self.add_metadata(RUN_START, started)
@@ -172,7 +170,7 @@ class RecordingWriter:
 
     def attach(self, name: str, data: bytes) -> None:
         """Add an attachment."""
-        self._sink.attach(name, data, media_type=_media_type(name), time_ns=time.time_ns())
+        self._sink.attach(name, data)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Add a metadata record, e.g. the final clock fit."""
@@ -241,7 +239,7 @@ class RecordingWriter:
             index = self._buses.setdefault(bus, len(self._buses))
             schema = FD_SCHEMA if is_fd else CLASSIC_SCHEMA
             schema_id = self._sink.add_schema(schema, raw_schema_text(schema))
-            topic = self._names.topic(bus, "raw_fd" if is_fd else "raw")
+            topic = self._names.raw_topic(bus, is_fd)
             channel_id = self._sink.add_channel(topic, schema_id, {"bus": bus, "bus_index": str(index)})
             stream = self._streams[bus, is_fd] = _RawStream(channel_id, index)
         return stream
@@ -255,7 +253,7 @@ class RecordingWriter:
             self._stream(buses[bus[0]], is_fd).take(frames.copy())
         else:
             for number in np.unique(bus):
-                self._stream(buses[number], is_fd).take(frames[bus == number])
+                self._stream(buses[number], is_fd).take(frames.take(np.flatnonzero(bus == number)))
         self._pending_bytes += frames.nbytes
 
     def _write_raw(self) -> None:
@@ -311,7 +309,3 @@ class _RawStream:
             position += len(head) + piece.nbytes
             self._sequence += 1
         return MessageGroup(self.channel_id, records, offsets, log_time_ns)
-
-
-def _media_type(name: str) -> str:
-    return mimetypes.guess_type(name)[0] or "application/octet-stream"

@@ -1,0 +1,104 @@
+"""A whole file out of a cut or damaged one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+from daq.errors import Fault, RecordingError
+from daq.recording.chunks import ChunkEntry, DamagedError, content_records, message_head, read_packed, unpacked
+from daq.recording.format import with_checksum
+from daq.recording.index import FileIndex, Loss
+from daq.recording.reader import Recording
+from daq.recording.sink import McapSink, index_entries
+
+RECOVERED = "recovered"
+"""Name of the metadata record that says what was lost."""
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """What `recover` did.
+
+    Attributes
+    ----------
+    path : Path
+        The new file.
+    chunk_count : int
+        Chunks that were copied.
+    loss : tuple of Loss
+        What could not be.
+    """
+
+    path: Path
+    chunk_count: int
+    loss: tuple[Loss, ...]
+
+
+def recover(source: str | Path, target: str | Path, *, overwrite: bool = False) -> Recovery:
+    """Copy everything that is whole into a new file with summary and index.
+
+    Chunks are copied as they are. Attachments, metadata and foreign topics come along; a metadata record
+    ``recovered`` says what was lost.
+
+    Raises
+    ------
+    RecordingError
+        If `source` is no MCAP file, or `target` is there already or is `source`.
+    HardwareError
+        If the disk is full.
+    """
+    recording = Recording.open(source)
+    path = Path(target)
+    if path.exists() and path.samefile(recording.path):
+        raise RecordingError(
+            Fault("a recording cannot be recovered onto itself", str(path), next_step="choose another name")
+        )
+    index = recording.index
+    sink = McapSink(path, overwrite=overwrite, profile=index.profile)
+    try:
+        for name, data in recording.attachments.items():
+            sink.attach(name, data)
+        for name, values in recording.metadata.items():
+            sink.add_metadata(name, with_checksum(name, values))
+        sink.put_definitions(index.schemas, index.channels)
+        count, damaged = _copy_chunks(index, sink)
+        loss = tuple(sorted([*recording.loss, *damaged], key=lambda item: item.at_byte))
+        told = {"source": recording.path.name, **{f"loss.{i}": str(item) for i, item in enumerate(loss, 1)}}
+        sink.add_metadata(RECOVERED, with_checksum(RECOVERED, told))
+    finally:
+        sink.finish()
+    return Recovery(path, count, loss)
+
+
+def _copy_chunks(index: FileIndex, sink: McapSink) -> tuple[int, list[Loss]]:
+    damaged: list[Loss] = []
+    with index.path.open("rb") as file:
+        for entry in index.chunks:
+            try:
+                packed = read_packed(file, entry)
+                messages = _messages(unpacked(packed), index, entry)
+                sink.put_chunk(packed.data, packed.compression, packed.unpacked_size, packed.crc, messages)
+            except DamagedError as damage:
+                damaged.append(Loss(str(damage), entry.offset, entry.size))
+    return len(index.chunks) - len(damaged), damaged
+
+
+def _messages(content: bytes, index: FileIndex, entry: ChunkEntry) -> Mapping[int, NDArray[np.void]]:
+    """Return the message index of a chunk, read from the messages themselves."""
+    found: dict[int, tuple[list[int], list[int]]] = {}
+    for opcode, start, length in content_records(content):
+        if opcode == Opcode.MESSAGE:
+            channel_id, log_time_ns = message_head(content, start, length)
+            times, offsets = found.setdefault(channel_id, ([], []))
+            times.append(log_time_ns)
+            offsets.append(start - 9)
+    unknown = found.keys() - index.channels.keys()
+    if unknown:
+        raise DamagedError(f"a chunk of channels that nothing defines: {sorted(unknown)} at byte {entry.offset}")
+    return {i: index_entries(np.array(times, np.uint64), np.array(offsets)) for i, (times, offsets) in found.items()}
