@@ -83,7 +83,7 @@ class GaussNewtonOptions:
     initial_radius : float
         First radius of a damped step, in units of the scaled start.
     noise : "estimated" or "unit"
-        Variance of an entry of the residual: cost / (m - rank), or 1 where the residual is already divided by its sigma.
+        Variance of an entry of the residual: cost / (m - rank), or 1 where residuals are divided by their sigma.
     """
 
     epsilon: float = 1e-9

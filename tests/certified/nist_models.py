@@ -1,4 +1,4 @@
-"""The 27 nonlinear regression models of NIST StRD, as the header of each file states them, and a reader of the files."""
+"""The 27 nonlinear regression models of NIST StRD as the headers of the files state them, and a reader of the files."""
 
 from __future__ import annotations
 

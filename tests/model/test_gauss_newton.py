@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -118,7 +120,7 @@ def test_the_cost_never_rises_and_its_covariance_is_that_of_the_linearised_probl
     y = 2 * np.exp(-0.7 * t) + 0.05 * rng.normal(size=t.size)
     result = gauss_newton(_decay(t, y), [rng.uniform(0.1, 10), rng.uniform(0, 3)])
     kept = [record.cost for record in result.history if record.kept]
-    assert all(later <= earlier * (1 + 1e-12) for earlier, later in zip(kept, kept[1:], strict=False))
+    assert all(later <= earlier * (1 + 1e-12) for earlier, later in pairwise(kept))
     assert kept[-1] == result.cost
     variance = result.cost / (t.size - 2)
     assert result.covariance == pytest.approx(variance * np.linalg.inv(result.jacobian.T @ result.jacobian), rel=1e-8)
@@ -209,7 +211,7 @@ def test_only_the_sum_is_determined() -> None:
 
 
 def test_a_start_that_is_not_finite_is_a_reason_not_an_exception() -> None:
-    result = gauss_newton(lambda x: (np.array([np.nan]), np.ones((1, 1))), [1.0])
+    result = gauss_newton(lambda x: (x * np.nan, np.ones((1, 1))), [1.0])
     assert result.stop_reason is StopReason.NOT_FINITE
     assert not result.converged
     assert np.isnan(result.covariance).all()
