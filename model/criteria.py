@@ -1,0 +1,134 @@
+"""How well a model predicts: the paper's M0, R0 and R2 above a slip threshold.
+
+What each one sees, and what it does not:
+
+- **M0**, the maximum error rate, is not defined in the paper. Here it is the largest ``|y_p - y_a| / |y_a|``, in
+  percent. One sample decides it, and it grows without limit where the measured value passes through zero.
+- **R0** is the root mean square error in the unit of the channel. Beside the mean load (`Criteria.R0_per_load`) it can
+  be compared between wheels.
+- **R2** is the squared correlation. An offset, a gain and even a wrong sign leave it as it is: it says that prediction
+  and measurement move together, not that they agree. Never judge a model by R2 alone.
+
+Source: Yang et al. (2016), section 1.3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """The paper's criteria over the samples at or above the slip threshold.
+
+    Attributes
+    ----------
+    M0_percent : float
+        Largest relative error; infinite where a measured value is exactly zero.
+    R0_N : float
+        Root mean square error, in the unit of the channel (N; for torque N m).
+    R2 : float
+        Squared correlation, 0 to 1; blind to offset, gain and sign.
+    samples : int
+        Number of samples that count.
+    threshold : float
+        Slip at or above which a sample counts.
+    R0_per_load : float
+        R0 over the mean vertical load; NaN where no load was given.
+    reason : str
+        Why a criterion is NaN; empty where none is.
+    """
+
+    M0_percent: float
+    R0_N: float
+    R2: float
+    samples: int
+    threshold: float
+    R0_per_load: float = float("nan")
+    reason: str = ""
+
+
+def criteria(
+    actual: ArrayLike,
+    predicted: ArrayLike,
+    slip: ArrayLike,
+    threshold: float,
+    *,
+    vertical_load_n: ArrayLike | None = None,
+) -> Criteria:
+    """Compare a prediction with what was measured.
+
+    Parameters
+    ----------
+    actual, predicted, slip : shape (n,)
+        Samples where any of the three is NaN are left out.
+    threshold : float
+        Slip at or above which a sample counts; the paper's is 0.2 on clay and 0.1 on sandy soil.
+    vertical_load_n : shape (n,), optional
+        For R0 over the mean load.
+
+    Returns
+    -------
+    Criteria
+        With NaN and a reason where nothing is left to compare.
+
+    Raises
+    ------
+    ValueError
+        The arrays have different lengths.
+
+    Source
+    ------
+    Yang et al. (2016), section 1.3; the definition of M0 is ours.
+    """
+    ya, yp, s = (np.asarray(values, float).ravel() for values in (actual, predicted, slip))
+    if not ya.size == yp.size == s.size:
+        raise ValueError(f"actual ({ya.size}), predicted ({yp.size}) and slip ({s.size}) must have the same length")
+    known = np.isfinite(ya) & np.isfinite(yp) & np.isfinite(s)
+    counted = known & (s >= threshold)
+    if not counted.any():
+        return Criteria(np.nan, np.nan, np.nan, 0, threshold, reason=_why_none(s[known], threshold))
+    error = (yp - ya)[counted]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rate = np.where(error == 0, 0.0, np.abs(error) / np.abs(ya[counted]))
+    r0 = float(np.sqrt(np.mean(error**2)))
+    r2, reason = _squared_correlation(ya[counted], yp[counted])
+    return Criteria(
+        M0_percent=float(np.max(rate)) * 100.0,
+        R0_N=r0,
+        R2=r2,
+        samples=int(counted.sum()),
+        threshold=threshold,
+        R0_per_load=np.nan if vertical_load_n is None else _per_load(r0, np.asarray(vertical_load_n, float)[counted]),
+        reason=reason,
+    )
+
+
+def _squared_correlation(ya: FloatArray, yp: FloatArray) -> tuple[float, str]:
+    if ya.size < 2:
+        return np.nan, "R2 needs at least two samples"
+    a, p = ya - ya.mean(), yp - yp.mean()
+    spread_a, spread_p = float(np.linalg.norm(a)), float(np.linalg.norm(p))
+    rounding = 8 * np.finfo(float).eps * np.sqrt(ya.size)
+    if spread_a <= rounding * np.max(np.abs(ya)):
+        return np.nan, "R2 is not defined: the measured values are all the same"
+    if spread_p <= rounding * np.max(np.abs(yp)):
+        return np.nan, "R2 is not defined: the predicted values are all the same"
+    return float(min(((a / spread_a) @ (p / spread_p)) ** 2, 1.0)), ""
+
+
+def _per_load(r0: float, load: FloatArray) -> float:
+    load = load[np.isfinite(load)]
+    mean = float(np.mean(load)) if load.size else 0.0
+    return r0 / mean if mean > 0 else np.nan
+
+
+def _why_none(slip: FloatArray, threshold: float) -> str:
+    if not slip.size:
+        return "no sample has slip, measured and predicted value"
+    return f"no slip at or above the threshold {threshold:g}: the largest is {np.max(slip):.3g}"
