@@ -20,8 +20,8 @@ from daq.recording.chunks import (
     message_head,
     read_chunk,
 )
+from daq.recording.contents import Contents
 from daq.recording.format import MESSAGE_ENCODING, RAW_DTYPES, raw_frames
-from daq.recording.index import FileIndex
 
 BATCH_FRAMES = 1 << 16
 """Chunks are joined until they hold so many frames: what a live logger writes every 0.2 s is small."""
@@ -47,7 +47,7 @@ class RawChannel:
     dtype: np.dtype[np.void]
 
 
-def raw_channels(index: FileIndex) -> dict[int, RawChannel]:
+def raw_channels(index: Contents) -> dict[int, RawChannel]:
     """Return the raw topics of wheelsoil by channel id."""
     found: dict[int, RawChannel] = {}
     for channel in index.channels.values():

@@ -18,8 +18,9 @@ from daq.config import RunInfo
 from daq.errors import DataError, Fault, RecordingError, nearest
 from daq.frames import FrameBatch, concatenate
 from daq.recording.chunks import ChunkEntry, DamagedError
+from daq.recording.contents import Contents, Loss, parsed, read_record
 from daq.recording.format import RUN_END, RUN_START, checked_metadata
-from daq.recording.index import FileIndex, Loss, parsed, read_index, read_record
+from daq.recording.opening import read_contents
 from daq.recording.raw import RawChannel, chunks_between, raw_batches, raw_channels
 
 T = TypeVar("T")
@@ -51,11 +52,11 @@ class Recording:
 
     Attributes
     ----------
-    index : FileIndex
+    index : Contents
         What lies where in the file.
     """
 
-    def __init__(self, index: FileIndex) -> None:
+    def __init__(self, index: Contents) -> None:
         self.index = index
         self._raw = raw_channels(index)
         self._damage: dict[int, Loss] = {}
@@ -71,7 +72,7 @@ class Recording:
         RecordingError
             If there is no such file, or it is no MCAP file.
         """
-        return cls(read_index(Path(path)))
+        return cls(read_contents(Path(path)))
 
     @property
     def path(self) -> Path:
@@ -257,8 +258,10 @@ def _between(batches: Iterator[FrameBatch], low: int, high: int) -> Iterator[Fra
 
 def _attachment(body: bytes) -> Attachment:
     attachment: Attachment = parsed(Attachment.read, body)
-    crc = int.from_bytes(body[-4:], "little")
-    if crc and zlib.crc32(body[:-4]) != crc:
+    texts = len(attachment.name.encode()) + len(attachment.media_type.encode())
+    end = 8 + 8 + 4 + 4 + texts + 8 + len(attachment.data)
+    crc = int.from_bytes(body[end : end + 4], "little")
+    if crc and zlib.crc32(body[:end]) != crc:
         raise DamagedError("an attachment fails its checksum")
     return attachment
 

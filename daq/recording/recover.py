@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from daq.errors import Fault, RecordingError
 from daq.recording.chunks import ChunkEntry, DamagedError, content_records, message_head, read_packed, unpacked
+from daq.recording.contents import Contents, Loss
 from daq.recording.format import with_checksum
-from daq.recording.index import FileIndex, Loss
 from daq.recording.reader import Recording
 from daq.recording.sink import McapSink, index_entries
 
@@ -76,7 +76,7 @@ def recover(source: str | Path, target: str | Path, *, overwrite: bool = False) 
     return Recovery(path, count, loss)
 
 
-def _copy_chunks(index: FileIndex, sink: McapSink) -> tuple[int, list[Loss]]:
+def _copy_chunks(index: Contents, sink: McapSink) -> tuple[int, list[Loss]]:
     damaged: list[Loss] = []
     with index.path.open("rb") as file:
         for entry in index.chunks:
@@ -89,7 +89,7 @@ def _copy_chunks(index: FileIndex, sink: McapSink) -> tuple[int, list[Loss]]:
     return len(index.chunks) - len(damaged), damaged
 
 
-def _messages(content: bytes, index: FileIndex, entry: ChunkEntry) -> Mapping[int, NDArray[np.void]]:
+def _messages(content: bytes, index: Contents, entry: ChunkEntry) -> Mapping[int, NDArray[np.void]]:
     """Return the message index of a chunk, read from the messages themselves."""
     found: dict[int, tuple[list[int], list[int]]] = {}
     for opcode, start, length in content_records(content):

@@ -6,14 +6,11 @@ chunks copied as they are, fsync, and a file that stays well-formed when the dis
 
 from __future__ import annotations
 
-import contextlib
-import os
 import time
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from io import FileIO
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -39,7 +36,8 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
-from daq.errors import ConfigError, Fault, HardwareError, RecordingError, nearest
+from daq.errors import ConfigError, Fault, nearest
+from daq.recording.disk_file import DiskFile
 from daq.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
 
 Compression = Literal["zstd", "lz4", "none"]
@@ -91,11 +89,9 @@ class McapSink:
         self, path: Path, *, compression: Compression = "zstd", overwrite: bool = False, profile: str = PROFILE
     ) -> None:
         self.path = path
-        self.position = 0
-        self.failed = False
         self._compression = "" if compression == "none" else compression
         self._compress = _compressor(compression)
-        self._file = _create(path, overwrite)
+        self._file = DiskFile(path, overwrite=overwrite)
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self._pending_definitions: list[McapRecord] = []
@@ -104,8 +100,7 @@ class McapSink:
         self._metadata_indexes: list[MetadataIndex] = []
         self._message_counts: dict[int, int] = {}
         self._times: tuple[int, int] | None = None
-        self._write(MCAP0_MAGIC + serialized(Header(profile, f"wheelsoil {_version()}")))
-        _sync_folder(path)
+        self._file.write(MCAP0_MAGIC + serialized(Header(profile, f"wheelsoil {_version()}")))
 
     def add_schema(self, name: str, text: str) -> int:
         """Add a ros2msg schema, or return the id of the one that is there."""
@@ -129,7 +124,7 @@ class McapSink:
         """Write definitions of another file, under the ids they have there, ahead of its chunks."""
         self.schemas.update(schemas)
         self.channels.update(channels)
-        self._write(serialized(*schemas.values(), *channels.values()))
+        self._file.write(serialized(*schemas.values(), *channels.values()))
 
     def write_chunk(self, groups: Iterable[MessageGroup]) -> None:
         """Write messages as one chunk, behind the definitions they need."""
@@ -177,11 +172,11 @@ class McapSink:
         offsets: dict[int, int] = {}
         messages = b""
         for channel_id, entries in index.items():
-            offsets[channel_id] = self.position + len(chunk) + len(messages)
+            offsets[channel_id] = self._file.position + len(chunk) + len(messages)
             messages += _message_index(channel_id, entries)
         chunk_index = ChunkIndex(
             chunk_length=len(chunk),
-            chunk_start_offset=self.position,
+            chunk_start_offset=self._file.position,
             compression=compression,
             compressed_size=len(data),
             message_end_time=end,
@@ -190,7 +185,7 @@ class McapSink:
             message_start_time=start,
             uncompressed_size=size,
         )
-        self._write(chunk + messages)
+        self._file.write(chunk + messages)
         self._chunk_indexes.append(serialized(chunk_index))
         for channel_id, entries in index.items():
             self._message_counts[channel_id] = self._message_counts.get(channel_id, 0) + len(entries)
@@ -204,35 +199,42 @@ class McapSink:
         media_type = "text/plain" if name.endswith(_TEXT_SUFFIXES) else "application/octet-stream"
         record = serialized(Attachment(0, time_ns, name, media_type, data))
         self._attachment_indexes.append(
-            AttachmentIndex(self.position, len(record), time_ns, 0, len(data), name, media_type)
+            AttachmentIndex(self._file.position, len(record), time_ns, 0, len(data), name, media_type)
         )
-        self._write(record)
+        self._file.write(record)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record."""
         record = serialized(Metadata(name=name, metadata=dict(values)))
-        self._metadata_indexes.append(MetadataIndex(self.position, len(record), name))
-        self._write(record)
+        self._metadata_indexes.append(MetadataIndex(self._file.position, len(record), name))
+        self._file.write(record)
+
+    @property
+    def position(self) -> int:
+        """Size of the file so far."""
+        return self._file.position
+
+    @property
+    def failed(self) -> bool:
+        """Whether a write has failed; nothing is written any more then."""
+        return self._file.failed
 
     def sync(self) -> None:
-        """Have the operating system put on the disk what was written (fsync)."""
-        try:
-            os.fsync(self._file.fileno())
-        except OSError as error:
-            raise self._given_up(error) from None
+        """Have the operating system put on the disk what was written."""
+        self._file.sync()
 
     def finish(self) -> None:
         """Write the summary and close the file; after a failed write only close it."""
         try:
-            if not self.failed:
-                self._write(self._summary())
-                self.sync()
+            if not self._file.failed:
+                self._file.write(self._summary())
+                self._file.sync()
         finally:
             self._file.close()
 
     def _summary(self) -> bytes:
         data_end = serialized(DataEnd(0))
-        start = self.position + len(data_end)
+        start = self._file.position + len(data_end)
         groups = (
             (Opcode.SCHEMA, serialized(*self.schemas.values())),
             (Opcode.CHANNEL, serialized(*self.channels.values())),
@@ -265,38 +267,6 @@ class McapSink:
             metadata_count=len(self._metadata_indexes),
             schema_count=len(self.schemas),
         )
-
-    def _write(self, data: bytes) -> None:
-        if self.failed:
-            raise HardwareError(Fault("the recording was given up after a failed write", str(self.path)))
-        end = self.position + len(data)
-        try:
-            rest = memoryview(data)
-            while rest:
-                rest = rest[self._file.write(rest) :]
-            self.position = end
-        except OSError as error:
-            raise self._given_up(error) from None
-        finally:
-            if self.position != end:  # Ctrl-C comes through here too
-                self._cut_back()
-
-    def _given_up(self, error: OSError) -> HardwareError:
-        self.failed = True
-        return HardwareError(
-            Fault(
-                "the recording cannot be written on",
-                str(self.path),
-                error.strerror or str(error),
-                next_step="free the disk; what was written before stays readable",
-            )
-        )
-
-    def _cut_back(self) -> None:
-        """Take off a half-written record, so that only whole ones stay."""
-        with contextlib.suppress(OSError):
-            self._file.truncate(self.position)
-            self._file.seek(self.position)
 
 
 def serialized(*records: McapRecord) -> bytes:
@@ -335,29 +305,6 @@ def _compressor(compression: Compression) -> Callable[[bytes], bytes]:
         return lambda data: data
     known = get_args(Compression)
     raise ConfigError(Fault(f"unknown compression {compression!r}", expected=nearest(compression, known)))
-
-
-def _create(path: Path, overwrite: bool) -> FileIO:
-    try:
-        return FileIO(path, "w" if overwrite else "x")
-    except FileExistsError:
-        raise RecordingError(
-            Fault("there is a file already", str(path), next_step="choose another name, or say that it may be replaced")
-        ) from None
-    except OSError as error:
-        raise RecordingError(
-            Fault("the recording cannot be made", str(path), error.strerror or str(error), next_step="check the folder")
-        ) from None
-
-
-def _sync_folder(path: Path) -> None:
-    """Have the file's name survive a power cut; where a folder cannot be synced there is nothing to do."""
-    with contextlib.suppress(OSError):
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
 
 
 def _version() -> str:

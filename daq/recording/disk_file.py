@@ -1,0 +1,109 @@
+"""A file that grows by whole records: a write that fails or is interrupted leaves nothing half behind."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from io import FileIO
+from pathlib import Path
+
+from daq.errors import Fault, HardwareError, RecordingError
+
+
+class DiskFile:
+    """A new file that is written from beginning to end, unbuffered.
+
+    Parameters
+    ----------
+    path : Path
+    overwrite : bool
+        Whether a file that is there may be replaced.
+
+    Attributes
+    ----------
+    position : int
+        Bytes written.
+    failed : bool
+        Whether a write has failed; nothing is written any more then.
+
+    Raises
+    ------
+    RecordingError
+        If the file is there already, or cannot be made.
+    HardwareError
+        From `write` and `sync`, if the disk fails or is full.
+    """
+
+    def __init__(self, path: Path, *, overwrite: bool) -> None:
+        self.position = 0
+        self.failed = False
+        self._path = path
+        self._file = _create(path, overwrite)
+        _sync_folder(path)
+
+    def write(self, data: bytes) -> None:
+        """Append all of `data`, or nothing."""
+        if self.failed:
+            raise HardwareError(Fault("the recording was given up after a failed write", str(self._path)))
+        end = self.position + len(data)
+        try:
+            rest = memoryview(data)
+            while rest:
+                rest = rest[self._file.write(rest) :]
+            self.position = end
+        except OSError as error:
+            raise self._given_up(error) from None
+        finally:
+            if self.position != end:  # Ctrl-C comes through here too
+                self._cut_back()
+
+    def sync(self) -> None:
+        """Have the operating system put on the disk what was written (fsync)."""
+        try:
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise self._given_up(error) from None
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _given_up(self, error: OSError) -> HardwareError:
+        self.failed = True
+        return HardwareError(
+            Fault(
+                "the recording cannot be written on",
+                str(self._path),
+                error.strerror or str(error),
+                next_step="free the disk; what was written before stays readable",
+            )
+        )
+
+    def _cut_back(self) -> None:
+        """Take off a half-written record, so that only whole ones stay."""
+        with contextlib.suppress(OSError):
+            self._file.truncate(self.position)
+            self._file.seek(self.position)
+
+
+def _create(path: Path, overwrite: bool) -> FileIO:
+    try:
+        return FileIO(path, "w" if overwrite else "x")
+    except FileExistsError:
+        raise RecordingError(
+            Fault("there is a file already", str(path), next_step="choose another name, or say that it may be replaced")
+        ) from None
+    except OSError as error:
+        raise RecordingError(
+            Fault("the recording cannot be made", str(path), error.strerror or str(error), next_step="check the folder")
+        ) from None
+
+
+def _sync_folder(path: Path) -> None:
+    """Have the file's name survive a power cut; where a folder cannot be synced there is nothing to do."""
+    with contextlib.suppress(OSError):
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
