@@ -1,0 +1,222 @@
+"""DBC files through cantools: load them, and find the ones that ship with wheelsoil."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from daq.dbc_text import BadLine, bad_lines, decode_text, without
+from daq.errors import DatabaseError, Fault, nearest
+from daq.layout import Message, RawKind, Signal
+
+LENIENT_HINT = "mend the file, or load it without what is refused: --lenient-dbc (what was left out is listed)"
+MAX_SIGNAL_BITS = 64
+
+
+@dataclass(frozen=True)
+class Database:
+    """One DBC file.
+
+    Attributes
+    ----------
+    name : str
+        File name, for people and for the attachment of a recording.
+    content : bytes
+        The file as it was read.
+    messages : tuple of Message
+    left_out : tuple of str
+        What a lenient load left out or let pass, a sentence each; empty after a strict load.
+    lenient : bool
+        How it was loaded; a recording keeps this, so that it can be loaded again.
+    """
+
+    name: str
+    content: bytes
+    messages: tuple[Message, ...]
+    left_out: tuple[str, ...] = ()
+    lenient: bool = False
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the file, in hexadecimal."""
+        return hashlib.sha256(self.content).hexdigest()
+
+
+def load_database(source: Path | str | bytes, name: str = "", *, lenient: bool = False) -> Database:
+    """Load a DBC file.
+
+    Parameters
+    ----------
+    source : path or bytes
+        The file, or its content (an attachment of a recording).
+    name : str, optional
+        For messages; the file's name when `source` is a path.
+    lenient : bool
+        Leave out the lines that cantools refuses, let signals overlap or reach beyond their message, and list all
+        of that in ``left_out``.
+
+    Raises
+    ------
+    DatabaseError
+        The file is not there or cannot be used; names the lines, and offers the lenient load where that helps.
+    """
+    if isinstance(source, bytes):
+        content, where = source, name or "DBC"
+    else:
+        content, where = _read(Path(source)), str(source)
+    text = decode_text(content)
+    parsed, notes = _parse_lenient(text, where) if lenient else (_parse_strict(text, where), [])
+    messages = [_message(message, parsed) for message in parsed.messages]
+    messages, more = _without_doubles(messages, where, lenient=lenient)
+    return Database(name or Path(where).name, content, tuple(messages), (*notes, *more), lenient)
+
+
+def shipped_dbc(name: str) -> Path:
+    """Return the path of a file in ``dbc/``, in a checkout and in an installed wheel alike.
+
+    Raises
+    ------
+    DatabaseError
+        No file of that name ships with wheelsoil.
+    """
+    here = Path(__file__).parent
+    folder = next((f for f in (here / "_dbc", here.parent / "dbc") if (f / "wft.dbc").is_file()), here / "_dbc")
+    path = folder / name
+    if not path.is_file():
+        known = nearest(name, (p.name for p in folder.glob("*.dbc")))
+        raise DatabaseError(Fault(f"no DBC called {name!r} ships with wheelsoil", str(folder), expected=known))
+    return path
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        known = nearest(path.name, (p.name for p in path.parent.glob("*.dbc"))) if path.parent.is_dir() else ""
+        raise DatabaseError(Fault("no such DBC file", str(path), expected=known, next_step="check the path")) from None
+    except OSError as error:
+        raise DatabaseError(Fault("the DBC file cannot be read", str(path), str(error))) from None
+
+
+def _parse(text: str, *, strict: bool) -> tuple[Any, str]:
+    """Return cantools' database, or None and its complaint."""
+    import cantools.database
+    from cantools.database.errors import UnsupportedDatabaseFormatError
+
+    logging.getLogger("cantools").addHandler(logging.NullHandler())
+    try:
+        return cantools.database.load_string(text, "dbc", strict=strict), ""
+    except UnsupportedDatabaseFormatError as error:
+        return None, str(error.e_dbc or error)
+
+
+def _parse_strict(text: str, where: str) -> Any:
+    parsed, complaint = _parse(text, strict=True)
+    if parsed is not None:
+        return parsed
+    bad = bad_lines(text, complaint)
+    if not bad:
+        raise DatabaseError(Fault("cantools cannot load this DBC", where, complaint, next_step="mend the file"))
+    raise DatabaseError(
+        *(Fault(f"cantools refuses this DBC: {line.why}", where, _found(line), next_step=LENIENT_HINT) for line in bad)
+    )
+
+
+def _found(line: BadLine) -> str:
+    return f"line {line.number}: {line.text.strip()}"
+
+
+def _parse_lenient(text: str, where: str) -> tuple[Any, list[str]]:
+    left_out: list[BadLine] = []
+    while True:
+        parsed, complaint = _parse(text, strict=False)
+        if parsed is not None:
+            break
+        bad = bad_lines(text, complaint)
+        if not bad:
+            raise DatabaseError(
+                Fault("cantools cannot load this DBC, not even leniently", where, complaint, next_step="mend the file")
+            )
+        left_out += bad
+        text = without(text, bad)
+    if left_out and not parsed.messages:
+        raise DatabaseError(
+            Fault("nothing is left of this DBC", where, f"{len(left_out)} faults, the first: {left_out[0]}")
+        )
+    notes = [f"left out {line}" for line in sorted(left_out, key=lambda line: line.number)]
+    return parsed, notes + _let_pass(parsed)
+
+
+def _let_pass(parsed: Any) -> list[str]:
+    """Return what a strict load would have refused beyond syntax: one note for each message it is found in."""
+    from cantools.database.errors import Error
+
+    notes = []
+    for message in parsed.messages:
+        try:
+            message.refresh(strict=True)
+        except Error as error:
+            notes.append(f"let pass: {str(error).rstrip('.')}")
+    return notes
+
+
+def _without_doubles(messages: list[Message], where: str, *, lenient: bool) -> tuple[list[Message], list[str]]:
+    """Refuse two messages with one identifier; a lenient load keeps the last, as cantools does."""
+    last = {message.key: message for message in messages}
+    doubled = [m for m in messages if last[m.key] is not m]
+    if doubled and not lenient:
+        texts = [(m.id_text(), f"{m.name}, {last[m.key].name}") for m in doubled]
+        raise DatabaseError(*(Fault(f"{i} is defined twice", where, names, "", LENIENT_HINT) for i, names in texts))
+    notes = [f"left out {m.name}: {last[m.key].name} has the same identifier {m.id_text()}" for m in doubled]
+    for message in last.values():
+        long = [s.name for s in message.signals if s.length_bits > MAX_SIGNAL_BITS]
+        notes += [f"left out {message.name}.{name}: longer than {MAX_SIGNAL_BITS} bits" for name in long]
+    return [_cut(message) for message in last.values()], notes
+
+
+def _cut(message: Message) -> Message:
+    kept = tuple(s for s in message.signals if s.length_bits <= MAX_SIGNAL_BITS)
+    return message if len(kept) == len(message.signals) else replace(message, signals=kept)
+
+
+def _message(message: Any, parsed: Any) -> Message:
+    attributes = (parsed.dbc.attributes if parsed.dbc else None) or {}
+    protocol = str(attributes["ProtocolType"].value) if "ProtocolType" in attributes else ""
+    j1939 = message.is_extended_frame and (message.protocol == "j1939" or "J1939" in protocol.upper())
+    return Message(
+        name=message.name,
+        can_id=message.frame_id,
+        extended=message.is_extended_frame,
+        length=message.length,
+        signals=tuple(_signal(signal) for signal in message.signals),
+        cycle_time_s=message.cycle_time * 1e-3 if message.cycle_time else None,
+        j1939=j1939,
+        fd=message.is_fd,
+        comment=message.comment or "",
+    )
+
+
+def _signal(signal: Any) -> Signal:
+    scale, offset = signal.scale, signal.offset
+    if not signal.is_float and float(scale).is_integer() and float(offset).is_integer():
+        scale, offset = int(scale), int(offset)
+    kind = RawKind.FLOAT if signal.is_float else RawKind.SIGNED if signal.is_signed else RawKind.UNSIGNED
+    return Signal(
+        name=signal.name,
+        unit=signal.unit or "",
+        start_bit=signal.start,
+        length_bits=signal.length,
+        big_endian=signal.byte_order == "big_endian",
+        kind=kind,
+        scale=scale,
+        offset=offset,
+        minimum=signal.minimum,
+        maximum=signal.maximum,
+        labels={int(value): str(text) for value, text in (signal.choices or {}).items()},
+        multiplexer=signal.multiplexer_signal,
+        multiplexer_ids=tuple(sorted(signal.multiplexer_ids or ())),
+        comment=signal.comment or "",
+    )
