@@ -157,6 +157,7 @@ class WheelSoilModel:
         values: Mapping[str, Number] | None = None,
         wrt: Sequence[str] = (),
         sinkage_m: FloatArray | None = None,
+        static_sinkage_m: FloatArray | None = None,
     ) -> Prediction:
         """Predict load, drawbar pull, torque and sinkage.
 
@@ -170,6 +171,9 @@ class WheelSoilModel:
             Differentiate by these parameters, or by the inputs ``slip`` and ``vertical_load_n``.
         sinkage_m : array, shape (n,), optional
             A given total sinkage instead of the static one; effects then do not move it.
+        static_sinkage_m : array, shape (n,), optional
+            Z0, where it is known already: for effects that leave it alone it need not be solved for again. No
+            derivative passes through it.
 
         Raises
         ------
@@ -179,16 +183,23 @@ class WheelSoilModel:
         parameters = self._parameters(values or {}, wrt)
         slip, load = np.asarray(conditions.slip, float), np.asarray(conditions.vertical_load_n, float)
         valid = np.isfinite(slip) & np.isfinite(load) & (load > 0) & (np.abs(slip) <= 1)
-        if sinkage_m is not None:
-            valid &= np.isfinite(sinkage_m) & (np.asarray(sinkage_m) > 0)
+        for given in (sinkage_m, static_sinkage_m):
+            if given is not None:
+                valid &= np.isfinite(given) & (np.asarray(given) > 0)
         chosen = Conditions(*(_seeded(x[valid], name, wrt) for x, name in ((slip, "slip"), (load, "vertical_load_n"))))
-        given = None if sinkage_m is None else np.asarray(sinkage_m, float)[valid][:, None]
+        total, static = (
+            None if x is None else np.asarray(x, float)[valid][:, None] for x in (sinkage_m, static_sinkage_m)
+        )
         with np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore"):
-            columns = self.evaluate(chosen, parameters, given) if valid.any() else {}
+            columns = self.evaluate(chosen, parameters, total, static) if valid.any() else {}
         return _scatter(columns, valid, wrt)
 
     def evaluate(
-        self, conditions: Conditions, parameters: Mapping[str, Number], given: Number | None = None
+        self,
+        conditions: Conditions,
+        parameters: Mapping[str, Number],
+        given: Number | None = None,
+        static: Number | None = None,
     ) -> dict[str, Number]:
         """Return the prediction as columns of any `Number` kind; `predict` is the door for everybody else.
 
@@ -200,6 +211,8 @@ class WheelSoilModel:
             A value for every name of `parameter_names`.
         given : column (n, 1), optional
             The total sinkage, where it is not the model's to find.
+        static : column (n, 1), optional
+            The static sinkage, where it is known already.
         """
         active = [e for e in self.effects if e.is_active(parameters)]
         soil = SoilState(*(parameters[name] for name in SOIL_PARAMETERS))
@@ -217,13 +230,10 @@ class WheelSoilModel:
             stiffness=soil.cohesive_modulus / width + soil.frictional_modulus,
             exponent=soil.exponent,
         )
-        closed = sinkages.closed_form(
-            conditions.vertical_load_n, radius, width, soil.cohesive_modulus, soil.frictional_modulus, soil.exponent
-        )
         if given is not None:
             static = total = given
         else:
-            static = closed if self.reading == "literal" else self._balanced(patch, conditions, closed)
+            static = self._static(patch, soil, conditions) if static is None else static
             total = static
             for effect in active:
                 total = effect.sinkage(total, conditions, parameters)
@@ -245,6 +255,17 @@ class WheelSoilModel:
 
     def _resultants(self, patch: Patch, total: Number) -> Resultants:
         return resultants(replace(patch, entry_angle=entry_angle(total, patch.radius)), self.quadrature)
+
+    def _static(self, patch: Patch, soil: SoilState, conditions: Conditions) -> Number:
+        closed = sinkages.closed_form(
+            conditions.vertical_load_n,
+            patch.radius,
+            patch.width,
+            soil.cohesive_modulus,
+            soil.frictional_modulus,
+            soil.exponent,
+        )
+        return closed if self.reading == "literal" else self._balanced(patch, conditions, closed)
 
     def _balanced(self, patch: Patch, conditions: Conditions, start: Number) -> Number:
         """Solve Eq. 7 for the sinkage, with derivatives where there are any."""

@@ -80,6 +80,11 @@ class Effect:
         return cls.sinkage is not Effect.sinkage
 
     @classmethod
+    def changes_soil(cls) -> bool:
+        """Whether the effect changes the soil, and with it the static sinkage."""
+        return cls.soil is not Effect.soil
+
+    @classmethod
     def is_active(cls, values: Values) -> bool:
         """Whether any parameter differs from neutral or is to be differentiated."""
         from model.dual import Dual

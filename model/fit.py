@@ -1,0 +1,311 @@
+"""A model and runs to a fit: estimates with intervals, criteria, and the load that the model's sinkage carries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from daq.errors import ConfigError, DataError, Fault, nearest
+from model.criteria import Criteria, criteria
+from model.effects import EFFECTS
+from model.fit_problem import FitProblem, free_parameters
+from model.fit_result import MODELS, CampaignFit, Estimate, FitOptions, LoadRatio, ModelFit
+from model.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
+from model.intervals import Blocks, block_covariance, blocks_of
+from model.observations import CHANNELS, Observations, observations_of
+from model.profile import inflation, profile_of_sum
+from model.soils import Soil
+from model.wheel import Wheel
+from model.wheel_soil import Conditions, Prediction, WheelSoilModel
+from processing.processed_run import ProcessedRun
+
+FloatArray = NDArray[np.float64]
+
+MIN_SAMPLES = 20
+"""Driven samples of a time series below which nothing is fitted."""
+_RENEWALS = 2
+SUM_OF = ("m1", "m2")
+"""Lyasko's coefficients, of which only the sum p is determined."""
+
+
+def fit_models(
+    runs: Sequence[ProcessedRun], wheel: Wheel, soil: Soil, options: FitOptions | None = None
+) -> CampaignFit:
+    """Fit the paper's models to processed runs of one terrain.
+
+    Parameters
+    ----------
+    runs : sequence of ProcessedRun
+    wheel : Wheel
+    soil : Soil
+    options : FitOptions, optional
+
+    Raises
+    ------
+    ConfigError
+        Unknown model or channel.
+    DataError
+        Too few usable driven samples, or a fitted channel that was not measured.
+
+    Source
+    ------
+    Yang et al. (2016), sections 1.2, 1.3 and 3.
+    """
+    chosen = options or FitOptions()
+    everything = observations_of(runs, thinned=False)
+    fitted = fit_observations(observations_of(runs), wheel, soil, chosen, everything)
+    models = []
+    for fit in fitted.models:
+        model = _model(wheel, soil, fit.name, chosen)
+        models.append(replace(fit, predictions=tuple(_predict_run(model, fit, run) for run in runs)))
+    return replace(fitted, models=tuple(models))
+
+
+def fit_observations(
+    observations: Observations,
+    wheel: Wheel,
+    soil: Soil,
+    options: FitOptions | None = None,
+    judged: Observations | None = None,
+) -> CampaignFit:
+    """Fit the paper's models to samples: the door for bench tables, and for `fit_models`.
+
+    Parameters
+    ----------
+    observations : Observations
+        What is fitted; only s > 0 is used.
+    wheel : Wheel
+    soil : Soil
+    options : FitOptions, optional
+    judged : Observations, optional
+        What M0, R0 and R2 are taken on (default: the same).
+
+    Raises
+    ------
+    ConfigError, DataError
+        As `fit_models`.
+    """
+    chosen = options or FitOptions()
+    _check_options(chosen)
+    driven = _driven(observations, chosen)
+    base = _model(wheel, soil, "wong", chosen).predict(Conditions(driven.slip, driven.vertical_load_n))
+    answered = np.isfinite(base.drawbar_pull_n)
+    driven, lost = driven[answered], int((~answered).sum())
+    _check_enough(driven, lost)
+    threshold = default_slip_threshold(soil) if chosen.slip_threshold is None else chosen.slip_threshold
+    fits = [_fit_one(name, driven, wheel, soil, chosen) for name in chosen.models]
+    judge = observations if judged is None else judged
+    fits = [
+        replace(fit, criteria=_judge(_model(wheel, soil, fit.name, chosen), fit, judge, chosen, threshold))
+        for fit in fits
+    ]
+    notes = (f"{lost} driven samples left out: the soil does not carry their load above the axle",) if lost else ()
+    return CampaignFit(tuple(fits), wheel, soil, chosen, threshold, observations, notes)
+
+
+def default_slip_threshold(soil: Soil) -> float:
+    """Return the paper's threshold for the criteria: 0.2 on clay, else 0.1."""
+    return 0.2 if "clay" in soil.name.lower() else 0.1
+
+
+def _model(wheel: Wheel, soil: Soil, name: str, options: FitOptions) -> WheelSoilModel:
+    return WheelSoilModel(wheel, soil, [EFFECTS[effect] for effect in MODELS[name]], options.reading)
+
+
+def _check_options(options: FitOptions) -> None:
+    faults = [Fault(f"there is no model {m!r}", expected=nearest(m, MODELS)) for m in options.models if m not in MODELS]
+    faults += [
+        Fault(f"there is no channel {c!r} to fit", expected="dp, t", next_step="use --channels dp,t")
+        for c in options.channels or ("",)
+        if c not in CHANNELS
+    ]
+    if faults:
+        raise ConfigError(*faults)
+
+
+def _driven(observations: Observations, options: FitOptions) -> Observations:
+    """Return the samples that can be fitted: 0 < s <= 1, W > 0, every fitted channel measured."""
+    missing = [c for c in options.channels if not np.isfinite(observations.measured(c)).any()]
+    if missing and len(observations):
+        raise DataError(
+            *(
+                Fault(
+                    f"{CHANNELS[c]} was not measured",
+                    next_step=f"leave {c!r} out of --channels, or give the signal a role under [signals]",
+                )
+                for c in missing
+            )
+        )
+    good = (observations.slip > 0) & (observations.slip <= 1) & (observations.vertical_load_n > 0)
+    for channel in options.channels:
+        good &= np.isfinite(observations.measured(channel))
+    return observations[good]
+
+
+def _check_enough(driven: Observations, lost: int) -> None:
+    needed = 4 if driven.independent else MIN_SAMPLES
+    if len(driven) >= needed:
+        return
+    found = f"{len(driven)} usable samples with s > 0"
+    if lost:
+        found += f"; {lost} more whose load this soil and wheel do not carry above the axle"
+    raise DataError(
+        Fault(
+            "too few driven samples to fit",
+            found=found,
+            expected=f"at least {needed}",
+            next_step="check wheel, soil and units" if lost else "see `wheelsoil process` for why samples are left out",
+        )
+    )
+
+
+def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options: FitOptions) -> ModelFit:
+    model = _model(wheel, soil, name, options)
+    free = free_parameters(model, options.soil_prior)
+    ones = {c: np.ones(len(driven)) for c in options.channels}
+    problem = FitProblem(model, driven, options.channels, free, options.soil_prior, ones)
+    problem = problem.with_static_sinkage()
+    x = np.array([f.start for f in free])
+    problem, floor = problem.renewed(x)
+    result: GaussNewtonResult | None = None
+    blocks = _blocks(problem, x)
+    if free:
+        for _ in range(_RENEWALS + 1):
+            problem = replace(problem, tempering=_tempering(blocks, driven))
+            result = _solve(problem, x)
+            x = result.estimate
+            problem, floor = problem.renewed(x)
+            blocks = _blocks(problem, x)
+    covariance = _covariance(problem, x, result, blocks)
+    prediction = problem.predict(x)
+    return ModelFit(
+        name=name,
+        effects=MODELS[name],
+        estimates=_estimates(problem, x, result, covariance, blocks, options.confidence),
+        correlation=_correlation(problem.names, covariance),
+        warnings=result.warnings if result else (),
+        stop_reason=str(result.stop_reason) if result else "nothing_to_fit",
+        iterations=result.iterations if result else 0,
+        criteria={},
+        load_ratio=_load_ratio(prediction, driven),
+        samples=len(driven),
+        blocks=blocks,
+        residual_floor=floor,
+    )
+
+
+def _solve(problem: FitProblem, start: FloatArray) -> GaussNewtonResult:
+    return gauss_newton(
+        problem.residual_and_jacobian,
+        start,
+        lower=[f.lower for f in problem.free],
+        upper=[f.upper for f in problem.free],
+        scale=[f.scale for f in problem.free],
+        names=problem.names,
+        options=GaussNewtonOptions(epsilon=1e-6, cost_tolerance=1e-10, max_iterations=60),
+    )
+
+
+def _blocks(problem: FitProblem, x: FloatArray) -> Blocks:
+    channel = problem.channels[0]
+    whitened = problem.miss(problem.predict(x), channel) / np.sqrt(problem.variance[channel])
+    driven = problem.driven
+    return blocks_of(whitened, driven.time_s, driven.run, driven.independent)
+
+
+def _tempering(blocks: Blocks, driven: Observations) -> float:
+    """Return independent samples over samples, for the balance of data against a prior."""
+    if driven.independent or not blocks.correlation_time_s > 0:
+        return 1.0
+    step = float(np.median(np.diff(driven.time_s)[np.diff(driven.run) == 0]))
+    return float(min(1.0, step / blocks.correlation_time_s))
+
+
+def _covariance(problem: FitProblem, x: FloatArray, result: GaussNewtonResult | None, blocks: Blocks) -> FloatArray:
+    """Return the block-sandwich covariance, NaN for parameters that a bound holds."""
+    p = len(problem.free)
+    matrix = np.full((p, p), np.nan)
+    if result is None:
+        return matrix
+    free = ~result.at_bound
+    _, jacobian = problem.residual_and_jacobian(x)
+    bread = jacobian.T @ jacobian
+    extra = problem.prior_information()
+    inner = np.ix_(free, free)
+    matrix[inner] = block_covariance(problem.scores(x)[:, free], bread[inner], blocks, extra[inner])
+    return matrix
+
+
+def _estimates(
+    problem: FitProblem,
+    x: FloatArray,
+    result: GaussNewtonResult | None,
+    covariance: FloatArray,
+    blocks: Blocks,
+    confidence: float,
+) -> tuple[Estimate, ...]:
+    if result is None:
+        return ()
+    t = _student(blocks, len(problem.free), confidence)
+    found = [
+        _estimate(f.name, f.unit, float(v), float(covariance[i, i]), t, at_bound=bool(result.at_bound[i]))
+        for i, (f, v) in enumerate(zip(problem.free, x, strict=True))
+    ]
+    if set(SUM_OF) <= set(problem.names):
+        found.append(_sum(problem, x, covariance, blocks, t))
+    return tuple(found)
+
+
+def _student(blocks: Blocks, parameters: int, confidence: float) -> float:
+    return float(stdtrit(max(blocks.count - parameters, 1), 0.5 + 0.5 * confidence))
+
+
+def _sum(problem: FitProblem, x: FloatArray, covariance: FloatArray, blocks: Blocks, t: float) -> Estimate:
+    """Return p = m1 + m2 with its profile interval: singly they cannot be told apart, and the valley is curved."""
+    rows = [problem.names.index(m) for m in SUM_OF]
+    variance = float(np.nansum(covariance[np.ix_(rows, rows)]))
+    allowed = t**2 * inflation(problem, x, blocks)
+    interval = profile_of_sum(problem, x, (rows[0], rows[1]), allowed)
+    return Estimate("p", "1", float(x[rows].sum()), sqrt(max(variance, 0.0)), interval, derived=True)
+
+
+def _estimate(name: str, unit: str, value: float, variance: float, t: float, *, at_bound: bool) -> Estimate:
+    sigma = sqrt(variance) if variance >= 0 and not at_bound else float("nan")
+    return Estimate(name, unit, value, sigma, (value - t * sigma, value + t * sigma), at_bound=at_bound)
+
+
+def _correlation(names: tuple[str, ...], covariance: FloatArray) -> dict[tuple[str, str], float]:
+    sigma = np.sqrt(np.diag(covariance))
+    return {
+        (names[i], names[j]): float(covariance[i, j] / (sigma[i] * sigma[j]))
+        for i in range(len(names))
+        for j in range(i + 1, len(names))
+    }
+
+
+def _load_ratio(prediction: Prediction, driven: Observations) -> LoadRatio:
+    ratio = prediction.vertical_load_n / driven.vertical_load_n
+    ratio = ratio[np.isfinite(ratio)]
+    if not len(ratio):
+        return LoadRatio(float("nan"), float("nan"), float("nan"))
+    return LoadRatio(float(np.median(ratio)), float(ratio.min()), float(ratio.max()))
+
+
+def _judge(
+    model: WheelSoilModel, fit: ModelFit, judged: Observations, options: FitOptions, threshold: float
+) -> dict[str, Criteria]:
+    """Return M0, R0 and R2 on the samples above the slip threshold, for every channel that was measured."""
+    above = judged[judged.slip > threshold]
+    prediction = model.predict(Conditions(above.slip, above.vertical_load_n), fit.values)
+    channels = [c for c in CHANNELS if c in options.channels or np.isfinite(judged.measured(c)).any()]
+    return {c: criteria(above.measured(c), getattr(prediction, CHANNELS[c]), above.slip, threshold) for c in channels}
+
+
+def _predict_run(model: WheelSoilModel, fit: ModelFit, run: ProcessedRun) -> Prediction:
+    slip = np.where(run.used, run.slip, np.nan)
+    return model.predict(Conditions(slip, run.vertical_load_n), fit.values)

@@ -1,0 +1,131 @@
+"""What a fit returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.criteria import Criteria
+from model.intervals import Blocks
+from model.observations import Observations
+from model.soil_prior import SoilPrior
+from model.soils import Soil
+from model.wheel import Wheel
+from model.wheel_soil import Prediction, Reading
+
+FloatArray = NDArray[np.float64]
+
+MODELS: dict[str, tuple[str, ...]] = {"wong": (), "vasilev": ("vasilev",), "lyasko": ("lyasko",), "ding": ("ding",)}
+"""The paper's four models by the effects they add to Wong's."""
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How to fit.
+
+    Attributes
+    ----------
+    reading : "balanced" or "literal"
+    channels : of "dp" and "t"
+    soil_prior : SoilPrior, optional
+        Frees the soil's parameters within it; without it the soil is fixed, as in the paper.
+    slip_threshold : float, optional
+        For the criteria only; default 0.2 on clay, else 0.1, as in the paper.
+    models : of `MODELS`
+    confidence : of the intervals
+    """
+
+    reading: Reading = "balanced"
+    channels: tuple[str, ...] = ("dp",)
+    soil_prior: SoilPrior | None = None
+    slip_threshold: float | None = None
+    models: tuple[str, ...] = tuple(MODELS)
+    confidence: float = 0.95
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted parameter, or one that follows from several (``derived``).
+
+    ``sigma`` and ``interval`` are NaN where a bound holds the parameter.
+    """
+
+    name: str
+    unit: str
+    value: float
+    sigma: float
+    interval: tuple[float, float]
+    derived: bool = False
+    at_bound: bool = False
+
+
+@dataclass(frozen=True)
+class LoadRatio:
+    """Eq. 7 for the model's sinkage over the measured load, on the fitted samples: median, least, most."""
+
+    median: float
+    lowest: float
+    highest: float
+
+
+@dataclass(frozen=True)
+class ModelFit:
+    """One model fitted to one terrain.
+
+    Attributes
+    ----------
+    name : of `MODELS`
+    effects : short names of the effects on top of Wong's model
+    estimates : tuple of Estimate, empty for Wong's model with a fixed soil
+    correlation : mapping (name, name) -> float, each pair once
+    warnings : what cannot be separated, what sits on a bound
+    stop_reason, iterations : of Gauss-Newton; "nothing_to_fit" without parameters
+    criteria : mapping channel -> Criteria
+    load_ratio : LoadRatio
+    samples : in the fit
+    blocks : what the intervals took as independent
+    residual_floor : mapping channel -> a of the effective variance, N or N m
+    predictions : one for each run, on all its samples (NaN where not usable); empty for a bench table
+    """
+
+    name: str
+    effects: tuple[str, ...]
+    estimates: tuple[Estimate, ...]
+    correlation: dict[tuple[str, str], float]
+    warnings: tuple[str, ...]
+    stop_reason: str
+    iterations: int
+    criteria: dict[str, Criteria]
+    load_ratio: LoadRatio
+    samples: int
+    blocks: Blocks
+    residual_floor: dict[str, float]
+    predictions: tuple[Prediction, ...] = ()
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Fitted parameters by name, as `WheelSoilModel.predict` takes them."""
+        return {e.name: e.value for e in self.estimates if not e.derived}
+
+    def estimate(self, name: str) -> Estimate:
+        """Return an estimate by name."""
+        return next(e for e in self.estimates if e.name == name)
+
+
+@dataclass(frozen=True)
+class CampaignFit:
+    """All models of one terrain."""
+
+    models: tuple[ModelFit, ...]
+    wheel: Wheel
+    soil: Soil
+    options: FitOptions
+    slip_threshold: float
+    observations: Observations
+    notes: tuple[str, ...] = ()
+
+    def model(self, name: str) -> ModelFit:
+        """Return a model's fit by name."""
+        return next(m for m in self.models if m.name == name)

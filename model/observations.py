@@ -1,0 +1,95 @@
+"""What a fit sees: the driven, usable samples of some runs or of a bench table, thinned to what the filter left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.processed_run import ProcessedRun
+
+FloatArray = NDArray[np.float64]
+
+CHANNELS = {"dp": "drawbar_pull_n", "t": "driving_torque_nm"}
+"""Channels that can be fitted, by their short name on the command line."""
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Measured samples of one terrain, one after the other; every array has shape (n,).
+
+    Attributes
+    ----------
+    slip, vertical_load_n, drawbar_pull_n, driving_torque_nm, sinkage_m : measured; NaN where not measured.
+    slip_sigma, vertical_load_sigma_n : one-sigma of a sample; 0 where unknown.
+    time_s : within the run.
+    run : index of the run a sample is from.
+    names : of the runs.
+    independent : whether samples are independent of each other (rows of a bench table), or a time series.
+    """
+
+    slip: FloatArray
+    vertical_load_n: FloatArray
+    drawbar_pull_n: FloatArray
+    driving_torque_nm: FloatArray
+    sinkage_m: FloatArray
+    slip_sigma: FloatArray
+    vertical_load_sigma_n: FloatArray
+    time_s: FloatArray
+    run: NDArray[np.intp]
+    names: tuple[str, ...]
+    independent: bool = False
+
+    def __len__(self) -> int:
+        return len(self.slip)
+
+    def __getitem__(self, rows: NDArray[np.bool_] | slice) -> Observations:
+        arrays = {
+            name: getattr(self, name)[rows]
+            for name in self.__dataclass_fields__
+            if name not in ("names", "independent")
+        }
+        return Observations(**arrays, names=self.names, independent=self.independent)
+
+    def measured(self, channel: str) -> FloatArray:
+        """Return the measured values of "dp" or "t"."""
+        values: FloatArray = getattr(self, CHANNELS[channel])
+        return values
+
+
+def observations_of(runs: Sequence[ProcessedRun], *, thinned: bool = True) -> Observations:
+    """Collect the usable samples of processed runs.
+
+    Parameters
+    ----------
+    runs : sequence of ProcessedRun
+    thinned : bool
+        Keep only every k-th sample, so that the rate is still 2.5 times the filter's cutoff: what is left out
+        holds no information that its neighbours do not have.
+    """
+    parts = [_columns(run, index, _step(run) if thinned else 1) for index, run in enumerate(runs)]
+    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]} if parts else {}
+    names = tuple(run.run.id or f"run {i + 1}" for i, run in enumerate(runs))
+    return Observations(**joined, names=names)
+
+
+def _step(run: ProcessedRun) -> int:
+    return max(1, int(run.rate_hz / (2.5 * run.cutoff_hz))) if np.isfinite(run.cutoff_hz) else 1
+
+
+def _columns(run: ProcessedRun, index: int, step: int) -> dict[str, NDArray[np.float64]]:
+    rows = np.flatnonzero(run.used & (np.arange(len(run)) % step == 0))
+    plain = (
+        "slip",
+        "vertical_load_n",
+        "drawbar_pull_n",
+        "driving_torque_nm",
+        "sinkage_m",
+        "time_s",
+    )
+    columns = {name: getattr(run, name)[rows] for name in plain}
+    columns |= {name: np.nan_to_num(getattr(run, name)[rows]) for name in ("slip_sigma", "vertical_load_sigma_n")}
+    columns["run"] = np.full(len(rows), index, np.intp)
+    return columns
