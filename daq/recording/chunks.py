@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 from collections.abc import Iterator
@@ -110,9 +111,12 @@ class PackedChunk:
 
 
 def read_at(file: BinaryIO, offset: int, size: int) -> bytes:
-    """Return up to `size` bytes at `offset`."""
+    """Return up to `size` bytes at `offset`; a damaged size costs no memory."""
+    there = os.fstat(file.fileno()).st_size - offset
+    if offset < 0 or there <= 0:
+        return b""
     file.seek(offset)
-    return file.read(size)
+    return file.read(min(size, there))
 
 
 def read_packed(file: BinaryIO, entry: ChunkEntry) -> PackedChunk:

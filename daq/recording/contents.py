@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import BinaryIO, TypeVar
 
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
@@ -56,6 +56,7 @@ class Contents:
     chunks: list[ChunkEntry] = field(default_factory=list)
     attachments: list[tuple[int, int]] = field(default_factory=list)
     metadata: list[tuple[int, int]] = field(default_factory=list)
+    log_time_range_ns: tuple[int, int] | None = None
     message_counts: dict[int, int] = field(default_factory=dict)
     losses: list[Loss] = field(default_factory=list)
 
@@ -75,6 +76,16 @@ class Contents:
                 self.define(opcode, content[start : start + length])
 
 
+class _ExactStream(ReadDataStream):
+    """A stream that does not give less than it is asked for, as the one of ``mcap`` does."""
+
+    def read(self, length: int) -> bytes:
+        data = super().read(length)
+        if len(data) != length:
+            raise EndOfFile
+        return data
+
+
 RecordT = TypeVar("RecordT")
 
 
@@ -86,9 +97,8 @@ def parsed(reader: Callable[[ReadDataStream], RecordT], body: bytes) -> RecordT:
     DamagedError
         If the body is not such a record. Bytes behind it are allowed, as MCAP demands.
     """
-    stream = ReadDataStream(BytesIO(body))
     try:
-        return reader(stream)
+        return reader(_ExactStream(BytesIO(body)))
     except (McapError, UnicodeDecodeError, struct.error, OverflowError) as error:
         raise DamagedError(f"not a whole record ({error or type(error).__name__})") from None
 

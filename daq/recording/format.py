@@ -192,9 +192,9 @@ _CHECKSUM_KEY = "crc32"
 
 
 def with_checksum(name: str, values: Mapping[str, str]) -> dict[str, str]:
-    """Return metadata values with a checksum: MCAP itself has none for them."""
+    """Return metadata values behind a checksum: MCAP itself has none for them."""
     plain = {key: text for key, text in values.items() if key != _CHECKSUM_KEY}
-    return {**plain, _CHECKSUM_KEY: _checksum(name, plain)}
+    return {_CHECKSUM_KEY: _checksum(name, plain), **plain}
 
 
 def checked_metadata(name: str, values: Mapping[str, str]) -> dict[str, str] | None:

@@ -47,11 +47,11 @@ class RawChannel:
     dtype: np.dtype[np.void]
 
 
-def raw_channels(index: Contents) -> dict[int, RawChannel]:
+def raw_channels(contents: Contents) -> dict[int, RawChannel]:
     """Return the raw topics of wheelsoil by channel id."""
     found: dict[int, RawChannel] = {}
-    for channel in index.channels.values():
-        schema = index.schemas.get(channel.schema_id)
+    for channel in contents.channels.values():
+        schema = contents.schemas.get(channel.schema_id)
         number = channel.metadata.get("bus_index", "")
         if schema and schema.name in RAW_DTYPES and channel.message_encoding == MESSAGE_ENCODING and number.isdecimal():
             bus = channel.metadata.get("bus", channel.topic)

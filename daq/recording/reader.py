@@ -52,13 +52,13 @@ class Recording:
 
     Attributes
     ----------
-    index : Contents
+    contents : Contents
         What lies where in the file.
     """
 
-    def __init__(self, index: Contents) -> None:
-        self.index = index
-        self._raw = raw_channels(index)
+    def __init__(self, contents: Contents) -> None:
+        self.contents = contents
+        self._raw = raw_channels(contents)
         self._damage: dict[int, Loss] = {}
 
     @classmethod
@@ -77,12 +77,12 @@ class Recording:
     @property
     def path(self) -> Path:
         """Where the file is."""
-        return self.index.path
+        return self.contents.path
 
     @property
     def library(self) -> str:
         """What wrote the file."""
-        return self.index.library
+        return self.contents.library
 
     @property
     def loss(self) -> tuple[Loss, ...]:
@@ -92,7 +92,7 @@ class Recording:
         after its frames were asked for.
         """
         _ = self.attachments, self.metadata
-        return tuple(sorted([*self.index.losses, *self._damage.values()], key=lambda loss: loss.at_byte))
+        return tuple(sorted([*self.contents.losses, *self._damage.values()], key=lambda loss: loss.at_byte))
 
     @property
     def has_raw_frames(self) -> bool:
@@ -108,29 +108,29 @@ class Recording:
     @property
     def topics(self) -> tuple[Topic, ...]:
         """Every topic of the file, raw, decoded or foreign."""
-        index = self.index
+        contents = self.contents
         return tuple(
             Topic(
                 channel.topic,
-                index.schemas[channel.schema_id].name if channel.schema_id in index.schemas else "",
+                contents.schemas[channel.schema_id].name if channel.schema_id in contents.schemas else "",
                 channel.message_encoding,
-                index.message_counts.get(channel.id, 0),
+                contents.message_counts.get(channel.id, 0),
                 dict(channel.metadata),
             )
-            for channel in index.channels.values()
+            for channel in contents.channels.values()
         )
 
     @cached_property
     def attachments(self) -> dict[str, bytes]:
         """Attached files by name; damaged ones are left out and listed in `loss`."""
-        found = (self._record(at, size, Opcode.ATTACHMENT, _attachment) for at, size in self.index.attachments)
+        found = (self._record(at, size, Opcode.ATTACHMENT, _attachment) for at, size in self.contents.attachments)
         return {attachment.name: attachment.data for attachment in found if attachment is not None}
 
     @cached_property
     def metadata(self) -> dict[str, dict[str, str]]:
         """Metadata records by name; of several with one name the later values win."""
         merged: dict[str, dict[str, str]] = {}
-        for at, size in self.index.metadata:
+        for at, size in self.contents.metadata:
             record = self._record(at, size, Opcode.METADATA, _metadata)
             if record is not None:
                 merged.setdefault(record.name, {}).update(record.metadata)
@@ -155,10 +155,11 @@ class Recording:
     def time_range_ns(self) -> tuple[int, int] | None:
         """Time of the first and the last frame (in a foreign file: message); None when there is none."""
         if not self._raw:
-            chunks = self.index.chunks
-            return (min(c.start_ns for c in chunks), max(c.end_ns for c in chunks)) if chunks else None
-        first = next(self._batches(self._raw, self.index.chunks), None)
-        last = next(self._batches(self._raw, self.index.chunks[::-1]), None)
+            chunks = self.contents.chunks
+            spans = (min(c.start_ns for c in chunks), max(c.end_ns for c in chunks)) if chunks else None
+            return self.contents.log_time_range_ns or spans
+        first = next(self._batches(self._raw, self.contents.chunks), None)
+        last = next(self._batches(self._raw, self.contents.chunks[::-1]), None)
         if first is None or last is None:
             return None
         return int(first.frames["time_ns"].min()), int(last.frames["time_ns"].max())
@@ -168,10 +169,10 @@ class Recording:
         """Frames per bus: as ``run_end`` tells them where the file is whole, else counted."""
         ended = self.metadata.get(RUN_END, {})
         told = [ended.get(f"frames.{bus}", "") for bus in self.buses]
-        if not self.index.losses and all(text.isdecimal() for text in told):
+        if not self.contents.losses and all(text.isdecimal() for text in told):
             return dict(zip(self.buses, map(int, told), strict=True))
         counts = np.zeros(len(self.buses), np.int64)
-        for batch in self._batches(self._raw, self.index.chunks):
+        for batch in self._batches(self._raw, self.contents.chunks):
             counts += np.bincount(batch.frames["bus"], minlength=len(counts))
         return dict(zip(self.buses, counts.tolist(), strict=True))
 
@@ -209,14 +210,15 @@ class Recording:
         channels = {i: channel for i, channel in self._raw.items() if bus in (None, channel.bus)}
         low = -(2**63) if start_ns is None else start_ns
         high = 2**63 if end_ns is None else end_ns
-        return _between(self._batches(channels, chunks_between(self.index.chunks, low, high)), low, high)
+        return _between(self._batches(channels, chunks_between(self.contents.chunks, low, high)), low, high)
 
     def _batches(self, channels: dict[int, RawChannel], chunks: list[ChunkEntry]) -> Iterator[FrameBatch]:
-        if self.index.has_summary:
+        if self.contents.has_summary:
             chunks = [c for c in chunks if c.channel_ids is None or not c.channel_ids.isdisjoint(channels)]
-        return raw_batches(self.path, chunks, channels, self.buses, self._note_damage)
+        return raw_batches(self.path, chunks, channels, self.buses, self.note_damage)
 
-    def _note_damage(self, entry: ChunkEntry, why: str) -> None:
+    def note_damage(self, entry: ChunkEntry, why: str) -> None:
+        """Take a chunk that cannot be read into `loss`."""
         self._damage[entry.offset] = Loss(why, entry.offset, entry.size)
 
     def _record(self, at: int, size: int, opcode: int, reader: Callable[[bytes], T]) -> T | None:

@@ -59,15 +59,15 @@ def recover(source: str | Path, target: str | Path, *, overwrite: bool = False) 
         raise RecordingError(
             Fault("a recording cannot be recovered onto itself", str(path), next_step="choose another name")
         )
-    index = recording.index
-    sink = McapSink(path, overwrite=overwrite, profile=index.profile)
+    contents = recording.contents
+    sink = McapSink(path, overwrite=overwrite, profile=contents.profile)
     try:
         for name, data in recording.attachments.items():
             sink.attach(name, data)
         for name, values in recording.metadata.items():
             sink.add_metadata(name, with_checksum(name, values))
-        sink.put_definitions(index.schemas, index.channels)
-        count, damaged = _copy_chunks(index, sink)
+        sink.put_definitions(contents.schemas, contents.channels)
+        count, damaged = _copy_chunks(contents, sink)
         loss = tuple(sorted([*recording.loss, *damaged], key=lambda item: item.at_byte))
         told = {"source": recording.path.name, **{f"loss.{i}": str(item) for i, item in enumerate(loss, 1)}}
         sink.add_metadata(RECOVERED, with_checksum(RECOVERED, told))
@@ -76,20 +76,20 @@ def recover(source: str | Path, target: str | Path, *, overwrite: bool = False) 
     return Recovery(path, count, loss)
 
 
-def _copy_chunks(index: Contents, sink: McapSink) -> tuple[int, list[Loss]]:
+def _copy_chunks(contents: Contents, sink: McapSink) -> tuple[int, list[Loss]]:
     damaged: list[Loss] = []
-    with index.path.open("rb") as file:
-        for entry in index.chunks:
+    with contents.path.open("rb") as file:
+        for entry in contents.chunks:
             try:
                 packed = read_packed(file, entry)
-                messages = _messages(unpacked(packed), index, entry)
+                messages = _messages(unpacked(packed), contents, entry)
                 sink.put_chunk(packed.data, packed.compression, packed.unpacked_size, packed.crc, messages)
             except DamagedError as damage:
                 damaged.append(Loss(str(damage), entry.offset, entry.size))
-    return len(index.chunks) - len(damaged), damaged
+    return len(contents.chunks) - len(damaged), damaged
 
 
-def _messages(content: bytes, index: Contents, entry: ChunkEntry) -> Mapping[int, NDArray[np.void]]:
+def _messages(content: bytes, contents: Contents, entry: ChunkEntry) -> Mapping[int, NDArray[np.void]]:
     """Return the message index of a chunk, read from the messages themselves."""
     found: dict[int, tuple[list[int], list[int]]] = {}
     for opcode, start, length in content_records(content):
@@ -98,7 +98,7 @@ def _messages(content: bytes, index: Contents, entry: ChunkEntry) -> Mapping[int
             times, offsets = found.setdefault(channel_id, ([], []))
             times.append(log_time_ns)
             offsets.append(start - 9)
-    unknown = found.keys() - index.channels.keys()
+    unknown = found.keys() - contents.channels.keys()
     if unknown:
         raise DamagedError(f"a chunk of channels that nothing defines: {sorted(unknown)} at byte {entry.offset}")
     return {i: index_entries(np.array(times, np.uint64), np.array(offsets)) for i, (times, offsets) in found.items()}

@@ -54,6 +54,8 @@ def _take_records(contents: Contents, summary: bytes) -> bool:
         if opcode == Opcode.STATISTICS:
             statistics = parsed(Statistics.read, body)
             contents.message_counts = dict(statistics.channel_message_counts)
+            if statistics.message_count:
+                contents.log_time_range_ns = statistics.message_start_time, statistics.message_end_time
         elif opcode == Opcode.CHUNK_INDEX:
             contents.chunks.append(_entry(parsed(ChunkIndex.read, body)))
         elif opcode == Opcode.ATTACHMENT_INDEX:

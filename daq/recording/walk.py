@@ -7,11 +7,12 @@ from collections.abc import Iterator
 from typing import BinaryIO
 
 from mcap.opcode import Opcode
-from mcap.records import Attachment, MessageIndex, Metadata
+from mcap.records import Attachment, Metadata
 
 from daq.recording.chunks import ChunkEntry, DamagedError, read_at
 from daq.recording.contents import MAGIC, RECORD, Contents, Loss, parsed
 
+_MESSAGE_INDEX_HEAD = struct.Struct("<HI")
 _SCAN_BLOCK = 1 << 20
 _CHUNK_MARKS = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")
 _MARK_OFFSET = 9 + 28
@@ -47,12 +48,7 @@ def _take_record(file: BinaryIO, contents: Contents, opcode: int, position: int,
     if opcode == Opcode.CHUNK:
         contents.chunks.append(ChunkEntry.at(file, position, size))
     elif opcode == Opcode.MESSAGE_INDEX:
-        record = parsed(MessageIndex.read, read_at(file, position + 9, length))
-        if contents.chunks:
-            last = contents.chunks[-1]
-            contents.chunks[-1] = last.with_channel(record.channel_id)
-        counted = contents.message_counts.get(record.channel_id, 0)
-        contents.message_counts[record.channel_id] = counted + len(record.records)
+        _take_message_index(file, contents, position, length)
     elif opcode == Opcode.ATTACHMENT:
         parsed(Attachment.read, read_at(file, position + 9, length))
         contents.attachments.append((position, size))
@@ -68,6 +64,16 @@ def _take_record(file: BinaryIO, contents: Contents, opcode: int, position: int,
     elif opcode != Opcode.HEADER or position != len(MAGIC):
         raise DamagedError("bytes that are no record")
     return True
+
+
+def _take_message_index(file: BinaryIO, contents: Contents, position: int, length: int) -> None:
+    """Note which channel the chunk before holds, and how many messages of it."""
+    channel_id, size = _MESSAGE_INDEX_HEAD.unpack(read_at(file, position + 9, 6).ljust(6, b"\xff"))
+    if size != length - 6 or size % 16:
+        raise DamagedError("a message index contradicts itself about its length")
+    if contents.chunks:
+        contents.chunks[-1] = contents.chunks[-1].with_channel(channel_id)
+    contents.message_counts[channel_id] = contents.message_counts.get(channel_id, 0) + size // 16
 
 
 def _take_bare_message(file: BinaryIO, contents: Contents, position: int, size: int) -> None:

@@ -1,0 +1,62 @@
+"""Frames and recordings for the tests of `daq.recording`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from daq.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch
+from daq.recording import Recording, RecordingWriter
+from daq.recording.raw import raw_batches, raw_channels
+
+START_NS = 1_700_000_000_000_000_000
+
+
+def random_frames(seed: int, count: int, *, fd: bool = False, bus_count: int = 1) -> FrameArray:
+    """Return frames whose every byte is random but for a time that goes forward and a bus that exists."""
+    rng = np.random.default_rng(seed)
+    dtype = FD_DTYPE if fd else CLASSIC_DTYPE
+    frames = np.frombuffer(rng.bytes(count * dtype.itemsize), dtype).copy()
+    frames["time_ns"] = START_NS + np.cumsum(rng.integers(0, 600_000, count))
+    frames["bus"] = rng.integers(0, bus_count, count)
+    return frames
+
+
+def write_recording(path: Path, batches: Sequence[FrameBatch], **options: object) -> None:
+    """Write batches, each into a chunk of its own."""
+    with RecordingWriter(path, flush_every_s=None, sync_every_s=None, **options) as writer:  # type: ignore[arg-type]
+        for batch in batches:
+            writer.write_frames(batch)
+            writer.flush()
+
+
+def by_topic(path: Path) -> dict[tuple[str, bool], FrameArray]:
+    """Return the frames of each topic as they lie there: (bus, is FD) -> frames."""
+    recording = Recording.open(path)
+    found: dict[tuple[str, bool], FrameArray] = {}
+    for channel_id, channel in raw_channels(recording.contents).items():
+        batches = raw_batches(
+            path, recording.contents.chunks, {channel_id: channel}, recording.buses, recording.note_damage
+        )
+        parts = [batch.frames for batch in batches]
+        found[channel.bus, channel.dtype == FD_DTYPE] = np.concatenate([np.zeros(0, channel.dtype), *parts])
+    return found
+
+
+def expected_by_topic(batches: Sequence[FrameBatch]) -> dict[tuple[str, bool], list[bytes]]:
+    """Return what should lie in each topic, frame by frame, without the bus column."""
+    expected: dict[tuple[str, bool], list[bytes]] = {}
+    for batch in batches:
+        for number, bus in enumerate(batch.buses):
+            rows = batch.frames[batch.frames["bus"] == number]
+            expected.setdefault((bus, batch.is_fd), []).extend(plain_bytes(rows))
+    return expected
+
+
+def plain_bytes(frames: FrameArray) -> list[bytes]:
+    """Return each frame's bytes with the bus column put to 0."""
+    plain = frames.copy()
+    plain["bus"] = 0
+    return [row.tobytes() for row in plain]
