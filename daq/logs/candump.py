@@ -1,0 +1,218 @@
+"""candump -L text, a block of lines at a time.
+
+One regular expression is the grammar. It is matched against one line; all lines of the same length that have the
+same characters in its fixed places, digits where it has digits and hexadecimal digits where it has those, are then
+taken apart as columns. A log has a few dozen such shapes at most.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Generator, Iterator
+from typing import BinaryIO
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from daq.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag
+from daq.logs.report import LogReport
+
+LINE = re.compile(
+    rb"\s*\((?P<seconds>\d{1,10})\.(?P<fraction>\d{1,9})\)"
+    rb"\s+(?P<bus>[^\s#]+)"
+    rb"\s+(?P<id>[0-9A-Fa-f]{1,8})#"
+    rb"(?:[Rr](?P<remote>[0-8]?)"
+    rb"|\#(?P<fd>[0-9A-Fa-f])(?P<fd_data>(?:[0-9A-Fa-f]{2}){0,64})"
+    rb"|(?P<data>(?:[0-9A-Fa-f]{2}){0,8}))"
+    rb"(?:_[0-9A-Fa-f])?"
+    rb"(?:\s+(?P<direction>[RTrt]))?\s*\Z"
+)
+"""One frame: ``(seconds) bus id#data``, ``id##flags data`` for CAN FD, ``id#R`` and a length for a remote frame."""
+
+BLOCK_BYTES = 4 << 20
+_LONGEST_LINE = 1024
+_ERROR_BIT = 0x2000_0000
+_LAST_SECOND = 9_000_000_000
+_SHAPES_A_LENGTH = 8
+
+Bytes2D = NDArray[np.uint8]
+Rows = NDArray[np.intp]
+"""Line numbers within a block, ascending."""
+Part = tuple[Rows, str, FrameArray]
+"""Frames of one shape: the rows they come from, their bus, and themselves."""
+
+
+def _nibble_table() -> bytes:
+    table = bytearray(b"\xff" * 256)
+    for digits in (b"0123456789abcdef", b"0123456789ABCDEF"):
+        for value, character in enumerate(digits):
+            table[character] = value
+    return bytes(table)
+
+
+_NIBBLES = _nibble_table()
+
+
+def read_candump(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
+    """Yield the frames of a candump log, a few megabytes of text at a time."""
+    carry = b""
+    first_line = 1
+    while block := file.read(BLOCK_BYTES):
+        block = carry + block
+        end = block.rfind(b"\n") + 1
+        if not end and len(block) <= BLOCK_BYTES:
+            carry = block
+            continue
+        end = end or len(block)  # a "line" longer than a block is no line of a log
+        carry = block[end:]
+        first_line = yield from _frames_of(block[:end], first_line, report)
+    if carry:
+        yield from _frames_of(carry + b"\n", first_line, report)
+
+
+def _frames_of(block: bytes, first_line: int, report: LogReport) -> Generator[FrameBatch, None, int]:
+    """Yield the frames of whole lines; return the number of the line after them."""
+    lines = _Lines(block)
+    parts: list[Part] = []
+    unread: list[Rows] = []
+    for rows in _by_length(lines.length):
+        found, left = _read_equally_long(lines, rows)
+        parts.extend(found)
+        unread.append(left)
+    _note_unread(lines, unread, first_line, report)
+    if parts:
+        yield _join(parts, lines, first_line, report)
+    return first_line + len(lines.start)
+
+
+class _Lines:
+    """The lines of a block: where they start, how long they are, and the value of each hexadecimal digit."""
+
+    def __init__(self, block: bytes) -> None:
+        self.text = np.frombuffer(block, np.uint8)
+        self.nibbles = np.frombuffer(block.translate(_NIBBLES), np.uint8)
+        ends = np.flatnonzero(self.text == ord("\n"))
+        if not len(ends) or ends[-1] != len(block) - 1:
+            ends = np.append(ends, len(block))
+        self.start = np.concatenate(([0], ends[:-1] + 1))
+        self.length = ends - self.start
+
+    def line(self, row: int) -> bytes:
+        start = self.start[row]
+        return self.text[start : start + self.length[row]].tobytes()
+
+
+def _by_length(length: Rows) -> Iterator[Rows]:
+    order = np.argsort(length, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(length[order])) + 1):
+        if length[rows[0]]:
+            yield rows
+
+
+def _read_equally_long(lines: _Lines, rows: Rows) -> tuple[list[Part], Rows]:
+    """Return the frames of lines of one length, and the rows that are no frames."""
+    parts: list[Part] = []
+    if lines.length[rows[0]] > _LONGEST_LINE:
+        return parts, rows
+    for _ in range(_SHAPES_A_LENGTH):
+        match = LINE.match(lines.line(int(rows[0])))
+        if match is None:
+            break
+        part, rows = _read_shape(lines, rows, match)
+        parts.append(part)
+        if not len(rows):
+            return parts, rows
+    shapes: dict[object, tuple[re.Match[bytes], list[int]]] = {}
+    unread: list[int] = []
+    for row in rows.tolist():  # unusual lines: each is matched by itself
+        match = LINE.match(lines.line(row))
+        if match is None:
+            unread.append(row)
+        else:
+            shapes.setdefault((match.regs, match["bus"], match["direction"]), (match, []))[1].append(row)
+    for match, alike in shapes.values():
+        part, refused = _read_shape(lines, np.array(alike), match)
+        parts.append(part)
+        unread.extend(refused.tolist())
+    return parts, np.array(unread, np.intp)
+
+
+def _read_shape(lines: _Lines, rows: Rows, match: re.Match[bytes]) -> tuple[Part, Rows]:
+    """Return the frames of the rows that look like `match`, and the other rows."""
+    template = np.frombuffer(match.string, np.uint8)
+    largest = _largest_nibbles(match)
+    fixed = largest == 255
+    text = sliding_window_view(lines.text, len(template))[lines.start[rows]]
+    nibbles = sliding_window_view(lines.nibbles, len(template))[lines.start[rows]]
+    alike = (nibbles <= largest).all(axis=1) & (text[:, fixed] == template[fixed]).all(axis=1)
+    frames, sane = _columns(nibbles if alike.all() else nibbles[alike], match)
+    chosen = rows[alike]
+    bad = np.sort(np.concatenate((rows[~alike], chosen[~sane])))
+    return (chosen[sane], match["bus"].decode("utf-8", "replace"), frames[sane]), bad
+
+
+def _largest_nibbles(match: re.Match[bytes]) -> NDArray[np.uint8]:
+    """Return what each column may hold: a digit, a hexadecimal digit, or (255) just the template's character."""
+    largest = np.full(len(match.string), 255, np.uint8)
+    limits = {"seconds": 9, "fraction": 9, "remote": 8, "id": 15, "fd": 15, "data": 15, "fd_data": 15}
+    for name, limit in limits.items():
+        largest[slice(*match.span(name))] = limit
+    return largest
+
+
+def _columns(nibbles: Bytes2D, match: re.Match[bytes]) -> tuple[FrameArray, NDArray[np.bool_]]:
+    """Return the frames of equally shaped lines, and which of them are possible."""
+
+    def number(name: str, base: int) -> NDArray[np.int64]:
+        digits = nibbles[:, slice(*match.span(name))].astype(np.float64)  # exact: below 2**53
+        return (digits @ float(base) ** np.arange(digits.shape[1] - 1, -1, -1)).astype(np.int64)
+
+    is_fd, is_remote = match["fd"] is not None, match["remote"] is not None
+    frames = np.zeros(len(nibbles), FD_DTYPE if is_fd else CLASSIC_DTYPE)
+    seconds, can_id = number("seconds", 10), number("id", 16)
+    frames["time_ns"] = seconds * 10**9 + number("fraction", 10) * 10 ** (9 - len(match["fraction"]))
+    frames["can_id"] = can_id & 0x1FFF_FFFF
+    if (match["direction"] or b"r").lower() == b"t":
+        frames["flags"] |= np.uint8(FrameFlag.TRANSMITTED)
+    extended = len(match["id"]) > 3
+    if extended:
+        frames["flags"] |= np.where(can_id & _ERROR_BIT, FrameFlag.ERROR, FrameFlag.EXTENDED).astype(np.uint8)
+    if is_fd:
+        fd_flags = nibbles[:, match.start("fd")]
+        frames["flags"] |= np.uint8(FrameFlag.FD) | (fd_flags & 1) * np.uint8(FrameFlag.BITRATE_SWITCH)
+        frames["flags"] |= (fd_flags >> 1 & 1) * np.uint8(FrameFlag.ERROR_STATE)
+    if is_remote:
+        frames["flags"] |= np.uint8(FrameFlag.REMOTE)
+        frames["length"] = number("remote", 10)
+    else:
+        start, end = match.span("fd_data" if is_fd else "data")
+        data = nibbles[:, start:end:2] << 4 | nibbles[:, start + 1 : end : 2]
+        frames["length"] = data.shape[1]
+        frames["data"][:, : data.shape[1]] = data
+    return frames, (seconds < _LAST_SECOND) & (can_id < 2 * _ERROR_BIT if extended else can_id <= 0x7FF)
+
+
+def _join(parts: list[Part], lines: _Lines, first_line: int, report: LogReport) -> FrameBatch:
+    """Put the frames of all shapes back into the order of their lines."""
+    taken = np.zeros(len(lines.start), bool)
+    for rows, _, _ in parts:
+        taken[rows] = True
+    position = np.cumsum(taken) - 1
+    wide = any(frames.dtype == FD_DTYPE for _, _, frames in parts)
+    joined = np.empty(int(taken.sum()), FD_DTYPE if wide else CLASSIC_DTYPE)
+    for rows, bus, frames in sorted(parts, key=lambda part: int(part[0][0]) if len(part[0]) else 0):
+        if len(rows):
+            frames["bus"] = report.bus(bus)
+            joined[position[rows]] = FrameBatch(frames, ()).widened().frames if wide else frames
+    numbers = np.flatnonzero(taken)
+    report.note_frames(joined, lambda i: f"line {first_line + numbers[i]}")
+    return FrameBatch(joined, tuple(report.buses))
+
+
+def _note_unread(lines: _Lines, unread: list[Rows], first_line: int, report: LogReport) -> None:
+    for row in np.sort(np.concatenate([*unread, np.zeros(0, np.intp)])).tolist():
+        line = lines.line(row).strip()
+        if line and not line.startswith((b"#", b";", b"//")):
+            shown = line[:80].decode("ascii", "backslashreplace")
+            report.note_bad(f"line {first_line + row}", shown)

@@ -1,0 +1,140 @@
+"""MF4 (ASAM MDF 4 bus logging) through asammdf, which is an extra."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import ModuleType
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from daq.errors import ConfigError, Fault, RecordingError
+from daq.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag
+from daq.logs.report import LogReport
+
+_RECORDS = 65_536
+_BUS_EVENT = 2
+_CAN = 2
+_KINDS = {"CAN_DataFrame": FrameFlag(0), "CAN_RemoteFrame": FrameFlag.REMOTE, "CAN_ErrorFrame": FrameFlag.ERROR}
+_FLAG_CHANNELS = {
+    "IDE": FrameFlag.EXTENDED,
+    "EDL": FrameFlag.FD,
+    "BRS": FrameFlag.BITRATE_SWITCH,
+    "ESI": FrameFlag.ERROR_STATE,
+    "Dir": FrameFlag.TRANSMITTED,
+}
+
+
+def read_mf4(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
+    """Yield the frames of all CAN groups of an MF4 file, merged by time; BusChannel 1 is can1.
+
+    Raises
+    ------
+    ConfigError
+        If asammdf is not installed.
+    """
+    asammdf = _asammdf(report.path)
+    file.close()  # asammdf wants the path
+    try:
+        with asammdf.MDF(report.path) as mdf:
+            start_ns = int(mdf.header.start_time.timestamp()) * 10**9 + mdf.header.start_time.microsecond * 1000
+            streams = [
+                _frames(mdf, index, kind, start_ns, report)
+                for index, group in enumerate(mdf.groups)
+                if (kind := _kind(group)) and group.channel_group.cycles_nr
+            ]
+            for frames in merged(streams):
+                report.note_frames(frames, lambda i: f"frame {report.frames + i + 1}")
+                yield FrameBatch(frames, tuple(report.buses))
+    except asammdf.blocks.utils.MdfException as error:
+        raise RecordingError(Fault("asammdf cannot read this MF4 file", report.path, str(error))) from None
+
+
+def _asammdf(path: str) -> ModuleType:
+    try:
+        import asammdf
+    except ImportError:
+        raise ConfigError(
+            Fault(
+                "MF4 files are read through asammdf, which is not installed",
+                path,
+                next_step="pip install 'wheelsoil[mf4]'",
+            )
+        ) from None
+    module: ModuleType = asammdf
+    return module
+
+
+def _kind(group: Any) -> str | None:
+    """Return what frames a channel group holds, None when they are not CAN frames."""
+    head = group.channel_group
+    if not head.flags & _BUS_EVENT or head.acq_source is None or head.acq_source.bus_type != _CAN:
+        return None
+    return next((channel.name for channel in group.channels if channel.name in _KINDS), None)
+
+
+def _frames(mdf: Any, index: int, kind: str, start_ns: int, report: LogReport) -> Iterator[FrameArray]:
+    cycles = mdf.groups[index].channel_group.cycles_nr
+    for offset in range(0, cycles, _RECORDS):
+        signal = mdf.get(kind, index, record_offset=offset, record_count=_RECORDS, raw=False)
+        columns = {name.removeprefix(f"{kind}."): signal.samples[name] for name in signal.samples.dtype.names}
+        yield _filled(columns, signal.timestamps, _KINDS[kind], start_ns, report)
+
+
+def _filled(columns: dict[str, Any], seconds: Any, kind: FrameFlag, start_ns: int, report: LogReport) -> FrameArray:
+    count = len(seconds)
+
+    def integers(name: str) -> Any:
+        column = columns.get(name)
+        if column is None:
+            return np.zeros(count, np.int64)
+        return (column == b"Tx") if column.dtype.kind == "S" else column.astype(np.int64)
+
+    frames = np.zeros(count, FD_DTYPE if integers("EDL").any() else CLASSIC_DTYPE)
+    frames["time_ns"] = start_ns + np.rint(seconds * 1e9).astype(np.int64)
+    frames["can_id"] = integers("ID") & 0x1FFF_FFFF
+    frames["flags"] = kind
+    for name, flag in _FLAG_CHANNELS.items():
+        frames["flags"] |= np.where(integers(name), flag, 0).astype(np.uint8)
+    limit = 64 if frames.dtype == FD_DTYPE else 8
+    length = integers("DLC") if kind == FrameFlag.REMOTE else integers("DataLength")
+    frames["length"] = np.clip(length, 0, limit)
+    if "DataBytes" in columns:
+        data = columns["DataBytes"][:, :limit]
+        frames["data"][:, : data.shape[1]] = np.where(np.arange(data.shape[1]) < frames["length"][:, None], data, 0)
+    channel = integers("BusChannel")
+    for number in np.unique(channel).tolist():
+        frames["bus"][channel == number] = report.bus(f"can{number}")
+    return frames
+
+
+def merged(streams: list[Iterator[FrameArray]]) -> Iterator[FrameArray]:
+    """Merge streams by time, holding one piece of each; equal times keep the order of the streams."""
+    heads: dict[int, FrameArray] = {}
+    open_streams = dict(enumerate(streams))
+    while True:
+        for key in [key for key in open_streams if not len(heads.get(key, ()))]:
+            piece = next(open_streams[key], None)
+            if piece is None:
+                del open_streams[key]
+            else:
+                heads[key] = piece
+        waiting = [heads[key] for key in sorted(heads) if len(heads[key])]
+        if not waiting:
+            return
+        limit = min((heads[key]["time_ns"][-1] for key in open_streams), default=waiting[0]["time_ns"].max())
+        if not open_streams:
+            limit = max(head["time_ns"].max() for head in waiting)
+        ready = []
+        for key in sorted(heads):
+            cut = int(np.searchsorted(heads[key]["time_ns"], limit, side="right"))
+            ready.append(heads[key][:cut])
+            heads[key] = heads[key][cut:]
+        yield _sorted_together(ready)
+
+
+def _sorted_together(pieces: list[FrameArray]) -> FrameArray:
+    wide = any(piece.dtype == FD_DTYPE for piece in pieces)
+    together = np.concatenate([FrameBatch(piece, ()).widened().frames if wide else piece for piece in pieces])
+    ordered: FrameArray = together[np.argsort(together["time_ns"], kind="stable")]
+    return ordered

@@ -1,0 +1,96 @@
+"""What reading a log brought to light: its format, its buses, and every line that could not be used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from daq.errors import Fault, RecordingError
+from daq.frames import FrameArray
+
+EARLIEST_DATE_NS = 631_152_000 * 10**9
+"""1990-01-01: a time stamp before it is not a date but counts from some zero of the logger's own."""
+
+
+@dataclass
+class LogReport:
+    """Grows while a log is read, and is complete when the last batch has been.
+
+    Attributes
+    ----------
+    path, format : str
+    frames : int
+        Frames read so far.
+    absolute_time : bool or None
+        Whether ``time_ns`` is UTC; False where the log counts from a zero of its own. None before the first frame.
+    bad : int
+        Lines or objects that could not be read; `first_bad` says where the first one is and what is in it.
+    out_of_order : int
+        Frames that are earlier than the one before them; they stay where they are.
+    skipped : dict of str to int
+        Lines or objects that are no CAN frames, by kind.
+    buses : list of str
+        Names in the order of their first frame.
+    """
+
+    path: str
+    format: str
+    frames: int = 0
+    absolute_time: bool | None = None
+    bad: int = 0
+    first_bad: str = ""
+    out_of_order: int = 0
+    first_out_of_order: str = ""
+    skipped: dict[str, int] = field(default_factory=dict)
+    buses: list[str] = field(default_factory=list)
+    _last_time_ns: int | None = None
+
+    def bus(self, name: str) -> int:
+        """Return the position of a bus, adding its name when it is new."""
+        if name not in self.buses:
+            if len(self.buses) == 256:
+                raise RecordingError(Fault("more than 256 different buses", self.path, f"{name!r} is the 257th"))
+            self.buses.append(name)
+        return self.buses.index(name)
+
+    def note_bad(self, where: str, why: str, count: int = 1) -> None:
+        """Count what could not be read and keep the first example."""
+        if not self.bad:
+            self.first_bad = f"{where}: {why}"
+        self.bad += count
+
+    def note_skipped(self, kind: str, count: int = 1) -> None:
+        """Count what is no CAN frame."""
+        self.skipped[kind] = self.skipped.get(kind, 0) + count
+
+    def note_frames(self, frames: FrameArray, where: Callable[[int], str]) -> None:
+        """Count frames and look whether their times go back; `where` names the place of a frame of these."""
+        if not len(frames):
+            return
+        time_ns = frames["time_ns"]
+        if self.absolute_time is None:
+            self.absolute_time = bool(time_ns[0] >= EARLIEST_DATE_NS)
+        before = time_ns[0] if self._last_time_ns is None else self._last_time_ns
+        back = np.flatnonzero(np.diff(time_ns, prepend=before) < 0)
+        if len(back) and not self.out_of_order:
+            first = int(back[0])
+            earlier = int(time_ns[first - 1] if first else before)
+            step_s = (earlier - int(time_ns[first])) / 1e9
+            self.first_out_of_order = f"{where(first)}: {step_s:.6f} s earlier than the frame before it"
+        self.out_of_order += len(back)
+        self._last_time_ns = int(time_ns[-1])
+        self.frames += len(frames)
+
+    def remarks(self) -> list[str]:
+        """Return what a user should know of this log, a sentence each."""
+        lines = []
+        if self.absolute_time is False:
+            lines.append("times have no date: they count from a zero of the logger's own")
+        if self.bad:
+            lines.append(f"{self.bad} unreadable, left out; the first is {self.first_bad}")
+        if self.out_of_order:
+            lines.append(f"{self.out_of_order} frames are out of order; the first is {self.first_out_of_order}")
+        lines.extend(f"{count} skipped: {kind}" for kind, count in self.skipped.items())
+        return lines
