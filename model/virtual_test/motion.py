@@ -1,0 +1,204 @@
+"""How the vehicle is driven: standstill, accelerate-coast-brake cycles, standstill."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import ConfigError, Fault
+
+FloatArray = NDArray[np.float64]
+
+SHORTEST_RUN_S = 15.0
+_STANDSTILL_S = 3.0
+_LAUNCH_S = 2.0
+_STOP_S = 2.5
+_CYCLE_S = 9.5
+_COAST_LOG_RATIO = -0.02
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Prescribed kinematics of the instrumented wheel, shape (n,) each.
+
+    Attributes
+    ----------
+    time_s : since the start of the run, evenly spaced
+    ground_speed_mps, ground_acceleration_mps2 : of the wheel's centre
+    wheel_speed_radps, wheel_acceleration_radps2
+    wheel_angle_rad, distance_m : since the start of the run, not wrapped
+    slip : 1 - V/(r omega) driving, (r omega - V)/V braking; zero at standstill
+    """
+
+    time_s: FloatArray
+    ground_speed_mps: FloatArray
+    ground_acceleration_mps2: FloatArray
+    wheel_speed_radps: FloatArray
+    wheel_acceleration_radps2: FloatArray
+    wheel_angle_rad: FloatArray
+    distance_m: FloatArray
+    slip: FloatArray
+
+
+@dataclass(frozen=True)
+class DrivingStyle:
+    """Limits that the random cycles keep.
+
+    Attributes
+    ----------
+    peak_slip, ordinary_peak_slip : (low, high)
+        Range of the highest slip of one cycle of the run, and of the others.
+    brake_slip : (low, high)
+        Range of the strongest braking slip of a cycle (negative).
+    lowest_speed_mps, highest_speed_mps : float
+    highest_rim_speed_mps : float
+        r omega that the low gear allows: where the slip is high the vehicle is slow.
+    """
+
+    peak_slip: tuple[float, float] = (0.86, 0.91)
+    ordinary_peak_slip: tuple[float, float] = (0.45, 0.75)
+    brake_slip: tuple[float, float] = (-0.42, -0.25)
+    lowest_speed_mps: float = 0.6
+    highest_speed_mps: float = 4.0
+    highest_rim_speed_mps: float = 6.5
+
+
+def drive(
+    duration_s: float,
+    wheel_radius_m: float,
+    rng: np.random.Generator,
+    *,
+    rate_hz: float = 1000.0,
+    style: DrivingStyle | None = None,
+) -> Motion:
+    """Draw one run.
+
+    Ground speed V and log ratio ln(r omega/V) are prescribed as smooth steps, so that both accelerations are
+    continuous; slip follows from the ratio. Wheel acceleration stays below about 12 rad/s2.
+
+    Parameters
+    ----------
+    duration_s : float
+        At least `SHORTEST_RUN_S`.
+    wheel_radius_m : float
+    rng : numpy.random.Generator
+        Draws the number of cycles, their slip, speed and length.
+    rate_hz : float
+        Samples per second of the result.
+    style : DrivingStyle, optional
+
+    Raises
+    ------
+    ConfigError
+        The run is too short for one cycle between two standstills.
+    """
+    if not duration_s >= SHORTEST_RUN_S:
+        raise ConfigError(
+            Fault(
+                "the run is too short for one cycle between two standstills",
+                found=f"{duration_s:g} s",
+                expected=f"at least {SHORTEST_RUN_S:g} s",
+                next_step="give a longer duration",
+            )
+        )
+    speed_knots, ratio_knots = _knots(duration_s, rng, style or DrivingStyle())
+    time_s = np.arange(round(duration_s * rate_hz)) / rate_hz
+    speed, acceleration = smooth_steps(time_s, speed_knots)
+    log_ratio, log_ratio_rate = smooth_steps(time_s, ratio_knots)
+    ratio = np.exp(log_ratio)
+    omega = speed * ratio / wheel_radius_m
+    alpha = (acceleration + speed * log_ratio_rate) * ratio / wheel_radius_m
+    slip = np.where(log_ratio >= 0, -np.expm1(-log_ratio), np.expm1(log_ratio))
+    return Motion(
+        time_s=time_s,
+        ground_speed_mps=speed,
+        ground_acceleration_mps2=acceleration,
+        wheel_speed_radps=omega,
+        wheel_acceleration_radps2=alpha,
+        wheel_angle_rad=_integrated(omega, rate_hz),
+        distance_m=_integrated(speed, rate_hz),
+        slip=np.where(speed > 0, slip, 0.0),
+    )
+
+
+def smooth_steps(time_s: FloatArray, knots: list[tuple[float, float]]) -> tuple[FloatArray, FloatArray]:
+    """Return value and rate of cosine steps between knots (time, value); constant outside of them.
+
+    Both are continuous; the rate is zero at every knot.
+    """
+    at, value = (np.array(column) for column in zip(*knots, strict=True))
+    piece = np.clip(np.searchsorted(at, time_s, side="right") - 1, 0, len(at) - 2)
+    length = at[piece + 1] - at[piece]
+    fraction = np.clip((time_s - at[piece]) / length, 0.0, 1.0)
+    height = value[piece + 1] - value[piece]
+    return (
+        value[piece] + height * (1 - np.cos(np.pi * fraction)) / 2,
+        height * np.pi / 2 * np.sin(np.pi * fraction) / length,
+    )
+
+
+def _integrated(rate: FloatArray, rate_hz: float) -> FloatArray:
+    steps = (rate[1:] + rate[:-1]) / (2 * rate_hz)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+@dataclass(frozen=True)
+class _Cycle:
+    start_s: float
+    length_s: float
+    peak_slip: float
+    brake_slip: float
+    low_speed_mps: float
+    high_speed_mps: float
+
+
+def _knots(
+    duration_s: float, rng: np.random.Generator, style: DrivingStyle
+) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+    """Return the knots of ground speed and of ln(r omega/V)."""
+    still = _STANDSTILL_S + rng.uniform(-0.4, 0.4)
+    first = still + _LAUNCH_S
+    last = duration_s - _STANDSTILL_S - _STOP_S
+    cycles = _cycles(first, last, rng, style)
+    speed = [(0.0, 0.0), (still, 0.0)]
+    ratio = [(0.0, 0.0), (still, 0.0), (first, _log_ratio(0.08))]
+    for cycle in cycles:
+        # drive to 0.6, coast to 0.72, brake to 0.9, coast to the next cycle
+        at = [cycle.start_s + share * cycle.length_s for share in (0.0, 0.3, 0.6, 0.72, 0.81, 0.9)]
+        speed += [(at[0], cycle.low_speed_mps), (at[2], cycle.high_speed_mps), (at[3], 0.92 * cycle.high_speed_mps)]
+        ratio += [
+            (at[1], _log_ratio(cycle.peak_slip)),
+            (at[2], _COAST_LOG_RATIO),
+            (at[3], _COAST_LOG_RATIO),
+            (at[4], _log_ratio(cycle.brake_slip)),
+            (at[5], _COAST_LOG_RATIO),
+        ]
+    end = cycles[-1].start_s + cycles[-1].length_s
+    speed += [(end, style.lowest_speed_mps), (end + _STOP_S, 0.0)]
+    ratio += [(end + 0.5 * _STOP_S, _log_ratio(-0.1)), (end + _STOP_S, 0.0)]
+    return speed, ratio
+
+
+def _cycles(first_s: float, last_s: float, rng: np.random.Generator, style: DrivingStyle) -> list[_Cycle]:
+    span = last_s - first_s
+    count = max(1, round(span / _CYCLE_S + rng.uniform(-0.5, 0.5)))
+    peaks = rng.uniform(*style.ordinary_peak_slip, count)
+    peaks[rng.integers(count)] = rng.uniform(*style.peak_slip)
+    weights = 1 - 0.6 * np.log1p(-peaks)  # a high slip is approached slowly, as a driver does
+    lengths = span * weights / weights.sum()
+    starts = first_s + np.concatenate([[0.0], np.cumsum(lengths[:-1])])
+    cycles = []
+    for start, length, peak in zip(starts, lengths, peaks, strict=True):
+        middle = float(np.clip(style.highest_rim_speed_mps * (1 - peak), 0.7, 2.4)) * rng.uniform(0.9, 1.1)
+        low = max(style.lowest_speed_mps, 0.6 * middle)
+        high = min(2 * middle - low, style.highest_speed_mps)
+        brake = rng.uniform(*style.brake_slip)
+        cycles.append(_Cycle(float(start), float(length), float(peak), float(brake), low, high))
+    return cycles
+
+
+def _log_ratio(slip: float) -> float:
+    """Return ln(r omega/V) of a slip in the convention of both branches."""
+    return float(-np.log1p(-slip) if slip >= 0 else np.log1p(slip))

@@ -1,0 +1,166 @@
+"""One run of the virtual test: driving, soil, vehicle and sensors put together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channel import Channel
+from daq.config import RunInfo
+from model.virtual_test.clock import HostClock
+from model.virtual_test.load import VehicleSetup, vertical_load_n
+from model.virtual_test.motion import DrivingStyle, Motion, drive
+from model.virtual_test.speed_sensors import GnssSetup, Track, WheelSpeedSetup, measure_gnss, measure_wheel_speed
+from model.virtual_test.transducer import HubLoads, Readings, TransducerSetup, measure_loads
+from model.virtual_test.truth import Truth, soil_reaction
+from model.wheel_soil import WheelSoilModel
+
+FloatArray = NDArray[np.float64]
+
+TRUTH_RATE_HZ = 200.0
+"""The soil's reaction is calculated at this rate; a fitter works at another one (100 Hz by default)."""
+
+_MOTION_RATE_HZ = 1000.0
+_UPSAMPLE = round(_MOTION_RATE_HZ / TRUTH_RATE_HZ)
+_SECONDS_PER_DAY = 86_400
+_NS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class VirtualSetup:
+    """The instrumented vehicle, its driver and its sensors."""
+
+    duration_s: float = 40.0
+    vehicle: VehicleSetup = field(default_factory=VehicleSetup)
+    style: DrivingStyle = field(default_factory=DrivingStyle)
+    transducer: TransducerSetup = field(default_factory=TransducerSetup)
+    wheel_speed: WheelSpeedSetup = field(default_factory=WheelSpeedSetup)
+    gnss: GnssSetup = field(default_factory=GnssSetup)
+    track: Track = field(default_factory=Track)
+    clock: HostClock = field(default_factory=HostClock)
+
+
+@dataclass(frozen=True)
+class VirtualRun:
+    """What happened, and what the sensors say of it.
+
+    Attributes
+    ----------
+    info : RunInfo
+    start_ns : int
+        UTC of the start of the run.
+    truth : Truth
+    sensors : mapping str -> mapping str -> Channel
+        Per sensor ("transducer", "wheel_speed", "gnss") its channels by quantity, in SI units and radians
+        (positions in degrees). Channels of one sensor share their time stamps: the host clock's at reception.
+    """
+
+    info: RunInfo
+    start_ns: int
+    truth: Truth
+    sensors: dict[str, dict[str, Channel]]
+
+
+def virtual_run(
+    setup: VirtualSetup,
+    model: WheelSoilModel,
+    values: Mapping[str, float],
+    info: RunInfo,
+    *,
+    start_ns: int,
+    elapsed_s: float,
+    rng: np.random.Generator,
+    ring: np.random.Generator,
+) -> VirtualRun:
+    """Drive one run.
+
+    Parameters
+    ----------
+    setup : VirtualSetup
+    model : WheelSoilModel
+        The truth: soil, effects, reading, and a quadrature that is not the fitter's (`TRUTH_QUADRATURE`).
+    values : mapping
+        Parameters of the effects; what is left out is neutral.
+    info : RunInfo
+        Direction and added load.
+    start_ns : int
+        UTC of the start of the run.
+    elapsed_s : float
+        From the start of the campaign to the start of the run (the host clock drifts).
+    rng : numpy.random.Generator
+        Everything random of this run. Every noise has its own stream: switching one off, or replacing the soil,
+        leaves the others as they are.
+    ring : numpy.random.Generator
+        Draws the errors of the toothed ring; pass one in the same state for every run of a vehicle.
+
+    Raises
+    ------
+    ConfigError
+        The run is too short.
+    DataError
+        The soil cannot carry the wheel.
+    """
+    driving, road, loads, wheel, fixes, stamps = rng.spawn(6)
+    radius = model.wheel.radius_m
+    fine = drive(setup.duration_s, radius, driving, rate_hz=_MOTION_RATE_HZ, style=setup.style)
+    coarse = _every(fine, _UPSAMPLE)
+    load = vertical_load_n(
+        setup.vehicle,
+        coarse.ground_speed_mps,
+        coarse.ground_acceleration_mps2,
+        TRUTH_RATE_HZ,
+        info.added_load_kg,
+        road,
+    )
+    position = setup.track.position_m(coarse.distance_m, info.direction)
+    truth = soil_reaction(model, values, coarse, load, position)
+    hub = _hub_loads(setup.vehicle, truth, fine)
+    day_s = (start_ns // _NS) % _SECONDS_PER_DAY + (start_ns % _NS) / _NS
+    readings = {
+        "transducer": measure_loads(setup.transducer, hub, radius, setup.vehicle.outboard_mass_kg, loads),
+        "wheel_speed": measure_wheel_speed(setup.wheel_speed, fine, ring, wheel),
+        "gnss": measure_gnss(setup.gnss, fine, setup.track, info.direction, day_s, fixes),
+    }
+    sensors = {
+        name: _stamped(reading, setup.clock, start_ns, elapsed_s, stream)
+        for (name, reading), stream in zip(readings.items(), stamps.spawn(len(readings)), strict=True)
+    }
+    return VirtualRun(info, start_ns, truth, sensors)
+
+
+def _every(motion: Motion, step: int) -> Motion:
+    return replace(motion, **{f.name: getattr(motion, f.name)[::step] for f in fields(motion)})
+
+
+def _hub_loads(vehicle: VehicleSetup, truth: Truth, motion: Motion) -> HubLoads:
+    """Return what the transducer feels: the soil's forces less what moves the outboard parts."""
+    return HubLoads(
+        time_s=motion.time_s,
+        longitudinal_n=_upsampled(truth.drawbar_pull_n, len(motion.time_s))
+        - vehicle.outboard_mass_kg * motion.ground_acceleration_mps2,
+        vertical_n=_upsampled(truth.vertical_load_n, len(motion.time_s)),
+        torque_nm=_upsampled(truth.driving_torque_nm, len(motion.time_s))
+        + vehicle.outboard_inertia_kgm2 * motion.wheel_acceleration_radps2,
+        wheel_angle_rad=motion.wheel_angle_rad,
+        wheel_speed_radps=motion.wheel_speed_radps,
+    )
+
+
+def _upsampled(values: FloatArray, count: int) -> FloatArray:
+    """Interpolate with a band limit at the truth's Nyquist frequency."""
+    from scipy.signal import resample_poly
+
+    fine = resample_poly(values, _UPSAMPLE, 1, padtype="line")
+    return np.asarray(fine[:count], np.float64)
+
+
+def _stamped(
+    readings: Readings, clock: HostClock, start_ns: int, elapsed_s: float, rng: np.random.Generator
+) -> dict[str, Channel]:
+    time_ns = clock.stamps_ns(readings.time_s + readings.latency_s, start_ns, elapsed_s, rng)
+    return {
+        name: Channel(name, readings.units.get(name, ""), time_ns, values) for name, values in readings.values.items()
+    }

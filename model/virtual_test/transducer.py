@@ -1,0 +1,165 @@
+"""The wheel force transducer: forces at the hub, its noise, its rotating zero offset, its axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.virtual_test.clock import sample_times_s
+from model.virtual_test.load import GRAVITY_MPS2
+from model.virtual_test.noise import coloured_noise
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TransducerSetup:
+    """What the transducer adds to the truth.
+
+    Attributes
+    ----------
+    drawbar_pull_noise_n, load_noise_n, lateral_noise_n, torque_noise_nm : float
+        Standard deviation of the coloured noise (soil and sensor).
+    noise_correlation_s : float
+    white_noise_n, white_noise_nm : float
+        Standard deviation of white noise per sample, forces and moments.
+    zero_offset_n : (x', z')
+        Bridge offsets that turn with the wheel: a ripple once per revolution.
+    frame : "vehicle" or "wheel"
+        "wheel": forces and moments come in axes that turn with the wheel.
+    angle_offset_deg, angle_direction : float, 1 or -1
+        Wheel angle sent = direction * rolled angle + offset.
+    zero : "lifted" or "spin"
+        "lifted": the outboard weight was tared away; "spin": it is missing from the vertical force.
+    rate_hz, clock_ppm : float
+    latency_s : float
+        Whole delay from a force to its message.
+    """
+
+    drawbar_pull_noise_n: float = 46.0
+    load_noise_n: float = 60.0
+    lateral_noise_n: float = 60.0
+    torque_noise_nm: float = 14.0
+    noise_correlation_s: float = 0.1
+    white_noise_n: float = 8.0
+    white_noise_nm: float = 2.0
+    zero_offset_n: tuple[float, float] = (25.0, -15.0)
+    frame: Literal["vehicle", "wheel"] = "vehicle"
+    angle_offset_deg: float = 0.0
+    angle_direction: Literal[1, -1] = 1
+    zero: Literal["lifted", "spin"] = "lifted"
+    rate_hz: float = 1000.0
+    clock_ppm: float = 15.0
+    latency_s: float = 0.004
+
+
+@dataclass(frozen=True)
+class HubLoads:
+    """What acts on the hub through the wheel, in vehicle axes; shape (n,) each.
+
+    Forces on the wheel: x forward, y left, z up; `torque_nm` positive when it drives the wheel.
+    """
+
+    time_s: FloatArray
+    longitudinal_n: FloatArray
+    vertical_n: FloatArray
+    torque_nm: FloatArray
+    wheel_angle_rad: FloatArray
+    wheel_speed_radps: FloatArray
+
+
+@dataclass(frozen=True)
+class Readings:
+    """A sensor's samples: the true instant of each, and values by name (SI, radians)."""
+
+    time_s: FloatArray
+    latency_s: float
+    values: dict[str, FloatArray]
+    units: dict[str, str] = field(default_factory=dict)
+
+
+def measure_loads(
+    setup: TransducerSetup, hub: HubLoads, wheel_radius_m: float, outboard_mass_kg: float, rng: np.random.Generator
+) -> Readings:
+    """Sample the transducer.
+
+    Parameters
+    ----------
+    setup : TransducerSetup
+    hub : HubLoads
+        Evenly sampled, at a rate that its content needs.
+    wheel_radius_m : float
+        Arm of the lateral force.
+    outboard_mass_kg : float
+        Its weight is missing from the vertical force unless the zero was taken with the wheel lifted.
+    rng : numpy.random.Generator
+    """
+    # one stream per noise: switching one off leaves the others as they are
+    streams = rng.spawn(6)
+    duration = float(hub.time_s[-1] + hub.time_s[1] - hub.time_s[0])
+    at = sample_times_s(duration, setup.rate_hz, setup.clock_ppm, streams[0])
+    count = len(at)
+
+    def noise(sigma: float, white: float, stream: np.random.Generator) -> FloatArray:
+        slow = coloured_noise(count, setup.rate_hz, sigma, setup.noise_correlation_s, stream)
+        return slow + white * stream.standard_normal(count)
+
+    angle = np.interp(at, hub.time_s, hub.wheel_angle_rad)
+    weight = outboard_mass_kg * GRAVITY_MPS2 if setup.zero == "spin" else 0.0
+    fx = np.interp(at, hub.time_s, hub.longitudinal_n) + noise(
+        setup.drawbar_pull_noise_n, setup.white_noise_n, streams[1]
+    )
+    fz = np.interp(at, hub.time_s, hub.vertical_n) - weight + noise(setup.load_noise_n, setup.white_noise_n, streams[2])
+    fy = noise(setup.lateral_noise_n, setup.white_noise_n, streams[3])
+    my = np.interp(at, hub.time_s, hub.torque_nm) + noise(setup.torque_noise_nm, setup.white_noise_nm, streams[4])
+    mx = fy * wheel_radius_m + setup.white_noise_nm * streams[5].standard_normal(count)
+    mz = setup.white_noise_nm * streams[5].standard_normal(count)
+    x_offset, z_offset = setup.zero_offset_n
+    if setup.frame == "wheel":
+        fx, fz = to_wheel_axes(fx, fz, angle)
+        mx, mz = to_wheel_axes(mx, mz, angle)
+        fx, fz = fx + x_offset, fz + z_offset
+    else:
+        x_ripple, z_ripple = to_vehicle_axes(np.full(count, x_offset), np.full(count, z_offset), angle)
+        fx, fz = fx + x_ripple, fz + z_ripple
+    return Readings(
+        time_s=at,
+        latency_s=setup.latency_s,
+        values={
+            "drawbar_pull": fx,
+            "lateral_force": fy,
+            "vertical_load": fz,
+            "overturning_moment": mx,
+            "driving_torque": my,
+            "steering_moment": mz,
+            "wheel_angle": np.mod(setup.angle_direction * angle + np.radians(setup.angle_offset_deg), 2 * np.pi),
+            "spin_rate": np.interp(at, hub.time_s, hub.wheel_speed_radps),
+            "counter": np.mod(np.arange(count), 16).astype(np.float64),
+            "status": np.zeros(count),
+            "temperature": 31.0 + 4.0 * (1 - np.exp(-at / 300.0)),
+        },
+        units={
+            "drawbar_pull": "N",
+            "lateral_force": "N",
+            "vertical_load": "N",
+            "overturning_moment": "Nm",
+            "driving_torque": "Nm",
+            "steering_moment": "Nm",
+            "wheel_angle": "rad",
+            "spin_rate": "rad/s",
+            "temperature": "degC",
+        },
+    )
+
+
+def to_vehicle_axes(x: FloatArray, z: FloatArray, angle_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Turn components in wheel axes into vehicle axes; the angle is the one rolled forward."""
+    return x * np.cos(angle_rad) + z * np.sin(angle_rad), -x * np.sin(angle_rad) + z * np.cos(angle_rad)
+
+
+def to_wheel_axes(x: FloatArray, z: FloatArray, angle_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Turn components in vehicle axes into wheel axes; inverse of `to_vehicle_axes`."""
+    return to_vehicle_axes(x, z, -angle_rad)
