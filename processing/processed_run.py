@@ -38,6 +38,53 @@ class Reason(IntEnum):
 
 
 @dataclass(frozen=True)
+class SensorFacts:
+    """What one channel looked like before it was filtered.
+
+    Attributes
+    ----------
+    samples, late : int
+        Usable samples; samples left out because their stamps ran backward.
+    rate_hz, longest_gap_s : float
+        Median rate; longest time without a usable sample (NaN without samples).
+    gaps : int
+        Holes that were not bridged.
+    latency_s : float
+        Declared, and removed.
+    sigma : float
+        One-sigma of one filtered sample, SI.
+    sigma_source : str
+        ``"declared"`` or ``"estimated"``.
+    """
+
+    samples: int
+    late: int
+    rate_hz: float
+    gaps: int
+    longest_gap_s: float
+    latency_s: float
+    sigma: float
+    sigma_source: str
+
+
+@dataclass(frozen=True)
+class Standstill:
+    """Means over one standstill: what the zeros of the sensors look like. Nothing is subtracted.
+
+    Attributes
+    ----------
+    start_s, duration_s : float
+    means, sigmas : mapping role -> float
+        Mean of drawbar pull, torque, load and ground speed, and the one-sigma of that mean, SI.
+    """
+
+    start_s: float
+    duration_s: float
+    means: dict[str, float]
+    sigmas: dict[str, float]
+
+
+@dataclass(frozen=True)
 class QualityReport:
     """What was kept, what was not, and what the sensors' clocks looked like.
 
@@ -54,6 +101,8 @@ class QualityReport:
         GNSS time against host clock: offset_s, drift_ppm, residual_s (empty without GNSS time).
     notes : tuple of str
         Sentences for people, e.g. "no standstill: zeros could not be checked".
+    sensors : mapping role -> SensorFacts
+    standstills : tuple of Standstill
     """
 
     shares: dict[str, float] = field(default_factory=dict)
@@ -63,6 +112,8 @@ class QualityReport:
     speed_scale_sigma: float = float("nan")
     clock: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    sensors: dict[str, SensorFacts] = field(default_factory=dict)
+    standstills: tuple[Standstill, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -72,6 +123,8 @@ class ProcessedRun:
     A quantity that was not measured is all NaN. ``*_sigma`` is the one-sigma of one sample.
     Signs: load positive up on the wheel, drawbar pull positive forward, torque positive driving
     (``dbc/README.md``). Slip: Eq. 6 for driving, (r omega - V)/V for braking.
+    A used sample has finite values of every quantity that the run carries, but for position and sinkage, which may
+    come and go. Arrays may be read-only.
 
     Attributes
     ----------

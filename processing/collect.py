@@ -1,0 +1,215 @@
+"""Chunks of channels in, one ordered series per role out; kilohertz channels are thinned on the way.
+
+A recording may be larger than memory, so raw samples are not kept where they come much faster than the time base:
+`thin` shares each sample between the two nearest nodes of a grid, the nearer node taking the larger part. That is a
+triangular kernel two nodes wide: tones near the node rate are damped by 50 dB before they could fold, and what the
+kernel adds to the filter is a variance of time, which is measured and taken off the filter again (`filters.smooth`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from daq.channel import Channel
+from processing.timebase import FloatArray, IntArray, in_order, merge_equal_stamps
+
+_FLUSH = 1 << 14
+_THIN_BELOW = 0.5
+"""Thin where the sampling interval is less than this share of a node."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """One role's samples in order, its declared latency removed.
+
+    Attributes
+    ----------
+    time_ns, values : arrays, shape (n,)
+        Stamps strictly ascending, values finite.
+    absent_ns : int64 array
+        Where frames came without a value (NaN).
+    invalid_ns : int64 array
+        Where the sensor itself called its value invalid.
+    interval_s : float
+        Median raw sampling interval; NaN below two samples.
+    spread_s2 : float
+        Variance of the instants that one entry averages; 0 where nothing was thinned.
+    node_s : float
+        Grid of the thinning; 0 where nothing was thinned.
+    step : float
+        Resolution of the raw values; 0 where they look continuous.
+    count, late : int
+        Raw finite samples; samples left out because their stamps ran backward.
+    """
+
+    time_ns: IntArray
+    values: FloatArray
+    absent_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    invalid_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    interval_s: float = float("nan")
+    spread_s2: float = 0.0
+    node_s: float = 0.0
+    step: float = 0.0
+    count: int = 0
+    late: int = 0
+
+    def received_ns(self) -> IntArray:
+        """Return the stamps of everything that came, usable or not, ascending."""
+        if not len(self.absent_ns) and not len(self.invalid_ns):
+            return self.time_ns
+        return np.unique(np.concatenate([self.time_ns, self.absent_ns, self.invalid_ns]))
+
+
+def thin(time_ns: IntArray, values: FloatArray, node_ns: int) -> tuple[IntArray, FloatArray, float]:
+    """Reduce samples to one entry per node of a grid: mean instant and mean value under a triangle two nodes wide.
+
+    Returns
+    -------
+    time_ns, values : arrays, shape (m,)
+        Ascending; only nodes that got a sample.
+    spread_s2 : float
+        Mean variance of the instants under one node.
+    """
+    interval, remainder = np.divmod(time_ns, node_ns)
+    share = remainder / node_ns
+    first = np.flatnonzero(np.diff(interval, prepend=interval[0] - 1))
+    left = interval[first]
+    node = np.union1d(left, left + 1)
+    sums = np.zeros((4, len(node)))
+    for place, weight, ahead in ((left, 1.0 - share, share), (left + 1, share, share - 1.0)):
+        weighted = weight * np.stack([np.ones_like(ahead), ahead, ahead * ahead, values])
+        sums[:, np.searchsorted(node, place)] += np.add.reduceat(weighted, first, axis=1)
+    node, sums = node[sums[0] > 1e-9], sums[:, sums[0] > 1e-9]
+    ahead, square, value = sums[1:] / sums[0]
+    spread = float(np.mean(np.maximum(square - ahead**2, 0.0))) * (node_ns * 1e-9) ** 2
+    return node * node_ns + np.round(ahead * node_ns).astype(np.int64), value, spread
+
+
+class Collector:
+    """Takes one role's chunks as they come and gives its `Samples` at the end."""
+
+    def __init__(self, node_ns: int) -> None:
+        self._node_ns = node_ns
+        self._waiting: list[tuple[IntArray, FloatArray]] = []
+        self._done: list[tuple[IntArray, FloatArray]] = []
+        self._absent: list[IntArray] = []
+        self._intervals: list[float] = []
+        self._spreads: list[tuple[float, int]] = []
+        self._steps: list[float] = []
+        self._peak_ns: int | None = None
+        self._thinned = False
+        self._count = 0
+        self._late = 0
+
+    def add(self, time_ns: IntArray, values: FloatArray) -> None:
+        """Take a chunk; NaN and infinite values are kept as stamps only."""
+        finite = np.isfinite(values)
+        if not finite.all():
+            self._absent.append(np.unique(time_ns[~finite] // self._node_ns) * self._node_ns + self._node_ns // 2)
+            time_ns, values = time_ns[finite], values[finite]
+        if len(values):
+            self._waiting.append((time_ns, values))
+            if sum(len(piece) for piece, _ in self._waiting) >= _FLUSH:
+                self._flush()
+
+    def finish(self) -> Samples:
+        """Return everything taken."""
+        self._flush()
+        time_ns, values = _joined(self._done)
+        if np.any(np.diff(time_ns) < 0):
+            order = np.argsort(time_ns, kind="stable")
+            time_ns, values = time_ns[order], values[order]
+        time_ns, values = merge_equal_stamps(time_ns, values)
+        absent_ns = np.unique(np.concatenate([np.zeros(0, np.int64), *self._absent]))
+        if not self._intervals and len(absent_ns) > 1:
+            self._intervals.append(float(np.median(np.diff(absent_ns))) * 1e-9)
+        entries = sum(n for _, n in self._spreads)
+        return Samples(
+            time_ns,
+            values,
+            absent_ns,
+            interval_s=float(np.median(self._intervals)) if self._intervals else float("nan"),
+            spread_s2=sum(spread * n for spread, n in self._spreads) / entries if entries else 0.0,
+            node_s=self._node_ns * 1e-9 if self._thinned else 0.0,
+            step=min((step for step in self._steps if step > 0), default=0.0),
+            count=self._count,
+            late=self._late,
+        )
+
+    def _flush(self) -> None:
+        if not self._waiting:
+            return
+        time_ns, values = self._ordered(*_joined(self._waiting))
+        self._waiting = []
+        self._count += len(values)
+        self._steps.append(resolution(values[:4096]))
+        time_ns, values = merge_equal_stamps(time_ns, values)
+        spread = 0.0
+        if len(time_ns) > 1:
+            interval = float(np.median(np.diff(time_ns)))
+            self._intervals.append(interval * 1e-9)
+            if interval < _THIN_BELOW * self._node_ns:
+                time_ns, values, spread = thin(time_ns, values, self._node_ns)
+                self._thinned = True
+        self._spreads.append((spread, len(values)))
+        self._done.append((time_ns, values))
+
+    def _ordered(self, time_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
+        before = len(values)
+        if self._peak_ns is None:
+            keep = in_order(time_ns)
+        else:
+            keep = in_order(np.concatenate([[self._peak_ns], time_ns])) - 1
+            keep = keep[keep >= 0]
+        time_ns, values = time_ns[keep], values[keep]
+        self._late += before - len(values)
+        if len(time_ns):
+            self._peak_ns = int(time_ns[-1])
+        return time_ns, values
+
+
+def rethin(samples: Samples, node_s: float) -> Samples:
+    """Thin samples further, for a filter so low that the present grid wastes time; the few that come slower stay."""
+    typical = max(samples.interval_s, samples.node_s)
+    if not len(samples.time_ns) or not typical < _THIN_BELOW * node_s:
+        return samples
+    time_ns, values, spread = thin(samples.time_ns, samples.values, round(node_s * 1e9))
+    time_ns, values = merge_equal_stamps(time_ns, values)
+    return replace(samples, time_ns=time_ns, values=values, spread_s2=samples.spread_s2 + spread, node_s=node_s)
+
+
+def resolution(values: FloatArray) -> float:
+    """Return the smallest step between values that occur; 0 where hardly a value occurs twice."""
+    levels = np.unique(values)
+    if len(levels) > 0.9 * len(values):
+        return 0.0
+    steps = np.diff(levels)
+    steps = steps[steps > 1e-9 * np.abs(levels).max()]
+    return float(steps.min()) if len(steps) else 0.0
+
+
+def collect(chunks: Iterable[Mapping[str, Channel]], node_ns: int) -> dict[str, Samples]:
+    """Collect every role of a stream of chunks.
+
+    Parameters
+    ----------
+    chunks : iterable of mapping role -> Channel
+        Consecutive in time; a role may be absent from a chunk.
+    node_ns : int
+        Grid to thin fast channels to: the interval of the time base.
+    """
+    collectors: dict[str, Collector] = {}
+    for chunk in chunks:
+        for role, channel in chunk.items():
+            collectors.setdefault(role, Collector(node_ns)).add(channel.time_ns, channel.values)
+    return {role: collector.finish() for role, collector in collectors.items()}
+
+
+def _joined(pieces: list[tuple[IntArray, FloatArray]]) -> tuple[IntArray, FloatArray]:
+    if len(pieces) == 1:
+        return pieces[0]
+    times = np.concatenate([np.zeros(0, np.int64), *(time for time, _ in pieces)])
+    return times, np.concatenate([np.zeros(0), *(values for _, values in pieces)])

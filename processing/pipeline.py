@@ -1,0 +1,185 @@
+"""Channels of one run to a `ProcessedRun`: the room's one door."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from daq.channel import Channel
+from daq.clock import ClockFit
+from daq.config import RunInfo, VehicleConfig, WheelSection
+from daq.errors import ConfigError, DataError, Fault
+from processing.assemble import Material, assemble
+from processing.collect import Samples, collect
+from processing.filters import kernel_sigma_s
+from processing.inputs import (
+    MODEL_ROLES,
+    fit_gnss_clock,
+    latency_ns,
+    ready,
+    without_invalid_fixes,
+    without_jitter,
+    without_null_island,
+)
+from processing.on_base import OnBase, choose_cutoff, gap_limit_s, interpolated_on_base, put_on_base, received_span_ns
+from processing.options import NEEDED_ROLES, SLIP_ROLES, ProcessOptions, require_roles
+from processing.outboard import at_soil
+from processing.processed_run import ProcessedRun
+from processing.timebase import FloatArray, make_time_base
+from processing.wheel_frames import to_vehicle_axes
+
+Base = tuple[int, FloatArray]
+"""UTC nanoseconds of the first sample, and the seconds since, shape (n,)."""
+
+
+def process(
+    channels: Mapping[str, Channel],
+    vehicle: VehicleConfig,
+    run: RunInfo | None = None,
+    options: ProcessOptions | None = None,
+) -> ProcessedRun:
+    """Process one run whose channels are in memory.
+
+    Parameters
+    ----------
+    channels : mapping role -> Channel
+        SI units, each with its own stamps. ``wheel_speed`` may be in rad/s, or in m/s as the speed of the rim.
+    vehicle : VehicleConfig
+        Needs ``[wheel]``.
+    run : RunInfo, optional
+    options : ProcessOptions, optional
+
+    Raises
+    ------
+    ConfigError
+        A role that the purpose needs is missing, or ``[wheel]`` is.
+    DataError
+        Nothing was received of a speed, the channels share no time, or the run is too short or absurdly long.
+    """
+    return process_stream([channels], vehicle, run, options)
+
+
+def process_stream(
+    chunks: Iterable[Mapping[str, Channel]],
+    vehicle: VehicleConfig,
+    run: RunInfo | None = None,
+    options: ProcessOptions | None = None,
+) -> ProcessedRun:
+    """Process one run that comes in chunks, for recordings larger than memory; otherwise as `process`.
+
+    Kilohertz channels are thinned to the time base as they come, so that what is held grows with the duration of the
+    run at the rate of the time base, not with the number of frames.
+
+    Parameters
+    ----------
+    chunks : iterable of mapping role -> Channel
+        Consecutive in time; a role may be absent from a chunk.
+    vehicle, run, options
+        As in `process`.
+    """
+    options = options or ProcessOptions()
+    wheel = _wheel(vehicle)
+    samples = _collect(chunks, vehicle, wheel.radius_m, options)
+    clock, notes = _settle_gnss(samples, vehicle)
+    notes += _drop_dead(samples, options)
+    cutoff_hz, note = choose_cutoff({role: samples[role] for role in MODEL_ROLES if role in samples}, options)
+    base = _time_base(samples, cutoff_hz, options)
+    roles = at_soil(_put_all(samples, base, cutoff_hz, options, vehicle), vehicle, kernel_sigma_s(cutoff_hz))
+    latitude, longitude = _position(samples, base)
+    notes += [note] * bool(note)
+    material = Material(*base, cutoff_hz, roles, latitude, longitude, clock, tuple(notes))
+    return assemble(material, wheel.radius_m, run or RunInfo(), options)
+
+
+def _wheel(vehicle: VehicleConfig) -> WheelSection:
+    if vehicle.wheel is None:
+        raise ConfigError(
+            Fault("the wheel is not described", "vehicle.toml", next_step="add [wheel] with radius_m and width_m")
+        )
+    return vehicle.wheel
+
+
+def _collect(
+    chunks: Iterable[Mapping[str, Channel]], vehicle: VehicleConfig, radius_m: float, options: ProcessOptions
+) -> dict[str, Samples]:
+    seen: set[str] = set()
+    stream: Iterable[Mapping[str, Channel]] = ready(chunks, vehicle, radius_m, seen)
+    rotating = vehicle.transducer.frame == "wheel"
+    if rotating:
+        stream = to_vehicle_axes(stream, vehicle.transducer)
+    samples = collect(stream, round(1e9 / options.rate_hz))
+    require_roles(seen, options.purpose, rotating=rotating)
+    empty = [role for role in SLIP_ROLES if role not in samples or not len(samples[role].received_ns())]
+    if empty:
+        raise DataError(*(_nothing_received(role, vehicle) for role in empty))
+    return samples
+
+
+def _nothing_received(role: str, vehicle: VehicleConfig) -> Fault:
+    return Fault(
+        f"the run holds no sample of {role}",
+        where=vehicle.signals.get(role, ""),
+        next_step="check that its frames were recorded (wheelsoil info) and that the signal is the right one",
+    )
+
+
+def _settle_gnss(samples: dict[str, Samples], vehicle: VehicleConfig) -> tuple[ClockFit | None, list[str]]:
+    """Take out invalid fixes and the jitter of arrival; returns the clock fit."""
+    if "ground_speed_valid" in samples:
+        samples["ground_speed"] = without_invalid_fixes(samples["ground_speed"], samples.pop("ground_speed_valid"))
+    if "latitude" in samples and "longitude" in samples:
+        samples["latitude"], samples["longitude"] = without_null_island(samples["latitude"], samples["longitude"])
+    if "gnss_time" not in samples:
+        return None, []
+    gnss_time = samples.pop("gnss_time")
+    clock = fit_gnss_clock(gnss_time)
+    if clock is None:
+        return None, ["gnss_time: too few epochs to compare the clocks"]
+    lag_ns = latency_ns(vehicle, "ground_speed") - latency_ns(vehicle, "gnss_time")
+    samples["ground_speed"] = without_jitter(samples["ground_speed"], gnss_time, clock, lag_ns)
+    return clock, []
+
+
+def _drop_dead(samples: dict[str, Samples], options: ProcessOptions) -> list[str]:
+    """Drop channels without a single usable value, unless the purpose needs them."""
+    dead = [
+        role
+        for role, held in samples.items()
+        if not len(held.time_ns) and (role not in NEEDED_ROLES[options.purpose] or not len(held.received_ns()))
+    ]
+    for role in dead:
+        del samples[role]
+    return [f"{role}: never a usable value; treated as not measured" for role in dead]
+
+
+def _time_base(samples: dict[str, Samples], cutoff_hz: float, options: ProcessOptions) -> Base:
+    kernel_s = kernel_sigma_s(cutoff_hz)
+    spans = {
+        role: received_span_ns(samples[role], gap_limit_s(samples[role], kernel_s, options))
+        for role in MODEL_ROLES
+        if role in samples
+    }
+    return make_time_base(spans, options.rate_hz)
+
+
+def _put_all(
+    samples: dict[str, Samples], base: Base, cutoff_hz: float, options: ProcessOptions, vehicle: VehicleConfig
+) -> dict[str, OnBase]:
+    """Filter every role onto the base; sinkage, which may be slow, is not let lower the others' cut-off."""
+    roles = {}
+    for role in (*MODEL_ROLES, "sinkage"):
+        if role in samples:
+            own_hz = choose_cutoff({role: samples[role]}, options)[0] if role == "sinkage" else cutoff_hz
+            sensor = vehicle.sensors.get(role)
+            declared = (vehicle.latency_s(role), sensor.sigma if sensor else None)
+            roles[role] = put_on_base(samples.pop(role), *base, min(own_hz, cutoff_hz), options, declared)
+    return roles
+
+
+def _position(samples: dict[str, Samples], base: Base) -> tuple[FloatArray, FloatArray]:
+    if "latitude" not in samples or "longitude" not in samples:
+        nowhere = np.broadcast_to(np.float64(np.nan), base[1].shape)
+        return nowhere, nowhere
+    latitude = interpolated_on_base(samples["latitude"], *base)
+    return latitude, interpolated_on_base(samples["longitude"], *base, turn=360.0)

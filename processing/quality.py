@@ -1,0 +1,126 @@
+"""Why samples are left out, in which shares, and what a person should know of the run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.processed_run import Reason, Segment, SensorFacts, Standstill
+from processing.timebase import FloatArray
+
+_TORQUE_SIGN_SAMPLES = 50
+_NOTABLE_LATENCY_S = 0.02
+_NOTABLE_SCALE = 0.02
+_NOTABLE_GAP_SHARE = 0.1
+_ZERO_ROLES = ("drawbar_pull", "driving_torque")
+
+
+def combine_reasons(
+    channels: Iterable[NDArray[np.uint8]],
+    segments: NDArray[np.uint8],
+    slip: FloatArray,
+    vertical_load_n: FloatArray,
+) -> NDArray[np.uint8]:
+    """Return the first `Reason` that holds for each sample; all arrays of shape (n,).
+
+    Parameters
+    ----------
+    channels : iterable of uint8 arrays
+        Reasons of each channel that a used sample must have.
+    segments : uint8 array
+    slip : float64 array
+        NaN where both speeds are too small (or unknown, which the channels' reasons say).
+    vertical_load_n : float64 array
+        All NaN where not measured.
+    """
+    of_channels = np.stack(list(channels))
+    hold = {
+        why: (of_channels == why).any(axis=0)
+        for why in (Reason.GAP, Reason.INVALID_FIX, Reason.NOT_MEASURED, Reason.FILTER_EDGE)
+    }
+    hold[Reason.STANDSTILL] = segments == Segment.STANDSTILL
+    hold[Reason.TOO_SLOW] = ~np.isfinite(slip)
+    hold[Reason.NEGATIVE_LOAD] = vertical_load_n <= 0
+    hold[Reason.SLIP_OUT_OF_RANGE] = np.abs(slip) > 1
+    out = np.zeros(len(slip), np.uint8)
+    for why in sorted(hold, reverse=True):
+        out[hold[why]] = why
+    return out
+
+
+def shares_of(reason: NDArray[np.uint8]) -> dict[str, float]:
+    """Return the share of samples per `Reason` name, those that occur and USED; they sum to 1."""
+    counts = np.bincount(reason, minlength=len(Reason))
+    return {why.name: counts[why] / len(reason) for why in Reason if counts[why] or why is Reason.USED}
+
+
+def sensor_notes(sensors: dict[str, SensorFacts]) -> list[str]:
+    """Return sentences on channels whose stamps or samples are poor."""
+    notes = []
+    for role, facts in sensors.items():
+        if facts.late:
+            notes.append(f"{role}: {facts.late} samples left out because their stamps run backward")
+        if not facts.samples:
+            notes.append(f"{role}: frames came, but never a usable value")
+        elif not np.isfinite(facts.sigma):
+            notes.append(f"{role}: too few samples to tell its noise; declare [sensors.{role}] sigma")
+    return notes
+
+
+def speed_notes(latency_s: float, latency_sigma_s: float, scale: float, scale_sigma: float) -> list[str]:
+    """Return sentences on ground speed against wheel speed."""
+    notes = []
+    if abs(latency_s) > max(_NOTABLE_LATENCY_S, 3 * latency_sigma_s):
+        late = "late" if latency_s > 0 else "early"
+        notes.append(
+            f"ground speed is {abs(latency_s):.3f} +- {latency_sigma_s:.3f} s {late} against wheel speed: "
+            "declare [sensors.ground_speed] latency_s"
+        )
+    if abs(scale - 1) > max(_NOTABLE_SCALE, 3 * scale_sigma):
+        notes.append(
+            f"ground speed is {scale:.4f} +- {scale_sigma:.4f} of rim speed where the wheel hardly slips: "
+            "check [wheel] radius_m"
+        )
+    return notes
+
+
+def run_notes(
+    reason: NDArray[np.uint8],
+    gaps: dict[str, NDArray[np.uint8]],
+    standing: tuple[Standstill, ...],
+    torque_nm: FloatArray,
+    acceleration_mps2: FloatArray,
+    vertical_load_n: FloatArray,
+) -> list[str]:
+    """Return sentences on the run as a whole; `gaps` are the reasons of each channel."""
+    notes = []
+    if not standing:
+        notes.append("no standstill: zeros could not be checked")
+    notes += _zero_notes(standing)
+    for role, channel in gaps.items():
+        share = float(np.mean((channel == Reason.GAP) | (channel == Reason.NOT_MEASURED)))
+        if share > _NOTABLE_GAP_SHARE:
+            notes.append(f"{role} is missing for {share:.0%} of the run, and those samples are left out")
+    load = vertical_load_n[np.isfinite(vertical_load_n)]
+    if len(load) and np.median(load) <= 0:
+        notes.append("the vertical load is negative most of the time: check its sign (positive is up on the wheel)")
+    rows = (reason == Reason.USED) & np.isfinite(torque_nm)
+    if rows.sum() > _TORQUE_SIGN_SAMPLES and np.ptp(torque_nm[rows]) > 0 and np.ptp(acceleration_mps2[rows]) > 0:
+        correlation = float(np.corrcoef(torque_nm[rows], acceleration_mps2[rows])[0, 1])
+        if correlation < -0.3:
+            notes.append(
+                f"torque and acceleration are opposed (correlation {correlation:.2f}): check the sign of the torque"
+            )
+    return notes
+
+
+def _zero_notes(standing: tuple[Standstill, ...]) -> list[str]:
+    notes = []
+    for role in _ZERO_ROLES:
+        seen = [(s.means[role], s.sigmas[role]) for s in standing if role in s.means]
+        if seen and all(abs(mean) > 3 * sigma for mean, sigma in seen):
+            values = ", ".join(f"{mean:.1f} +- {sigma:.1f}" for mean, sigma in seen[:4])
+            notes.append(f"{role} at standstill reads {values} (SI): a zero, a slope or a held brake; not subtracted")
+    return notes

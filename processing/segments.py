@@ -1,0 +1,104 @@
+"""Standstill, drive, coast and brake, from what the channels tell."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.processed_run import Segment
+from processing.timebase import FloatArray
+
+BoolArray = NDArray[np.bool_]
+
+_REST_MPS = 0.15
+_MOVING_MPS = 0.3
+_REST_SECONDS = 0.5
+_SHORTEST_SECONDS = 0.3
+_LOW_TRACTION = 0.03
+_DRIVE_MPS2, _BRAKE_MPS2 = 0.2, 0.5
+_SLIP = 0.05
+
+
+def segment(
+    rim_speed_mps: FloatArray,
+    ground_speed_mps: FloatArray,
+    acceleration_mps2: FloatArray,
+    slip: FloatArray,
+    torque_over_radius_n: FloatArray,
+    load_n: FloatArray,
+    rate_hz: float,
+) -> NDArray[np.uint8]:
+    """Return the `Segment` of each sample; all arrays of shape (n,), all NaN where not measured.
+
+    Standstill: both speeds below 0.15 m/s for at least 0.5 s, left at 0.3 m/s. Drive and brake by the torque where it
+    is measured (|T|/r above 3 % of the load, or of the largest |T|/r without load; left at half of it), else by slip
+    (5 %) and acceleration (0.2 and -0.5 m/s2); coast is in between. Pieces under 0.3 s join what was before. Unknown
+    where a speed is missing.
+    """
+    known = np.isfinite(rim_speed_mps) & np.isfinite(ground_speed_mps)
+    fastest = np.maximum(np.abs(rim_speed_mps), np.abs(ground_speed_mps))
+    resting = _hold(fastest < _REST_MPS, fastest > _MOVING_MPS, ~known)
+    resting &= _at_least(resting, _REST_SECONDS * rate_hz)
+    driven = _driven(acceleration_mps2, slip, torque_over_radius_n, load_n, known)
+    kind = np.where(driven > 0, Segment.DRIVE, np.where(driven < 0, Segment.BRAKE, Segment.COAST))
+    kind = np.where(resting, Segment.STANDSTILL, kind)
+    kind = np.where(known, kind, Segment.UNKNOWN).astype(np.uint8)
+    return _without_short(kind, _SHORTEST_SECONDS * rate_hz)
+
+
+def runs_of(labels: NDArray[np.uint8] | BoolArray) -> NDArray[np.int64]:
+    """Return (start, stop) of every run of equal labels, shape (k, 2)."""
+    if not len(labels):
+        return np.zeros((0, 2), np.int64)
+    bounds = np.concatenate([[0], np.flatnonzero(labels[1:] != labels[:-1]) + 1, [len(labels)]])
+    return np.column_stack([bounds[:-1], bounds[1:]])
+
+
+def _driven(
+    acceleration: FloatArray, slip: FloatArray, force: FloatArray, load: FloatArray, known: BoolArray
+) -> NDArray[np.int8]:
+    """Return 1 driving, -1 braking, 0 neither."""
+    size = np.abs(force[known & np.isfinite(force)])
+    if len(size):
+        scale = load[known & (load > 0)]
+        threshold = _LOW_TRACTION * float(np.median(scale) if len(scale) else size.max())
+        up, down = _both_ways(force, threshold, threshold, ~known)
+    else:
+        by_slip = _both_ways(slip, _SLIP, _SLIP, ~known)
+        by_speed = _both_ways(acceleration, _DRIVE_MPS2, _BRAKE_MPS2, ~known)
+        up, down = by_slip[0] | by_speed[0], by_slip[1] | by_speed[1]
+        up, down = up & ~by_slip[1], down & ~by_slip[0]
+    return up.astype(np.int8) - down.astype(np.int8)
+
+
+def _both_ways(signal: FloatArray, above: float, below: float, cut: BoolArray) -> tuple[BoolArray, BoolArray]:
+    cut = cut | ~np.isfinite(signal)
+    up = _hold(signal > above, signal < above / 2, cut)
+    return up, _hold(signal < -below, signal > -below / 2, cut)
+
+
+def _hold(enter: BoolArray, leave: BoolArray, cut: BoolArray) -> BoolArray:
+    """Return a state with hysteresis: on at `enter`, off at `leave` or `cut`, else as before (off at the start)."""
+    off = leave | cut
+    decided = np.where(enter | off, np.arange(len(enter)), -1)
+    last = np.maximum.accumulate(decided) if len(decided) else decided
+    return np.asarray((last >= 0) & (enter & ~off)[np.maximum(last, 0)])
+
+
+def _at_least(state: BoolArray, samples: float) -> BoolArray:
+    """Return where a run of True is at least so long."""
+    long = np.zeros(len(state), np.bool_)
+    for start, stop in runs_of(state):
+        long[start:stop] = stop - start >= samples
+    return long
+
+
+def _without_short(kind: NDArray[np.uint8], samples: float) -> NDArray[np.uint8]:
+    """Let pieces that are too short join the piece before; standstill and unknown stay as they are."""
+    kind = kind.copy()
+    fixed = (Segment.STANDSTILL, Segment.UNKNOWN)
+    for start, stop in runs_of(kind):
+        before = kind[start - 1] if start else Segment.UNKNOWN
+        if stop - start < samples and kind[start] not in fixed and before not in fixed:
+            kind[start:stop] = before
+    return kind

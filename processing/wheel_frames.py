@@ -1,0 +1,135 @@
+r"""Wheel axes to vehicle axes, for a transducer that rotates with the wheel.
+
+The rotation mixes the forces at wheel frequency, so that it is done at the transducer's own rate and before any filter:
+
+.. math:: F_x = F_x' \cos\psi + F_z' \sin\psi, \qquad F_z = -F_x' \sin\psi + F_z' \cos\psi ,
+
+with psi counted in the sense in which the wheel rolls forward and zero where x' points forward and z' up. On the right
+side of the vehicle the y axis of a transducer points outward all the same, so that x' and the torque count the other
+way; both are turned round first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+import numpy as np
+
+from daq.channel import Channel
+from daq.config import TransducerSection
+from processing.timebase import FloatArray, IntArray, in_order, interpolate, merge_equal_stamps, seconds_since
+
+_ROTATING = ("drawbar_pull", "vertical_load", "wheel_angle")
+_JOIN_NS = 5_000_000
+"""Longest hole, at the least, that the transducer's own channels are joined across."""
+_PATIENCE_NS = 5_000_000_000
+"""How long one of the three channels may be away before the others stop waiting for it."""
+
+
+def rotate(
+    force_x: FloatArray, force_z: FloatArray, angle_rad: FloatArray, transducer: TransducerSection
+) -> tuple[FloatArray, FloatArray]:
+    """Turn forces in wheel axes into vehicle axes.
+
+    Parameters
+    ----------
+    force_x, force_z : float64 arrays, shape (n,)
+        F_x', F_z' in N as the transducer gives them.
+    angle_rad : float64 array, shape (n,)
+        The encoder's reading.
+    transducer : TransducerSection
+        Side, angle offset (the reading at psi = 0) and direction (1: the reading grows when rolling forward).
+
+    Returns
+    -------
+    force_x, force_z : float64 arrays
+        Forward and up.
+    """
+    psi = wheel_angle(angle_rad, transducer)
+    forward = -force_x if transducer.side == "right" else force_x
+    cos, sin = np.cos(psi), np.sin(psi)
+    return forward * cos + force_z * sin, force_z * cos - forward * sin
+
+
+def wheel_angle(angle_rad: FloatArray, transducer: TransducerSection) -> FloatArray:
+    """Return psi in rad from the encoder's reading."""
+    return np.asarray(transducer.angle_direction * (angle_rad - np.radians(transducer.angle_offset_deg)))
+
+
+def interpolate_angle(at_s: FloatArray, time_s: FloatArray, angle_rad: FloatArray, max_gap_s: float) -> FloatArray:
+    """Interpolate an angle the short way round; NaN in gaps. The wheel turns less than half between samples."""
+    return interpolate(at_s, time_s, np.unwrap(angle_rad), max_gap_s)
+
+
+def to_vehicle_axes(
+    chunks: Iterable[Mapping[str, Channel]], transducer: TransducerSection
+) -> Iterator[dict[str, Channel]]:
+    """Rotate the forces of a stream of chunks; other roles pass through, ``wheel_angle`` ends here.
+
+    The three channels may come in different messages: F_z' and the angle are interpolated at the stamps of F_x', never
+    across a hole; where one of them is missing the forces are NaN. What cannot be joined yet waits for the next chunk.
+    """
+    held: dict[str, tuple[IntArray, FloatArray]] = {role: _nothing() for role in _ROTATING}
+    for chunk in chunks:
+        passed = {role: channel for role, channel in chunk.items() if role not in _ROTATING}
+        for role in _ROTATING:
+            if role in chunk:
+                held[role] = _appended(held[role], chunk[role])
+        if "driving_torque" in passed and transducer.side == "right":
+            torque = passed["driving_torque"]
+            passed["driving_torque"] = Channel(torque.name, torque.unit, torque.time_ns, -torque.values)
+        newest = [int(time[-1]) if len(time) else 0 for time, _ in held.values()]
+        ready_ns = max(min(newest), max(newest) - _PATIENCE_NS)
+        passed |= _rotated(held, ready_ns, transducer)
+        held = {role: _kept(pair, ready_ns, keep_last=role != "drawbar_pull") for role, pair in held.items()}
+        yield passed
+    yield _rotated(held, np.iinfo(np.int64).max, transducer)
+
+
+def _rotated(
+    held: dict[str, tuple[IntArray, FloatArray]], until_ns: int, transducer: TransducerSection
+) -> dict[str, Channel]:
+    """Return both forces at the stamps of F_x' up to `until_ns`."""
+    time_ns, force_x = held["drawbar_pull"]
+    ready = time_ns <= until_ns
+    time_ns, force_x = time_ns[ready], force_x[ready]
+    if not len(time_ns):
+        return {}
+    at_s = seconds_since(time_ns, int(time_ns[0]))
+    z_time, force_z = _seconds(held["vertical_load"], int(time_ns[0]))
+    a_time, angle = _seconds(held["wheel_angle"], int(time_ns[0]))
+    force_z = interpolate(at_s, z_time, force_z, _join_gap_s(z_time))
+    angle = interpolate_angle(at_s, a_time, angle, _join_gap_s(a_time))
+    forces = rotate(force_x, force_z, angle, transducer)
+    return {
+        role: Channel(role, "N", time_ns, values)
+        for role, values in zip(("drawbar_pull", "vertical_load"), forces, strict=True)
+    }
+
+
+def _join_gap_s(time_s: FloatArray) -> float:
+    usual = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    return max(1.75 * usual, _JOIN_NS * 1e-9)
+
+
+def _appended(held: tuple[IntArray, FloatArray], channel: Channel) -> tuple[IntArray, FloatArray]:
+    finite = np.isfinite(channel.values)
+    time_ns = np.concatenate([held[0], channel.time_ns[finite]])
+    values = np.concatenate([held[1], channel.values[finite]])
+    keep = in_order(time_ns)
+    return time_ns[keep], values[keep]
+
+
+def _kept(pair: tuple[IntArray, FloatArray], until_ns: int, keep_last: bool) -> tuple[IntArray, FloatArray]:
+    """Drop what is used up; where `keep_last`, not the last of it: the next interpolation starts from it."""
+    start = max(int(np.searchsorted(pair[0], until_ns, side="right")) - keep_last, 0)
+    return pair[0][start:], pair[1][start:]
+
+
+def _seconds(pair: tuple[IntArray, FloatArray], origin_ns: int) -> tuple[FloatArray, FloatArray]:
+    time_ns, values = merge_equal_stamps(*pair)
+    return seconds_since(time_ns, origin_ns), values
+
+
+def _nothing() -> tuple[IntArray, FloatArray]:
+    return np.zeros(0, np.int64), np.zeros(0)
