@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -94,18 +94,21 @@ def raw_batches(
         raise RecordingError(Fault("the recording cannot be read", str(path), error.strerror or str(error))) from None
 
 
-def chunks_between(chunks: Sequence[ChunkEntry], start_ns: int, end_ns: int) -> list[ChunkEntry]:
-    """Return the chunks that may hold frames with ``start_ns <= time_ns < end_ns``.
+def chunks_between(
+    chunks: Sequence[ChunkEntry], channels: Container[int], start_ns: int, end_ns: int
+) -> list[ChunkEntry]:
+    """Return the chunks that may hold frames of `channels` with ``start_ns <= time_ns < end_ns``.
 
     A chunk's log times are those of the last frame of each message, so that only its end is a bound. Its beginning
     is the end of the chunk before, less `_CLOCK_SLACK_NS`.
     """
     found: list[ChunkEntry] = []
-    latest = -(2**63)
+    before_ns = -(2**63)
     for entry in chunks:
-        if entry.end_ns >= start_ns and latest - _CLOCK_SLACK_NS < end_ns:
+        if entry.end_ns >= start_ns and before_ns - _CLOCK_SLACK_NS < end_ns:
             found.append(entry)
-        latest = entry.end_ns
+        if any(channel_id in channels for channel_id in entry.channel_ids or ()):
+            before_ns = entry.end_ns
     return found
 
 

@@ -210,7 +210,7 @@ class Recording:
         channels = {i: channel for i, channel in self._raw.items() if bus in (None, channel.bus)}
         low = -(2**63) if start_ns is None else start_ns
         high = 2**63 if end_ns is None else end_ns
-        return _between(self._batches(channels, chunks_between(self.contents.chunks, low, high)), low, high)
+        return _between(self._batches(channels, chunks_between(self.contents.chunks, channels, low, high)), low, high)
 
     def _batches(self, channels: dict[int, RawChannel], chunks: list[ChunkEntry]) -> Iterator[FrameBatch]:
         if self.contents.has_summary:

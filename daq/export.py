@@ -1,0 +1,139 @@
+"""Tables to Parquet, CSV and MATLAB files, units included."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from daq.errors import ConfigError, DataError, Fault, HardwareError, nearest
+
+Columns = Mapping[str, NDArray[Any]]
+_LONGEST_MATLAB_NAME = 63
+
+
+def write_table(path: str | Path, columns: Columns, units: Mapping[str, str] | None = None) -> Path:
+    """Write columns of equal length as a table; the suffix says which format.
+
+    ``.parquet`` carries units in each field's metadata (key ``unit``), ``.csv`` in its header (``name [unit]``; NaN
+    is an empty cell), ``.mat`` in a struct ``units`` and the original names in a struct ``names``, since MATLAB
+    takes only letters, digits and underscores.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file that is there is replaced.
+    columns : mapping str -> array, shape (n,)
+        Numbers, truth values or text.
+    units : mapping str -> str, optional
+        A column without one has none.
+
+    Returns
+    -------
+    Path
+        Where it was written.
+
+    Raises
+    ------
+    ConfigError
+        If the suffix is none of the three, or the file cannot be made there.
+    DataError
+        If columns differ in length, or a unit is of no column.
+    HardwareError
+        If the disk fails or is full.
+    """
+    target = Path(path)
+    units = units or {}
+    write = _WRITERS.get(target.suffix.lower())
+    if write is None:
+        raise ConfigError(
+            Fault(
+                f"tables are not written as {target.suffix or 'a file without a suffix'}",
+                str(target),
+                expected=", ".join(_WRITERS),
+                next_step="choose one of these suffixes",
+            )
+        )
+    _check(columns, units)
+    try:
+        with target.open("wb") as file:
+            write(file, columns, units)
+    except (FileNotFoundError, NotADirectoryError, IsADirectoryError, PermissionError) as error:
+        raise ConfigError(
+            Fault("the table cannot be made", str(target), error.strerror or str(error), next_step="check the folder")
+        ) from None
+    except OSError as error:
+        raise HardwareError(
+            Fault("the table cannot be written", str(target), error.strerror or str(error), next_step="free the disk")
+        ) from None
+    return target
+
+
+def _check(columns: Columns, units: Mapping[str, str]) -> None:
+    lengths = {name: column.shape for name, column in columns.items()}
+    faults = [
+        Fault(f"there is a unit for {name!r}, but no such column", expected=nearest(name, columns))
+        for name in units
+        if name not in columns
+    ]
+    if len(set(lengths.values())) > 1 or any(len(shape) != 1 for shape in lengths.values()):
+        shown = ", ".join(f"{name} {shape}" for name, shape in lengths.items())
+        faults.append(Fault("the columns of a table must be of one length", found=shown))
+    if faults:
+        raise DataError(*faults)
+
+
+def _write_parquet(file: Any, columns: Columns, units: Mapping[str, str]) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet
+
+    arrays = {name: pa.array(column) for name, column in columns.items()}
+    fields = [pa.field(name, array.type, metadata={"unit": units.get(name, "")}) for name, array in arrays.items()]
+    pyarrow.parquet.write_table(pa.table(list(arrays.values()), schema=pa.schema(fields)), file, compression="zstd")
+
+
+def _write_csv(file: Any, columns: Columns, units: Mapping[str, str]) -> None:
+    import pyarrow as pa
+    import pyarrow.csv
+
+    heads = [f"{name} [{units[name]}]" if units.get(name) else name for name in columns]
+    arrays = [pa.array(column, from_pandas=True) for column in columns.values()]
+    pyarrow.csv.write_csv(pa.table(arrays, names=heads), file)
+
+
+def _write_mat(file: Any, columns: Columns, units: Mapping[str, str]) -> None:
+    from scipy.io import savemat
+
+    names: dict[str, str] = {}
+    for name in columns:
+        names[_matlab_name(name, names)] = name
+    content: dict[str, Any] = {short: _matlab_column(columns[name]) for short, name in names.items()}
+    content["units"] = {short: units.get(name, "") for short, name in names.items()}
+    content["names"] = names
+    savemat(file, content, long_field_names=True, do_compression=True, oned_as="column")
+
+
+def _matlab_name(name: str, taken: Mapping[str, str]) -> str:
+    """Return `name` as MATLAB allows it, numbered when it is taken."""
+    plain = re.sub(r"[^0-9A-Za-z_]", "_", name)
+    short = (plain if plain[:1].isalpha() else f"x{plain}")[:_LONGEST_MATLAB_NAME]
+    candidate, number = short, 2
+    while candidate in taken or candidate in ("units", "names"):
+        tail = f"_{number}"
+        candidate, number = short[: _LONGEST_MATLAB_NAME - len(tail)] + tail, number + 1
+    return candidate
+
+
+def _matlab_column(column: NDArray[Any]) -> NDArray[Any]:
+    """Return text as a cell array; numbers as they are."""
+    return column.astype(object) if column.dtype.kind in "US" else column
+
+
+_WRITERS: dict[str, Callable[[Any, Columns, Mapping[str, str]], None]] = {
+    ".parquet": _write_parquet,
+    ".csv": _write_csv,
+    ".mat": _write_mat,
+}

@@ -1,0 +1,85 @@
+"""Tables come back with their numbers, text and units."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from daq.errors import ConfigError, DataError
+from daq.export import write_table
+
+COLUMNS = {
+    "time_ns": np.array([1_700_000_000_000_000_001, 2, -3]),
+    "slip": np.array([0.1, np.nan, -1 / 3]),
+    "Wheel.Speed [rpm]": np.array([1e300, 5e-324, -0.0]),
+    "used": np.array([True, False, True]),
+    "reason": np.array(["", "GAP, long", 'say "no"']),
+}
+UNITS = {"time_ns": "ns", "slip": "", "Wheel.Speed [rpm]": "1/min"}
+
+
+def test_parquet_round_trip(tmp_path):
+    import pyarrow.parquet
+
+    table = pyarrow.parquet.read_table(write_table(tmp_path / "t.parquet", COLUMNS, UNITS))
+    for name, column in COLUMNS.items():
+        np.testing.assert_array_equal(table[name].to_numpy(), column)
+        assert table.schema.field(name).metadata[b"unit"].decode() == UNITS.get(name, "")
+
+
+@settings(max_examples=30, deadline=None)
+@given(arrays(np.float64, st.integers(0, 20)))
+def test_csv_keeps_every_digit(csv_folder, values):
+    path = write_table(csv_folder / "t.csv", {"v": values, "n": np.arange(len(values))}, {"v": "N"})
+    with path.open(newline="") as file:
+        head, *rows = list(csv.reader(file))
+    assert head == ["v [N]", "n"]
+    np.testing.assert_array_equal([float(row[0] or "nan") for row in rows], values)
+
+
+@pytest.fixture(scope="module")
+def csv_folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("csv")
+
+
+def test_csv_text(tmp_path):
+    with write_table(tmp_path / "t.CSV", COLUMNS, UNITS).open(newline="") as file:
+        rows = list(csv.reader(file))
+    assert rows[0] == ["time_ns [ns]", "slip", "Wheel.Speed [rpm] [1/min]", "used", "reason"]
+    assert [row[4] for row in rows[1:]] == COLUMNS["reason"].tolist()
+    assert rows[1][0] == "1700000000000000001"
+
+
+def test_mat_round_trip(tmp_path):
+    from scipy.io import loadmat
+
+    columns = {**COLUMNS, "units": np.zeros(3), "x" * 70: np.ones(3), "x" * 69 + "y": np.ones(3) * 2}
+    found = loadmat(write_table(tmp_path / "t.mat", columns, UNITS), squeeze_me=True, simplify_cells=True)
+    names = found["names"]
+    assert sorted(names.values()) == sorted(columns)
+    for short, name in names.items():
+        np.testing.assert_array_equal([x if len(np.shape(x)) == 0 else "" for x in found[short]], columns[name])
+    units = {names[short]: unit for short, unit in found["units"].items() if len(unit)}
+    assert units == {name: unit for name, unit in UNITS.items() if unit}
+
+
+def test_faults_are_told(tmp_path):
+    with pytest.raises(ConfigError, match=r"\.parquet, \.csv, \.mat"):
+        write_table(tmp_path / "t.xlsx", COLUMNS)
+    with pytest.raises(ConfigError, match="a file without a suffix"):
+        write_table(tmp_path / "t", COLUMNS)
+    for suffix in (".parquet", ".csv", ".mat"):
+        with pytest.raises(ConfigError, match="cannot be made"):
+            write_table(tmp_path / "nowhere" / f"t{suffix}", COLUMNS)
+        (tmp_path / f"folder{suffix}").mkdir()
+        with pytest.raises(ConfigError, match="cannot be made"):
+            write_table(tmp_path / f"folder{suffix}", COLUMNS)
+    with pytest.raises(DataError, match="of one length"):
+        write_table(tmp_path / "t.csv", {"a": np.zeros(2), "b": np.zeros(3)})
+    with pytest.raises(DataError, match="nearest: slip"):
+        write_table(tmp_path / "t.csv", COLUMNS, {"slipp": "1"})
