@@ -56,13 +56,18 @@ def fit_models(
     ------
     Yang et al. (2016), sections 1.2, 1.3 and 3.
     """
-    chosen = options or FitOptions()
+    fitted = fit_observations(observations_of(runs), wheel, soil, options)
     everything = observations_of(runs, thinned=False)
-    fitted = fit_observations(observations_of(runs), wheel, soil, chosen, everything)
     models = []
     for fit in fitted.models:
-        model = _model(wheel, soil, fit.name, chosen)
-        models.append(replace(fit, predictions=tuple(_predict_run(model, fit, run) for run in runs)))
+        model = _model(wheel, soil, fit.name, fitted.options)
+        predictions = tuple(_predict_run(model, fit, run) for run in runs)
+        used = {
+            c: np.concatenate([getattr(p, CHANNELS[c])[r.used] for p, r in zip(predictions, runs, strict=True)])
+            for c in CHANNELS
+        }
+        judged = _judge(everything, used, fitted.slip_threshold)
+        models.append(replace(fit, predictions=predictions, criteria=judged))
     return replace(fitted, models=tuple(models))
 
 
@@ -71,9 +76,8 @@ def fit_observations(
     wheel: Wheel,
     soil: Soil,
     options: FitOptions | None = None,
-    judged: Observations | None = None,
 ) -> CampaignFit:
-    """Fit the paper's models to samples: the door for bench tables, and for `fit_models`.
+    """Fit the paper's models to samples and judge them on the same: the door for bench tables.
 
     Parameters
     ----------
@@ -82,8 +86,6 @@ def fit_observations(
     wheel : Wheel
     soil : Soil
     options : FitOptions, optional
-    judged : Observations, optional
-        What M0, R0 and R2 are taken on (default: the same).
 
     Raises
     ------
@@ -98,12 +100,14 @@ def fit_observations(
     driven, lost = driven[answered], int((~answered).sum())
     _check_enough(driven, lost)
     threshold = default_slip_threshold(soil) if chosen.slip_threshold is None else chosen.slip_threshold
-    fits = [_fit_one(name, driven, wheel, soil, chosen) for name in chosen.models]
-    judge = observations if judged is None else judged
-    fits = [
-        replace(fit, criteria=_judge(_model(wheel, soil, fit.name, chosen), fit, judge, chosen, threshold))
-        for fit in fits
-    ]
+    fits = []
+    for name in chosen.models:
+        fit = _fit_one(name, driven, wheel, soil, chosen)
+        prediction = _model(wheel, soil, name, chosen).predict(
+            Conditions(observations.slip, observations.vertical_load_n), fit.values
+        )
+        predicted = {c: getattr(prediction, CHANNELS[c]) for c in CHANNELS}
+        fits.append(replace(fit, criteria=_judge(observations, predicted, threshold)))
     notes = (f"{lost} driven samples left out: the soil does not carry their load above the axle",) if lost else ()
     return CampaignFit(tuple(fits), wheel, soil, chosen, threshold, observations, notes)
 
@@ -296,14 +300,14 @@ def _load_ratio(prediction: Prediction, driven: Observations) -> LoadRatio:
     return LoadRatio(float(np.median(ratio)), float(ratio.min()), float(ratio.max()))
 
 
-def _judge(
-    model: WheelSoilModel, fit: ModelFit, judged: Observations, options: FitOptions, threshold: float
-) -> dict[str, Criteria]:
-    """Return M0, R0 and R2 on the samples above the slip threshold, for every channel that was measured."""
-    above = judged[judged.slip > threshold]
-    prediction = model.predict(Conditions(above.slip, above.vertical_load_n), fit.values)
-    channels = [c for c in CHANNELS if c in options.channels or np.isfinite(judged.measured(c)).any()]
-    return {c: criteria(above.measured(c), getattr(prediction, CHANNELS[c]), above.slip, threshold) for c in channels}
+def _judge(measured: Observations, predicted: dict[str, FloatArray], threshold: float) -> dict[str, Criteria]:
+    """Return M0, R0 and R2 at or above the slip threshold, for drawbar pull and every other measured channel."""
+    load = measured.vertical_load_n
+    return {
+        c: criteria(measured.measured(c), predicted[c], measured.slip, threshold, vertical_load_n=load)
+        for c in CHANNELS
+        if c == "dp" or np.isfinite(measured.measured(c)).any()
+    }
 
 
 def _predict_run(model: WheelSoilModel, fit: ModelFit, run: ProcessedRun) -> Prediction:
