@@ -122,13 +122,14 @@ class DecodedTopics:
         rows = np.arange(len(time_ns))
         if self._rate_hz is None or not len(rows):
             return rows
-        since_ns = time_ns[0] if topic.kept_ns is None else topic.kept_ns
-        allowed = _SLACK * self._rate_hz * float(time_ns[-1] - since_ns) * 1e-9 + (topic.kept_ns is None)
-        if len(rows) > allowed:
-            period_ns = int(1e9 / self._rate_hz)
-            slot = time_ns // period_ns
-            before = slot[0] - 1 if topic.kept_ns is None else topic.kept_ns // period_ns
-            rows = np.flatnonzero(np.diff(slot, prepend=before) > 0)
+        since_ns = topic.kept_ns
+        if since_ns is None or time_ns[-1] < since_ns:  # the first samples, or the clock was put back
+            since_ns, first = int(time_ns[0]), True
+        else:
+            first = False
+        periods = (time_ns - since_ns) * 1e-9 * self._rate_hz
+        if len(rows) > _SLACK * periods[-1] + first:
+            rows = np.flatnonzero(np.diff(np.floor(periods), prepend=-1 if first else 0) > 0)
         if len(rows):
             topic.kept_ns = int(time_ns[rows[-1]])
         return rows

@@ -1,0 +1,177 @@
+"""Independent readers (mcap with mcap-ros2-support, rosbags) see the numbers that were written."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+
+import numpy as np
+import pytest
+from recording_support import START_NS, random_frames
+
+from daq.frames import FrameBatch, split
+from daq.recording import Recording, RecordingWriter
+from daq.recording.topics import TopicNames, field_names, snake_case
+
+# Names as vendors write them: keywords, digits first, doubles once in snake case, words of the formats themselves.
+SIGNALS = ["Fx", "fx", "2ndGear", "class", "header", "Drehmoment°", "µ", "WheelSpeedFL", "uint8", "string", "stamp"]
+UNITS = dict(zip(SIGNALS, ["N", "kN", "", "", "", "Nm", "", "km/h", "", "", "s"], strict=True))
+COUNT = 40
+TIMES = START_NS + np.arange(COUNT) * 10_000_000 + np.arange(COUNT) ** 2
+PUBLISHED = TIMES - 160_000_000
+VALUES = {name: np.random.default_rng(i).normal(size=COUNT) * 10.0**i for i, name in enumerate(SIGNALS[:-1])}
+VALUES["Fx"][3] = np.nan
+LATITUDE = np.linspace(48, 49, COUNT)
+FRAMES = {
+    False: random_frames(1, 3000, bus_count=2),
+    True: random_frames(2, 300, fd=True, bus_count=2),
+}
+
+
+@pytest.fixture(scope="module", params=["zstd", "lz4", "none"])
+def recording(request, tmp_path_factory):
+    path = tmp_path_factory.mktemp("readers") / "run.mcap"
+    with RecordingWriter(path, attachments={"a.dbc": b"VERSION"}, compression=request.param) as writer:
+        for frames in FRAMES.values():
+            for batch in split(FrameBatch(frames, ("can0", "2nd-Bus")), 500):
+                writer.write_frames(batch)
+                writer.flush()
+        writer.write_decoded("WFT_Force", "can0", TIMES, VALUES, UNITS, publish_ns=PUBLISHED)
+        writer.write_decoded("raw", "can0", TIMES, {"V": VALUES["Fx"]}, {"V": "m/s"})
+        writer.write_position("can0", TIMES, LATITUDE, -LATITUDE)
+    return path
+
+
+def with_mcap_ros2(path):
+    from mcap.reader import make_reader
+    from mcap_ros2.decoder import DecoderFactory
+
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        for _, channel, message, decoded in reader.iter_decoded_messages():
+            yield channel.topic, message.log_time, decoded
+
+
+def with_rosbags(path):
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        for connection, log_time_ns, data in reader.messages():
+            yield connection.topic, log_time_ns, reader.deserialize(data, connection.msgtype)
+
+
+@pytest.fixture(params=[with_mcap_ros2, with_rosbags], ids=["mcap-ros2-support", "rosbags"])
+def topics(request, recording):
+    """Return the messages of each topic, as an independent reader gives them."""
+    found: dict[str, list[tuple[int, object]]] = {}
+    for topic, log_time_ns, message in request.param(recording):
+        found.setdefault(topic, []).append((log_time_ns, message))
+    return found
+
+
+def test_every_topic_is_there(topics):
+    raw = {f"/can/{bus}/{kind}" for bus in ("can0", "x_2nd_bus") for kind in ("raw", "raw_fd")}
+    assert topics.keys() == {*raw, "/can/can0/wft_force", "/can/can0/raw_2", "/can/can0/position"}
+
+
+@pytest.mark.parametrize("fd", [False, True])
+@pytest.mark.parametrize(("number", "bus"), [(0, "can0"), (1, "x_2nd_bus")])
+def test_raw_frames(topics, fd, number, bus):
+    expected = FRAMES[fd][FRAMES[fd]["bus"] == number]
+    messages = topics[f"/can/{bus}/{'raw_fd' if fd else 'raw'}"]
+    frames = [frame for _, message in messages for frame in message.frames]
+    for name in ("time_ns", "can_id", "bus", "flags", "length", "reserved"):
+        assert [getattr(frame, name) for frame in frames] == expected[name].tolist()
+    assert [bytes(frame.data) for frame in frames] == [bytes(row) for row in expected["data"]]
+    for log_time_ns, message in messages:
+        assert log_time_ns == message.frames[-1].time_ns == stamp_ns(message)
+
+
+def test_decoded_messages(topics):
+    messages = topics["/can/can0/wft_force"]
+    assert [log_time_ns for log_time_ns, _ in messages] == TIMES.tolist()
+    assert [stamp_ns(message) for _, message in messages] == PUBLISHED.tolist()
+    for signal, field in zip(SIGNALS, field_names(SIGNALS), strict=True):
+        found = np.array([getattr(message, field) for _, message in messages])
+        np.testing.assert_array_equal(found, VALUES.get(signal, np.full(COUNT, np.nan)))
+
+
+def test_positions(topics):
+    messages = [message for _, message in topics["/can/can0/position"]]
+    assert [message.latitude for message in messages] == LATITUDE.tolist()
+    assert [message.longitude for message in messages] == (-LATITUDE).tolist()
+    assert all(np.isnan(message.altitude) and message.status.status == 0 for message in messages)
+
+
+def stamp_ns(message) -> int:
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+
+
+def test_topics_keep_the_original_names_and_units(recording):
+    topic = {topic.name: topic for topic in Recording.open(recording).topics}["/can/can0/wft_force"]
+    assert (topic.metadata["bus"], topic.metadata["message"]) == ("can0", "WFT_Force")
+    described = json.loads(topic.metadata["signals"])
+    assert {entry["name"]: entry["unit"] for entry in described.values()} == UNITS
+    assert topic.message_count == COUNT
+
+
+def test_names_are_what_ros_allows_and_unique():
+    strange = ["Fx", "FX", "f-x", "", "__", "9", "Ω", "a__b_", "x_", "HTTPServer2", "from", "header", "Fx_2"]
+    names = field_names(strange)
+    assert len(set(names)) == len(strange)
+    assert all(re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) for name in names)
+    assert snake_case("HTTPServer2Load") == "http_server2_load"
+    hands = TopicNames()
+    topics = [
+        hands.raw_topic("a-b", False),
+        hands.raw_topic("a_b", False),
+        hands.topic("a_b", "M"),
+        hands.topic("a_b", "m"),
+    ]
+    assert topics == ["/can/a_b/raw", "/can/a_b_2/raw", "/can/a_b_2/m", "/can/a_b_2/m_2"]
+    types = [hands.type_name("can", "frames"), hands.type_name("x", "y"), hands.type_name("X", "y")]
+    assert len(set(types)) == 3
+    assert "CanFrames" not in types
+
+
+@pytest.mark.parametrize("step_ns", [1_000_000, 10_000_000, 9_500_000, 1_000_000_000])
+@pytest.mark.parametrize("batch", [1, 20, 1000])
+def test_decoded_topics_are_thinned_to_the_rate(tmp_path, step_ns, batch):
+    rng = np.random.default_rng(3)
+    times = START_NS + np.arange(2000) * step_ns + rng.integers(-step_ns // 20, step_ns // 20, 2000)
+    with RecordingWriter(tmp_path / "run.mcap", decoded_rate_hz=100.0, flush_every_s=None) as writer:
+        for start in range(0, len(times), batch):
+            part = times[start : start + batch]
+            writer.write_decoded("M", "can0", part, {"v": part * 1.0}, {"v": ""})
+    (topic,) = Recording.open(tmp_path / "run.mcap").topics
+    span_s = (times[-1] - times[0]) * 1e-9
+    if step_ns >= 9_500_000:
+        assert topic.message_count == len(times)
+    else:
+        assert 0.95 * 100 * span_s <= topic.message_count <= 1.2 * 100 * span_s
+
+
+def test_a_timed_flush_costs_little_and_is_kept(tmp_path):
+    frames = random_frames(5, 64_000)
+    frames["data"][:, 2:] = 0
+    sizes = {}
+    for flush_every in (None, 640):
+        path = tmp_path / f"{flush_every}.mcap"
+        with RecordingWriter(path, flush_every_s=None, sync_every_s=None) as writer:
+            for batch in split(FrameBatch(frames, ("can0",)), flush_every or len(frames)):
+                writer.write_frames(batch)
+                if flush_every:
+                    writer.flush()
+                    assert path.stat().st_size == writer.bytes_written
+        sizes[flush_every] = path.stat().st_size
+    assert sizes[640] < 1.1 * sizes[None]
+    with RecordingWriter(tmp_path / "clock.mcap", flush_every_s=0.05) as writer:
+        before = writer.bytes_written
+        writer.write_frames(FrameBatch(frames[:10], ("can0",)))
+        writer.tick()
+        assert writer.bytes_written == before
+        time.sleep(0.06)
+        writer.tick()
+        assert writer.bytes_written > before
