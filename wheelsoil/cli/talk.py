@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -59,6 +60,18 @@ def progress(items: Iterable[Item], label: str, total: int | None = None) -> Ite
     from rich.progress import track
 
     yield from track(items, label, total=total, console=Console(stderr=True), transient=True)
+
+
+@contextmanager
+def counter(label: str, what: str) -> Iterator[Callable[[int], None] | None]:
+    """Give a function that shows a growing number of `what`, or None when stderr is no terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(label) as status:
+        yield lambda count: status.update(f"{label}: {count:,} {what}")
 
 
 def number(value: float, digits: int = 4) -> str:

@@ -1,0 +1,199 @@
+"""The one door to runs: recordings, logs of any format and campaign folders, with what is known of them.
+
+What a file says of itself is beaten by the campaign folder it lies in, and that by what the caller gives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from daq.errors import ConfigError, Fault, RecordingError, WheelsoilError, nearest
+from daq.run import (
+    RUNS_FILE,
+    TERRAIN_FILE,
+    VEHICLE_FILE,
+    Configuration,
+    Run,
+    log_run,
+    recording_run,
+    runs_from_file,
+    terrain_from_file,
+    vehicle_from_file,
+)
+
+_MCAP_MAGIC = b"\x89MCAP"
+_RUN_SUFFIXES = (".mcap", ".log", ".candump", ".blf", ".asc", ".trc", ".mf4")
+"""Files that a folder without runs.toml offers as runs (a CSV may be anything)."""
+
+
+def open_runs(
+    paths: Sequence[str | Path],
+    *,
+    vehicle: str | Path | None = None,
+    terrain: str | Path | None = None,
+    runs: str | Path | None = None,
+    lenient_dbc: bool = False,
+) -> list[Run]:
+    """Open recordings, logs and campaign folders.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        A recording (MCAP), a log of any format that `daq.logs.read_log` knows, or a folder with ``vehicle.toml``,
+        ``terrain.toml``, ``runs.toml``, the DBCs and the runs. Without ``runs.toml`` every recording and log of the
+        folder is a run, in the order of their names.
+    vehicle, terrain, runs : path, optional
+        Files that override what folders and recordings carry; the names of DBCs start at the folder of vehicle.toml.
+    lenient_dbc : bool
+        See `daq.databases.load_database`.
+
+    Returns
+    -------
+    list of Run
+        With ids that differ.
+
+    Raises
+    ------
+    ConfigError, DatabaseError, RecordingError
+        Everything that is wrong with any of them, at once.
+    """
+    if not paths:
+        raise ConfigError(Fault("no run is given", next_step="name a recording, a log or a campaign folder"))
+    collected = Collected()
+    given = _configuration(
+        {name: Path(path) for name, path in _named(vehicle, terrain, runs) if path is not None}, collected, lenient_dbc
+    )
+    collected.stop_if_any()
+    opened: list[Run] = []
+    for path in map(Path, paths):
+        if path.is_dir():
+            opened += _open_folder(path, given, collected, lenient_dbc)
+        else:
+            with collected.catch():
+                opened.append(_open_file(path, given, lenient_dbc))
+    collected.stop_if_any()
+    return _told_apart(opened)
+
+
+class Collected:
+    """Gathers errors so that all of them can be told at once."""
+
+    def __init__(self) -> None:
+        self.errors: list[WheelsoilError] = []
+
+    @contextmanager
+    def catch(self, where: str = "") -> Iterator[None]:
+        """Keep an error of ours that is raised inside; faults that do not say where get `where`."""
+        try:
+            yield
+        except WheelsoilError as error:
+            self.errors.append(type(error)(*(_placed(fault, where) for fault in error.faults)))
+
+    def stop_if_any(self) -> None:
+        """Raise all faults as one error of the first one's kind."""
+        if self.errors:
+            faults = dict.fromkeys(fault for error in self.errors for fault in error.faults)
+            raise type(self.errors[0])(*faults) from None
+
+
+def _placed(fault: Fault, where: str) -> Fault:
+    return fault if fault.where or not where else replace(fault, where=where)
+
+
+def is_recording(path: Path) -> bool:
+    """Return whether a file begins like an MCAP file, or is called one.
+
+    Raises
+    ------
+    RecordingError
+        There is no such file, or it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC or path.suffix.lower() == ".mcap"
+    except FileNotFoundError:
+        names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
+        expected = nearest(path.name, names) if names else ""
+        raise RecordingError(Fault("no such file", str(path), expected=expected, next_step="check the path")) from None
+    except OSError as error:
+        raise RecordingError(Fault("the file cannot be read", str(path), error.strerror or str(error))) from None
+
+
+def _named(
+    vehicle: str | Path | None, terrain: str | Path | None, runs: str | Path | None
+) -> list[tuple[str, str | Path | None]]:
+    return [(VEHICLE_FILE, vehicle), (TERRAIN_FILE, terrain), (RUNS_FILE, runs)]
+
+
+def _configuration(files: dict[str, Path], collected: Collected, lenient_dbc: bool) -> Configuration:
+    known = Configuration()
+    if VEHICLE_FILE in files:
+        with collected.catch():
+            known = known.over(vehicle_from_file(files[VEHICLE_FILE], lenient_dbc=lenient_dbc))
+    if TERRAIN_FILE in files:
+        with collected.catch():
+            known = known.over(terrain_from_file(files[TERRAIN_FILE]))
+    if RUNS_FILE in files:
+        with collected.catch():
+            known = known.over(runs_from_file(files[RUNS_FILE]))
+    return known
+
+
+def _open_file(path: Path, given: Configuration, lenient_dbc: bool) -> Run:
+    return recording_run(path, given, lenient_dbc=lenient_dbc) if is_recording(path) else log_run(path, given)
+
+
+def _open_folder(folder: Path, given: Configuration, collected: Collected, lenient_dbc: bool) -> list[Run]:
+    before = len(collected.errors)
+    have = {VEHICLE_FILE: given.vehicle, TERRAIN_FILE: given.terrain, RUNS_FILE: given.runs}
+    files = {name: folder / name for name, known in have.items() if known is None and (folder / name).is_file()}
+    known = given.over(_configuration(files, collected, lenient_dbc))
+    if len(collected.errors) > before:
+        return []
+    runs = []
+    for path in _files_of(folder, known, collected):
+        with collected.catch():
+            runs.append(_open_file(path, known, lenient_dbc))
+    return runs
+
+
+def _files_of(folder: Path, known: Configuration, collected: Collected) -> list[Path]:
+    listed = [folder / run.file for run in known.runs or () if run.file]
+    if known.runs is not None and not listed:
+        fault = Fault("runs.toml names no file", str(folder), next_step='add file = "..." to each [[run]]')
+        collected.errors.append(ConfigError(fault))
+    if listed:
+        return list(dict.fromkeys(listed))
+    found = sorted(path for path in folder.iterdir() if _plain_suffix(path) in _RUN_SUFFIXES and path.is_file())
+    if not found and known.runs is None:
+        fault = Fault(
+            "the folder holds no run",
+            str(folder),
+            found=", ".join(sorted(path.name for path in folder.iterdir())[:8]) or "nothing",
+            expected="recordings or logs (" + ", ".join(_RUN_SUFFIXES) + "), or a runs.toml that names them",
+            next_step="name the folder of a campaign, or a recording",
+        )
+        collected.errors.append(ConfigError(fault))
+    return found if known.runs is None else []
+
+
+def _plain_suffix(path: Path) -> str:
+    name = path.name.lower().removesuffix(".gz")
+    return Path(name).suffix
+
+
+def _told_apart(runs: list[Run]) -> list[Run]:
+    """Give runs of the same id a number each."""
+    taken: set[str] = set()
+    result = []
+    for run in runs:
+        name, count = run.id, 2
+        while name in taken:
+            name, count = f"{run.id}-{count}", count + 1
+        taken.add(name)
+        same = name == run.id
+        result.append(run if same else replace(run, id=name, info=run.info.model_copy(update={"id": name})))
+    return result

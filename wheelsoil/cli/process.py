@@ -1,0 +1,93 @@
+"""``wheelsoil process``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from wheelsoil.cli.options import Force, Json, LenientDbc, Runs, RunsFile, Terrain, Vehicle
+from wheelsoil.cli.talk import check_output, print_facts, print_json, say
+
+if TYPE_CHECKING:
+    from processing.processed_run import ProcessedRun
+
+
+def command(
+    runs: Runs,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="Write the table: .parquet, .csv or .mat; all runs in one."
+        ),
+    ] = None,
+    vehicle: Vehicle = None,
+    terrain: Terrain = None,
+    runs_file: RunsFile = None,
+    lenient_dbc: LenientDbc = False,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Rate of the common time base.")] = 100.0,
+    cutoff: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Low-pass of every channel (default: by the slowest channel).")
+    ] = None,
+    min_speed: Annotated[float, typer.Option(metavar="M/S", help="Below this there is no slip.")] = 0.5,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Bring each run onto one time base and say what came of it: slip, forces, segments, quality."""
+    from processing.options import ProcessOptions
+    from wheelsoil.runs import open_and_process
+
+    target = check_output(output, force=force) if output else None
+    options = ProcessOptions(rate_hz=rate, cutoff_hz=cutoff, min_speed_mps=min_speed)
+    processed = open_and_process(
+        runs, options, vehicle=vehicle, terrain=terrain, runs_file=runs_file, lenient_dbc=lenient_dbc
+    )
+    if target:
+        _write(target, [run for _, run in processed])
+    if json:
+        print_json([_as_json(run) for _, run in processed])
+        return
+    from processing.summary import summary_table
+
+    for i, (_, run) in enumerate(processed):
+        if i:
+            print()
+        print_facts(summary_table(run))
+        for note in run.quality.notes:
+            say(f"{run.run.id}: {note}")
+
+
+def _as_json(run: ProcessedRun) -> dict[str, Any]:
+    from processing.summary import summary_table
+
+    return {
+        "run": run.run,
+        "samples": len(run),
+        "used": int(run.used.sum()),
+        "rate_hz": run.rate_hz,
+        "cutoff_hz": run.cutoff_hz,
+        "start_ns": run.start_ns,
+        "duration_s": len(run) / run.rate_hz,
+        "quality": run.quality,
+        "summary": dict(summary_table(run)),
+    }
+
+
+def _write(target: Path, processed: list[ProcessedRun]) -> None:
+    import numpy as np
+
+    from daq.export import write_table
+    from processing.columns import to_columns
+
+    tables = [to_columns(run) for run in processed]
+    units = {name: unit for _, table_units in tables for name, unit in table_units.items()}
+    names = list(dict.fromkeys(name for columns, _ in tables for name in columns))
+    lengths = [len(run) for run in processed]
+    columns: dict[str, Any] = {"run": np.repeat([run.run.id for run in processed], lengths)}
+    for name in names:
+        columns[name] = np.concatenate(
+            [table.get(name, np.full(length, np.nan)) for (table, _), length in zip(tables, lengths, strict=True)]
+        )
+    write_table(target, columns, units)
+    say(f"wrote {target}")

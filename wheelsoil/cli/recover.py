@@ -1,0 +1,35 @@
+"""``wheelsoil recover``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from wheelsoil.cli.options import Force, Json
+from wheelsoil.cli.talk import check_output, print_facts, print_json
+
+
+def command(
+    recording: Annotated[
+        Path, typer.Argument(metavar="RECORDING", help="The cut-off or damaged file; it stays as it is.")
+    ],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="New file (default: NAME-recovered.mcap).")
+    ] = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Save everything that a cut-off or damaged recording still holds into a whole file."""
+    from daq.recording import recover
+
+    target = check_output(output or recording.with_name(f"{recording.stem}-recovered.mcap"), force=force)
+    done = recover(recording, target, overwrite=force)
+    loss = [str(item) for item in done.loss]
+    if json:
+        print_json({"recording": done.path, "chunks": done.chunk_count, "loss": loss})
+    else:
+        print_facts(
+            [("recording", str(done.path)), ("chunks saved", str(done.chunk_count)), *(("lost", text) for text in loss)]
+        )

@@ -1,0 +1,168 @@
+"""The facts of a run's file: what `wheelsoil info` prints and a report's provenance needs."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daq.config import RunInfo
+from daq.convert import lenient_remarks
+from daq.identify import Coverage, coverage
+from daq.logs import LogReading
+from daq.recording import Topic
+from daq.run import Run
+
+_BLOCK_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class FileFacts:
+    """What is known of one recording or log.
+
+    Attributes
+    ----------
+    run_id, file : str
+    kind : str
+        "recording", "recording without raw frames" or the log's format.
+    bytes : int
+    sha256 : str
+    info : RunInfo
+    vehicle, terrain : str
+        Names; empty where nothing is known.
+    start_ns, end_ns : int or None
+    frames, drops : mapping bus -> number
+        `drops` only of the buses whose recorder counted them.
+    coverage : Coverage
+    databases : mapping bus -> names
+    attachments : mapping name -> bytes
+    topics : tuple of Topic
+    written_by, exit_status : str
+    loss, remarks : tuple of str
+        What cannot be read; what else a user should know.
+    """
+
+    run_id: str
+    file: str
+    kind: str
+    bytes: int
+    sha256: str
+    info: RunInfo
+    vehicle: str
+    terrain: str
+    start_ns: int | None
+    end_ns: int | None
+    frames: dict[str, int]
+    drops: dict[str, int]
+    coverage: Coverage
+    databases: dict[str, list[str]]
+    attachments: dict[str, int]
+    topics: tuple[Topic, ...]
+    written_by: str
+    exit_status: str
+    loss: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last frame; NaN without frames."""
+        return float("nan") if self.start_ns is None or self.end_ns is None else (self.end_ns - self.start_ns) * 1e-9
+
+    def rate_hz(self, bus: str) -> float:
+        """Return the mean frame rate of a bus; NaN where it cannot be told."""
+        return self.frames[bus] / self.duration_s if self.duration_s > 0 else float("nan")
+
+
+def file_facts(run: Run, watch: Callable[[int], None] | None = None) -> FileFacts:
+    """Read a run's file once and say what is in it.
+
+    Parameters
+    ----------
+    run : Run
+    watch : callable, optional
+        Is told the number of frames now and then.
+
+    Raises
+    ------
+    RecordingError
+        The file cannot be read.
+    """
+    tally = _tally(run, watch)
+    recording = run.recording
+    metadata = recording.metadata if recording else {}
+    ended = metadata.get("run_end", {})
+    kind = "recording" if recording and recording.has_raw_frames else "recording without raw frames"
+    remarks = lenient_remarks(run.databases)
+    if tally.report is not None:
+        kind = tally.report.format
+        remarks += tally.report.remarks()
+    return FileFacts(
+        run_id=run.id,
+        file=str(run.path),
+        kind=kind,
+        bytes=run.path.stat().st_size,
+        sha256=sha256_of(run.path),
+        info=run.info,
+        vehicle=run.vehicle.vehicle.name if run.vehicle.bus or run.vehicle.wheel else "",
+        terrain=run.terrain.soil.name if run.terrain else "",
+        start_ns=tally.start_ns,
+        end_ns=tally.end_ns,
+        frames=tally.frames,
+        drops={key.removeprefix("drops."): int(n) for key, n in ended.items() if key.startswith("drops.")},
+        coverage=tally.coverage,
+        databases={bus: [database.name for database in files] for bus, files in run.databases.items()},
+        attachments={name: len(data) for name, data in recording.attachments.items()} if recording else {},
+        topics=recording.topics if recording else (),
+        written_by=recording.library if recording else "",
+        exit_status=ended.get("exit_status", "no end of the run" if recording and recording.has_raw_frames else ""),
+        loss=tuple(str(item) for item in recording.loss) if recording else (),
+        remarks=tuple(remarks),
+    )
+
+
+def sha256_of(path: Path) -> str:
+    """Return the hash of a file, in hexadecimal."""
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(_BLOCK_BYTES):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+class _Tally:
+    """Counts what comes by."""
+
+    def __init__(self) -> None:
+        self.frames: dict[str, int] = {}
+        self.coverage = Coverage()
+        self.start_ns: int | None = None
+        self.end_ns: int | None = None
+        self.report: Any = None
+
+
+def _tally(run: Run, watch: Callable[[int], None] | None) -> _Tally:
+    tally = _Tally()
+    if run.recording and not run.recording.has_raw_frames:
+        tally.start_ns, tally.end_ns = run.recording.time_range_ns or (None, None)
+        return tally
+    batches = run.frame_batches()
+    if isinstance(batches, LogReading):
+        tally.report = batches.report
+    if run.recording:
+        tally.frames = dict.fromkeys(run.recording.buses, 0)
+    for batch in batches:
+        counts = np.bincount(batch.frames["bus"], minlength=len(batch.buses))
+        for bus, count in zip(batch.buses, counts.tolist(), strict=True):
+            tally.frames[bus] = tally.frames.get(bus, 0) + count
+        tally.coverage = tally.coverage + coverage(batch, run.databases)
+        if len(batch):
+            first, last = int(batch.frames["time_ns"].min()), int(batch.frames["time_ns"].max())
+            tally.start_ns = first if tally.start_ns is None else min(first, tally.start_ns)
+            tally.end_ns = last if tally.end_ns is None else max(last, tally.end_ns)
+        if watch:
+            watch(sum(tally.frames.values()))
+    return tally
