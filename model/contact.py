@@ -151,13 +151,15 @@ def resultants(patch: Patch, quadrature: Quadrature | None = None) -> Resultants
 
 def _integrate(patch: Patch, quadrature: Quadrature, braking: bool) -> Resultants:
     """Sum the panels of samples that all drive or all brake."""
-    sums: list[Number] | None = None
+    total: list[Number] | None = None
     for start, stop, vanishing, rear in _panels(patch, braking):
         rule = _rule(quadrature.nodes * (2 if braking else 1), quadrature.power, vanishing)
-        panel = _panel_sums(patch, start, stop - start, rule, rear)
-        sums = panel if sums is None else [a + b for a, b in zip(sums, panel, strict=True)]
-    assert sums is not None
-    normal_cos, normal_sin, shear_cos, shear_sin, shear, cohesive_cos, cohesive_sin, cohesive = sums
+        panel = _panel_sums(patch, start, stop, rule, rear=rear, braking=braking)
+        total = panel if total is None else [a + b for a, b in zip(total, panel, strict=True)]
+    assert total is not None
+    (normal_cos, normal_sin, _), (shear_cos, shear_sin, shear), (cohesive_cos, cohesive_sin, cohesive) = (
+        _by_direction(patch.entry_angle, *total[i : i + 3]) for i in (0, 3, 6)
+    )
     area = patch.radius * patch.width
     c, t, r = patch.cohesion, patch.tan_phi, patch.radius
     return Resultants(
@@ -170,18 +172,27 @@ def _integrate(patch: Patch, quadrature: Quadrature, braking: bool) -> Resultant
     )
 
 
-def _panels(patch: Patch, braking: bool) -> list[tuple[Number, Number, str, bool]]:
-    """Return (start, stop, vanishing end, behind the peak?) in delta, the angle behind the entry."""
+def _by_direction(entry: Number, plain: Number, drop: Number, advance: Number) -> tuple[Number, Number, Number]:
+    """Turn integrals against 1, drop and advance into those against cos theta, sin theta and 1."""
+    return np.cos(entry) * plain + drop, np.sin(entry) * plain - advance, plain
+
+
+_Panel = tuple[Number | None, Number, str, bool]
+"""Start (None: the entry) and stop in delta, the end at which the stress vanishes, and whether behind the peak."""
+
+
+def _panels(patch: Patch, braking: bool) -> list[_Panel]:
+    """Return the panels of samples that all drive or all brake."""
     to_peak = patch.entry_angle - patch.peak_angle
     to_exit = patch.entry_angle - patch.exit_angle
     has_rear = bool(np.any(value_of(patch.peak_angle) != value_of(patch.exit_angle)))
     if not braking:
-        front: list[tuple[Number, Number, str, bool]] = [(0.0, to_peak, "start", False)]
+        front: list[_Panel] = [(None, to_peak, "start", False)]
         return [*front, (to_peak, to_exit, "end", True)] if has_rear else front
     cut = _braking_cut(patch, value_of(to_exit))
     in_front = np.minimum(cut, value_of(to_peak))
-    panels: list[tuple[Number, Number, str, bool]] = [
-        (0.0, in_front, "start", False),
+    panels: list[_Panel] = [
+        (None, in_front, "start", False),
         (in_front, to_peak, "start", False),
     ]
     if has_rear:
@@ -211,18 +222,19 @@ def _braking_cut(patch: Patch, end: Any) -> Any:
     return np.where(crosses, delta, np.minimum(layer, 0.5 * end))
 
 
-def _panel_sums(patch: Patch, start: Number, span: Number, rule: _Rule, rear: bool) -> list[Number]:
-    """Return the eight integrals of one panel: sigma, E sigma and E against cos, sin and 1."""
-    delta = start + span * rule.at
-    at = stresses.geometry(patch.entry_angle, delta)
-    drop = stresses.geometry(patch.entry_angle, _mirrored(patch, delta)).drop if rear else at.drop
-    sigma = stresses.normal_stress(patch.stiffness, patch.radius * drop, patch.exponent)
-    j = stresses.shear_displacement(delta, at.advance, patch.radius, patch.speed_ratio)
-    e = stresses.mobilisation(j, patch.shear_modulus)
-    e_sigma = e * sigma
-    cos, sin, w = at.cos, at.sin, rule.weights
-    integrands = (sigma * cos, sigma * sin, e_sigma * cos, e_sigma * sin, e_sigma, e * cos, e * sin, e)
-    return [span * weighted_sum(x, w) for x in integrands]
+def _panel_sums(
+    patch: Patch, start: Number | None, stop: Number, rule: _Rule, *, rear: bool, braking: bool
+) -> list[Number]:
+    """Return nine integrals over one panel: sigma, E sigma and E, each against 1, drop and advance."""
+    span = stop if start is None else stop - start
+    delta = span * rule.at if start is None else start + span * rule.at
+    drop, advance = stresses.geometry(patch.entry_angle, delta)
+    depth = patch.radius * (stresses.geometry(patch.entry_angle, _mirrored(patch, delta))[0] if rear else drop)
+    sigma = stresses.normal_stress(patch.stiffness, depth, patch.exponent)
+    j = stresses.shear_displacement(delta, advance, patch.radius, patch.speed_ratio)
+    e = stresses.mobilisation(j, patch.shear_modulus, signed=braking)
+    stress_like = (sigma, e * sigma, e)
+    return [span * weighted_sum(x, rule.weights) for y in stress_like for x in (y, y * drop, y * advance)]
 
 
 def _mirrored(patch: Patch, delta: Number) -> Number:

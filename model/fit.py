@@ -177,12 +177,13 @@ def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options:
     x = np.array([f.start for f in free])
     problem, floor = problem.renewed(x)
     result: GaussNewtonResult | None = None
+    iterations = 0
     blocks = _blocks(problem, x)
     if free:
         for _ in range(_RENEWALS + 1):
             problem = replace(problem, tempering=_tempering(blocks, driven))
             result = _solve(problem, x)
-            x = result.estimate
+            x, iterations = result.estimate, iterations + result.iterations
             problem, floor = problem.renewed(x)
             blocks = _blocks(problem, x)
     covariance = _covariance(problem, x, result, blocks)
@@ -194,7 +195,7 @@ def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options:
         correlation=_correlation(problem.names, covariance),
         warnings=result.warnings if result else (),
         stop_reason=str(result.stop_reason) if result else "nothing_to_fit",
-        iterations=result.iterations if result else 0,
+        iterations=iterations,
         criteria={},
         load_ratio=_load_ratio(prediction, driven),
         samples=len(driven),

@@ -8,39 +8,29 @@ Eq. 2-5, where Eq. 2 is misprinted: k = k_c/b + k_phi.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from model.dual import Number, value_of, where
 
 
-@dataclass(frozen=True)
-class Geometry:
-    """Where a point of the contact patch is; each entry broadcasts to (n, nodes).
+def geometry(entry_angle: Number, delta: Number) -> tuple[Number, Number]:
+    """Return where points an angle `delta` behind the entry are, exactly also near the entry.
 
-    Attributes
+    Parameters
     ----------
-    cos, sin : of theta
-    drop : cos(theta) - cos(theta_1), exact near the entry
-    advance : sin(theta_1) - sin(theta), exact near the entry
+    entry_angle, delta : rad, shapes that broadcast; 0 <= delta < pi
+
+    Returns
+    -------
+    drop : cos(theta) - cos(theta_1); Z(theta) of Eq. 3 is r times it
+    advance : sin(theta_1) - sin(theta)
     """
-
-    cos: Number
-    sin: Number
-    drop: Number
-    advance: Number
-
-
-def geometry(entry_angle: Number, delta: Number) -> Geometry:
-    """Return the geometry of points an angle `delta` (rad) behind the entry at `entry_angle` (rad)."""
     cos1, sin1 = np.cos(entry_angle), np.sin(entry_angle)
-    q = np.sin(delta)
     half = np.sin(delta * 0.5)
-    a = 2.0 * half * half
-    drop = sin1 * q - cos1 * a
-    advance = sin1 * a + cos1 * q
-    return Geometry(cos1 + drop, sin1 - advance, drop, advance)
+    square = half * half
+    a = square + square  # 1 - cos(delta)
+    q = 2.0 * (half * np.sqrt(1.0 - square))  # sin(delta)
+    return sin1 * q - cos1 * a, sin1 * a + cos1 * q
 
 
 def normal_stress(stiffness: Number, sinkage: Number, exponent: Number) -> Number:
@@ -62,10 +52,20 @@ def shear_displacement(delta: Number, advance: Number, radius: Number, speed_rat
     return radius * (delta - speed_ratio * advance)
 
 
-def mobilisation(displacement: Number, shear_modulus: Number) -> Number:
-    """Return the share of the shear strength that is mobilised (Eq. 4), with the sign of the displacement."""
+def mobilisation(displacement: Number, shear_modulus: Number, *, signed: bool) -> Number:
+    """Return the share of the shear strength that is mobilised (Eq. 4), with the sign of the displacement.
+
+    Parameters
+    ----------
+    displacement, shear_modulus : m
+    signed : bool
+        Whether the displacement may be negative (braking).
+    """
+    rate = -1.0 / shear_modulus
+    if not signed:
+        return -np.expm1(displacement * rate)
     sign = np.sign(value_of(displacement))
-    return -sign * np.expm1(-sign * displacement / shear_modulus)
+    return -sign * np.expm1(sign * displacement * rate)
 
 
 def speed_ratio(slip: Number) -> Number:
