@@ -63,7 +63,11 @@ class FrameBatch:
         return len(self.frames)
 
     def __getitem__(self, rows: slice | NDArray[Any]) -> FrameBatch:
-        return FrameBatch(self.frames[rows], self.buses)
+        if isinstance(rows, slice):
+            return FrameBatch(self.frames[rows], self.buses)
+        # numpy's take copies structured records many times faster than its fancy indexing
+        positions = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
+        return FrameBatch(self.frames.take(positions), self.buses)
 
     @property
     def is_fd(self) -> bool:

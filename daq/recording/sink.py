@@ -33,10 +33,10 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
-from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from daq.errors import ConfigError, Fault, nearest
+from daq.recording.contents import MAGIC
 from daq.recording.disk_file import DiskFile
 from daq.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
 
@@ -100,7 +100,8 @@ class McapSink:
         self._metadata_indexes: list[MetadataIndex] = []
         self._message_counts: dict[int, int] = {}
         self._times: tuple[int, int] | None = None
-        self._file.write(MCAP0_MAGIC + serialized(Header(profile, f"wheelsoil {_version()}")))
+        self._between_records = True
+        self._file.write(MAGIC + serialized(Header(profile, f"wheelsoil {_version()}")))
 
     def add_schema(self, name: str, text: str) -> int:
         """Add a ros2msg schema, or return the id of the one that is there."""
@@ -185,6 +186,7 @@ class McapSink:
             message_start_time=start,
             uncompressed_size=size,
         )
+        self._between_records = False
         self._file.write(chunk + messages)
         self._chunk_indexes.append(serialized(chunk_index))
         for channel_id, entries in index.items():
@@ -192,6 +194,7 @@ class McapSink:
         if any(len(entries) for entries in index.values()):
             first, last = self._times or (start, end)
             self._times = (min(first, start), max(last, end))
+        self._between_records = True
 
     def attach(self, name: str, data: bytes) -> None:
         """Write an attachment."""
@@ -224,9 +227,13 @@ class McapSink:
         self._file.sync()
 
     def finish(self) -> None:
-        """Write the summary and close the file; after a failed write only close it."""
+        """Write the summary and close the file.
+
+        Without a summary it is closed when a write failed or an interrupt left chunk and index at odds: readers
+        then go by the chunks themselves.
+        """
         try:
-            if not self._file.failed:
+            if not self._file.failed and self._between_records:
                 self._file.write(self._summary())
                 self._file.sync()
         finally:
@@ -252,7 +259,7 @@ class McapSink:
         summary = body + offsets
         head = bytes([Opcode.FOOTER]) + _FOOTER_LENGTH.to_bytes(8, "little")
         crc = zlib.crc32(summary + head + start.to_bytes(8, "little") + offset_start.to_bytes(8, "little"))
-        return data_end + summary + serialized(Footer(start, offset_start, crc)) + MCAP0_MAGIC
+        return data_end + summary + serialized(Footer(start, offset_start, crc)) + MAGIC
 
     def _statistics(self) -> Statistics:
         start, end = self._times or (0, 0)

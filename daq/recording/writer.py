@@ -88,6 +88,7 @@ class RecordingWriter:
         self._decoded = DecodedTopics(self._sink, self._names, decoded_rate_hz)
         self._pending_bytes = 0
         self._closed = False
+        self._settled = self._counts_hold = True
         self._flushed_at = self._synced_at = time.monotonic()
         for name, data in (attachments or {}).items():
             self._sink.attach(name, data)
@@ -117,16 +118,21 @@ class RecordingWriter:
         DataError
             If a frame's bus is not one of the batch's.
         """
+        if len(batch) and batch.frames["bus"].max() >= len(batch.buses):
+            number = int(batch.frames["bus"].max())
+            raise DataError(Fault(f"a frame is of bus {number}", found=f"{len(batch.buses)} buses in the batch"))
+        self._begin()
         for name in batch.buses:
             self._stream(name, batch.is_fd)
         size = batch.frames.dtype.itemsize
         start = 0
         while start < len(batch):
             room = max(1, (self._chunk_bytes - self._pending_bytes) // size)
-            self._gather(batch.frames[start : start + room], batch.buses)
+            self._gather(batch[start : start + room])
             start += room
             if self._pending_bytes >= self._chunk_bytes:
                 self._write_raw()
+        self._settled = True
         self.tick()
 
     def write_decoded(
@@ -178,8 +184,10 @@ class RecordingWriter:
 
     def flush(self) -> None:
         """Hand everything gathered so far to the operating system; a kill cannot take it any more."""
+        self._begin()
         self._write_raw()
         self._decoded.write_chunk()
+        self._settled = True
         self._flushed_at = time.monotonic()
 
     def sync(self) -> None:
@@ -212,7 +220,8 @@ class RecordingWriter:
         try:
             self.flush()
             ended = {"ended_ns": str(time.time_ns()), "exit_status": exit_status}
-            ended |= {f"frames.{bus}": str(count) for bus, count in self.frame_counts.items()}
+            if self._counts_hold:
+                ended |= {f"frames.{bus}": str(count) for bus, count in self.frame_counts.items()}
             ended |= {f"drops.{bus}": str(count) for bus, count in (drops or {}).items()}
             steps = sum(stream.steps_back for stream in self._streams.values())
             self.add_metadata(RUN_END, ended | {"time_steps_back": str(steps)})
@@ -233,6 +242,11 @@ class RecordingWriter:
         else:
             self.close("interrupted" if issubclass(kind, KeyboardInterrupt) else f"error: {kind.__name__}")
 
+    def _begin(self) -> None:
+        """Note whether Ctrl-C left the write before this one half done: the counts are not told then."""
+        self._counts_hold &= self._settled
+        self._settled = False
+
     def _stream(self, bus: str, is_fd: bool) -> _RawStream:
         stream = self._streams.get((bus, is_fd))
         if stream is None:
@@ -244,17 +258,13 @@ class RecordingWriter:
             stream = self._streams[bus, is_fd] = _RawStream(channel_id, index)
         return stream
 
-    def _gather(self, frames: FrameArray, buses: tuple[str, ...]) -> None:
-        bus = frames["bus"]
-        if bus.max() >= len(buses):
-            raise DataError(Fault(f"a frame is of bus {bus.max()}", found=f"{len(buses)} buses in the batch"))
-        is_fd = FrameBatch(frames[:0], buses).is_fd
-        if (bus == bus[0]).all():
-            self._stream(buses[bus[0]], is_fd).take(frames.copy())
-        else:
-            for number in np.unique(bus):
-                self._stream(buses[number], is_fd).take(frames.take(np.flatnonzero(bus == number)))
-        self._pending_bytes += frames.nbytes
+    def _gather(self, batch: FrameBatch) -> None:
+        bus = batch.frames["bus"]
+        for number in np.flatnonzero(np.bincount(bus)):
+            rows = bus == number
+            own = batch.frames.copy() if rows.all() else batch[rows].frames
+            self._stream(batch.buses[number], batch.is_fd).take(own)
+        self._pending_bytes += batch.frames.nbytes
 
     def _write_raw(self) -> None:
         self._sink.write_chunk(stream.release() for stream in self._streams.values() if stream.pending)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import resource
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from daq.errors import ConfigError, DataError
+from daq.errors import ConfigError, DataError, HardwareError
 from daq.export import write_table
 
 COLUMNS = {
@@ -83,3 +84,16 @@ def test_faults_are_told(tmp_path):
         write_table(tmp_path / "t.csv", {"a": np.zeros(2), "b": np.zeros(3)})
     with pytest.raises(DataError, match="nearest: slip"):
         write_table(tmp_path / "t.csv", COLUMNS, {"slipp": "1"})
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv", ".mat"])
+def test_a_full_disk_is_told(tmp_path, suffix):
+    """RLIMIT_FSIZE makes the kernel refuse to write on, as a full disk does."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    columns = {"v": np.random.default_rng(0).random(100_000)}
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, hard))
+        with pytest.raises(HardwareError, match="free the disk"):
+            write_table(tmp_path / f"t{suffix}", columns)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
