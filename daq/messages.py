@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 """Numbers of data bytes that a CAN FD frame can have, by its DLC."""
+_EXTENDED, _REMOTE, _ERROR, _FD, _BITRATE_SWITCH, _ERROR_STATE, _TRANSMITTED = map(int, FrameFlag)
 
 
 def frames_from_messages(
@@ -52,36 +53,34 @@ def messages_from_frames(frames: FrameArray) -> list[can.Message]:
     """Turn frames into python-can messages with their time stamps in seconds (the bus is left to the caller)."""
     import can
 
-    messages = []
-    for row in frames:
-        flags, length = int(row["flags"]), int(row["length"])
-        remote, fd = bool(flags & FrameFlag.REMOTE), bool(flags & FrameFlag.FD)
-        options: dict[str, Any] = {} if remote else {"data": row["data"][:length].tobytes()}
-        messages.append(
-            can.Message(
-                timestamp=int(row["time_ns"]) / 1e9,
-                arbitration_id=int(row["can_id"]),
-                is_extended_id=bool(flags & FrameFlag.EXTENDED),
-                is_remote_frame=remote,
-                is_error_frame=bool(flags & FrameFlag.ERROR),
-                is_fd=fd,
-                bitrate_switch=bool(flags & FrameFlag.BITRATE_SWITCH),
-                error_state_indicator=bool(flags & FrameFlag.ERROR_STATE),
-                is_rx=not flags & FrameFlag.TRANSMITTED,
-                dlc=length,
-                **options,
-            )
+    room = frames["data"].shape[1]
+    data = np.ascontiguousarray(frames["data"]).tobytes()
+    columns = (frames[name].tolist() for name in ("time_ns", "can_id", "flags", "length"))
+    return [
+        can.Message(
+            timestamp=time_ns / 1e9,
+            arbitration_id=can_id,
+            is_extended_id=bool(flags & _EXTENDED),
+            is_remote_frame=bool(flags & _REMOTE),
+            is_error_frame=bool(flags & _ERROR),
+            is_fd=bool(flags & _FD),
+            bitrate_switch=bool(flags & _BITRATE_SWITCH),
+            error_state_indicator=bool(flags & _ERROR_STATE),
+            is_rx=not flags & _TRANSMITTED,
+            dlc=length,
+            data=None if flags & _REMOTE else data[i * room : i * room + length],
         )
-    return messages
+        for i, (time_ns, can_id, flags, length) in enumerate(zip(*columns, strict=True))
+    ]
 
 
 def _flags(message: can.Message) -> int:
     return (
-        (FrameFlag.EXTENDED if message.is_extended_id else 0)
-        | (FrameFlag.REMOTE if message.is_remote_frame else 0)
-        | (FrameFlag.ERROR if message.is_error_frame else 0)
-        | (FrameFlag.FD if message.is_fd else 0)
-        | (FrameFlag.BITRATE_SWITCH if message.bitrate_switch else 0)
-        | (FrameFlag.ERROR_STATE if message.error_state_indicator else 0)
-        | (0 if message.is_rx else FrameFlag.TRANSMITTED)
+        (_EXTENDED if message.is_extended_id else 0)
+        | (_REMOTE if message.is_remote_frame else 0)
+        | (_ERROR if message.is_error_frame else 0)
+        | (_FD if message.is_fd else 0)
+        | (_BITRATE_SWITCH if message.bitrate_switch else 0)
+        | (_ERROR_STATE if message.error_state_indicator else 0)
+        | (0 if message.is_rx else _TRANSMITTED)
     )

@@ -1,0 +1,127 @@
+"""Any python-can interface as a source of frames or a place to send them to."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from daq.can_source import SourceCounters
+from daq.config import BusSection
+from daq.errors import ConfigError, Fault, HardwareError, nearest
+from daq.frames import FrameArray, FrameBatch, FrameFlag
+from daq.messages import frames_from_messages, messages_from_frames
+
+if TYPE_CHECKING:
+    import can
+
+_MOST_AT_ONCE = 4096
+
+
+def open_bus(bus: BusSection) -> can.BusABC:
+    """Open a python-can bus.
+
+    Raises
+    ------
+    ConfigError
+        If python-can knows no such interface.
+    HardwareError
+        If it is not there, must not be opened, or lacks its driver.
+    """
+    import can
+
+    interface = bus.interface or "socketcan"
+    if interface not in can.VALID_INTERFACES:
+        known = nearest(interface, can.VALID_INTERFACES)
+        raise ConfigError(Fault(f"python-can knows no interface {interface!r}", f"bus {bus.channel}", expected=known))
+    options: dict[str, Any] = {"fd": True} if bus.fd else {}
+    if bus.bitrate is not None:
+        options["bitrate"] = bus.bitrate
+    try:
+        return can.Bus(interface=interface, channel=bus.channel, ignore_config=True, **options)
+    except (can.CanError, OSError, ImportError, ValueError, TypeError) as error:
+        raise HardwareError(
+            Fault(
+                f"the {interface} interface cannot be opened",
+                f"bus {bus.channel}",
+                str(error) or type(error).__name__,
+                next_step="check that the adapter is plugged in, and its driver and Python package installed",
+            )
+        ) from None
+
+
+class PythonCanSource:
+    """Frames of a python-can bus; see `daq.can_source.Source`. It does not count what it loses."""
+
+    def __init__(self, bus: BusSection) -> None:
+        self._bus = open_bus(bus)
+        self._open = True
+        self.name = bus.channel
+        self.remarks: tuple[str, ...] = (f"{bus.interface} does not report frames that it loses",)
+        self._received = 0
+        self._errors = 0
+
+    @property
+    def counters(self) -> SourceCounters:
+        """See `daq.can_source.Source`."""
+        return SourceCounters(self._received, None, self._errors, None)
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        """See `daq.can_source.Source`."""
+        import can
+
+        messages: list[can.Message] = []
+        wait_s = timeout_s
+        try:
+            while len(messages) < _MOST_AT_ONCE and (message := self._bus.recv(wait_s)) is not None:
+                messages.append(message)
+                wait_s = 0.0
+        except (can.CanError, OSError) as error:
+            raise HardwareError(_gone(self.name, error)) from None
+        times = [round(message.timestamp * 1e6) * 1000 for message in messages]
+        frames = frames_from_messages(messages, times, lambda _: 0)
+        self._received += len(frames)
+        self._errors += int(np.count_nonzero(frames["flags"] & FrameFlag.ERROR))
+        return FrameBatch(frames, (self.name,))
+
+    def close(self) -> None:
+        """See `daq.can_source.Source`."""
+        if self._open:
+            self._open = False
+            self._bus.shutdown()
+
+
+class PythonCanSink:
+    """A python-can bus to send frames to; see `daq.can_source.Sink`."""
+
+    def __init__(self, bus: BusSection) -> None:
+        self._bus = open_bus(bus)
+        self._open = True
+        self.name = bus.channel
+
+    def send(self, frames: FrameArray, timeout_s: float) -> None:
+        """See `daq.can_source.Sink`."""
+        import can
+
+        deadline = time.monotonic() + timeout_s
+        for message in messages_from_frames(frames):
+            while True:
+                try:
+                    self._bus.send(message, timeout=max(deadline - time.monotonic(), 0.0))
+                except (can.CanError, OSError) as error:
+                    if time.monotonic() < deadline and getattr(error, "error_code", None) == 105:
+                        time.sleep(0.0005)  # ENOBUFS: the queue of the interface is full
+                        continue
+                    raise HardwareError(_gone(self.name, error)) from None
+                break
+
+    def close(self) -> None:
+        """See `daq.can_source.Sink`."""
+        if self._open:
+            self._open = False
+            self._bus.shutdown()
+
+
+def _gone(name: str, error: Exception) -> Fault:
+    return Fault("the interface failed", f"bus {name}", str(error), next_step="check the adapter and its cable")

@@ -1,0 +1,296 @@
+"""SocketCAN: hundreds of frames a system call, with the kernel's time stamps and its count of lost frames."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import select
+import socket
+import struct
+import sys
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.can_source import SourceCounters
+from daq.errors import Fault, HardwareError, nearest
+from daq.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag
+
+RECEIVE_BUFFER_BYTES = 8 << 20
+"""What is asked of the kernel: 10,000 frames, 3 s of a busy bus. Its default is 278 frames."""
+FRAMES_A_CALL = 256
+_MOST_AT_ONCE = 16 * FRAMES_A_CALL
+
+# Linux: asm-generic/socket.h, linux/can.h, linux/can/raw.h, linux/sock_diag.h
+_SO_RCVBUFFORCE, _SO_TIMESTAMPNS, _SO_RXQ_OVFL, _SO_MEMINFO = 33, 35, 40, 55
+_MEMINFO_DROPS = 8
+_SOL_CAN_RAW, _CAN_RAW_FILTER, _CAN_RAW_ERR_FILTER, _CAN_RAW_FD_FRAMES = 101, 1, 2, 5
+_EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
+_ID_MASK = 0x1FFF_FFFF
+_BRS, _ESI, _FDF = 1, 2, 4
+_CLASSIC_BYTES, _FD_BYTES = 16, 72
+
+_HEADER = np.dtype(
+    [
+        ("name", "u8"),
+        ("name_size", "u4"),
+        ("iov", "u8"),
+        ("iov_count", "u8"),
+        ("control", "u8"),
+        ("control_size", "u8"),
+        ("flags", "i4"),
+    ],
+    align=True,
+)
+_MMSGHDR = np.dtype([("header", _HEADER), ("size", "u4")], align=True)
+_IOVEC = np.dtype([("base", "u8"), ("size", "u8")])
+_FRAME = np.dtype([("id", "u4"), ("length", "u1"), ("flags", "u1"), ("reserved", "V2"), ("data", "u1", (64,))])
+_CONTROL_WORDS = 8
+"""Two control messages: a time stamp (4 words of 8 bytes), then the count of lost frames (3 words)."""
+_TIME_STAMP = _SO_TIMESTAMPNS << 32 | socket.SOL_SOCKET
+_LOST = _SO_RXQ_OVFL << 32 | socket.SOL_SOCKET
+
+SUPPORTED = struct.calcsize("P") == 8 and sys.byteorder == "little" and hasattr(socket, "AF_CAN")
+"""Whether this file's structures are the kernel's: 64-bit Linux."""
+
+
+class _Batch:
+    """Memory for one system call: the frames, their control messages, and the headers that point to them."""
+
+    def __init__(self) -> None:
+        n = FRAMES_A_CALL
+        self.frames = np.zeros(n, _FRAME)
+        self.control = np.zeros((n, _CONTROL_WORDS), np.int64)
+        self.iov = np.zeros(n, _IOVEC)
+        self.headers = np.zeros(n, _MMSGHDR)
+        self.iov["base"] = self.frames.ctypes.data + np.arange(n) * _FRAME.itemsize
+        self.iov["size"] = _FRAME.itemsize
+        header = self.headers["header"]
+        header["iov"] = self.iov.ctypes.data + np.arange(n) * _IOVEC.itemsize
+        header["iov_count"] = 1
+
+    def call(self, function: str, descriptor: int, count: int) -> int:
+        """Call recvmmsg or sendmmsg without waiting; return the number of frames, or minus the errno."""
+        done = getattr(_libc, function)(
+            ctypes.c_int(descriptor),
+            ctypes.c_void_p(self.headers.ctypes.data),
+            ctypes.c_uint(count),
+            ctypes.c_int(socket.MSG_DONTWAIT),
+            ctypes.c_void_p(None),
+        )
+        return int(done) if done >= 0 else -ctypes.get_errno()
+
+
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+class SocketCanSource:
+    """Frames of a SocketCAN interface; see `daq.can_source.Source`.
+
+    Parameters
+    ----------
+    channel : str
+        Interface, e.g. ``can0``.
+    buffer_bytes : int
+        Receive buffer to ask for.
+
+    Raises
+    ------
+    HardwareError
+        If the kernel has no CAN, or there is no such interface, or it must not be opened.
+    """
+
+    def __init__(self, channel: str, buffer_bytes: int = RECEIVE_BUFFER_BYTES) -> None:
+        self.name = channel
+        self._socket = _bound(channel)
+        self._received = 0
+        self._errors = 0
+        self._lost = 0
+        self._batch = _Batch()
+        header = self._batch.headers["header"]
+        header["control"] = self._batch.control.ctypes.data + np.arange(FRAMES_A_CALL) * _CONTROL_WORDS * 8
+        self._socket.setsockopt(_SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ID_MASK)
+        self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        self._socket.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+        self._buffer_bytes = _grow_buffer(self._socket, buffer_bytes)
+        self.remarks = _buffer_remarks(channel, self._buffer_bytes, buffer_bytes)
+        self._poll = select.poll()
+        self._poll.register(self._socket, select.POLLIN)
+
+    @property
+    def counters(self) -> SourceCounters:
+        """See `daq.can_source.Source`. The losses are asked of the kernel, and so are never late."""
+        if self._socket.fileno() >= 0:
+            self._lost = max(self._lost, _lost_frames(self._socket))
+        return SourceCounters(self._received, self._lost, self._errors, self._buffer_bytes)
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        """See `daq.can_source.Source`."""
+        self._poll.poll(max(timeout_s, 0.0) * 1000)
+        parts: list[FrameArray] = []
+        for _ in range(_MOST_AT_ONCE // FRAMES_A_CALL):
+            self._batch.headers["header"]["control_size"] = _CONTROL_WORDS * 8
+            count = self._batch.call("recvmmsg", self._socket.fileno(), FRAMES_A_CALL)
+            if count < 0 and -count not in (errno.EAGAIN, errno.EINTR):
+                raise HardwareError(_fault(self.name, -count))
+            if count > 0:
+                parts.append(self._frames(count))
+            if count < FRAMES_A_CALL:
+                break
+        return self._together(parts)
+
+    def close(self) -> None:
+        """See `daq.can_source.Source`."""
+        if self._socket.fileno() >= 0:
+            _ = self.counters
+            self._socket.close()
+
+    def _frames(self, count: int) -> FrameArray:
+        raw, headers = self._batch.frames[:count], self._batch.headers[:count]
+        control = self._batch.control[:count]
+        is_fd = headers["size"] == _FD_BYTES
+        frames = np.zeros(count, FD_DTYPE if is_fd.any() else CLASSIC_DTYPE)
+        stamped = control[:, 1] == _TIME_STAMP
+        frames["time_ns"] = np.where(stamped, control[:, 2] * 10**9 + control[:, 3], 0)
+        if not stamped.all():
+            frames["time_ns"][~stamped] = time.time_ns()
+        counted = stamped & (headers["header"]["control_size"] > 32) & (control[:, 5] == _LOST)
+        self._lost = max(self._lost, int((control[counted, 6] & 0xFFFF_FFFF).max(initial=0)))
+        flags = np.zeros(count, np.uint8)
+        for bit, flag in ((_EXTENDED, FrameFlag.EXTENDED), (_REMOTE, FrameFlag.REMOTE), (_ERROR, FrameFlag.ERROR)):
+            flags |= ((raw["id"] & bit) != 0) * np.uint8(flag)
+        flags |= is_fd * np.uint8(FrameFlag.FD)
+        flags |= (is_fd & ((raw["flags"] & _BRS) != 0)) * np.uint8(FrameFlag.BITRATE_SWITCH)
+        flags |= (is_fd & ((raw["flags"] & _ESI) != 0)) * np.uint8(FrameFlag.ERROR_STATE)
+        flags |= ((headers["header"]["flags"] & socket.MSG_DONTROUTE) != 0) * np.uint8(FrameFlag.TRANSMITTED)
+        frames["flags"] = flags
+        frames["can_id"] = raw["id"] & _ID_MASK
+        frames["length"] = np.where(is_fd, np.minimum(raw["length"], 64), np.minimum(raw["length"], 8))
+        room = frames["data"].shape[1]
+        has_data = (flags & FrameFlag.REMOTE) == 0
+        present = np.arange(room) < (frames["length"] * has_data)[:, None]
+        frames["data"] = raw["data"][:, :room] * present
+        return frames
+
+    def _together(self, parts: list[FrameArray]) -> FrameBatch:
+        if not parts:
+            return FrameBatch.empty((self.name,))
+        wide = any(part.dtype == FD_DTYPE for part in parts)
+        frames = np.concatenate([FrameBatch(part, ()).widened().frames if wide else part for part in parts])
+        self._received += len(frames)
+        self._errors += int(np.count_nonzero(frames["flags"] & FrameFlag.ERROR))
+        return FrameBatch(frames, (self.name,))
+
+
+class SocketCanSink:
+    """A SocketCAN interface to send frames to; see `daq.can_source.Sink`.
+
+    Raises
+    ------
+    HardwareError
+        As `SocketCanSource` does.
+    """
+
+    def __init__(self, channel: str) -> None:
+        self.name = channel
+        self._socket = _bound(channel)
+        self._socket.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, b"")
+        self._batch = _Batch()
+
+    def send(self, frames: FrameArray, timeout_s: float) -> None:
+        """See `daq.can_source.Sink`."""
+        for start in range(0, len(frames), FRAMES_A_CALL):
+            self._send_batch(frames[start : start + FRAMES_A_CALL], timeout_s)
+
+    def close(self) -> None:
+        """See `daq.can_source.Sink`."""
+        self._socket.close()
+
+    def _send_batch(self, frames: FrameArray, timeout_s: float) -> None:
+        self._fill(frames)
+        deadline = time.monotonic() + timeout_s
+        done = 0
+        while done < len(frames):
+            count = self._batch.call("sendmmsg", self._socket.fileno(), len(frames) - done)
+            if count > 0:
+                done += count
+                if done < len(frames):
+                    self._fill(frames[done:])
+            elif -count not in (errno.ENOBUFS, errno.EAGAIN, errno.EINTR) or time.monotonic() > deadline:
+                raise HardwareError(_fault(self.name, -count))
+            else:
+                time.sleep(0.0002)  # the queue of the interface is full, and cannot be waited for
+
+    def _fill(self, frames: FrameArray) -> None:
+        raw, flags = self._batch.frames[: len(frames)], frames["flags"]
+        can_id = frames["can_id"].copy()
+        for bit, flag in ((_EXTENDED, FrameFlag.EXTENDED), (_REMOTE, FrameFlag.REMOTE), (_ERROR, FrameFlag.ERROR)):
+            can_id |= ((flags & flag) != 0) * np.uint32(bit)
+        raw["id"] = can_id
+        raw["length"] = frames["length"]
+        raw["flags"] = ((flags & FrameFlag.BITRATE_SWITCH) != 0) * _BRS + ((flags & FrameFlag.ERROR_STATE) != 0) * _ESI
+        is_fd = (flags & FrameFlag.FD) != 0
+        raw["flags"] += is_fd * np.uint8(_FDF)
+        raw["flags"] *= is_fd
+        raw["data"][:, : frames["data"].shape[1]] = frames["data"]
+        self._batch.iov["size"][: len(frames)] = np.where(is_fd, _FD_BYTES, _CLASSIC_BYTES)
+
+
+def _bound(channel: str) -> socket.socket:
+    try:
+        made = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+    except OSError as error:
+        raise HardwareError(_fault(channel, error.errno or 0)) from None
+    try:
+        made.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FD_FRAMES, 1)
+        made.bind((channel,))
+    except OSError as error:
+        made.close()
+        raise HardwareError(_fault(channel, error.errno or 0)) from None
+    return made
+
+
+def _fault(channel: str, code: int) -> Fault:
+    where, said = f"bus {channel}", errno.errorcode.get(code, str(code))
+    if code in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT):
+        step = "sudo modprobe can_raw (in a container: on the host)"
+        return Fault("this kernel has no SocketCAN", where, said, next_step=step)
+    if code == errno.ENODEV:
+        names = [name for _, name in socket.if_nameindex()]
+        step = (
+            f"`ip link show type can`; for a virtual bus: ip link add dev {channel} type vcan; ip link set {channel} up"
+        )
+        return Fault(f"there is no interface {channel}", where, said, nearest(channel, names), step)
+    if code == errno.ENETDOWN:
+        return Fault("the interface is down", where, said, next_step=f"ip link set {channel} up")
+    if code in (errno.EPERM, errno.EACCES):
+        return Fault("the interface must not be opened", where, said, next_step="run with the capability CAP_NET_RAW")
+    if code in (errno.ENOBUFS, errno.EAGAIN):
+        step = "check that another node acknowledges frames, the bit rate and the termination"
+        return Fault("the bus takes no frames", where, said, next_step=step)
+    if code == errno.EINVAL:
+        step = f"ip link set {channel} mtu 72, or a CAN FD bit rate: ip link set {channel} type can ... fd on"
+        return Fault("the interface refuses the frame; it may not be a CAN FD one", where, said, next_step=step)
+    return Fault("the interface failed", where, said, next_step="check the adapter and its cable")
+
+
+def _grow_buffer(made: socket.socket, wanted: int) -> int:
+    """Ask for a receive buffer, beyond the system's limit where that is allowed; return what was given."""
+    try:
+        made.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, wanted)
+    except PermissionError:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, wanted)
+    return made.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2  # the kernel doubles it for its own use
+
+
+def _buffer_remarks(channel: str, given: int, wanted: int) -> tuple[str, ...]:
+    if given >= wanted:
+        return ()
+    step = f"sudo sysctl net.core.rmem_max={wanted}"
+    return (f"{channel}: receive buffer of {given} instead of {wanted} bytes, so bursts may be lost; {step}",)
+
+
+def _lost_frames(made: socket.socket) -> int:
+    words: NDArray[np.uint32] = np.frombuffer(made.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 36), np.uint32)
+    return int(words[_MEMINFO_DROPS]) if len(words) > _MEMINFO_DROPS else 0
