@@ -131,21 +131,18 @@ def _found(line: BadLine) -> str:
 
 def _parse_lenient(text: str, where: str) -> tuple[Any, list[str]]:
     left_out: list[BadLine] = []
-    while True:
-        parsed, complaint = _parse(text, strict=False)
-        if parsed is not None:
-            break
+    parsed, complaint = _parse(text, strict=False)
+    while parsed is None and text.strip():
         bad = bad_lines(text, complaint)
         if not bad:
-            raise DatabaseError(
-                Fault("cantools cannot load this DBC, not even leniently", where, complaint, next_step="mend the file")
-            )
+            what = "cantools cannot load this DBC, not even leniently"
+            raise DatabaseError(Fault(what, where, complaint, next_step="mend the file"))
         left_out += bad
         text = without(text, bad)
-    if left_out and not parsed.messages:
-        raise DatabaseError(
-            Fault("nothing is left of this DBC", where, f"{len(left_out)} faults, the first: {left_out[0]}")
-        )
+        parsed, complaint = _parse(text, strict=False)
+    if parsed is None or (left_out and not parsed.messages):
+        what = f"{len(left_out)} faults, the first: {left_out[0]}" if left_out else "an empty file"
+        raise DatabaseError(Fault("nothing is left of this DBC", where, what))
     notes = [f"left out {line}" for line in sorted(left_out, key=lambda line: line.number)]
     return parsed, notes + _let_pass(parsed)
 

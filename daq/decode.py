@@ -8,7 +8,8 @@ rounded to a double: at most one unit in the last place). Where cantools raises,
   when the DBC's own length is too short for the signal);
 - a multiplexed signal is NaN in frames whose multiplexer does not select it (an unknown multiplexer value makes
   cantools refuse the whole frame);
-- signals that overlap are each read where they lie.
+- signals that overlap are each read where they lie (cantools refuses every frame of such a message);
+- a multiplexer that only ``SG_MUL_VAL_`` names, without an M of its own, selects all the same.
 
 Multiplexer values are compared raw, as bits. Error and remote frames are never decoded.
 """

@@ -145,9 +145,9 @@ def explain_unknown(text: str, quantities: Collection[Quantity]) -> tuple[str, s
     known = "; ".join(f"{quantity.label}: {', '.join(known_units(quantity))}" for quantity in quantities)
     other = find_unit(text, [q for q in Quantity if q not in quantities and (text or q is not Quantity.RATIO)])
     if not text.strip():
-        return f"has no unit where a {wanted} is needed", known
+        return f"has no unit, where {wanted} is needed", known
     if other is not None:
-        return f"is a {other.quantity.label} ({text!r}) where a {wanted} is needed", known
+        return f"measures {other.quantity.label} ({text!r}), where {wanted} is needed", known
     close = nearest(_plain(text), [name for q in quantities for name in _spellings(q)])
     hint = f" ({close})" if close.startswith("nearest") else ""
     return f"has the unknown unit {text!r}{hint}", known
