@@ -9,7 +9,7 @@ import numpy as np
 
 from daq.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch
 from daq.recording import Recording, RecordingWriter
-from daq.recording.raw import raw_batches, raw_channels
+from daq.recording.raw_frames import raw_batches, raw_channels
 
 START_NS = 1_700_000_000_000_000_000
 

@@ -21,7 +21,7 @@ from daq.recording.chunks import ChunkEntry, DamagedError
 from daq.recording.contents import Contents, Loss, parsed, read_record
 from daq.recording.format import RUN_END, RUN_START, checked_metadata
 from daq.recording.opening import read_contents
-from daq.recording.raw import RawChannel, chunks_between, raw_batches, raw_channels
+from daq.recording.raw_frames import RawChannel, chunks_between, raw_batches, raw_channels
 
 T = TypeVar("T")
 

@@ -12,22 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.config import RunInfo
-from daq.errors import DataError, Fault
-from daq.frames import FrameArray, FrameBatch
-from daq.recording.decoded import DecodedTopics
-from daq.recording.format import (
-    CLASSIC_SCHEMA,
-    FD_SCHEMA,
-    RUN_END,
-    RUN_START,
-    raw_message_head,
-    raw_schema_text,
-    with_checksum,
-)
-from daq.recording.sink import Compression, McapSink, MessageGroup
+from daq.frames import FrameBatch
+from daq.recording.decoded_topics import DecodedTopics
+from daq.recording.format import RUN_END, RUN_START, with_checksum
+from daq.recording.raw_topics import RawTopics
+from daq.recording.sink import Compression, McapSink
 from daq.recording.topics import TopicNames
-
-FRAMES_PER_MESSAGE = 4096
 
 
 class RecordingWriter:
@@ -82,11 +72,9 @@ class RecordingWriter:
         self._flush_every_s = flush_every_s
         self._sync_every_s = sync_every_s
         self._sink = McapSink(self.path, compression=compression, overwrite=overwrite)
-        self._names = TopicNames()
-        self._buses: dict[str, int] = {}
-        self._streams: dict[tuple[str, bool], _RawStream] = {}
-        self._decoded = DecodedTopics(self._sink, self._names, decoded_rate_hz)
-        self._pending_bytes = 0
+        names = TopicNames()
+        self._raw = RawTopics(self._sink, names, chunk_bytes)
+        self._decoded = DecodedTopics(self._sink, names, decoded_rate_hz)
         self._closed = False
         self._settled = self._counts_hold = True
         self._flushed_at = self._synced_at = time.monotonic()
@@ -100,10 +88,7 @@ class RecordingWriter:
     @property
     def frame_counts(self) -> dict[str, int]:
         """Frames taken so far, per bus."""
-        counts = dict.fromkeys(self._buses, 0)
-        for (bus, _), stream in self._streams.items():
-            counts[bus] += stream.count
-        return counts
+        return self._raw.frame_counts
 
     @property
     def bytes_written(self) -> int:
@@ -118,20 +103,8 @@ class RecordingWriter:
         DataError
             If a frame's bus is not one of the batch's.
         """
-        if len(batch) and batch.frames["bus"].max() >= len(batch.buses):
-            number = int(batch.frames["bus"].max())
-            raise DataError(Fault(f"a frame is of bus {number}", found=f"{len(batch.buses)} buses in the batch"))
         self._begin()
-        for name in batch.buses:
-            self._stream(name, batch.is_fd)
-        size = batch.frames.dtype.itemsize
-        start = 0
-        while start < len(batch):
-            room = max(1, (self._chunk_bytes - self._pending_bytes) // size)
-            self._gather(batch[start : start + room])
-            start += room
-            if self._pending_bytes >= self._chunk_bytes:
-                self._write_raw()
+        self._raw.write(batch)
         self._settled = True
         self.tick()
 
@@ -185,7 +158,7 @@ class RecordingWriter:
     def flush(self) -> None:
         """Hand everything gathered so far to the operating system; a kill cannot take it any more."""
         self._begin()
-        self._write_raw()
+        self._raw.write_chunk()
         self._decoded.write_chunk()
         self._settled = True
         self._flushed_at = time.monotonic()
@@ -223,8 +196,7 @@ class RecordingWriter:
             if self._counts_hold:
                 ended |= {f"frames.{bus}": str(count) for bus, count in self.frame_counts.items()}
             ended |= {f"drops.{bus}": str(count) for bus, count in (drops or {}).items()}
-            steps = sum(stream.steps_back for stream in self._streams.values())
-            self.add_metadata(RUN_END, ended | {"time_steps_back": str(steps)})
+            self.add_metadata(RUN_END, ended | {"time_steps_back": str(self._raw.steps_back)})
         finally:
             self._sink.finish()
 
@@ -247,75 +219,7 @@ class RecordingWriter:
         self._counts_hold &= self._settled
         self._settled = False
 
-    def _stream(self, bus: str, is_fd: bool) -> _RawStream:
-        stream = self._streams.get((bus, is_fd))
-        if stream is None:
-            index = self._buses.setdefault(bus, len(self._buses))
-            schema = FD_SCHEMA if is_fd else CLASSIC_SCHEMA
-            schema_id = self._sink.add_schema(schema, raw_schema_text(schema))
-            topic = self._names.raw_topic(bus, is_fd)
-            channel_id = self._sink.add_channel(topic, schema_id, {"bus": bus, "bus_index": str(index)})
-            stream = self._streams[bus, is_fd] = _RawStream(channel_id, index)
-        return stream
-
-    def _gather(self, batch: FrameBatch) -> None:
-        bus = batch.frames["bus"]
-        for number in np.flatnonzero(np.bincount(bus)):
-            rows = bus == number
-            own = batch.frames.copy() if rows.all() else batch[rows].frames
-            self._stream(batch.buses[number], batch.is_fd).take(own)
-        self._pending_bytes += batch.frames.nbytes
-
-    def _write_raw(self) -> None:
-        self._sink.write_chunk(stream.release() for stream in self._streams.values() if stream.pending)
-        self._pending_bytes = 0
-
     def _after_decoded(self) -> None:
         if self._decoded.pending_bytes >= self._chunk_bytes:
             self._decoded.write_chunk()
         self.tick()
-
-
-class _RawStream:
-    """Gathered frames of one bus and kind."""
-
-    def __init__(self, channel_id: int, bus_index: int) -> None:
-        self.channel_id = channel_id
-        self.bus_index = bus_index
-        self.pending: list[FrameArray] = []
-        self.count = 0
-        self.steps_back = 0
-        self._sequence = 0
-        self._last_ns: int | None = None
-
-    def take(self, frames: FrameArray) -> None:
-        """Gather frames; the array is ours from now on."""
-        frames["bus"] = self.bus_index
-        time_ns = frames["time_ns"]
-        self.steps_back += int(np.count_nonzero(time_ns[1:] < time_ns[:-1]))
-        if self._last_ns is not None and time_ns[0] < self._last_ns:
-            self.steps_back += 1
-        self._last_ns = int(time_ns[-1])
-        self.pending.append(frames)
-        self.count += len(frames)
-
-    def release(self) -> MessageGroup:
-        """Return the gathered frames as messages, and forget them."""
-        frames = self.pending[0] if len(self.pending) == 1 else np.concatenate(self.pending)
-        self.pending = []
-        starts = range(0, len(frames), FRAMES_PER_MESSAGE)
-        records: list[bytes | memoryview] = []
-        offsets = np.zeros(len(starts), np.int64)
-        log_time_ns = np.zeros(len(starts), np.int64)
-        position = 0
-        for i, start in enumerate(starts):
-            piece = frames[start : start + FRAMES_PER_MESSAGE]
-            offsets[i] = position
-            log_time_ns[i] = piece["time_ns"].max()
-            head = raw_message_head(
-                self.channel_id, self._sequence, int(log_time_ns[i]), len(piece), piece.dtype.itemsize
-            )
-            records += [head, piece.view(np.uint8).data]
-            position += len(head) + piece.nbytes
-            self._sequence += 1
-        return MessageGroup(self.channel_id, records, offsets, log_time_ns)
