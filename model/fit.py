@@ -193,7 +193,7 @@ def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options:
         effects=MODELS[name],
         estimates=_estimates(problem, x, result, covariance, blocks, options.confidence),
         correlation=_correlation(problem.names, covariance),
-        warnings=result.warnings if result else (),
+        warnings=_warnings(result),
         stop_reason=str(result.stop_reason) if result else "nothing_to_fit",
         iterations=iterations,
         criteria={},
@@ -202,6 +202,13 @@ def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options:
         blocks=blocks,
         residual_floor=floor,
     )
+
+
+def _warnings(result: GaussNewtonResult | None) -> tuple[str, ...]:
+    if result is None or result.converged:
+        return result.warnings if result else ()
+    stuck = f"not converged ({result.stop_reason}): the intervals are not to be relied on"
+    return (stuck, *result.warnings)
 
 
 def _solve(problem: FitProblem, start: FloatArray) -> GaussNewtonResult:
