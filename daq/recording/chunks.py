@@ -1,13 +1,17 @@
-"""Chunks of an MCAP file, read with every length and checksum looked at."""
+"""Chunks of an MCAP file, packed, and unpacked with every length and checksum looked at."""
 
 from __future__ import annotations
 
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import BinaryIO, Self
+from typing import BinaryIO, Literal, Self, get_args
+
+from daq.errors import ConfigError, Fault, nearest
+
+Compression = Literal["zstd", "lz4", "none"]
 
 LARGEST_CHUNK_BYTES = 1 << 30
 """A chunk that claims more than this when unpacked is taken for damaged."""
@@ -180,6 +184,28 @@ def _decompressed(chunk: PackedChunk) -> bytes:
         except (RuntimeError, ValueError, MemoryError, EOFError) as error:
             raise DamagedError(f"a chunk cannot be unpacked: {error}") from None
     raise DamagedError(f"a chunk is packed as {chunk.compression!r}, which we do not know")
+
+
+def compressor(compression: Compression) -> Callable[[bytes], bytes]:
+    """Return what packs a chunk's content.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such compression.
+    """
+    if compression == "zstd":
+        import zstandard
+
+        return zstandard.ZstdCompressor().compress
+    if compression == "lz4":
+        import lz4.frame
+
+        return lambda data: bytes(lz4.frame.compress(data))
+    if compression == "none":
+        return lambda data: data
+    known = get_args(Compression)
+    raise ConfigError(Fault(f"unknown compression {compression!r}", expected=nearest(compression, known)))
 
 
 def message_head(content: bytes, start: int, length: int) -> tuple[int, int]:

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import time
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Literal, get_args
 
 import numpy as np
 from mcap.data_stream import RecordBuilder
@@ -35,12 +35,11 @@ from mcap.records import (
 )
 from numpy.typing import NDArray
 
-from daq.errors import ConfigError, Fault, nearest
+from daq.recording.chunks import Compression, compressor
 from daq.recording.contents import MAGIC
 from daq.recording.disk_file import DiskFile
 from daq.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
 
-Compression = Literal["zstd", "lz4", "none"]
 _INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 _TEXT_SUFFIXES = (".dbc", ".toml", ".txt", ".csv", ".json")
 _FOOTER_LENGTH = 8 + 8 + 4
@@ -90,7 +89,7 @@ class McapSink:
     ) -> None:
         self.path = path
         self._compression = "" if compression == "none" else compression
-        self._compress = _compressor(compression)
+        self._compress = compressor(compression)
         self._file = DiskFile(path, overwrite=overwrite)
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
@@ -100,8 +99,8 @@ class McapSink:
         self._metadata_indexes: list[MetadataIndex] = []
         self._message_counts: dict[int, int] = {}
         self._times: tuple[int, int] | None = None
-        self._between_records = True
         self._file.write(MAGIC + serialized(Header(profile, f"wheelsoil {_version()}")))
+        self._noted = self._file.position
 
     def add_schema(self, name: str, text: str) -> int:
         """Add a ros2msg schema, or return the id of the one that is there."""
@@ -126,6 +125,7 @@ class McapSink:
         self.schemas.update(schemas)
         self.channels.update(channels)
         self._file.write(serialized(*schemas.values(), *channels.values()))
+        self._noted = self._file.position
 
     def write_chunk(self, groups: Iterable[MessageGroup]) -> None:
         """Write messages as one chunk, behind the definitions they need."""
@@ -186,31 +186,29 @@ class McapSink:
             message_start_time=start,
             uncompressed_size=size,
         )
-        self._between_records = False
-        self._file.write(chunk + messages)
-        self._chunk_indexes.append(serialized(chunk_index))
-        for channel_id, entries in index.items():
-            self._message_counts[channel_id] = self._message_counts.get(channel_id, 0) + len(entries)
-        if any(len(entries) for entries in index.values()):
-            first, last = self._times or (start, end)
-            self._times = (min(first, start), max(last, end))
-        self._between_records = True
+        with self._written_and_noted(chunk + messages):
+            self._chunk_indexes.append(serialized(chunk_index))
+            for channel_id, entries in index.items():
+                self._message_counts[channel_id] = self._message_counts.get(channel_id, 0) + len(entries)
+            if any(len(entries) for entries in index.values()):
+                first, last = self._times or (start, end)
+                self._times = (min(first, start), max(last, end))
 
     def attach(self, name: str, data: bytes) -> None:
         """Write an attachment."""
         time_ns = time.time_ns()
         media_type = "text/plain" if name.endswith(_TEXT_SUFFIXES) else "application/octet-stream"
         record = serialized(Attachment(0, time_ns, name, media_type, data))
-        self._attachment_indexes.append(
-            AttachmentIndex(self._file.position, len(record), time_ns, 0, len(data), name, media_type)
-        )
-        self._file.write(record)
+        index = AttachmentIndex(self._file.position, len(record), time_ns, 0, len(data), name, media_type)
+        with self._written_and_noted(record):
+            self._attachment_indexes.append(index)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record."""
         record = serialized(Metadata(name=name, metadata=dict(values)))
-        self._metadata_indexes.append(MetadataIndex(self._file.position, len(record), name))
-        self._file.write(record)
+        index = MetadataIndex(self._file.position, len(record), name)
+        with self._written_and_noted(record):
+            self._metadata_indexes.append(index)
 
     @property
     def position(self) -> int:
@@ -229,15 +227,23 @@ class McapSink:
     def finish(self) -> None:
         """Write the summary and close the file.
 
-        Without a summary it is closed when a write failed or an interrupt left chunk and index at odds: readers
-        then go by the chunks themselves.
+        Without a summary it is closed when a write failed, or when an interrupt came between a record and its
+        index: readers then go by the records themselves.
         """
         try:
-            if not self._file.failed and self._between_records:
+            if not self._file.failed and self._file.position == self._noted:
                 self._file.write(self._summary())
                 self._file.sync()
         finally:
             self._file.close()
+
+    @contextmanager
+    def _written_and_noted(self, record: bytes) -> Iterator[None]:
+        """Write a record, then have it noted for the summary; Ctrl-C between the two shows at `finish`."""
+        missed = self._file.position - self._noted
+        self._file.write(record)
+        yield
+        self._noted = self._file.position - missed
 
     def _summary(self) -> bytes:
         data_end = serialized(DataEnd(0))
@@ -297,21 +303,6 @@ def _message_index(channel_id: int, entries: NDArray[np.void]) -> bytes:
     size = entries.nbytes
     head = bytes([Opcode.MESSAGE_INDEX]) + (6 + size).to_bytes(8, "little")
     return head + channel_id.to_bytes(2, "little") + size.to_bytes(4, "little") + entries.tobytes()
-
-
-def _compressor(compression: Compression) -> Callable[[bytes], bytes]:
-    if compression == "zstd":
-        import zstandard
-
-        return zstandard.ZstdCompressor().compress
-    if compression == "lz4":
-        import lz4.frame
-
-        return lambda data: bytes(lz4.frame.compress(data))
-    if compression == "none":
-        return lambda data: data
-    known = get_args(Compression)
-    raise ConfigError(Fault(f"unknown compression {compression!r}", expected=nearest(compression, known)))
 
 
 def _version() -> str:

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from daq.config import RunInfo
 from daq.frames import FrameBatch
+from daq.recording.chunks import Compression
 from daq.recording.decoded_topics import DecodedTopics
 from daq.recording.format import RUN_END, RUN_START, with_checksum
 from daq.recording.raw_topics import RawTopics
-from daq.recording.sink import Compression, McapSink
+from daq.recording.sink import McapSink
 from daq.recording.topics import TopicNames
 
 

@@ -80,7 +80,7 @@ def test_every_cut_keeps_all_whole_chunks(whole, tmp_path):
     path, data, expected = whole
     chunks = Recording.open(path).contents.chunks
     ends = [chunk.offset + chunk.size for chunk in chunks]
-    cuts = sorted({*range(0, len(data), 31), *ends, *(end - 1 for end in ends), len(data) - 1})
+    cuts = sorted({*range(0, len(data), 61), *ends, *(end - 1 for end in ends), len(data) - 1})
     cut_path = tmp_path / "cut.mcap"
     for cut in cuts:
         cut_path.write_bytes(data[:cut])
@@ -108,7 +108,7 @@ def test_a_flipped_byte_is_never_believed(whole, kept, tmp_path_factory):
     data = data[: int(len(data) * kept)]
     flipped_path = tmp_path_factory.mktemp("flipped") / "run.mcap"
 
-    @settings(max_examples=400, deadline=None)
+    @settings(max_examples=200, deadline=None)
     @given(st.integers(8, len(data) - 1), st.integers(1, 255))
     @example(len(data) - 1, 1)
     @example(len(data) - 20, 1)
@@ -270,7 +270,7 @@ def test_an_interrupt_anywhere_leaves_a_readable_recording(tmp_path):
     rng = np.random.default_rng(0)
     before = signal.signal(signal.SIGALRM, interrupt)
     try:
-        for trial in range(40):
+        for trial in range(25):
             path = tmp_path / f"{trial}.mcap"
             given_frames = 0
             with (
