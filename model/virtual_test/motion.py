@@ -14,9 +14,9 @@ FloatArray = NDArray[np.float64]
 SHORTEST_RUN_S = 15.0
 _STANDSTILL_S = 3.0
 _LAUNCH_S = 2.0
+_LAUNCH_SLIP = 0.12
 _STOP_S = 2.5
 _CYCLE_S = 9.5
-_COAST_LOG_RATIO = -0.02
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class DrivingStyle:
     brake_slip: tuple[float, float] = (-0.42, -0.25)
     lowest_speed_mps: float = 0.6
     highest_speed_mps: float = 4.0
-    highest_rim_speed_mps: float = 6.5
+    highest_rim_speed_mps: float = 6.0
 
 
 def drive(
@@ -71,12 +71,14 @@ def drive(
     rng: np.random.Generator,
     *,
     rate_hz: float = 1000.0,
+    coast_slip: float = -0.1,
     style: DrivingStyle | None = None,
 ) -> Motion:
     """Draw one run.
 
     Ground speed V and log ratio ln(r omega/V) are prescribed as smooth steps, so that both accelerations are
-    continuous; slip follows from the ratio. Wheel acceleration stays below about 12 rad/s2.
+    continuous; slip follows from the ratio. What the instrumented wheel cannot pull, the others do. Wheel
+    acceleration stays below about 10 rad/s2.
 
     Parameters
     ----------
@@ -87,6 +89,8 @@ def drive(
         Draws the number of cycles, their slip, speed and length.
     rate_hz : float
         Samples per second of the result.
+    coast_slip : float
+        Slip at which the wheel transmits no torque.
     style : DrivingStyle, optional
 
     Raises
@@ -103,7 +107,7 @@ def drive(
                 next_step="give a longer duration",
             )
         )
-    speed_knots, ratio_knots = _knots(duration_s, rng, style or DrivingStyle())
+    speed_knots, ratio_knots = _knots(duration_s, _log_ratio(coast_slip), rng, style or DrivingStyle())
     time_s = np.arange(round(duration_s * rate_hz)) / rate_hz
     speed, acceleration = smooth_steps(time_s, speed_knots)
     log_ratio, log_ratio_rate = smooth_steps(time_s, ratio_knots)
@@ -155,7 +159,7 @@ class _Cycle:
 
 
 def _knots(
-    duration_s: float, rng: np.random.Generator, style: DrivingStyle
+    duration_s: float, coast: float, rng: np.random.Generator, style: DrivingStyle
 ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
     """Return the knots of ground speed and of ln(r omega/V)."""
     still = _STANDSTILL_S + rng.uniform(-0.4, 0.4)
@@ -163,21 +167,21 @@ def _knots(
     last = duration_s - _STANDSTILL_S - _STOP_S
     cycles = _cycles(first, last, rng, style)
     speed = [(0.0, 0.0), (still, 0.0)]
-    ratio = [(0.0, 0.0), (still, 0.0), (first, _log_ratio(0.08))]
+    ratio = [(0.0, _log_ratio(_LAUNCH_SLIP)), (first, _log_ratio(_LAUNCH_SLIP))]
     for cycle in cycles:
-        # drive to 0.6, coast to 0.72, brake to 0.9, coast to the next cycle
-        at = [cycle.start_s + share * cycle.length_s for share in (0.0, 0.3, 0.6, 0.72, 0.81, 0.9)]
+        # drive to 0.56, coast to 0.69, brake to 0.88, coast to the next cycle
+        at = [cycle.start_s + share * cycle.length_s for share in (0.0, 0.28, 0.56, 0.69, 0.785, 0.88)]
         speed += [(at[0], cycle.low_speed_mps), (at[2], cycle.high_speed_mps), (at[3], 0.92 * cycle.high_speed_mps)]
         ratio += [
             (at[1], _log_ratio(cycle.peak_slip)),
-            (at[2], _COAST_LOG_RATIO),
-            (at[3], _COAST_LOG_RATIO),
+            (at[2], coast),
+            (at[3], coast),
             (at[4], _log_ratio(cycle.brake_slip)),
-            (at[5], _COAST_LOG_RATIO),
+            (at[5], coast),
         ]
     end = cycles[-1].start_s + cycles[-1].length_s
     speed += [(end, style.lowest_speed_mps), (end + _STOP_S, 0.0)]
-    ratio += [(end + 0.5 * _STOP_S, _log_ratio(-0.1)), (end + _STOP_S, 0.0)]
+    ratio += [(end + 0.5 * _STOP_S, coast + _log_ratio(-0.1))]
     return speed, ratio
 
 
@@ -186,7 +190,7 @@ def _cycles(first_s: float, last_s: float, rng: np.random.Generator, style: Driv
     count = max(1, round(span / _CYCLE_S + rng.uniform(-0.5, 0.5)))
     peaks = rng.uniform(*style.ordinary_peak_slip, count)
     peaks[rng.integers(count)] = rng.uniform(*style.peak_slip)
-    weights = 1 - 0.6 * np.log1p(-peaks)  # a high slip is approached slowly, as a driver does
+    weights = 1 - np.log1p(-peaks)  # a high slip is approached slowly, as a driver does
     lengths = span * weights / weights.sum()
     starts = first_s + np.concatenate([[0.0], np.cumsum(lengths[:-1])])
     cycles = []

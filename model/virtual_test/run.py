@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from daq.channel import Channel
 from daq.config import RunInfo
 from model.virtual_test.clock import HostClock
-from model.virtual_test.load import VehicleSetup, vertical_load_n
+from model.virtual_test.load import VehicleSetup, static_load_n, vertical_load_n
 from model.virtual_test.motion import DrivingStyle, Motion, drive
 from model.virtual_test.speed_sensors import GnssSetup, Track, WheelSpeedSetup, measure_gnss, measure_wheel_speed
 from model.virtual_test.transducer import HubLoads, Readings, TransducerSetup, measure_loads
-from model.virtual_test.truth import Truth, soil_reaction
+from model.virtual_test.truth import Truth, free_rolling_slip, soil_reaction
 from model.wheel_soil import WheelSoilModel
 
 FloatArray = NDArray[np.float64]
@@ -54,8 +54,8 @@ class VirtualRun:
         UTC of the start of the run.
     truth : Truth
     sensors : mapping str -> mapping str -> Channel
-        Per sensor ("transducer", "wheel_speed", "gnss") its channels by quantity, in SI units and radians
-        (positions in degrees). Channels of one sensor share their time stamps: the host clock's at reception.
+        Per sensor ("transducer", "wheel_speed", "gnss") its channels by quantity, in SI units and radians. Channels
+        of one sensor share their time stamps: the host clock's when the message is ready to be sent.
     """
 
     info: RunInfo
@@ -105,7 +105,8 @@ def virtual_run(
     """
     driving, road, loads, wheel, fixes, stamps = rng.spawn(6)
     radius = model.wheel.radius_m
-    fine = drive(setup.duration_s, radius, driving, rate_hz=_MOTION_RATE_HZ, style=setup.style)
+    coast = free_rolling_slip(model, values, static_load_n(setup.vehicle, info.added_load_kg))
+    fine = drive(setup.duration_s, radius, driving, rate_hz=_MOTION_RATE_HZ, coast_slip=coast, style=setup.style)
     coarse = _every(fine, _UPSAMPLE)
     load = vertical_load_n(
         setup.vehicle,

@@ -47,7 +47,7 @@ class WheelSpeedSetup:
     rate_hz: float = 100.0
     clock_ppm: float = -20.0
     transport_s: float = 0.002
-    typical_radps: float = 3.5
+    typical_radps: float = 3.0
 
     @property
     def latency_s(self) -> float:
@@ -84,9 +84,8 @@ def measure_wheel_speed(
     moving = np.concatenate([[True], np.diff(motion.wheel_angle_rad) > 0])  # else the inverse is not unique
     edges = np.interp(edge_angle, motion.wheel_angle_rad[moving], motion.time_s[moving])
     edges = np.round(edges / setup.timer_s) * setup.timer_s
-    return Readings(
-        at, setup.latency_s, {"wheel_speed": _edge_speed(at, edges, pitch, setup)}, {"wheel_speed": "rad/s"}
-    )
+    speed = _edge_speed(at, edges, pitch, setup)
+    return Readings(at, setup.transport_s, {"wheel_speed": speed}, {"wheel_speed": "rad/s"})
 
 
 def _edge_speed(at: FloatArray, edges: FloatArray, pitch: float, setup: WheelSpeedSetup) -> FloatArray:
@@ -209,8 +208,8 @@ def measure_gnss(
             "ground_speed": np.abs(speed),
             "ground_speed_valid": np.ones(count),
             "speed_quality": np.full(count, np.hypot(setup.speed_noise_mps, setup.speed_white_noise_mps)),
-            "latitude": latitude,
-            "longitude": longitude,
+            "latitude": np.radians(latitude),
+            "longitude": np.radians(longitude),
             "altitude": np.full(count, 27.0),
             "course": np.radians(np.mod(heading + np.degrees(np.arctan2(sideways, np.abs(speed))), 360.0)),
             "gnss_time": np.mod(seconds_of_day + at, _SECONDS_PER_DAY),
@@ -219,8 +218,8 @@ def measure_gnss(
         units={
             "ground_speed": "m/s",
             "speed_quality": "m/s",
-            "latitude": "deg",
-            "longitude": "deg",
+            "latitude": "rad",
+            "longitude": "rad",
             "altitude": "m",
             "course": "rad",
             "gnss_time": "s",

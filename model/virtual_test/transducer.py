@@ -14,6 +14,18 @@ from model.virtual_test.noise import coloured_noise
 
 FloatArray = NDArray[np.float64]
 
+_UNITS = {
+    "drawbar_pull": "N",
+    "lateral_force": "N",
+    "vertical_load": "N",
+    "overturning_moment": "Nm",
+    "driving_torque": "Nm",
+    "steering_moment": "Nm",
+    "wheel_angle": "rad",
+    "spin_rate": "rad/s",
+    "temperature": "K",
+}
+
 
 @dataclass(frozen=True)
 class TransducerSetup:
@@ -30,6 +42,8 @@ class TransducerSetup:
         Bridge offsets that turn with the wheel: a ripple once per revolution.
     frame : "vehicle" or "wheel"
         "wheel": forces and moments come in axes that turn with the wheel.
+    side : "left" or "right"
+        Wheel axes only: on the right x' and y' are turned round, since y' points outward on both sides.
     angle_offset_deg, angle_direction : float, 1 or -1
         Wheel angle sent = direction * rolled angle + offset.
     zero : "lifted" or "spin"
@@ -44,10 +58,11 @@ class TransducerSetup:
     lateral_noise_n: float = 60.0
     torque_noise_nm: float = 14.0
     noise_correlation_s: float = 0.1
-    white_noise_n: float = 8.0
-    white_noise_nm: float = 2.0
+    white_noise_n: float = 5.0
+    white_noise_nm: float = 1.0
     zero_offset_n: tuple[float, float] = (25.0, -15.0)
     frame: Literal["vehicle", "wheel"] = "vehicle"
+    side: Literal["left", "right"] = "left"
     angle_offset_deg: float = 0.0
     angle_direction: Literal[1, -1] = 1
     zero: Literal["lifted", "spin"] = "lifted"
@@ -107,52 +122,37 @@ def measure_loads(
         slow = coloured_noise(count, setup.rate_hz, sigma, setup.noise_correlation_s, stream)
         return slow + white * stream.standard_normal(count)
 
-    angle = np.interp(at, hub.time_s, hub.wheel_angle_rad)
+    angle = np.interp(at, hub.time_s, hub.wheel_angle_rad) + streams[0].uniform(0, 2 * np.pi)
     weight = outboard_mass_kg * GRAVITY_MPS2 if setup.zero == "spin" else 0.0
-    fx = np.interp(at, hub.time_s, hub.longitudinal_n) + noise(
-        setup.drawbar_pull_noise_n, setup.white_noise_n, streams[1]
-    )
-    fz = np.interp(at, hub.time_s, hub.vertical_n) - weight + noise(setup.load_noise_n, setup.white_noise_n, streams[2])
-    fy = noise(setup.lateral_noise_n, setup.white_noise_n, streams[3])
-    my = np.interp(at, hub.time_s, hub.torque_nm) + noise(setup.torque_noise_nm, setup.white_noise_nm, streams[4])
-    mx = fy * wheel_radius_m + setup.white_noise_nm * streams[5].standard_normal(count)
-    mz = setup.white_noise_nm * streams[5].standard_normal(count)
-    x_offset, z_offset = setup.zero_offset_n
-    if setup.frame == "wheel":
-        fx, fz = to_wheel_axes(fx, fz, angle)
-        mx, mz = to_wheel_axes(mx, mz, angle)
-        fx, fz = fx + x_offset, fz + z_offset
+    forces, moments = setup.white_noise_n, setup.white_noise_nm
+    fx = np.interp(at, hub.time_s, hub.longitudinal_n) + noise(setup.drawbar_pull_noise_n, forces, streams[1])
+    fz = np.interp(at, hub.time_s, hub.vertical_n) - weight + noise(setup.load_noise_n, forces, streams[2])
+    fy = noise(setup.lateral_noise_n, forces, streams[3])
+    my = np.interp(at, hub.time_s, hub.torque_nm) + noise(setup.torque_noise_nm, moments, streams[4])
+    mx = fy * wheel_radius_m + moments * streams[5].standard_normal(count)
+    mz = moments * streams[5].standard_normal(count)
+    fx, fz = to_wheel_axes(fx, fz, angle)
+    fx, fz = fx + setup.zero_offset_n[0], fz + setup.zero_offset_n[1]
+    if setup.frame == "vehicle":
+        fx, fz = to_vehicle_axes(fx, fz, angle)
     else:
-        x_ripple, z_ripple = to_vehicle_axes(np.full(count, x_offset), np.full(count, z_offset), angle)
-        fx, fz = fx + x_ripple, fz + z_ripple
-    return Readings(
-        time_s=at,
-        latency_s=setup.latency_s,
-        values={
-            "drawbar_pull": fx,
-            "lateral_force": fy,
-            "vertical_load": fz,
-            "overturning_moment": mx,
-            "driving_torque": my,
-            "steering_moment": mz,
-            "wheel_angle": np.mod(setup.angle_direction * angle + np.radians(setup.angle_offset_deg), 2 * np.pi),
-            "spin_rate": np.interp(at, hub.time_s, hub.wheel_speed_radps),
-            "counter": np.mod(np.arange(count), 16).astype(np.float64),
-            "status": np.zeros(count),
-            "temperature": 31.0 + 4.0 * (1 - np.exp(-at / 300.0)),
-        },
-        units={
-            "drawbar_pull": "N",
-            "lateral_force": "N",
-            "vertical_load": "N",
-            "overturning_moment": "Nm",
-            "driving_torque": "Nm",
-            "steering_moment": "Nm",
-            "wheel_angle": "rad",
-            "spin_rate": "rad/s",
-            "temperature": "degC",
-        },
-    )
+        mx, mz = to_wheel_axes(mx, mz, angle)
+        if setup.side == "right":
+            fx, fy, mx, my = -fx, -fy, -mx, -my
+    values = {
+        "drawbar_pull": fx,
+        "lateral_force": fy,
+        "vertical_load": fz,
+        "overturning_moment": mx,
+        "driving_torque": my,
+        "steering_moment": mz,
+        "wheel_angle": np.mod(setup.angle_direction * angle + np.radians(setup.angle_offset_deg), 2 * np.pi),
+        "spin_rate": np.interp(at, hub.time_s, hub.wheel_speed_radps),
+        "counter": np.mod(np.arange(count), 16).astype(np.float64),
+        "status": np.zeros(count),
+        "temperature": 304.0 + 4.0 * (1 - np.exp(-at / 300.0)),
+    }
+    return Readings(at, setup.latency_s, values, _UNITS)
 
 
 def to_vehicle_axes(x: FloatArray, z: FloatArray, angle_rad: FloatArray) -> tuple[FloatArray, FloatArray]:

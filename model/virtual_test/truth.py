@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 TRUTH_QUADRATURE = Quadrature(nodes=36, power=4)
 """Of the simulated truth; a fitter uses another one (12 nodes, power 3 by default)."""
 
-_SETTLED_SPEED_MPS = 0.1
+_SETTLED_SPEED_MPS = 0.2
 _LEAST_LOAD_N = 200.0
 
 
@@ -50,6 +50,21 @@ class Truth:
     track_position_m: FloatArray
 
 
+def free_rolling_slip(model: WheelSoilModel, values: Mapping[str, float], vertical_load_n: float) -> float:
+    """Return the slip at which the wheel transmits no torque: it is towed, and skids a little.
+
+    Raises
+    ------
+    DataError
+        The soil cannot carry the wheel.
+    """
+    slip = np.linspace(-0.6, 0.0, 121)
+    torque = model.predict(Conditions(slip, np.full(len(slip), vertical_load_n)), dict(values)).driving_torque_nm
+    if not np.isfinite(torque).all():
+        raise DataError(_lost(model, "at standstill", 0.0, vertical_load_n))
+    return float(np.interp(0.0, torque, slip))
+
+
 def soil_reaction(
     model: WheelSoilModel,
     values: Mapping[str, float],
@@ -59,7 +74,7 @@ def soil_reaction(
 ) -> Truth:
     """Put a motion and a load through the wheel-soil model.
 
-    The model knows rolling wheels only: towards standstill drawbar pull and torque fade out below 0.2 m/s.
+    The model knows rolling wheels only: towards standstill drawbar pull and torque fade out below 0.5 m/s.
 
     Parameters
     ----------
@@ -80,14 +95,8 @@ def soil_reaction(
     lost = ~np.isfinite(prediction.drawbar_pull_n)
     if lost.any():
         i = int(np.flatnonzero(lost)[0])
-        raise DataError(
-            Fault(
-                "the soil cannot carry the wheel: the model has no sinkage below its centre",
-                where=f"t = {motion.time_s[i]:.2f} s, {int(lost.sum())} of {len(lost)} samples",
-                found=f"slip {motion.slip[i]:.2f}, load {load[i]:.0f} N on soil {model.soil.name!r}",
-                next_step="choose a stiffer soil, less load, a weaker effect or a larger wheel",
-            )
-        )
+        where = f"t = {motion.time_s[i]:.2f} s, {int(lost.sum())} of {len(lost)} samples"
+        raise DataError(_lost(model, where, motion.slip[i], load[i]))
     rolling = -np.expm1(-((motion.ground_speed_mps / _SETTLED_SPEED_MPS) ** 2))
     return Truth(
         time_s=motion.time_s,
@@ -102,4 +111,13 @@ def soil_reaction(
         wheel_speed_radps=motion.wheel_speed_radps,
         wheel_acceleration_radps2=motion.wheel_acceleration_radps2,
         track_position_m=track_position_m,
+    )
+
+
+def _lost(model: WheelSoilModel, where: str, slip: float, load_n: float) -> Fault:
+    return Fault(
+        "the soil cannot carry the wheel: the model finds no sinkage for its load",
+        where=where,
+        found=f"slip {slip:.2f}, load {load_n:.0f} N on soil {model.soil.name!r}",
+        next_step="choose a stiffer soil, less load, a weaker effect or a larger wheel",
     )

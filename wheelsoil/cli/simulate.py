@@ -1,0 +1,139 @@
+"""``wheelsoil simulate``: a campaign folder, or frames on a bus in real time."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from daq.errors import ConfigError, Fault
+from wheelsoil.cli.options import Force
+from wheelsoil.cli.talk import progress, say
+from wheelsoil.virtual_campaign import BUS, campaign_frames, simulate_campaign
+from wheelsoil.virtual_options import DEFAULT_START, SimulationOptions, parse_effect
+
+
+class Format(StrEnum):
+    """What runs are written as."""
+
+    mcap = "mcap"
+    candump = "candump"
+    both = "both"
+
+
+class Reading(StrEnum):
+    """How the slip-sinkage laws are read."""
+
+    balanced = "balanced"
+    literal = "literal"
+
+
+def command(
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FOLDER", help="Campaign folder to write.")
+    ] = None,
+    soil: Annotated[str, typer.Option(help="A preset (clay, sandy, ...) or a terrain.toml.")] = "clay",
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME[:KEY=VALUE,...]", help="What the soil does beyond Wong's model; repeatable."),
+    ] = None,
+    sinkage: Annotated[Reading, typer.Option(help="Reading of the slip-sinkage laws.")] = Reading.balanced,
+    runs: Annotated[int, typer.Option(help="Number of runs.")] = 6,
+    duration: Annotated[float, typer.Option(metavar="SECONDS", help="Of each run.")] = 40.0,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same frames.")] = 0,
+    added_load: Annotated[
+        list[float] | None, typer.Option(metavar="KG", help="Added mass; repeatable, runs take turns. 0, 300, 500.")
+    ] = None,
+    radius: Annotated[float, typer.Option(metavar="M", help="Wheel radius.")] = 0.47,
+    width: Annotated[float, typer.Option(metavar="M", help="Wheel width.")] = 0.318,
+    draw_soil: Annotated[
+        bool, typer.Option("--draw-soil", help="Draw the true soil from the laboratory's uncertainty.")
+    ] = False,
+    wheel_axes: Annotated[
+        bool, typer.Option("--wheel-axes", help="The transducer sends forces in axes that turn with the wheel.")
+    ] = False,
+    noise: Annotated[float, typer.Option(help="Factor on every sensor's noise; 0 for ideal sensors.")] = 1.0,
+    start: Annotated[
+        str | None, typer.Option(metavar="TIME", help="UTC of the first run, ISO 8601; with --live: now.")
+    ] = None,
+    kind: Annotated[Format, typer.Option("--format", help="What the runs are written as.")] = Format.mcap,
+    decoded: Annotated[
+        bool, typer.Option("--decoded", help="Write decoded topics beside the raw frames, for other tools.")
+    ] = False,
+    live: Annotated[
+        str | None, typer.Option(metavar="INTERFACE", help="Send the frames in real time, e.g. socketcan.")
+    ] = None,
+    channel: Annotated[str, typer.Option(help="Channel of the interface.")] = BUS,
+    force: Force = False,
+) -> None:
+    """Drive a simulated instrumented vehicle over a soil.
+
+    Writes a campaign folder that process, fit and report take as it is; the truth stands in its manifest.toml alone.
+    """
+    if output is None and live is None:
+        raise ConfigError(Fault("nothing to do", next_step="give a folder to write with -o, or --live an interface"))
+    from model.wheel import Wheel
+
+    options = SimulationOptions(
+        soil=soil,
+        effects=_effects(effect or []),
+        reading=sinkage.value,
+        runs=runs,
+        duration_s=duration,
+        seed=seed,
+        added_load_kg=tuple(added_load) if added_load else (0.0, 300.0, 500.0),
+        wheel=Wheel(radius, width),
+        draw_soil=draw_soil,
+        wheel_axes=wheel_axes,
+        noise=noise,
+        start=_start(start, live=live is not None),
+    )
+    if output is not None:
+        campaign = simulate_campaign(output, options, kind=kind.value, decoded=decoded, force=force)
+        say(f"{options.runs} runs, {campaign.frames} frames")
+        print(campaign.folder)
+    if live is not None:
+        _send(options, live, channel)
+
+
+def _effects(texts: list[str]) -> dict[str, dict[str, float]]:
+    effects: dict[str, dict[str, float]] = {}
+    for text in texts:
+        name, values = parse_effect(text)
+        if name in effects:
+            raise ConfigError(Fault(f"effect {name} is given twice", next_step="give it once, with all its parameters"))
+        effects[name] = values
+    return effects
+
+
+def _start(text: str | None, *, live: bool) -> datetime:
+    if text is None:
+        return datetime.now(UTC) if live else DEFAULT_START
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        raise ConfigError(
+            Fault("the start is no time", found=text, expected="ISO 8601, e.g. 2026-05-04T08:00:00Z")
+        ) from None
+    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+
+
+def _send(options: SimulationOptions, interface: str, channel: str) -> None:
+    """Send one run after the other, each with its own timing."""
+    from daq.can_source import open_sink
+    from daq.config import BusSection
+    from daq.replay import replay_batches
+
+    sink = open_sink(BusSection(channel=channel, interface=interface))
+    try:
+        for run, frames in progress(campaign_frames(options), "sending", total=options.runs):
+            summary = replay_batches([frames], {BUS: sink})
+            say(
+                f"{run.info.id}: {sum(summary.frames.values())} frames in {summary.duration_s:.1f} s, "
+                f"99 % at most {summary.lateness_p99_s * 1e3:.2f} ms late"
+            )
+    finally:
+        sink.close()

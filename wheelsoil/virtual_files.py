@@ -1,0 +1,123 @@
+"""The files that people would write of a campaign, as the virtual test knows them."""
+
+from __future__ import annotations
+
+from math import degrees, hypot
+
+import tomli_w
+from pydantic import BaseModel
+
+from daq.config import (
+    BusSection,
+    RunInfo,
+    SensorSection,
+    SoilSection,
+    TerrainConfig,
+    TransducerSection,
+    UncertaintySection,
+    VehicleConfig,
+    VehicleSection,
+    WheelSection,
+)
+from model.soils import Soil
+from model.virtual_test import VirtualSetup
+from model.wheel import Wheel
+from wheelsoil.virtual_frames import BITRATE, DBC_FILES
+
+_SIGNALS = {
+    "vertical_load": "WFT_Forces.Fz",
+    "drawbar_pull": "WFT_Forces.Fx",
+    "driving_torque": "WFT_Moments.My",
+    "wheel_angle": "WFT_Wheel.Angle",
+    "wheel_speed": "WheelSpeeds.RearLeft",
+    "ground_speed": "GNSS_2.Speed",
+    "ground_speed_valid": "GNSS_3.SpeedValid",
+    "latitude": "GNSS_1.Latitude",
+    "longitude": "GNSS_2.Longitude",
+    "course": "GNSS_2.Course",
+    "gnss_time": "GNSS_1.TimeOfDay",
+}
+
+
+def vehicle_config(setup: VirtualSetup, wheel: Wheel, bus: str) -> VehicleConfig:
+    """Return vehicle.toml: what its owner knows of the vehicle and declares of its sensors."""
+    vehicle, transducer, gnss = setup.vehicle, setup.transducer, setup.gnss
+    sigmas = {
+        "vertical_load": hypot(transducer.load_noise_n, transducer.white_noise_n),
+        "drawbar_pull": hypot(transducer.drawbar_pull_noise_n, transducer.white_noise_n),
+        "driving_torque": hypot(transducer.torque_noise_nm, transducer.white_noise_nm),
+        "ground_speed": hypot(gnss.speed_noise_mps, gnss.speed_white_noise_mps),
+    }
+    delays = dict.fromkeys(("vertical_load", "drawbar_pull", "driving_torque", "wheel_angle"), transducer.latency_s)
+    delays |= dict.fromkeys(("gnss_time", "latitude", "longitude"), gnss.transport_s)
+    delays |= {"wheel_speed": setup.wheel_speed.latency_s, "ground_speed": gnss.latency_s, "course": gnss.latency_s}
+    return VehicleConfig(
+        vehicle=VehicleSection(name="virtual test vehicle", mass_kg=vehicle.mass_kg),
+        wheel=WheelSection(
+            radius_m=wheel.radius_m,
+            width_m=wheel.width_m,
+            position=f"rear {transducer.side}",
+            outboard_mass_kg=vehicle.outboard_mass_kg,
+            outboard_inertia_kgm2=vehicle.outboard_inertia_kgm2,
+        ),
+        bus=(BusSection(channel=bus, dbc=DBC_FILES, bitrate=BITRATE),),
+        signals=_SIGNALS,
+        sensors={
+            role: SensorSection(latency_s=round(delay, 4), sigma=round(sigmas[role], 4) if role in sigmas else None)
+            for role, delay in delays.items()
+        },
+        transducer=TransducerSection(
+            frame=transducer.frame,
+            side=transducer.side,
+            angle_offset_deg=transducer.angle_offset_deg,
+            angle_direction=transducer.angle_direction,
+            zero=transducer.zero,
+        ),
+    )
+
+
+def terrain_config(soil: Soil, spread: dict[str, float]) -> TerrainConfig:
+    """Return terrain.toml: the laboratory's values and their uncertainty.
+
+    Parameters
+    ----------
+    soil : Soil
+    spread : mapping
+        Relative one-sigma per parameter, as `model.virtual_test.LABORATORY_SPREAD`; zero: not known.
+    """
+    return TerrainConfig(
+        soil=SoilSection(
+            name=soil.name,
+            cohesion_kpa=_rounded(soil.cohesion_pa / 1e3),
+            friction_angle_deg=_rounded(degrees(soil.friction_angle_rad)),
+            shear_modulus_m=_rounded(soil.shear_modulus_m),
+            sinkage_exponent=_rounded(soil.sinkage_exponent),
+            cohesive_modulus_kn=_rounded(soil.cohesive_modulus / 1e3),
+            frictional_modulus_kn=_rounded(soil.frictional_modulus / 1e3),
+            unit_weight_kn_m3=_rounded(soil.unit_weight_n_m3 / 1e3),
+        ),
+        uncertainty=UncertaintySection(
+            cohesion_kpa=spread["cohesion_pa"] or None,
+            friction_angle_deg=spread["tan_phi"] or None,
+            shear_modulus_m=spread["shear_modulus_m"] or None,
+            sinkage_exponent=spread["sinkage_exponent"] or None,
+            cohesive_modulus_kn=spread["cohesive_modulus"] or None,
+            frictional_modulus_kn=spread["frictional_modulus"] or None,
+        ),
+    )
+
+
+def runs_toml(infos: list[RunInfo]) -> bytes:
+    """Return runs.toml, one ``[[run]]`` table each."""
+    tables = (tomli_w.dumps(info.model_dump(mode="json", exclude_none=True)) for info in infos)
+    return "\n".join(f"[[run]]\n{table}" for table in tables).encode()
+
+
+def to_toml(config: BaseModel) -> bytes:
+    """Return a checked model as TOML, without what is at its default."""
+    return tomli_w.dumps(config.model_dump(mode="json", exclude_none=True, exclude_defaults=True)).encode()
+
+
+def _rounded(value: float) -> float:
+    """Take out the last digits that unit conversion leaves."""
+    return float(f"{value:.12g}")

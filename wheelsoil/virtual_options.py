@@ -1,0 +1,221 @@
+"""What a person may choose about a simulated campaign, checked at the door."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from functools import cached_property
+from math import isfinite
+from pathlib import Path
+from typing import get_args
+
+from daq.config import TerrainConfig, UncertaintySection, load_toml
+from daq.errors import ConfigError, Fault, nearest
+from model.effects import EFFECTS
+from model.soils import SOILS, Soil, soil_from_terrain
+from model.virtual_test import LABORATORY_SPREAD, SHORTEST_RUN_S
+from model.wheel import Wheel
+from model.wheel_soil import Reading
+
+DEFAULT_START = datetime(2026, 5, 4, 8, tzinfo=UTC)
+LONGEST_RUN_S = 3600.0
+
+_TERRAIN_KEYS = {
+    "cohesion_pa": "cohesion_kpa",
+    "tan_phi": "friction_angle_deg",
+    "shear_modulus_m": "shear_modulus_m",
+    "sinkage_exponent": "sinkage_exponent",
+    "cohesive_modulus": "cohesive_modulus_kn",
+    "frictional_modulus": "frictional_modulus_kn",
+}
+
+
+@dataclass(frozen=True)
+class SimulationOptions:
+    """A simulated campaign; the same options give the same frames.
+
+    Attributes
+    ----------
+    soil : str
+        Name of a preset of `model.soils.SOILS`, or path of a terrain.toml.
+    effects : mapping effect -> mapping parameter -> value
+        What the soil does beyond Wong's model; see `parse_effect`.
+    reading : "balanced" or "literal"
+    runs : int
+    duration_s : float
+        Of each run.
+    seed : int
+    added_load_kg : tuple of float
+        Added masses, in turn; the direction alternates from run to run.
+    wheel : Wheel
+    draw_soil : bool
+        Draw the true soil from the laboratory's uncertainty instead of taking terrain.toml at its word.
+    wheel_axes : bool
+        The transducer sends forces in axes that turn with the wheel.
+    noise : float
+        Factor on every sensor's noise and ripple; 0 for ideal sensors.
+    start : datetime
+        Of the first run.
+
+    Raises
+    ------
+    ConfigError
+        Lists everything that is wrong.
+    """
+
+    soil: str = "clay"
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    reading: Reading = "balanced"
+    runs: int = 6
+    duration_s: float = 40.0
+    seed: int = 0
+    added_load_kg: tuple[float, ...] = (0.0, 300.0, 500.0)
+    wheel: Wheel = field(default_factory=lambda: Wheel(0.47, 0.318))
+    draw_soil: bool = False
+    wheel_axes: bool = False
+    noise: float = 1.0
+    start: datetime = DEFAULT_START
+
+    def __post_init__(self) -> None:
+        faults = [
+            Fault(f"{name} is out of range", found=f"{value:g}", expected=expected)
+            for name, value, good, expected in self._bounds()
+            if not (isfinite(value) and good)
+        ]
+        if self.reading not in get_args(Reading):
+            faults.append(Fault("unknown reading of the sinkage laws", found=self.reading, expected=_either(Reading)))
+        if not self.added_load_kg:
+            faults.append(Fault("no added load is given", next_step="give at least one, e.g. 0"))
+        if self.start.tzinfo is None:
+            faults.append(Fault("the start has no time zone", found=str(self.start), next_step="add Z for UTC"))
+        for name, values in self.effects.items():
+            faults += _effect_faults(name, values)
+        if faults:
+            raise ConfigError(*faults)
+        _ = self.laboratory_soil  # an unknown soil is told now
+
+    def _bounds(self) -> list[tuple[str, float, bool, str]]:
+        loads = [("added load", load, -1000 <= load <= 20_000, "-1000 to 20000 kg") for load in self.added_load_kg]
+        return [
+            ("number of runs", self.runs, 1 <= self.runs <= 1000, "1 to 1000"),
+            (
+                "duration",
+                self.duration_s,
+                SHORTEST_RUN_S <= self.duration_s <= LONGEST_RUN_S,
+                f"{SHORTEST_RUN_S:g} to {LONGEST_RUN_S:g} s",
+            ),
+            ("seed", self.seed, self.seed >= 0, "0 or more"),
+            ("noise", self.noise, 0 <= self.noise <= 10, "0 to 10"),
+            ("wheel radius", self.wheel.radius_m, 0.02 <= self.wheel.radius_m <= 3, "0.02 to 3 m"),
+            ("wheel width", self.wheel.width_m, 0.01 <= self.wheel.width_m <= 3, "0.01 to 3 m"),
+            *loads,
+        ]
+
+    @cached_property
+    def _terrain(self) -> TerrainConfig | None:
+        if self.soil in SOILS:
+            return None
+        if not self.soil.endswith(".toml"):
+            raise ConfigError(
+                Fault(
+                    f"no soil is called {self.soil!r}",
+                    expected=nearest(self.soil, SOILS),
+                    next_step="choose one of these, or give the path of a terrain.toml",
+                )
+            )
+        return load_toml(Path(self.soil), TerrainConfig)
+
+    @cached_property
+    def laboratory_soil(self) -> Soil:
+        """The soil as terrain.toml states it."""
+        return SOILS[self.soil] if self._terrain is None else soil_from_terrain(self._terrain)
+
+    @cached_property
+    def uncertainty(self) -> dict[str, float]:
+        """Relative one-sigma per parameter of `model.virtual_test.LABORATORY_SPREAD`."""
+        if self._terrain is None:
+            return dict(LABORATORY_SPREAD)
+        stated = self._terrain.uncertainty or UncertaintySection()
+        if stated.covariance is not None:
+            raise ConfigError(
+                Fault(
+                    "a virtual test cannot draw from a covariance",
+                    self.soil,
+                    next_step="state relative one-sigmas under [uncertainty]",
+                )
+            )
+        return {name: getattr(stated, key) or 0.0 for name, key in _TERRAIN_KEYS.items()}
+
+    @property
+    def command(self) -> str:
+        """The command line that makes the same frames, without its output."""
+        words = ["wheelsoil", "simulate", "--soil", self.soil, "--runs", str(self.runs)]
+        words += ["--duration", f"{self.duration_s:g}", "--seed", str(self.seed), "--sinkage", self.reading]
+        for name, values in self.effects.items():
+            words += ["--effect", f"{name}:" + ",".join(f"{key}={value!r}" for key, value in values.items())]
+        default = SimulationOptions()
+        if self.added_load_kg != default.added_load_kg:
+            words += [word for load in self.added_load_kg for word in ("--added-load", f"{load!r}")]
+        if self.wheel != default.wheel:
+            words += ["--radius", f"{self.wheel.radius_m!r}", "--width", f"{self.wheel.width_m!r}"]
+        words += ["--draw-soil"] * self.draw_soil + ["--wheel-axes"] * self.wheel_axes
+        if self.noise != default.noise:
+            words += ["--noise", f"{self.noise!r}"]
+        if self.start != default.start:
+            words += ["--start", self.start.isoformat()]
+        return shlex.join(words)
+
+
+def parse_effect(text: str) -> tuple[str, dict[str, float]]:
+    """Read ``"name:parameter=value,..."``; a name alone takes every parameter's start value.
+
+    Raises
+    ------
+    ConfigError
+        The text has another form, or the effect lacks a parameter.
+    """
+    name, _, rest = text.partition(":")
+    effect = EFFECTS.get(name)
+    if effect is None:
+        raise ConfigError(Fault(f"no effect is called {name!r}", expected=nearest(name, EFFECTS)))
+    if not rest:
+        return name, {p.name: p.start for p in effect.parameters}
+    values: dict[str, float] = {}
+    for part in rest.split(","):
+        key, _, number = part.partition("=")
+        try:
+            values[key.strip()] = float(number)
+        except ValueError:
+            example = ",".join(f"{p.name}={p.start:g}" for p in effect.parameters)
+            raise ConfigError(
+                Fault("an effect's parameters cannot be read", found=text, expected=f"{name}:{example}")
+            ) from None
+    return name, values
+
+
+def _effect_faults(name: str, values: Mapping[str, float]) -> list[Fault]:
+    effect = EFFECTS.get(name)
+    if effect is None:
+        return [Fault(f"no effect is called {name!r}", expected=nearest(name, EFFECTS))]
+    known = {p.name: p for p in effect.parameters}
+    faults = [
+        Fault(f"effect {name} has no parameter {key!r}", expected=nearest(key, known))
+        for key in values
+        if key not in known
+    ]
+    faults += [Fault(f"effect {name} lacks its parameter {key!r}") for key in known if key not in values]
+    return faults + [
+        Fault(
+            f"{name}: {key} is out of its bounds",
+            found=f"{value:g}",
+            expected=f"{known[key].lower:g} to {known[key].upper:g} {known[key].unit}",
+        )
+        for key, value in values.items()
+        if key in known and not known[key].lower <= value <= known[key].upper
+    ]
+
+
+def _either(kind: object) -> str:
+    return " or ".join(get_args(kind))
