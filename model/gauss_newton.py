@@ -200,20 +200,21 @@ def gauss_newton(
     if not point.finite:
         return _result(problem, point, StopReason.NOT_FINITE, history, options)
     trust = TrustRadius(options.initial_radius, problem)
+    rounding = point.residual.size * np.finfo(float).eps ** 2 * point.cost
     reason = None
     while reason is None:
         linear = problem.linearised(point, trust.norms_seen(point.jacobian))
-        reason = _converged(problem, point, linear, options)
+        reason = _converged(problem, point, linear, options, rounding)
         if reason is None:
             point, reason = _search(problem, point, linear, trust, history, options)
     return _result(problem, point, reason, history, options)
 
 
 def _converged(
-    problem: BoundedProblem, point: Point, linear: LinearProblem, options: GaussNewtonOptions
+    problem: BoundedProblem, point: Point, linear: LinearProblem, options: GaussNewtonOptions, rounding: float
 ) -> StopReason | None:
     newton = linear.newton_step
-    if linear.foretold_gain(newton) <= options.cost_tolerance * point.cost:
+    if linear.foretold_gain(newton) <= max(options.cost_tolerance * point.cost, rounding):
         return StopReason.CONVERGED_COST
     size = np.maximum(np.abs(point.x), problem.scale)[problem.free]
     if np.all(np.abs(newton / linear.unit) <= options.epsilon * size):

@@ -198,6 +198,19 @@ def test_a_parameter_without_influence_is_singular() -> None:
     assert any("b: has no influence" in text for text in result.warnings)
 
 
+def test_a_residual_that_vanishes_to_rounding_has_converged() -> None:
+    t = np.linspace(0, 1, 40)
+
+    def function(x: Array) -> tuple[Array, Array]:  # exact for every fall that is fast enough
+        relative = t * np.exp(-x[1])
+        left = np.exp(-relative)
+        return x[0] * (1 - left) - 1e4 * (t > 0), np.column_stack([1 - left, -x[0] * relative * left])
+
+    result = gauss_newton(function, [8e3, -2.0])
+    assert result.cost < 1e-15
+    assert result.stop_reason in (StopReason.CONVERGED_COST, StopReason.SINGULAR)
+
+
 def test_only_the_sum_is_determined() -> None:
     rng = np.random.default_rng(1)
     s = np.linspace(0, 1, 50)

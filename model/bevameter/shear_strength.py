@@ -1,0 +1,174 @@
+"""Cohesion, friction angle and K from shear tests at several normal stresses.
+
+    tau = (c + sigma tan phi) (1 - exp(-j/K))
+
+Each test enters by the logarithms of its strength and of its K (`model.bevameter.joint`), so that tests scatter by a
+share of the strength.
+
+Source: Janosi & Hanamoto (1961), 1st International Conference on Terrain-Vehicle Systems; Wong (1980), J.
+Terramechanics 17(1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.bench_tables import ShearTest
+from daq.errors import ConfigError, DataError, Fault
+from model.bevameter.joint import JointFit, fit_jointly
+from model.bevameter.shears import ShearFit, fit_shear
+
+FloatArray = NDArray[np.float64]
+
+SEPARATE = ("cohesion_pa", "tan_phi", "shear_modulus_m")
+TOGETHER = ("strength_pa", "shear_modulus_m")
+"""Where all tests were at one normal stress."""
+ASSUMED_SCATTER = (0.10, 0.20)
+"""Relative one-sigma of the strength and of K between tests of one terrain."""
+_SAME_STRESS = 0.01  # share of the largest normal stress
+
+
+@dataclass(frozen=True)
+class ShearStrength:
+    """What shear tests say of a terrain.
+
+    Attributes
+    ----------
+    shears : tuple of ShearFit
+        Each test by itself.
+    joint : JointFit
+        Of `SEPARATE`, or of `TOGETHER` where there was only one normal stress.
+    normal_stresses_pa : (float, float)
+        Smallest and largest.
+    warnings : tuple of str
+    """
+
+    shears: tuple[ShearFit, ...]
+    joint: JointFit
+    normal_stresses_pa: tuple[float, float]
+    warnings: tuple[str, ...]
+
+    @property
+    def separate(self) -> bool:
+        """Whether c and phi could be told apart."""
+        return "cohesion_pa" in self.joint
+
+
+def fit_shear_strength(tests: Sequence[ShearTest], *, to_m: float = float("inf")) -> ShearStrength:
+    """Fit c, tan phi and K to shear tests of one terrain.
+
+    Parameters
+    ----------
+    tests : sequence of ShearTest
+        At two or more normal stresses; at one only the strength and K are found.
+    to_m : float
+        Largest displacement that counts.
+
+    Raises
+    ------
+    ConfigError
+        No test.
+    DataError
+        Curves that cannot be fitted, all at once; or a strength that falls with the normal stress.
+
+    Source
+    ------
+    Janosi & Hanamoto (1961); Yang et al. (2016), Eq. 4 and Tab. 1.
+    """
+    if not tests:
+        raise ConfigError(
+            Fault("there is no shear test", next_step="give at least one; two normal stresses part c and phi")
+        )
+    shears = _each(tests, to_m)
+    stress = np.array([shear.normal_stress_pa for shear in shears])
+    words = [f"{shear.name}: {text}" for shear in shears for text in shear.warnings]
+    if np.ptp(stress) <= _SAME_STRESS * stress.max():
+        joint = _fit(shears, None, [_mean_strength(shears)], ("strength_pa",))
+        words.append(_one_stress(joint, float(stress.mean())))
+    else:
+        joint, more = _of_several(shears, stress)
+        words += more
+    return ShearStrength(shears, joint, (float(stress.min()), float(stress.max())), (*words, *joint.warnings))
+
+
+def _each(tests: Sequence[ShearTest], to_m: float) -> tuple[ShearFit, ...]:
+    shears: list[ShearFit] = []
+    faults: list[Fault] = []
+    for test in tests:
+        try:
+            shears.append(fit_shear(test, to_m=to_m))
+        except DataError as error:
+            faults.extend(error.faults)
+    if faults:
+        raise DataError(*faults)
+    return tuple(shears)
+
+
+def _of_several(shears: Sequence[ShearFit], stress: FloatArray) -> tuple[JointFit, list[str]]:
+    lines = np.column_stack([np.ones_like(stress), stress])
+    strengths = np.array([shear.strength_pa for shear in shears])
+    start, *_ = np.linalg.lstsq(lines / strengths[:, None], np.ones_like(stress))
+    if (lines @ start).min() < 0.05 * strengths.min():
+        start = np.array([_mean_strength(shears), 0.0])
+    joint = _fit(shears, lines, start.tolist(), SEPARATE[:2])
+    if joint["tan_phi"] <= 0:
+        raise DataError(
+            Fault(
+                "the strength does not rise with the normal stress",
+                found=f"tan phi = {joint['tan_phi']:.3g}",
+                next_step="check the normal stresses of the tests; a purely cohesive soil has no friction angle",
+            )
+        )
+    if joint["cohesion_pa"] >= 0:
+        return joint, []
+    without = _fit(shears, lines[:, 1:], [_mean_strength(shears) / float(stress.mean())], SEPARATE[1:2])
+    values = np.concatenate([[0.0], without.values])
+    return replace(joint, values=values), [_negative_cohesion(joint)]
+
+
+def _fit(shears: Sequence[ShearFit], lines: FloatArray | None, start: list[float], names: tuple[str, ...]) -> JointFit:
+    """Fit ``strength = lines @ x[:-1]`` (a constant where there are no lines) and K = x[-1]."""
+    rows = np.ones((len(shears), 1)) if lines is None else lines
+    estimates = [(np.log([s.strength_pa, s.shear_modulus_m]), s.covariance) for s in shears]
+
+    def common(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        strength = rows @ x[:-1]
+        slopes = np.zeros((len(shears), 2, x.size))
+        slopes[:, 0, :-1] = rows / strength[:, None]
+        slopes[:, 1, -1] = 1 / x[-1]
+        return np.column_stack([np.log(strength), np.full(len(shears), np.log(x[-1]))]), slopes
+
+    modulus = float(np.exp(np.mean([np.log(shear.shear_modulus_m) for shear in shears])))
+    joint, _ = fit_jointly(
+        estimates,
+        common,
+        [*start, modulus],
+        names=(*names, "shear_modulus_m"),
+        parameters=(rows.shape[1], 1),
+        assumed_scatter=ASSUMED_SCATTER,
+    )
+    return joint
+
+
+def _mean_strength(shears: Sequence[ShearFit]) -> float:
+    return float(np.exp(np.mean([np.log(shear.strength_pa) for shear in shears])))
+
+
+def _one_stress(joint: JointFit, stress: float) -> str:
+    return (
+        f"one normal stress ({stress / 1e3:.4g} kPa) fixes the strength c + sigma tan phi = "
+        f"{joint['strength_pa'] / 1e3:.4g} kPa there, not c and phi singly; test at a second normal stress, at least "
+        "twice as large"
+    )
+
+
+def _negative_cohesion(joint: JointFit) -> str:
+    low, high = joint.interval95[0] / 1e3
+    return (
+        f"the tests alone give a cohesion of {joint['cohesion_pa'] / 1e3:.3g} kPa (95 % interval {low:.3g} to "
+        f"{high:.3g}); it is set to 0, with that uncertainty, and the friction angle fitted again"
+    )
