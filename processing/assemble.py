@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import nan
+from dataclasses import dataclass, replace
+from math import isfinite, nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from daq.clock import ClockFit
 from daq.config import RunInfo
 from processing.distance import distance_of
 from processing.inputs import MODEL_ROLES
+from processing.noise import standstill_sigma
 from processing.on_base import OnBase
 from processing.options import ProcessOptions
 from processing.processed_run import ProcessedRun, QualityReport, Reason
@@ -22,7 +23,7 @@ from processing.speeds import SpeedComparison, compare_speeds
 from processing.timebase import FloatArray
 from processing.zeroing import standstills
 
-_ZERO_ROLES = ("drawbar_pull", "driving_torque", "vertical_load", "ground_speed")
+FORCES = ("drawbar_pull", "driving_torque", "vertical_load")
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,7 @@ def assemble(material: Material, radius_m: float, run: RunInfo, options: Process
     acceleration = material.roles["ground_speed"].slope
     torque, load = material.values("driving_torque"), material.values("vertical_load")
     segments = segment(rim, ground, acceleration, slip, torque / radius_m, load, options.rate_hz)
+    material = with_standstill_noise(material, segments, options.rate_hz)
     reason = combine_reasons(material.reasons().values(), segments, slip, load)
     distance, bridged_m = distance_of(material.time_s, ground)
     notes = [f"distance: {bridged_m:.1f} m were not seen and are bridged with the speeds around them"] * (bridged_m > 0)
@@ -123,6 +125,19 @@ def assemble(material: Material, radius_m: float, run: RunInfo, options: Process
     )
 
 
+def with_standstill_noise(material: Material, segments: NDArray[np.uint8], rate_hz: float) -> Material:
+    """Raise the estimated sigma of each force to what it does at standstill, see `processing.noise`."""
+    roles = dict(material.roles)
+    for role in FORCES:
+        if role not in roles or roles[role].facts.sigma_source == "declared":
+            continue
+        sigma = standstill_sigma(roles[role].values, segments, rate_hz, material.cutoff_hz)
+        if not sigma <= roles[role].facts.sigma and isfinite(sigma):
+            facts = replace(roles[role].facts, sigma=sigma, sigma_source="standstill")
+            roles[role] = replace(roles[role], facts=facts)
+    return replace(material, roles=roles)
+
+
 def _quality(
     material: Material,
     segments: NDArray[np.uint8],
@@ -135,7 +150,7 @@ def _quality(
     standing = standstills(
         material.time_s,
         segments,
-        {role: material.values(role) for role in _ZERO_ROLES if role in material.roles},
+        {role: material.values(role) for role in (*FORCES, "ground_speed") if role in material.roles},
         material.cutoff_hz,
     )
     sensors = {role: on_base.facts for role, on_base in material.roles.items()}
@@ -179,6 +194,7 @@ def _compare(material: Material, radius_m: float, rate_hz: float) -> SpeedCompar
         radius_m * sound["wheel_speed"],
         material.values("driving_torque"),
         material.values("vertical_load"),
+        material.values("drawbar_pull"),
         radius_m,
         rate_hz,
     )

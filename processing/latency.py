@@ -1,114 +1,132 @@
 r"""Residual latency of ground speed against wheel speed, with its uncertainty.
 
-.. math:: V_m(t) = g(t - \tau), \qquad g = \alpha r \omega (1 - c T)
+.. math:: V_m(t) = g(t - \tau), \qquad g = r \omega (c_0 + c_1 u + c_2 u^2 + c_3 u^3), \qquad u = T / (r W)
 
-on samples that hardly slip (`rolling_radius.hardly_slipping`; the term with the torque only where it is measured).
-Near zero slip everything is steep in the speeds and a false latency confirms itself, so that tau is first scanned over
-a wide range, the cheapest kept, and refined by Gauss-Newton from there; the samples are chosen without looking at
-ground speed.
+The bracket is 1 - s as a smooth function of the traction; without torque (a road vehicle) it is a constant. Samples are
+those of low slip (below 0.3) by the curve of slip over traction, not by their own measured slip: near zero slip
+everything is steep in the speeds, and a choice by measured slip would confirm a false latency. tau is scanned over a
+wide range, the cheapest kept, and refined by Gauss-Newton. The uncertainty joins two parts: leaving out stretches of
+the run, and what other choices of degree and slip limit would have said.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import nan, sqrt
+from math import hypot, nan, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.robust import RobustFit, robust_linear
-from processing.rolling_radius import LEAST_SECONDS, speed_basis
+from processing.robust import RobustFit, block_covariance, robust_linear
+from processing.rolling_radius import LEAST_SPEED_MPS
 from processing.timebase import FloatArray
 
 SCAN_S = (-0.5, 1.5)
 _SCAN_STEP_S = 0.05
-_SCAN_ROWS = 3000
-_FIT_ROWS = 20_000
-_LARGEST_SIGMA_S = 0.5
+_SCAN_ROWS = 600
+_FIT_ROWS = 3000
+_LEAST_SECONDS = 3.0
+_LARGEST_SIGMA_S = 0.25
+_FIRST_CHOICE = (3, 0.3)
+_OTHER_CHOICES = ((2, 0.2), (5, 0.4))
+_CURVE_BINS = 25
 
 
 @dataclass(frozen=True)
-class LatencyEstimate:
-    """Delay of ground speed (positive: it is late) and its one-sigma in s; NaN where it cannot be told."""
+class SpeedSignals:
+    """What the estimate looks at; arrays of shape (n,) on the time base, NaN where not to be used or not measured.
 
-    latency_s: float = nan
-    sigma_s: float = nan
-
-
-def residual_latency(
-    ground_speed_mps: FloatArray,
-    rim_speed_mps: FloatArray,
-    torque_nm: FloatArray,
-    chosen: NDArray[np.bool_],
-    rate_hz: float,
-) -> LatencyEstimate:
-    """Estimate the delay of ground speed against the wheel.
-
-    Parameters
+    Attributes
     ----------
-    ground_speed_mps, rim_speed_mps, torque_nm : float64 arrays, shape (n,)
-        On the time base; NaN where not to be used (torque all NaN: not measured).
-    chosen : bool array, shape (n,)
-        Samples that hardly slip, on the wheel's clock.
+    ground_speed_mps, rim_speed_mps : float64 arrays
+    traction : float64 array
+        T / (r W), or T / r where the load is not measured; all NaN without torque.
     rate_hz : float
+    """
+
+    ground_speed_mps: FloatArray
+    rim_speed_mps: FloatArray
+    traction: FloatArray
+    rate_hz: float
+
+
+def residual_latency(signals: SpeedSignals) -> tuple[float, float]:
+    """Estimate the delay of ground speed against the wheel.
 
     Returns
     -------
-    LatencyEstimate
-        NaN with less than 3 s of samples, a minimum at the end of the scan, or a sigma above 0.5 s.
+    latency_s, sigma_s : float
+        Positive: ground speed is late. NaN with less than 3 s of samples, a minimum at the end of the scan, or a sigma
+        above 0.25 s.
     """
-    basis = np.where(chosen[:, None], speed_basis(rim_speed_mps, np.where(chosen, torque_nm, nan)), nan)
-    problem = _Problem(ground_speed_mps, basis, _slope(basis, rate_hz), rate_hz)
-    rows = np.flatnonzero(np.isfinite(ground_speed_mps) & np.isfinite(basis).all(axis=1))
-    if len(rows) < LEAST_SECONDS * rate_hz:
-        return LatencyEstimate()
+    first = _Problem.of(signals, *_FIRST_CHOICE)
+    if len(first.rows) < _LEAST_SECONDS * signals.rate_hz:
+        return nan, nan
     delays = np.arange(SCAN_S[0], SCAN_S[1] + 1e-9, _SCAN_STEP_S)
-    sparse = rows[:: -(-len(rows) // _SCAN_ROWS)]
-    costs = [problem.cost(sparse, delay) for delay in delays]
-    best = int(np.argmin(costs))
+    best = int(np.argmin([first.cost(float(delay)) for delay in delays]))
     if not 0 < best < len(delays) - 1:
-        return LatencyEstimate()
-    delay, fit = problem.refine(rows[:: -(-len(rows) // _FIT_ROWS)], float(delays[best]))
-    sigma = sqrt(fit.covariance[-1, -1]) / abs(fit.coefficients[0]) if fit else nan
-    if not (sigma < _LARGEST_SIGMA_S and SCAN_S[0] < delay < SCAN_S[1]):
-        return LatencyEstimate()
-    return LatencyEstimate(delay, sigma)
+        return nan, nan
+    delay, sigma = first.refine(float(delays[best]))
+    if np.isfinite(signals.traction).any() and np.isfinite(delay):
+        others = [_Problem.of(signals, *choice).refine(delay)[0] for choice in _OTHER_CHOICES]
+        sigma = hypot(sigma, float(np.sqrt(np.mean((np.array(others) - delay) ** 2))))
+    good = sigma < _LARGEST_SIGMA_S and SCAN_S[0] < delay < SCAN_S[1]
+    return (delay, sigma) if good else (nan, nan)
 
 
 @dataclass(frozen=True)
 class _Problem:
+    """One choice of samples and of columns; `slope` is the basis' derivative per second."""
+
     ground: FloatArray
     basis: FloatArray
     slope: FloatArray
+    rows: NDArray[np.int64]
     rate_hz: float
 
-    def cost(self, rows: NDArray[np.int64], delay_s: float) -> float:
+    @staticmethod
+    def of(signals: SpeedSignals, degree: int, slip_limit: float) -> _Problem:
+        rim, traction = signals.rim_speed_mps, signals.traction
+        if np.isfinite(traction).any():
+            chosen = _low_slip(signals, slip_limit)
+            centred = (traction - _median(traction[chosen])) / max(_spread(traction[chosen]), 1e-12)
+            basis = rim[:, None] * centred[:, None] ** np.arange(degree + 1)
+        else:
+            chosen = rim > LEAST_SPEED_MPS
+            basis = rim[:, None]
+        basis = np.where(chosen[:, None], basis, nan)
+        slope = np.gradient(basis, 1.0 / signals.rate_hz, axis=0)
+        usable = np.isfinite(signals.ground_speed_mps) & np.isfinite(slope).all(axis=1)
+        return _Problem(signals.ground_speed_mps, basis, slope, np.flatnonzero(usable), signals.rate_hz)
+
+    def cost(self, delay_s: float) -> float:
         """Return the robust spread that the best coefficients leave at this delay."""
-        rows, basis, _ = self._shifted(rows, delay_s)
+        rows, basis, _ = self._shifted(delay_s, _SCAN_ROWS)
         if len(rows) < 4 * basis.shape[1]:
             return float("inf")
-        return robust_linear(basis, self.ground[rows], iterations=6).spread
+        return robust_linear(basis, self.ground[rows], iterations=4).spread
 
-    def refine(self, rows: NDArray[np.int64], delay_s: float) -> tuple[float, RobustFit | None]:
+    def refine(self, delay_s: float) -> tuple[float, float]:
         """Gauss-Newton in the delay; the coefficients are linear and solved for at every step."""
-        fit = None
         coefficients: FloatArray | None = None
-        for _ in range(8):
-            at, basis, slope = self._shifted(rows, delay_s)
+        for _ in range(10):
+            at, basis, slope = self._shifted(delay_s, _FIT_ROWS)
+            y = self.ground[at]
             if len(at) < 4 * basis.shape[1]:
-                return nan, None
+                return nan, nan
             if coefficients is None:
-                coefficients = robust_linear(basis, self.ground[at]).coefficients
+                coefficients = robust_linear(basis, y).coefficients
             matrix = np.column_stack([basis, -(slope @ coefficients)])
-            fit = robust_linear(matrix, self.ground[at], np.append(coefficients, 0.0))
+            fit: RobustFit = robust_linear(matrix, y, np.append(coefficients, 0.0), iterations=5)
             coefficients, step = fit.coefficients[:-1], float(np.clip(fit.coefficients[-1], -0.1, 0.1))
             delay_s += step
-            if abs(step) < 1e-5:
+            if abs(step) < 1e-4:
                 break
-        return delay_s, fit
+        return delay_s, sqrt(block_covariance(matrix, y, fit.weights)[-1, -1])
 
-    def _shifted(self, rows: NDArray[np.int64], delay_s: float) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-        """Return the rows that are usable at this delay, and the basis and its slope at t - delay."""
+    def _shifted(self, delay_s: float, most: int) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+        """Return at most so many rows that are usable at this delay, and basis and slope at t - delay."""
+        rows = self.rows[:: max(1, -(-len(self.rows) // most))]
         position = rows - delay_s * self.rate_hz
         low = np.floor(position).astype(np.int64)
         inside = (low >= 0) & (low + 1 < len(self.ground))
@@ -120,5 +138,25 @@ class _Problem:
         return rows[good], basis[good], slope[good]
 
 
-def _slope(basis: FloatArray, rate_hz: float) -> FloatArray:
-    return np.asarray(np.gradient(basis, 1.0 / rate_hz, axis=0))
+def _low_slip(signals: SpeedSignals, limit: float) -> NDArray[np.bool_]:
+    """Return the moving samples whose traction goes with a slip below the limit, by the median slip of each bin."""
+    rim, ground, traction = signals.rim_speed_mps, signals.ground_speed_mps, signals.traction
+    larger = np.maximum(rim, ground)
+    moving = (larger > LEAST_SPEED_MPS) & np.isfinite(traction)
+    if moving.sum() < 4 * _CURVE_BINS:
+        return moving
+    edges = np.quantile(traction[moving], np.linspace(0, 1, _CURVE_BINS + 1))
+    which = np.clip(np.searchsorted(edges, traction[moving]) - 1, 0, _CURVE_BINS - 1)
+    slip = (rim[moving] - ground[moving]) / larger[moving]
+    there = np.unique(which)
+    curve = np.array([np.median(slip[which == k]) for k in there])
+    centres = 0.5 * (edges[there] + edges[there + 1])
+    return np.asarray(moving & (np.abs(np.interp(traction, centres, curve)) < limit))
+
+
+def _median(values: FloatArray) -> float:
+    return float(np.median(values)) if len(values) else nan
+
+
+def _spread(values: FloatArray) -> float:
+    return float(np.std(values)) if len(values) else nan

@@ -7,7 +7,8 @@ filter lessens it. With the sampling interval D:
 
 .. math:: \sigma_f^2 = \min(d^2 D, S) B + \max(d^2 - S / D, 0)
 
-Where no sigma is declared, d is the larger of the white noise and q/sqrt(12) of the resolution q.
+Where no sigma is declared, d is the larger of the white noise and q/sqrt(12) of the resolution q. Slow noise cannot be
+told from signal then, but at standstill there is no signal: what a force still does there is a lower bound.
 """
 
 from __future__ import annotations
@@ -15,13 +16,17 @@ from __future__ import annotations
 from math import isfinite, nan, pi, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from processing.collect import Samples
 from processing.filters import white_noise_bandwidth
+from processing.processed_run import Segment
+from processing.robust import robust_spread
+from processing.segments import runs_of
 from processing.timebase import FloatArray
 
+_LEAST_STANDSTILL_SAMPLES = 10
 _LEAST_SAMPLES = 20
-_MAD_TO_SIGMA = 1.4826
 
 
 def filtered_sigma(
@@ -59,12 +64,33 @@ def filtered_sigma(
     return sqrt(passed + max(total - density / interval_s, 0.0)), source
 
 
+def standstill_sigma(values: FloatArray, segments: NDArray[np.uint8], rate_hz: float, cutoff_hz: float) -> float:
+    """Return the robust spread of a filtered signal about its median of each standstill; NaN with too few samples.
+
+    Robust, because torque builds up before the wheel moves and fades after it has stopped.
+
+    Parameters
+    ----------
+    values : float64 array, shape (n,)
+    segments : uint8 array, shape (n,)
+        See `Segment`.
+    rate_hz, cutoff_hz : float
+        The filter leaves about 2.5 cutoff_hz independent samples a second.
+    """
+    parts = [values[start:stop] for start, stop in runs_of(segments) if segments[start] == Segment.STANDSTILL]
+    parts = [part[np.isfinite(part)] for part in parts]
+    apart = np.concatenate([np.zeros(0), *(part - np.median(part) for part in parts if len(part))])
+    if len(apart) * 2.5 * cutoff_hz / rate_hz < _LEAST_STANDSTILL_SAMPLES:
+        return nan
+    return robust_spread(apart)
+
+
 def _white_density(samples: Samples, residuals: FloatArray, kernel_sigma_s: float) -> float:
     """Return S from the spread of the residuals, which is S times the integral of |N(f) - H(f)|^2."""
     residuals = residuals[np.isfinite(residuals)]
     if len(residuals) < _LEAST_SAMPLES:
         return nan
-    spread = _MAD_TO_SIGMA * float(np.median(np.abs(residuals - np.median(residuals))))
+    spread = robust_spread(residuals - np.median(residuals))
     raw = 2 / (3 * samples.node_s) if samples.node_s else 1 / samples.interval_s
     peak = 1 / (sqrt(2 * pi) * kernel_sigma_s)
     return spread**2 / max(raw - 2 * peak + white_noise_bandwidth(kernel_sigma_s), 0.1 * raw)

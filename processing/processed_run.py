@@ -54,7 +54,7 @@ class SensorFacts:
     sigma : float
         One-sigma of one filtered sample, SI.
     sigma_source : str
-        ``"declared"`` or ``"estimated"``.
+        ``"declared"``, ``"estimated"`` from what the filter takes out, or ``"standstill"`` where that showed more.
     """
 
     samples: int
@@ -69,18 +69,20 @@ class SensorFacts:
 
 @dataclass(frozen=True)
 class Standstill:
-    """Means over one standstill: what the zeros of the sensors look like. Nothing is subtracted.
+    """Medians over one standstill: what the zeros of the sensors look like. Nothing is subtracted.
+
+    Medians, because torque builds up before the wheel moves and fades after it has stopped.
 
     Attributes
     ----------
     start_s, duration_s : float
-    means, sigmas : mapping role -> float
-        Mean of drawbar pull, torque, load and ground speed, and the one-sigma of that mean, SI.
+    levels, sigmas : mapping role -> float
+        Median of drawbar pull, torque, load and ground speed, and its one-sigma, SI.
     """
 
     start_s: float
     duration_s: float
-    means: dict[str, float]
+    levels: dict[str, float]
     sigmas: dict[str, float]
 
 

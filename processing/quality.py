@@ -119,8 +119,8 @@ def run_notes(
 def _zero_notes(standing: tuple[Standstill, ...]) -> list[str]:
     notes = []
     for role in _ZERO_ROLES:
-        seen = [(s.means[role], s.sigmas[role]) for s in standing if role in s.means]
-        if seen and all(abs(mean) > 3 * sigma for mean, sigma in seen):
-            values = ", ".join(f"{mean:.1f} +- {sigma:.1f}" for mean, sigma in seen[:4])
+        seen = [(s.levels[role], s.sigmas[role]) for s in standing if role in s.levels]
+        if seen and all(abs(level) > 3 * sigma for level, sigma in seen):
+            values = ", ".join(f"{level:.1f} +- {sigma:.1f}" for level, sigma in seen[:4])
             notes.append(f"{role} at standstill reads {values} (SI): a zero, a slope or a held brake; not subtracted")
     return notes

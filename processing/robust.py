@@ -11,65 +11,82 @@ from processing.timebase import FloatArray
 _TUKEY = 4.685
 _MAD_TO_SIGMA = 1.4826
 _BLOCKS = 12
+_ABSOLUTE_STEPS = 3
 
 
 @dataclass(frozen=True)
 class RobustFit:
-    """Coefficients of y = A p, shape (k,); their block-jackknife covariance (k, k); robust spread of the residuals."""
+    """A fit of y = A p.
+
+    Attributes
+    ----------
+    coefficients : float64 array, shape (k,)
+    weights : float64 array, shape (n,)
+        0 to 1; 0 for outliers.
+    spread : float
+        Robust standard deviation of the residuals.
+    """
 
     coefficients: FloatArray
-    covariance: FloatArray
+    weights: FloatArray
     spread: float
 
 
 def robust_linear(
-    matrix: FloatArray, y: FloatArray, start: FloatArray | None = None, iterations: int = 12
+    matrix: FloatArray, y: FloatArray, start: FloatArray | None = None, iterations: int = 10
 ) -> RobustFit:
-    """Fit y = A p with Tukey's bisquare weights.
-
-    The samples are in time order and correlated; the covariance comes from leaving out each of twelve blocks in turn.
+    """Fit y = A p with Tukey's bisquare weights, starting from `start` or from nearly least absolute deviations.
 
     Parameters
     ----------
     matrix : float64 array, shape (n, k)
     y : float64 array, shape (n,)
     start : float64 array, shape (k,), optional
-        First coefficients; without them, least absolute deviations by a few reweighted steps.
+    iterations : int
     """
-    weight = np.ones(len(y)) if start is None else _bisquare(y - matrix @ start)
+    weights = np.ones(len(y)) if start is None else _bisquare(y - matrix @ start)
     for step in range(iterations):
-        p = _solve(*_normal(matrix, y, weight))
+        p = _solve(*_normal(matrix, y, weights))
         residual = y - matrix @ p
-        if start is None and step < 4:
-            weight = 1.0 / np.maximum(np.abs(residual), 1e-3 * _spread(residual) + 1e-12)
+        if start is None and step < _ABSOLUTE_STEPS:
+            weights = 1.0 / np.maximum(np.abs(residual), 1e-3 * robust_spread(residual) + 1e-12)
         else:
-            weight = _bisquare(residual)
-    return RobustFit(p, _jackknife(matrix, y, weight), _spread(residual))
+            weights = _bisquare(residual)
+    return RobustFit(p, weights, robust_spread(residual))
 
 
-def _bisquare(residual: FloatArray) -> FloatArray:
-    reach = _TUKEY * max(_spread(residual), 1e-12)
-    return np.clip(1.0 - (residual / reach) ** 2, 0.0, None) ** 2
+def block_covariance(matrix: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return the jackknife covariance (k, k) of the coefficients.
+
+    Samples in time order are correlated; what counts is how much the answer changes when a twelfth of the time is left
+    out. The weights are kept.
+    """
+    blocks = np.array_split(np.arange(len(y)), min(_BLOCKS, len(y)))
+    parts = [_normal(matrix[block], y[block], weights[block]) for block in blocks]
+    gram = np.sum([part[0] for part in parts], axis=0)
+    right = np.sum([part[1] for part in parts], axis=0)
+    left_out = np.array([_solve(gram - g, right - r) for g, r in parts])
+    deviation = left_out - left_out.mean(axis=0)
+    return np.asarray((len(blocks) - 1) / len(blocks) * deviation.T @ deviation)
 
 
-def _spread(residual: FloatArray) -> float:
+def robust_spread(residual: FloatArray) -> float:
+    """Return the standard deviation that the median absolute residual stands for."""
     return _MAD_TO_SIGMA * float(np.median(np.abs(residual)))
 
 
-def _normal(matrix: FloatArray, y: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    weighted = matrix * weight[:, None]
+def _bisquare(residual: FloatArray) -> FloatArray:
+    reach = _TUKEY * max(robust_spread(residual), 1e-12)
+    return np.asarray(np.clip(1.0 - (residual / reach) ** 2, 0.0, None) ** 2)
+
+
+def _normal(matrix: FloatArray, y: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    weighted = matrix * weights[:, None]
     return weighted.T @ matrix, weighted.T @ y
 
 
 def _solve(gram: FloatArray, right: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.pinv(gram, rcond=1e-14, hermitian=True) @ right)
-
-
-def _jackknife(matrix: FloatArray, y: FloatArray, weight: FloatArray) -> FloatArray:
-    """Return the covariance from leave-one-block-out coefficients, the weights kept."""
-    blocks = [block for block in np.array_split(np.arange(len(y)), _BLOCKS) if len(block)]
-    parts = [_normal(matrix[block], y[block], weight[block]) for block in blocks]
-    gram, right = sum(part[0] for part in parts), sum(part[1] for part in parts)
-    left_out = np.array([_solve(gram - g, right - r) for g, r in parts])
-    deviation = left_out - left_out.mean(axis=0)
-    return np.asarray((len(blocks) - 1) / len(blocks) * deviation.T @ deviation)
+    """Solve the normal equations in columns of unit length; a column of zeros gets zero."""
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    scaled = gram / np.outer(size, size) + 1e-12 * np.eye(len(size))
+    return np.asarray(np.linalg.solve(scaled, right / size) / size)

@@ -1,69 +1,62 @@
-"""Effective rolling radius: ground speed over rim speed where the wheel hardly slips."""
+"""Effective rolling radius: ground speed over rim speed where the wheel rolls freely."""
 
 from __future__ import annotations
 
-from math import nan, sqrt
+from math import isfinite, nan, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.robust import robust_linear
+from processing.robust import block_covariance, robust_linear
 from processing.timebase import FloatArray
 
-LEAST_SECONDS = 3.0
-_LOW_TRACTION = 0.1
-_LOW_TORQUE_SHARE = 0.3
-_LEAST_SPEED_MPS = 1.0
+LEAST_SPEED_MPS = 1.0
+_FREE_SHARE = 0.06
+_LEAST_SAMPLES = 20
 
 
-def hardly_slipping(
-    rim_speed_mps: FloatArray, torque_nm: FloatArray, load_n: FloatArray, radius_m: float
+def rolls_freely(
+    rim_speed_mps: FloatArray,
+    torque_nm: FloatArray,
+    load_n: FloatArray,
+    drawbar_pull_n: FloatArray,
+    radius_m: float,
 ) -> NDArray[np.bool_]:
-    """Return the moving samples on which the wheel transmits hardly any torque.
+    """Return the moving samples on which the wheel hardly slips.
 
     Chosen without looking at ground speed: a choice by measured slip would confirm whatever error the speeds have.
-    With torque and load: |T| < 0.1 W r; with torque only: the lowest three tenths of |T|; without torque: every moving
-    sample (a road vehicle; off the road the result then includes the usual slip).
+    Where forces are measured, neither |T|/r nor |Dp| may exceed 6 % of the load: on soft soil no sample passes, since a
+    wheel without torque is dragged there and skids. Without torque every moving sample passes (a road vehicle).
 
     Parameters
     ----------
-    rim_speed_mps, torque_nm, load_n : float64 arrays, shape (n,)
+    rim_speed_mps, torque_nm, load_n, drawbar_pull_n : float64 arrays, shape (n,)
         All NaN where not measured.
     radius_m : float
     """
-    moving = rim_speed_mps > _LEAST_SPEED_MPS
-    size = np.abs(torque_nm)
-    known = moving & np.isfinite(size)
-    if not known.any():
+    moving = rim_speed_mps > LEAST_SPEED_MPS
+    if not np.isfinite(torque_nm).any():
         return moving
-    load = float(np.median(load_n[known])) if np.isfinite(load_n[known]).all() else nan
-    bound = _LOW_TRACTION * load * radius_m if load > 0 else float(np.quantile(size[known], _LOW_TORQUE_SHARE))
-    return np.asarray(known & (size <= bound))
+    pull = drawbar_pull_n if np.isfinite(drawbar_pull_n).any() else np.zeros_like(torque_nm)
+    force = np.maximum(np.abs(torque_nm) / radius_m, np.abs(pull))
+    known = moving & np.isfinite(force)
+    scale = float(np.median(load_n[known])) if known.any() else nan
+    if not (isfinite(scale) and scale > 0):
+        scale = float(force[known].max(initial=0.0))
+    return np.asarray(known & (force <= _FREE_SHARE * scale))
 
 
-def speed_scale(
-    ground_speed_mps: FloatArray, rim_speed_mps: FloatArray, torque_nm: FloatArray, chosen: NDArray[np.bool_]
-) -> tuple[float, float]:
-    """Return ground speed over rim speed at zero torque and its one-sigma; NaN below 20 samples.
+def speed_scale(ground_speed_mps: FloatArray, rim_speed_mps: FloatArray) -> tuple[float, float]:
+    """Return ground speed over rim speed and its one-sigma; NaN below 20 samples.
 
     Parameters
     ----------
-    ground_speed_mps, rim_speed_mps, torque_nm : float64 arrays, shape (n,)
-        Latency removed, a few samples per second. Torque, where measured, takes the small slip it causes.
-    chosen : bool array
-        See `hardly_slipping`.
+    ground_speed_mps, rim_speed_mps : float64 arrays, shape (n,)
+        Latency removed; NaN is left out.
     """
-    rows = chosen & np.isfinite(ground_speed_mps) & np.isfinite(rim_speed_mps)
-    if rows.sum() < 20:
+    rows = np.isfinite(ground_speed_mps) & np.isfinite(rim_speed_mps)
+    if rows.sum() < _LEAST_SAMPLES:
         return nan, nan
-    matrix = speed_basis(rim_speed_mps[rows], torque_nm[rows])
-    fit = robust_linear(matrix, ground_speed_mps[rows])
-    return float(fit.coefficients[0]), sqrt(fit.covariance[0, 0])
-
-
-def speed_basis(rim_speed_mps: FloatArray, torque_nm: FloatArray) -> FloatArray:
-    """Return the columns r omega and, where torque is measured, r omega T / max|T|: V = a r omega (1 - c T)."""
-    largest = float(np.abs(torque_nm[np.isfinite(torque_nm)]).max(initial=0.0))
-    if not largest > 0:
-        return rim_speed_mps[:, None]
-    return np.column_stack([rim_speed_mps, rim_speed_mps * torque_nm / largest])
+    matrix, y = rim_speed_mps[rows, None], ground_speed_mps[rows]
+    fit = robust_linear(matrix, y)
+    return float(fit.coefficients[0]), sqrt(block_covariance(matrix, y, fit.weights)[0, 0])

@@ -7,8 +7,8 @@ from math import isfinite, nan
 
 import numpy as np
 
-from processing.latency import residual_latency
-from processing.rolling_radius import hardly_slipping, speed_scale
+from processing.latency import SpeedSignals, residual_latency
+from processing.rolling_radius import rolls_freely, speed_scale
 from processing.timebase import FloatArray
 
 _ROWS = 10_000
@@ -29,25 +29,33 @@ def compare_speeds(
     rim_speed_mps: FloatArray,
     torque_nm: FloatArray,
     load_n: FloatArray,
+    drawbar_pull_n: FloatArray,
     radius_m: float,
     rate_hz: float,
 ) -> SpeedComparison:
-    """Estimate latency and scale on samples that hardly slip.
+    """Estimate the residual latency on low slip, and the scale where the wheel rolls freely.
 
     Parameters
     ----------
-    ground_speed_mps, rim_speed_mps, torque_nm, load_n : float64 arrays, shape (n,)
+    ground_speed_mps, rim_speed_mps, torque_nm, load_n, drawbar_pull_n : float64 arrays, shape (n,)
         On the time base; NaN where not to be used or not measured.
     radius_m, rate_hz : float
     """
-    chosen = hardly_slipping(rim_speed_mps, torque_nm, load_n, radius_m)
-    delay = residual_latency(ground_speed_mps, rim_speed_mps, torque_nm, chosen, rate_hz)
-    lag = (delay.latency_s if isfinite(delay.latency_s) else 0.0) * rate_hz
-    rows = np.flatnonzero(chosen)
-    rows = rows[:: max(1, -(-len(rows) // _ROWS))]
-    ahead = np.clip(np.floor(rows + lag).astype(np.int64), 0, max(len(ground_speed_mps) - 2, 0))
-    share = rows + lag - ahead
-    ground = (1 - share) * ground_speed_mps[ahead] + share * ground_speed_mps[ahead + 1]
-    ground[(share < 0) | (share > 1)] = nan
-    scale, sigma = speed_scale(ground, rim_speed_mps[rows], torque_nm[rows], np.ones(len(rows), np.bool_))
-    return SpeedComparison(delay.latency_s, delay.sigma_s, scale, sigma)
+    traction = torque_nm / radius_m
+    if np.isfinite(load_n).any():
+        traction = np.where(load_n > 0, traction / np.where(load_n > 0, load_n, 1.0), nan)
+    latency, sigma = residual_latency(SpeedSignals(ground_speed_mps, rim_speed_mps, traction, rate_hz))
+    free = np.flatnonzero(rolls_freely(rim_speed_mps, torque_nm, load_n, drawbar_pull_n, radius_m))
+    free = free[:: max(1, -(-len(free) // _ROWS))]
+    ground = _later(ground_speed_mps, free, (latency if isfinite(latency) else 0.0) * rate_hz)
+    return SpeedComparison(latency, sigma, *speed_scale(ground, rim_speed_mps[free]))
+
+
+def _later(values: FloatArray, rows: np.ndarray[tuple[int], np.dtype[np.int64]], lag: float) -> FloatArray:
+    """Return the values `lag` samples after the rows, interpolated; NaN beyond the ends."""
+    low = np.floor(rows + lag).astype(np.int64)
+    share = rows + lag - low
+    inside = (low >= 0) & (low + 1 < len(values))
+    low = np.where(inside, low, 0)
+    out = (1 - share) * values[low] + share * values[np.minimum(low + 1, len(values) - 1)]
+    return np.where(inside, out, nan)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from processing.processed_run import Segment, Standstill
+from processing.robust import robust_spread
 from processing.segments import runs_of
 from processing.timebase import FloatArray
 
@@ -31,14 +33,15 @@ def standstills(
     for start, stop in runs_of(segments):
         if segments[start] != Segment.STANDSTILL:
             continue
-        means, sigmas = {}, {}
+        levels, sigmas = {}, {}
         for role, values in channels.items():
             part = values[start:stop]
             part = part[np.isfinite(part)]
             if len(part) < 2:
                 continue
-            duration_s = len(part) * float(time_s[1] - time_s[0])
-            means[role] = float(part.mean())
-            sigmas[role] = float(part.std()) / np.sqrt(max(2.5 * cutoff_hz * duration_s, 1.0))
-        found.append(Standstill(float(time_s[start]), float(time_s[stop - 1] - time_s[start]), means, sigmas))
+            independent = max(2.5 * cutoff_hz * len(part) * float(time_s[1] - time_s[0]), 1.0)
+            middle = float(np.median(part))
+            levels[role] = middle
+            sigmas[role] = 1.25 * robust_spread(part - middle) / sqrt(independent)
+        found.append(Standstill(float(time_s[start]), float(time_s[stop - 1] - time_s[start]), levels, sigmas))
     return tuple(found)
