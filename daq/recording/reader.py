@@ -199,11 +199,11 @@ class Recording:
         Raises
         ------
         RecordingError
-            If the file holds no raw topics of wheelsoil.
+            If the file is not one of wheelsoil's. (A recording that ended before its first frame holds none.)
         DataError
             If there is no such bus.
         """
-        if not self._raw:
+        if not self._raw and RUN_START not in self.metadata:
             raise self._no_raw_topics()
         if bus is not None and bus not in self.buses:
             raise DataError(Fault(f"no bus is called {bus!r}", str(self.path), expected=nearest(bus, self.buses)))

@@ -123,6 +123,10 @@ def test_a_silent_bus_and_an_empty_run_are_told(tmp_path):
         writer.write_frames(FrameBatch.empty(("can0",)))
     empty = Recording.open(tmp_path / "empty.mcap")
     assert (empty.frame_counts, len(empty.frames()), empty.time_range_ns) == ({"can0": 0}, 0, None)
+    with RecordingWriter(tmp_path / "nothing.mcap", attachments={"a.dbc": b"x"}):
+        pass
+    nothing = Recording.open(tmp_path / "nothing.mcap")
+    assert (nothing.buses, len(nothing.frames()), nothing.loss) == ((), 0, ())
 
 
 @settings(max_examples=40, deadline=None)
