@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from itertools import chain
 from typing import NamedTuple
 
-from daq.errors import ConfigError, Fault
+from daq.errors import ConfigError, Fault, nearest
 
 MISSING = frozenset({"", "nan", "na", "n/a", "-"})
 """Cells that hold no number, in lower case."""
@@ -55,6 +55,46 @@ def parse_where(texts: Iterable[str]) -> dict[str, str]:
     if faults:
         raise ConfigError(*faults)
     return chosen
+
+
+class SharedOptions:
+    """``--rename`` and ``--where`` of a command that reads several tables: each holds for the tables that it fits.
+
+    Parameters
+    ----------
+    rename, where : iterable of str
+        As they were typed.
+
+    Raises
+    ------
+    ConfigError
+        They are not understood.
+    """
+
+    def __init__(self, rename: Iterable[str], where: Iterable[str]) -> None:
+        self._rename, self._where = parse_rename(rename), parse_where(where)
+        self._columns: set[str] = set()
+
+    def fitting(self, columns: Iterable[str]) -> tuple[dict[str, Source], dict[str, str]]:
+        """Return what of both holds for a table with these columns."""
+        there = set(columns)
+        self._columns |= there
+        rename = {new: source for new, source in self._rename.items() if source.column in there}
+        where = {name: value for name, value in self._where.items() if name in there | set(rename)}
+        return rename, where
+
+    def refuse_unused(self) -> None:
+        """Raise ConfigError for columns that were in no table so far."""
+        known = self._columns | set(self._rename)
+        wanted = [("--rename", source.column, self._columns) for source in self._rename.values()]
+        wanted += [("--where", name, known) for name in self._where]
+        faults = [
+            Fault(f"{option}: no table has a column {column!r}", expected=nearest(column, names))
+            for option, column, names in wanted
+            if column not in names
+        ]
+        if faults:
+            raise ConfigError(*faults)
 
 
 def _assignments(

@@ -158,6 +158,11 @@ def read_table(
     return _chosen(table, where or {}) if where else table
 
 
+def column_names(path: Path) -> tuple[str, ...]:
+    """Return the names of a CSV file's columns; raises as `read_table` does."""
+    return tuple(_parsed(path).columns)
+
+
 def _parsed(path: Path) -> Table:
     try:
         text = path.read_text(encoding="utf-8-sig")

@@ -35,6 +35,7 @@ Common = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 _ROUNDS = 20
 _SETTLED = 1e-6
+_WIDE = 1.5  # Student's t over the normal quantile from which on there is a warning
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ def fit_jointly(
         scatter=omega,
         scatter_source="repeats" if repeats else "assumed",
         tests=len(estimates),
-        warnings=() if repeats else (_no_repeats(len(estimates), assumed_scatter),),
+        warnings=_few_repeats(len(estimates), float(free.min()), assumed_scatter),
     )
     return joint, result
 
@@ -194,8 +195,17 @@ def _quantile(freedom: FloatArray) -> FloatArray:
     return np.asarray(stdtrit(np.where(np.isinf(freedom), 1e12, freedom), 0.975))
 
 
-def _no_repeats(tests: int, assumed: tuple[float, float]) -> str:
+def _few_repeats(tests: int, free: float, assumed: tuple[float, float]) -> tuple[str, ...]:
+    if free < 1:
+        return (
+            f"{tests} test{'s' * (tests > 1)} without repeats cannot show how much tests scatter: a one-sigma of "
+            f"{assumed[0]:.0%} and {assumed[1]:.2g} between tests is assumed; repeat each test at least three times to "
+            "measure it",
+        )
+    widening = float(_quantile(np.array([free]))[0] / 1.96)
+    if widening < _WIDE:
+        return ()
     return (
-        f"{tests} tests without repeats do not show how much tests scatter: a one-sigma of {assumed[0]:.0%} and "
-        f"{assumed[1]:.2g} between tests is assumed; repeat each test at least three times to measure it"
+        f"{tests} tests leave {free:.0f} degree{'s' * (free > 1)} of freedom for the scatter between tests: intervals "
+        f"are {widening:.1f} times as wide as with many; repeat the tests",
     )

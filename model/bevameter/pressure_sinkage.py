@@ -79,7 +79,7 @@ def fit_pressure_sinkage(tests: Sequence[PlateTest], options: WindowOptions | No
     Raises
     ------
     ConfigError
-        No test, or a plate without a size.
+        No test, a plate without a size, or an empty window.
     DataError
         Curves that cannot be fitted, all at once.
 
@@ -93,6 +93,9 @@ def fit_pressure_sinkage(tests: Sequence[PlateTest], options: WindowOptions | No
         )
     if any(not test.width_m > 0 for test in tests):
         raise ConfigError(Fault("a plate's width must be positive", found=str([test.width_m for test in tests])))
+    options = options or WindowOptions()
+    if not options.from_m < options.to_m:
+        raise ConfigError(Fault("the window is empty", found=f"from {options.from_m:g} to {options.to_m:g} m"))
     plates = _each(tests, options)
     reference = float(np.median([plate.reference_sinkage_m for plate in plates]))
     widths = _distinct([plate.width_m for plate in plates])
@@ -102,7 +105,7 @@ def fit_pressure_sinkage(tests: Sequence[PlateTest], options: WindowOptions | No
     return PressureSinkage(plates, joint, widths, reference, (*words, *joint.warnings))
 
 
-def _each(tests: Sequence[PlateTest], options: WindowOptions | None) -> tuple[PlateFit, ...]:
+def _each(tests: Sequence[PlateTest], options: WindowOptions) -> tuple[PlateFit, ...]:
     plates: list[PlateFit] = []
     faults: list[Fault] = []
     for test in tests:

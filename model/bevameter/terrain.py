@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from daq.config import SoilSection, TerrainConfig, UncertaintySection
+from daq.config import SOIL_KEYS, SoilSection, TerrainConfig, UncertaintySection
 from daq.errors import ConfigError, DataError, Fault
 from model.bevameter.joint import JointFit
 from model.bevameter.pressure_sinkage import PressureSinkage
@@ -70,7 +70,14 @@ def terrain_toml(terrain: TerrainConfig, comments: Sequence[str] = ()) -> str:
     import tomli_w
 
     head = "".join(f"# {line}\n" for text in comments for line in text.splitlines())
-    return head + ("\n" if head else "") + tomli_w.dumps(terrain.model_dump(exclude_none=True, mode="json"))
+    content = terrain.model_dump(exclude_none=True)
+    matrix = content.get("uncertainty", {}).pop("covariance", None)
+    text = head + ("\n" if head else "") + tomli_w.dumps(content)
+    if matrix is None:
+        return text
+    order = f"# order: {', '.join(SOIL_KEYS)}; units of [soil]\n"
+    rows = "".join(f"  [{', '.join(repr(value) for value in row)}],\n" for row in matrix)
+    return f"{text}{order}covariance = [\n{rows}]\n"
 
 
 def _usable(
@@ -79,7 +86,7 @@ def _usable(
     missing = [
         Fault(
             f"there is no {test} test, so that {what} are not known",
-            next_step=f"give {option}, or a terrain.toml that has them",
+            next_step=f"give {option}, or with --base a terrain.toml that has them",
         )
         for result, test, what, option in (
             (pressure, "plate", "k_c, k_phi and n", "--plate"),

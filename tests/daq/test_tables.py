@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.errors import ConfigError, DataError
-from daq.table_options import Source, parse_rename, parse_where
+from daq.table_options import SharedOptions, Source, parse_rename, parse_where
 from daq.tables import read_table
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
@@ -137,3 +137,13 @@ def test_options_that_are_not_understood_are_listed_together() -> None:
         parse_where(["a", "b=1,c"])
     assert parse_rename([]) == {}
     assert parse_where(["a = x , b=2"]) == {"a": "x", "b": "2"}
+
+
+def test_options_for_several_tables_hold_where_they_fit() -> None:
+    options = SharedOptions(["sinkage_m=z_mm*0.001", "tau=t"], ["test=1"])
+    assert options.fitting(["z_mm", "force_n"]) == ({"sinkage_m": Source("z_mm", 1e-3)}, {})
+    with pytest.raises(ConfigError, match=r"2 faults(.|\n)*--rename: no table has a column 't'(.|\n)*'test'"):
+        options.refuse_unused()
+    assert options.fitting(["t", "test"]) == ({"tau": Source("t")}, {"test": "1"})
+    options.refuse_unused()
+    assert SharedOptions(["b=a"], ["b=3"]).fitting(["a"]) == ({"b": Source("a")}, {"b": "3"})

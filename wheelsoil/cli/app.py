@@ -85,11 +85,10 @@ class LazyGroup(typer.core.TyperGroup):
 
 
 def load(name: str) -> Any:
-    """Return the click command of a subcommand (its module's function ``command``)."""
-    entry = COMMANDS[name]
-    function = importlib.import_module(f"wheelsoil.cli.{entry.module}").command
+    """Return the click command of a subcommand: its module's function ``command``, of its ``COMMAND_CLASS`` if any."""
+    module = importlib.import_module(f"wheelsoil.cli.{COMMANDS[name].module}")
     app = typer.Typer(add_completion=False, rich_markup_mode=None)
-    app.command(name)(function)
+    app.command(name, cls=getattr(module, "COMMAND_CLASS", None))(module.command)
     return typer.main.get_command(app)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -22,3 +23,33 @@ LenientDbc = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Force = Annotated[bool, typer.Option("--force", "-f", help="Replace the output if it is there.")]
+SoilPreset = Annotated[
+    str | None, typer.Option("--soil", metavar="NAME", help="A preset (clay, sandy, ...) instead of terrain.toml.")
+]
+Channels = Annotated[str, typer.Option("--channels", help="What is fitted: dp (drawbar pull), or dp,t (and torque).")]
+SoilPrior = Annotated[
+    bool, typer.Option("--soil-prior", help="Free the soil within the laboratory's uncertainty, too.")
+]
+SlipThreshold = Annotated[
+    float | None,
+    typer.Option("--slip-threshold", metavar="SLIP", help="For M0, R0, R2 only (default: 0.2 on clay, else 0.1)."),
+]
+MinSpeed = Annotated[float, typer.Option("--min-speed", metavar="M/S", help="Below this there is no slip.")]
+
+
+class Reading(StrEnum):
+    """How the slip-sinkage laws are read."""
+
+    balanced = "balanced"
+    literal = "literal"
+
+
+Sinkage = Annotated[Reading, typer.Option("--sinkage", help="Reading of the slip-sinkage laws.")]
+Rename = Annotated[
+    list[str] | None,
+    typer.Option("--rename", metavar="NEW=OLD[*FACTOR],...", help="Take a table's column under another name and unit."),
+]
+Where = Annotated[
+    list[str] | None,
+    typer.Option("--where", metavar="COLUMN=VALUE,...", help="Keep a table's rows that have the value."),
+]

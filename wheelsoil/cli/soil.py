@@ -1,0 +1,174 @@
+"""``wheelsoil soil``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+import typer.core
+
+from wheelsoil.cli.options import Force, Json, Rename, Where
+from wheelsoil.cli.talk import check_output, print_facts, print_json, print_table, say
+
+if TYPE_CHECKING:
+    from daq.bench_tables import PlateTest, ShearTest
+    from daq.table_options import SharedOptions
+    from wheelsoil.bench_soil import BenchSoil
+
+GREEDY = ("--plate", "--shear", "--radius", "--width")
+"""Options that take all that follows up to the next option: ``--plate a.csv b.csv``, ``--plate plates/*.csv``."""
+
+
+class Zero(StrEnum):
+    """Where sinkage and pressure are counted from."""
+
+    given = "given"
+    contact = "contact"
+    fitted = "fitted"
+
+
+def spread(args: Iterable[str]) -> Iterator[str]:
+    """Yield command-line arguments with a greedy option repeated before each of its values."""
+    option, values = "", 0
+    for arg in args:
+        if arg.startswith("-"):
+            name, sign, _ = arg.partition("=")
+            option, values = (name, int(bool(sign))) if name in GREEDY else ("", 0)
+        elif option:
+            if values:
+                yield option
+            values += 1
+        yield arg
+
+
+class COMMAND_CLASS(typer.core.TyperCommand):  # noqa: N801  (the name that wheelsoil.cli.app looks for)
+    """A command whose greedy options take several values."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the arguments with greedy options spread out."""
+        return super().parse_args(ctx, list(spread(args)))
+
+
+def command(
+    plate: Annotated[
+        list[Path] | None,
+        typer.Option("--plate", metavar="FILE...", help="Pressure-sinkage tests: sinkage_m, pressure_pa or force_n."),
+    ] = None,
+    shear: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--shear", metavar="FILE...", help="Shear tests: displacement_m, shear_stress_pa, normal_stress_pa."
+        ),
+    ] = None,
+    radius: Annotated[
+        list[float] | None,
+        typer.Option("--radius", metavar="M...", help="Of round plates: one for all files, or one a file."),
+    ] = None,
+    width: Annotated[
+        list[float] | None,
+        typer.Option("--width", metavar="M...", help="Smaller side of rectangular plates: one for all, or one a file."),
+    ] = None,
+    zero: Annotated[
+        Zero, typer.Option(help="Sinkage 0: as given, where the pressure leaves its baseline, or fitted near there.")
+    ] = Zero.given,
+    sinkage_from: Annotated[float, typer.Option("--from", metavar="M", help="Smallest sinkage that counts.")] = 0.0,
+    sinkage_to: Annotated[
+        float | None, typer.Option("--to", metavar="M", help="Largest sinkage that counts (default: all).")
+    ] = None,
+    shear_to: Annotated[
+        float | None, typer.Option("--shear-to", metavar="M", help="Largest displacement that counts (default: all).")
+    ] = None,
+    base: Annotated[
+        Path | None, typer.Option("--base", metavar="FILE", help="terrain.toml to take from what is not tested.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write a terrain.toml with its uncertainty.")
+    ] = None,
+    name: Annotated[str | None, typer.Option(help="Of the terrain (default: the output's).")] = None,
+    rename: Rename = None,
+    where: Where = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Find terrain parameters from bevameter tests: k_c, k_phi, n from plates, c, phi, K from shear.
+
+    Each test is fitted by itself and counts once in the joint fit: the intervals hold the scatter between tests.
+    """
+    from daq.config import TerrainConfig, load_toml
+    from daq.table_options import SharedOptions
+    from model.bevameter import WindowOptions
+    from wheelsoil.bench_soil import evaluate, terrain_text
+
+    target = check_output(output, force=force) if output else None
+    known = load_toml(base, TerrainConfig) if base else None
+    columns = SharedOptions(rename or [], where or [])
+    plates = _plates(plate or [], radius or [], width or [], columns)
+    shears = _shears(shear or [], columns)
+    columns.refuse_unused()
+    result = evaluate(
+        plates,
+        shears,
+        WindowOptions(zero.value, sinkage_from, float("inf") if sinkage_to is None else sinkage_to),
+        shear_to_m=float("inf") if shear_to is None else shear_to,
+    )
+    _print(result, json=json)
+    if target:
+        title = name or target.stem
+        target.write_text(terrain_text(result, title, known), encoding="utf-8")
+        say(f"wrote {target}")
+
+
+def _plates(
+    files: Sequence[Path], radii: Sequence[float], widths: Sequence[float], columns: SharedOptions
+) -> list[PlateTest]:
+    from daq.bench_tables import read_plate_tests
+    from daq.errors import ConfigError, Fault
+    from daq.tables import column_names
+
+    faults = [
+        Fault(
+            f"{len(sizes)} values of --{option} for {len(files)} plate files",
+            expected="one for all files, or one for each, in their order",
+        )
+        for option, sizes in (("radius", radii), ("width", widths))
+        if len(sizes) not in (0, 1, len(files))
+    ]
+    if faults:
+        raise ConfigError(*faults)
+    tests: list[PlateTest] = []
+    for i, path in enumerate(files):
+        radius, width = (sizes[i % len(sizes)] if sizes else None for sizes in (radii, widths))
+        rename, where = columns.fitting(column_names(path))
+        tests += read_plate_tests(path, radius_m=radius, width_m=width, rename=rename, where=where)
+    return tests
+
+
+def _shears(files: Sequence[Path], columns: SharedOptions) -> list[ShearTest]:
+    from daq.bench_tables import read_shear_tests
+    from daq.tables import column_names
+
+    tests: list[ShearTest] = []
+    for path in files:
+        rename, where = columns.fitting(column_names(path))
+        tests += read_shear_tests(path, rename=rename, where=where)
+    return tests
+
+
+def _print(result: BenchSoil, *, json: bool) -> None:
+    from wheelsoil.bench_soil import as_json, facts, parameter_rows, plate_rows, shear_rows
+
+    if json:
+        print_json(as_json(result))
+    else:
+        tables = [rows(result) for rows in (plate_rows, shear_rows, parameter_rows)]
+        for i, (head, lines) in enumerate(table for table in tables if table[1]):
+            if i:
+                print()
+            print_table(head, lines)
+        print()
+        print_facts(facts(result))
+    for text in result.warnings:
+        say(f"note: {text}")
