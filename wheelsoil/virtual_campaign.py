@@ -14,10 +14,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from daq.channel import Channel
 from daq.config import RunInfo, VehicleConfig
 from daq.databases import load_database, shipped_dbc
+from daq.decode import Decoder
 from daq.errors import ConfigError, Fault
 from daq.frames import FrameBatch
+from daq.roles import resolve_roles
 from model.effects import EFFECTS
 from model.soils import Soil
 from model.virtual_test import (
@@ -152,6 +155,29 @@ def campaign_frames(options: SimulationOptions) -> Iterator[tuple[VirtualRun, Fr
     for index in range(options.runs):
         run = simulated_run(options, index)
         yield run, virtual_frames(run, BUS)
+
+
+def simulated_roles(options: SimulationOptions, index: int) -> tuple[dict[str, Channel], VehicleConfig, RunInfo]:
+    """Return one run as processing takes it: through frames and back, without a file.
+
+    Parameters
+    ----------
+    options : SimulationOptions
+    index : int
+        See `simulated_run`.
+
+    Returns
+    -------
+    channels : mapping role -> Channel, in SI
+    vehicle : VehicleConfig
+    run : RunInfo
+    """
+    vehicle = vehicle_config(simulated_setup(options), options.wheel, BUS)
+    databases = {BUS: tuple(load_database(shipped_dbc(name)) for name in DBC_FILES)}
+    references = resolve_roles(vehicle, databases, (), vehicle.signals)
+    run = simulated_run(options, index)
+    decoded = Decoder(databases, {reference.name for reference in references.values()}).decode(virtual_frames(run, BUS))
+    return {role: ref.to_si(decoded[ref.key]) for role, ref in references.items()}, vehicle, run.info
 
 
 def simulate_campaign(

@@ -22,7 +22,7 @@ from daq.config import (
 from model.soils import Soil
 from model.virtual_test import VirtualSetup
 from model.wheel import Wheel
-from wheelsoil.virtual_frames import BITRATE, DBC_FILES
+from wheelsoil.virtual_frames import BITRATE, DBC_FILES, FRAME_TIME_S
 
 _SIGNALS = {
     "vertical_load": "WFT_Forces.Fz",
@@ -48,7 +48,9 @@ def vehicle_config(setup: VirtualSetup, wheel: Wheel, bus: str) -> VehicleConfig
         "driving_torque": hypot(transducer.torque_noise_nm, transducer.white_noise_nm),
         "ground_speed": hypot(gnss.speed_noise_mps, gnss.speed_white_noise_mps),
     }
-    delays = dict.fromkeys(("vertical_load", "drawbar_pull", "driving_torque", "wheel_angle"), transducer.latency_s)
+    # a sample's three messages follow each other on the bus
+    on_bus = {"vertical_load": 1, "drawbar_pull": 1, "driving_torque": 2, "wheel_angle": 3}
+    delays = {role: transducer.latency_s + place * FRAME_TIME_S for role, place in on_bus.items()}
     delays |= dict.fromkeys(("gnss_time", "latitude", "longitude"), gnss.transport_s)
     delays |= {"wheel_speed": setup.wheel_speed.latency_s, "ground_speed": gnss.latency_s, "course": gnss.latency_s}
     return VehicleConfig(
@@ -63,7 +65,7 @@ def vehicle_config(setup: VirtualSetup, wheel: Wheel, bus: str) -> VehicleConfig
         bus=(BusSection(channel=bus, dbc=DBC_FILES, bitrate=BITRATE),),
         signals=_SIGNALS,
         sensors={
-            role: SensorSection(latency_s=round(delay, 4), sigma=round(sigmas[role], 4) if role in sigmas else None)
+            role: SensorSection(latency_s=round(delay, 5), sigma=round(sigmas[role], 4) if role in sigmas else None)
             for role, delay in delays.items()
         },
         transducer=TransducerSection(

@@ -18,6 +18,8 @@ from model.virtual_test import VirtualRun
 
 DBC_FILES = ("wft.dbc", "wheel_speed.dbc", "gnss.dbc")
 BITRATE = 1_000_000
+FRAME_TIME_S = 110e-6
+"""What one of the transducer's frames occupies the bus for, about."""
 
 _LAYOUT: dict[str, tuple[tuple[str, dict[str, str]], ...]] = {
     "transducer": (

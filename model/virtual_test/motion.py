@@ -61,7 +61,7 @@ class DrivingStyle:
     ordinary_peak_slip: tuple[float, float] = (0.45, 0.75)
     brake_slip: tuple[float, float] = (-0.42, -0.25)
     lowest_speed_mps: float = 0.6
-    highest_speed_mps: float = 4.0
+    highest_speed_mps: float = 4.5
     highest_rim_speed_mps: float = 6.0
 
 
@@ -195,7 +195,7 @@ def _cycles(first_s: float, last_s: float, rng: np.random.Generator, style: Driv
     starts = first_s + np.concatenate([[0.0], np.cumsum(lengths[:-1])])
     cycles = []
     for start, length, peak in zip(starts, lengths, peaks, strict=True):
-        middle = float(np.clip(style.highest_rim_speed_mps * (1 - peak), 0.7, 2.4)) * rng.uniform(0.9, 1.1)
+        middle = float(np.clip(style.highest_rim_speed_mps * (1 - peak), 0.7, 3.0)) * rng.uniform(0.9, 1.1)
         low = max(style.lowest_speed_mps, 0.6 * middle)
         high = min(2 * middle - low, style.highest_speed_mps)
         brake = rng.uniform(*style.brake_slip)

@@ -67,6 +67,7 @@ def command(
         str | None, typer.Option(metavar="INTERFACE", help="Send the frames in real time, e.g. socketcan.")
     ] = None,
     channel: Annotated[str, typer.Option(help="Channel of the interface.")] = BUS,
+    speed: Annotated[float, typer.Option(help="With --live: so many times faster than real time.")] = 1.0,
     force: Force = False,
 ) -> None:
     """Drive a simulated instrumented vehicle over a soil.
@@ -96,7 +97,7 @@ def command(
         say(f"{options.runs} runs, {campaign.frames} frames")
         print(campaign.folder)
     if live is not None:
-        _send(options, live, channel)
+        _send(options, live, channel, speed)
 
 
 def _effects(texts: list[str]) -> dict[str, dict[str, float]]:
@@ -121,7 +122,7 @@ def _start(text: str | None, *, live: bool) -> datetime:
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
 
-def _send(options: SimulationOptions, interface: str, channel: str) -> None:
+def _send(options: SimulationOptions, interface: str, channel: str, speed: float) -> None:
     """Send one run after the other, each with its own timing."""
     from daq.can_source import open_sink
     from daq.config import BusSection
@@ -130,7 +131,7 @@ def _send(options: SimulationOptions, interface: str, channel: str) -> None:
     sink = open_sink(BusSection(channel=channel, interface=interface))
     try:
         for run, frames in progress(campaign_frames(options), "sending", total=options.runs):
-            summary = replay_batches([frames], {BUS: sink})
+            summary = replay_batches([frames], {BUS: sink}, speed=speed)
             say(
                 f"{run.info.id}: {sum(summary.frames.values())} frames in {summary.duration_s:.1f} s, "
                 f"99 % at most {summary.lateness_p99_s * 1e3:.2f} ms late"

@@ -1,0 +1,247 @@
+"""`wheelsoil simulate`: the folder, its reproducibility, live output, bad options."""
+
+from __future__ import annotations
+
+import shlex
+import threading
+import time
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.config import RunsConfig, TerrainConfig, VehicleConfig, load_toml
+from daq.errors import ConfigError
+from daq.frames import FrameBatch, concatenate
+from daq.open import open_runs
+from model.soils import SOILS, soil_from_terrain
+from processing.pipeline import process
+from wheelsoil.cli.app import run as wheelsoil
+from wheelsoil.virtual_campaign import frames_sha256, simulate_campaign, simulated_roles, simulated_run, true_soil
+from wheelsoil.virtual_frames import virtual_frames
+from wheelsoil.virtual_options import SimulationOptions, parse_effect
+
+LYASKO = {"lyasko": {"m1": 0.1, "m2": 0.05}}
+
+
+def frames_of(path: Path) -> FrameBatch:
+    (run,) = open_runs([path])
+    return concatenate(list(run.frame_batches()))
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("simulated") / "clay"
+    text = "simulate --effect lyasko:m1=0.1,m2=0.05 --runs 3 --duration 40 --seed 5 --format both -o"
+    assert wheelsoil([*shlex.split(text), str(folder)]) == 0
+    return folder
+
+
+def test_the_folder_is_a_campaign(campaign: Path) -> None:
+    runs = open_runs([campaign])
+    assert [run.id for run in runs] == ["run-1", "run-2", "run-3"]
+    assert [run.info.direction for run in runs] == ["out", "back", "out"]
+    assert [run.info.added_load_kg for run in runs] == [0, 300, 500]
+    assert all(path.suffix == ".mcap" for path in (run.path for run in runs))
+    vehicle = load_toml(campaign / "vehicle.toml", VehicleConfig)
+    assert vehicle.latency_s("ground_speed") == pytest.approx(0.07)
+    assert vehicle.wheel is not None
+    assert vehicle.wheel.outboard_inertia_kgm2 == 8
+    laboratory = soil_from_terrain(load_toml(campaign / "terrain.toml", TerrainConfig))
+    for name in ("cohesion_pa", "tan_phi", "shear_modulus_m", "cohesive_modulus", "frictional_modulus"):
+        assert getattr(laboratory, name) == pytest.approx(getattr(SOILS["clay"], name))
+    assert len(load_toml(campaign / "runs.toml", RunsConfig).run) == 3
+
+
+def test_only_the_manifest_tells_the_truth(campaign: Path) -> None:
+    manifest = tomllib.loads((campaign / "manifest.toml").read_text())
+    assert manifest["truth"]["effect"] == [{"name": "lyasko", "parameters": {"m1": 0.1, "m2": 0.05}}]
+    assert manifest["truth"]["seed"] == 5
+    others = [path for path in campaign.iterdir() if path.name != "manifest.toml"]
+    for path in others:
+        assert b"lyasko" not in path.read_bytes().lower(), path.name
+    (run, *_) = open_runs([campaign / "run-1.mcap"])
+    assert "manifest.toml" not in run.attachments
+    assert {"vehicle.toml", "terrain.toml", "wft.dbc"} <= set(run.attachments)
+
+
+def test_the_manifest_s_command_makes_the_same_frames(campaign: Path, tmp_path: Path) -> None:
+    manifest = tomllib.loads((campaign / "manifest.toml").read_text())
+    words = shlex.split(manifest["command"])
+    assert words[0] == "wheelsoil"
+    assert wheelsoil([*words[1:], "-o", str(tmp_path / "again")]) == 0
+    for fact in manifest["run"]:
+        frames = frames_of(tmp_path / "again" / fact["file"])
+        assert len(frames) == fact["frames"]
+        assert frames_sha256(frames) == fact["frames_sha256"]
+
+
+def test_roles_without_files_are_those_of_the_recording(campaign: Path) -> None:
+    channels, vehicle, info = simulated_roles(SimulationOptions(effects=LYASKO, runs=3, seed=5), 1)
+    run = open_runs([campaign])[1]
+    assert vehicle == run.vehicle
+    assert info.added_load_kg == run.info.added_load_kg
+    read = run.channels()
+    assert set(read) == set(channels)
+    for role, channel in channels.items():
+        assert np.array_equal(read[role].values, channel.values)
+        assert np.array_equal(read[role].time_ns, channel.time_ns)
+
+
+def test_logs_hold_the_same_frames_as_recordings(campaign: Path) -> None:
+    assert frames_sha256(frames_of(campaign / "run-2.log")) == frames_sha256(frames_of(campaign / "run-2.mcap"))
+
+
+def test_a_run_does_not_depend_on_the_others() -> None:
+    few, many = (SimulationOptions(effects=LYASKO, runs=n, duration_s=20.0) for n in (2, 5))
+    assert frames_sha256(virtual_frames(simulated_run(few, 1))) == frames_sha256(virtual_frames(simulated_run(many, 1)))
+
+
+def test_the_command_line_of_all_options_is_read_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (
+        "simulate --soil sandy --effect vasilev:H_m=0.08 --runs 1 --duration 20 --seed 9 --sinkage literal "
+        "--added-load 120 --radius 0.5 --width 0.3 --draw-soil --wheel-axes --noise 0.5 --start 2026-01-02T03:04:05Z"
+    )
+    assert wheelsoil([*shlex.split(text), "-o", str(tmp_path / "a")]) == 0
+    command = tomllib.loads((tmp_path / "a/manifest.toml").read_text())["command"]
+    assert wheelsoil([*shlex.split(command)[1:], "-o", str(tmp_path / "b")]) == 0
+    assert (tmp_path / "a/manifest.toml").read_text() == (tmp_path / "b/manifest.toml").read_text()
+    assert capsys.readouterr().out.split() == [str(tmp_path / "a"), str(tmp_path / "b")]
+
+
+@pytest.mark.parametrize("wheel_axes", [False, True])
+def test_processing_finds_the_truth_again(tmp_path: Path, wheel_axes: bool) -> None:
+    options = SimulationOptions(effects=LYASKO, runs=1, noise=0.0, wheel_axes=wheel_axes)
+    simulate_campaign(tmp_path / "quiet", options)
+    (run,) = open_runs([tmp_path / "quiet"])
+    processed = process(run.channels(), run.vehicle, run.info)
+    simulated = simulated_run(options, 0)
+    truth = simulated.truth
+    at = (processed.start_ns - simulated.start_ns) * 1e-9 - 0.25 + processed.time_s
+    used = processed.used & (processed.ground_speed_mps > 0.8)
+
+    def spread(measured: np.ndarray, true: np.ndarray) -> float:
+        return float(np.sqrt(np.mean((measured - np.interp(at, truth.time_s, true))[used] ** 2)))
+
+    assert used.sum() > 1500
+    assert spread(processed.ground_speed_mps, truth.ground_speed_mps) < 0.01
+    assert spread(processed.slip, truth.slip) < 0.01
+    assert spread(processed.drawbar_pull_n, truth.drawbar_pull_n) < 45  # the road's share above the cut-off
+    assert spread(processed.driving_torque_nm, truth.driving_torque_nm) < 25
+    driven = used & (processed.slip > 0.2)
+    error = processed.drawbar_pull_n - np.interp(at, truth.time_s, truth.drawbar_pull_n)
+    assert abs(np.mean(error[driven])) < 5
+    assert processed.quality.clock["offset_s"] == pytest.approx(0.25, abs=1e-3)
+
+
+def test_processing_finds_declared_latency_and_rising_slip_sinkage(campaign: Path) -> None:
+    for run in open_runs([campaign]):
+        quality = process(run.channels(), run.vehicle, run.info).quality
+        assert quality.residual_latency_s == pytest.approx(0.0, abs=0.04 + 3 * quality.residual_latency_sigma_s)
+        assert quality.standstills
+
+
+@pytest.mark.parametrize("speed", [5, pytest.param(1, marks=pytest.mark.slow)])
+def test_live_output_keeps_the_time(speed: int, capsys: pytest.CaptureFixture[str]) -> None:
+    import can
+
+    received: list[can.Message] = []
+    stop = threading.Event()
+    with can.Bus(interface="virtual", channel="sim-live", ignore_config=True) as bus:
+
+        def listen() -> None:
+            while not stop.is_set():
+                message = bus.recv(0.2)
+                if message is not None:
+                    received.append(message)
+
+        listener = threading.Thread(target=listen)
+        listener.start()
+        began = time.monotonic()
+        arguments = f"simulate --runs 1 --duration 15 --live virtual --channel sim-live --speed {speed}"
+        code = wheelsoil(shlex.split(arguments))
+        took = time.monotonic() - began
+        time.sleep(0.5)
+        stop.set()
+        listener.join()
+    assert code == 0
+    assert 14.5 / speed < took < 14.5 / speed + 10
+    expected = 15 * (3 * 1000 + 100 + 3 * 20)
+    assert len(received) == pytest.approx(expected, rel=0.001)
+    stamps = np.array([message.timestamp for message in received])
+    assert stamps[-1] - stamps[0] == pytest.approx(15.0 / speed, abs=1.0)
+    assert "frames in" in capsys.readouterr().err
+
+
+def test_drawing_the_soil_hides_it_from_terrain_toml(tmp_path: Path) -> None:
+    options = SimulationOptions(draw_soil=True, runs=1, duration_s=20.0, seed=3)
+    assert true_soil(options) != SOILS["clay"]
+    assert true_soil(options) == true_soil(options)
+    simulate_campaign(tmp_path / "drawn", options)
+    stated = load_toml(tmp_path / "drawn/terrain.toml", TerrainConfig)
+    assert stated.soil.cohesion_kpa == 7.58
+    assert stated.uncertainty is not None
+    assert stated.uncertainty.friction_angle_deg == 0.06
+
+
+def test_a_terrain_file_is_a_soil(tmp_path: Path) -> None:
+    simulate_campaign(tmp_path / "first", SimulationOptions(runs=1, duration_s=20.0))
+    again = SimulationOptions(soil=str(tmp_path / "first/terrain.toml"), runs=1, duration_s=20.0)
+    assert again.laboratory_soil.cohesion_pa == pytest.approx(7580)
+    assert again.uncertainty["tan_phi"] == 0.06
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("", "nothing to do"),
+        ("--soil clya -o OUT", "nearest: clay"),
+        ("--soil nowhere.toml -o OUT", "no such file"),
+        ("--effect lyaskp -o OUT", "nearest: lyasko"),
+        ("--effect lyasko:m3=1 -o OUT", "has no parameter 'm3'"),
+        ("--effect lyasko:m1=0.1 -o OUT", "lacks its parameter 'm2'"),
+        ("--effect lyasko:m1 -o OUT", "cannot be read"),
+        ("--effect lyasko:m1=0.1,m2=2 -o OUT", "out of its bounds"),
+        ("--effect lyasko:m1=nan,m2=0 -o OUT", "out of its bounds"),
+        ("--effect vasilev --effect vasilev -o OUT", "given twice"),
+        ("--runs 0 -o OUT", "number of runs is out of range"),
+        ("--duration 5 --runs 0 -o OUT", "2 faults"),
+        ("--duration nan -o OUT", "duration is out of range"),
+        ("--seed -1 -o OUT", "seed is out of range"),
+        ("--noise -1 -o OUT", "noise is out of range"),
+        ("--added-load 1e9 -o OUT", "added load is out of range"),
+        ("--radius 0 -o OUT", "wheel radius is out of range"),
+        ("--start yesterday -o OUT", "the start is no time"),
+        ("-o OUT/deeper/down", "no such folder"),
+        ("-o FILE", "the output is a file"),
+        ("-o FULL", "not empty"),
+        ("--live nothing-like-it", "knows no interface"),
+        ("--live virtual --speed 0", "speed must be positive"),
+    ],
+)
+def test_bad_options_get_one_message(
+    arguments: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "FILE").write_text("x")
+    (tmp_path / "FULL").mkdir()
+    (tmp_path / "FULL/x").write_text("x")
+    for name in ("FILE", "FULL", "OUT"):
+        arguments = arguments.replace(name, str(tmp_path / name))
+    assert wheelsoil(["simulate", *shlex.split(arguments)]) == 2
+    told = capsys.readouterr().err
+    assert words in told
+    assert "Traceback" not in told
+
+
+def test_a_soil_too_soft_for_the_wheel_is_exit_code_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = "simulate --soil sandy --effect lyasko --added-load 20000 --runs 1 --duration 20 -o"
+    assert wheelsoil([*shlex.split(arguments), str(tmp_path / "soft")]) == 1
+    assert "cannot carry the wheel" in capsys.readouterr().err
+
+
+def test_effects_are_parsed() -> None:
+    assert parse_effect("ding") == ("ding", {"n1": 0.3})
+    assert parse_effect("lyasko:m1=0.1, m2=0.05") == ("lyasko", {"m1": 0.1, "m2": 0.05})
+    with pytest.raises(ConfigError):
+        SimulationOptions(effects={"lyasko": {}})
