@@ -14,9 +14,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from daq.channel import Channel
-from processing.timebase import FloatArray, IntArray, in_order, merge_equal_stamps
+from processing.timebase import LATE_NS, FloatArray, IntArray, in_order, merge_equal_stamps
 
 _FLUSH = 1 << 14
+_LONG_AGO_NS = -(2**62)
+_ROGUE_NS = 60_000_000_000
+"""A last stamp this far from the one before may be rogue: what follows is not held against it."""
 _THIN_BELOW = 0.5
 """Thin where the sampling interval is less than this share of a node."""
 
@@ -99,7 +102,7 @@ class Collector:
         self._intervals: list[float] = []
         self._spreads: list[tuple[float, int]] = []
         self._steps: list[float] = []
-        self._peak_ns: int | None = None
+        self._peak_ns = _LONG_AGO_NS
         self._thinned = False
         self._count = 0
         self._late = 0
@@ -158,16 +161,16 @@ class Collector:
         self._done.append((time_ns, values))
 
     def _ordered(self, time_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Order what was gathered; what is behind all that came before it is left out."""
         before = len(values)
-        if self._peak_ns is None:
-            keep = in_order(time_ns)
-        else:
-            keep = in_order(np.concatenate([[self._peak_ns], time_ns])) - 1
-            keep = keep[keep >= 0]
+        fresh = time_ns >= self._peak_ns - LATE_NS
+        time_ns, values = time_ns[fresh], values[fresh]
+        keep = in_order(time_ns)
         time_ns, values = time_ns[keep], values[keep]
         self._late += before - len(values)
         if len(time_ns):
-            self._peak_ns = int(time_ns[-1])
+            rogue = len(time_ns) > 1 and time_ns[-1] - time_ns[-2] > _ROGUE_NS
+            self._peak_ns = max(self._peak_ns, int(time_ns[-2 if rogue else -1]))
         return time_ns, values
 
 

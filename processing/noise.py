@@ -5,7 +5,9 @@ B its `white_noise_bandwidth`. A declared sigma d (of one raw sample, all of its
 noise seen: the rest is slow (a GNSS receiver's own filter, wheel-order ripple, quantisation of a quiet signal) and no
 filter lessens it. With the sampling interval D:
 
-.. math:: \sigma_f^2 = \min(d^2 D, S) B + \max(d^2 - S / D, 0)
+.. math:: \sigma_f^2 = \min(d^2 D, S) B + \max(d^2 - 1.2 S / D, 0)
+
+(S is known to some ten percent only: without the 1.2 white noise would seem to have a slow part.)
 
 Where no sigma is declared, d is the larger of the white noise and q/sqrt(12) of the resolution q. Slow noise cannot be
 told from signal then, but at standstill there is no signal: what a force still does there is a lower bound.
@@ -27,6 +29,7 @@ from processing.timebase import FloatArray
 
 _LEAST_STANDSTILL_SAMPLES = 10
 _LEAST_SAMPLES = 20
+_MARGIN = 1.2
 
 
 def filtered_sigma(
@@ -61,7 +64,7 @@ def filtered_sigma(
         return nan, source
     density = min(density, total * interval_s) if isfinite(density) else total * interval_s
     passed = density * min(white_noise_bandwidth(kernel_sigma_s), 1 / interval_s)
-    return sqrt(passed + max(total - density / interval_s, 0.0)), source
+    return sqrt(passed + max(total - _MARGIN * density / interval_s, 0.0)), source
 
 
 def standstill_sigma(values: FloatArray, segments: NDArray[np.uint8], rate_hz: float, cutoff_hz: float) -> float:

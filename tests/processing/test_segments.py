@@ -1,0 +1,91 @@
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from processing.processed_run import Segment
+from processing.segments import runs_of, segment
+from processing.zeroing import standstills
+
+RATE = 100.0
+NOTHING = np.full(3000, np.nan)
+
+
+def _cycle() -> dict[str, np.ndarray]:
+    """Return 30 s: stand, drive, coast, brake, stand."""
+    time = np.arange(3000) / RATE
+    speed = np.interp(time, [0, 5, 12, 18, 24, 30], [0, 0, 4, 3.5, 0, 0])
+    force = np.select([time < 5, time < 12, time < 18, time < 24], [0.0, 900.0, 20.0, -1500.0], 0.0)
+    return {"time": time, "speed": speed, "acceleration": np.gradient(speed, time), "force": force}
+
+
+def _share(kind: np.ndarray, cycle: dict[str, np.ndarray], low: float, high: float, expected: Segment) -> float:
+    inside = (cycle["time"] > low) & (cycle["time"] < high)
+    return float(np.mean(kind[inside] == expected))
+
+
+def test_torque_tells_drive_coast_and_brake() -> None:
+    c = _cycle()
+    load = np.full(3000, 8000.0)
+    kind = segment(c["speed"], c["speed"], c["acceleration"], NOTHING, c["force"], load, RATE)
+    expected = [
+        (0, 5.2, Segment.STANDSTILL),
+        (5.6, 11.9, Segment.DRIVE),
+        (12.4, 17.9, Segment.COAST),
+        (18.1, 23.6, Segment.BRAKE),
+        (24.2, 30, Segment.STANDSTILL),
+    ]
+    for low, high, which in expected:
+        assert _share(kind, c, low, high, which) == 1.0, which
+
+
+def test_without_torque_acceleration_tells() -> None:
+    c = _cycle()
+    kind = segment(c["speed"], c["speed"], c["acceleration"], np.zeros(3000), NOTHING, NOTHING, RATE)
+    for low, high, which in ((6, 11.9, Segment.DRIVE), (12.4, 17.9, Segment.COAST), (18.4, 23.6, Segment.BRAKE)):
+        assert _share(kind, c, low, high, which) == 1.0, which
+
+
+def test_a_wheel_that_spins_on_the_spot_does_not_stand() -> None:
+    kind = segment(np.full(3000, 3.0), np.zeros(3000), np.zeros(3000), np.ones(3000), NOTHING, NOTHING, RATE)
+    assert set(kind) == {Segment.DRIVE}
+
+
+@given(st.integers(0, 2**32))
+@settings(max_examples=25, deadline=None)
+def test_noise_about_a_threshold_makes_no_short_pieces(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    force = 240.0 + 100.0 * rng.standard_normal(3000)
+    kind = segment(np.full(3000, 3.0), np.full(3000, 3.0), np.zeros(3000), NOTHING, force, np.full(3000, 8e3), RATE)
+    lengths = np.diff(runs_of(kind), axis=1).ravel()
+    assert lengths[1:].min(initial=3000) >= 30
+
+
+@given(st.integers(0, 2**32))
+@settings(max_examples=25, deadline=None)
+def test_unknown_exactly_where_a_speed_is_missing(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    c = _cycle()
+    rim, ground = c["speed"].copy(), c["speed"].copy()
+    for speeds in (rim, ground):
+        start = int(rng.integers(0, 2900))
+        speeds[start : start + int(rng.integers(1, 400))] = np.nan
+    kind = segment(rim, ground, c["acceleration"], NOTHING, c["force"], np.full(3000, 8e3), RATE)
+    np.testing.assert_array_equal(kind == Segment.UNKNOWN, np.isnan(rim) | np.isnan(ground))
+
+
+def test_runs_of_labels() -> None:
+    np.testing.assert_array_equal(runs_of(np.array([1, 1, 2, 1], np.uint8)), [[0, 2], [2, 3], [3, 4]])
+    assert runs_of(np.zeros(0, np.uint8)).shape == (0, 2)
+
+
+def test_zeros_are_read_at_standstill_and_their_sigma_covers_the_truth() -> None:
+    c = _cycle()
+    kind = segment(c["speed"], c["speed"], c["acceleration"], NOTHING, c["force"], np.full(3000, 8e3), RATE)
+    rng = np.random.default_rng(3)
+    independent = np.interp(np.arange(3000), np.arange(0, 3000, 10), rng.standard_normal(300))
+    pull = 37.0 + 40.0 * independent
+    found = standstills(c["time"], kind, {"drawbar_pull": pull, "driving_torque": NOTHING}, 4.0)
+    assert len(found) == 2
+    for standing in found:
+        assert set(standing.levels) == {"drawbar_pull"}
+        assert abs(standing.levels["drawbar_pull"] - 37.0) < 4 * standing.sigmas["drawbar_pull"] < 60
