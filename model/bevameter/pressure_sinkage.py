@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from daq.bench_tables import PlateTest
 from daq.errors import ConfigError, DataError, Fault
-from model.bevameter.joint import Common, JointFit, fit_jointly
+from model.bevameter.joint import JointFit, fit_jointly
 from model.bevameter.plates import PlateFit, fit_plate
 from model.bevameter.window import WindowOptions
 
@@ -170,7 +170,10 @@ def _in_moduli(joint: JointFit, reference: float) -> JointFit:
 
 def _of_one(plates: Sequence[PlateFit], reference: float) -> JointFit:
     estimates = [plate.at(reference) for plate in plates]
-    same: Common = lambda x: (np.tile(x, (len(plates), 1)), np.tile(np.eye(2), (len(plates), 1, 1)))  # noqa: E731
+
+    def same(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return np.tile(x, (len(plates), 1)), np.tile(np.eye(2), (len(plates), 1, 1))
+
     start = np.mean([value for value, _ in estimates], axis=0)
     joint, _ = fit_jointly(
         estimates, same, start, names=("ln p", "n"), parameters=(1, 1), assumed_scatter=ASSUMED_SCATTER

@@ -94,9 +94,11 @@ def windowed(test: PlateTest, options: WindowOptions) -> tuple[FloatArray, Float
     loading = _loading(z)
     unloading = z.size - int(loading.sum())
     z, p = z[loading], p[loading]
+    if not z.size:
+        raise DataError(_too_little(test, options, 0, 0.0))
     zero, offset, notes = (0.0, 0.0, ()) if options.zero == "given" else _contact(z, p)
     z, p = z - zero, p - offset
-    depth = float(z.max()) if z.size else 0.0
+    depth = float(z.max())
     lowest = options.from_m - (FITTED_ZERO_RANGE * depth if options.zero == "fitted" else 0.0)
     inside = (z > lowest) & (z <= options.to_m)
     if inside.sum() < MIN_POINTS or not p[inside].max() > 0:
@@ -126,8 +128,8 @@ def _loading(z: FloatArray) -> NDArray[np.bool_]:
 
 def _contact(z: FloatArray, p: FloatArray) -> tuple[float, float, tuple[str, ...]]:
     """Return the sinkage at which the pressure leaves its baseline for good, and the baseline."""
-    risen = np.flatnonzero(p - np.median(p[:_BASELINE]) > _RISEN * np.ptp(p)) if p.size else p
-    quiet = int(risen[0]) // 2 if len(risen) else 0
+    risen = np.flatnonzero(p - np.median(p[:_BASELINE]) > _RISEN * np.ptp(p))
+    quiet = int(risen[0]) // 2 if risen.size else 0
     if quiet < _BASELINE:
         return 0.0, 0.0, ("too few samples before the contact: zero as given",)
     baseline = p[:quiet]
