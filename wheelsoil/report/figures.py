@@ -18,6 +18,7 @@ Trace = dict[str, Any]
 
 MEASURED = "#111111"
 CLOUD = "rgba(90,90,90,0.35)"
+GREY_BAND = "rgba(0,0,0,0.13)"
 GRID = "#e3e3e3"
 
 
@@ -33,7 +34,7 @@ class Style:
 
 STYLES: dict[str, Style] = {
     "wong": Style("Wong", "#D55E00", "dash", "circle"),
-    "vasilev": Style("Vasil'ev", "#0072B2", "dot", "square"),
+    "vasilev": Style("Vasil'ev", "#0072B2", "dot", "square-open"),
     "lyasko": Style("Lyasko", "#009E73", "solid", "diamond"),
     "ding": Style("Ding", "#CC79A7", "dashdot", "triangle-up"),
 }
@@ -71,7 +72,7 @@ def line(x: FloatArray, y: FloatArray, name: str, colour: str, dash: str = "soli
 def marked_line(x: FloatArray, y: FloatArray, name: str, look: Style) -> Trace:
     """Return a line with the markers of a model."""
     trace = line(x, y, name, look.colour, look.dash)
-    return trace | {"mode": "lines+markers", "marker": {"symbol": look.symbol, "size": 7, "color": look.colour}}
+    return trace | {"mode": "lines+markers", "marker": {"symbol": look.symbol, "size": 8, "color": look.colour}}
 
 
 def dots(x: FloatArray, y: FloatArray, name: str, colour: str = CLOUD) -> Trace:
@@ -119,8 +120,36 @@ def axes(x_title: str, y_title: str, *, height: int = 380, **more: Any) -> dict[
         "plot_bgcolor": "#ffffff",
         "font": {"family": "system-ui, sans-serif", "size": 13, "color": "#1a1a1a"},
         "hovermode": "closest",
-        "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "font": {"size": 12}},
+        "legend": {
+            "orientation": "h",
+            "x": 0,
+            "y": 1.02,
+            "yanchor": "bottom",
+            "font": {"size": 12},
+            "traceorder": "normal",
+        },
         "xaxis": axis | {"title": {"text": x_title}},
         "yaxis": axis | {"title": {"text": y_title}},
     }
     return layout | more
+
+
+def look_at(layout: dict[str, Any], axis: str, values: FloatArray, *, margin: float = 0.08) -> None:
+    """Let an axis start at the range of some values (their outermost half percent left out); double-click shows all.
+
+    Parameters
+    ----------
+    layout : dict
+        Of `axes`; changed in place.
+    axis : "x" or "y"
+    values : float64 array
+        NaN is left out; without any number the axis stays as it is.
+    margin : float
+        Share of the range that is added on either side.
+    """
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return
+    low, high = (float(value) for value in np.percentile(known, [0.5, 99.5]))
+    pad = margin * (high - low) or 1.0
+    layout[f"{axis}axis"] |= {"range": [low - pad, high + pad], "autorange": False}

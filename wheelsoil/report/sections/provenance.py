@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from wheelsoil.report.content import Block, Section, Table, Text
 from wheelsoil.report.material import Material, Source
+from wheelsoil.report.words import count
 
 KEY = "provenance"
 TITLE = "Provenance"
@@ -33,5 +34,5 @@ _FILE_HEAD = ["run", "file", "size (MB)", "frames", "SHA-256 (first 16 digits)"]
 
 def _file_row(source: Source) -> list[str]:
     size = f"{source.bytes / 1e6:.2f}" if source.bytes is not None else "–"
-    frames = f"{source.frames:,}" if source.frames is not None else "–"
+    frames = count(source.frames) if source.frames is not None else "–"
     return [source.run_id, source.file, size, frames, source.sha256[:16]]

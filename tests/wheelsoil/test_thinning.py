@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from wheelsoil.report.thinning import _cell, binned, decimated_rows, thinned_rows
+
+series = arrays(np.float64, st.integers(1, 400), elements=st.floats(-1e6, 1e6) | st.just(np.nan))
+
+
+@given(series, st.integers(4, 100))
+def test_decimation_keeps_order_limit_and_peaks(values, limit):
+    rows = decimated_rows(values, limit)
+    assert len(rows) <= max(limit, 2)
+    assert (np.diff(rows) > 0).all()
+    if np.isfinite(values).any():
+        assert np.nanmax(values[rows]) == np.nanmax(values)
+        assert np.nanmin(values[rows]) == np.nanmin(values)
+
+
+def test_decimation_keeps_a_gap():
+    values = np.sin(np.arange(1000.0))
+    values[400:600] = np.nan
+    assert np.isnan(values[decimated_rows(values, 50)]).any()
+
+
+@given(series, st.integers(1, 5))
+def test_thinning_keeps_every_cell_and_no_more_than_asked(values, per_cell):
+    x = np.arange(len(values), dtype=float)
+    rows = thinned_rows(x, values, cells=8, per_cell=per_cell)
+    finite = np.flatnonzero(np.isfinite(values))
+    assert np.isin(rows, finite).all()
+    assert len(np.unique(rows)) == len(rows) <= 64 * per_cell
+    assert bool(len(rows)) == bool(len(finite))
+    if len(finite):  # no column of the cloud is emptied
+        assert set(_cell(x[finite], 8)[np.isin(finite, rows)]) == set(_cell(x[finite], 8))
+
+
+def test_bins_hold_medians_and_leave_out_the_empty():
+    x = np.repeat([0.05, 0.15, 0.35], [9, 2, 9])
+    y = np.concatenate([np.arange(9.0), [50.0, 60.0], np.full(9, np.nan)])
+    result = binned(x, y, np.array([0.0, 0.1, 0.2, 0.3, 0.4]))
+    np.testing.assert_allclose(result.centre, [0.05])
+    np.testing.assert_allclose([result.lower[0], result.median[0], result.upper[0]], [2, 4, 6])
+    assert result.count.tolist() == [9]

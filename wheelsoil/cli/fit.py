@@ -1,0 +1,215 @@
+"""``wheelsoil fit``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from daq.errors import ConfigError, Fault
+from wheelsoil.cli.options import (
+    Channels,
+    Json,
+    LenientDbc,
+    MinSpeed,
+    Reading,
+    RunsFile,
+    Sinkage,
+    SlipThreshold,
+    SoilPreset,
+    SoilPrior,
+    Terrain,
+    Vehicle,
+)
+from wheelsoil.cli.talk import number, print_json, print_table, say
+
+if TYPE_CHECKING:
+    from model.fit_result import CampaignFit, ModelFit
+    from wheelsoil.fitting import FitChoices
+
+
+def command(
+    runs: Annotated[
+        list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")
+    ] = None,
+    table: Annotated[
+        Path | None, typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, ...")
+    ] = None,
+    rename: Annotated[
+        list[str] | None, typer.Option(metavar="NEW=OLD[*FACTOR],...", help="Columns of the table by our names.")
+    ] = None,
+    where: Annotated[
+        list[str] | None, typer.Option(metavar="COLUMN=VALUE,...", help="Rows of the table to take.")
+    ] = None,
+    vehicle: Vehicle = None,
+    terrain: Terrain = None,
+    runs_file: RunsFile = None,
+    soil: SoilPreset = None,
+    sinkage: Sinkage = Reading.balanced,
+    channels: Channels = "dp",
+    soil_prior: SoilPrior = False,
+    slip_threshold: SlipThreshold = None,
+    min_speed: MinSpeed = 0.5,
+    lenient_dbc: LenientDbc = False,
+    json: Json = False,
+) -> None:
+    """Fit Wong's model and the slip-sinkage laws of Vasil'ev, Lyasko and Ding.
+
+    Prints the coefficients with their 95 % intervals, M0, R0 and R2 above the slip threshold, and the load that Eq. 7
+    gives for each model's sinkage over the measured one.
+    """
+    from wheelsoil.fitting import FitChoices, fit_as_json, parse_channels
+
+    choices = FitChoices(sinkage.value, parse_channels(channels), soil_prior, slip_threshold)
+    if table is not None:
+        if runs:
+            raise ConfigError(Fault("RUN and --table exclude each other", next_step="fit one, then the other"))
+        fit = _fit_table(table, rename, where, vehicle, terrain, soil, choices)
+    else:
+        if rename or where:
+            raise ConfigError(Fault("--rename and --where choose from a table", next_step="give --table FILE.csv"))
+        fit = _fit_runs(runs or [], (vehicle, terrain, runs_file), soil, choices, min_speed, lenient_dbc)
+    comparison = _sinkages(fit) if table is not None else None
+    if json:
+        print_json(fit_as_json(fit) | ({"sinkage": comparison} if comparison else {}))
+        return
+    print_fit(fit)
+    if comparison:
+        _print_sinkages(comparison)
+
+
+def _fit_runs(
+    runs: list[Path],
+    files: tuple[Path | None, Path | None, Path | None],
+    soil: str | None,
+    choices: FitChoices,
+    min_speed: float,
+    lenient_dbc: bool,
+) -> CampaignFit:
+    from processing.options import ProcessOptions
+    from wheelsoil.fitting import fit_runs
+    from wheelsoil.runs import open_and_process
+
+    purpose = "fit_torque" if "t" in choices.channels else "fit"
+    vehicle, terrain, runs_file = files
+    processed = open_and_process(
+        runs,
+        ProcessOptions(min_speed_mps=min_speed, purpose=purpose),
+        vehicle=vehicle,
+        terrain=terrain,
+        runs_file=runs_file,
+        lenient_dbc=lenient_dbc,
+    )
+    return fit_runs(processed, choices, soil)
+
+
+def _fit_table(
+    path: Path,
+    rename: list[str] | None,
+    where: list[str] | None,
+    vehicle: Path | None,
+    terrain: Path | None,
+    soil: str | None,
+    choices: FitChoices,
+) -> CampaignFit:
+    from daq.bench_tables import read_wheel_table
+    from daq.config import VehicleConfig, load_toml
+    from daq.open import Collected
+    from daq.table_options import parse_rename, parse_where
+    from wheelsoil.fitting import fit_table, known_soil, load_terrain, wheel_of
+
+    if vehicle is None:
+        raise ConfigError(
+            Fault("the wheel is not known", next_step="give --vehicle FILE with [wheel] radius_m and width_m")
+        )
+    collected = Collected()
+    with collected.catch():
+        wheel = wheel_of(load_toml(vehicle, VehicleConfig))
+    with collected.catch():
+        lab = load_terrain(terrain)
+        ground = known_soil(soil, lab)
+    with collected.catch():
+        rows = read_wheel_table(path, rename=parse_rename(rename or ()), where=parse_where(where or ()))
+    collected.stop_if_any()
+    return fit_table(rows, wheel, ground, choices, lab)
+
+
+def print_fit(fit: CampaignFit) -> None:
+    """Print coefficients and criteria as tables, warnings on stderr."""
+    head = ["model", "coefficient", "value", f"{100 * fit.options.confidence:g} % interval", "sigma", "unit"]
+    print_table(head, [row for model in fit.models for row in _estimates(model)], left=2)
+    for channel, unit in (("dp", "N"), ("t", "Nm")):
+        scored = [model for model in fit.models if channel in model.criteria and model.criteria[channel].samples]
+        if scored:
+            print()
+            print_table(_criteria_head(channel, unit), [_criteria(model, channel) for model in scored])
+    reasons = {m.criteria["dp"].reason for m in fit.models if "dp" in m.criteria and m.criteria["dp"].reason}
+    say(f"soil {fit.soil.name}, {fit.options.reading} reading, criteria at slips from {fit.slip_threshold:g} on")
+    for text in (*fit.notes, *sorted(reasons), *(f"{m.name}: {w}" for m in fit.models for w in m.warnings)):
+        say(text)
+
+
+def _estimates(model: ModelFit) -> list[list[str]]:
+    if not model.estimates:
+        return [[model.name, "-", "-", "-", "-", ""]]
+    return [
+        [
+            model.name,
+            estimate.name,
+            number(estimate.value) + (" (bound)" if estimate.at_bound else ""),
+            f"{number(estimate.interval[0])} .. {number(estimate.interval[1])}",
+            number(estimate.sigma, 2),
+            estimate.unit,
+        ]
+        for estimate in model.estimates
+    ]
+
+
+def _criteria_head(channel: str, unit: str) -> list[str]:
+    name = {"dp": "drawbar pull", "t": "torque"}[channel]
+    return [name, "M0 %", f"R0 {unit}", "R2", "samples", "load Eq.7/measured", "least", "most"]
+
+
+def _criteria(model: ModelFit, channel: str) -> list[str]:
+    score, ratio = model.criteria[channel], model.load_ratio
+    return [
+        model.name,
+        number(score.M0_percent),
+        number(score.R0_N),
+        number(score.R2),
+        f"{score.samples}",
+        *(number(value) for value in (ratio.median, ratio.lowest, ratio.highest)),
+    ]
+
+
+def _sinkages(fit: CampaignFit) -> dict[str, Any] | None:
+    """Return the sinkage that each model predicts beside the measured one; None where none was measured."""
+    import numpy as np
+
+    from wheelsoil.fitting import predicted
+
+    seen = fit.observations
+    if not np.isfinite(seen.sinkage_m).any():
+        return None
+    said = {model.name: predicted(fit, model)["sinkage_m"] for model in fit.models}
+    driven = (seen.slip >= 0) & np.isfinite(seen.sinkage_m)
+    errors = {name: values[driven] - seen.sinkage_m[driven] for name, values in said.items()}
+    return {
+        "slip": seen.slip[driven],
+        "measured_m": seen.sinkage_m[driven],
+        "predicted_m": {name: values[driven] for name, values in said.items()},
+        "mean_error_m": {name: float(np.nanmean(error)) for name, error in errors.items()},
+        "rms_error_m": {name: float(np.sqrt(np.nanmean(error**2))) for name, error in errors.items()},
+    }
+
+
+def _print_sinkages(comparison: dict[str, Any]) -> None:
+    models = list(comparison["predicted_m"])
+    print()
+    rows = [
+        [number(slip, 3), number(1e3 * measured), *(number(1e3 * comparison["predicted_m"][m][i]) for m in models)]
+        for i, (slip, measured) in enumerate(zip(comparison["slip"], comparison["measured_m"], strict=True))
+    ]
+    rows.append(["rms error", "", *(number(1e3 * comparison["rms_error_m"][m]) for m in models)])
+    print_table(["sinkage mm at slip", "measured", *models], rows)

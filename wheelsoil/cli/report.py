@@ -1,0 +1,73 @@
+"""``wheelsoil report``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from wheelsoil.cli.options import (
+    Channels,
+    Force,
+    Json,
+    LenientDbc,
+    MinSpeed,
+    Reading,
+    Runs,
+    RunsFile,
+    Sinkage,
+    SlipThreshold,
+    SoilPreset,
+    SoilPrior,
+    Terrain,
+    Vehicle,
+)
+from wheelsoil.cli.talk import check_output, print_facts, print_json, say
+
+
+def command(
+    runs: Runs,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="The page; its numbers go into FILE.json.")
+    ] = Path("report.html"),
+    vehicle: Vehicle = None,
+    terrain: Terrain = None,
+    runs_file: RunsFile = None,
+    soil: SoilPreset = None,
+    sinkage: Sinkage = Reading.balanced,
+    channels: Channels = "dp",
+    soil_prior: SoilPrior = False,
+    slip_threshold: SlipThreshold = None,
+    min_speed: MinSpeed = 0.5,
+    lenient_dbc: LenientDbc = False,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Write the fitted-model report of a terrain's runs: one page that needs no network, and its numbers as JSON.
+
+    A section whose channel is missing is left out with the reason; everything else is there.
+    """
+    from wheelsoil.fitting import FitChoices, parse_channels
+    from wheelsoil.reporting import report_of
+
+    target = check_output(output, force=force)
+    choices = FitChoices(sinkage.value, parse_channels(channels), soil_prior, slip_threshold)
+    report = report_of(
+        runs,
+        choices,
+        soil=soil,
+        min_speed_mps=min_speed,
+        vehicle=vehicle,
+        terrain=terrain,
+        runs_file=runs_file,
+        lenient_dbc=lenient_dbc,
+    )
+    page, numbers = report.write(target)
+    for key, why in report.left_out.items():
+        say(f"section {key} left out: {why}")
+    if json:
+        print_json({"report": page, "numbers": numbers, "left_out": report.left_out, "result": report.sentence})
+    else:
+        print_facts([("report", str(page)), ("numbers", str(numbers))])
+        say(report.sentence)

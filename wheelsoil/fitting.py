@@ -1,0 +1,216 @@
+"""From opened runs, or a bench table, to the fit of the four models: what `fit`, `report` and `demo` share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daq.bench_tables import WheelTable
+from daq.config import TerrainConfig, VehicleConfig, load_toml
+from daq.errors import ConfigError, Fault, nearest
+from daq.run import Run
+from model.effects import EFFECTS
+from model.fit_result import MODELS, CampaignFit, FitOptions, ModelFit
+from model.observations import Observations
+from model.soil_prior import prior_of
+from model.soils import SOILS, Soil, soil_from_terrain
+from model.wheel import Wheel
+from model.wheel_soil import Conditions, Reading, WheelSoilModel
+from processing.processed_run import ProcessedRun
+
+SCHEMA = "wheelsoil/fit/1"
+
+
+@dataclass(frozen=True)
+class FitChoices:
+    """What a person chooses about a fit; see `model.fit_result.FitOptions`."""
+
+    reading: Reading = "balanced"
+    channels: tuple[str, ...] = ("dp",)
+    soil_prior: bool = False
+    slip_threshold: float | None = None
+
+    def options(self, soil: Soil, terrain: TerrainConfig | None) -> FitOptions:
+        """Return the options of the fit.
+
+        Raises
+        ------
+        ConfigError
+            The slip threshold is not between 0 and 1.
+        """
+        threshold = self.slip_threshold
+        if threshold is not None and not 0 <= threshold < 1:
+            raise ConfigError(Fault("--slip-threshold is no slip", found=f"{threshold:g}", expected="0 to 1"))
+        prior = prior_of(soil, terrain) if self.soil_prior else None
+        return FitOptions(self.reading, self.channels, prior, threshold)
+
+
+def parse_channels(text: str) -> tuple[str, ...]:
+    """Return the channels of ``--channels dp,t``; the fit checks their names."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def wheel_of(vehicle: VehicleConfig) -> Wheel:
+    """Return the wheel as the model sees it.
+
+    Raises
+    ------
+    ConfigError
+        vehicle.toml does not describe it.
+    """
+    if vehicle.wheel is None:
+        fault = Fault("the wheel is not described", "vehicle.toml", next_step="add [wheel] with radius_m and width_m")
+        raise ConfigError(fault)
+    return Wheel(vehicle.wheel.radius_m, vehicle.wheel.width_m)
+
+
+def known_soil(name: str | None, terrain: TerrainConfig | None) -> Soil:
+    """Return a preset, or the soil of terrain.toml.
+
+    Raises
+    ------
+    ConfigError
+        There is no such preset, or neither is given.
+    """
+    if name is not None:
+        if name not in SOILS:
+            raise ConfigError(Fault(f"no soil is called {name!r}", expected=nearest(name, SOILS)))
+        return SOILS[name]
+    if terrain is None:
+        raise ConfigError(
+            Fault(
+                "the soil is not known",
+                expected="terrain.toml in the campaign folder or the recording",
+                next_step="give --terrain FILE (`wheelsoil soil` makes one of plate and shear tests), or --soil PRESET",
+            )
+        )
+    return soil_from_terrain(terrain)
+
+
+def one_terrain(runs: Sequence[Run]) -> Run:
+    """Return the run that stands for all of one terrain and vehicle.
+
+    Raises
+    ------
+    ConfigError
+        The runs are of different soils or wheels.
+    """
+    first = runs[0]
+    for what, kinds in (
+        ("soils", [run.terrain and run.terrain.soil for run in runs]),
+        ("wheels", [run.vehicle.wheel for run in runs]),
+    ):
+        others = [run.id for run, kind in zip(runs, kinds, strict=True) if kind != kinds[0]]
+        if others:
+            raise ConfigError(
+                Fault(
+                    f"the runs are of different {what}",
+                    found=f"{', '.join(others)} differ from {first.id}",
+                    expected="runs of one terrain and one wheel",
+                    next_step="fit each terrain by itself, or give --terrain and --vehicle for all",
+                )
+            )
+    return first
+
+
+def fit_runs(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices, soil_name: str | None) -> CampaignFit:
+    """Fit the four models to processed runs of one terrain.
+
+    Raises
+    ------
+    ConfigError, DataError
+        See `model.fit.fit_models`; the soil or the wheel is not known.
+    """
+    from model.fit import fit_models
+
+    first = one_terrain([run for run, _ in processed])
+    soil = known_soil(soil_name, first.terrain)
+    options = choices.options(soil, None if soil_name else first.terrain)
+    return fit_models([run for _, run in processed], wheel_of(first.vehicle), soil, options)
+
+
+def fit_table(
+    table: WheelTable, wheel: Wheel, soil: Soil, choices: FitChoices, terrain: TerrainConfig | None
+) -> CampaignFit:
+    """Fit the four models to the rows of a bench table, each of which stands for itself.
+
+    Raises
+    ------
+    ConfigError, DataError
+        See `model.fit.fit_observations`.
+    """
+    from model.fit import fit_observations
+
+    return fit_observations(observations_of_table(table), wheel, soil, choices.options(soil, terrain))
+
+
+def observations_of_table(table: WheelTable) -> Observations:
+    """Return the rows of a bench table as independent samples; a sigma that is not given is zero."""
+    nothing = np.zeros(len(table))
+    return Observations(
+        slip=table.slip,
+        vertical_load_n=table.vertical_load_n,
+        drawbar_pull_n=table.drawbar_pull_n,
+        driving_torque_nm=table.driving_torque_nm,
+        sinkage_m=table.sinkage_m,
+        slip_sigma=np.nan_to_num(table.sigma.get("slip", nothing)),
+        vertical_load_sigma_n=np.nan_to_num(table.sigma.get("vertical_load_n", nothing)),
+        time_s=np.arange(len(table), dtype=float),
+        run=table.group,
+        names=table.group_names,
+        independent=True,
+    )
+
+
+def load_terrain(path: Path | None) -> TerrainConfig | None:
+    """Read terrain.toml where one is given."""
+    return load_toml(path, TerrainConfig) if path else None
+
+
+def predicted(fit: CampaignFit, model: ModelFit) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
+    """Return what a fitted model says of each row of the observations: sinkage, load, drawbar pull and torque."""
+    effects = [EFFECTS[name] for name in MODELS[model.name]]
+    seen = fit.observations
+    said = WheelSoilModel(fit.wheel, fit.soil, effects, fit.options.reading).predict(
+        Conditions(seen.slip, seen.vertical_load_n), model.values
+    )
+    return {
+        name: getattr(said, name) for name in ("sinkage_m", "vertical_load_n", "drawbar_pull_n", "driving_torque_nm")
+    }
+
+
+def fit_as_json(fit: CampaignFit) -> dict[str, Any]:
+    """Return a fit as plain values for programs; the contract is `SCHEMA`."""
+    return {
+        "schema": SCHEMA,
+        "soil": fit.soil,
+        "wheel": fit.wheel,
+        "reading": fit.options.reading,
+        "channels": fit.options.channels,
+        "soil_prior": fit.options.soil_prior.source if fit.options.soil_prior else None,
+        "confidence": fit.options.confidence,
+        "slip_threshold": fit.slip_threshold,
+        "notes": fit.notes,
+        "models": {model.name: model_as_json(model) for model in fit.models},
+    }
+
+
+def model_as_json(model: ModelFit) -> dict[str, Any]:
+    """Return one fitted model as plain values."""
+    return {
+        "estimates": {estimate.name: estimate for estimate in model.estimates},
+        "correlation": {" ".join(pair): value for pair, value in model.correlation.items()},
+        "warnings": model.warnings,
+        "stop_reason": model.stop_reason,
+        "iterations": model.iterations,
+        "samples": model.samples,
+        "independent_blocks": model.blocks.count,
+        "block_length_s": model.blocks.length_s,
+        "criteria": model.criteria,
+        "load_ratio": model.load_ratio,
+        "residual_floor": model.residual_floor,
+    }

@@ -1,0 +1,102 @@
+"""Material -> a report: every section in a boundary of its own, one HTML file and its numbers."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from daq.errors import WheelsoilError
+from wheelsoil.plain import plain, to_json
+from wheelsoil.report.content import Section, Text
+from wheelsoil.report.material import Material
+from wheelsoil.report.page import render
+from wheelsoil.report.sections import SECTIONS
+
+SCHEMA = "wheelsoil/report/1"
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Report:
+    """A report that is ready to be written.
+
+    Attributes
+    ----------
+    title, subtitle : str
+    sections : tuple of Section
+    left_out : mapping key -> why
+        Sections that could not be built; they stay on the page with the reason.
+    made_at : datetime
+    """
+
+    title: str
+    subtitle: str
+    sections: tuple[Section, ...]
+    left_out: dict[str, str]
+    made_at: datetime
+
+    def numbers(self) -> dict[str, Any]:
+        """Return every number shown, as plain values."""
+        return {
+            "schema": SCHEMA,
+            "title": self.title,
+            "made_at": self.made_at.isoformat(timespec="seconds"),
+            "left_out": self.left_out,
+            "sections": {section.key: plain(section.numbers) for section in self.sections},
+        }
+
+    @property
+    def sentence(self) -> str:
+        """The result in one sentence, or why there is none."""
+        verdict = self.numbers()["sections"].get("verdict", {})
+        return str(verdict.get("sentence") or f"no result: {self.left_out.get('verdict', 'there is no verdict')}")
+
+    def write(self, path: Path) -> tuple[Path, Path]:
+        """Write the page, and its numbers as JSON beside it; return both paths."""
+        numbers = path.with_suffix(".json")
+        path.write_text(self.html(numbers.name), encoding="utf-8")
+        numbers.write_text(to_json(self.numbers()) + "\n", encoding="utf-8")
+        return path, numbers
+
+    def html(self, json_name: str) -> str:
+        """Return the page."""
+        made_at = f"{self.made_at:%Y-%m-%d %H:%M} UTC"
+        return render(self.title, self.subtitle, self.sections, made_at=made_at, json_name=json_name)
+
+
+def build_report(material: Material) -> Report:
+    """Build every section; one that cannot be built costs itself, with the reason, and nothing else."""
+    left_out: dict[str, str] = {}
+    sections = []
+    for module in SECTIONS:
+        key = module.KEY
+        try:
+            section = module.build(material)
+        except WheelsoilError as error:
+            left_out[key] = "; ".join(fault.what for fault in error.faults)
+        except Exception as error:  # noqa: BLE001 - a fault of ours in one section must not take the report
+            _log.debug("section %s", key, exc_info=True)
+            left_out[key] = f"a fault in this section ({type(error).__name__}: {error}); please report it"
+        if key in left_out:
+            section = Section(key, module.TITLE, [Text(f"Left out: {left_out[key]}.", "missing")])
+        sections.append(section)
+    terrain = material.terrain or "unknown terrain"
+    return Report(
+        title=f"Wheel–soil model: {terrain}",
+        subtitle=_subtitle(material),
+        sections=tuple(sections),
+        left_out=left_out,
+        made_at=datetime.now(UTC),
+    )
+
+
+def _subtitle(material: Material) -> str:
+    count = len(material.runs)
+    runs = f"{count} run{'s' if count != 1 else ''}"
+    wheel = material.vehicle.wheel
+    size = f", wheel r = {wheel.radius_m:g} m, b = {wheel.width_m:g} m" if wheel else ""
+    return f"{material.vehicle.vehicle.name}{size} · {runs}: {', '.join(run.run.id for run in material.runs)}"

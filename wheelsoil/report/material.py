@@ -1,0 +1,188 @@
+"""What a report is made from: processed runs, their fit, and where everything came from."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.config import VehicleConfig
+from daq.errors import DataError, Fault
+from daq.run import Run
+from model.fit_result import CampaignFit, ModelFit
+from model.observations import CHANNELS
+from processing.processed_run import ProcessedRun
+from wheelsoil import __version__
+from wheelsoil.facts import sha256_of
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Source:
+    """The file of one run; None where a number is not known."""
+
+    run_id: str
+    file: str
+    bytes: int
+    sha256: str
+    frames: int | None
+    dropped_frames: int | None
+    loss: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Material:
+    """Everything a section may use.
+
+    Attributes
+    ----------
+    runs : tuple of ProcessedRun
+    campaign : CampaignFit or None
+    no_fit : str
+        Why there is no fit.
+    vehicle : VehicleConfig
+    terrain : str
+        Name of the soil.
+    sources : tuple of Source
+    command : str
+        What made the report.
+    options : mapping
+        How it was made.
+    versions : mapping program -> version
+    """
+
+    runs: tuple[ProcessedRun, ...]
+    campaign: CampaignFit | None
+    no_fit: str
+    vehicle: VehicleConfig
+    terrain: str
+    sources: tuple[Source, ...] = ()
+    command: str = ""
+    options: dict[str, Any] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def fit(self) -> CampaignFit:
+        """The fit; a section that needs one is left out with the reason when there is none.
+
+        Raises
+        ------
+        DataError
+            There is no fit.
+        """
+        if self.campaign is None:
+            raise DataError(self.no_fit)
+        return self.campaign
+
+    @cached_property
+    def pool(self) -> Pool:
+        """The used samples of all runs in one."""
+        return Pool(self.runs, self.fit.models)
+
+    @property
+    def facts(self) -> list[list[str]]:
+        """What was configured of vehicle and soil, as rows of text."""
+        rows = [["vehicle", self.vehicle.vehicle.name]]
+        if self.vehicle.vehicle.mass_kg:
+            rows.append(["mass", f"{self.vehicle.vehicle.mass_kg:g} kg"])
+        wheel = self.vehicle.wheel
+        if wheel:
+            rows.append(["wheel radius r", f"{wheel.radius_m:g} m"])
+            rows.append(["wheel width b", f"{wheel.width_m:g} m"])
+        if self.campaign is None:
+            return rows
+        soil = self.campaign.soil
+        return [
+            *rows,
+            ["soil", soil.name],
+            ["cohesion c", f"{soil.cohesion_pa / 1e3:g} kPa"],
+            ["friction angle φ", f"{np.degrees(soil.friction_angle_rad):g}°"],
+            ["shear modulus K", f"{soil.shear_modulus_m:g} m"],
+            ["sinkage exponent n", f"{soil.sinkage_exponent:g}"],
+            ["cohesive modulus k_c", f"{soil.cohesive_modulus / 1e3:g} kN/m^(n+1)"],
+            ["frictional modulus k_φ", f"{soil.frictional_modulus / 1e3:g} kN/m^(n+2)"],
+        ]
+
+    def source_of(self, run: ProcessedRun) -> Source | None:
+        """Return the file of a run."""
+        return next((source for source in self.sources if source.run_id == run.run.id), None)
+
+
+class Pool:
+    """The used samples of all runs, one after the other, with what each model predicts for them.
+
+    Attributes
+    ----------
+    slip, vertical_load_n, sinkage_m : float64 array, shape (n,)
+    time_s : float64 array, shape (n,)
+        Within the run.
+    run : int array, shape (n,)
+    """
+
+    def __init__(self, runs: Sequence[ProcessedRun], models: Sequence[ModelFit]) -> None:
+        self._runs = runs
+        self._models = {model.name: model for model in models}
+        self.slip = self._of_runs("slip")
+        self.vertical_load_n = self._of_runs("vertical_load_n")
+        self.sinkage_m = self._of_runs("sinkage_m")
+        self.time_s = self._of_runs("time_s")
+        self.run = np.repeat(np.arange(len(runs)), [int(run.used.sum()) for run in runs])
+
+    def measured(self, channel: str) -> FloatArray:
+        """Return what was measured of "dp" or "t".
+
+        Raises
+        ------
+        DataError
+            It was not measured.
+        """
+        values = self._of_runs(CHANNELS[channel])
+        if not np.isfinite(values).any():
+            what = CHANNELS[channel].rpartition("_")[0].replace("_", " ")
+            raise DataError(Fault(f"the {what} was not measured"))
+        return values
+
+    def predicted(self, model: str, name: str) -> FloatArray:
+        """Return a model's prediction, e.g. ``"drawbar_pull_n"`` or ``"sinkage_m"``."""
+        predictions = self._models[model].predictions
+        pieces = [getattr(p, name)[run.used] for p, run in zip(predictions, self._runs, strict=True)]
+        return np.concatenate(pieces) if pieces else np.zeros(0)
+
+    def _of_runs(self, name: str) -> FloatArray:
+        pieces = [getattr(run, name)[run.used] for run in self._runs]
+        return np.concatenate(pieces) if pieces else np.zeros(0)
+
+
+def source_of(run: Run) -> Source:
+    """Return what a report says of a run's file."""
+    recording = run.recording
+    ended = recording.metadata.get("run_end", {}) if recording else {}
+    drops = [int(count) for key, count in ended.items() if key.startswith("drops.")]
+    return Source(
+        run_id=run.id,
+        file=run.path.name,
+        bytes=run.path.stat().st_size,
+        sha256=sha256_of(run.path),
+        frames=sum(recording.frame_counts.values()) if recording else None,
+        dropped_frames=sum(drops) if drops else None,
+        loss=tuple(map(str, recording.loss)) if recording else (),
+    )
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what makes the numbers."""
+    names = ("numpy", "scipy", "cantools", "mcap", "plotly")
+    return {"wheelsoil": __version__, "Python": platform.python_version(), **{name: version(name) for name in names}}
+
+
+def command_line() -> str:
+    """Return the command that runs now, without the folders of its program."""
+    return " ".join(["wheelsoil", *sys.argv[1:]]) if sys.argv and sys.argv[0].endswith("wheelsoil") else "Python"

@@ -1,0 +1,57 @@
+"""How well each model predicts, and the load that its sinkage carries: the paper's Tab. 2 and 4."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from model.fit_result import CampaignFit
+from wheelsoil.report.content import Section, Table
+from wheelsoil.report.figures import style
+from wheelsoil.report.material import Material
+from wheelsoil.report.words import count, number
+
+KEY = "criteria"
+TITLE = "How well the models predict"
+
+_CHANNELS = {"dp": ("drawbar pull", "N"), "t": ("driving torque", "N m")}
+
+
+def build(material: Material) -> Section:
+    """Build the section: one table for each channel that was measured."""
+    fit = material.fit
+    measured = [c for c in _CHANNELS if any(c in m.criteria and m.criteria[c].samples for m in fit.models)]
+    numbers = {m.name: {"criteria": m.criteria, "load_ratio": m.load_ratio} for m in fit.models}
+    tables = [_table(fit, channel) for channel in measured or ["dp"]]
+    return Section(KEY, TITLE, tables, {"slip_threshold": fit.slip_threshold, "models": numbers})
+
+
+def _table(fit: CampaignFit, channel: str) -> Table:
+    name, unit = _CHANNELS[channel]
+    scores = [model.criteria[channel] for model in fit.models]
+    rows = [
+        [
+            style(model.name).label,
+            number(score.M0_percent),
+            number(score.R0_N, 4),
+            f"{score.R2:.4f}" if np.isfinite(score.R2) else "–",
+            number(100 * score.R0_per_load),
+            number(model.load_ratio.median, 4),
+            f"{number(model.load_ratio.lowest)} … {number(model.load_ratio.highest)}",
+        ]
+        for model, score in zip(fit.models, scores, strict=True)
+    ]
+    errors = [score.R0_N for score in scores]
+    head = ["model", "M₀ (%)", f"R₀ ({unit})", "R²", "R₀ / load (%)", "load of Eq. 7 / measured", "least … most"]
+    role = "fitted" if channel in fit.options.channels else "not fitted"
+    reasons = "; ".join(sorted({score.reason for score in scores if score.reason}))
+    note = (
+        "M₀ is the largest relative error: one sample decides it, and it has no limit where the measured value passes "
+        "zero. R² sees neither offset nor gain. Load of Eq. 7: what the model's sinkage would carry; 1 is consistent."
+    )
+    return Table(
+        f"{name.capitalize()} ({role}) over {count(scores[0].samples)} samples with slip ≥ {number(fit.slip_threshold, 2)}",
+        head,
+        rows,
+        f"{note} {reasons}".strip(),
+        strong=int(np.nanargmin(errors)) if np.isfinite(errors).any() else None,
+    )

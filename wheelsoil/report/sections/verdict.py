@@ -1,0 +1,163 @@
+"""The first thing to read: which model predicts best, by how much, and whether to trust it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daq.errors import DataError
+from wheelsoil.report.comparison import Ranking, rank
+from wheelsoil.report.content import Block, Section, Text
+from wheelsoil.report.figures import style
+from wheelsoil.report.material import Material
+from wheelsoil.report.words import listed, number
+
+KEY = "verdict"
+TITLE = "Result"
+
+_LOAD_TOLERANCE = 0.05
+_OFFSET_SHARE = 0.5
+_TORQUE_TOLERANCE = 0.10
+_MIN_USED = 0.5
+_MIN_SLIP_RANGE = 0.5
+_LOW_R2 = 0.5
+
+
+def build(material: Material) -> Section:
+    """Build the section."""
+    ranking = rank(material)
+    checks = [check for check in _checks(material, ranking) if check.text]
+    concerns = sum(check.kind == "warning" for check in checks)
+    sentence = _sentence(material, ranking)
+    trust = _trust(concerns)
+    blocks: list[Block] = [Text(f"{sentence} {trust}", "lead"), *sorted(checks, key=lambda check: check.kind == "good")]
+    numbers = {
+        "sentence": sentence,
+        "trust": trust,
+        "best": ranking.best.name,
+        "R0_N": ranking.r0_n,
+        "rivals": ranking.rivals,
+        "checks": [{"good": check.kind == "good", "text": check.text} for check in checks],
+    }
+    return Section(KEY, TITLE, blocks, numbers)
+
+
+def _sentence(material: Material, ranking: Ranking) -> str:
+    best, fit = style(ranking.best.name).label, material.fit
+    over = f"at slips from {number(fit.slip_threshold, 2)} on"
+    error = f"{number(ranking.r0_n)} N (root mean square)"
+    wong = ranking.rival("wong")
+    equal = [style(rival.name).label for rival in ranking.rivals if not rival.is_worse]
+    if wong is None:
+        text = f"Wong's model, without slip sinkage, predicts the drawbar pull best: it is off by {error} {over}."
+    elif not wong.is_worse:
+        text = (
+            f"On these runs no slip-sinkage law can be told to predict the drawbar pull better than Wong's model: "
+            f"{best}'s is off by {error} {over}, Wong's by {number(wong.r0_n)} N."
+        )
+        equal.remove("Wong")
+    else:
+        gain = 100 * (1 - ranking.r0_n / wong.r0_n)
+        text = (
+            f"{best}'s model predicts the drawbar pull best: it is off by {error} {over}, "
+            f"{number(gain, 2)} % less than Wong's model ({number(wong.r0_n)} N)."
+        )
+    if equal:
+        text += f" {listed([name + chr(39) + 's' for name in equal])} cannot be told apart from it on these runs."
+    return text
+
+
+def _trust(concerns: int) -> str:
+    if concerns == 0:
+        return "Nothing on this page speaks against relying on it."
+    what = "the reservation" if concerns == 1 else f"the {concerns} reservations"
+    return f"Before relying on it, read {what} below."
+
+
+def _checks(material: Material, ranking: Ranking) -> list[Text]:
+    return [
+        _ended(ranking),
+        *(Text(f"{style(ranking.best.name).label}: {warning}.", "warning") for warning in ranking.best.warnings),
+        _load(material, ranking),
+        _offset(ranking),
+        _follows(ranking),
+        _torque(material, ranking),
+        _coverage(material),
+        _losses(material),
+        *(Text(f"{note}.", "warning") for note in material.fit.notes),
+    ]
+
+
+def _ended(ranking: Ranking) -> Text:
+    reason, count = ranking.best.stop_reason, ranking.best.iterations
+    if reason == "nothing_to_fit":
+        return Text("Nothing was fitted in this model: the soil is the laboratory's.", "good")
+    said = reason.replace("_", " ")
+    kind = "good" if reason.startswith("converged") else "warning"
+    return Text(f"Gauss–Newton stopped after {count} iterations: {said}.", kind)
+
+
+def _load(material: Material, ranking: Ranking) -> Text:
+    ratio = ranking.best.load_ratio
+    if material.fit.options.reading == "balanced":
+        return Text("Eq. 7 returns the measured load for the model's sinkage (balanced reading).", "good")
+    within = max(abs(ratio.lowest - 1), abs(ratio.highest - 1)) <= _LOAD_TOLERANCE
+    text = (
+        f"The sinkage of the model would carry {number(ratio.lowest)} to {number(ratio.highest)} times the measured "
+        f"load (Eq. 7), {number(ratio.median)} in the median"
+    )
+    return Text(f"{text}.", "good") if within else Text(f"{text}: its sinkage is not that of this wheel.", "warning")
+
+
+def _offset(ranking: Ranking) -> Text:
+    bias = float(np.mean(ranking.error_n))
+    share = bias**2 / float(np.mean(ranking.error_n**2))
+    text = f"{number(100 * share, 2)} % of the squared error is a constant offset of {number(bias)} N"
+    if share <= _OFFSET_SHARE:
+        return Text(f"{text}.", "good")
+    return Text(f"{text}: predicted less measured; look at the transducer's zero and angle before the soil.", "warning")
+
+
+def _follows(ranking: Ranking) -> Text:
+    r2 = ranking.best.criteria["dp"].R2
+    if not np.isfinite(r2):
+        return Text(ranking.best.criteria["dp"].reason, "warning")
+    text = f"The prediction follows the measured drawbar pull with R² = {r2:.3f}"
+    if r2 >= _LOW_R2:
+        return Text(f"{text}.", "good")
+    return Text(f"{text}: most of what the drawbar pull does is not in the model.", "warning")
+
+
+def _torque(material: Material, ranking: Ranking) -> Text:
+    if "t" in material.fit.options.channels:
+        return Text("")
+    try:
+        measured = material.pool.measured("t")
+    except DataError:
+        return Text("The driving torque was not measured: nothing independent checks the model.", "warning")
+    counted = material.pool.slip >= material.fit.slip_threshold
+    size = float(np.sqrt(np.nanmean(measured[counted] ** 2)))
+    share = ranking.best.criteria["t"].R0_N / size if size > 0 else np.nan
+    text = f"The driving torque, which was not fitted, is predicted within {number(100 * share, 2)} % of its size"
+    return Text(f"{text}.", "good" if share <= _TORQUE_TOLERANCE else "warning")
+
+
+def _coverage(material: Material) -> Text:
+    used = float(np.mean(np.concatenate([run.used for run in material.runs])))
+    slip = material.pool.slip
+    low, high = float(np.min(slip)), float(np.max(slip))
+    text = (
+        f"{100 * used:.0f} % of the samples could be used; their slip runs from {number(low, 2)} to {number(high, 2)}"
+    )
+    few, narrow = used < _MIN_USED, high < _MIN_SLIP_RANGE
+    if few or narrow:
+        why = listed([*["many samples are missing"] * few, *["high slip was not reached"] * narrow])
+        return Text(f"{text}: {why}.", "warning")
+    return Text(f"{text}.", "good")
+
+
+def _losses(material: Material) -> Text:
+    lost = [source for source in material.sources if source.dropped_frames or source.loss]
+    if not lost:
+        return Text("")
+    names = listed([source.run_id for source in lost])
+    return Text(f"Frames are missing from {names}: see data quality.", "warning")

@@ -1,0 +1,54 @@
+"""Numbers and names as sentences and tables write them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+PARAMETERS = {
+    "H_m": "H",
+    "m1": "m₁",
+    "m2": "m₂",
+    "p": "p = m₁ + m₂",
+    "n1": "n₁",
+    "cohesion_pa": "c",
+    "tan_phi": "tan φ",
+    "shear_modulus_m": "K",
+    "sinkage_exponent": "n",
+    "cohesive_modulus": "k_c",
+    "frictional_modulus": "k_φ",
+}
+"""The textbook's letters."""
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number with `digits` significant digits and no exponent where that is readable; "–" for none."""
+    if not math.isfinite(value):
+        return "–" if math.isnan(value) else "∞"
+    if value == 0:
+        return "0"
+    size = math.floor(math.log10(abs(value)))
+    if size < -4 or size >= 7:
+        return f"{value:.{digits - 1}e}"
+    rounded = f"{value:,.{max(digits - 1 - size, 0)}f}"
+    return rounded.replace(",", "\u202f").replace("-", "−")
+
+
+def count(value: int) -> str:
+    """Return a whole number with thin spaces between thousands."""
+    return f"{value:,}".replace(",", "\u202f")
+
+
+def interval(low: float, high: float, digits: int = 3) -> str:
+    """Return "low … high", "–" where there is none."""
+    return f"{number(low, digits)} … {number(high, digits)}" if math.isfinite(low) and math.isfinite(high) else "–"
+
+
+def unit(text: str) -> str:
+    """Return a unit as people write it; a plain number has none."""
+    return "" if text == "1" else text
+
+
+def listed(names: Sequence[str], joint: str = "and") -> str:
+    """Return "a, b and c"."""
+    return " ".join([", ".join(names[:-1]), joint, names[-1]]) if len(names) > 1 else "".join(names)
