@@ -168,13 +168,14 @@ def simulated_roles(options: SimulationOptions, index: int) -> tuple[dict[str, C
 
     Returns
     -------
-    channels : mapping role -> Channel, in SI
+    channels : mapping role -> Channel, in SI; without positions
     vehicle : VehicleConfig
     run : RunInfo
     """
     vehicle = vehicle_config(simulated_setup(options), options.wheel, BUS)
     databases = {BUS: tuple(load_database(shipped_dbc(name)) for name in DBC_FILES)}
-    references = resolve_roles(vehicle, databases, (), vehicle.signals)
+    roles = [role for role in vehicle.signals if role not in ("latitude", "longitude")]
+    references = resolve_roles(vehicle, databases, (), roles)
     run = simulated_run(options, index)
     decoded = Decoder(databases, {reference.name for reference in references.values()}).decode(virtual_frames(run, BUS))
     return {role: ref.to_si(decoded[ref.key]) for role, ref in references.items()}, vehicle, run.info

@@ -17,6 +17,7 @@ _LAUNCH_S = 2.0
 _LAUNCH_SLIP = 0.12
 _STOP_S = 2.5
 _CYCLE_S = 9.5
+_BRAKE_FROM = 0.69
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,7 @@ class DrivingStyle:
     brake_slip : (low, high)
         Range of the strongest braking slip of a cycle (negative).
     lowest_speed_mps, highest_speed_mps : float
+    highest_deceleration_mps2 : float
     highest_rim_speed_mps : float
         r omega that the low gear allows: where the slip is high the vehicle is slow.
     """
@@ -62,6 +64,7 @@ class DrivingStyle:
     brake_slip: tuple[float, float] = (-0.42, -0.25)
     lowest_speed_mps: float = 0.6
     highest_speed_mps: float = 4.5
+    highest_deceleration_mps2: float = 2.5
     highest_rim_speed_mps: float = 6.0
 
 
@@ -170,7 +173,7 @@ def _knots(
     ratio = [(0.0, _log_ratio(_LAUNCH_SLIP)), (first, _log_ratio(_LAUNCH_SLIP))]
     for cycle in cycles:
         # drive to 0.56, coast to 0.69, brake to 0.88, coast to the next cycle
-        at = [cycle.start_s + share * cycle.length_s for share in (0.0, 0.28, 0.56, 0.69, 0.785, 0.88)]
+        at = [cycle.start_s + share * cycle.length_s for share in (0.0, 0.28, 0.56, _BRAKE_FROM, 0.785, 0.88)]
         speed += [(at[0], cycle.low_speed_mps), (at[2], cycle.high_speed_mps), (at[3], 0.92 * cycle.high_speed_mps)]
         ratio += [
             (at[1], _log_ratio(cycle.peak_slip)),
@@ -197,7 +200,8 @@ def _cycles(first_s: float, last_s: float, rng: np.random.Generator, style: Driv
     for start, length, peak in zip(starts, lengths, peaks, strict=True):
         middle = float(np.clip(style.highest_rim_speed_mps * (1 - peak), 0.7, 3.0)) * rng.uniform(0.9, 1.1)
         low = max(style.lowest_speed_mps, 0.6 * middle)
-        high = min(2 * middle - low, style.highest_speed_mps)
+        stops_from = style.lowest_speed_mps + 2 / np.pi * style.highest_deceleration_mps2 * (1 - _BRAKE_FROM) * length
+        high = max(low, float(min(2 * middle - low, style.highest_speed_mps, stops_from)))
         brake = rng.uniform(*style.brake_slip)
         cycles.append(_Cycle(float(start), float(length), float(peak), float(brake), low, high))
     return cycles
