@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from daq.layout import RawKind, Signal
 
 _SIZES = (1, 2, 4, 8)
+_LETTERS = {RawKind.UNSIGNED: "u", RawKind.SIGNED: "i", RawKind.FLOAT: "f"}
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,10 @@ class BitField:
         Bits of the field that lie in the byte behind the container.
     end_byte : int
         Number of payload bytes the field needs.
+    word : dtype
+        Of the container, unsigned, in the field's byte order.
+    direct : dtype or None
+        Of the container read as the value itself, where the field fills it.
     """
 
     offset: int
@@ -46,15 +51,8 @@ class BitField:
     kind: RawKind
     spill: int
     end_byte: int
-
-    @property
-    def fills_container(self) -> bool:
-        """Whether the container holds nothing but the field."""
-        return self.length == 8 * self.size and not self.spill
-
-    def dtype(self, letter: str) -> np.dtype[Any]:
-        """Return the container's type: ``"u"``, ``"i"`` or ``"f"`` in the field's byte order."""
-        return np.dtype(f"{'>' if self.big_endian else '<'}{letter}{self.size}")
+    word: np.dtype[Any]
+    direct: np.dtype[Any] | None
 
 
 def bit_field(signal: Signal) -> BitField:
@@ -68,7 +66,10 @@ def bit_field(signal: Signal) -> BitField:
     below = first - 8 * offset
     spill = max(0, below + signal.length_bits - 8 * size)
     shift = 8 * size + spill - below - signal.length_bits if signal.big_endian else below
-    return BitField(offset, size, shift, signal.length_bits, signal.big_endian, signal.kind, spill, signal.end_byte)
+    order = ">" if signal.big_endian else "<"
+    direct = np.dtype(f"{order}{_LETTERS[signal.kind]}{size}") if signal.length_bits == 8 * size and not spill else None
+    place = (offset, size, shift, signal.length_bits, signal.big_endian, signal.kind, spill, signal.end_byte)
+    return BitField(*place, np.dtype(f"{order}u{size}"), direct)
 
 
 def read_raw(field: BitField, data: NDArray[np.uint8]) -> NDArray[Any]:
@@ -77,7 +78,7 @@ def read_raw(field: BitField, data: NDArray[np.uint8]) -> NDArray[Any]:
     Parameters
     ----------
     field : BitField
-    data : uint8 array, shape (n, width), rows contiguous
+    data : uint8 array, shape (n, width), bytes of a row side by side
         ``width`` must be at least the field's ``end_byte``.
 
     Returns
@@ -85,13 +86,12 @@ def read_raw(field: BitField, data: NDArray[np.uint8]) -> NDArray[Any]:
     integer or float array, shape (n,)
         Raw values; may be a view of `data` in foreign byte order.
     """
-    if field.fills_container:
-        letter = {RawKind.UNSIGNED: "u", RawKind.SIGNED: "i", RawKind.FLOAT: "f"}[field.kind]
-        return _container(field, data, letter)
+    if field.direct is not None:
+        return _container(field, data, field.direct)
     if field.spill:
         bits, width, shift = _across_nine_bytes(field, data), 64, 0
     else:
-        bits, width, shift = _container(field, data, "u"), 8 * field.size, field.shift
+        bits, width, shift = _container(field, data, field.word), 8 * field.size, field.shift
     if field.kind is RawKind.SIGNED:
         left = width - shift - field.length
         high = np.left_shift(bits, left) if left else bits.astype(bits.dtype.newbyteorder("="))
@@ -111,11 +111,11 @@ def write_raw(field: BitField, data: NDArray[np.uint8], raw: NDArray[np.uint64])
     Parameters
     ----------
     field : BitField
-    data : uint8 array, shape (n, width), rows contiguous
+    data : uint8 array, shape (n, width), bytes of a row side by side
     raw : uint64 array, shape (n,)
         Two's complement or IEEE bits, already cut to the field's length.
     """
-    view = _container(field, data, "u")
+    view = _container(field, data, field.word)
     if not field.spill:
         view |= np.left_shift(raw, field.shift).astype(view.dtype)
     elif field.big_endian:
@@ -126,13 +126,13 @@ def write_raw(field: BitField, data: NDArray[np.uint8], raw: NDArray[np.uint64])
         data[:, field.offset + 8] |= np.right_shift(raw, field.length - field.spill).astype(np.uint8)
 
 
-def _container(field: BitField, data: NDArray[np.uint8], letter: str) -> NDArray[Any]:
-    return data[:, field.offset : field.offset + field.size].view(field.dtype(letter))[:, 0]
+def _container(field: BitField, data: NDArray[np.uint8], dtype: np.dtype[Any]) -> NDArray[Any]:
+    return data[:, field.offset : field.offset + field.size].view(dtype)[:, 0]
 
 
 def _across_nine_bytes(field: BitField, data: NDArray[np.uint8]) -> NDArray[np.uint64]:
     """Return a 57- to 64-bit field that touches nine bytes, in the low bits (higher ones undefined when signed)."""
-    word = _container(field, data, "u")
+    word = _container(field, data, field.word)
     ninth = data[:, field.offset + 8].astype(np.uint64)
     if field.big_endian:
         high, low = np.left_shift(word, field.spill), np.right_shift(ninth, 8 - field.spill)

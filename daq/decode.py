@@ -27,18 +27,13 @@ from daq.buses import messages_by_bus
 from daq.channel import Channel
 from daq.databases import Database
 from daq.errors import DatabaseError, Fault, nearest
-from daq.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch
+from daq.frames import FrameArray, FrameBatch
 from daq.identify import UNKNOWN, Identifier
 from daq.layout import Message
 from daq.plan import SignalPlan, compile_plan
 
 BLOCK = 65_536
 """Frames decoded at once: small enough for the cache, large enough to hide the cost of a call."""
-_HEAD = 16
-_WORD = {
-    dtype: np.dtype({"names": ["word"], "formats": ["<u8"], "offsets": [_HEAD], "itemsize": dtype.itemsize})
-    for dtype in (CLASSIC_DTYPE, FD_DTYPE)
-}
 
 
 class Decoder:
@@ -84,15 +79,19 @@ class Decoder:
             (bus, "Message.Signal") to `Channel`; signals of one message share their ``time_ns`` array. Messages
             without a frame are absent, unless their signals were asked for by name: those are empty channels.
         """
-        frames = batch.frames
+        frames, blocks = batch.frames, range(0, len(batch), BLOCK)
         codes = np.empty(len(frames), self._identifier.dtype)
-        for start in range(0, len(frames), BLOCK):
-            codes[start : start + BLOCK] = self._identifier.codes(frames[start : start + BLOCK], batch.buses)
-        counts = np.bincount(codes, minlength=len(self._targets) + 1)[1:].tolist()
-        columns = [_Columns(plans, n) for (_, _, plans), n in zip(self._targets, counts, strict=True)]
+        counts = np.zeros((len(blocks), len(self._targets) + 1), np.int64)
+        for number, start in enumerate(blocks):
+            part = slice(start, start + BLOCK)
+            codes[part] = self._identifier.codes(frames[part], batch.buses)
+            counts[number] = np.bincount(codes[part], minlength=counts.shape[1])
+        sizes = counts.sum(axis=0)[1:].tolist()
+        columns = [_Columns(plans, size) for (_, _, plans), size in zip(self._targets, sizes, strict=True)]
         with np.errstate(invalid="ignore", over="ignore"):  # signalling NaN and infinity in float signals
-            for start in range(0, len(frames), BLOCK):
-                _decode_block(frames[start : start + BLOCK], codes[start : start + BLOCK], columns)
+            for number, start in enumerate(blocks):
+                part = slice(start, start + BLOCK)
+                _decode_block(frames[part], codes[part], counts[number], columns)
         channels: dict[tuple[str, str], Channel] = {}
         for (bus, name, _), group in zip(self._targets, columns, strict=True):
             if group.size or self._wanted:
@@ -114,45 +113,40 @@ class _Columns:
         self.plans = plans
         self.size = size
         self.filled = 0
-        self.wide = any(plan.end_byte > 8 for plan in plans)
         self.time_ns = np.empty(size, np.int64)
-        self.values = [np.empty(size) for _ in plans]
+        self.values = np.empty((len(plans), size))  # one block: large pages from the system
 
-    def append(self, frames: FrameArray, rows: NDArray[np.intp]) -> None:
-        piece = slice(self.filled, self.filled + len(rows))
+    def append(self, frames: FrameArray) -> None:
+        piece = slice(self.filled, self.filled + len(frames))
         self.filled = piece.stop
-        self.time_ns[piece] = frames["time_ns"][rows]
-        if self.wide:
-            data = frames["data"][rows]
-        else:
-            data = frames.view(_WORD[frames.dtype])["word"][rows].view(np.uint8).reshape(len(rows), 8)
-        length = frames["length"][rows]
-        _fill(self.plans, data, length, [values[piece] for values in self.values])
+        self.time_ns[piece] = frames["time_ns"]
+        _fill(self.plans, frames["data"], frames["length"], self.values[:, piece])
 
     def channels(self, message: str) -> list[Channel]:
         time_ns, values = self.time_ns, self.values
         if np.any(time_ns[1:] < time_ns[:-1]):
             order = np.argsort(time_ns, kind="stable")
-            time_ns, values = time_ns[order], [column[order] for column in values]
+            time_ns, values = time_ns[order], values[:, order]
         return [
             Channel(f"{message}.{plan.signal.name}", plan.signal.unit, time_ns, column, plan.signal.labels)
             for plan, column in zip(self.plans, values, strict=True)
         ]
 
 
-def _decode_block(frames: FrameArray, codes: NDArray[Any], columns: list[_Columns]) -> None:
-    order = np.argsort(codes, kind="stable")
-    counts = np.bincount(codes, minlength=len(columns) + 1)
-    ends = np.cumsum(counts)
-    for code in np.flatnonzero(counts[1:]) + 1:
-        columns[code - 1].append(frames, order[ends[code - 1] : ends[code]])
+def _decode_block(frames: FrameArray, codes: NDArray[Any], counts: NDArray[np.int64], columns: list[_Columns]) -> None:
+    """Sort the frames by message once, while they are in the cache; then every field is a strided view."""
+    grouped = frames.take(np.argsort(codes, kind="stable")[counts[UNKNOWN] :])
+    ends = np.cumsum(counts) - counts[UNKNOWN]
+    for code in np.flatnonzero(counts):
+        if code != UNKNOWN:
+            columns[code - 1].append(grouped[ends[code - 1] : ends[code]])
 
 
 def _fill(
     plans: Sequence[SignalPlan],
     data: NDArray[np.uint8],
     length: NDArray[np.uint8],
-    columns: Sequence[NDArray[np.float64]],
+    columns: NDArray[np.float64],
 ) -> None:
     shortest = length.min(initial=255)
     masks: dict[int, NDArray[np.bool_]] = {}

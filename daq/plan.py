@@ -23,11 +23,11 @@ class Selection:
 
     def mask(self, data: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Return which payloads are selected."""
-        selected = np.ones(len(data), np.bool_)
+        masks = []
         for field, ids in self.needs:
             raw = read_raw(field, data)
-            selected &= raw == ids[0] if len(ids) == 1 else np.isin(raw, ids)
-        return selected
+            masks.append(raw == ids[0] if len(ids) == 1 else np.isin(raw, ids))
+        return np.asarray(np.logical_and.reduce(masks))
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def _selection(signal: Signal, message: Message) -> Selection | None:
         ids = np.array(
             sorted({value & bits for value in signal.multiplexer_ids}), np.int64 if bits >> 63 == 0 else np.uint64
         )
-        needs.insert(0, (replace(bit_field(outer), kind=RawKind.UNSIGNED), ids))
+        needs.insert(0, (bit_field(replace(outer, kind=RawKind.UNSIGNED)), ids))
         seen.add(outer.name)
         signal = outer
     return Selection(tuple(needs)) if needs else None
