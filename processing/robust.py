@@ -44,9 +44,10 @@ def robust_linear(
     start : float64 array, shape (k,), optional
     iterations : int
     """
+    unit, norm = _unit_columns(matrix)
     weights = np.ones(len(y)) if start is None else _bisquare(y - matrix @ start)
     for step in range(iterations):
-        p = _solve(*_normal(matrix, y, weights))
+        p = _solve(*_normal(unit, y, weights)) / norm
         residual = y - matrix @ p
         if start is None and step < _ABSOLUTE_STEPS:
             weights = 1.0 / np.maximum(np.abs(residual), 1e-3 * robust_spread(residual) + 1e-12)
@@ -61,11 +62,12 @@ def block_covariance(matrix: FloatArray, y: FloatArray, weights: FloatArray) -> 
     Samples in time order are correlated; what counts is how much the answer changes when a twelfth of the time is left
     out. The weights are kept.
     """
+    unit, norm = _unit_columns(matrix)
     blocks = np.array_split(np.arange(len(y)), min(_BLOCKS, len(y)))
-    parts = [_normal(matrix[block], y[block], weights[block]) for block in blocks]
+    parts = [_normal(unit[block], y[block], weights[block]) for block in blocks]
     gram = np.sum([part[0] for part in parts], axis=0)
     right = np.sum([part[1] for part in parts], axis=0)
-    left_out = np.array([_solve(gram - g, right - r) for g, r in parts])
+    left_out = np.array([_solve(gram - g, right - r) for g, r in parts]) / norm
     deviation = left_out - left_out.mean(axis=0)
     return np.asarray((len(blocks) - 1) / len(blocks) * deviation.T @ deviation)
 
@@ -85,8 +87,13 @@ def _normal(matrix: FloatArray, y: FloatArray, weights: FloatArray) -> tuple[Flo
     return weighted.T @ matrix, weighted.T @ y
 
 
+def _unit_columns(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    norm = np.linalg.norm(matrix, axis=0)
+    norm = np.where(norm > 0, norm, 1.0)
+    return matrix / norm, norm
+
+
 def _solve(gram: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve the normal equations in columns of unit length; a column of zeros gets zero."""
-    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    scaled = gram / np.outer(size, size) + 1e-12 * np.eye(len(size))
-    return np.asarray(np.linalg.solve(scaled, right / size) / size)
+    """Solve the normal equations; what the data do not show (a column without weight) comes out near zero."""
+    ridge = 1e-12 * max(float(np.trace(gram)), 1e-300)
+    return np.asarray(np.linalg.solve(gram + ridge * np.eye(len(gram)), right))

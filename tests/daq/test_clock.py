@@ -17,7 +17,6 @@ def _frames(
     *,
     jitter_s: float,
     count: int = 1200,
-    rate_hz: float = 20,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return host stamps and true GNSS seconds since 1970; the offset holds in the middle."""
     gnss = START_S + np.arange(count) / 20
