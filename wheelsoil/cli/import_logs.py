@@ -7,7 +7,20 @@ from typing import Annotated
 
 import typer
 
-from wheelsoil.cli.options import Force, Json, LenientDbc, Terrain, Vehicle
+from wheelsoil.cli.options import (
+    AddedLoad,
+    Direction,
+    DirectionOption,
+    Force,
+    Inflation,
+    Json,
+    LenientDbc,
+    PassNumber,
+    RunId,
+    Terrain,
+    Vehicle,
+    run_info,
+)
 from wheelsoil.cli.talk import check_output, counter, print_facts, print_json, say
 
 
@@ -29,11 +42,11 @@ def command(
         typer.Option(metavar="OLD=NEW", help="Call a bus of the log as vehicle.toml does; may be repeated."),
     ] = None,
     lenient_dbc: LenientDbc = False,
-    run_id: Annotated[str | None, typer.Option(help="Name of the run (default: the log's).")] = None,
-    direction: Annotated[str, typer.Option(help="out or back.")] = "out",
-    pass_number: Annotated[int, typer.Option(min=1, help="How often the wheel has been in this track.")] = 1,
-    added_load_kg: Annotated[float, typer.Option(help="Load added to the vehicle.")] = 0.0,
-    inflation_kpa: Annotated[float | None, typer.Option(help="Inflation pressure of the tyre.")] = None,
+    run_id: RunId = None,
+    direction: DirectionOption = Direction.out,
+    pass_number: PassNumber = 1,
+    added_load: AddedLoad = 0.0,
+    inflation: Inflation = None,
     view_rate: Annotated[
         float, typer.Option(min=0.0, metavar="HZ", help="Rate of the decoded topics; 0: raw frames only.")
     ] = 100.0,
@@ -44,23 +57,13 @@ def command(
 
     The raw frames are kept as they are, bit for bit. Decoded topics are a view of them for people and other tools.
     """
-    from daq.config import RunInfo
     from daq.convert import import_logs
     from wheelsoil.cli.vehicles import configuration, pairs
 
     known = configuration(vehicle, terrain, pairs(dbc, "--dbc", "BUS=FILE"), lenient_dbc=lenient_dbc)
     name = logs[0].name.partition(".")[0]
     target = check_output(output or Path(f"{name}.mcap"), force=force)
-    info = RunInfo.model_validate(
-        {
-            "file": target.name,
-            "id": run_id or name,
-            "direction": direction,
-            "pass_number": pass_number,
-            "added_load_kg": added_load_kg,
-            "inflation_kpa": inflation_kpa,
-        }
-    )
+    info = run_info(target.name, run_id or name, direction, pass_number, added_load, inflation)
     with counter("importing", "frames") as watch:
         done = import_logs(
             logs,

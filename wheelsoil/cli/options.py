@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from daq.errors import ConfigError, Fault
+
+if TYPE_CHECKING:
+    from daq.config import RunInfo
 
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")]
 Vehicle = Annotated[
@@ -53,3 +58,46 @@ Where = Annotated[
     list[str] | None,
     typer.Option("--where", metavar="COLUMN=VALUE,...", help="Keep a table's rows that have the value."),
 ]
+
+
+class Direction(StrEnum):
+    """Which way the track was driven."""
+
+    out = "out"
+    back = "back"
+
+
+RunId = Annotated[str | None, typer.Option("--run-id", metavar="ID", help="Name of the run.")]
+DirectionOption = Annotated[Direction, typer.Option("--direction", help="Which way the track was driven.")]
+PassNumber = Annotated[int, typer.Option("--pass-number", min=1, help="How often the wheel has been in this track.")]
+AddedLoad = Annotated[float, typer.Option("--added-load", metavar="KG", help="Load added to the vehicle.")]
+Inflation = Annotated[float | None, typer.Option("--inflation", metavar="KPA", help="Inflation pressure of the tyre.")]
+
+
+def run_info(
+    file: str, run_id: str, direction: Direction, pass_number: int, added_load_kg: float, inflation_kpa: float | None
+) -> RunInfo:
+    """Return what the options say of a run.
+
+    Raises
+    ------
+    ConfigError
+        A number is impossible.
+    """
+    from pydantic import ValidationError
+
+    from daq.config import RunInfo
+
+    try:
+        return RunInfo(
+            file=file,
+            id=run_id,
+            direction=direction.value,
+            pass_number=pass_number,
+            added_load_kg=added_load_kg,
+            inflation_kpa=inflation_kpa,
+        )
+    except ValidationError as error:
+        raise ConfigError(
+            *(Fault(f"{item['loc'][0]}: {item['msg']}", found=repr(item["input"])) for item in error.errors())
+        ) from None

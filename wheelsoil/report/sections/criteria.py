@@ -48,8 +48,9 @@ def _table(fit: CampaignFit, channel: str) -> Table:
         "M₀ is the largest relative error: one sample decides it, and it has no limit where the measured value passes "
         "zero. R² sees neither offset nor gain. Load of Eq. 7: what the model's sinkage would carry; 1 is consistent."
     )
+    over = f"slip ≥ {number(fit.slip_threshold, 2)}"
     return Table(
-        f"{name.capitalize()} ({role}) over {count(scores[0].samples)} samples with slip ≥ {number(fit.slip_threshold, 2)}",
+        f"{name.capitalize()} ({role}) over {count(scores[0].samples)} samples with {over}",
         head,
         rows,
         f"{note} {reasons}".strip(),

@@ -1,0 +1,115 @@
+"""``wheelsoil log``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from daq.errors import HardwareError
+from wheelsoil.cli.options import (
+    AddedLoad,
+    Direction,
+    DirectionOption,
+    Inflation,
+    Json,
+    LenientDbc,
+    PassNumber,
+    RunId,
+    Terrain,
+    run_info,
+)
+from wheelsoil.cli.talk import print_facts, print_json, say
+from wheelsoil.names import file_name
+
+if TYPE_CHECKING:
+    from daq.can_source import SourceCounters
+    from daq.logger import LogSummary, Progress
+
+_SIGNAL_EXIT = 128
+
+
+def command(
+    vehicle: Annotated[
+        Path, typer.Argument(metavar="VEHICLE.toml", help="Names the buses, their interfaces and DBCs.")
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="PATH", help="Folder for the recording, or its name (*.mcap).")
+    ] = Path(),
+    duration: Annotated[
+        float | None, typer.Option(min=0.0, metavar="S", help="How long (default: until Ctrl-C).")
+    ] = None,
+    terrain: Terrain = None,
+    run_id: RunId = None,
+    direction: DirectionOption = Direction.out,
+    pass_number: PassNumber = 1,
+    added_load: AddedLoad = 0.0,
+    inflation: Inflation = None,
+    lenient_dbc: LenientDbc = False,
+    view: Annotated[bool, typer.Option(help="Write decoded topics beside the raw frames.")] = True,
+    json: Json = False,
+) -> None:
+    """Record the vehicle's buses until the time is up or Ctrl-C; the recording is closed in either case.
+
+    Ctrl-C ends with exit code 130, and nothing is lost by it. A bus that fails on the way ends with 4.
+    """
+    from daq.logger import log
+    from wheelsoil.cli.vehicles import configuration
+
+    known = configuration(vehicle, terrain, lenient_dbc=lenient_dbc)
+    assert known.vehicle is not None
+    target = out / f"{file_name(run_id)}.mcap" if run_id and out.suffix.lower() != ".mcap" else out
+    info = None
+    if run_id or target.suffix.lower() == ".mcap":
+        target.parent.mkdir(parents=True, exist_ok=True)
+        info = run_info(target.name, run_id or target.stem, direction, pass_number, added_load, inflation)
+    with _status() as progress:
+        summary = log(
+            known.vehicle,
+            target,
+            duration_s=duration,
+            run=info,
+            attachments=known.attachments,
+            databases=known.databases if view else None,
+            progress=progress,
+        )
+    _tell(summary, json)
+    if summary.ended_by == "fault":
+        raise HardwareError(*summary.faults)
+    if summary.signal_number is not None:
+        raise typer.Exit(_SIGNAL_EXIT + summary.signal_number)
+
+
+def _tell(summary: LogSummary, json: bool) -> None:
+    for text in (*summary.remarks, *map(str, summary.faults)):
+        say(text)
+    if json:
+        print_json(summary)
+        return
+    facts = [("recording", str(summary.path)), ("duration", f"{summary.duration_s:.1f} s, ended by {summary.ended_by}")]
+    for bus, count in summary.frames.items():
+        lost = summary.drops.get(bus)
+        loss = "losses not counted by this interface" if lost is None else f"{lost:,} lost"
+        facts.append((f"bus {bus}", f"{count:,} frames, {summary.error_frames[bus]:,} error frames, {loss}"))
+    print_facts(facts)
+
+
+@contextmanager
+def _status() -> Iterator[Progress | None]:
+    """Show counters while recording, on a terminal only."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status("opening the buses") as status:
+
+        def show(counters: Mapping[str, SourceCounters]) -> None:
+            parts = (f"{bus} {seen.received:,} ({seen.dropped or 0:,} lost)" for bus, seen in counters.items())
+            status.update(f"recording, Ctrl-C ends: {', '.join(parts)}")
+
+        yield show
