@@ -130,6 +130,9 @@ def _found(line: BadLine) -> str:
 
 
 def _parse_lenient(text: str, where: str) -> tuple[Any, list[str]]:
+    parsed, complaint = _parse(text, strict=True)
+    if parsed is not None:
+        return parsed, []
     left_out: list[BadLine] = []
     parsed, complaint = _parse(text, strict=False)
     while parsed is None and text.strip():

@@ -31,7 +31,7 @@ class Reference:
 
     def __init__(self, message: Any) -> None:
         self.message = message
-        self.alone = {signal.name: _alone(signal, message) for signal in message.signals}
+        self.alone: dict[str, Any] = {}
         outers = {s.multiplexer_signal for s in message.signals if s.multiplexer_signal}
         self.whole = all(message.get_signal_by_name(name).is_multiplexer for name in outers)
 
@@ -50,6 +50,8 @@ class Reference:
             return None
 
     def _one(self, signal: Any, payload: bytes) -> float:
+        if signal.name not in self.alone:
+            self.alone[signal.name] = _alone(signal, self.message)
         alone = self.alone[signal.name]
         values = alone.decode(payload[: alone.length], decode_choices=False, allow_truncated=True)
         return float(values.get(signal.name, math.nan))
