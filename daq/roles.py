@@ -32,7 +32,9 @@ ROLE_QUANTITIES: dict[str, tuple[Quantity, ...]] = {
     "sinkage": (Quantity.LENGTH,),
 }
 """What each role may measure. A wheel speed given as a speed is that of the rim: omega = v / r."""
-_NO_DATA = re.compile(r"not.?avail|unavail|not.?valid|invalid|error|fault|init|^(sna|n/?a|na)$", re.IGNORECASE)
+_NO_DATA = re.compile(
+    r"not.?avail|unavail|not.?valid|invalid|(?<![a-z])init|(?<!no.)(?<![a-z])(error|fault)|^(sna|n/?a)$", re.IGNORECASE
+)
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,15 @@ def test_values_that_the_table_calls_no_data_are_nan() -> None:
     assert values[2:] == pytest.approx([0.0, 1.0], rel=1e-15)
 
 
+@pytest.mark.parametrize("label", ["Not available", "SNA", "n/a", "Signal_Error", "INVALID", "sensor fault", "Init"])
+@pytest.mark.parametrize("other", ["standstill", "default", "No error", "no_fault", "infinite", "National", "full"])
+def test_which_labels_mean_no_data(label: str, other: str) -> None:
+    table = f'VAL_ 300 Force_Z 7 "{label}" 8 "{other}" ;\n'
+    database = load_database((HUB.format(force="N", rim="km/h") + table).encode(), "hub.dbc")
+    found = resolve_roles(vehicle({"vertical_load": "Hub.Force_Z"}), {"can0": [database]}, ["vertical_load"])
+    assert found["vertical_load"].missing == (7 * 0.01,)
+
+
 def test_the_top_of_a_j1939_signal_is_no_data() -> None:
     text = 'VERSION ""\nBU_: A\nBO_ 2566844926 CCVS1: 8 A\n SG_ V : 8|16@1+ (0.00390625,0) [0|0] "km/h" A\n'
     text += 'BA_DEF_ "ProtocolType" STRING ;\nBA_DEF_DEF_ "ProtocolType" "";\nBA_ "ProtocolType" "J1939";\n'
