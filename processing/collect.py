@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daq.channel import Channel
 from processing.timebase import LATE_NS, FloatArray, IntArray, in_order, merge_equal_stamps
@@ -66,15 +67,48 @@ class Samples:
         return np.unique(np.concatenate([self.time_ns, self.absent_ns, self.invalid_ns]))
 
 
-def thin(time_ns: IntArray, values: FloatArray, node_ns: int) -> tuple[IntArray, FloatArray, float]:
-    """Reduce samples to one entry per node of a grid: mean instant and mean value under a triangle two nodes wide.
+@dataclass(frozen=True)
+class Nodes:
+    """Sums over the triangle of each node.
 
-    Returns
-    -------
-    time_ns, values : arrays, shape (m,)
-        Ascending; only nodes that got a sample.
-    spread_s2 : float
-        Mean variance of the instants under one node.
+    Attributes
+    ----------
+    number : int64 array, shape (m,)
+        Ascending; the node's instant is `number` times the grid.
+    sums : float64 array, shape (4, m)
+        Of the weights, and weighted: instants less the node's in units of the grid, their squares, values.
+    """
+
+    number: IntArray
+    sums: FloatArray
+
+    def plus(self, other: Nodes) -> Nodes:
+        """Return both together."""
+        number = np.union1d(self.number, other.number)
+        sums = np.zeros((4, len(number)))
+        for nodes in (self, other):
+            sums[:, np.searchsorted(number, nodes.number)] += nodes.sums
+        return Nodes(number, sums)
+
+    def part(self, rows: NDArray[np.bool_]) -> Nodes:
+        """Return some of the nodes."""
+        return Nodes(self.number[rows], self.sums[:, rows])
+
+    def entries(self, node_ns: int) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return mean instant (ns), mean value and variance of the instants (s^2) of each node."""
+        ahead, square, value = self.sums[1:] / self.sums[0]
+        time_ns = self.number * node_ns + np.round(ahead * node_ns).astype(np.int64)
+        return time_ns, value, np.maximum(square - ahead**2, 0.0) * (node_ns * 1e-9) ** 2
+
+
+def thin(time_ns: IntArray, values: FloatArray, node_ns: int) -> Nodes:
+    """Share each sample between the two nearest nodes; stamps must not decrease.
+
+    Parameters
+    ----------
+    time_ns, values : arrays, shape (n,), n > 0
+    node_ns : int
+        The grid.
     """
     interval, remainder = np.divmod(time_ns, node_ns)
     share = remainder / node_ns
@@ -85,10 +119,7 @@ def thin(time_ns: IntArray, values: FloatArray, node_ns: int) -> tuple[IntArray,
     for place, weight, ahead in ((left, 1.0 - share, share), (left + 1, share, share - 1.0)):
         weighted = weight * np.stack([np.ones_like(ahead), ahead, ahead * ahead, values])
         sums[:, np.searchsorted(node, place)] += np.add.reduceat(weighted, first, axis=1)
-    node, sums = node[sums[0] > 1e-9], sums[:, sums[0] > 1e-9]
-    ahead, square, value = sums[1:] / sums[0]
-    spread = float(np.mean(np.maximum(square - ahead**2, 0.0))) * (node_ns * 1e-9) ** 2
-    return node * node_ns + np.round(ahead * node_ns).astype(np.int64), value, spread
+    return Nodes(node, sums).part(sums[0] > 1e-9)
 
 
 class Collector:
@@ -100,7 +131,8 @@ class Collector:
         self._done: list[tuple[IntArray, FloatArray]] = []
         self._absent: list[IntArray] = []
         self._intervals: list[float] = []
-        self._spreads: list[tuple[float, int]] = []
+        self._spreads: list[FloatArray] = []
+        self._open: Nodes | None = None
         self._steps: list[float] = []
         self._peak_ns = _LONG_AGO_NS
         self._thinned = False
@@ -121,6 +153,7 @@ class Collector:
     def finish(self) -> Samples:
         """Return everything taken."""
         self._flush()
+        self._close(None)
         time_ns, values = _joined(self._done)
         if np.any(np.diff(time_ns) < 0):
             order = np.argsort(time_ns, kind="stable")
@@ -129,13 +162,13 @@ class Collector:
         absent_ns = np.unique(np.concatenate([np.zeros(0, np.int64), *self._absent]))
         if not self._intervals and len(absent_ns) > 1:
             self._intervals.append(float(np.median(np.diff(absent_ns))) * 1e-9)
-        entries = sum(n for _, n in self._spreads)
+        spreads = np.concatenate([np.zeros(0), *self._spreads])
         return Samples(
             time_ns,
             values,
             absent_ns,
             interval_s=float(np.median(self._intervals)) if self._intervals else float("nan"),
-            spread_s2=sum(spread * n for spread, n in self._spreads) / entries if entries else 0.0,
+            spread_s2=float(spreads.mean()) if len(spreads) else 0.0,
             node_s=self._node_ns * 1e-9 if self._thinned else 0.0,
             step=min((step for step in self._steps if step > 0), default=0.0),
             count=self._count,
@@ -150,15 +183,29 @@ class Collector:
         self._count += len(values)
         self._steps.append(resolution(values[:4096]))
         time_ns, values = merge_equal_stamps(time_ns, values)
-        spread = 0.0
-        if len(time_ns) > 1:
-            interval = float(np.median(np.diff(time_ns)))
+        interval = float(np.median(np.diff(time_ns))) if len(time_ns) > 1 else np.inf
+        if np.isfinite(interval):
             self._intervals.append(interval * 1e-9)
-            if interval < _THIN_BELOW * self._node_ns:
-                time_ns, values, spread = thin(time_ns, values, self._node_ns)
-                self._thinned = True
-        self._spreads.append((spread, len(values)))
+        if interval < _THIN_BELOW * self._node_ns:
+            self._thinned = True
+            nodes = thin(time_ns, values, self._node_ns)
+            nodes = nodes if self._open is None else nodes.plus(self._open)
+            self._open = nodes
+            self._close(int(time_ns[-1]) // self._node_ns)
+        elif len(time_ns):
+            self._close(None)
+            self._done.append((time_ns, values))
+            self._spreads.append(np.zeros(len(values)))
+
+    def _close(self, growing: int | None) -> None:
+        """Turn nodes into entries, but for those from `growing` on, which the next samples still add to."""
+        if self._open is None:
+            return
+        closed = np.full(len(self._open.number), True) if growing is None else self._open.number < growing
+        time_ns, values, spread = self._open.part(closed).entries(self._node_ns)
         self._done.append((time_ns, values))
+        self._spreads.append(spread)
+        self._open = None if growing is None else self._open.part(~closed)
 
     def _ordered(self, time_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
         """Order what was gathered; what is behind all that came before it is left out."""
@@ -179,9 +226,10 @@ def rethin(samples: Samples, node_s: float) -> Samples:
     typical = max(samples.interval_s, samples.node_s)
     if not len(samples.time_ns) or not typical < _THIN_BELOW * node_s:
         return samples
-    time_ns, values, spread = thin(samples.time_ns, samples.values, round(node_s * 1e9))
+    time_ns, values, spread = thin(samples.time_ns, samples.values, round(node_s * 1e9)).entries(round(node_s * 1e9))
     time_ns, values = merge_equal_stamps(time_ns, values)
-    return replace(samples, time_ns=time_ns, values=values, spread_s2=samples.spread_s2 + spread, node_s=node_s)
+    spread_s2 = samples.spread_s2 + float(spread.mean())
+    return replace(samples, time_ns=time_ns, values=values, spread_s2=spread_s2, node_s=node_s)
 
 
 def resolution(values: FloatArray) -> float:
