@@ -14,6 +14,7 @@ from daq.layout import Message, RawKind, Signal
 
 LENIENT_HINT = "mend the file, or load it without what is refused: --lenient-dbc (what was left out is listed)"
 MAX_SIGNAL_BITS = 64
+_SILENT = logging.NullHandler()  # what cantools warns of (names and identifiers twice) is said by us
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ def _parse(text: str, *, strict: bool) -> tuple[Any, str]:
     import cantools.database
     from cantools.database.errors import UnsupportedDatabaseFormatError
 
-    logging.getLogger("cantools").addHandler(logging.NullHandler())
+    logging.getLogger("cantools").addHandler(_SILENT)
     try:
         return cantools.database.load_string(text, "dbc", strict=strict), ""
     except UnsupportedDatabaseFormatError as error:

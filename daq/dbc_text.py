@@ -133,7 +133,7 @@ def _block_end(lines: list[str], start: int) -> int:
     end = start
     for i in range(start + 1, len(lines) + 1):
         line = lines[i - 1].strip()
-        if line.startswith("SG_"):
+        if re.match(r"SG_\s", line):
             end = i
         elif line and not line.startswith("//"):
             break

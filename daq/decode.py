@@ -171,9 +171,9 @@ def _scale(plan: SignalPlan, raw: NDArray[Any], out: NDArray[np.float64]) -> Non
     elif scale == 1 and offset == 0:
         out[:] = raw
     else:
-        np.multiply(raw, scale, out=out, dtype=np.float64)
+        np.multiply(raw, float(scale), out=out, dtype=np.float64)
         if offset != 0 or scale < 0:
-            np.add(out, offset, out=out)
+            np.add(out, float(offset), out=out)
 
 
 def _check_wanted(wanted: Collection[str], named: Sequence[tuple[str, str, Message]]) -> None:

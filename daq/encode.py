@@ -132,7 +132,8 @@ def _outer_first(plans: Mapping[str, SignalPlan]) -> list[SignalPlan]:
 
 def _to_raw(signal: Signal, values: NDArray[np.float64]) -> tuple[NDArray[np.uint64], NDArray[np.bool_]]:
     """Return the bits of each value in the low end of a word, and which values were cut to the raw range."""
-    scaled = (values - signal.offset) / signal.scale
+    with np.errstate(divide="ignore", invalid="ignore"):  # a DBC may give the scale 0
+        scaled = (values - float(signal.offset)) / float(signal.scale)
     if signal.kind is RawKind.FLOAT:
         size = signal.length_bits // 8
         with np.errstate(over="ignore", invalid="ignore"):

@@ -97,6 +97,22 @@ def test_a_bad_line_is_named_and_a_lenient_load_leaves_it_out(more: str, line: i
     assert database.lenient
 
 
+def test_what_belongs_to_other_messages_stays_when_a_block_is_left_out() -> None:
+    text = """VERSION ""
+BU_: A
+BO_ 5 Mux: 8 A
+ SG_ Which M : 0|4@1+ (1,0) [0|0] "" A
+ SG_ Ranged m0 : 8|8@1+ (1,0) [0|0] "" A
+
+BO_ 4096 Wide: 8 A
+ SG_ X : 0|8@1+ (1,0) [0|0] "" A
+
+SG_MUL_VAL_ 5 Ranged Which 0-3;
+"""
+    (message,) = load_database(text.encode(), "a.dbc", lenient=True).messages
+    assert message.by_name["Ranged"].multiplexer_ids == (0, 1, 2, 3)
+
+
 def test_overlapping_signals_are_refused_and_let_pass_leniently() -> None:
     content = GOOD.replace("16|16@1+", "8|16@1+").encode()
     with pytest.raises(DatabaseError, match=r"overlapping(.|\n)*line 4: (.|\n)*line 5: "):
