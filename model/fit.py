@@ -16,7 +16,7 @@ from model.effects import EFFECTS
 from model.fit_problem import FitProblem, free_parameters
 from model.fit_result import MODELS, CampaignFit, Estimate, FitOptions, LoadRatio, ModelFit
 from model.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
-from model.intervals import Blocks, block_covariance, blocks_of
+from model.intervals import Blocks, Sandwich, blocks_of, sandwich
 from model.observations import CHANNELS, Observations, observations_of
 from model.profile import inflation, profile_of_sum
 from model.soils import Soil
@@ -186,18 +186,17 @@ def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options:
             x, iterations = result.estimate, iterations + result.iterations
             problem, floor = problem.renewed(x)
             blocks = _blocks(problem, x)
-    covariance = _covariance(problem, x, result, blocks)
-    prediction = problem.predict(x)
+    found = _sandwich(problem, x, result, blocks) if result else None
     return ModelFit(
         name=name,
         effects=MODELS[name],
-        estimates=_estimates(problem, x, result, covariance, blocks, options.confidence),
-        correlation=_correlation(problem.names, covariance),
+        estimates=_estimates(problem, x, result, found, options.confidence) if result and found else (),
+        correlation=_correlation(problem.names, found.covariance) if found else {},
         warnings=_warnings(result),
         stop_reason=str(result.stop_reason) if result else "nothing_to_fit",
         iterations=iterations,
         criteria={},
-        load_ratio=_load_ratio(prediction, driven),
+        load_ratio=_load_ratio(problem.predict(x), driven),
         samples=len(driven),
         blocks=blocks,
         residual_floor=floor,
@@ -238,52 +237,43 @@ def _tempering(blocks: Blocks, driven: Observations) -> float:
     return float(min(1.0, step / blocks.correlation_time_s))
 
 
-def _covariance(problem: FitProblem, x: FloatArray, result: GaussNewtonResult | None, blocks: Blocks) -> FloatArray:
-    """Return the block-sandwich covariance, NaN for parameters that a bound holds."""
+def _sandwich(problem: FitProblem, x: FloatArray, result: GaussNewtonResult, blocks: Blocks) -> Sandwich:
+    """Return the block sandwich, NaN for parameters that a bound holds."""
     p = len(problem.free)
     matrix = np.full((p, p), np.nan)
-    if result is None:
-        return matrix
     free = ~result.at_bound
-    _, jacobian = problem.residual_and_jacobian(x)
-    bread = jacobian.T @ jacobian
-    extra = problem.prior_information()
+    if not free.any():
+        return Sandwich(matrix, 1.0)
     inner = np.ix_(free, free)
-    matrix[inner] = block_covariance(problem.scores(x)[:, free], bread[inner], blocks, extra[inner])
-    return matrix
+    sensitivities, scores = problem.sensitivities_and_scores(x)
+    bread, extra = problem.information(x)[inner], problem.prior_information()[inner]
+    found = sandwich(sensitivities[:, :, free], scores[:, free], bread, blocks, extra)
+    matrix[inner] = found.covariance
+    return Sandwich(matrix, found.degrees)
 
 
 def _estimates(
-    problem: FitProblem,
-    x: FloatArray,
-    result: GaussNewtonResult | None,
-    covariance: FloatArray,
-    blocks: Blocks,
-    confidence: float,
+    problem: FitProblem, x: FloatArray, result: GaussNewtonResult, found: Sandwich, confidence: float
 ) -> tuple[Estimate, ...]:
-    if result is None:
-        return ()
-    t = _student(blocks, len(problem.free), confidence)
-    found = [
-        _estimate(f.name, f.unit, float(v), float(covariance[i, i]), t, at_bound=bool(result.at_bound[i]))
+    t = float(stdtrit(found.degrees, 0.5 + 0.5 * confidence))
+    estimates = [
+        _estimate(f.name, f.unit, float(v), float(found.covariance[i, i]), t, at_bound=bool(result.at_bound[i]))
         for i, (f, v) in enumerate(zip(problem.free, x, strict=True))
     ]
     if set(SUM_OF) <= set(problem.names):
-        found.append(_sum(problem, x, covariance, blocks, t))
-    return tuple(found)
+        estimates.append(_sum(problem, x, found, t))
+    return tuple(estimates)
 
 
-def _student(blocks: Blocks, parameters: int, confidence: float) -> float:
-    return float(stdtrit(max(blocks.count - parameters, 1), 0.5 + 0.5 * confidence))
-
-
-def _sum(problem: FitProblem, x: FloatArray, covariance: FloatArray, blocks: Blocks, t: float) -> Estimate:
+def _sum(problem: FitProblem, x: FloatArray, found: Sandwich, t: float) -> Estimate:
     """Return p = m1 + m2 with its profile interval: singly they cannot be told apart, and the valley is curved."""
-    rows = [problem.names.index(m) for m in SUM_OF]
-    variance = float(np.nansum(covariance[np.ix_(rows, rows)]))
-    allowed = t**2 * inflation(problem, x, blocks)
-    interval = profile_of_sum(problem, x, (rows[0], rows[1]), allowed)
-    return Estimate("p", "1", float(x[rows].sum()), sqrt(max(variance, 0.0)), interval, derived=True)
+    i, j = (problem.names.index(m) for m in SUM_OF)
+    variance = float(np.nansum(found.covariance[np.ix_([i, j], [i, j])]))
+    held = ~np.isfinite(np.diag(found.covariance))
+    inner = np.ix_(~held, ~held)
+    allowed = t**2 * (inflation(found.covariance[inner], problem.information(x)[inner]) if not held.all() else 1.0)
+    interval = profile_of_sum(problem, x, (i, j), allowed)
+    return Estimate("p", "1", float(x[i] + x[j]), sqrt(max(variance, 0.0)), interval, derived=True)
 
 
 def _estimate(name: str, unit: str, value: float, variance: float, t: float, *, at_bound: bool) -> Estimate:

@@ -128,13 +128,18 @@ class FitProblem:
         predicted: FloatArray = getattr(prediction, CHANNELS[channel])
         return predicted - self.driven.measured(channel)
 
-    def scores(self, x: FloatArray) -> FloatArray:
-        """Return w_i J_i' e_i summed over the channels, shape (n, p), without prior rows."""
-        n = len(self.driven)
+    def sensitivities_and_scores(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return each sample's whitened sensitivities (n, channels, p) and its score w_i J_i' e_i (n, p)."""
+        n, c, p = len(self.driven), len(self.channels), len(self.free)
         residual, jacobian = self.residual_and_jacobian(x)
-        rows = n * len(self.channels)
-        product = jacobian[:rows] * residual[:rows, None]
-        return np.asarray(product.reshape(len(self.channels), n, len(self.free)).sum(axis=0))
+        sensitivities = jacobian[: n * c].reshape(c, n, p).transpose(1, 0, 2)
+        whitened = residual[: n * c].reshape(c, n).T
+        return sensitivities, np.einsum("ncp,nc->np", sensitivities, whitened)
+
+    def information(self, x: FloatArray) -> FloatArray:
+        """Return J'WJ with the prior's rows, shape (p, p)."""
+        _, jacobian = self.residual_and_jacobian(x)
+        return np.asarray(jacobian.T @ jacobian)
 
     def prior_information(self) -> FloatArray:
         """Return the prior's information matrix, shape (p, p); zero without a prior."""

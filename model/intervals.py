@@ -4,7 +4,7 @@ Least squares with weights gives :math:`\hat\beta - \beta \approx H^{-1} \sum_i 
 :math:`g_i = w_i J_i' e_i`. The :math:`g_i` of neighbouring samples are correlated - the filter, coloured transducer
 noise and the speed error, which enters every channel through the slip, all see to that. They are summed over blocks
 several correlation times long; block sums are as good as independent, so that
-:math:`\mathrm{cov} = H^{-1} \left(\sum_b G_b G_b'\right) H^{-1} B/(B-p)` and Student's t with B - p degrees of freedom.
+:math:`\mathrm{cov} = H^{-1} \left(\sum_b G_b G_b'\right) H^{-1}` (`sandwich`: with its corrections for few blocks).
 No parametric model of the noise is needed; that the slip is measured is in it because its error is in the residual.
 
 Source: Cameron & Miller (2015), J. Human Resources 50:317 (cluster-robust inference); Carlstein (1986), Ann. Stat. 14.
@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+_HOLLOW = 1e3
+"""Condition above which a block holds all that is known of a direction: nothing is left to correct it by."""
 MIN_BLOCKS = 12
 """As many blocks as the shortest usable record gives, so that t does not explode."""
 _LONGEST_S = 8.0
@@ -108,13 +110,27 @@ def _driven_time(time_s: FloatArray, run: NDArray[np.intp]) -> FloatArray:
     return counted
 
 
-def block_covariance(
-    scores: FloatArray, bread: FloatArray, blocks: Blocks, extra: FloatArray | None = None
-) -> FloatArray:
-    """Return the sandwich covariance, shape (p, p).
+@dataclass(frozen=True)
+class Sandwich:
+    """Covariance of an estimate, shape (p, p), and the degrees of freedom that Student's t has with it."""
+
+    covariance: FloatArray
+    degrees: float
+
+
+def sandwich(
+    jacobian: FloatArray, scores: FloatArray, bread: FloatArray, blocks: Blocks, extra: FloatArray | None = None
+) -> Sandwich:
+    """Return the block-sandwich covariance with the jackknife's correction for leverage.
+
+    A block that holds much of the information pulls the fit towards itself, so that its residual is too small:
+    its summed score is multiplied by (I - H_b H^-1)^-1. Few blocks with much of the information leave few degrees of
+    freedom, 1/sum(h_b^2) - 1 with h_b the block's share of the information.
 
     Parameters
     ----------
+    jacobian : array, shape (n, c, p)
+        Whitened sensitivities of each sample's c channels.
     scores : array, shape (n, p)
         w_i J_i' e_i.
     bread : array, shape (p, p)
@@ -122,12 +138,23 @@ def block_covariance(
     blocks : Blocks
     extra : array, shape (p, p), optional
         Covariance of what enters besides the samples' scores (a prior's information).
+
+    Source
+    ------
+    Bell & McCaffrey (2002), Survey Methodology 28:169 (leverage, degrees of freedom).
     """
     p = bread.shape[0]
-    sums = np.zeros((blocks.count, p))
-    np.add.at(sums, blocks.label, scores)
-    meat = sums.T @ sums * (blocks.count / max(blocks.count - p, 1))
-    if extra is not None:
-        meat = meat + extra
     inverse = np.linalg.pinv(bread, hermitian=True)
-    return np.asarray(inverse @ meat @ inverse)
+    meat = np.zeros((p, p)) if extra is None else extra.copy()
+    shares = []
+    for rows in np.split(np.argsort(blocks.label, kind="stable"), np.cumsum(np.bincount(blocks.label))[:-1]):
+        part = jacobian[rows].reshape(-1, p)
+        information = part.T @ part @ inverse
+        score = scores[rows].sum(axis=0)
+        keep = np.eye(p) - information
+        if np.linalg.cond(keep) < _HOLLOW:
+            score = np.linalg.solve(keep, score)
+        meat += np.outer(score, score)
+        shares.append(float(np.trace(information)) / p)
+    degrees = max(1.0 / float(np.sum(np.square(shares))) - 1.0, 1.0) if shares else 1.0
+    return Sandwich(np.asarray(inverse @ meat @ inverse), degrees)

@@ -13,7 +13,7 @@ from model.contact import Quadrature
 from model.effects import EFFECTS
 from model.fit import fit_observations
 from model.fit_result import FitOptions
-from model.intervals import block_covariance, blocks_of, correlation_time
+from model.intervals import blocks_of, correlation_time, sandwich
 from model.observations import Observations
 from model.soil_prior import prior_of
 from model.soils import SOILS
@@ -132,14 +132,25 @@ def test_correlation_time_of_a_first_order_process() -> None:
     assert found == pytest.approx(2 * tau, rel=0.15)  # integral of exp(-|t|/tau), cut where it falls below .05
 
 
-def test_block_covariance_of_a_mean_knows_the_correlation() -> None:
+def test_sandwich_of_a_mean_knows_the_correlation() -> None:
     """Variance of the mean of n correlated samples is about sigma^2 2 tau / (n dt), not sigma^2 / n."""
-    variances = []
+    variances, n = [], 4000
     for seed in range(40):
-        x = coloured(np.random.default_rng(seed), 4000, 1.0, 0.2)
-        blocks = blocks_of(x, np.arange(4000) * 0.02, np.zeros(4000, int), independent=False)
-        variances.append(block_covariance((x - x.mean())[:, None], np.array([[4000.0]]), blocks)[0, 0])
-    assert np.mean(variances) == pytest.approx(2 * 0.2 / (4000 * 0.02), rel=0.2)
+        x = coloured(np.random.default_rng(seed), n, 1.0, 0.2)
+        blocks = blocks_of(x, np.arange(n) * 0.02, np.zeros(n, int), independent=False)
+        found = sandwich(np.ones((n, 1, 1)), (x - x.mean())[:, None], np.array([[float(n)]]), blocks)
+        variances.append(found.covariance[0, 0])
+    assert np.mean(variances) == pytest.approx(2 * 0.2 / (n * 0.02), rel=0.2)
+
+
+def test_sandwich_of_independent_rows_is_the_textbook_variance_and_degrees() -> None:
+    rng = np.random.default_rng(7)
+    n = 400
+    x = rng.normal(size=n)
+    blocks = blocks_of(x, np.zeros(n), np.zeros(n, int), independent=True)
+    found = sandwich(np.ones((n, 1, 1)), (x - x.mean())[:, None], np.array([[float(n)]]), blocks)
+    assert found.covariance[0, 0] == pytest.approx(np.var(x) / n, rel=0.01)
+    assert found.degrees == pytest.approx(n - 1)
 
 
 def test_bad_input_is_said_in_words() -> None:
