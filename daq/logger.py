@@ -49,7 +49,7 @@ class LogSummary:
         Frames that the kernel lost, of the buses that count them.
     duration_s : float
     ended_by : str
-        ``"duration"``, ``"signal"`` (see `signal_number`) or ``"fault"``: no source was left.
+        ``"duration"``, ``"signal"`` (see `signal_number`), ``"stop"`` or ``"fault"``: no source was left.
     signal_number : int or None
     faults : tuple of Fault
         Of sources that failed on the way; the others went on.
@@ -61,7 +61,7 @@ class LogSummary:
     error_frames: dict[str, int]
     drops: dict[str, int]
     duration_s: float
-    ended_by: Literal["duration", "signal", "fault"]
+    ended_by: Literal["duration", "signal", "stop", "fault"]
     signal_number: int | None
     faults: tuple[Fault, ...]
     remarks: tuple[str, ...]
@@ -75,6 +75,7 @@ def log(
     run: RunInfo | None = None,
     attachments: Mapping[str, bytes] | None = None,
     databases: Mapping[str, tuple[Database, ...]] | None = None,
+    stop: threading.Event | None = None,
     progress: Progress | None = None,
 ) -> LogSummary:
     """Record every bus of a vehicle.
@@ -93,6 +94,8 @@ def log(
         What the recording shall carry, see `daq.run.Configuration`.
     databases : mapping bus -> databases, optional
         Where they are given, decoded topics are written beside the raw frames.
+    stop : threading.Event, optional
+        Ends it when it is set, for callers outside of the main thread.
     progress : callable, optional
         Called with each bus's counters when all sources are open, and then about once a second.
 
@@ -116,7 +119,7 @@ def log(
         run = run or RunInfo(file=path.name, id=path.stem)
         writer = RecordingWriter(path, run=run, attachments=attachments, metadata=metadata)
         view = DecodedView(writer, vehicle, databases) if databases else None
-        return _Session(path, sources, writer, view, progress).record(duration_s)
+        return _Session(path, sources, writer, view, stop or threading.Event(), progress).record(duration_s)
 
 
 class _Session:
@@ -128,12 +131,14 @@ class _Session:
         sources: list[Source],
         writer: RecordingWriter,
         view: DecodedView | None,
+        asked_to_stop: threading.Event,
         progress: Progress | None,
     ) -> None:
         self._path = path
         self._sources = sources
         self._writer = writer
         self._view = view
+        self._asked_to_stop = asked_to_stop
         self._progress = progress
         self._buses = tuple(source.name for source in sources)
         self._stop = threading.Event()
@@ -167,7 +172,7 @@ class _Session:
             error_frames={bus: count.error_frames for bus, count in counters.items()},
             drops=self._drops(),
             duration_s=time.monotonic() - started_at,
-            ended_by="signal" if caught else "fault" if self._all_failed() else "duration",
+            ended_by=self._end(caught),
             signal_number=caught[0] if caught else None,
             faults=tuple(fault for failure in self._failures for fault in failure.faults),
             remarks=_remarks(self._sources),
@@ -191,7 +196,7 @@ class _Session:
 
     def _write_until(self, deadline: float | None, caught: list[int], listeners: list[threading.Thread]) -> None:
         report_at = time.monotonic()
-        while not caught and any(listener.is_alive() for listener in listeners):
+        while not caught and not self._asked_to_stop.is_set() and any(one.is_alive() for one in listeners):
             now = time.monotonic()
             if deadline is not None and now >= deadline:
                 return
@@ -225,6 +230,13 @@ class _Session:
         self._writer.write_frames(item)
         if self._view is not None:
             self._view.write(item)
+
+    def _end(self, caught: list[int]) -> Literal["duration", "signal", "stop", "fault"]:
+        if caught:
+            return "signal"
+        if self._all_failed():
+            return "fault"
+        return "stop" if self._asked_to_stop.is_set() else "duration"
 
     def _all_failed(self) -> bool:
         return len(self._failures) >= len(self._sources)

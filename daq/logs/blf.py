@@ -32,6 +32,8 @@ _LARGEST_BYTES = 64 << 20
 _PADDING = 4
 
 Places = NDArray[np.intp]
+Group = tuple[bool, list[bytes]]
+"""Whether a container before these was lost, and containers."""
 
 
 def read_blf(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
@@ -40,9 +42,10 @@ def read_blf(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     carry, done = b"", 0
     room = np.empty(2 * _GROUP_BYTES, np.uint8)
     complaints: list[tuple[str, str]] = []
-    for pieces in _one_ahead(_grouped(_containers(file, complaints))):
+    for after_a_gap, pieces in _one_ahead(_grouped(_containers(file, complaints))):
         while complaints:
             report.note_bad(*complaints.pop(0))
+        carry = b"" if after_a_gap else carry
         text, room = _joined([carry, *pieces], room)
         starts, end = _object_starts(text, done, report)
         yield from frames_of(text, starts, start_ns, done, report)
@@ -71,15 +74,17 @@ def _start_ns(file: BinaryIO, report: LogReport) -> int:
     return int(start.timestamp()) * 10**9 + millisecond * 10**6
 
 
-def _grouped(pieces: Iterator[bytes]) -> Iterator[list[bytes]]:
+def _grouped(pieces: Iterator[bytes | None]) -> Iterator[Group]:
     """Take containers together, so that the price of a numpy call is paid for thousands of objects."""
     pending: list[bytes] = []
+    after_a_gap = False
     for piece in pieces:
-        pending.append(piece)
-        if sum(map(len, pending)) >= _GROUP_BYTES:
-            yield pending
-            pending = []
-    yield pending
+        if piece is not None:
+            pending.append(piece)
+        if piece is None or sum(map(len, pending)) >= _GROUP_BYTES:
+            yield after_a_gap, pending
+            pending, after_a_gap = [], piece is None
+    yield after_a_gap, pending
 
 
 def _joined(pieces: list[bytes], room: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
@@ -94,7 +99,7 @@ def _joined(pieces: list[bytes], room: NDArray[np.uint8]) -> tuple[NDArray[np.ui
     return room[:size], room
 
 
-def _one_ahead(groups: Iterator[list[bytes]]) -> Iterator[list[bytes]]:
+def _one_ahead(groups: Iterator[Group]) -> Iterator[Group]:
     """Decompress the next group in a thread while this one is taken apart."""
     with ThreadPoolExecutor(1) as pool:
         coming = pool.submit(next, groups, None)
@@ -103,8 +108,8 @@ def _one_ahead(groups: Iterator[list[bytes]]) -> Iterator[list[bytes]]:
             yield group
 
 
-def _containers(file: BinaryIO, complaints: list[tuple[str, str]]) -> Iterator[bytes]:
-    """Yield what is in each container, decompressed."""
+def _containers(file: BinaryIO, complaints: list[tuple[str, str]]) -> Iterator[bytes | None]:
+    """Yield what is in each container, decompressed; None for one that is lost."""
     while True:
         where = f"byte {file.tell()} of the file"
         head = file.read(_CONTAINER_HEADER.size)
@@ -128,8 +133,10 @@ def _containers(file: BinaryIO, complaints: list[tuple[str, str]]) -> Iterator[b
                 yield zlib.decompressobj().decompress(body, _LARGEST_BYTES)
             except zlib.error as error:
                 complaints.append((where, f"this container cannot be decompressed ({error})"))
+                yield None
         else:
             complaints.append((where, f"this container has an unknown compression method, {method}"))
+            yield None
 
 
 def _object_starts(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[Places, int]:

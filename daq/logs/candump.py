@@ -32,6 +32,7 @@ LINE = re.compile(
 
 BLOCK_BYTES = 4 << 20
 _LONGEST_LINE = 1024
+_LONGEST_CARRY = 1 << 20
 _ERROR_BIT = 0x2000_0000
 _LAST_SECOND = 9_000_000_000
 _SHAPES_A_LENGTH = 8
@@ -61,10 +62,10 @@ def read_candump(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     while block := file.read(BLOCK_BYTES):
         block = carry + block
         end = block.rfind(b"\n") + 1
-        if not end and len(block) <= BLOCK_BYTES:
+        if not end and len(block) < _LONGEST_CARRY:
             carry = block
             continue
-        end = end or len(block)  # a "line" longer than a block is no line of a log
+        end = end or len(block)  # this is no text; it is not gathered for ever
         carry = block[end:]
         first_line = yield from _frames_of(block[:end], first_line, report)
     if carry:

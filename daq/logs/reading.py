@@ -85,7 +85,7 @@ def _guarded(batches: Iterator[FrameBatch], file: io.BufferedReader, report: Log
     except OSError as error:
         raise RecordingError(Fault("the log cannot be read any further", report.path, str(error))) from None
     if isinstance(raw, Gunzip) and raw.damage:
-        report.note_bad(f"after frame {report.frames}", raw.damage)
+        report.damage = raw.damage
 
 
 def _regrouped(batches: Iterator[FrameBatch], size: int) -> Iterator[FrameBatch]:

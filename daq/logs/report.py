@@ -29,6 +29,8 @@ class LogReport:
         Lines or objects that could not be read; `first_bad` says where the first one is and what is in it.
     out_of_order : int
         Frames that are earlier than the one before them; they stay where they are.
+    damage : str
+        What is wrong with the file as a whole, e.g. that it is cut off.
     skipped : dict of str to int
         Lines or objects that are no CAN frames, by kind.
     buses : list of str
@@ -43,6 +45,7 @@ class LogReport:
     first_bad: str = ""
     out_of_order: int = 0
     first_out_of_order: str = ""
+    damage: str = ""
     skipped: dict[str, int] = field(default_factory=dict)
     buses: list[str] = field(default_factory=list)
     _last_time_ns: int | None = None
@@ -88,6 +91,8 @@ class LogReport:
         lines = []
         if self.absolute_time is False:
             lines.append("times have no date: they count from a zero of the logger's own")
+        if self.damage:
+            lines.append(f"after frame {self.frames}: {self.damage}")
         if self.bad:
             lines.append(f"{self.bad} unreadable, left out; the first is {self.first_bad}")
         if self.out_of_order:

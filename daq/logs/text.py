@@ -163,7 +163,7 @@ def _batches(
         return report.bus(_bus_name(message.channel, first_channel))
 
     try:
-        iterator, ended = iter(reader), False
+        iterator, ended, failed_at = iter(reader), False, 0
         while not ended:
             messages: list[can.Message] = []
             times: list[int] = []
@@ -179,6 +179,10 @@ def _batches(
                         Fault("python-can cannot read this version", report.path, str(error))
                     ) from None
                 except _UNREADABLE:
+                    if lines.number == failed_at:  # at the end of the file, the reader still misses its header
+                        ended = True
+                        break
+                    failed_at = lines.number
                     _note_bad(lines)
                     lines.push(resume)
                     iterator = iter(reader)
@@ -192,6 +196,7 @@ def _batches(
                 yield FrameBatch(frames, tuple(report.buses))
     finally:
         logger.removeHandler(complaints)
+        lines.close()
 
 
 def _bus_name(channel: object, first_channel: int) -> str:

@@ -1,0 +1,196 @@
+"""Runs a shell script where there is a real vcan0: on this kernel, or in a guest of Debian's user-mode-linux.
+
+In both cases the script sees the files of this machine, and what it writes can be read here afterwards.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+HERE = Path(__file__).parent
+_MODULES = ("net/can/can", "net/can/can-raw", "drivers/net/can/dev/can-dev", "drivers/net/can/vcan")
+_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
+_BUS_UP = "ip link set lo up; ip link add dev vcan0 type vcan && ip link set vcan0 up"
+_CONSOLE_LINES = 15
+
+
+class NoGuestError(Exception):
+    """No kernel with vcan can be had here; says why."""
+
+
+@dataclass(frozen=True)
+class GuestResult:
+    """How a script ended, and all it said on stdout and stderr."""
+
+    exit_code: int
+    output: str
+
+
+def run_with_vcan(script: str, *, timeout_s: float = 120.0, memory: str = "1G") -> GuestResult:
+    """Run a script for ``sh`` as root beside an interface ``vcan0`` that is up.
+
+    Parameters
+    ----------
+    script : str
+    timeout_s : float
+        After it everything that the script started is killed, and the exit code is 124.
+    memory : str
+        Of a guest.
+
+    Raises
+    ------
+    NoGuestError
+        If neither this kernel nor user-mode-linux offers vcan.
+    """
+    with tempfile.TemporaryDirectory(prefix="vcan-", dir=_work_root()) as name:
+        work = Path(name)
+        (work / "script.sh").write_text(script, encoding="utf-8")
+        if _in_own_namespace():
+            return _run_here(work, timeout_s)
+        return _run_guest(work, timeout_s, memory)
+
+
+def _work_root() -> Path:
+    """Return a folder that a guest sees too: it mounts a /dev of its own."""
+    default = Path(tempfile.gettempdir())
+    return Path("/var/tmp") if default.is_relative_to("/dev") else default
+
+
+@lru_cache(maxsize=1)
+def _in_own_namespace() -> tuple[str, ...]:
+    """Return the command that makes a network of its own on this kernel; empty where it cannot have a vcan."""
+    unshare = ("unshare", "--net") if os.geteuid() == 0 else ("unshare", "--net", "--map-root-user")
+    if not shutil.which("unshare", path=_PATH):
+        return ()
+    tried = subprocess.run(
+        [*unshare, "sh", "-c", f"PATH={_PATH}; {_BUS_UP}"], check=False, capture_output=True, timeout=20
+    )
+    return unshare if tried.returncode == 0 else ()
+
+
+def _run_here(work: Path, timeout_s: float) -> GuestResult:
+    script = f"PATH={_PATH}; {_BUS_UP} && exec sh {work}/script.sh > {work}/output 2>&1"
+    code = _wait([*_in_own_namespace(), "sh", "-c", script], work, dict(os.environ), timeout_s)
+    return GuestResult(code, _text(work / "output"))
+
+
+def _run_guest(work: Path, timeout_s: float, memory: str) -> GuestResult:
+    kernel, modules, shim = _user_mode_linux()
+    init = work / "init.sh"
+    init.write_text(_init_script(work, modules), encoding="utf-8")
+    init.chmod(0o755)
+    command = [kernel, f"mem={memory}", "root=/dev/root", "rootfstype=hostfs", "rootflags=/", "rw", f"init={init}"]
+    environment = {"PATH": _PATH, "HOME": str(work)}
+    if Path("/dev/shm").is_dir():
+        environment["TMPDIR"] = "/dev/shm"  # the guest's memory is a file
+    if shim is not None:
+        environment["LD_PRELOAD"] = _built(shim, work / "shim.so")
+    code = _wait([*command, "con=null", "con0=fd:0,fd:1", "quiet"], work, environment, timeout_s)
+    if not (work / "ready").exists():
+        raise NoGuestError(f"user-mode-linux does not start: {_last_lines(work / 'console')}")
+    told = _text(work / "code").strip()
+    return GuestResult(int(told) if told else code or 125, _text(work / "output"))
+
+
+def _init_script(work: Path, modules: Path) -> str:
+    load = "\n".join(f"insmod {shlex.quote(str(modules / name))}.ko" for name in _MODULES)
+    keep = " ".join(f"export {name}={shlex.quote(value)};" for name, value in os.environ.items() if _is_ours(name))
+    return f"""#!/bin/sh
+export PATH={_PATH} HOME={work}; {keep}
+mount -t proc proc /proc
+{load}
+{_BUS_UP} && touch {work}/ready && sh {work}/script.sh > {work}/output 2>&1
+echo $? > {work}/code
+sync
+halt -f || reboot -f
+"""
+
+
+def _is_ours(name: str) -> bool:
+    return name.startswith(("WHEELSOIL_", "PYTHON"))
+
+
+@lru_cache(maxsize=1)
+def _user_mode_linux() -> tuple[str, Path, Path | None]:
+    """Return the kernel, the folder of its modules, and the source of a shim where the processor needs one."""
+    kernel = shutil.which("linux.uml", path=_PATH)
+    if kernel is None:
+        raise NoGuestError("this kernel has no vcan, and user-mode-linux is not installed")
+    folders = sorted(Path("/usr/lib/uml/modules").glob("*/kernel"))
+    if not folders or not (folders[-1] / f"{_MODULES[-1]}.ko").exists():
+        raise NoGuestError("user-mode-linux is installed without its vcan module")
+    missing = [tool for tool in ("insmod", "ip") if not shutil.which(tool, path=_PATH)]
+    if missing:
+        raise NoGuestError(f"not installed: {', '.join(missing)} (packages kmod and iproute2)")
+    if " amx_tile" not in _text(Path("/proc/cpuinfo")):
+        return kernel, folders[-1], None
+    if not shutil.which("cc"):
+        raise NoGuestError("this processor has AMX, for which user-mode-linux needs a shim, and there is no C compiler")
+    return kernel, folders[-1], HERE / "xstate_shim.c"
+
+
+def _built(source: Path, target: Path) -> str:
+    subprocess.run(
+        ["cc", "-O1", "-fno-builtin", "-shared", "-fPIC", "-nostdlib", "-o", str(target), str(source)],
+        check=True,
+        capture_output=True,
+        timeout=60,
+    )
+    return str(target)
+
+
+def _wait(command: list[str], work: Path, environment: dict[str, str], timeout_s: float) -> int:
+    """Run a command with a hard end: every process of its session is killed by its id."""
+    with (work / "console").open("wb") as console:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=console, stderr=console, env=environment, start_new_session=True
+        )
+        try:
+            return process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            return 124
+        finally:
+            _end_session(process.pid)
+            process.wait()
+
+
+def _end_session(session: int) -> None:
+    for _ in range(50):
+        members = _members(session)
+        if not members:
+            return
+        for pid in members:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        time.sleep(0.05)
+
+
+def _members(session: int) -> list[int]:
+    """Return the processes of a session that still run; helpers of user-mode-linux outlive their kernel."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        with contextlib.suppress(OSError, IndexError):
+            after_name = (entry / "stat").read_text().rpartition(")")[2].split()
+            if int(after_name[3]) == session and after_name[0] != "Z":
+                found.append(int(entry.name))
+    return found
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+
+
+def _last_lines(path: Path) -> str:
+    return " | ".join(_text(path).split("\n")[-_CONSOLE_LINES:])
