@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -153,11 +154,12 @@ class Run:
     def channel_batches(self, roles: Collection[str] = ROLES) -> Iterator[dict[str, Channel]]:
         """Yield the channels of some roles piece by piece, in bounded memory; see `channels`.
 
-        The raw frames are decoded, never the decoded topics, and only the signals that are asked for.
+        The raw frames are decoded, never the decoded topics, and only the signals that are asked for. The first piece
+        is empty, so that every role is known even where no frame ever came.
         """
         references = resolve_roles(self.vehicle, self.databases, (), roles)
         decoder = Decoder(self.databases, {reference.name for reference in references.values()})
-        for batch in self.frame_batches():
+        for batch in chain([FrameBatch.empty(tuple(self.databases))], self.frame_batches()):
             decoded = decoder.decode(batch)
             yield {role: _in_our_units(reference, decoded[reference.key]) for role, reference in references.items()}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from daq.errors import ConfigError, Fault
 from daq.open import Collected, open_runs
 from daq.run import Run
 from processing.options import ProcessOptions
@@ -40,9 +41,22 @@ def process_runs(opened: Sequence[Run], options: ProcessOptions) -> list[tuple[R
     processed = []
     for run in progress(opened, "processing", len(opened)):
         with collected.catch(str(run.path)):
+            _check_vehicle(run)
             processed.append((run, process_stream(run.channel_batches(), run.vehicle, run.info, options)))
         if run.recording and run.recording.loss:
             say(f"{run.path}: read without what is damaged: {'; '.join(map(str, run.recording.loss))}")
             say("  next: `wheelsoil recover` makes a whole file of what can be read")
     collected.stop_if_any()
     return processed
+
+
+def _check_vehicle(run: Run) -> None:
+    if not run.vehicle.signals:
+        raise ConfigError(
+            Fault(
+                "no vehicle.toml says which signals mean what",
+                str(run.path),
+                found="the file carries none" if not run.attachments else "vehicle.toml without [signals]",
+                next_step="give --vehicle FILE with [wheel], [[bus]] and [signals]",
+            )
+        )

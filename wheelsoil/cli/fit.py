@@ -14,6 +14,7 @@ from wheelsoil.cli.options import (
     LenientDbc,
     MinSpeed,
     Reading,
+    Rename,
     RunsFile,
     Sinkage,
     SlipThreshold,
@@ -21,6 +22,7 @@ from wheelsoil.cli.options import (
     SoilPrior,
     Terrain,
     Vehicle,
+    Where,
 )
 from wheelsoil.cli.talk import number, print_json, print_table, say
 
@@ -36,12 +38,8 @@ def command(
     table: Annotated[
         Path | None, typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, ...")
     ] = None,
-    rename: Annotated[
-        list[str] | None, typer.Option(metavar="NEW=OLD[*FACTOR],...", help="Columns of the table by our names.")
-    ] = None,
-    where: Annotated[
-        list[str] | None, typer.Option(metavar="COLUMN=VALUE,...", help="Rows of the table to take.")
-    ] = None,
+    rename: Rename = None,
+    where: Where = None,
     vehicle: Vehicle = None,
     terrain: Terrain = None,
     runs_file: RunsFile = None,

@@ -1,0 +1,51 @@
+"""The command line in this process, and small campaigns for it."""
+
+from __future__ import annotations
+
+import io
+import json
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from wheelsoil.cli.app import run
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a command left."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        """stdout as strict JSON."""
+        return json.loads(self.out, parse_constant=_refuse)
+
+
+def invoke(*args: object) -> Result:
+    """Run a command line."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = run([str(arg) for arg in args])
+    return Result(code, out.getvalue(), err.getvalue())
+
+
+def ok(*args: object) -> Result:
+    """Run a command line that must end well."""
+    result = invoke(*args)
+    assert result.code == 0, f"exit code {result.code}\n{result.err}"
+    return result
+
+
+def small_campaign(folder: Path, *, runs: int = 2, duration_s: float = 20.0) -> Path:
+    """Simulate a campaign on clay with Lyasko's slip sinkage."""
+    ok("simulate", "-o", folder, "--runs", runs, "--duration", duration_s, "--effect", "lyasko:m1=0.1,m2=0.05")
+    return folder
+
+
+def _refuse(name: str) -> None:
+    raise AssertionError(f"{name} is no JSON")

@@ -1,0 +1,22 @@
+"""Fixtures that several folders of tests share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from cli_support import ok, small_campaign
+
+
+@pytest.fixture(scope="session")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a campaign folder: two runs of 20 s on clay. Not to be written to."""
+    return small_campaign(tmp_path_factory.mktemp("campaign") / "clay")
+
+
+@pytest.fixture(scope="session")
+def report(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the report of `campaign`; its numbers lie beside it."""
+    page = tmp_path_factory.mktemp("report") / "report.html"
+    ok("report", campaign, "-o", page)
+    return page

@@ -1,0 +1,145 @@
+"""One contract for every subcommand: help, JSON, exit codes, what goes where, what is imported when."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from cli_support import invoke, ok
+
+import wheelsoil.cli
+from wheelsoil import __version__
+from wheelsoil.cli.app import COMMANDS, load
+
+HEAVY = ("numpy", "pandas", "scipy", "cantools", "can", "mcap", "pyarrow", "plotly", "rich", "pydantic", "jinja2")
+PROGRAM = [sys.executable, "-c", "from wheelsoil.cli.app import main; main()"]
+
+every_command = pytest.mark.parametrize("name", COMMANDS)
+
+
+def test_every_file_with_a_command_is_listed():
+    folder = Path(wheelsoil.cli.__file__).parent
+    files = {path.stem for path in folder.glob("*.py") if "\ndef command(" in path.read_text(encoding="utf-8")}
+    assert files == {entry.module for entry in COMMANDS.values()}
+
+
+@every_command
+def test_help_says_what_it_does_and_every_option_has_a_text(name):
+    result = ok(name, "--help")
+    assert result.out.startswith(f"Usage: wheelsoil {name}")
+    assert not result.err
+    for parameter in load(name).params:
+        assert getattr(parameter, "help", None), f"{name}: {parameter.name} has no help"
+
+
+@every_command
+def test_an_unknown_option_is_a_usage_error(name):
+    result = invoke(name, "--no-such-option")
+    assert result.code == 2
+    assert not result.out
+    assert "no-such-option" in result.err
+    assert "Traceback" not in result.err
+
+
+@every_command
+def test_its_file_names_it(name):
+    module = sys.modules.get(f"wheelsoil.cli.{COMMANDS[name].module}") or __import__(
+        f"wheelsoil.cli.{COMMANDS[name].module}", fromlist=["command"]
+    )
+    assert f"``wheelsoil {name}``" in (module.__doc__ or "")
+
+
+def test_the_root_lists_all_and_knows_its_version():
+    listed = ok("--help").out
+    assert all(name in listed and entry.summary in " ".join(listed.split()) for name, entry in COMMANDS.items())
+    assert ok("--version").out == f"wheelsoil {__version__}\n"
+    wrong = invoke("proces")
+    assert wrong.code == 2
+    assert "nearest: process" in wrong.err
+    assert invoke().code == 2
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys; from wheelsoil.cli.app import run; run(['--help']); run(['--version']); "
+        f"print([name for name in {HEAVY} if name in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"
+
+
+def _json_runs(campaign: Path, folder: Path) -> dict[str, list[object]]:
+    """Return, per command that prints JSON, arguments that make it do so."""
+    first = campaign / "run-1.mcap"
+    log = folder / "run.log"
+    ok("simulate", "-o", folder / "logs", "--runs", 1, "--duration", 15, "--format", "candump")
+    shutil.copy(folder / "logs" / "run-1.log", log)
+    (folder / "vehicle.toml").write_text('[[bus]]\nchannel = "contract"\ninterface = "virtual"\n')
+    plates = folder / "plates.csv"
+    rows = [f"{r},{z / 1000},{(1e6 / r + 5e5) * (z / 1000)}" for r in (0.1, 0.2) for z in range(1, 60)]
+    plates.write_text("\n".join(["radius_m,sinkage_m,pressure_pa", *rows]))
+    return {
+        "info": [campaign],
+        "process": [first],
+        "fit": [campaign],
+        "report": [campaign, "-o", folder / "r.html"],
+        "import": [log, "--vehicle", campaign / "vehicle.toml", "-o", folder / "imported.mcap"],
+        "export": [first, "-o", folder / "tables"],
+        "recover": [first, "-o", folder / "recovered.mcap"],
+        "log": [folder / "vehicle.toml", "--duration", 0.2, "-o", folder / "logged.mcap"],
+        "replay": [first, "--interface", "virtual", "--speed", 0, "--to", 1],
+        "demo": ["-o", folder / "demo", "--runs", 1, "--duration", 20],
+    }
+
+
+def test_json_is_strict_and_alone_on_stdout(campaign, tmp_path):
+    runs = _json_runs(campaign, tmp_path)
+    offering = {name for name in COMMANDS if any("--json" in p.opts for p in load(name).params)}
+    assert offering - {"soil"} == set(runs)  # soil: tests/wheelsoil/test_soil_command.py
+    for name, args in runs.items():
+        result = ok(name, *args, "--json")
+        assert result.json, name
+
+
+def test_a_reader_that_goes_away_is_no_fault(campaign):
+    done = subprocess.run(
+        ["bash", "-c", f"set -o pipefail; {' '.join(map(_quoted, PROGRAM))} info --all-ids {campaign} | head -c 10"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stderr == ""
+    assert done.returncode in (0, 141)
+
+
+def test_ctrl_c_ends_with_130_and_a_closed_recording(tmp_path):
+    vehicle = tmp_path / "vehicle.toml"
+    vehicle.write_text('[[bus]]\nchannel = "interrupted"\ninterface = "virtual"\n')
+    target = tmp_path / "run.mcap"
+    process = subprocess.Popen([*PROGRAM, "log", str(vehicle), "-o", str(target)], stderr=subprocess.PIPE, text=True)
+    _wait_for(lambda: target.exists() and target.stat().st_size > 0)
+    time.sleep(0.3)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    (facts,) = ok("info", target, "--json").json
+    assert facts["exit_status"] == "interrupted"
+    assert facts["loss"] == []
+
+
+def _wait_for(true: Callable[[], bool], seconds: float = 20.0) -> None:
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end, "it never happened"
+        time.sleep(0.05)
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "'\\''") + "'"

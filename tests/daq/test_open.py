@@ -1,0 +1,180 @@
+"""open_runs: recordings, logs and folders; what beats what; channels equal to the frames they come from."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.config import RunInfo, VehicleConfig
+from daq.databases import load_database, shipped_dbc
+from daq.encode import encode
+from daq.errors import ConfigError, DatabaseError, RecordingError
+from daq.frames import FrameBatch, concatenate
+from daq.logs import write_candump
+from daq.open import open_runs
+from daq.recording import RecordingWriter
+
+START_NS = 1_700_000_000_000_000_000
+VEHICLE = """
+[wheel]
+radius_m = 0.5
+width_m = 0.3
+[[bus]]
+channel = "can0"
+dbc = ["gnss.dbc", "wheel_speed.dbc"]
+[signals]
+ground_speed = "GNSS_2.Speed"
+longitude = "GNSS_2.Longitude"
+wheel_speed = "WheelSpeeds.RearLeft"
+"""
+SOIL = """
+[soil]
+name = "{name}"
+cohesion_kpa = 1
+friction_angle_deg = 25
+shear_modulus_m = 0.025
+sinkage_exponent = 1.04
+cohesive_modulus_kn = 1
+frictional_modulus_kn = 580
+"""
+ROLES = ("ground_speed", "longitude", "wheel_speed")
+
+
+def frames(count: int = 100, speed_kt: float = 10.0) -> FrameBatch:
+    messages = {m.name: m for f in ("gnss.dbc", "wheel_speed.dbc") for m in load_database(shipped_dbc(f)).messages}
+    at = START_NS + np.arange(count) * 50_000_000
+    gnss = encode(messages["GNSS_2"], {"Speed": speed_kt, "Longitude": -60 * 11.5}, at, "can0").frames
+    wheel = encode(messages["WheelSpeeds"], {"RearLeft": 60.0}, at + 1_000_000, "can0").frames
+    return concatenate([gnss, wheel])
+
+
+def record(path: Path, batch: FrameBatch, run: RunInfo | None = None, **attachments: str) -> Path:
+    carried = {f"{name}.toml": text.encode() for name, text in attachments.items()}
+    carried |= {name: shipped_dbc(name).read_bytes() for name in ("gnss.dbc", "wheel_speed.dbc")}
+    with RecordingWriter(path, run=run, attachments=carried) as writer:
+        writer.write_frames(batch)
+    return path
+
+
+def folder_with(path: Path, **files: str) -> Path:
+    path.mkdir(exist_ok=True)
+    for name, text in files.items():
+        (path / f"{name}.toml").write_text(text)
+    return path
+
+
+def test_a_recording_needs_no_other_file(tmp_path):
+    path = record(tmp_path / "a.mcap", frames(), RunInfo(id="first", pass_number=2), vehicle=VEHICLE, terrain=SOIL)
+    (run,) = open_runs([path])
+    assert (run.id, run.info.pass_number, run.info.file) == ("first", 2, "a.mcap")
+    assert run.vehicle.wheel is not None and run.vehicle.wheel.radius_m == 0.5
+    assert run.terrain is not None and run.terrain.soil.cohesion_kpa == 1
+    channels = run.channels(ROLES)
+    np.testing.assert_allclose(channels["ground_speed"].values, 10 * 1852 / 3600)
+    np.testing.assert_allclose(channels["wheel_speed"].values, 2 * np.pi)
+    np.testing.assert_allclose(channels["longitude"].values, -11.5)
+    assert (channels["ground_speed"].unit, channels["longitude"].unit) == ("m/s", "deg")
+
+
+def test_a_log_and_a_recording_of_the_same_frames_are_the_same_run(tmp_path):
+    folder = folder_with(tmp_path / "campaign", vehicle=VEHICLE)
+    record(folder / "a.mcap", frames())
+    write_candump([frames()], folder / "b.log")
+    recording, log = open_runs([folder])
+    assert recording.recording is not None and log.recording is None
+    for role, channel in recording.channels().items():
+        np.testing.assert_array_equal(channel.values, log.channels()[role].values)
+        np.testing.assert_array_equal(channel.time_ns, log.channels()[role].time_ns)
+
+
+def test_options_beat_the_folder_and_the_folder_beats_the_recording(tmp_path):
+    def soil(paths: list[Path], **options: Path) -> str:
+        (run,) = open_runs(paths, **options)
+        assert run.terrain is not None
+        return run.terrain.soil.name
+
+    alone = record(tmp_path / "a.mcap", frames(), vehicle=VEHICLE, terrain=SOIL.format(name="carried"))
+    folder = folder_with(tmp_path / "campaign", terrain=SOIL.format(name="of the folder"))
+    shutil.copy(alone, folder / "a.mcap")
+    given_file = tmp_path / "other.toml"
+    given_file.write_text(SOIL.format(name="given"))
+    assert soil([alone]) == "carried"
+    assert soil([folder]) == "of the folder"
+    assert soil([folder], terrain=given_file) == "given"
+    (run,) = open_runs([folder], terrain=given_file)
+    assert run.vehicle.wheel is not None, "what is not overridden stays"
+    assert b"given" in run.attachments["terrain.toml"]
+
+
+def test_runs_toml_names_the_runs_and_what_is_known_of_them(tmp_path):
+    folder = folder_with(
+        tmp_path / "campaign",
+        vehicle=VEHICLE,
+        runs='[[run]]\nfile = "b.mcap"\nid = "second"\ndirection = "back"\n[[run]]\nfile = "a.mcap"\nadded_load_kg = 300\n',
+    )
+    for name in ("a", "b", "c"):
+        record(folder / f"{name}.mcap", frames(), RunInfo(id="from the recording"))
+    first, second = open_runs([folder])
+    assert (first.id, first.info.direction) == ("second", "back")
+    assert (second.id, second.info.added_load_kg) == ("a", 300)
+
+
+def test_runs_of_one_name_are_told_apart(tmp_path):
+    paths = [record(tmp_path / f"{i}.mcap", frames(), RunInfo(id="run"), vehicle=VEHICLE) for i in range(3)]
+    assert [run.id for run in open_runs(paths)] == ["run", "run-2", "run-3"]
+    assert [run.info.id for run in open_runs(paths)] == ["run", "run-2", "run-3"]
+
+
+def test_all_faults_are_told_at_once(tmp_path):
+    folder = folder_with(tmp_path / "campaign", vehicle=VEHICLE + "\nbogus = 1\n", terrain="[soil]\nname = 3\n")
+    with pytest.raises(ConfigError) as caught:
+        open_runs([folder, tmp_path / "nowhere.mcap"])
+    text = str(caught.value)
+    assert all(word in text for word in ("bogus", "cohesion_kpa", "nowhere.mcap"))
+    with pytest.raises(ConfigError, match="no run is given"):
+        open_runs([])
+    with pytest.raises(RecordingError, match="no such file"):
+        open_runs([tmp_path / "nowhere.log"])
+
+
+def test_a_dbc_that_is_not_attached_is_named(tmp_path):
+    path = record(tmp_path / "a.mcap", frames(), vehicle=VEHICLE.replace("gnss.dbc", "other/gps.dbc"))
+    with pytest.raises(DatabaseError, match=r"does not carry the DBC 'other/gps.dbc'"):
+        open_runs([path])
+
+
+def test_nothing_is_asked_of_a_run_that_nobody_described(tmp_path):
+    with RecordingWriter(tmp_path / "bare.mcap") as writer:
+        writer.write_frames(frames())
+    (run,) = open_runs([tmp_path / "bare.mcap"])
+    assert run.vehicle == VehicleConfig()
+    assert run.id == "bare"
+    assert sum(len(batch) for batch in run.frame_batches()) == 200
+    assert run.channels(ROLES) == {}
+
+
+def test_a_role_without_a_frame_is_an_empty_channel(tmp_path):
+    with RecordingWriter(
+        tmp_path / "a.mcap",
+        attachments={"vehicle.toml": VEHICLE.encode()}
+        | {name: shipped_dbc(name).read_bytes() for name in ("gnss.dbc", "wheel_speed.dbc")},
+    ) as writer:
+        writer.write_frames(frames()[:0])
+    (run,) = open_runs([tmp_path / "a.mcap"])
+    assert {role: len(channel) for role, channel in run.channels().items()} == dict.fromkeys(ROLES, 0)
+
+
+def test_channels_come_in_pieces_that_make_up_the_whole(tmp_path):
+    count = 150_000
+    path = record(tmp_path / "a.mcap", frames(count), vehicle=VEHICLE)
+    (run,) = open_runs([path])
+    batches = list(run.channel_batches(("ground_speed",)))
+    assert len(batches) > 3
+    channels = run.channels(("ground_speed",))
+    assert list(channels) == ["ground_speed"]
+    joined = np.concatenate([batch["ground_speed"].time_ns for batch in batches])
+    np.testing.assert_array_equal(channels["ground_speed"].time_ns, joined)
+    np.testing.assert_array_equal(joined, START_NS + np.arange(count) * 50_000_000)
