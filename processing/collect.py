@@ -131,7 +131,7 @@ class Collector:
         self._done: list[tuple[IntArray, FloatArray]] = []
         self._absent: list[IntArray] = []
         self._intervals: list[float] = []
-        self._spreads: list[FloatArray] = []
+        self._spread_sum, self._entries = 0.0, 0
         self._open: Nodes | None = None
         self._steps: list[float] = []
         self._peak_ns = _LONG_AGO_NS
@@ -155,6 +155,7 @@ class Collector:
         self._flush()
         self._close(None)
         time_ns, values = _joined(self._done)
+        self._done = []
         if np.any(np.diff(time_ns) < 0):
             order = np.argsort(time_ns, kind="stable")
             time_ns, values = time_ns[order], values[order]
@@ -162,13 +163,12 @@ class Collector:
         absent_ns = np.unique(np.concatenate([np.zeros(0, np.int64), *self._absent]))
         if not self._intervals and len(absent_ns) > 1:
             self._intervals.append(float(np.median(np.diff(absent_ns))) * 1e-9)
-        spreads = np.concatenate([np.zeros(0), *self._spreads])
         return Samples(
             time_ns,
             values,
             absent_ns,
             interval_s=float(np.median(self._intervals)) if self._intervals else float("nan"),
-            spread_s2=float(spreads.mean()) if len(spreads) else 0.0,
+            spread_s2=self._spread_sum / max(self._entries, 1),
             node_s=self._node_ns * 1e-9 if self._thinned else 0.0,
             step=min((step for step in self._steps if step > 0), default=0.0),
             count=self._count,
@@ -195,7 +195,7 @@ class Collector:
         elif len(time_ns):
             self._close(None)
             self._done.append((time_ns, values))
-            self._spreads.append(np.zeros(len(values)))
+            self._entries += len(values)
 
     def _close(self, growing: int | None) -> None:
         """Turn nodes into entries, but for those from `growing` on, which the next samples still add to."""
@@ -204,7 +204,8 @@ class Collector:
         closed = np.full(len(self._open.number), True) if growing is None else self._open.number < growing
         time_ns, values, spread = self._open.part(closed).entries(self._node_ns)
         self._done.append((time_ns, values))
-        self._spreads.append(spread)
+        self._spread_sum += float(spread.sum())
+        self._entries += len(values)
         self._open = None if growing is None else self._open.part(~closed)
 
     def _ordered(self, time_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -256,7 +257,7 @@ def collect(chunks: Iterable[Mapping[str, Channel]], node_ns: int) -> dict[str, 
     for chunk in chunks:
         for role, channel in chunk.items():
             collectors.setdefault(role, Collector(node_ns)).add(channel.time_ns, channel.values)
-    return {role: collector.finish() for role, collector in collectors.items()}
+    return {role: collectors.pop(role).finish() for role in list(collectors)}
 
 
 def _joined(pieces: list[tuple[IntArray, FloatArray]]) -> tuple[IntArray, FloatArray]:

@@ -76,11 +76,14 @@ def residual_latency(signals: SpeedSignals) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class _Problem:
-    """One choice of samples and of columns; `slope` is the basis' derivative per second."""
+    """One choice of samples and of degree; rim speed is NaN where not chosen, traction centred, slopes per second."""
 
     ground: FloatArray
-    basis: FloatArray
-    slope: FloatArray
+    rim: FloatArray
+    rim_slope: FloatArray
+    traction: FloatArray
+    traction_slope: FloatArray
+    degree: int
     rows: NDArray[np.int64]
     rate_hz: float
 
@@ -89,20 +92,23 @@ class _Problem:
         rim, traction = signals.rim_speed_mps, signals.traction
         if np.isfinite(traction).any():
             chosen = _low_slip(signals, slip_limit)
-            centred = (traction - _median(traction[chosen])) / max(_spread(traction[chosen]), 1e-12)
-            basis = rim[:, None] * centred[:, None] ** np.arange(degree + 1)
+            seen = traction[chosen]
+            middle, size = (float(np.median(seen)), float(np.std(seen))) if len(seen) else (0.0, 1.0)
+            traction = (traction - middle) / max(size, 1e-12)
         else:
-            chosen = rim > LEAST_SPEED_MPS
-            basis = rim[:, None]
-        basis = np.where(chosen[:, None], basis, nan)
-        slope = np.gradient(basis, 1.0 / signals.rate_hz, axis=0)
-        usable = np.isfinite(signals.ground_speed_mps) & np.isfinite(slope).all(axis=1)
-        return _Problem(signals.ground_speed_mps, basis, slope, np.flatnonzero(usable), signals.rate_hz)
+            chosen, traction, degree = rim > LEAST_SPEED_MPS, np.zeros_like(rim), 0
+        rim = np.where(chosen, rim, nan)
+        rim_slope, traction_slope = (np.gradient(signal, 1.0 / signals.rate_hz) for signal in (rim, traction))
+        usable = np.isfinite(signals.ground_speed_mps) & np.isfinite(rim_slope) & np.isfinite(traction_slope)
+        rows = np.flatnonzero(usable)
+        return _Problem(
+            signals.ground_speed_mps, rim, rim_slope, traction, traction_slope, degree, rows, signals.rate_hz
+        )
 
     def cost(self, delay_s: float) -> float:
         """Return the robust spread that the best coefficients leave at this delay."""
         rows, basis, _ = self._shifted(delay_s, _SCAN_ROWS)
-        if len(rows) < 4 * basis.shape[1]:
+        if len(rows) < 4 * (self.degree + 1):
             return float("inf")
         return robust_linear(basis, self.ground[rows], iterations=4).spread
 
@@ -112,7 +118,7 @@ class _Problem:
         for _ in range(10):
             at, basis, slope = self._shifted(delay_s, _FIT_ROWS)
             y = self.ground[at]
-            if len(at) < 4 * basis.shape[1]:
+            if len(at) < 4 * (self.degree + 1):
                 return nan, nan
             if coefficients is None:
                 coefficients = robust_linear(basis, y).coefficients
@@ -131,9 +137,14 @@ class _Problem:
         low = np.floor(position).astype(np.int64)
         inside = (low >= 0) & (low + 1 < len(self.ground))
         rows, low = rows[inside], low[inside]
-        share = (position[inside] - low)[:, None]
-        basis = (1 - share) * self.basis[low] + share * self.basis[low + 1]
-        slope = (1 - share) * self.slope[low] + share * self.slope[low + 1]
+        share = position[inside] - low
+        rim, rim_slope, traction, traction_slope = (
+            ((1 - share) * signal[low] + share * signal[low + 1])[:, None]
+            for signal in (self.rim, self.rim_slope, self.traction, self.traction_slope)
+        )
+        power = np.arange(self.degree + 1)
+        basis = rim * traction**power
+        slope = rim_slope * traction**power + rim * power * traction ** np.maximum(power - 1, 0) * traction_slope
         good = np.isfinite(basis).all(axis=1) & np.isfinite(slope).all(axis=1)
         return rows[good], basis[good], slope[good]
 
@@ -152,11 +163,3 @@ def _low_slip(signals: SpeedSignals, limit: float) -> NDArray[np.bool_]:
     curve = np.array([np.median(slip[which == k]) for k in there])
     centres = 0.5 * (edges[there] + edges[there + 1])
     return np.asarray(moving & (np.abs(np.interp(traction, centres, curve)) < limit))
-
-
-def _median(values: FloatArray) -> float:
-    return float(np.median(values)) if len(values) else nan
-
-
-def _spread(values: FloatArray) -> float:
-    return float(np.std(values)) if len(values) else nan

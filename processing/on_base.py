@@ -26,7 +26,7 @@ class OnBase:
     Attributes
     ----------
     values, slope : float64 arrays
-        Filtered signal and its derivative per second; NaN in gaps.
+        Filtered signal and its derivative per second (kept of speeds only, else all NaN); NaN in gaps.
     reason : uint8 array
         `Reason.USED`, or why there is no value, or `Reason.FILTER_EDGE`.
     facts : SensorFacts
@@ -81,6 +81,8 @@ def put_on_base(
     cutoff_hz: float,
     options: ProcessOptions,
     declared: tuple[float, float | None],
+    *,
+    keep_slope: bool = True,
 ) -> OnBase:
     """Filter one role onto the time base.
 
@@ -93,6 +95,8 @@ def put_on_base(
     options : ProcessOptions
     declared : (latency_s, sigma)
         Of the sensor; sigma may be None.
+    keep_slope : bool
+        Whether anybody needs the derivative.
     """
     kernel_s = kernel_sigma_s(cutoff_hz)
     limit_s = gap_limit_s(samples, kernel_s, options)
@@ -103,7 +107,7 @@ def put_on_base(
     sigma, source = filtered_sigma(samples, residuals, kernel_s, declared[1])
     return OnBase(
         smoothed.values,
-        smoothed.slope,
+        smoothed.slope if keep_slope else np.broadcast_to(np.float64(nan), time_s.shape),
         _reasons(samples, smoothed, start_ns, time_s, limit_s),
         _facts(samples, at, limit_s, declared[0], sigma, source),
     )

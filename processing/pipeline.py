@@ -173,7 +173,9 @@ def _put_all(
             own_hz = choose_cutoff({role: samples[role]}, options)[0] if role == "sinkage" else cutoff_hz
             sensor = vehicle.sensors.get(role)
             declared = (vehicle.latency_s(role), sensor.sigma if sensor else None)
-            roles[role] = put_on_base(samples.pop(role), *base, min(own_hz, cutoff_hz), options, declared)
+            roles[role] = put_on_base(
+                samples.pop(role), *base, min(own_hz, cutoff_hz), options, declared, keep_slope=role in SLIP_ROLES
+            )
     return roles
 
 
