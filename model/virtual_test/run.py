@@ -91,8 +91,7 @@ def virtual_run(
     elapsed_s : float
         From the start of the campaign to the start of the run (the host clock drifts).
     rng : numpy.random.Generator
-        Everything random of this run. Every noise has its own stream: switching one off, or replacing the soil,
-        leaves the others as they are.
+        Everything random of this run. Every noise has its own stream: switching one off leaves the others as they are.
     ring : numpy.random.Generator
         Draws the errors of the toothed ring; pass one in the same state for every run of a vehicle.
 

@@ -98,7 +98,7 @@ def _edge_speed(at: FloatArray, edges: FloatArray, pitch: float, setup: WheelSpe
     newest, oldest = np.maximum(last, 0), np.maximum(before, 0)
     span = np.where(known, edges[newest] - edges[oldest], np.inf)
     silence = np.maximum(at - edges[newest], 1e-9)
-    speed = np.minimum(pitch * (newest - oldest) / span, np.maximum(pitch / silence, 0.0))
+    speed = np.minimum(pitch * (newest - oldest) / span, pitch / silence)
     return np.where(known & (silence < setup.timeout_s), speed, 0.0)
 
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from daq.errors import ConfigError, Fault
 from wheelsoil.cli.options import Force
 from wheelsoil.cli.talk import progress, say
-from wheelsoil.virtual_campaign import BUS, campaign_frames, simulate_campaign
-from wheelsoil.virtual_options import DEFAULT_START, SimulationOptions, parse_effect
+
+if TYPE_CHECKING:
+    from wheelsoil.virtual_options import SimulationOptions
 
 
 class Format(StrEnum):
@@ -66,7 +67,7 @@ def command(
     live: Annotated[
         str | None, typer.Option(metavar="INTERFACE", help="Send the frames in real time, e.g. socketcan.")
     ] = None,
-    channel: Annotated[str, typer.Option(help="Channel of the interface.")] = BUS,
+    channel: Annotated[str, typer.Option(help="Channel of the interface.")] = "can0",
     speed: Annotated[float, typer.Option(help="With --live: so many times faster than real time.")] = 1.0,
     force: Force = False,
 ) -> None:
@@ -77,6 +78,8 @@ def command(
     if output is None and live is None:
         raise ConfigError(Fault("nothing to do", next_step="give a folder to write with -o, or --live an interface"))
     from model.wheel import Wheel
+    from wheelsoil.virtual_campaign import simulate_campaign
+    from wheelsoil.virtual_options import SimulationOptions
 
     options = SimulationOptions(
         soil=soil,
@@ -101,6 +104,8 @@ def command(
 
 
 def _effects(texts: list[str]) -> dict[str, dict[str, float]]:
+    from wheelsoil.virtual_options import parse_effect
+
     effects: dict[str, dict[str, float]] = {}
     for text in texts:
         name, values = parse_effect(text)
@@ -111,6 +116,8 @@ def _effects(texts: list[str]) -> dict[str, dict[str, float]]:
 
 
 def _start(text: str | None, *, live: bool) -> datetime:
+    from wheelsoil.virtual_options import DEFAULT_START
+
     if text is None:
         return datetime.now(UTC) if live else DEFAULT_START
     try:
@@ -127,6 +134,7 @@ def _send(options: SimulationOptions, interface: str, channel: str, speed: float
     from daq.can_source import open_sink
     from daq.config import BusSection
     from daq.replay import replay_batches
+    from wheelsoil.virtual_campaign import BUS, campaign_frames
 
     sink = open_sink(BusSection(channel=channel, interface=interface))
     try:
