@@ -1,0 +1,85 @@
+"""recordings/: what is in the repository is what its manifest says, and its command makes it again."""
+
+from __future__ import annotations
+
+import shlex
+import tomllib
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daq.frames import concatenate
+from daq.open import open_runs
+from daq.recording import Recording
+from wheelsoil.virtual_campaign import frames_sha256, simulated_run
+from wheelsoil.virtual_frames import virtual_frames
+from wheelsoil.virtual_options import SimulationOptions
+
+FOLDER = Path(__file__).parents[2] / "recordings"
+CAMPAIGNS = ("clay", "sandy")
+ALL = [(name, index) for name in CAMPAIGNS for index in range(6)]
+FAST = {("clay", 3), ("sandy", 2)}
+
+
+@cache
+def manifest(name: str) -> dict[str, Any]:
+    return tomllib.loads((FOLDER / name / "manifest.toml").read_text())
+
+
+def options(name: str) -> SimulationOptions:
+    truth = manifest(name)["truth"]
+    return SimulationOptions(
+        soil=truth["soil"]["name"],
+        effects={effect["name"]: effect["parameters"] for effect in truth["effect"]},
+        reading=truth["reading"],
+        seed=truth["seed"],
+    )
+
+
+@pytest.mark.parametrize("name", CAMPAIGNS)
+def test_frames_are_those_of_the_manifest(name: str) -> None:
+    facts = manifest(name)["run"]
+    assert len(facts) == 6
+    for fact in facts:
+        recording = Recording.open(FOLDER / name / fact["file"])
+        frames = concatenate(list(recording.frame_batches()))
+        assert len(frames) == fact["frames"]
+        assert frames_sha256(frames) == fact["frames_sha256"]
+        assert all("raw" in topic.name for topic in recording.topics)
+        assert not recording.loss
+        seconds = np.ptp(frames.frames["time_ns"]) * 1e-9
+        assert seconds == pytest.approx(40.0, abs=0.1)
+
+
+@pytest.mark.parametrize("name", CAMPAIGNS)
+def test_the_command_is_that_of_the_truth(name: str) -> None:
+    said = options(name)
+    assert shlex.split(manifest(name)["command"]) == shlex.split(said.command)
+    assert (said.runs, said.duration_s, said.reading) == (6, 40.0, "balanced")
+    assert (said.wheel.radius_m, said.wheel.width_m) == (0.47, 0.318)
+
+
+@pytest.mark.parametrize(
+    ("name", "index"), [pytest.param(*case, marks=() if case in FAST else pytest.mark.slow) for case in ALL]
+)
+def test_the_same_frames_can_be_made_again(name: str, index: int) -> None:
+    fact = manifest(name)["run"][index]
+    frames = virtual_frames(simulated_run(options(name), index))
+    assert frames_sha256(frames) == fact["frames_sha256"], (
+        f"made with numpy {manifest(name)['numpy_version']}, here is {np.__version__}; see recordings/README.md"
+    )
+
+
+@pytest.mark.parametrize("name", CAMPAIGNS)
+def test_a_campaign_opens_as_a_folder(name: str) -> None:
+    runs = open_runs([FOLDER / name])
+    assert [run.info.added_load_kg for run in runs] == [0, 300, 500, 0, 300, 500]
+    assert {run.info.direction for run in runs} == {"out", "back"}
+    assert all(run.terrain is not None and run.terrain.soil.name == name for run in runs)
+
+
+def test_they_are_small() -> None:
+    assert sum(path.stat().st_size for path in FOLDER.rglob("*") if path.is_file()) < 15_000_000
