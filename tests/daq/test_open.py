@@ -113,7 +113,8 @@ def test_runs_toml_names_the_runs_and_what_is_known_of_them(tmp_path):
     folder = folder_with(
         tmp_path / "campaign",
         vehicle=VEHICLE,
-        runs='[[run]]\nfile = "b.mcap"\nid = "second"\ndirection = "back"\n[[run]]\nfile = "a.mcap"\nadded_load_kg = 300\n',
+        runs='[[run]]\nfile = "b.mcap"\nid = "second"\ndirection = "back"\n'
+        '[[run]]\nfile = "a.mcap"\nadded_load_kg = 300\n',
     )
     for name in ("a", "b", "c"):
         record(folder / f"{name}.mcap", frames(), RunInfo(id="from the recording"))

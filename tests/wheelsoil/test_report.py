@@ -1,0 +1,257 @@
+"""The report: self-contained, complete, robust against missing channels and hostile names."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from cli_support import invoke, ok
+
+from daq.open import open_runs
+from daq.recording import Recording, RecordingWriter
+from processing.options import ProcessOptions
+from wheelsoil.fitting import FitChoices
+from wheelsoil.report.build import Report, build_report
+from wheelsoil.report.comparison import rank
+from wheelsoil.report.content import Panels, Section, Table, Text
+from wheelsoil.report.material import Material, versions
+from wheelsoil.report.sections import SECTIONS
+from wheelsoil.reporting import fit_runs, report_of_processed
+from wheelsoil.runs import process_runs
+
+EVIL = '<script>alert("x")</script></script><b>&{{7*7}}'
+
+
+class Page(HTMLParser):
+    """What a browser would load, and the JSON of every figure."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.loads: list[str] = []
+        self.scripts: list[dict[str, str | None]] = []
+        self.ids: list[str] = []
+        self.figures: dict[str, Any] = {}
+        self._figure = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = dict(attrs)
+        if tag == "script":
+            self.scripts.append(found)
+            self._figure = (found.get("id") or "").removeprefix("data-")
+        self.loads += [found[key] or "" for key in ("src", "data", "srcset") if key in found]
+        if tag in ("link", "iframe", "img", "object", "embed", "base", "form"):
+            self.loads.append(tag)
+        if "id" in found:
+            self.ids.append(found["id"] or "")
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag == "script":
+            self._figure = ""
+
+    def handle_data(self, data: str) -> None:
+        if self._figure:
+            self.figures[self._figure] = json.loads(data)
+
+
+@pytest.fixture(scope="module")
+def processed(campaign):
+    return process_runs(open_runs([campaign]), ProcessOptions())
+
+
+@pytest.fixture(scope="module")
+def material(processed) -> Material:
+    fit = fit_runs(processed, FitChoices(), None)
+    runs = tuple(run for _, run in processed)
+    return Material(runs, fit, "", processed[0][0].vehicle, fit.soil.name, versions=versions())
+
+
+def without(material: Material, **values: float) -> Material:
+    """Return the material with channels that were not measured."""
+    runs = tuple(
+        replace(run, **{name: np.full(len(run), value) for name, value in values.items()}) for run in material.runs
+    )
+    return replace(material, runs=runs)
+
+
+def test_the_page_is_one_file_that_loads_nothing(report):
+    text = report.read_text(encoding="utf-8")
+    page = Page(text)
+    assert page.loads == []
+    assert "default-src 'none'" in text
+    assert text.count("plotly.js v") == 1, "plotly.js is embedded once"
+    assert len(page.ids) == len(set(page.ids))
+    assert len(text) < 7_000_000
+
+
+def test_every_section_is_there_and_every_figure_is_plotly(report):
+    import plotly.graph_objects as go
+
+    page = Page(report.read_text(encoding="utf-8"))
+    assert {module.KEY for module in SECTIONS} <= set(page.ids)
+    assert len(page.figures) >= 14
+    for key, figure in page.figures.items():
+        go.Figure(data=figure["data"], layout=figure["layout"])  # raises on anything that plotly does not know
+        assert f"plot-{key}" in page.ids
+        for axis in ("xaxis", "yaxis"):
+            assert figure["layout"][axis]["title"]["text"] or key == "shares"
+
+
+def test_json_holds_the_numbers_that_are_shown(report):
+    numbers = json.loads(report.with_suffix(".json").read_text(encoding="utf-8"))
+    text = report.read_text(encoding="utf-8")
+    assert numbers["schema"] == "wheelsoil/report/1"
+    assert numbers["left_out"] == {}
+    sections = numbers["sections"]
+    assert sections["verdict"]["sentence"].split(":")[0].replace("'", "&#39;") in text
+    shown = Page(text).figures["time-lyasko"]
+    kept = sections["time"]["run-1"]["lyasko"]["drawbar_pull_n"]
+    assert kept == shown["data"][1]["y"]
+    assert [file["sha256"][:16] in text for file in sections["provenance"]["files"]] == [True, True]
+    assert set(sections["criteria"]["models"]) == {"wong", "vasilev", "lyasko", "ding"}
+    m0 = sections["criteria"]["models"]["wong"]["criteria"]["dp"]["R0_N"]
+    assert m0 > sections["criteria"]["models"]["lyasko"]["criteria"]["dp"]["R0_N"]
+
+
+def test_the_report_agrees_with_fit(report, campaign):
+    fit = ok("fit", campaign, "--json").json
+    shown = json.loads(report.with_suffix(".json").read_text(encoding="utf-8"))["sections"]
+    for name, model in fit["models"].items():
+        assert model["criteria"] == shown["criteria"]["models"][name]["criteria"]
+        assert list(model["estimates"].values()) == shown["coefficients"][name]["estimates"]
+
+
+def test_names_from_data_stay_data(campaign, tmp_path):
+    folder = tmp_path / "campaign"
+    folder.mkdir()
+    for path in campaign.glob("*.dbc"):
+        (folder / path.name).write_bytes(path.read_bytes())
+    quoted = json.dumps(EVIL)
+    vehicle = (campaign / "vehicle.toml").read_text()
+    terrain = (campaign / "terrain.toml").read_text()
+    (folder / "vehicle.toml").write_text(re.sub(r'(?m)^name = ".*"', lambda _: f"name = {quoted}", vehicle, count=1))
+    (folder / "terrain.toml").write_text(re.sub(r'(?m)^name = ".*"', lambda _: f"name = {quoted}", terrain, count=1))
+    (folder / "runs.toml").write_text(f'[[run]]\nfile = "run-1.mcap"\nid = {quoted}\n')
+    (folder / "run-1.mcap").write_bytes((campaign / "run-1.mcap").read_bytes())
+    page_path = tmp_path / "report.html"
+    ok("report", folder, "-o", page_path)
+    text = page_path.read_text(encoding="utf-8")
+    page = Page(text)
+    numbers = json.loads(page_path.with_suffix(".json").read_text(encoding="utf-8"))
+    plain_scripts = [script for script in page.scripts if "type" not in script]
+    assert len(plain_scripts) == 2, "plotly.js and ours"
+    assert "<script>alert" not in text
+    assert "49" not in numbers["title"], "templates in names are not run"
+    assert EVIL in numbers["title"]
+    figure = page.figures["shares"]
+    assert all("<" not in name for name in figure["data"][0]["y"]), "plotly reads HTML, so names are escaped for it"
+
+
+def test_a_missing_channel_costs_its_section(material):
+    report = build_report(without(material, driving_torque_nm=np.nan))
+    assert list(report.left_out) == ["torque"]
+    assert "driving torque was not measured" in report.left_out["torque"]
+    assert "Left out" in _text(report, "torque")
+    assert "nothing independent checks" in _text(report, "verdict")
+
+
+def test_runs_without_forces_still_give_quality_and_provenance(processed):
+    stripped = [
+        (run, replace(done, drawbar_pull_n=np.full(len(done), np.nan), vertical_load_n=np.full(len(done), np.nan)))
+        for run, done in processed
+    ]
+    report = report_of_processed(stripped, FitChoices(), ProcessOptions())
+    kept = {section.key for section in report.sections} - set(report.left_out)
+    assert kept == {"drive", "quality", "provenance"}
+    assert report.sentence.startswith("no result")
+    assert "Wheel–soil model" in report.html("x.json")
+
+
+def test_a_fault_in_a_section_costs_only_that_section(material, monkeypatch):
+    def broken(given: Material) -> Section:
+        raise ZeroDivisionError(given.terrain)
+
+    monkeypatch.setattr(SECTIONS[3], "build", broken)
+    report = build_report(material)
+    assert list(report.left_out) == [SECTIONS[3].KEY]
+    assert "please report it" in report.left_out[SECTIONS[3].KEY]
+
+
+def test_the_verdict_knows_a_lead_from_chance(material):
+    ranking = rank(material)
+    assert ranking.best.name != "wong"
+    wong = ranking.rival("wong")
+    assert wong is not None and wong.is_worse
+    nobody = replace(material, campaign=replace(material.fit, models=(material.fit.model("wong"),) * 2))
+    (twin,) = rank(nobody).rivals
+    assert not twin.is_worse, "a model has no lead over itself"
+
+
+def test_the_verdict_has_reservations_about_an_offset(material):
+    shifted = tuple(replace(run, drawbar_pull_n=run.drawbar_pull_n - 400.0) for run in material.runs)
+    report = build_report(replace(material, runs=shifted))
+    assert "look at the transducer&#39;s zero" in report.html("x.json")
+
+
+def test_literal_reading_shows_the_load_it_carries(campaign, tmp_path):
+    page = tmp_path / "literal.html"
+    ok("report", campaign, "-o", page, "--sinkage", "literal")
+    numbers = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))["sections"]["load"]
+    assert numbers["quantity"] == "load of Eq. 7 / measured load"
+    assert numbers["models"]["lyasko"]["load_ratio"]["highest"] > 1.05
+
+
+def test_no_slip_above_the_threshold_is_said(campaign, tmp_path):
+    page = tmp_path / "high.html"
+    ok("report", campaign, "-o", page, "--slip-threshold", 0.99)
+    numbers = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
+    assert "no slip at or above the threshold 0.99" in numbers["left_out"]["verdict"]
+    assert "coefficients" not in numbers["left_out"]
+
+
+def test_a_damaged_recording_is_reported_as_such(campaign, tmp_path):
+    whole = Recording.open(campaign / "run-1.mcap")
+    cut = tmp_path / "cut.mcap"
+    with RecordingWriter(cut, run=whole.run, attachments=whole.attachments, chunk_bytes=100_000) as writer:
+        writer.write_frames(whole.frames())
+    cut.write_bytes(cut.read_bytes()[: int(0.8 * cut.stat().st_size)])
+    result = invoke("report", cut, "-o", tmp_path / "r.html", "--json")
+    assert result.code == 0
+    assert "wheelsoil recover" in result.err
+    numbers = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))
+    assert numbers["sections"]["provenance"]["files"][0]["loss"]
+    assert any("Frames are missing" in check["text"] for check in numbers["sections"]["verdict"]["checks"])
+
+
+def _text(report: Report, key: str) -> str:
+    section = next(section for section in report.sections if section.key == key)
+    parts = []
+    for block in section.blocks:
+        if isinstance(block, Text):
+            parts.append(block.text)
+        elif isinstance(block, Table):
+            parts += [block.caption, block.note]
+        elif isinstance(block, Panels):
+            parts.append(block.reading)
+    return " ".join(parts)
+
+
+def test_the_page_is_readable_in_black_and_white():
+    from wheelsoil.report.figures import STYLES
+
+    assert len({style.dash for style in STYLES.values()}) == len(STYLES)
+    assert len({style.symbol for style in STYLES.values()}) == len(STYLES)
+
+
+def test_output_names(tmp_path: Path, campaign):
+    result = ok("report", campaign, "-o", tmp_path / "r.html", "--json")
+    assert result.json["report"].endswith("r.html")
+    assert Path(result.json["numbers"]).is_file()
+    assert invoke("report", campaign, "-o", tmp_path / "r.html").code == 2
+    ok("report", campaign, "-o", tmp_path / "r.html", "--force")
