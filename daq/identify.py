@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from daq.buses import messages_by_bus
 from daq.databases import Database
-from daq.frames import FrameArray, FrameBatch, FrameFlag
+from daq.frames import CLASSIC_DTYPE, FrameArray, FrameBatch, FrameFlag
 from daq.layout import Message
 
 UNKNOWN = 0
@@ -203,19 +203,34 @@ def coverage(batch: FrameBatch, databases: Mapping[str, Sequence[Database]]) -> 
     named = [(bus, name, m) for bus, messages in messages_by_bus(databases).items() for name, m in messages.items()]
     identifier = Identifier([(bus, message, code) for code, (bus, _, message) in enumerate(named, 1)])
     flags = batch.frames["flags"]
-    no_data = (flags & int(_NO_DATA)) != 0
-    errors = int(np.count_nonzero(flags & int(FrameFlag.ERROR)))
-    remotes = int(np.count_nonzero(no_data)) - errors
-    frames = batch.frames[~no_data] if errors or remotes else batch.frames
-    extended = (frames["flags"] & int(FrameFlag.EXTENDED)).astype(np.uint64)
-    keys = frames["can_id"] | (extended << np.uint64(32)) | (frames["bus"].astype(np.uint64) << np.uint64(40))
-    _, first, numbers = np.unique(keys, return_index=True, return_counts=True)
-    one_each = frames.take(first)
+    kinds = np.bincount(flags & int(_NO_DATA), minlength=int(_NO_DATA) + 1)
+    errors = int(kinds[int(FrameFlag.ERROR) :].sum())
+    remotes = int(kinds[int(FrameFlag.REMOTE)])
+    frames = batch.frames[(flags & int(_NO_DATA)) == 0] if errors or remotes else batch.frames
+    samples, numbers = _one_of_each(frames)
     counts: Counter[tuple[str, bool, int, str | None]] = Counter()
-    for row, code, number in zip(one_each, identifier.codes(one_each, batch.buses), numbers, strict=True):
+    for row, code, number in zip(samples, identifier.codes(samples, batch.buses), numbers.tolist(), strict=True):
         name = named[code - 1][1] if code != UNKNOWN else None
-        counts[batch.buses[row["bus"]], bool(row["flags"] & FrameFlag.EXTENDED), int(row["can_id"]), name] = int(number)
+        counts[batch.buses[row["bus"]], bool(row["flags"] & FrameFlag.EXTENDED), int(row["can_id"]), name] = number
     return _coverage(counts, errors, remotes)
+
+
+def _one_of_each(frames: FrameArray) -> tuple[FrameArray, NDArray[np.intp]]:
+    """Return a frame of each identifier and bus, and how many there are of it."""
+    flag = int(FrameFlag.EXTENDED)
+    bus, can_id, extended = frames["bus"].astype(np.int64), frames["can_id"], (frames["flags"] & flag) != 0
+    if extended.any():
+        long_keys, long_numbers = np.unique((bus[extended] << 32) + can_id[extended], return_counts=True)
+        bus, can_id = bus[~extended], can_id[~extended]
+    else:
+        long_keys, long_numbers = np.zeros(0, np.int64), np.zeros(0, np.intp)
+    every = np.bincount((bus << 11) + (can_id & (_STANDARD_IDS - 1)))
+    short_keys = np.flatnonzero(every)
+    samples = np.zeros(len(short_keys) + len(long_keys), CLASSIC_DTYPE)
+    samples["bus"] = np.concatenate([short_keys >> 11, long_keys >> 32])
+    samples["can_id"] = np.concatenate([short_keys & (_STANDARD_IDS - 1), long_keys & 0xFFFF_FFFF])
+    samples["flags"][len(short_keys) :] = flag
+    return samples, np.concatenate([every[short_keys], long_numbers])
 
 
 def _coverage(counts: Counter[tuple[str, bool, int, str | None]], errors: int, remotes: int) -> Coverage:
