@@ -1,4 +1,4 @@
-"""Channels as they come, made ready: latency off, units settled, invalid fixes out, GNSS stamps without jitter."""
+"""Channels as they come, made ready: latency off, invalid fixes out, GNSS stamps without jitter."""
 
 from __future__ import annotations
 
@@ -17,12 +17,11 @@ from processing.timebase import FloatArray, as_of
 MODEL_ROLES = ("ground_speed", "wheel_speed", "vertical_load", "drawbar_pull", "driving_torque")
 """Channels that a used sample must have, where the run carries them at all."""
 _OTHER_ROLES = ("ground_speed_valid", "latitude", "longitude", "gnss_time", "sinkage")
-RIM_SPEED_UNITS = ("m/s", "mps")
 _STALE_INTERVALS = 1.75
 
 
 def ready(
-    chunks: Iterable[Mapping[str, Channel]], vehicle: VehicleConfig, radius_m: float, seen: set[str]
+    chunks: Iterable[Mapping[str, Channel]], vehicle: VehicleConfig, seen: set[str]
 ) -> Iterator[dict[str, Channel]]:
     """Take each role's declared latency off its stamps and drop roles that processing has no use for.
 
@@ -30,22 +29,17 @@ def ready(
     ----------
     chunks : iterable of mapping role -> Channel
     vehicle : VehicleConfig
-    radius_m : float
-        A ``wheel_speed`` whose unit is m/s is the speed of the rim and is divided by this.
     seen : set of str
         Gets every role that came.
     """
     roles = (*MODEL_ROLES, *_OTHER_ROLES, *(("wheel_angle",) if vehicle.transducer.frame == "wheel" else ()))
     for chunk in chunks:
         seen |= set(chunk)
-        yield {role: _ready(role, chunk[role], vehicle, radius_m) for role in roles if role in chunk}
+        yield {role: _on_time(role, chunk[role], vehicle) for role in roles if role in chunk}
 
 
-def _ready(role: str, channel: Channel, vehicle: VehicleConfig, radius_m: float) -> Channel:
-    values = channel.values
-    if role == "wheel_speed" and channel.unit in RIM_SPEED_UNITS:
-        values = values / radius_m
-    return Channel(role, channel.unit, channel.time_ns - latency_ns(vehicle, role), values)
+def _on_time(role: str, channel: Channel, vehicle: VehicleConfig) -> Channel:
+    return Channel(role, channel.unit, channel.time_ns - latency_ns(vehicle, role), channel.values)
 
 
 def latency_ns(vehicle: VehicleConfig, role: str) -> int:

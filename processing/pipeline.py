@@ -44,7 +44,7 @@ def process(
     Parameters
     ----------
     channels : mapping role -> Channel
-        SI units, each with its own stamps. ``wheel_speed`` may be in rad/s, or in m/s as the speed of the rim.
+        SI units and radians (positions in degrees), each with its own stamps.
     vehicle : VehicleConfig
         Needs ``[wheel]``.
     run : RunInfo, optional
@@ -80,7 +80,7 @@ def process_stream(
     """
     options = options or ProcessOptions()
     wheel = _wheel(vehicle)
-    samples = _collect(chunks, vehicle, wheel.radius_m, options)
+    samples = _collect(chunks, vehicle, options)
     clock, notes = _settle_gnss(samples, vehicle)
     notes += _drop_dead(samples, options)
     cutoff_hz, note = choose_cutoff({role: samples[role] for role in MODEL_ROLES if role in samples}, options)
@@ -101,10 +101,10 @@ def _wheel(vehicle: VehicleConfig) -> WheelSection:
 
 
 def _collect(
-    chunks: Iterable[Mapping[str, Channel]], vehicle: VehicleConfig, radius_m: float, options: ProcessOptions
+    chunks: Iterable[Mapping[str, Channel]], vehicle: VehicleConfig, options: ProcessOptions
 ) -> dict[str, Samples]:
     seen: set[str] = set()
-    stream: Iterable[Mapping[str, Channel]] = ready(chunks, vehicle, radius_m, seen)
+    stream: Iterable[Mapping[str, Channel]] = ready(chunks, vehicle, seen)
     rotating = vehicle.transducer.frame == "wheel"
     if rotating:
         stream = to_vehicle_axes(stream, vehicle.transducer)

@@ -196,15 +196,6 @@ def test_a_dead_optional_channel_does_not_take_the_run_with_it() -> None:
     assert any(note.startswith("driving_torque: never") for note in run.quality.notes)
 
 
-def test_rim_speed_in_metres_per_second_is_taken_as_such() -> None:
-    channels = speeds(10.0, 0.2)
-    wheel = channels["wheel_speed"]
-    rim = Channel("wheel_speed", "m/s", wheel.time_ns, wheel.values * RADIUS_M)
-    np.testing.assert_allclose(
-        process(channels | {"wheel_speed": rim}, vehicle()).slip, process(channels, vehicle()).slip, atol=1e-12
-    )
-
-
 def test_the_slowest_channel_sets_the_bandwidth_of_all_and_the_run_says_so() -> None:
     run = process(speeds(60.0, ground_rate_hz=2.0), vehicle())
     assert run.cutoff_hz == pytest.approx(0.4)
