@@ -1,0 +1,336 @@
+"""What the commands do with good input: import, info, process, export, recover, fit, demo."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_support import invoke, ok
+from support import data_dir
+
+from daq.config import VehicleConfig, load_toml
+from daq.frames import concatenate
+from daq.open import open_runs
+from daq.recording import Recording
+from processing.pipeline import process
+
+MESSAGES = ("WFT_Forces", "WFT_Moments", "WFT_Wheel", "WheelSpeeds", "GNSS_1", "GNSS_2", "GNSS_3")
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a campaign folder of candump logs."""
+    folder = tmp_path_factory.mktemp("logs") / "clay"
+    ok("simulate", "-o", folder, "--runs", 1, "--duration", 15, "--format", "candump")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def imported(logs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    target = tmp_path_factory.mktemp("imported") / "run.mcap"
+    options = ("--vehicle", logs / "vehicle.toml", "--terrain", logs / "terrain.toml")
+    about = ("--run-id", "seven", "--direction", "back", "--pass-number", 3, "--added-load", 250, "--inflation", 340)
+    ok("import", logs / "run-1.log", "-o", target, *options, *about)
+    return target
+
+
+def frames_of(path: Path, bus: str | None = None) -> np.ndarray:
+    (run,) = open_runs([path])
+    batch = concatenate(list(run.frame_batches()))
+    if bus is None:
+        return batch.frames
+    frames = batch.on_bus(bus).frames.copy()
+    frames["bus"] = 0
+    return frames
+
+
+def test_import_keeps_every_frame_and_needs_no_other_file(logs, imported):
+    np.testing.assert_array_equal(frames_of(imported), frames_of(logs / "run-1.log"))
+    (run,) = open_runs([imported])
+    assert (run.id, run.info.direction, run.info.pass_number, run.info.added_load_kg) == ("seven", "back", 3, 250)
+    assert run.vehicle == load_toml(logs / "vehicle.toml", VehicleConfig)
+    assert run.terrain is not None
+
+
+def test_the_view_is_what_the_raw_frames_say(imported):
+    """Decoded topics, read by somebody else's reader, hold decoded raw frames at no more than 100 Hz."""
+    from mcap.reader import make_reader
+    from mcap_ros2.decoder import DecoderFactory
+
+    (run,) = open_runs([imported])
+    truth = run.channels(("vertical_load", "latitude", "longitude"))
+    load, position = [], []
+    with imported.open("rb") as file:
+        for _, channel, message, decoded in make_reader(
+            file, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages():
+            if channel.topic == "/can/can0/wft_forces":
+                load.append((message.log_time, decoded.fz))
+            elif channel.topic == "/can/can0/position":
+                position.append((message.log_time, decoded.latitude, decoded.longitude, decoded.status.status))
+    times, values = np.array([t for t, _ in load]), np.array([v for _, v in load])
+    channel = truth["vertical_load"]
+    rows = np.searchsorted(channel.time_ns, times)
+    np.testing.assert_array_equal(channel.values[rows], values)
+    assert 90 < len(times) / (np.ptp(times) * 1e-9) < 101
+    assert len(position) > 250
+    assert {status for *_, status in position} == {0}
+    latitude = np.interp([p[0] for p in position], truth["latitude"].time_ns, truth["latitude"].values)
+    np.testing.assert_allclose([p[1] for p in position], latitude, atol=1e-9)
+    longitude = np.array([p[2] for p in position])
+    np.testing.assert_allclose(longitude, np.median(truth["longitude"].values), atol=1e-3)
+
+
+def test_raw_frames_alone_are_smaller(logs, imported, tmp_path):
+    bare = tmp_path / "bare.mcap"
+    ok("import", logs / "run-1.log", "-o", bare, "--vehicle", logs / "vehicle.toml", "--view-rate", 0)
+    assert [topic.name for topic in Recording.open(bare).topics] == ["/can/can0/raw"]
+    assert bare.stat().st_size < imported.stat().st_size
+    np.testing.assert_array_equal(frames_of(bare), frames_of(imported))
+
+
+def test_import_without_a_vehicle_takes_dbcs_by_bus(logs, tmp_path):
+    target = tmp_path / "run.mcap"
+    given = ("--bus", "can0=wheel", "--dbc", f"wheel={logs / 'wft.dbc'}")
+    result = ok("import", logs / "run-1.log", "-o", target, *given, "--json")
+    assert result.json["frames"] == {"wheel": len(frames_of(logs / "run-1.log"))}
+    assert result.json["unknown_frames"] > 0
+    (facts,) = ok("info", target, "--json").json
+    assert facts["databases"] == {"wheel": ["wft.dbc"]}
+    assert facts["known_frames"] == result.json["known_frames"]
+    assert str(logs) not in Recording.open(target).attachments["vehicle.toml"].decode()
+
+
+def test_parts_of_one_run_become_one_recording(logs, imported, tmp_path):
+    lines = (logs / "run-1.log").read_text().splitlines(keepends=True)
+    parts = [tmp_path / "part-1.log", tmp_path / "part-2.log"]
+    parts[0].write_text("".join(lines[:9000]))
+    parts[1].write_text("".join(lines[9000:]))
+    ok("import", *parts, "-o", tmp_path / "joined.mcap", "--view-rate", 0)
+    np.testing.assert_array_equal(frames_of(tmp_path / "joined.mcap"), frames_of(imported))
+
+
+def test_an_import_that_fails_leaves_nothing_behind(logs, tmp_path):
+    target = tmp_path / "run.mcap"
+    broken = tmp_path / "broken.log"
+    broken.write_bytes(b"\x00\x01nothing here\n")
+    assert invoke("import", logs / "run-1.log", broken, "-o", target).code == 3
+    assert not target.exists()
+
+
+def test_a_lenient_import_is_opened_again_without_asking(tmp_path):
+    folder = data_dir("comma2k19-example1")
+    (tmp_path / "vehicle.toml").write_text(
+        '[[bus]]\nchannel = "can0"\ndbc = ["toyota.dbc"]\n[wheel]\nradius_m = 0.33\nwidth_m = 0.2\n'
+        '[signals]\nwheel_speed = "WHEEL_SPEEDS.WHEEL_SPEED_RL"\n'
+    )
+    (tmp_path / "toyota.dbc").write_bytes((folder / "toyota_rav4_2019.dbc").read_bytes())
+    args = ("import", folder / "candump.log.gz", "--vehicle", tmp_path / "vehicle.toml", "-o", tmp_path / "rav4.mcap")
+    refused = invoke(*args)
+    assert refused.code == 2
+    assert "line 753" in refused.err and "--lenient-dbc" in refused.err
+    allowed = ok(*args, "--lenient-dbc")
+    assert "left out line 753" in allowed.err
+    (run,) = open_runs([tmp_path / "rav4.mcap"])
+    key = np.load(folder / "processed_log" / "CAN" / "wheel_speed" / "value.npy")[:, 2]
+    channel = run.channels(("wheel_speed",))["wheel_speed"]
+    np.testing.assert_allclose(channel.values * 0.33, key, rtol=0, atol=1e-12)
+    assert len(channel) == 4974
+    (facts,) = ok("info", tmp_path / "rav4.mcap", "--json").json
+    assert facts["frames"] == {"can0": 53800, "can1": 45000}
+    assert any("line 753" in remark for remark in facts["remarks"])
+
+
+@pytest.mark.parametrize("drive", ["165_2", "165_4"])
+def test_a_real_drive_goes_through_import_info_process_and_report(drive, tmp_path):
+    source = data_dir("css-canedge")
+    (tmp_path / "obd2.dbc").write_text(OBD2)
+    (tmp_path / "gps.dbc").write_bytes((source / "canmod-gps.dbc").read_bytes())
+    (tmp_path / "vehicle.toml").write_text(CANEDGE)
+    target = tmp_path / "drive.mcap"
+    log = source / f"car_3BA199E2_{drive}.candump.log.gz"
+    ok("import", log, "--vehicle", tmp_path / "vehicle.toml", "-o", target)
+    for bus in ("can1", "can2"):  # frames of two buses with one stamp may change places
+        np.testing.assert_array_equal(frames_of(target, bus), frames_of(log, bus))
+    (done,) = ok("process", target, "-o", tmp_path / "drive.parquet", "--json").json
+    assert 0.3 < done["used"] / done["samples"] < 1
+    shares = done["quality"]["shares"]
+    assert shares.get("GAP", 0) > 0, "GNSS has missing seconds"
+    page = tmp_path / "drive.html"
+    result = ok("report", target, "-o", page, "--soil", "sandy", "--json")
+    assert {"coefficients", "torque"} <= set(result.json["left_out"])
+    assert page.stat().st_size > 4_000_000
+
+
+def test_process_writes_what_the_pipeline_gives(campaign, tmp_path):
+    import pandas as pd
+
+    table = pd.read_parquet(ok_output("process", campaign, "-o", tmp_path / "runs.parquet"))
+    assert list(table["run"].unique()) == ["run-1", "run-2"]
+    (run,) = open_runs([campaign / "run-1.mcap"])
+    truth = process(run.channels(), run.vehicle, run.info)
+    part = table[table["run"] == "run-1"]
+    for name in ("slip", "vertical_load_n", "drawbar_pull_n", "time_s"):
+        np.testing.assert_allclose(part[name], getattr(truth, name), rtol=1e-12, equal_nan=True)
+    assert (part["reason"] == "used").sum() == truth.used.sum()
+    text = pd.read_csv(ok_output("process", campaign / "run-1.mcap", "-o", tmp_path / "run.csv"))
+    np.testing.assert_allclose(text["slip [1]"], truth.slip, rtol=1e-12)
+
+
+def ok_output(*args: object) -> object:
+    ok(*args)
+    return args[-1]
+
+
+def test_export_writes_each_message_with_units(campaign, tmp_path):
+    import pyarrow.parquet as parquet
+    from scipy.io import loadmat
+
+    first = campaign / "run-1.mcap"
+    files = ok("export", first, "-o", tmp_path / "t", "--json").json["files"]
+    assert {Path(name).name for name in files} == {f"run-1.can0.{message}.parquet" for message in MESSAGES}
+    table = parquet.read_table(tmp_path / "t" / "run-1.can0.WFT_Forces.parquet")
+    assert table.schema.field("Fz").metadata[b"unit"] == b"N"
+    (run,) = open_runs([first])
+    channel = run.channels(("vertical_load",))["vertical_load"]
+    np.testing.assert_array_equal(table["Fz"].to_numpy(), channel.values)
+    np.testing.assert_array_equal(table["time_ns"].to_numpy(), channel.time_ns)
+    ok("export", first, "-o", tmp_path / "m", "--format", "mat", "--signal", "GNSS_2.Speed")
+    (mat,) = (tmp_path / "m").iterdir()
+    assert loadmat(mat)["Speed"].size == 400
+    again = invoke("export", first, "-o", tmp_path / "m", "--format", "mat", "--signal", "GNSS_2.Speed")
+    assert again.code == 2 and "--force" in again.err
+    wrong = invoke("export", first, "-o", tmp_path / "m", "--signal", "GNSS_2.Sped")
+    assert wrong.code == 2 and "nearest: GNSS_2.Speed" in wrong.err
+
+
+def test_export_decode_keeps_every_sample_as_a_topic(campaign, tmp_path):
+    ok("export", campaign / "run-1.mcap", "-o", tmp_path / "out", "--decode")
+    target = tmp_path / "out" / "run-1.mcap"
+    counts = {topic.name: topic.message_count for topic in Recording.open(target).topics}
+    assert counts["/can/can0/wft_forces"] == 20_000
+    np.testing.assert_array_equal(frames_of(target), frames_of(campaign / "run-1.mcap"))
+    onto_itself = invoke("export", target, "-o", tmp_path / "out", "--decode", "--force")
+    assert onto_itself.code == 2 and "the run itself" in onto_itself.err
+
+
+def test_recover_makes_a_whole_file(campaign, tmp_path):
+    from daq.recording import RecordingWriter
+
+    whole = Recording.open(campaign / "run-1.mcap")
+    cut = tmp_path / "cut.mcap"
+    with RecordingWriter(cut, run=whole.run, attachments=whole.attachments, chunk_bytes=50_000) as writer:
+        writer.write_frames(whole.frames())
+    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
+    result = ok("recover", cut, "--json")
+    saved = Recording.open(result.json["recording"])
+    assert not saved.loss and result.json["loss"]
+    kept = saved.frames().frames
+    np.testing.assert_array_equal(kept, whole.frames().frames[: len(kept)])
+    assert 0.3 < len(kept) / len(whole.frames()) < 0.7
+    (facts,) = ok("info", cut, "--json").json
+    assert facts["loss"] and sum(facts["frames"].values()) == len(kept)
+
+
+def test_demo_finds_what_it_hid(tmp_path):
+    result = ok("demo", "-o", tmp_path / "demo", "--runs", 2, "--duration", 25, "--seed", 4, "--json").json
+    assert Path(result["report"]).is_file() and Path(result["numbers"]).is_file()
+    assert result["hidden"]["truth"] == pytest.approx(0.15)
+    assert result["hidden"]["value"] == pytest.approx(0.15, abs=0.2)
+    ok("demo", "-o", tmp_path / "demo", "--runs", 1, "--duration", 20)
+    own = tmp_path / "own" / "clay"
+    own.mkdir(parents=True)
+    (own / "run-1.mcap").write_text("mine")
+    assert invoke("demo", "-o", tmp_path / "own").code == 2
+    assert (own / "run-1.mcap").read_text() == "mine"
+
+
+def test_fit_on_a_measured_single_wheel(tmp_path):
+    """The smooth wheel of the CMU test bed, straight ahead and driving; soil from its plates."""
+    table = data_dir("cmu-terramech-testbed", "wheel_trials.csv")
+    (tmp_path / "vehicle.toml").write_text("[wheel]\nradius_m = 0.058\nwidth_m = 0.050\n")
+    (tmp_path / "terrain.toml").write_text(CMU_SAND)
+    args = ("fit", "--table", table, "--vehicle", tmp_path / "vehicle.toml", "--terrain", tmp_path / "terrain.toml")
+    names = "vertical_load_n=load_N,drawbar_pull_n=drawbar_pull_N,sinkage_m=sinkage_mm*0.001"
+    chosen = ("--rename", names, "--where", "wheel=smooth,beta_deg=0", "--slip-threshold", 0)
+    fit = ok(*args, *chosen, "--json").json
+    errors = {name: model["criteria"]["dp"]["R0_N"] for name, model in fit["models"].items()}
+    assert max(errors, key=errors.__getitem__) == "wong"
+    sinkage = fit["sinkage"]
+    assert len(sinkage["measured_m"]) == len(sinkage["predicted_m"]["lyasko"]) >= 12
+    assert np.ptp(sinkage["predicted_m"]["wong"]) < 0.003, "Wong's sinkage does not grow with slip"
+    assert np.ptp(sinkage["measured_m"]) > 0.008, "the measured one does"
+    text = ok(*args, *chosen)
+    assert "sinkage mm at slip" in text.out
+
+
+def test_an_import_streams(logs, tmp_path):
+    """Twenty times the frames take hardly more memory."""
+    text = (logs / "run-1.log").read_text()
+    (tmp_path / "long.log").write_text(text * 20)
+    peaks = [
+        _peak_mb("import", path, "-o", tmp_path / f"{path.stem}.mcap")
+        for path in (logs / "run-1.log", tmp_path / "long.log")
+    ]
+    assert peaks[1] < peaks[0] + 60, peaks
+    assert peaks[1] < 300, peaks
+
+
+def _peak_mb(*args: object) -> float:
+    code = (
+        "import re, sys\n"
+        "from wheelsoil.cli.app import run\n"
+        "code = run(sys.argv[1:])\n"
+        "status = open('/proc/self/status').read()\n"  # ru_maxrss would hold the parent's peak, too
+        "print(int(re.search(r'VmHWM:\\s+(\\d+) kB', status)[1]) / 1024, file=sys.stderr)\n"
+        "sys.exit(code)"
+    )
+    command = [sys.executable, "-c", code, *map(str, args)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return float(done.stderr.splitlines()[-1])
+
+
+CMU_SAND = """
+[soil]
+name = "CMU sand"
+cohesion_kpa = 0.5
+friction_angle_deg = 29
+shear_modulus_m = 0.010
+sinkage_exponent = 1.44
+cohesive_modulus_kn = 0
+frictional_modulus_kn = 9600
+"""
+OBD2 = """VERSION ""
+BS_:
+BU_: Car
+BO_ 2024 OBD2: 8 Car
+ SG_ Length : 0|8@1+ (1,0) [0|255] "" Car
+ SG_ Service M : 8|8@1+ (1,0) [0|255] "" Car
+ SG_ Parameter m65M : 16|8@1+ (1,0) [0|255] "" Car
+ SG_ VehicleSpeed m13 : 24|8@1+ (1,0) [0|255] "km/h" Car
+ SG_ EngineSpeed m12 : 31|16@0+ (0.25,0) [0|16383] "rpm" Car
+SG_MUL_VAL_ 2024 Parameter Service 65-65;
+SG_MUL_VAL_ 2024 VehicleSpeed Parameter 13-13;
+SG_MUL_VAL_ 2024 EngineSpeed Parameter 12-12;
+"""
+CANEDGE = """
+[wheel]
+radius_m = 0.33
+width_m = 0.2
+[[bus]]
+channel = "can1"
+dbc = ["obd2.dbc"]
+[[bus]]
+channel = "can2"
+dbc = ["gps.dbc"]
+[signals]
+wheel_speed = "OBD2.VehicleSpeed"
+ground_speed = "gnss_speed.Speed"
+ground_speed_valid = "gnss_speed.SpeedValid"
+latitude = "gnss_pos.Latitude"
+longitude = "gnss_pos.Longitude"
+gnss_time = "gnss_time.Epoch"
+"""
