@@ -75,6 +75,7 @@ def log(
     run: RunInfo | None = None,
     attachments: Mapping[str, bytes] | None = None,
     databases: Mapping[str, tuple[Database, ...]] | None = None,
+    metadata: Mapping[str, str] | None = None,
     stop: threading.Event | None = None,
     progress: Progress | None = None,
 ) -> LogSummary:
@@ -94,6 +95,8 @@ def log(
         What the recording shall carry, see `daq.run.Configuration`.
     databases : mapping bus -> databases, optional
         Where they are given, decoded topics are written beside the raw frames.
+    metadata : mapping str -> str, optional
+        Goes into the ``run_start`` record.
     stop : threading.Event, optional
         Ends it when it is set, for callers outside of the main thread.
     progress : callable, optional
@@ -114,10 +117,10 @@ def log(
     with ExitStack() as stack:
         sources = _open_all(list(sections.values()), stack)
         path = _path(vehicle, Path(out))
-        metadata = {f"interface.{name}": section.interface or "socketcan" for name, section in sections.items()}
-        metadata |= {f"remark.{i}": text for i, text in enumerate(_remarks(sources))}
+        told = {f"interface.{name}": section.interface or "socketcan" for name, section in sections.items()}
+        told |= {f"remark.{i}": text for i, text in enumerate(_remarks(sources))}
         run = run or RunInfo(file=path.name, id=path.stem)
-        writer = RecordingWriter(path, run=run, attachments=attachments, metadata=metadata)
+        writer = RecordingWriter(path, run=run, attachments=attachments, metadata={**told, **(metadata or {})})
         view = DecodedView(writer, vehicle, databases) if databases else None
         return _Session(path, sources, writer, view, stop or threading.Event(), progress).record(duration_s)
 

@@ -235,6 +235,18 @@ def test_recover_makes_a_whole_file(campaign, tmp_path):
     assert facts["loss"] and sum(facts["frames"].values()) == len(kept)
 
 
+def test_a_logger_with_a_lenient_dbc_makes_a_recording_that_opens(tmp_path):
+    (tmp_path / "bad.dbc").write_text(OBD2 + 'VAL_ 2024 Nothing 0 "no" 1 "yes" ;\n')
+    vehicle = tmp_path / "vehicle.toml"
+    vehicle.write_text('[[bus]]\nchannel = "lenient"\ninterface = "virtual"\ndbc = ["bad.dbc"]\n')
+    target = tmp_path / "runs" / "seven.mcap"
+    assert invoke("log", vehicle, "-o", target, "--duration", 0.1).code == 2
+    ok("log", vehicle, "-o", target.parent, "--duration", 0.1, "--run-id", "seven", "--lenient-dbc")
+    (facts,) = ok("info", target, "--json").json
+    assert (facts["run_id"], facts["databases"]) == ("seven", {"lenient": ["bad.dbc"]})
+    assert facts["exit_status"] == "ok"
+
+
 def test_demo_finds_what_it_hid(tmp_path):
     result = ok("demo", "-o", tmp_path / "demo", "--runs", 2, "--duration", 25, "--seed", 4, "--json").json
     assert Path(result["report"]).is_file() and Path(result["numbers"]).is_file()

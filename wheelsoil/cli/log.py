@@ -58,6 +58,7 @@ def command(
     Ctrl-C ends with exit code 130, and nothing is lost by it. A bus that fails on the way ends with 4.
     """
     from daq.logger import log
+    from daq.run import LENIENT_KEY
     from wheelsoil.cli.vehicles import configuration
 
     known = configuration(vehicle, terrain, lenient_dbc=lenient_dbc)
@@ -75,6 +76,7 @@ def command(
             run=info,
             attachments=known.attachments,
             databases=known.databases if view else None,
+            metadata={LENIENT_KEY: "yes"} if known.lenient else None,
             progress=progress,
         )
     _tell(summary, json)

@@ -20,6 +20,16 @@ _TORQUE_TOLERANCE = 0.10
 _MIN_USED = 0.5
 _MIN_SLIP_RANGE = 0.5
 _LOW_R2 = 0.5
+_STOPS = {
+    "converged_step": "the coefficients no longer move",
+    "converged_cost": "no step could lower the error any further",
+    "at_bounds": "a coefficient is held by its bound",
+    "singular": "a combination of coefficients has no influence at all",
+    "no_progress": "no step lowered the error, although one should have",
+    "max_iterations": "it was not at an end yet",
+    "not_finite": "the model had no answer where it started",
+}
+"""What the reasons of `model.gauss_newton.StopReason` mean to the reader."""
 
 
 def build(material: Material) -> Section:
@@ -91,7 +101,7 @@ def _ended(ranking: Ranking) -> Text:
     reason, count = ranking.best.stop_reason, ranking.best.iterations
     if reason == "nothing_to_fit":
         return Text("Nothing was fitted in this model: the soil is the laboratory's.", "good")
-    said = reason.replace("_", " ")
+    said = _STOPS.get(reason, reason.replace("_", " "))
     kind = "good" if reason.startswith("converged") else "warning"
     return Text(f"Gauss–Newton stopped after {count} iterations: {said}.", kind)
 
