@@ -35,7 +35,8 @@ class Channel:
     def __post_init__(self) -> None:
         if self.time_ns.shape != self.values.shape or self.values.ndim != 1:
             raise ValueError(
-                f"channel {self.name!r}: time {self.time_ns.shape} and values {self.values.shape} must be equal 1-D shapes"
+                f"channel {self.name!r}: time {self.time_ns.shape} and values {self.values.shape} "
+                "must be equal 1-D shapes"
             )
 
     def __len__(self) -> int:

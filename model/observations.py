@@ -69,27 +69,28 @@ def observations_of(runs: Sequence[ProcessedRun], *, thinned: bool = True) -> Ob
         Keep only every k-th sample, so that the rate is still 2.5 times the filter's cutoff: what is left out
         holds no information that its neighbours do not have.
     """
-    parts = [_columns(run, index, _step(run) if thinned else 1) for index, run in enumerate(runs)]
-    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]} if parts else {}
-    names = tuple(run.run.id or f"run {i + 1}" for i, run in enumerate(runs))
-    return Observations(**joined, names=names)
+    chosen = [_rows(run, _step(run) if thinned else 1) for run in runs]
+
+    def joined(name: str) -> FloatArray:
+        return np.concatenate([getattr(run, name)[rows] for run, rows in zip(runs, chosen, strict=True)])
+
+    return Observations(
+        slip=joined("slip"),
+        vertical_load_n=joined("vertical_load_n"),
+        drawbar_pull_n=joined("drawbar_pull_n"),
+        driving_torque_nm=joined("driving_torque_nm"),
+        sinkage_m=joined("sinkage_m"),
+        slip_sigma=np.nan_to_num(joined("slip_sigma")),
+        vertical_load_sigma_n=np.nan_to_num(joined("vertical_load_sigma_n")),
+        time_s=joined("time_s"),
+        run=np.repeat(np.arange(len(runs)), [len(rows) for rows in chosen]),
+        names=tuple(run.run.id or f"run {i + 1}" for i, run in enumerate(runs)),
+    )
 
 
 def _step(run: ProcessedRun) -> int:
     return max(1, int(run.rate_hz / (2.5 * run.cutoff_hz))) if np.isfinite(run.cutoff_hz) else 1
 
 
-def _columns(run: ProcessedRun, index: int, step: int) -> dict[str, NDArray[np.float64]]:
-    rows = np.flatnonzero(run.used & (np.arange(len(run)) % step == 0))
-    plain = (
-        "slip",
-        "vertical_load_n",
-        "drawbar_pull_n",
-        "driving_torque_nm",
-        "sinkage_m",
-        "time_s",
-    )
-    columns = {name: getattr(run, name)[rows] for name in plain}
-    columns |= {name: np.nan_to_num(getattr(run, name)[rows]) for name in ("slip_sigma", "vertical_load_sigma_n")}
-    columns["run"] = np.full(len(rows), index, np.intp)
-    return columns
+def _rows(run: ProcessedRun, step: int) -> NDArray[np.intp]:
+    return np.flatnonzero(run.used & (np.arange(len(run)) % step == 0))
