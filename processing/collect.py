@@ -15,9 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channel import Channel
+from processing.robust import robust_spread
 from processing.timebase import LATE_NS, FloatArray, IntArray, in_order, merge_equal_stamps
 
 _FLUSH = 1 << 14
+_LOOK = 1 << 12
+"""So many samples of a piece are looked at for resolution and roughness."""
 _LONG_AGO_NS = -(2**62)
 _ROGUE_NS = 60_000_000_000
 """A last stamp this far from the one before may be rogue: what follows is not held against it."""
@@ -45,6 +48,8 @@ class Samples:
         Grid of the thinning; 0 where nothing was thinned.
     step : float
         Resolution of the raw values; 0 where they look continuous.
+    rough : float
+        One-sigma of what differs from one raw sample to the next; 0 with less than three.
     count, late : int
         Raw finite samples; samples left out because their stamps ran backward.
     """
@@ -57,6 +62,7 @@ class Samples:
     spread_s2: float = 0.0
     node_s: float = 0.0
     step: float = 0.0
+    rough: float = 0.0
     count: int = 0
     late: int = 0
 
@@ -134,6 +140,7 @@ class Collector:
         self._spread_sum, self._entries = 0.0, 0
         self._open: Nodes | None = None
         self._steps: list[float] = []
+        self._roughness: list[float] = []
         self._peak_ns = _LONG_AGO_NS
         self._thinned = False
         self._count = 0
@@ -171,6 +178,7 @@ class Collector:
             spread_s2=self._spread_sum / max(self._entries, 1),
             node_s=self._node_ns * 1e-9 if self._thinned else 0.0,
             step=min((step for step in self._steps if step > 0), default=0.0),
+            rough=float(np.median(self._roughness)) if self._roughness else 0.0,
             count=self._count,
             late=self._late,
         )
@@ -181,7 +189,9 @@ class Collector:
         time_ns, values = self._ordered(*_joined(self._waiting))
         self._waiting = []
         self._count += len(values)
-        self._steps.append(resolution(values[:4096]))
+        self._steps.append(resolution(values[:_LOOK]))
+        if len(values) > 2:
+            self._roughness.append(robust_spread(np.diff(values[:_LOOK], 2)) / np.sqrt(6.0))
         time_ns, values = merge_equal_stamps(time_ns, values)
         interval = float(np.median(np.diff(time_ns))) if len(time_ns) > 1 else np.inf
         if np.isfinite(interval):

@@ -131,6 +131,5 @@ def _line_under_kernel(
         m0 += h * x
         m1 += hu * x
     determinant = s0 * s2 - s1 * s1
-    thin = determinant <= 1e-6 * s0 * s0
-    determinant[thin] = np.nan
+    determinant[determinant <= 1e-6 * s0 * s0] = np.nan  # all weight on one instant: no line to draw
     return np.stack([s2 * m0 - s1 * m1, (s0 * m1 - s1 * m0) / sigma_s]) / determinant

@@ -1,16 +1,15 @@
 r"""One-sigma of one filtered sample, from the declared sigma, the data, or both.
 
-What the filter takes out of a channel shows the density S of its white noise; of that the filter lets through S B, with
-B its `white_noise_bandwidth`. A declared sigma d (of one raw sample, all of its noise) may be larger than the white
-noise seen: the rest is slow (a GNSS receiver's own filter, wheel-order ripple, quantisation of a quiet signal) and no
-filter lessens it. With the sampling interval D:
+Of white noise of density S the filter lets through S B, with B its `white_noise_bandwidth`; slow noise (a receiver's
+own filter, wheel-order ripple, quantisation of a quiet signal) passes whole. A declared sigma d is of one raw sample
+and holds both. The data show the white part w: by what the filter takes out, for kilohertz channels by what differs
+from one raw sample to the next; the rest is slow. With the sampling interval D:
 
-.. math:: \sigma_f^2 = \min(d^2 D, S) B + \max(d^2 - 1.2 S / D, 0)
+.. math:: \sigma_f^2 = \min(d, w)^2 D B + \max(d^2 - 1.2 w^2, 0)
 
-(S is known to some ten percent only: without the 1.2 white noise would seem to have a slow part.)
-
-Where no sigma is declared, d is the larger of the white noise and q/sqrt(12) of the resolution q. Slow noise cannot be
-told from signal then, but at standstill there is no signal: what a force still does there is a lower bound.
+(w is known to some ten percent only: without the 1.2 white noise would seem to have a slow part.) Where no sigma is
+declared, d is the larger of w and q/sqrt(12) of the resolution q. Slow noise cannot be told from signal then, but at
+standstill there is no signal: what a force still does there is a lower bound.
 """
 
 from __future__ import annotations
@@ -57,14 +56,18 @@ def filtered_sigma(
     interval_s = samples.interval_s
     if not isfinite(interval_s):
         return (nan if declared is None else declared), source
-    density = _white_density(samples, residuals, kernel_sigma_s)
-    seen = density / interval_s if isfinite(density) else 0.0
-    total = max(seen, samples.step**2 / 12) if declared is None else declared**2
-    if declared is None and not total and not isfinite(density):
-        return nan, source
-    density = min(density, total * interval_s) if isfinite(density) else total * interval_s
-    passed = density * min(white_noise_bandwidth(kernel_sigma_s), 1 / interval_s)
-    return sqrt(passed + max(total - _MARGIN * density / interval_s, 0.0)), source
+    white = _white_variance(samples, residuals, kernel_sigma_s)
+    if declared is None:
+        if not isfinite(white) and not samples.step:
+            return nan, source
+        white = white if isfinite(white) else 0.0
+        total = max(white, samples.step**2 / 12)
+    else:
+        total = declared**2
+        white = samples.rough**2 if samples.node_s else white
+        white = min(white, total) if isfinite(white) else total
+    passed = white * min(interval_s * white_noise_bandwidth(kernel_sigma_s), 1.0)
+    return sqrt(passed + max(total - _MARGIN * white, 0.0)), source
 
 
 def standstill_sigma(values: FloatArray, segments: NDArray[np.uint8], rate_hz: float, cutoff_hz: float) -> float:
@@ -88,12 +91,16 @@ def standstill_sigma(values: FloatArray, segments: NDArray[np.uint8], rate_hz: f
     return robust_spread(apart)
 
 
-def _white_density(samples: Samples, residuals: FloatArray, kernel_sigma_s: float) -> float:
-    """Return S from the spread of the residuals, which is S times the integral of |N(f) - H(f)|^2."""
+def _white_variance(samples: Samples, residuals: FloatArray, kernel_sigma_s: float) -> float:
+    """Return the variance w^2 of a raw sample whose white noise would leave these residuals.
+
+    Their variance is w^2 D times the integral of |N(f) - H(f)|^2, with N of the thinning and H of the filter.
+    """
     residuals = residuals[np.isfinite(residuals)]
     if len(residuals) < _LEAST_SAMPLES:
         return nan
     spread = robust_spread(residuals - np.median(residuals))
     raw = 2 / (3 * samples.node_s) if samples.node_s else 1 / samples.interval_s
     peak = 1 / (sqrt(2 * pi) * kernel_sigma_s)
-    return spread**2 / max(raw - 2 * peak + white_noise_bandwidth(kernel_sigma_s), 0.1 * raw)
+    density = spread**2 / max(raw - 2 * peak + white_noise_bandwidth(kernel_sigma_s), 0.1 * raw)
+    return density / samples.interval_s

@@ -55,7 +55,7 @@ def process(
     ConfigError
         A role that the purpose needs is missing, or ``[wheel]`` is.
     DataError
-        Nothing was received of a speed, the channels share no time, or the run is too short or absurdly long.
+        Nothing was received of a needed role, the channels share no time, or the run is too short or absurdly long.
     """
     return process_stream([channels], vehicle, run, options)
 
@@ -110,7 +110,8 @@ def _collect(
         stream = to_vehicle_axes(stream, vehicle.transducer)
     samples = collect(stream, round(1e9 / options.rate_hz))
     require_roles(seen, options.purpose, rotating=rotating)
-    empty = [role for role in SLIP_ROLES if role not in samples or not len(samples[role].received_ns())]
+    needed = NEEDED_ROLES[options.purpose]
+    empty = [role for role in needed if role not in samples or not len(samples[role].received_ns())]
     if empty:
         raise DataError(*(_nothing_received(role, vehicle) for role in empty))
     return samples
@@ -143,11 +144,8 @@ def _settle_gnss(samples: dict[str, Samples], vehicle: VehicleConfig) -> tuple[C
 
 def _drop_dead(samples: dict[str, Samples], options: ProcessOptions) -> list[str]:
     """Drop channels without a single usable value, unless the purpose needs them."""
-    dead = [
-        role
-        for role, held in samples.items()
-        if not len(held.time_ns) and (role not in NEEDED_ROLES[options.purpose] or not len(held.received_ns()))
-    ]
+    needed = NEEDED_ROLES[options.purpose]
+    dead = [role for role, held in samples.items() if not len(held.time_ns) and role not in needed]
     for role in dead:
         del samples[role]
     return [f"{role}: never a usable value; treated as not measured" for role in dead]

@@ -53,7 +53,7 @@ def combine_reasons(
 def shares_of(reason: NDArray[np.uint8]) -> dict[str, float]:
     """Return the share of samples per `Reason` name, those that occur and USED; they sum to 1."""
     counts = np.bincount(reason, minlength=len(Reason))
-    return {why.name: counts[why] / len(reason) for why in Reason if counts[why] or why is Reason.USED}
+    return {why.name: float(counts[why] / len(reason)) for why in Reason if counts[why] or why is Reason.USED}
 
 
 def sensor_notes(sensors: dict[str, SensorFacts]) -> list[str]:
@@ -61,7 +61,7 @@ def sensor_notes(sensors: dict[str, SensorFacts]) -> list[str]:
     notes = []
     for role, facts in sensors.items():
         if facts.late:
-            notes.append(f"{role}: {facts.late} samples left out because their stamps run backward")
+            notes.append(f"{role}: samples left out because their stamps run backward: {facts.late}")
         if not facts.samples:
             notes.append(f"{role}: frames came, but never a usable value")
         elif not np.isfinite(facts.sigma):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isfinite, nan, sqrt
+from math import nan, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,9 +40,8 @@ def rolls_freely(
     pull = drawbar_pull_n if np.isfinite(drawbar_pull_n).any() else np.zeros_like(torque_nm)
     force = np.maximum(np.abs(torque_nm) / radius_m, np.abs(pull))
     known = moving & np.isfinite(force)
-    scale = float(np.median(load_n[known])) if known.any() else nan
-    if not (isfinite(scale) and scale > 0):
-        scale = float(force[known].max(initial=0.0))
+    load = load_n[known & (load_n > 0)]
+    scale = float(np.median(load) if len(load) else force[known].max(initial=0.0))
     return np.asarray(known & (force <= _FREE_SHARE * scale))
 
 

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from processing.collect import Collector, Samples
 from processing.filters import kernel_sigma_s, smooth
@@ -49,6 +50,18 @@ def test_what_is_declared_beyond_the_white_noise_is_slow_and_stays() -> None:
     _, sigma, _ = _filtered(np.sin(0.7 * at) + 0.02 * rng.standard_normal(len(at)), 20.0, 0.05)
     white = 0.02 * np.sqrt(0.05 / (2 * np.sqrt(np.pi) * KERNEL))
     assert sigma == pytest.approx(np.hypot(white, np.sqrt(0.05**2 - 0.02**2)), rel=0.06)
+
+
+@pytest.mark.parametrize("declared", [None, 60.0])
+def test_slow_noise_of_a_kilohertz_channel_is_not_averaged_away(declared: float | None) -> None:
+    rng = np.random.default_rng(10)
+    decay = np.exp(-0.001 / 0.1)
+    slow = lfilter([np.sqrt(1 - decay**2)], [1, -decay], rng.standard_normal(60_000))
+    values, sigma, _ = _filtered(60.0 * slow + 8.0 * rng.standard_normal(60_000), 1000.0, declared)
+    if declared:
+        assert np.std(values) < sigma < 1.5 * np.std(values)
+    else:  # in-band noise looks like signal; the rest still shows
+        assert 0.05 * np.std(values) < sigma < np.std(values)
 
 
 def test_a_quiet_quantised_signal_is_not_exact() -> None:

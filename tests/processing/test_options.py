@@ -59,6 +59,12 @@ def _empty(role: str) -> dict:  # type: ignore[type-arg]
         (lambda: speeds(5.0), VehicleConfig(), ConfigError, ["[wheel]"]),
         (lambda: speeds(5.0) | _empty("ground_speed"), vehicle(), DataError, ["no sample of ground_speed"]),
         (
+            lambda: speeds(5.0) | forces(5.0) | _empty("drawbar_pull"),
+            vehicle(),
+            DataError,
+            ["no sample of drawbar_pull"],
+        ),
+        (
             lambda: speeds(5.0) | {"ground_speed": channel("v", 100 + stamps(5.0, 20.0), np.ones(100))},
             vehicle(),
             DataError,
@@ -69,7 +75,8 @@ def _empty(role: str) -> dict:  # type: ignore[type-arg]
 )
 def test_what_cannot_be_processed_says_why(channels, config, kind, words) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(kind) as caught:
-        process(channels(), config)
+        purpose = "fit" if "vertical_load" in channels() else "process"
+        process(channels(), config, options=ProcessOptions(purpose=purpose))
     assert isinstance(caught.value, WheelsoilError)
     for word in words:
         assert word in str(caught.value)

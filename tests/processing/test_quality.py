@@ -1,0 +1,101 @@
+"""What a run tells a person of itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from synthetic_run import RADIUS_M, channel, driven_speed, forces, speeds, stamps, vehicle
+
+from daq.channel import Channel
+from processing.pipeline import process
+
+
+def _notes(channels: dict[str, Channel]) -> str:
+    return "\n".join(process(channels, vehicle()).quality.notes)
+
+
+def _accelerating(torque_sign: float) -> dict[str, Channel]:
+    at = stamps(60.0, 200.0)
+    acceleration = np.gradient(driven_speed(at), at)
+    return {
+        "driving_torque": channel("T", at, torque_sign * (200 + 900 * acceleration)),
+        "vertical_load": channel("W", at, np.full(len(at), 8000.0)),
+        "drawbar_pull": channel("D", at, 900 * acceleration),
+    }
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_torque_that_brakes_what_it_drives_is_noticed(sign: float) -> None:
+    notes = _notes(speeds(60.0, 0.1) | _accelerating(sign))
+    assert ("check the sign of the torque" in notes) == (sign < 0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_load_that_pulls_the_wheel_down_is_noticed(sign: float) -> None:
+    loads = forces(20.0)
+    load = loads["vertical_load"]
+    turned = {"vertical_load": Channel("W", "N", load.time_ns, sign * load.values)}
+    run = process(speeds(20.0) | loads | turned, vehicle())
+    assert any("check its sign" in note for note in run.quality.notes) == (sign < 0)
+    assert ("NEGATIVE_LOAD" in run.quality.shares) == (sign < 0)
+
+
+@pytest.mark.parametrize("zero_n", [0.0, 120.0])
+def test_standstill_shows_a_zero_and_subtracts_nothing(zero_n: float) -> None:
+    rng = np.random.default_rng(1)
+    at = stamps(40.0, 200.0)
+
+    def speed(time: np.ndarray) -> np.ndarray:
+        return np.clip(time - 8.0, 0.0, 3.0) * (time > 8)
+
+    pull = zero_n + 20 * rng.standard_normal(len(at)) + 500 * (speed(at) > 0)
+    run = process(speeds(40.0, 0.1, speed=speed) | {"drawbar_pull": channel("D", at, pull)}, vehicle())
+    (standing,) = run.quality.standstills
+    assert standing.levels["drawbar_pull"] == pytest.approx(zero_n, abs=5 * standing.sigmas["drawbar_pull"])
+    assert standing.duration_s == pytest.approx(8.2, abs=0.5)
+    assert any("drawbar_pull at standstill reads" in note for note in run.quality.notes) == (zero_n > 0)
+    np.testing.assert_allclose(np.median(run.drawbar_pull_n[run.used]), zero_n + 500, atol=5)
+
+
+def test_a_run_that_never_stands_says_that_zeros_were_not_checked() -> None:
+    assert "no standstill: zeros could not be checked" in _notes(speeds(10.0))
+
+
+def test_a_wrong_radius_and_a_late_receiver_are_noticed() -> None:
+    channels = speeds(60.0, delay_s=0.15)
+    wheel = channels["wheel_speed"]
+    notes = _notes(channels | {"wheel_speed": Channel("w", "", wheel.time_ns, wheel.values / 1.04)})
+    assert "check [wheel] radius_m" in notes
+    assert "late against wheel speed: declare [sensors.ground_speed] latency_s" in notes
+    assert "0.15" in notes
+
+
+def test_a_channel_that_is_often_away_is_named() -> None:
+    loads = forces(20.0)
+    torque = loads["driving_torque"]
+    keep = np.arange(len(torque)) % 4000 < 3000
+    loads["driving_torque"] = Channel("T", "", torque.time_ns[keep], torque.values[keep])
+    assert "driving_torque is missing for 25% of the run" in _notes(speeds(20.0) | loads)
+
+
+def test_stamps_that_run_backward_are_counted() -> None:
+    channels = speeds(20.0)
+    wheel = channels["wheel_speed"]
+    time_ns = wheel.time_ns.copy()
+    time_ns[500] -= 4_000_000_000
+    assert "wheel_speed: 1 samples left out" in _notes(
+        channels | {"wheel_speed": Channel("w", "", time_ns, wheel.values)}
+    )
+
+
+def test_free_rolling_on_hard_ground_gives_the_radius() -> None:
+    at = stamps(30.0, 200.0)
+    rolling = {
+        "driving_torque": channel("T", at, np.full(len(at), 10.0)),
+        "vertical_load": channel("W", at, np.full(len(at), 8000.0)),
+        "drawbar_pull": channel("D", at, np.full(len(at), -100.0)),
+    }
+    channels = speeds(30.0)
+    wheel = channels["wheel_speed"]
+    channels["wheel_speed"] = Channel("w", "", wheel.time_ns, wheel.values * RADIUS_M / 0.46)
+    assert process(channels | rolling, vehicle()).quality.speed_scale * RADIUS_M == pytest.approx(0.46, abs=2e-3)
