@@ -62,7 +62,7 @@ def _empty(role: str) -> dict:  # type: ignore[type-arg]
             lambda: speeds(5.0) | forces(5.0) | _empty("drawbar_pull"),
             vehicle(),
             DataError,
-            ["no sample of drawbar_pull"],
+            ["no sample of drawbar"],
         ),
         (
             lambda: speeds(5.0) | {"ground_speed": channel("v", 100 + stamps(5.0, 20.0), np.ones(100))},
