@@ -39,6 +39,12 @@ def count(value: int) -> str:
     return f"{value:,}".replace(",", "\u202f")
 
 
+def signed(value: float, form: str) -> str:
+    """Return a number in a format of Python with a proper minus, and no minus before zero."""
+    text = f"{value:{form}}"
+    return text.replace("-", "−") if any(digit in "123456789" for digit in text) else text.lstrip("-")
+
+
 def interval(low: float, high: float, digits: int = 3) -> str:
     """Return "low … high", "–" where there is none."""
     return f"{number(low, digits)} … {number(high, digits)}" if math.isfinite(low) and math.isfinite(high) else "–"

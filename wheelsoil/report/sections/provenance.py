@@ -16,7 +16,9 @@ def build(material: Material) -> Section:
         Text(f"Made by: {material.command}"),
         Table("Files", _FILE_HEAD, [_file_row(source) for source in material.sources], left=2),
         Table("Vehicle and terrain", ["what", "value"], material.facts, left=2),
-        Table("Options", ["option", "value"], [[name, str(value)] for name, value in material.options.items()], left=2),
+        Table(
+            "Options", ["option", "value"], [[name, _plain(value)] for name, value in material.options.items()], left=2
+        ),
         Table("Versions", ["program", "version"], [[name, text] for name, text in material.versions.items()], left=2),
     ]
     numbers = {
@@ -36,3 +38,7 @@ def _file_row(source: Source) -> list[str]:
     size = f"{source.bytes / 1e6:.2f}" if source.bytes is not None else "–"
     frames = count(source.frames) if source.frames is not None else "–"
     return [source.run_id, source.file, size, frames, source.sha256[:16]]
+
+
+def _plain(value: object) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, tuple) else "default" if value is None else str(value)

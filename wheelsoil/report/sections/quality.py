@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from processing.processed_run import ProcessedRun, Reason
+from processing.processed_run import ProcessedRun, Reason, Standstill
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import axes, bars
 from wheelsoil.report.material import Material
+from wheelsoil.report.words import count, number, signed
 
 KEY = "quality"
 TITLE = "Data quality"
@@ -27,13 +28,71 @@ _LOOKS = {
 
 def build(material: Material) -> Section:
     """Build the section from the runs' quality reports and the sources' losses."""
-    blocks: list[Block] = [Panels([_shares_figure(material.runs)], _READING), _table(material)]
-    for run in material.runs:
-        blocks += [Text(f"{run.run.id}: {note}") for note in run.quality.notes]
+    tables = [_table(material), *_sensors(material.runs), *_zeros(material.runs)]
+    blocks: list[Block] = [Panels([_shares_figure(material.runs)], _READING), *tables, *_notes(material.runs)]
     numbers = {
         run.run.id: {"samples": len(run), "rate_hz": run.rate_hz, "quality": run.quality} for run in material.runs
     }
     return Section(KEY, TITLE, blocks, numbers)
+
+
+def _notes(runs: tuple[ProcessedRun, ...]) -> list[Text]:
+    """Return each note once, with the runs it is about."""
+    about: dict[str, list[str]] = {}
+    for run in runs:
+        for note in run.quality.notes:
+            about.setdefault(note, []).append(run.run.id)
+    return [
+        Text(f"{'all runs' if len(ids) == len(runs) > 1 else ', '.join(ids)}: {note}.") for note, ids in about.items()
+    ]
+
+
+def _sensors(runs: tuple[ProcessedRun, ...]) -> list[Table]:
+    """Return what each channel looked like before it was filtered, over all runs."""
+    roles = list(dict.fromkeys(role for run in runs for role in run.quality.sensors))
+    rows = []
+    for role in roles:
+        facts = [run.quality.sensors[role] for run in runs if role in run.quality.sensors]
+        sources = dict.fromkeys(fact.sigma_source for fact in facts)
+        rows.append(
+            [
+                role.replace("_", " "),
+                number(float(np.median([fact.rate_hz for fact in facts])), 4),
+                count(sum(fact.gaps for fact in facts)),
+                number(float(np.max([fact.longest_gap_s for fact in facts])), 3),
+                number(1e3 * facts[0].latency_s),
+                number(float(np.median([fact.sigma for fact in facts])), 2),
+                " or ".join(sources),
+            ]
+        )
+    head = ["channel", "rate (Hz)", "gaps", "longest gap (s)", "declared delay (ms)", "sigma (SI)", "sigma is"]
+    note = "Rate and sigma: median of the runs. Sigma is of one filtered sample."
+    return [Table("Channels as they came", head, rows, note)] if rows else []
+
+
+def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
+    """Return what the forces read while the vehicle stood still: the zeros of the transducer."""
+    roles = [
+        r for r in ("drawbar_pull", "driving_torque", "vertical_load") if any(r in s.levels for s in _stands(runs))
+    ]
+    rows = [
+        [
+            run.run.id,
+            f"{stand.start_s:.1f}",
+            f"{stand.duration_s:.1f}",
+            *(_with_sigma(stand.levels.get(r, np.nan), stand.sigmas.get(r, np.nan), ".0f") for r in roles),
+        ]
+        for run in runs
+        for stand in run.quality.standstills
+    ]
+    units = {"drawbar_pull": "N", "driving_torque": "N m", "vertical_load": "N"}
+    head = ["run", "from (s)", "for (s)", *(f"{role.replace('_', ' ')} ({units[role]})" for role in roles)]
+    note = "On level ground drawbar pull and torque should read zero. Nothing was subtracted."
+    return [Table("Readings at standstill", head, rows, note)] if rows and roles else []
+
+
+def _stands(runs: tuple[ProcessedRun, ...]) -> list[Standstill]:
+    return [stand for run in runs for stand in run.quality.standstills]
 
 
 _READING = (
@@ -92,8 +151,8 @@ def _table(material: Material) -> Table:
 def _with_sigma(value: float, sigma: float, form: str) -> str:
     if not np.isfinite(value):
         return "–"
-    return f"{value:{form}} ± {sigma:{form}}" if np.isfinite(sigma) else f"{value:{form}}"
+    return f"{signed(value, form)} ± {sigma:{form}}" if np.isfinite(sigma) else signed(value, form)
 
 
 def _or_dash(value: float | None, form: str) -> str:
-    return "–" if value is None or not np.isfinite(value) else f"{value:{form}}"
+    return "–" if value is None or not np.isfinite(value) else signed(value, form)
