@@ -247,6 +247,17 @@ def test_a_logger_with_a_lenient_dbc_makes_a_recording_that_opens(tmp_path):
     assert facts["exit_status"] == "ok"
 
 
+def test_a_logger_that_names_the_run_itself_keeps_what_it_was_told(tmp_path):
+    vehicle = tmp_path / "vehicle.toml"
+    vehicle.write_text('[vehicle]\nname = "Test car 1"\n[[bus]]\nchannel = "unnamed"\ninterface = "virtual"\n')
+    told = ("--direction", "back", "--pass-number", 2, "--added-load", 300)
+    done = ok("log", vehicle, "-o", tmp_path / "runs", "--duration", 0.1, *told, "--json").json
+    (facts,) = ok("info", done["path"], "--json").json
+    assert facts["run_id"] == Path(done["path"]).stem
+    assert facts["run_id"].startswith("Test-car-1_")
+    assert [facts["info"][key] for key in ("direction", "pass_number", "added_load_kg")] == ["back", 2, 300]
+
+
 def test_demo_finds_what_it_hid(tmp_path):
     result = ok("demo", "-o", tmp_path / "demo", "--runs", 2, "--duration", 25, "--seed", 4, "--json").json
     assert Path(result["report"]).is_file() and Path(result["numbers"]).is_file()

@@ -64,10 +64,13 @@ def command(
     known = configuration(vehicle, terrain, lenient_dbc=lenient_dbc)
     assert known.vehicle is not None
     target = out / f"{file_name(run_id)}.mcap" if run_id and out.suffix.lower() != ".mcap" else out
-    info = None
-    if run_id or target.suffix.lower() == ".mcap":
+    named = target.suffix.lower() == ".mcap"
+    name = run_id or (
+        target.stem if named else ""
+    )  # else the recording is named after vehicle and time, and so is the run
+    info = run_info(target.name if named else "", name, direction, pass_number, added_load, inflation)
+    if named:
         target.parent.mkdir(parents=True, exist_ok=True)
-        info = run_info(target.name, run_id or target.stem, direction, pass_number, added_load, inflation)
     with _status() as progress:
         summary = log(
             known.vehicle,
