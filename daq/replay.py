@@ -96,6 +96,7 @@ def replay(
     HardwareError
         If a bus cannot be opened or does not take the frames.
     """
+    _check_speed(speed)
     batches, buses, start_ns = _opened(Path(recording))
     names = {bus: bus for bus in buses} if channels is None else dict(channels)
     if unknown := [bus for bus in names if bus not in buses]:
@@ -137,10 +138,7 @@ def replay_batches(
     timeout_s : float
         How long to wait for a bus that takes no frames.
     """
-    if speed is not None and not 0 < speed < float("inf"):
-        raise ConfigError(
-            Fault("speed must be positive", found=f"{speed}", expected="e.g. 1, or 10 for ten times faster")
-        )
+    _check_speed(speed)
     player = _Player(sinks, speed, timeout_s)
     skipped = 0
     for batch in batches:
@@ -151,6 +149,12 @@ def replay_batches(
             keep &= ~is_error
         player.play(batch[keep])
     return player.summary(skipped)
+
+
+def _check_speed(speed: float | None) -> None:
+    if speed is not None and not 0 < speed < float("inf"):
+        expected = "e.g. 1, or 10 for ten times faster"
+        raise ConfigError(Fault("speed must be positive", found=f"{speed}", expected=expected))
 
 
 class _Player:

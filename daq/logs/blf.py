@@ -9,7 +9,6 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from typing import BinaryIO
 
@@ -32,19 +31,14 @@ _LARGEST_BYTES = 64 << 20
 _PADDING = 4
 
 Places = NDArray[np.intp]
-Group = tuple[bool, list[bytes]]
-"""Whether a container before these was lost, and containers."""
 
 
 def read_blf(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
-    """Yield the frames of a BLF file, a few megabytes of objects at a time."""
+    """Yield the frames of a BLF file, a megabyte of objects at a time."""
     start_ns = _start_ns(file, report)
     carry, done = b"", 0
     room = np.empty(2 * _GROUP_BYTES, np.uint8)
-    complaints: list[tuple[str, str]] = []
-    for after_a_gap, pieces in _one_ahead(_grouped(_containers(file, complaints))):
-        while complaints:
-            report.note_bad(*complaints.pop(0))
+    for after_a_gap, pieces in _grouped(_containers(file, report), report):
         carry = b"" if after_a_gap else carry
         text, room = _joined([carry, *pieces], room)
         starts, end = _object_starts(text, done, report)
@@ -65,7 +59,7 @@ def _start_ns(file: BinaryIO, report: LogReport) -> int:
             Fault("the BLF file ends within its header", report.path, f"{len(head)} bytes", next_step="copy it again")
         )
     fields = _FILE_HEADER.unpack(head)
-    file.read(max(fields[1] - len(head), 0))
+    file.read(min(max(fields[1] - len(head), 0), _LARGEST_BYTES))
     year, month, _, day, hour, minute, second, millisecond = (int(field) for field in fields[6:14])
     try:
         start = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
@@ -74,16 +68,60 @@ def _start_ns(file: BinaryIO, report: LogReport) -> int:
     return int(start.timestamp()) * 10**9 + millisecond * 10**6
 
 
-def _grouped(pieces: Iterator[bytes | None]) -> Iterator[Group]:
-    """Take containers together, so that the price of a numpy call is paid for thousands of objects."""
+def _containers(file: BinaryIO, report: LogReport) -> Iterator[tuple[str, int, bytes]]:
+    """Yield where each container is, its compression method and its content."""
+    while True:
+        where = f"byte {file.tell()} of the file"
+        head = file.read(_CONTAINER_HEADER.size)
+        if not head.strip(b"\0"):
+            return
+        if len(head) < _CONTAINER_HEADER.size or not head.startswith(MAGIC):
+            report.note_bad(where, "no container starts here; the rest of the file is left out")
+            return
+        _, _, _, size, kind, method, _ = _CONTAINER_HEADER.unpack(head)
+        if not len(head) <= size <= _LARGEST_BYTES:
+            report.note_bad(where, f"the length of this container is {size}; the rest of the file is left out")
+            return
+        body = file.read(size - len(head))
+        missing = size - len(head) - len(body)
+        file.read(size % _PADDING)
+        if missing > 0:
+            report.note_bad(where, f"the file ends within this container: {missing} bytes are missing")
+        if kind == _CONTAINER:
+            yield where, method, body
+        else:
+            report.note_skipped(f"object of type {kind} outside of a container")
+
+
+def _unpack(method: int, body: bytes) -> bytes | str:
+    """Return what is in a container, or why it is lost."""
+    if method == _UNCOMPRESSED:
+        return body
+    if method != _ZLIB:
+        return f"this container has an unknown compression method, {method}"
+    try:
+        return zlib.decompressobj().decompress(body, _LARGEST_BYTES)
+    except zlib.error as error:
+        return f"this container cannot be decompressed ({error})"
+
+
+def _grouped(containers: Iterator[tuple[str, int, bytes]], report: LogReport) -> Iterator[tuple[bool, list[bytes]]]:
+    """Yield the contents of containers together, so that the price of a numpy call is paid for thousands of objects.
+
+    The flag says whether a container just before them is lost.
+    """
     pending: list[bytes] = []
     after_a_gap = False
-    for piece in pieces:
-        if piece is not None:
+    for where, method, body in containers:
+        piece = _unpack(method, body)
+        if isinstance(piece, bytes):
             pending.append(piece)
-        if piece is None or sum(map(len, pending)) >= _GROUP_BYTES:
-            yield after_a_gap, pending
-            pending, after_a_gap = [], piece is None
+            if sum(map(len, pending)) < _GROUP_BYTES:
+                continue
+        else:
+            report.note_bad(where, piece)
+        yield after_a_gap, pending
+        pending, after_a_gap = [], isinstance(piece, str)
     yield after_a_gap, pending
 
 
@@ -97,46 +135,6 @@ def _joined(pieces: list[bytes], room: NDArray[np.uint8]) -> tuple[NDArray[np.ui
         room[at : at + len(piece)] = np.frombuffer(piece, np.uint8)
         at += len(piece)
     return room[:size], room
-
-
-def _one_ahead(groups: Iterator[Group]) -> Iterator[Group]:
-    """Decompress the next group in a thread while this one is taken apart."""
-    with ThreadPoolExecutor(1) as pool:
-        coming = pool.submit(next, groups, None)
-        while (group := coming.result()) is not None:
-            coming = pool.submit(next, groups, None)
-            yield group
-
-
-def _containers(file: BinaryIO, complaints: list[tuple[str, str]]) -> Iterator[bytes | None]:
-    """Yield what is in each container, decompressed; None for one that is lost."""
-    while True:
-        where = f"byte {file.tell()} of the file"
-        head = file.read(_CONTAINER_HEADER.size)
-        if not head.strip(b"\0"):
-            return
-        if len(head) < _CONTAINER_HEADER.size or not head.startswith(MAGIC):
-            complaints.append((where, "no container starts here; the rest of the file is left out"))
-            return
-        _, _, _, size, kind, method, _ = _CONTAINER_HEADER.unpack(head)
-        body = file.read(max(size - len(head), 0))
-        missing = size - len(head) - len(body)
-        file.read(size % _PADDING)
-        if missing > 0:
-            complaints.append((where, f"the file ends within this container: {missing} bytes are missing"))
-        if kind != _CONTAINER:
-            complaints.append((where, f"object of type {kind} outside of a container"))
-        elif method == _UNCOMPRESSED:
-            yield body
-        elif method == _ZLIB:
-            try:
-                yield zlib.decompressobj().decompress(body, _LARGEST_BYTES)
-            except zlib.error as error:
-                complaints.append((where, f"this container cannot be decompressed ({error})"))
-                yield None
-        else:
-            complaints.append((where, f"this container has an unknown compression method, {method}"))
-            yield None
 
 
 def _object_starts(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[Places, int]:

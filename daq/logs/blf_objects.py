@@ -25,8 +25,8 @@ HEADER = _layout(
 _HEADER_SIZES = {1: 32, 2: 40}
 _TICK_IS_TEN_US = 1
 
-_MESSAGE = _layout(16, channel=(0, "<u2"), flags=(2, "u1"), dlc=(3, "u1"), id=(4, "<u4"), data=(8, "(8,)u1"))
-_ERROR = _layout(32, channel=(0, "<u2"), dlc=(10, "u1"), id=(16, "<u4"), data=(24, "(8,)u1"))
+_MESSAGE = _layout(16, channel=(0, "<u2"), flags=(2, "u1"), dlc=(3, "u1"), id=(4, "<u4"), data=(8, "<u8"))
+_ERROR = _layout(32, channel=(0, "<u2"), dlc=(10, "u1"), id=(16, "<u4"), data=(24, "<u8"))
 _FD = _layout(
     84,
     channel=(0, "<u2"),
@@ -51,6 +51,7 @@ _FD_64 = _layout(
 _LAYOUTS = {1: _MESSAGE, 86: _MESSAGE, 73: _ERROR, 100: _FD, 101: _FD_64}
 """CAN_MESSAGE, CAN_MESSAGE2, CAN_ERROR_EXT, CAN_FD_MESSAGE, CAN_FD_MESSAGE_64."""
 _FD_KINDS = (100, 101)
+_FIRST_BYTES = np.array([(1 << 8 * count) - 1 for count in range(9)], np.uint64)
 _LENGTH_OF_DLC = np.array(FD_LENGTHS, np.uint8)
 
 
@@ -74,6 +75,8 @@ def frames_of(
     """Yield the objects that are CAN frames (at most one batch); `done` bytes came before `text`."""
     header = structures(text, starts, HEADER)
     kinds = _different(header["type"])
+    head_size = _head_size(header["version"])
+    room = header["size"].astype(np.intp) - head_size
     wide = any(kind in _FD_KINDS for kind in kinds)
     frames = np.zeros(len(starts), FD_DTYPE if wide else CLASSIC_DTYPE)
     channel = np.full(len(starts), -1, np.int32)
@@ -82,31 +85,31 @@ def frames_of(
         if kind not in _LAYOUTS:
             report.note_skipped(f"object of type {kind}", int(chosen.sum()))
             continue
-        short = chosen & ~_is_whole(header, kind)
+        short = chosen & ((room < _least_size(kind)) | (head_size == 0))
         if short.any():
             where = f"byte {done + int(starts[short][0])} of the uncompressed data"
             report.note_bad(where, f"too short for an object of type {kind}", int(short.sum()))
             chosen &= ~short
         at = slice(None) if chosen.all() else np.flatnonzero(chosen)
-        head_size = _head_size(header)[at]
-        rows = structures(text, starts[at] + head_size, _LAYOUTS[kind])
-        columns = _columns(rows, kind, _data_bytes(rows, kind, header["size"][at], head_size))
+        rows = structures(text, starts[at] + head_size[at], _LAYOUTS[kind])
+        columns = _columns(rows, kind, _data_bytes(rows, kind, room[at], head_size[at]))
         for name, column in columns.items():
-            target = frames[name][:, : column.shape[1]] if name == "data" else frames[name]
+            target = _first_eight_bytes(frames) if column.dtype == np.uint64 else frames[name]
             target[at] = column
         channel[at] = rows["channel"]
-    ticks = header["ticks"].astype(np.int64)
-    frames["time_ns"] = start_ns + np.where(header["flags"] == _TICK_IS_TEN_US, ticks * 10_000, ticks)
+    frames["time_ns"] = header["ticks"]
+    frames["time_ns"][header["flags"] == _TICK_IS_TEN_US] *= 10_000
+    frames["time_ns"] += start_ns
     if channel.min(initial=0) < 0:
         frames, channel = frames[channel >= 0], channel[channel >= 0]
     if len(frames):
         for number in _different(channel):
-            frames["bus"][channel == number] = report.bus(f"can{max(number - 1, 0)}")
+            np.copyto(frames["bus"], report.bus(f"can{max(number - 1, 0)}"), where=channel == number)
         report.note_frames(frames, lambda i: f"frame {report.frames + i + 1}")
         yield FrameBatch(frames, tuple(report.buses))
 
 
-def _different(column: NDArray[np.int32] | NDArray[np.uint32]) -> list[int]:
+def _different(column: NDArray[np.int32] | NDArray[np.uint32] | NDArray[np.uint16]) -> list[int]:
     """Return the values in a column, in the order of their first appearance."""
     found: list[int] = []
     while len(column):
@@ -115,29 +118,33 @@ def _different(column: NDArray[np.int32] | NDArray[np.uint32]) -> list[int]:
     return found
 
 
-def _head_size(header: FrameArray) -> NDArray[np.intp]:
-    return np.where(header["version"] == 2, _HEADER_SIZES[2], _HEADER_SIZES[1]).astype(np.intp)
+def _head_size(version: NDArray[np.uint16]) -> NDArray[np.intp]:
+    """Return the size of object headers, 0 for a version that nobody has described."""
+    different = _different(version)
+    sizes = np.full(len(version), _HEADER_SIZES.get(different[0], 0) if different else 0, np.intp)
+    for other in different[1:]:
+        sizes[version == other] = _HEADER_SIZES.get(other, 0)
+    return sizes
 
 
-def _is_whole(header: FrameArray, kind: int) -> NDArray[np.bool_]:
-    layout, version = _LAYOUTS[kind], header["version"]
+def _least_size(kind: int) -> int:
+    """Return the bytes that an object has after its header, at least: those for CAN FD leave out unused data."""
+    layout = _LAYOUTS[kind]
     assert layout.fields is not None
-    needed = layout.fields["data"][1] if kind in _FD_KINDS else layout.itemsize  # CAN FD leaves out unused bytes
-    whole: NDArray[np.bool_] = ((version == 1) | (version == 2)) & (header["size"] >= _head_size(header) + needed)
-    return whole
+    return layout.fields["data"][1] if kind in _FD_KINDS else layout.itemsize
 
 
 def _data_bytes(
-    rows: FrameArray, kind: int, size: NDArray[np.uint32], head_size: NDArray[np.intp]
+    rows: FrameArray, kind: int, size: NDArray[np.intp], head_size: NDArray[np.intp]
 ) -> NDArray[np.uint8] | int:
-    """Return how many bytes of data an object has room for.
+    """Return how many bytes of data there are in objects with `size` bytes after the header.
 
     The valid bytes of a CAN_FD_MESSAGE_64 may be more than that; CANoe pads with zeros (python-can issue 1905).
     """
     if kind != 101:
         return 64
-    end = np.where(rows["extension_at"], rows["extension_at"], size).astype(np.intp)
-    room: NDArray[np.uint8] = np.clip(end - head_size - 40, 0, 64).astype(np.uint8)
+    end = np.where(rows["extension_at"], rows["extension_at"] - head_size, size)
+    room: NDArray[np.uint8] = np.clip(end - 40, 0, 64).astype(np.uint8)
     return room
 
 
@@ -163,11 +170,17 @@ def _columns(rows: FrameArray, kind: int, data_bytes: NDArray[np.uint8] | int) -
     else:
         length = np.minimum(rows["dlc"], 8)
     present = np.minimum(length, data_bytes) * ~remote
-    data = rows["data"]
-    room = data.shape[1]
-    if present.min(initial=room) < room:
-        data = data * (np.arange(room, dtype=np.uint8) < present[:, None])
+    if kind in _FD_KINDS:
+        data = rows["data"] * (np.arange(64, dtype=np.uint8) < present[:, None])
+    else:
+        data = rows["data"] if present.min(initial=8) == 8 else rows["data"] & _FIRST_BYTES[present]
     return {"can_id": rows["id"] & 0x1FFF_FFFF, "flags": flags, "length": length, "data": data}
+
+
+def _first_eight_bytes(frames: FrameArray) -> NDArray[np.uint64]:
+    """Return the first eight data bytes as one number each, which are moved ten times as fast."""
+    offset = CLASSIC_DTYPE.itemsize - 8
+    return frames.view(_layout(frames.dtype.itemsize, first=(offset, "<u8")))["first"]
 
 
 def _flag(column: NDArray[np.uint32], mask: int, flag: FrameFlag) -> NDArray[np.uint8]:

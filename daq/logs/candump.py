@@ -146,7 +146,8 @@ def _read_shape(lines: _Lines, rows: Rows, match: re.Match[bytes]) -> tuple[Part
     fixed = largest == 255
     text = sliding_window_view(lines.text, len(template))[lines.start[rows]]
     nibbles = sliding_window_view(lines.nibbles, len(template))[lines.start[rows]]
-    alike = (nibbles <= largest).all(axis=1) & (text[:, fixed] == template[fixed]).all(axis=1)
+    differs = (nibbles > largest) | ((text != template) & fixed)
+    alike = ~differs.any(axis=1) if differs.any() else np.ones(len(rows), bool)  # the second is rare, and slow
     frames, sane = _columns(nibbles if alike.all() else nibbles[alike], match)
     chosen = rows[alike]
     bad = np.sort(np.concatenate((rows[~alike], chosen[~sane])))
@@ -164,15 +165,11 @@ def _largest_nibbles(match: re.Match[bytes]) -> NDArray[np.uint8]:
 
 def _columns(nibbles: Bytes2D, match: re.Match[bytes]) -> tuple[FrameArray, NDArray[np.bool_]]:
     """Return the frames of equally shaped lines, and which of them are possible."""
-
-    def number(name: str, base: int) -> NDArray[np.int64]:
-        digits = nibbles[:, slice(*match.span(name))].astype(np.float64)  # exact: below 2**53
-        return (digits @ float(base) ** np.arange(digits.shape[1] - 1, -1, -1)).astype(np.int64)
-
     is_fd, is_remote = match["fd"] is not None, match["remote"] is not None
     frames = np.zeros(len(nibbles), FD_DTYPE if is_fd else CLASSIC_DTYPE)
-    seconds, can_id = number("seconds", 10), number("id", 16)
-    frames["time_ns"] = seconds * 10**9 + number("fraction", 10) * 10 ** (9 - len(match["fraction"]))
+    seconds, can_id = _number(nibbles, match.span("seconds"), 10), _number(nibbles, match.span("id"), 16)
+    fraction = _number(nibbles, match.span("fraction"), 10)
+    frames["time_ns"] = seconds * 10**9 + fraction * 10 ** (9 - len(match["fraction"]))
     frames["can_id"] = can_id & 0x1FFF_FFFF
     if (match["direction"] or b"r").lower() == b"t":
         frames["flags"] |= np.uint8(FrameFlag.TRANSMITTED)
@@ -185,13 +182,27 @@ def _columns(nibbles: Bytes2D, match: re.Match[bytes]) -> tuple[FrameArray, NDAr
         frames["flags"] |= (fd_flags >> 1 & 1) * np.uint8(FrameFlag.ERROR_STATE)
     if is_remote:
         frames["flags"] |= np.uint8(FrameFlag.REMOTE)
-        frames["length"] = number("remote", 10)
+        frames["length"] = _number(nibbles, match.span("remote"), 10)
     else:
         start, end = match.span("fd_data" if is_fd else "data")
         data = nibbles[:, start:end:2] << 4 | nibbles[:, start + 1 : end : 2]
         frames["length"] = data.shape[1]
         frames["data"][:, : data.shape[1]] = data
     return frames, (seconds < _LAST_SECOND) & (can_id < 2 * _ERROR_BIT if extended else can_id <= 0x7FF)
+
+
+def _number(nibbles: Bytes2D, span: tuple[int, int], base: int) -> NDArray[np.int64]:
+    """Return the numbers in some columns; four digits at a time fit 16 bits, which is quicker."""
+    total = np.zeros(len(nibbles), np.int64)
+    for start in range(span[0], span[1], 4):
+        end = min(start + 4, span[1])
+        four = nibbles[:, start].astype(np.uint16)
+        for column in range(start + 1, end):
+            four *= np.uint16(base)
+            four += nibbles[:, column]
+        total *= base ** (end - start)
+        total += four
+    return total
 
 
 def _join(parts: list[Part], lines: _Lines, first_line: int, report: LogReport) -> FrameBatch:

@@ -64,9 +64,11 @@ def read_log(path: str | Path, *, batch_frames: int = 65_536) -> LogReading:
     """
     place = Path(path)
     file, known = open_log(place)
+    file.close()  # opened again when it is read: a reading that nobody starts holds no file open
     report = LogReport(str(place), known.name)
 
     def batches() -> Iterator[FrameBatch]:
+        file, _ = open_log(place)
         with file:
             yield from _regrouped(_guarded(known.read(file, report), file, report), batch_frames)
         if not report.frames:
@@ -96,7 +98,7 @@ def _regrouped(batches: Iterator[FrameBatch], size: int) -> Iterator[FrameBatch]
                 yield concatenate(pending)
                 pending = []
             pending.append(piece)
-            if sum(map(len, pending)) >= size // 2:
+            if sum(map(len, pending)) >= size // 4:
                 yield concatenate(pending) if len(pending) > 1 else piece
                 pending = []
     if pending:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import gzip
 import sys
 from collections.abc import Callable, Iterable
@@ -223,6 +224,16 @@ def test_a_suffix_that_says_nothing_is_read_by_its_looks(tmp_path: Path) -> None
     frames = classical(some_frames(np.random.default_rng(2), 20))
     write_candump([frames], tmp_path / "run.txt")
     assert content(concatenate(list(read_log(tmp_path / "run.txt")))) == content(frames)
+
+
+def test_a_reading_that_is_not_started_or_not_finished_leaves_nothing_open(tmp_path: Path) -> None:
+    frames = classical(some_frames(np.random.default_rng(2), 500))
+    write_candump([frames], tmp_path / "run.log")
+    read_log(tmp_path / "run.log")
+    half = read_log(tmp_path / "run.log", batch_frames=100)
+    assert len(next(half)) == 100
+    del half
+    gc.collect()  # an open file would warn here, and warnings are errors
 
 
 def test_reports_say_whether_times_have_a_date(tmp_path: Path) -> None:

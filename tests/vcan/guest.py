@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+import pytest
+
 HERE = Path(__file__).parent
 _MODULES = ("net/can/can", "net/can/can-raw", "drivers/net/can/dev/can-dev", "drivers/net/can/vcan")
 _PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
@@ -42,6 +44,7 @@ def run_with_vcan(script: str, *, timeout_s: float = 120.0, memory: str = "1G") 
     Parameters
     ----------
     script : str
+        The files it names must not lie below /dev, /proc or /sys, of which a guest has its own.
     timeout_s : float
         After it everything that the script started is killed, and the exit code is 124.
     memory : str
@@ -58,6 +61,16 @@ def run_with_vcan(script: str, *, timeout_s: float = 120.0, memory: str = "1G") 
         if _in_own_namespace():
             return _run_here(work, timeout_s)
         return _run_guest(work, timeout_s, memory)
+
+
+def run_or_skip(script: str, *, timeout_s: float = 120.0, memory: str = "1G") -> GuestResult:
+    """Do as `run_with_vcan`; without a kernel skip the test, or fail it if WHEELSOIL_REQUIRE_VCAN is 1."""
+    try:
+        return run_with_vcan(script, timeout_s=timeout_s, memory=memory)
+    except NoGuestError as error:
+        if os.environ.get("WHEELSOIL_REQUIRE_VCAN") == "1":
+            pytest.fail(f"WHEELSOIL_REQUIRE_VCAN=1, but {error}")
+        pytest.skip(str(error))
 
 
 def _work_root() -> Path:

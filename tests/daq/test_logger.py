@@ -1,0 +1,208 @@
+"""The logger on python-can's virtual bus: what is sent is recorded, however it ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from frames_support import content, some_frames
+
+from daq import logger as logger_module
+from daq.can_source import Sink, SourceCounters, open_sink, open_source
+from daq.config import BusSection, VehicleConfig
+from daq.errors import ConfigError, Fault, HardwareError
+from daq.frames import FrameBatch
+from daq.logger import LogSummary, log
+from daq.recording import Recording
+
+
+def virtual_bus() -> BusSection:
+    return BusSection(channel=f"bus-{uuid.uuid4().hex}", interface="virtual", fd=True)
+
+
+class Recorder:
+    """`log` in a thread, started when its sources are open."""
+
+    def __init__(self, vehicle: VehicleConfig, out: Path, duration_s: float | None = None) -> None:
+        self.stop = threading.Event()
+        self._ready = threading.Event()
+        self._result: queue.Queue[LogSummary | HardwareError] = queue.Queue()
+        self._thread = threading.Thread(target=self._run, args=(vehicle, out, duration_s))
+        self._thread.start()
+        assert self._ready.wait(30)
+
+    def _run(self, vehicle: VehicleConfig, out: Path, duration_s: float | None) -> None:
+        try:
+            progress = lambda _: self._ready.set()  # noqa: E731
+            self._result.put(log(vehicle, out, duration_s=duration_s, stop=self.stop, progress=progress))
+        except HardwareError as error:
+            self._result.put(error)
+
+    def end(self) -> LogSummary:
+        self.stop.set()
+        self._thread.join(20)
+        result = self._result.get(timeout=1)
+        assert isinstance(result, LogSummary), result
+        return result
+
+
+@pytest.fixture
+def sinks() -> Iterator[list[Sink]]:
+    opened: list[Sink] = []
+    yield opened
+    for sink in opened:
+        sink.close()
+
+
+def test_two_buses_are_recorded_frame_for_frame(tmp_path: Path, sinks: list[Sink]) -> None:
+    buses = [virtual_bus(), virtual_bus()]
+    sent = [some_frames(np.random.default_rng(seed), 1500, buses=(bus.channel,)) for seed, bus in enumerate(buses)]
+    recorder = Recorder(VehicleConfig(bus=tuple(buses)), tmp_path)
+    for bus, batch in zip(buses, sent, strict=True):
+        sinks.append(open_sink(bus))
+        sinks[-1].send(batch.frames, 5.0)
+    time.sleep(0.2)
+    summary = recorder.end()
+
+    assert summary.ended_by == "stop"
+    assert summary.frames == {bus.channel: 1500 for bus in buses}
+    assert summary.drops == {}
+    assert all("does not report frames that it loses" in remark for remark in summary.remarks)
+    recording = Recording.open(summary.path)
+    assert recording.loss == ()
+    for bus, batch in zip(buses, sent, strict=True):
+        assert content(recording.frames(bus.channel)) == content(batch)
+    assert recording.metadata["run_end"]["exit_status"] == "ok"
+    assert recording.metadata["run_start"][f"interface.{buses[0].channel}"] == "virtual"
+    errors = int(np.count_nonzero(sent[0].frames["flags"] & 4))
+    assert summary.error_frames[buses[0].channel] == errors
+
+
+def test_duration_ends_it_and_an_empty_run_is_a_recording(tmp_path: Path) -> None:
+    summary = log(VehicleConfig(bus=(virtual_bus(),)), tmp_path / "run.mcap", duration_s=0.3)
+    assert summary.ended_by == "duration"
+    assert 0.3 <= summary.duration_s < 10.0
+    assert summary.path == tmp_path / "run.mcap"
+    assert len(Recording.open(summary.path).frames()) == 0
+
+
+def test_recordings_of_one_second_get_different_names(tmp_path: Path) -> None:
+    vehicle = VehicleConfig.model_validate({"vehicle": {"name": "Unimog / U 400"}, "bus": [virtual_bus().model_dump()]})
+    paths = [log(vehicle, tmp_path, duration_s=0.0).path for _ in range(2)]
+    assert len(set(paths)) == 2
+    assert all(path.name.startswith("Unimog-U-400_") for path in paths)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_a_closed_recording(tmp_path: Path, number: signal.Signals) -> None:
+    (tmp_path / "run.py").write_text(
+        """
+import json, sys, threading
+import can
+from daq.config import BusSection, VehicleConfig
+from daq.logger import log
+bus = can.Bus(interface="virtual", channel="x")
+def send(_):
+    bus.send_periodic(can.Message(arbitration_id=0x123, data=[1, 2, 3]), 0.01)
+    print("ready", flush=True)
+vehicle = VehicleConfig(bus=(BusSection(channel="x", interface="virtual"),))
+first = []
+done = log(vehicle, sys.argv[1], progress=lambda seen: first or (first.append(1), send(seen)))
+print(json.dumps([done.ended_by, done.signal_number, done.frames["x"]]))
+bus.shutdown()
+""",
+        encoding="utf-8",
+    )
+    process = subprocess.Popen(
+        [sys.executable, tmp_path / "run.py", tmp_path / "run.mcap"], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    time.sleep(0.5)
+    os.kill(process.pid, number)
+    said, _ = process.communicate(timeout=20)
+    assert process.returncode == 0
+    ended_by, caught, count = json.loads(said)
+    assert (ended_by, caught) == ("signal", number)
+    recording = Recording.open(tmp_path / "run.mcap")
+    assert recording.loss == ()
+    assert recording.metadata["run_end"]["exit_status"] == "interrupted"
+    assert 5 < len(recording.frames()) == count
+
+
+class FailingSource:
+    """A source that hands out frames and then loses its interface, for what no software bus can do."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.remarks: tuple[str, ...] = ()
+        self._left = 3
+        self.closed = False
+
+    @property
+    def counters(self) -> SourceCounters:
+        return SourceCounters(received=3 - self._left, dropped=7, error_frames=0, buffer_bytes=None)
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        if not self._left:
+            raise HardwareError(Fault("the interface is down", f"bus {self.name}"))
+        self._left -= 1
+        return some_frames(np.random.default_rng(self._left), 1, buses=(self.name,))
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_a_bus_that_fails_does_not_end_the_others(
+    tmp_path: Path, sinks: list[Sink], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good = virtual_bus()
+    failing = FailingSource("broken")
+    real = open_source
+    monkeypatch.setattr(logger_module, "open_source", lambda bus: failing if bus.channel == "broken" else real(bus))
+    recorder = Recorder(VehicleConfig(bus=(BusSection(channel="broken"), good)), tmp_path)
+    time.sleep(0.3)
+    sinks.append(open_sink(good))
+    sinks[0].send(some_frames(np.random.default_rng(1), 10).frames, 1.0)
+    time.sleep(0.3)
+    summary = recorder.end()
+    assert summary.frames == {"broken": 3, good.channel: 10}
+    assert [fault.what for fault in summary.faults] == ["the interface is down"]
+    assert summary.ended_by == "stop"
+    assert summary.drops == {"broken": 7}
+    assert Recording.open(summary.path).metadata["run_end"]["drops.broken"] == "7"
+    assert failing.closed
+
+
+def test_without_any_bus_left_it_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(logger_module, "open_source", lambda bus: FailingSource(bus.channel))
+    summary = log(VehicleConfig(bus=(BusSection(channel="broken"),)), tmp_path)
+    assert summary.ended_by == "fault"
+    assert summary.frames == {"broken": 3}
+    assert Recording.open(summary.path).metadata["run_end"]["exit_status"] == "failed"
+
+
+def test_what_cannot_be_opened_is_told_at_once_and_nothing_is_written(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(ConfigError, match="no bus to record"):
+        log(VehicleConfig(), out)
+    with pytest.raises(ConfigError, match=r"no interface 'virtuel'[\s\S]*nearest: virtual"):
+        log(VehicleConfig(bus=(BusSection(channel="x", interface="virtuel"),)), out)
+    missing = (BusSection(channel="nocan0"), BusSection(channel="nocan1"))
+    with pytest.raises(HardwareError) as caught:
+        log(VehicleConfig(bus=missing), out)
+    assert caught.value.exit_code == 4
+    assert len(caught.value.faults) == 2
+    assert all(fault.next_step for fault in caught.value.faults)
+    assert not out.exists()

@@ -1,0 +1,161 @@
+"""Replay on python-can's virtual bus: what goes where, when, and what is left out."""
+
+from __future__ import annotations
+
+import time
+import uuid
+from pathlib import Path
+
+import numpy as np
+import pytest
+from frames_support import START_NS, classical, content, some_frames
+
+from daq.can_source import Source, open_source
+from daq.config import BusSection
+from daq.errors import ConfigError, DataError, HardwareError, RecordingError
+from daq.frames import FrameArray, FrameBatch, FrameFlag, concatenate, split
+from daq.logs import write_candump
+from daq.recording import RecordingWriter
+from daq.replay import ReplaySummary, replay, replay_batches
+
+
+def listening() -> Source:
+    return open_source(BusSection(channel=f"bus-{uuid.uuid4().hex}", interface="virtual", fd=True))
+
+
+def heard(source: Source) -> FrameBatch:
+    batches = []
+    while len(batch := source.read(0.05)):
+        batches.append(batch)
+    source.close()
+    return concatenate(batches)
+
+
+def data_frames(batch: FrameBatch) -> FrameBatch:
+    return batch[(batch.frames["flags"] & FrameFlag.ERROR) == 0]
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> tuple[Path, FrameBatch]:
+    sent = some_frames(np.random.default_rng(1), 900, rate_hz=3000, buses=("can0", "can1"))
+    with RecordingWriter(tmp_path / "run.mcap") as writer:
+        writer.write_frames(sent)
+    return tmp_path / "run.mcap", sent
+
+
+def without_bus(batch: FrameBatch) -> list[tuple[int, int, int, bytes]]:
+    return [frame[1:] for frame in content(batch)]
+
+
+def test_each_bus_goes_to_its_channel(recording: tuple[Path, FrameBatch]) -> None:
+    path, sent = recording
+    sources = {"can0": listening(), "can1": listening()}
+    channels = {bus: source.name for bus, source in sources.items()}
+    summary = replay(path, "virtual", channels=channels, speed=None, fd=True)
+    for bus, source in sources.items():
+        assert without_bus(heard(source)) == without_bus(data_frames(sent.on_bus(bus)))
+        assert summary.frames[source.name] == len(data_frames(sent.on_bus(bus)))
+    assert summary.skipped_error_frames == len(sent) - len(data_frames(sent))
+    assert summary.recorded_duration_s == pytest.approx(0.2997, abs=0.02)
+    assert np.isnan(summary.lateness_p99_s)
+
+
+def test_one_bus_and_error_frames_on_demand(recording: tuple[Path, FrameBatch]) -> None:
+    path, sent = recording
+    source = listening()
+    summary = replay(path, "virtual", channels={"can1": source.name}, speed=None, fd=True, send_error_frames=True)
+    assert without_bus(heard(source)) == without_bus(sent.on_bus("can1"))
+    assert summary.frames == {source.name: len(sent.on_bus("can1"))}
+    assert summary.skipped_error_frames == 0
+
+
+def test_part_of_a_log_of_another_format(tmp_path: Path) -> None:
+    sent = classical(some_frames(np.random.default_rng(2), 1000, rate_hz=1000))
+    write_candump([sent], tmp_path / "run.log")
+    source = listening()
+    replay(tmp_path / "run.log", "virtual", channels={"can0": source.name}, speed=None, from_s=0.25, to_s=0.5)
+    seconds = (sent.frames["time_ns"] - sent.frames["time_ns"][0]) / 1e9
+    assert without_bus(heard(source)) == without_bus(data_frames(sent[(seconds >= 0.25) & (seconds < 0.5)]))
+
+
+@pytest.mark.parametrize("speed", [1.0, 3.0])
+def test_frames_are_sent_when_they_are_due(recording: tuple[Path, FrameBatch], speed: float) -> None:
+    path, sent = recording
+    source = listening()
+    started_ns = time.time_ns()
+    summary = replay(path, "virtual", channels={"can0": source.name}, speed=speed, fd=True)
+    received = heard(source)
+    due_ns = data_frames(sent.on_bus("can0")).frames["time_ns"] - sent.frames["time_ns"][0]
+    late_ns = received.frames["time_ns"] - started_ns - due_ns / speed
+    assert late_ns.min() > -1_000_000  # none is early, but for the rounding of the clocks
+    assert summary.lateness_p50_s <= summary.lateness_p99_s <= summary.lateness_max_s * 1.03 + 1e-6
+
+
+class RefusingSink:
+    name = "deaf"
+
+    def send(self, frames: FrameArray, timeout_s: float) -> None:
+        raise HardwareError("the bus takes no frames")
+
+    def close(self) -> None:
+        pass
+
+
+class PromptSink(RefusingSink):
+    def __init__(self) -> None:
+        self.at: list[float] = []
+        self.frames: list[int] = []
+
+    def send(self, frames: FrameArray, timeout_s: float) -> None:
+        self.at += [time.perf_counter()] * len(frames)
+        self.frames += frames["can_id"].tolist()
+
+
+def test_quantiles_of_lateness_are_those_of_what_was_measured() -> None:
+    """A batch that comes late makes all its frames late by a known amount."""
+    sent = some_frames(np.random.default_rng(3), 200, rate_hz=10_000)
+    sent.frames["flags"] = 0
+    sink = PromptSink()
+
+    def batches() -> list[FrameBatch]:
+        return list(split(sent, 100))
+
+    def slow() -> object:
+        first, second = batches()
+        yield first
+        time.sleep(0.1)
+        yield second
+
+    summary = replay_batches(slow(), {"can0": sink})  # type: ignore[arg-type]
+    assert sink.frames == sent.frames["can_id"].tolist()
+    assert 0.07 < summary.lateness_p99_s <= summary.lateness_max_s * 1.03
+    assert summary.lateness_p50_s <= summary.lateness_p99_s
+
+
+def test_order_is_kept_where_times_go_back() -> None:
+    sent = some_frames(np.random.default_rng(3), 50)
+    sent.frames["flags"] = 0
+    sent.frames["time_ns"][20] = START_NS - 10**9
+    sink = PromptSink()
+    summary = replay_batches([sent], {"can0": sink}, speed=5.0)
+    assert sink.frames == sent.frames["can_id"].tolist()
+    assert isinstance(summary, ReplaySummary)
+
+
+def test_each_way_to_fail(recording: tuple[Path, FrameBatch], tmp_path: Path) -> None:
+    path, sent = recording
+    with pytest.raises(ConfigError, match=r"no bus is called 'can9'[\s\S]*can0"):
+        replay(path, "virtual", channels={"can9": "x"})
+    with pytest.raises(ConfigError, match="speed must be positive"):
+        replay(path, "virtual", channels={"can0": "x"}, speed=-1.0)
+    with pytest.raises(DataError, match="no frame lies in this part"):
+        replay(path, "virtual", channels={"can0": "x"}, from_s=1000.0)
+    with pytest.raises(RecordingError, match="no such file"):
+        replay(tmp_path / "none.mcap", "virtual")
+    with pytest.raises(ConfigError, match="knows no interface"):
+        replay(path, "virtuel")
+    with pytest.raises(HardwareError, match="takes no frames"):
+        replay_batches([sent], {"can0": RefusingSink()}, speed=None)
+    with pytest.raises(HardwareError) as caught:
+        replay(path, "socketcan", channels={"can0": "nocan0"})
+    assert caught.value.exit_code == 4
