@@ -1,0 +1,117 @@
+"""A sample run replayed over a bus and logged from it: the same frames, and the same fit."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import threading
+import time
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from frames_support import content
+from vcan.guest import GuestResult
+from vcan.session import WHEELSOIL, check, logged
+
+from daq.config import VehicleConfig
+from daq.databases import shipped_dbc
+from daq.logger import log
+from daq.open import open_runs
+from daq.recording import Recording
+from daq.replay import replay
+from daq.run import vehicle_from_file
+from model.fit import fit_models
+from model.fit_result import CampaignFit, FitOptions
+from model.soils import SOILS
+from model.wheel import Wheel
+from processing.options import ProcessOptions
+from wheelsoil.runs import process_runs
+
+CLAY = Path(__file__).parents[2] / "recordings" / "clay"
+
+
+def fitted(recording: Path) -> CampaignFit:
+    runs = [run for _, run in process_runs(open_runs([recording]), ProcessOptions(purpose="fit"))]
+    return fit_models(runs, Wheel(0.47, 0.318), SOILS["clay"], FitOptions(models=("vasilev", "ding")))
+
+
+def assert_same_fit(sent: Path, received: Path) -> None:
+    """Replay and bus add jitter to the times of arrival (tens of ms on a loaded machine): half a sigma is allowed."""
+    before, after = fitted(sent), fitted(received)
+    for name, parameter in (("vasilev", "H_m"), ("ding", "n1")):
+        a, b = before.model(name).estimate(parameter), after.model(name).estimate(parameter)
+        assert abs(a.value - b.value) < 0.5 * a.sigma, (parameter, a, b)
+        assert b.sigma == pytest.approx(a.sigma, rel=0.2)
+
+
+def rig(folder: Path, channel: str) -> Path:
+    """Put the campaign's vehicle on another bus."""
+    for name in ("wft.dbc", "wheel_speed.dbc", "gnss.dbc"):
+        shutil.copy(shipped_dbc(name), folder)
+    text = (CLAY / "vehicle.toml").read_text().replace('channel = "can0"', f'channel = "{channel}"')
+    path = folder / "vehicle.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.vcan
+def test_a_sample_run_over_socketcan_gives_the_same_fit(vcan: Callable[..., GuestResult], tmp_path: Path) -> None:
+    """All 40 s at their recorded times, through `wheelsoil replay` and `wheelsoil log` on vcan0."""
+    rig(tmp_path, "vcan0")
+    run = CLAY / "run-1.mcap"
+
+    result = vcan(logged(tmp_path, f"{WHEELSOIL} replay {run} --channel can0=vcan0"), timeout_s=150)
+
+    assert result.exit_code == 0, result.output
+    check(tmp_path, Recording.open(run).frames())
+    [received] = (tmp_path / "out").glob("*.mcap")
+    assert_same_fit(run, received)
+
+
+def test_a_sample_run_over_a_virtual_bus_gives_the_same_fit(tmp_path: Path) -> None:
+    """The same everywhere: python-can's virtual bus, which lives within one process."""
+    name = f"bus-{uuid.uuid4().hex}"
+    configured = vehicle_from_file(rig(tmp_path, name))
+    assert configured.vehicle is not None
+    bus = configured.vehicle.bus[0].model_copy(update={"interface": "virtual"})
+    vehicle: VehicleConfig = configured.vehicle.model_copy(update={"bus": (bus,)})
+    run, out, stop = CLAY / "run-2.mcap", tmp_path / "out.mcap", threading.Event()
+    thread = threading.Thread(
+        target=log, args=(vehicle, out), kwargs={"stop": stop, "attachments": configured.attachments}
+    )
+    thread.start()
+    while not out.exists():
+        time.sleep(0.01)
+    time.sleep(0.3)
+    replay(run, "virtual", channels={"can0": name})
+    time.sleep(0.5)
+    stop.set()
+    thread.join(10)
+
+    sent, received = Recording.open(run).frames(), Recording.open(out).frames()
+    assert [f[1:] for f in content(received)] == [f[1:] for f in content(sent)]
+    assert (np.diff(received.frames["time_ns"]) >= 0).all()
+    assert_same_fit(run, out)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_ctrl_c_leaves_a_closed_recording(tmp_path: Path) -> None:
+    """The command itself, on a bus without traffic."""
+    (tmp_path / "vehicle.toml").write_text('[[bus]]\nchannel = "quiet"\ninterface = "virtual"\n', encoding="utf-8")
+    logger = subprocess.Popen([WHEELSOIL, "log", "vehicle.toml", "--out", "out"], cwd=tmp_path, stderr=subprocess.PIPE)
+    for _ in range(200):
+        if list(tmp_path.glob("out/*.mcap")):
+            break
+        time.sleep(0.05)
+    time.sleep(0.5)
+    logger.send_signal(signal.SIGINT)
+    _, said = logger.communicate(timeout=20)
+    assert logger.returncode == 130, said
+    [path] = tmp_path.glob("out/*.mcap")
+    recording = Recording.open(path)
+    assert not recording.loss and b"Traceback" not in said
