@@ -18,7 +18,7 @@ from model.fit_result import MODELS, CampaignFit, Estimate, FitOptions, LoadRati
 from model.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
 from model.intervals import Blocks, Sandwich, blocks_of, sandwich
 from model.observations import CHANNELS, Observations, observations_of
-from model.profile import inflation, profile_of_sum
+from model.profile import profile_of_sum
 from model.soils import Soil
 from model.wheel import Wheel
 from model.wheel_soil import Conditions, Prediction, WheelSoilModel
@@ -267,13 +267,16 @@ def _estimates(
 
 def _sum(problem: FitProblem, x: FloatArray, found: Sandwich, t: float) -> Estimate:
     """Return p = m1 + m2 with its profile interval: singly they cannot be told apart, and the valley is curved."""
-    i, j = (problem.names.index(m) for m in SUM_OF)
-    variance = float(np.nansum(found.covariance[np.ix_([i, j], [i, j])]))
-    held = ~np.isfinite(np.diag(found.covariance))
-    inner = np.ix_(~held, ~held)
-    allowed = t**2 * (inflation(found.covariance[inner], problem.information(x)[inner]) if not held.all() else 1.0)
-    interval = profile_of_sum(problem, x, (i, j), allowed)
-    return Estimate("p", "1", float(x[i] + x[j]), sqrt(max(variance, 0.0)), interval, derived=True)
+    pair = [problem.names.index(m) for m in SUM_OF]
+    free = np.isfinite(np.diag(found.covariance))
+    rows = [k for k in pair if free[k]]
+    naive = np.full_like(found.covariance, np.nan)
+    inner = np.ix_(free, free)
+    naive[inner] = np.linalg.pinv(problem.information(x)[inner], hermitian=True)
+    variance, expected = (float(matrix[np.ix_(rows, rows)].sum()) for matrix in (found.covariance, naive))
+    allowed = t**2 * (variance / expected if expected > 0 else 1.0)
+    interval = profile_of_sum(problem, x, (pair[0], pair[1]), allowed)
+    return Estimate("p", "1", float(x[pair].sum()), sqrt(max(variance, 0.0)), interval, derived=True)
 
 
 def _estimate(name: str, unit: str, value: float, variance: float, t: float, *, at_bound: bool) -> Estimate:

@@ -2,8 +2,8 @@ r"""Profile interval of a sum of two parameters that cannot be told apart.
 
 Along the valley in which the data leave two parameters, the sum is far from linear in them, and an interval from
 the curvature at the minimum misses. The profile asks instead: how far can the sum be moved, everything else
-refitted, before the cost rises by what chance allows? With correlated samples chance allows more: Wilks' threshold
-:math:`t^2` is multiplied by :math:`\mathrm{tr}(H^{-1} S)/p`, the sandwich over the naive variance.
+refitted, before the cost rises by what chance allows? With correlated samples that is Wilks' threshold :math:`t^2`
+times the sandwich over the naive variance of the sum.
 
 Source: Venzon & Moolgavkar (1988), Appl. Stat. 37:87; Rotnitzky & Jewell (1990), Biometrika 77:485.
 """
@@ -20,11 +20,6 @@ from model.gauss_newton import GaussNewtonOptions, gauss_newton
 
 FloatArray = NDArray[np.float64]
 _OPTIONS = GaussNewtonOptions(epsilon=1e-4, cost_tolerance=1e-6, max_iterations=30)
-
-
-def inflation(covariance: FloatArray, bread: FloatArray) -> float:
-    """Return the sandwich variance over the naive one, averaged over directions, at least 1."""
-    return max(float(np.trace(bread @ covariance)) / len(bread), 1.0)
 
 
 def profile_of_sum(problem: FitProblem, x: FloatArray, pair: tuple[int, int], allowed: float) -> tuple[float, float]:
