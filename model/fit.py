@@ -16,7 +16,7 @@ from model.effects import EFFECTS
 from model.fit_problem import FitProblem, free_parameters
 from model.fit_result import MODELS, CampaignFit, Estimate, FitOptions, LoadRatio, ModelFit
 from model.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
-from model.intervals import Blocks, Sandwich, blocks_of, sandwich
+from model.intervals import Blocks, Sandwich, blocks_of, naive_covariance, sandwich
 from model.observations import CHANNELS, Observations, observations_of
 from model.profile import profile_of_sum
 from model.soils import Soil
@@ -272,7 +272,7 @@ def _sum(problem: FitProblem, x: FloatArray, found: Sandwich, t: float) -> Estim
     rows = [k for k in pair if free[k]]
     naive = np.full_like(found.covariance, np.nan)
     inner = np.ix_(free, free)
-    naive[inner] = np.linalg.pinv(problem.information(x)[inner], hermitian=True)
+    naive[inner] = naive_covariance(problem.information(x)[inner])
     variance, expected = (float(matrix[np.ix_(rows, rows)].sum()) for matrix in (found.covariance, naive))
     allowed = t**2 * (variance / expected if expected > 0 else 1.0)
     interval = profile_of_sum(problem, x, (pair[0], pair[1]), allowed)

@@ -144,8 +144,11 @@ def sandwich(
     Bell & McCaffrey (2002), Survey Methodology 28:169 (leverage, degrees of freedom).
     """
     p = bread.shape[0]
-    inverse = np.linalg.pinv(bread, hermitian=True)
-    meat = np.zeros((p, p)) if extra is None else extra.copy()
+    size = np.sqrt(np.diag(bread))
+    size[size == 0] = 1.0  # parameters differ by powers of ten in size: everything below is in units of their own sigma
+    jacobian, scores = jacobian / size, scores / size
+    inverse = np.linalg.pinv(bread / np.outer(size, size), hermitian=True)
+    meat = np.zeros((p, p)) if extra is None else extra / np.outer(size, size)
     shares = []
     for rows in np.split(np.argsort(blocks.label, kind="stable"), np.cumsum(np.bincount(blocks.label))[:-1]):
         part = jacobian[rows].reshape(-1, p)
@@ -157,4 +160,12 @@ def sandwich(
         meat += np.outer(score, score)
         shares.append(float(np.trace(information)) / p)
     degrees = max(1.0 / float(np.sum(np.square(shares))) - 1.0, 1.0) if shares else 1.0
-    return Sandwich(np.asarray(inverse @ meat @ inverse), degrees)
+    return Sandwich(inverse @ meat @ inverse / np.outer(size, size), degrees)
+
+
+def naive_covariance(bread: FloatArray) -> FloatArray:
+    """Return H^-1, shape (p, p): the covariance if whitened samples were independent."""
+    size = np.sqrt(np.diag(bread))
+    size[size == 0] = 1.0
+    inverse = np.linalg.pinv(bread / np.outer(size, size), hermitian=True)
+    return np.asarray(inverse / np.outer(size, size))

@@ -122,6 +122,20 @@ def test_a_freed_soil_widens_the_interval_and_stays_near_the_laboratory() -> Non
     tan_phi = freed.estimate("tan_phi")
     assert abs(tan_phi.value - SOILS["clay"].tan_phi) < 3 * 0.06 * SOILS["clay"].tan_phi
     assert tan_phi.sigma <= 1.05 * 0.06 * SOILS["clay"].tan_phi
+    stiffness = freed.estimate("frictional_modulus")  # five powers of ten larger than the others
+    assert 0.01 < stiffness.sigma / stiffness.value < 0.105
+
+
+def test_an_interval_does_not_depend_on_the_unit() -> None:
+    rng = np.random.default_rng(8)
+    n, unit = 600, np.array([1.0, 1e7])
+    jacobian, error = rng.normal(size=(n, 1, 2)), rng.normal(size=n)
+    blocks = blocks_of(error, np.arange(n) * 0.1, np.zeros(n, int), independent=False)
+    found = []
+    for scale in (np.ones(2), unit):
+        j = jacobian * scale
+        found.append(sandwich(j, j[:, 0] * error[:, None], j[:, 0].T @ j[:, 0], blocks).covariance)
+    np.testing.assert_allclose(found[0], found[1] * np.outer(unit, unit), rtol=1e-9)
 
 
 def test_correlation_time_of_a_first_order_process() -> None:
