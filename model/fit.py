@@ -174,7 +174,7 @@ def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options:
     ones = {c: np.ones(len(driven)) for c in options.channels}
     problem = FitProblem(model, driven, options.channels, free, options.soil_prior, ones)
     problem = problem.with_static_sinkage()
-    x = np.array([f.start for f in free])
+    x = problem.answered_start()
     problem, floor = problem.renewed(x)
     result: GaussNewtonResult | None = None
     iterations = 0

@@ -33,7 +33,7 @@ _SOIL_BOUNDS = {
 
 @dataclass(frozen=True)
 class Free:
-    """A parameter that is fitted."""
+    """A parameter that is fitted; at ``neutral`` the model is Wong's with the laboratory's soil."""
 
     name: str
     unit: str
@@ -41,6 +41,7 @@ class Free:
     lower: float
     upper: float
     scale: float
+    neutral: float
 
 
 _SOIL_UNITS = dict(zip(SOIL_PARAMETERS, ("Pa", "1", "m", "1", "N/m^(n+1)", "N/m^(n+2)"), strict=True))
@@ -49,13 +50,15 @@ _SOIL_UNITS = dict(zip(SOIL_PARAMETERS, ("Pa", "1", "m", "1", "N/m^(n+1)", "N/m^
 def free_parameters(model: WheelSoilModel, prior: SoilPrior | None) -> tuple[Free, ...]:
     """Return the effects' parameters and, with a prior, the soil's."""
     effects = [
-        Free(p.name, p.unit, p.start, p.lower, p.upper, p.prior_scale) for e in model.effects for p in e.parameters
+        Free(p.name, p.unit, p.start, p.lower, p.upper, p.prior_scale, p.neutral)
+        for e in model.effects
+        for p in e.parameters
     ]
     if prior is None:
         return tuple(effects)
     sigmas = np.sqrt(np.diag(prior.covariance))
     soil = [
-        Free(name, _SOIL_UNITS[name], float(mean), *_SOIL_BOUNDS[name], float(sigma))
+        Free(name, _SOIL_UNITS[name], float(mean), *_SOIL_BOUNDS[name], float(sigma), float(mean))
         for name, mean, sigma in zip(SOIL_PARAMETERS, prior.mean, sigmas, strict=True)
         if sigma > 0
     ]
@@ -105,6 +108,17 @@ class FitProblem:
         """Return the model's answer at the estimate `x`, shape (p,)."""
         values = dict(zip(self.names, x.tolist(), strict=True))
         return self.model.predict(Conditions(self.driven.slip, self.driven.vertical_load_n), values, wrt=wrt)
+
+    def answered_start(self) -> FloatArray:
+        """Return the starts, shape (p,), brought as near to neutral as it takes for the model to answer every sample.
+
+        Where the soil hardly carries the wheel, a start with slip sinkage would put its axle under ground.
+        """
+        neutral, away = np.array([[f.neutral, f.start - f.neutral] for f in self.free]).reshape(-1, 2).T
+        for share in (1.0, 0.3, 0.1, 0.03, 0.01):
+            if np.isfinite(self.predict(neutral + share * away).drawbar_pull_n).all():
+                return np.asarray(neutral + share * away)
+        return np.asarray(neutral)
 
     def residual_and_jacobian(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return whitened residuals (model - measured; prior rows last), and their derivatives."""

@@ -45,7 +45,8 @@ def profile_of_sum(problem: FitProblem, x: FloatArray, pair: tuple[int, int], al
     least = _cost(problem, x)
 
     def excess(total: float) -> float:
-        return float(np.sqrt(max(_refitted(problem, x, pair, total, lower, upper) - least, 0.0)))
+        cost = _refitted(problem, x, pair, total, lower, upper)
+        return float(np.sqrt(max(cost - least, 0.0))) if np.isfinite(cost) else np.inf  # a wheel sunk to its axle
 
     span = max(0.25 * abs(centre), 0.05)
     edges = (float(lower[i] + lower[j]), float(upper[i] + upper[j]))

@@ -126,6 +126,23 @@ def test_a_freed_soil_widens_the_interval_and_stays_near_the_laboratory() -> Non
     assert 0.01 < stiffness.sigma / stiffness.value < 0.105
 
 
+@pytest.mark.parametrize("law", ["vasilev", "lyasko", "ding"])
+def test_a_load_that_the_soil_hardly_carries_is_fitted_from_nearer_to_neutral(law: str) -> None:
+    """With any slip sinkage at the usual start the axle would be under ground, where the model has no answer."""
+    soil, slip = SOILS["sandy"], np.linspace(0.02, 0.9, 60)
+    load, nothing, zero = np.full(60, 3.55e4), np.full(60, np.nan), np.zeros(60)
+    truth = WheelSoilModel(WHEEL, soil, reading="literal", quadrature=Quadrature(40, 4))
+    start = WheelSoilModel(WHEEL, soil, [EFFECTS[law]], "literal")
+    usual = {p.name: p.start for p in EFFECTS[law].parameters}
+    assert np.isnan(start.predict(Conditions(slip, load), usual).drawbar_pull_n).any()
+    pull = truth.predict(Conditions(slip, load)).drawbar_pull_n - 30.0 * slip
+    data = Observations(
+        slip, load, pull, nothing, nothing, zero, zero, np.arange(60.0), np.zeros(60, int), ("a",), independent=True
+    )
+    fit = fit_observations(data, WHEEL, soil, FitOptions("literal", models=(law,))).models[0]
+    assert fit.criteria["dp"].R0_N < 20 and fit.criteria["dp"].samples == 54
+
+
 def test_an_interval_does_not_depend_on_the_unit() -> None:
     rng = np.random.default_rng(8)
     n, unit = 600, np.array([1.0, 1e7])
