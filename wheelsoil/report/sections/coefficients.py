@@ -23,7 +23,8 @@ def build(material: Material) -> Section:
     soil = "free within the laboratory's uncertainty" if fit.options.soil_prior else "the laboratory's"
     note = (
         f"Fitted to the {channels} of the driven samples (slip > 0); the soil is {soil}. Neighbouring samples are "
-        "correlated and the slip is measured: the intervals allow for both."
+        "correlated and the slip is measured: the intervals allow for both, not for an error that is the same in every "
+        "run (zero, gain, angle, soil values)."
     )
     blocks: list[Block] = [
         Table(
