@@ -79,8 +79,8 @@ def _sentence(material: Material, ranking: Ranking) -> str:
 def _trust(concerns: int) -> str:
     if concerns == 0:
         return (
-            "None of the checks below speaks against relying on it; an error that is the same in every run (zero, angle, "
-            "soil values) they cannot see."
+            "None of the checks below speaks against relying on it; an error that is the same in every run "
+            "(zero, angle, soil values) they cannot see."
         )
     what = "the reservation" if concerns == 1 else f"the {concerns} reservations"
     return f"Before relying on it, read {what} below."
