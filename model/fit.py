@@ -270,6 +270,8 @@ def _sum(problem: FitProblem, x: FloatArray, found: Sandwich, t: float) -> Estim
     pair = [problem.names.index(m) for m in SUM_OF]
     free = np.isfinite(np.diag(found.covariance))
     rows = [k for k in pair if free[k]]
+    if not rows:  # both are held: a sum of two bounds says nothing of the soil
+        return Estimate("p", "1", float(x[pair].sum()), np.nan, (np.nan, np.nan), derived=True, at_bound=True)
     naive = np.full_like(found.covariance, np.nan)
     inner = np.ix_(free, free)
     naive[inner] = naive_covariance(problem.information(x)[inner])

@@ -23,12 +23,13 @@ FloatArray = NDArray[np.float64]
 
 _SOIL_BOUNDS = {
     "cohesion_pa": (0.0, np.inf),
-    "tan_phi": (0.02, 1.7),
-    "shear_modulus_m": (1e-4, 1.0),
-    "sinkage_exponent": (0.05, 2.9),
+    "tan_phi": (0.0, 1.75),
+    "shear_modulus_m": (1e-9, 1.0),
+    "sinkage_exponent": (1e-9, 3.0),
     "cohesive_modulus": (-np.inf, np.inf),
-    "frictional_modulus": (1.0, np.inf),
+    "frictional_modulus": (-np.inf, np.inf),
 }
+"""Whatever terrain.toml may say is within; where k_c/b + k_phi is not positive the model has no answer anyway."""
 
 
 @dataclass(frozen=True)

@@ -88,16 +88,16 @@ def _refitted(
 def _edge(excess: Callable[[float], float], centre: float, span: float, limit: float, target: float) -> float:
     """Return where `excess` reaches `target`, walking from `centre` in the direction of `span`, at most to `limit`."""
     inside, outside = centre, centre + span
-    at_inside, at_outside = 0.0, excess(_within(outside, centre, limit))
+    at_inside, at_outside = 0.0, excess(_within(outside, span, limit))
     while at_outside < target:
-        outside = _within(outside, centre, limit)
+        outside = _within(outside, span, limit)
         if outside == limit:
             return limit
         inside, at_inside = outside, at_outside
         outside += span
         span *= 2.0
-        at_outside = excess(_within(outside, centre, limit))
-    outside = _within(outside, centre, limit)
+        at_outside = excess(_within(outside, span, limit))
+    outside = _within(outside, span, limit)
     for _ in range(12):
         if abs(outside - inside) < 2e-3 * max(abs(outside - centre), 1e-6):
             break
@@ -111,5 +111,5 @@ def _edge(excess: Callable[[float], float], centre: float, span: float, limit: f
     return 0.5 * (inside + outside)
 
 
-def _within(value: float, centre: float, limit: float) -> float:
-    return max(value, limit) if limit < centre else min(value, limit)
+def _within(value: float, direction: float, limit: float) -> float:
+    return max(value, limit) if direction < 0 else min(value, limit)

@@ -143,6 +143,26 @@ def test_a_load_that_the_soil_hardly_carries_is_fitted_from_nearer_to_neutral(la
     assert fit.criteria["dp"].R0_N < 20 and fit.criteria["dp"].samples == 54
 
 
+def test_a_sum_of_two_held_coefficients_has_no_interval() -> None:
+    """Data that ask for a wheel that rises with slip drive m1 and m2 to their lower bounds."""
+    data = measured(1, "wong")
+    lifted = replace(data, drawbar_pull_n=data.drawbar_pull_n + 3000 * np.maximum(data.slip, 0.0))
+    fit = fit_observations(lifted, WHEEL, SOILS["clay"], FitOptions(models=("lyasko",))).models[0]
+    p = fit.estimate("p")
+    assert (fit.stop_reason, p.value, p.at_bound) == ("at_bounds", -2.0, True)
+    assert np.isnan([p.sigma, *p.interval]).all()
+
+
+@pytest.mark.parametrize(
+    "odd", [{"friction_angle_rad": 0.015}, {"cohesive_modulus": 243e3, "frictional_modulus": -1e5}]
+)
+def test_any_soil_that_a_terrain_file_may_hold_can_be_freed(odd: dict[str, float]) -> None:
+    soil = replace(SOILS["clay"], **odd)
+    options = FitOptions(models=("vasilev",), soil_prior=prior_of(soil))
+    fit = fit_observations(measured(4, "vasilev"), WHEEL, soil, options).models[0]
+    assert {"H_m", *(name for name in odd if name != "friction_angle_rad")} <= {e.name for e in fit.estimates}
+
+
 def test_an_interval_does_not_depend_on_the_unit() -> None:
     rng = np.random.default_rng(8)
     n, unit = 600, np.array([1.0, 1e7])
