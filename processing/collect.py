@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.channel import Channel
+from processing.growing import GrowingSeries
 from processing.robust import robust_spread
 from processing.timebase import LATE_NS, FloatArray, IntArray, in_order, merge_equal_stamps
 
@@ -134,7 +135,7 @@ class Collector:
     def __init__(self, node_ns: int) -> None:
         self._node_ns = node_ns
         self._waiting: list[tuple[IntArray, FloatArray]] = []
-        self._done: list[tuple[IntArray, FloatArray]] = []
+        self._done = GrowingSeries()
         self._absent: list[IntArray] = []
         self._intervals: list[float] = []
         self._spread_sum, self._entries = 0.0, 0
@@ -161,8 +162,7 @@ class Collector:
         """Return everything taken."""
         self._flush()
         self._close(None)
-        time_ns, values = _joined(self._done)
-        self._done = []
+        time_ns, values = self._done.release()
         if np.any(np.diff(time_ns) < 0):
             order = np.argsort(time_ns, kind="stable")
             time_ns, values = time_ns[order], values[order]
@@ -204,7 +204,7 @@ class Collector:
             self._close(int(time_ns[-1]) // self._node_ns)
         elif len(time_ns):
             self._close(None)
-            self._done.append((time_ns, values))
+            self._done.append(time_ns, values)
             self._entries += len(values)
 
     def _close(self, growing: int | None) -> None:
@@ -213,7 +213,7 @@ class Collector:
             return
         closed = np.full(len(self._open.number), True) if growing is None else self._open.number < growing
         time_ns, values, spread = self._open.part(closed).entries(self._node_ns)
-        self._done.append((time_ns, values))
+        self._done.append(time_ns, values)
         self._spread_sum += float(spread.sum())
         self._entries += len(values)
         self._open = None if growing is None else self._open.part(~closed)

@@ -87,7 +87,7 @@ def smooth(
     """
     pairs = stretches(time_s, max_gap_s, least=3)
     which = stretch_of(at_s, time_s, pairs)
-    out = np.full((2, len(at_s)), np.nan)
+    out, slope = np.full(len(at_s), np.nan), np.full(len(at_s), np.nan)  # apart: not everybody keeps the slope
     edge = np.zeros(len(at_s), np.bool_)
     inside = np.flatnonzero(which >= 0)
     weight = _time_weight(time_s, pairs)
@@ -95,10 +95,10 @@ def smooth(
     for start in range(0, len(inside), _BLOCK):
         rows = inside[start : start + _BLOCK]
         bounds = pairs[which[rows]]
-        out[:, rows] = _line_under_kernel(at_s[rows], time_s, values, weight, bounds, narrowed)
+        out[rows], slope[rows] = _line_under_kernel(at_s[rows], time_s, values, weight, bounds, narrowed)
         first, last = time_s[bounds[:, 0]], time_s[bounds[:, 1] - 1]
         edge[rows] = np.minimum(at_s[rows] - first, last - at_s[rows]) < _EDGE * sigma_s
-    return Smoothed(out[0], out[1], np.isfinite(out[0]), edge)
+    return Smoothed(out, slope, np.isfinite(out), edge)
 
 
 def _time_weight(time_s: FloatArray, pairs: IntArray) -> FloatArray:

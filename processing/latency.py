@@ -59,19 +59,22 @@ def residual_latency(signals: SpeedSignals) -> tuple[float, float]:
         Positive: ground speed is late. NaN with less than 3 s of samples, a minimum at the end of the scan, or a sigma
         above 0.25 s.
     """
-    first = _Problem.of(signals, *_FIRST_CHOICE)
-    if len(first.rows) < _LEAST_SECONDS * signals.rate_hz:
-        return nan, nan
-    delays = np.arange(SCAN_S[0], SCAN_S[1] + 1e-9, _SCAN_STEP_S)
-    best = int(np.argmin([first.cost(float(delay)) for delay in delays]))
-    if not 0 < best < len(delays) - 1:
-        return nan, nan
-    delay, sigma = first.refine(float(delays[best]))
+    delay, sigma = _scan_and_refine(_Problem.of(signals, *_FIRST_CHOICE))
     if np.isfinite(signals.traction).any() and np.isfinite(delay):
         others = [_Problem.of(signals, *choice).refine(delay)[0] for choice in _OTHER_CHOICES]
         sigma = hypot(sigma, float(np.sqrt(np.mean((np.array(others) - delay) ** 2))))
     good = sigma < _LARGEST_SIGMA_S and SCAN_S[0] < delay < SCAN_S[1]
     return (delay, sigma) if good else (nan, nan)
+
+
+def _scan_and_refine(problem: _Problem) -> tuple[float, float]:
+    if len(problem.rows) < _LEAST_SECONDS * problem.rate_hz:
+        return nan, nan
+    delays = np.arange(SCAN_S[0], SCAN_S[1] + 1e-9, _SCAN_STEP_S)
+    best = int(np.argmin([problem.cost(float(delay)) for delay in delays]))
+    if not 0 < best < len(delays) - 1:
+        return nan, nan
+    return problem.refine(float(delays[best]))
 
 
 @dataclass(frozen=True)
