@@ -2,8 +2,9 @@ r"""One-sigma of one filtered sample, from the declared sigma, the data, or both
 
 Of white noise of density S the filter lets through S B, with B its `white_noise_bandwidth`; slow noise (a receiver's
 own filter, wheel-order ripple, quantisation of a quiet signal) passes whole. A declared sigma d is of one raw sample
-and holds both. The data show the white part w: by what the filter takes out, for kilohertz channels by what differs
-from one raw sample to the next; the rest is slow. With the sampling interval D:
+and holds both. The data show the white part w: by what the filter takes out and by what differs from one raw sample to
+the next, whichever is less (the first holds signal beyond the cut-off, too); the rest is slow. With the sampling
+interval D:
 
 .. math:: \sigma_f^2 = \min(d, w)^2 D B + \max(d^2 - 1.2 w^2, 0)
 
@@ -64,7 +65,7 @@ def filtered_sigma(
         total = max(white, samples.step**2 / 12)
     else:
         total = declared**2
-        white = samples.rough**2 if samples.node_s else white
+        white = samples.rough**2 if samples.node_s else min(white, samples.rough**2)
         white = min(white, total) if isfinite(white) else total
     passed = white * min(interval_s * white_noise_bandwidth(kernel_sigma_s), 1.0)
     return sqrt(passed + max(total - _MARGIN * white, 0.0)), source

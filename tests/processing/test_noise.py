@@ -64,6 +64,19 @@ def test_slow_noise_of_a_kilohertz_channel_is_not_averaged_away(declared: float 
         assert 0.05 * np.std(values) < sigma < np.std(values)
 
 
+@pytest.mark.parametrize("rate", [100.0, 200.0, 1000.0])
+def test_signal_beyond_the_cutoff_is_not_taken_for_white_noise(rate: float) -> None:
+    """What bounces at 6 Hz is filtered out as noise is; a declared slow noise must not shrink by it."""
+    rng = np.random.default_rng(11)
+    at = np.arange(int(60 * rate)) / rate
+    decay = np.exp(-1 / rate / 0.1)
+    slow = 60 * lfilter([np.sqrt(1 - decay**2)], [1, -decay], rng.standard_normal(len(at)))
+    bounce = 300 * np.sin(2 * np.pi * 6 * at)
+    values, sigma, _ = _filtered(bounce + slow, rate, 60.0)
+    clean, _, _ = _filtered(bounce, rate, 60.0)
+    assert 0.8 * np.std(values - clean) < sigma < 1.6 * np.std(values - clean)
+
+
 def test_a_quiet_quantised_signal_is_not_exact() -> None:
     at = np.arange(0, 60, 0.05)
     speed = 10 + 2 * np.sin(0.1 * at)
