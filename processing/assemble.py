@@ -168,7 +168,7 @@ def _quality(
             *material.notes,
             *notes,
             *sensor_notes(sensors),
-            *speed_notes(speeds.latency_s, speeds.latency_sigma_s, speeds.scale, speeds.scale_sigma),
+            *speed_notes(speeds, sensors),
             *run_notes(
                 reason,
                 material.reasons(),

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from math import hypot
 
 import numpy as np
 from numpy.typing import NDArray
 
 from processing.processed_run import Reason, Segment, SensorFacts, Standstill
+from processing.speeds import SpeedComparison
 from processing.timebase import FloatArray
 
 _TORQUE_SIGN_SAMPLES = 50
-_NOTABLE_LATENCY_S = 0.02
+_RING_DELAY_S = 0.015
+"""One-sigma of what the estimate owes to a toothed ring, which at low speed is later than its declared delay."""
 _NOTABLE_SCALE = 0.02
 _NOTABLE_GAP_SHARE = 0.1
 _ZERO_ROLES = ("drawbar_pull", "driving_torque")
@@ -69,15 +72,31 @@ def sensor_notes(sensors: dict[str, SensorFacts]) -> list[str]:
     return notes
 
 
-def speed_notes(latency_s: float, latency_sigma_s: float, scale: float, scale_sigma: float) -> list[str]:
-    """Return sentences on ground speed against wheel speed."""
+def speed_notes(speeds: SpeedComparison, sensors: dict[str, SensorFacts]) -> list[str]:
+    """Return sentences on ground speed against wheel speed.
+
+    A late ground speed has one likely cause, a delay that is not declared; an early one has several, so that the
+    sentence proposes no number.
+    """
     notes = []
-    if abs(latency_s) > max(_NOTABLE_LATENCY_S, 3 * latency_sigma_s):
-        late = "late" if latency_s > 0 else "early"
-        notes.append(
-            f"ground speed is {abs(latency_s):.3f} +- {latency_sigma_s:.3f} s {late} against wheel speed: "
-            "declare [sensors.ground_speed] latency_s"
-        )
+    latency_s, sigma_s = speeds.latency_s, speeds.latency_sigma_s
+    if abs(latency_s) > 3 * hypot(_RING_DELAY_S, sigma_s):
+        said = f"ground speed is {abs(latency_s):.3f} +- {sigma_s:.3f} s"
+        declared_s = {role: sensors[role].latency_s for role in ("ground_speed", "wheel_speed")}
+        if latency_s > 0:
+            whole_s = declared_s["ground_speed"] + latency_s
+            notes.append(
+                f"{said} late against wheel speed beyond the declared delays: if the receiver's data sheet allows it, "
+                f"declare [sensors.ground_speed] latency_s = {whole_s:.3f} in place of {declared_s['ground_speed']:g}"
+            )
+        else:
+            notes.append(
+                f"{said} early against wheel speed: the declared latency_s of ground speed "
+                f"({declared_s['ground_speed']:g} s) may be too long, or that of wheel speed "
+                f"({declared_s['wheel_speed']:g} s) too short, as a toothed ring is late at low speed; check both data "
+                "sheets before changing either"
+            )
+    scale, scale_sigma = speeds.scale, speeds.scale_sigma
     if abs(scale - 1) > max(_NOTABLE_SCALE, 3 * scale_sigma):
         notes.append(
             f"ground speed is {scale:.4f} +- {scale_sigma:.4f} of rim speed where the wheel hardly slips: "

@@ -8,6 +8,9 @@ from synthetic_run import RADIUS_M, channel, driven_speed, forces, speeds, stamp
 
 from daq.channel import Channel
 from processing.pipeline import process
+from processing.processed_run import SensorFacts
+from processing.quality import speed_notes
+from processing.speeds import SpeedComparison
 
 
 def _notes(channels: dict[str, Channel]) -> str:
@@ -66,8 +69,33 @@ def test_a_wrong_radius_and_a_late_receiver_are_noticed() -> None:
     wheel = channels["wheel_speed"]
     notes = _notes(channels | {"wheel_speed": Channel("w", "", wheel.time_ns, wheel.values / 1.04)})
     assert "check [wheel] radius_m" in notes
-    assert "late against wheel speed: declare [sensors.ground_speed] latency_s" in notes
-    assert "0.15" in notes
+    assert "late against wheel speed beyond the declared delays" in notes
+    assert "declare [sensors.ground_speed] latency_s = 0.15" in notes
+
+
+@pytest.mark.parametrize(
+    ("declared_s", "note"), [(0.0, "latency_s = 0.150 in place of 0"), (0.1, "0.150 in place of 0.1")]
+)
+def test_the_note_on_a_late_receiver_names_its_whole_delay(declared_s: float, note: str) -> None:
+    facts = SensorFacts(100, 0, 20.0, 0, 0.05, declared_s, 0.03, "declared")
+    speeds_found = SpeedComparison(0.15 - declared_s, 0.004)
+    (said,) = speed_notes(speeds_found, {"ground_speed": facts, "wheel_speed": facts})
+    assert note in said
+
+
+@pytest.mark.parametrize("latency_s", [-0.04, -0.025, 0.025, 0.04])
+def test_what_a_toothed_ring_may_do_gives_no_note(latency_s: float) -> None:
+    facts = SensorFacts(100, 0, 20.0, 0, 0.05, 0.07, 0.03, "declared")
+    sensors = {"ground_speed": facts, "wheel_speed": facts}
+    assert not speed_notes(SpeedComparison(latency_s, 0.004), sensors)
+    assert not speed_notes(SpeedComparison(3 * latency_s, 0.04), sensors)
+
+
+def test_an_early_receiver_is_told_without_a_number_to_declare() -> None:
+    facts = SensorFacts(100, 0, 20.0, 0, 0.05, 0.07, 0.03, "declared")
+    (said,) = speed_notes(SpeedComparison(-0.08, 0.005), {"ground_speed": facts, "wheel_speed": facts})
+    assert "early against wheel speed" in said
+    assert "declare" not in said.replace("declared", "")
 
 
 def test_a_channel_that_is_often_away_is_named() -> None:
