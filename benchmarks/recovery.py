@@ -17,20 +17,12 @@ from pathlib import Path
 
 from scipy.special import betaincinv
 
-from daq.buses import load_for_vehicle
-from daq.channel import Channel
-from daq.config import ROLES, VehicleConfig
-from daq.databases import shipped_dbc
-from daq.decode import Decoder
-from daq.frames import FrameBatch
-from daq.roles import resolve_roles
 from model.fit import fit_models
 from model.fit_result import FitOptions
 from model.soils import SOILS
 from processing.pipeline import process
 from processing.processed_run import ProcessedRun
-from wheelsoil.virtual_campaign import BUS, campaign_frames, simulated_setup
-from wheelsoil.virtual_files import vehicle_config
+from wheelsoil.virtual_campaign import simulated_roles
 from wheelsoil.virtual_options import SimulationOptions
 
 PARAMETER = {"vasilev": "H_m", "lyasko": "p", "ding": "n1"}
@@ -68,15 +60,7 @@ def clopper_pearson(hits: int, n: int, confidence: float = 0.95) -> tuple[float,
 
 def processed_campaign(options: SimulationOptions) -> list[ProcessedRun]:
     """Simulate, encode, decode and process every run of a campaign."""
-    vehicle = vehicle_config(simulated_setup(options), options.wheel, BUS)
-    return [process(_channels(frames, vehicle), vehicle, run.info) for run, frames in campaign_frames(options)]
-
-
-def _channels(frames: FrameBatch, vehicle: VehicleConfig) -> dict[str, Channel]:
-    databases = load_for_vehicle(vehicle, shipped_dbc("wft.dbc").parent)
-    references = resolve_roles(vehicle, databases, (), ROLES)
-    decoded = Decoder(databases, {r.name for r in references.values()}).decode(frames)
-    return {role: reference.to_si(decoded[reference.key]) for role, reference in references.items()}
+    return [process(*simulated_roles(options, index)) for index in range(options.runs)]
 
 
 def one(soil: str, law: str, seed: int) -> tuple[bool, float]:

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from daq.errors import ConfigError, DataError, Fault, nearest
 from model.criteria import Criteria, criteria
 from model.effects import EFFECTS
+from model.estimates import correlations, estimates_of, spread_of, warnings_of
 from model.fit_problem import FitProblem, free_parameters
-from model.fit_result import MODELS, CampaignFit, Estimate, FitOptions, LoadRatio, ModelFit
+from model.fit_result import MODELS, CampaignFit, FitOptions, LoadRatio, ModelFit
 from model.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
-from model.intervals import Blocks, Sandwich, blocks_of, naive_covariance, sandwich
+from model.intervals import Blocks, blocks_of
 from model.observations import CHANNELS, Observations, observations_of
-from model.profile import profile_of_sum
 from model.soils import Soil
 from model.wheel import Wheel
-from model.wheel_soil import Conditions, Prediction, WheelSoilModel
+from model.wheel_soil import SOIL_PARAMETERS, Conditions, Prediction, WheelSoilModel
 from processing.processed_run import ProcessedRun
 
 FloatArray = NDArray[np.float64]
@@ -29,8 +27,6 @@ FloatArray = NDArray[np.float64]
 MIN_SAMPLES = 20
 """Driven samples of a time series below which nothing is fitted."""
 _RENEWALS = 2
-SUM_OF = ("m1", "m2")
-"""Lyasko's coefficients, of which only the sum p is determined."""
 
 
 def fit_models(
@@ -94,11 +90,12 @@ def fit_observations(
     """
     chosen = options or FitOptions()
     _check_options(chosen)
+    _check_stiffness(soil, wheel)
     driven = _driven(observations, chosen)
     base = _model(wheel, soil, "wong", chosen).predict(Conditions(driven.slip, driven.vertical_load_n))
     answered = np.isfinite(base.drawbar_pull_n)
     driven, lost = driven[answered], int((~answered).sum())
-    _check_enough(driven, lost)
+    _check_enough(driven, lost, chosen)
     threshold = default_slip_threshold(soil) if chosen.slip_threshold is None else chosen.slip_threshold
     fits = []
     for name in chosen.models:
@@ -151,8 +148,24 @@ def _driven(observations: Observations, options: FitOptions) -> Observations:
     return observations[good]
 
 
-def _check_enough(driven: Observations, lost: int) -> None:
-    needed = 4 if driven.independent else MIN_SAMPLES
+def _check_stiffness(soil: Soil, wheel: Wheel) -> None:
+    stiffness = soil.stiffness(wheel.width_m)
+    if not stiffness > 0:
+        raise ConfigError(
+            Fault(
+                "this soil does not resist a wheel of this width: k_c/b + k_phi is not positive",
+                where=f"soil {soil.name}",
+                found=f"k_c {soil.cohesive_modulus:g} N/m^(n+1), k_phi {soil.frictional_modulus:g} N/m^(n+2), "
+                f"b {wheel.width_m:g} m: {stiffness:g} Pa/m^n",
+                next_step="check cohesive_modulus_kn, frictional_modulus_kn and width_m",
+            )
+        )
+
+
+def _check_enough(driven: Observations, lost: int, options: FitOptions) -> None:
+    most = max(sum(len(EFFECTS[e].parameters) for e in MODELS[m]) for m in options.models)
+    most += len(SOIL_PARAMETERS) if options.soil_prior else 0
+    needed = max(4, most + 3) if driven.independent else MIN_SAMPLES
     if len(driven) >= needed:
         return
     found = f"{len(driven)} usable samples with s > 0"
@@ -186,13 +199,14 @@ def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options:
             x, iterations = result.estimate, iterations + result.iterations
             problem, floor = problem.renewed(x)
             blocks = _blocks(problem, x)
-    found = _sandwich(problem, x, result, blocks) if result else None
+    found = spread_of(problem, x, result, blocks) if result else None
+    estimates = estimates_of(problem, x, result, found, blocks, options.confidence) if result and found else ()
     return ModelFit(
         name=name,
         effects=MODELS[name],
-        estimates=_estimates(problem, x, result, found, options.confidence) if result and found else (),
-        correlation=_correlation(problem.names, found.covariance) if found else {},
-        warnings=_warnings(result),
+        estimates=estimates,
+        correlation=correlations(problem.names, found.covariance) if found else {},
+        warnings=warnings_of(problem, result, found, estimates) if result and found else (),
         stop_reason=str(result.stop_reason) if result else "nothing_to_fit",
         iterations=iterations,
         criteria={},
@@ -201,13 +215,6 @@ def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options:
         blocks=blocks,
         residual_floor=floor,
     )
-
-
-def _warnings(result: GaussNewtonResult | None) -> tuple[str, ...]:
-    if result is None or result.converged:
-        return result.warnings if result else ()
-    stuck = f"not converged ({result.stop_reason}): the intervals are not to be relied on"
-    return (stuck, *result.warnings)
 
 
 def _solve(problem: FitProblem, start: FloatArray) -> GaussNewtonResult:
@@ -235,64 +242,6 @@ def _tempering(blocks: Blocks, driven: Observations) -> float:
         return 1.0
     step = float(np.median(np.diff(driven.time_s)[np.diff(driven.run) == 0]))
     return float(min(1.0, step / blocks.correlation_time_s))
-
-
-def _sandwich(problem: FitProblem, x: FloatArray, result: GaussNewtonResult, blocks: Blocks) -> Sandwich:
-    """Return the block sandwich, NaN for parameters that a bound holds."""
-    p = len(problem.free)
-    matrix = np.full((p, p), np.nan)
-    free = ~result.at_bound
-    if not free.any():
-        return Sandwich(matrix, 1.0)
-    inner = np.ix_(free, free)
-    sensitivities, scores = problem.sensitivities_and_scores(x)
-    bread, extra = problem.information(x)[inner], problem.prior_information()[inner]
-    found = sandwich(sensitivities[:, :, free], scores[:, free], bread, blocks, extra)
-    matrix[inner] = found.covariance
-    return Sandwich(matrix, found.degrees)
-
-
-def _estimates(
-    problem: FitProblem, x: FloatArray, result: GaussNewtonResult, found: Sandwich, confidence: float
-) -> tuple[Estimate, ...]:
-    t = float(stdtrit(found.degrees, 0.5 + 0.5 * confidence))
-    estimates = [
-        _estimate(f.name, f.unit, float(v), float(found.covariance[i, i]), t, at_bound=bool(result.at_bound[i]))
-        for i, (f, v) in enumerate(zip(problem.free, x, strict=True))
-    ]
-    if set(SUM_OF) <= set(problem.names):
-        estimates.append(_sum(problem, x, found, t))
-    return tuple(estimates)
-
-
-def _sum(problem: FitProblem, x: FloatArray, found: Sandwich, t: float) -> Estimate:
-    """Return p = m1 + m2 with its profile interval: singly they cannot be told apart, and the valley is curved."""
-    pair = [problem.names.index(m) for m in SUM_OF]
-    free = np.isfinite(np.diag(found.covariance))
-    rows = [k for k in pair if free[k]]
-    if not rows:  # both are held: a sum of two bounds says nothing of the soil
-        return Estimate("p", "1", float(x[pair].sum()), np.nan, (np.nan, np.nan), derived=True, at_bound=True)
-    naive = np.full_like(found.covariance, np.nan)
-    inner = np.ix_(free, free)
-    naive[inner] = naive_covariance(problem.information(x)[inner])
-    variance, expected = (float(matrix[np.ix_(rows, rows)].sum()) for matrix in (found.covariance, naive))
-    allowed = t**2 * (variance / expected if expected > 0 else 1.0)
-    interval = profile_of_sum(problem, x, (pair[0], pair[1]), allowed)
-    return Estimate("p", "1", float(x[pair].sum()), sqrt(max(variance, 0.0)), interval, derived=True)
-
-
-def _estimate(name: str, unit: str, value: float, variance: float, t: float, *, at_bound: bool) -> Estimate:
-    sigma = sqrt(variance) if variance >= 0 and not at_bound else float("nan")
-    return Estimate(name, unit, value, sigma, (value - t * sigma, value + t * sigma), at_bound=at_bound)
-
-
-def _correlation(names: tuple[str, ...], covariance: FloatArray) -> dict[tuple[str, str], float]:
-    sigma = np.sqrt(np.diag(covariance))
-    return {
-        (names[i], names[j]): float(covariance[i, j] / (sigma[i] * sigma[j]))
-        for i in range(len(names))
-        for j in range(i + 1, len(names))
-    }
 
 
 def _load_ratio(prediction: Prediction, driven: Observations) -> LoadRatio:

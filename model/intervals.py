@@ -147,7 +147,7 @@ def sandwich(
     size = np.sqrt(np.diag(bread))
     size[size == 0] = 1.0  # parameters differ by powers of ten in size: everything below is in units of their own sigma
     jacobian, scores = jacobian / size, scores / size
-    inverse = np.linalg.pinv(bread / np.outer(size, size), hermitian=True)
+    inverse = _inverse(bread / np.outer(size, size))
     meat = np.zeros((p, p)) if extra is None else extra / np.outer(size, size)
     shares = []
     for rows in np.split(np.argsort(blocks.label, kind="stable"), np.cumsum(np.bincount(blocks.label))[:-1]):
@@ -167,5 +167,11 @@ def naive_covariance(bread: FloatArray) -> FloatArray:
     """Return H^-1, shape (p, p): the covariance if whitened samples were independent."""
     size = np.sqrt(np.diag(bread))
     size[size == 0] = 1.0
-    inverse = np.linalg.pinv(bread / np.outer(size, size), hermitian=True)
-    return np.asarray(inverse / np.outer(size, size))
+    return np.asarray(_inverse(bread / np.outer(size, size)) / np.outer(size, size))
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    """Invert an information matrix; a direction without information gets a huge variance, never none."""
+    values, vectors = np.linalg.eigh(matrix)
+    values = np.maximum(values, np.finfo(float).eps * max(float(values[-1]), 1e-300))
+    return np.asarray((vectors / values) @ vectors.T)

@@ -8,21 +8,11 @@ from math import cos, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.config import TerrainConfig
-from model.soils import Soil
+from daq.config import SOIL_KEYS, TerrainConfig
+from model.soils import LABORATORY_SPREAD, Soil
 from model.wheel_soil import SOIL_PARAMETERS
 
 FloatArray = NDArray[np.float64]
-
-DEFAULT_RELATIVE_SIGMA = {
-    "cohesion_pa": 0.10,
-    "tan_phi": 0.06,
-    "shear_modulus_m": 0.20,
-    "sinkage_exponent": 0.04,
-    "cohesive_modulus": 0.10,
-    "frictional_modulus": 0.10,
-}
-"""One-sigma where terrain.toml states none: c 10 %, tan phi 6 %, K 20 %, k 10 %, n 4 %."""
 
 
 @dataclass(frozen=True)
@@ -52,26 +42,18 @@ class SoilPrior:
 
 
 def prior_of(soil: Soil, terrain: TerrainConfig | None = None) -> SoilPrior:
-    """Build the prior from terrain.toml's ``[uncertainty]``, or from `DEFAULT_RELATIVE_SIGMA`.
+    """Build the prior from terrain.toml's ``[uncertainty]``, or from `LABORATORY_SPREAD`.
 
     A parameter that the section leaves out is taken as exactly known.
     """
     mean = np.array([getattr(soil, name) for name in SOIL_PARAMETERS])
     uncertainty = terrain.uncertainty if terrain else None
     if uncertainty is None:
-        sigma = np.abs(mean) * np.array([DEFAULT_RELATIVE_SIGMA[name] for name in SOIL_PARAMETERS])
+        sigma = np.abs(mean) * np.array([LABORATORY_SPREAD[name] for name in SOIL_PARAMETERS])
         return SoilPrior(mean, np.diag(sigma**2), "default laboratory uncertainty")
     if uncertainty.covariance is not None:
         degree = radians(1.0) / cos(soil.friction_angle_rad) ** 2  # d tan(phi) per degree
         unit = np.array([1e3, degree, 1.0, 1.0, 1e3, 1e3])
         return SoilPrior(mean, np.array(uncertainty.covariance) * np.outer(unit, unit), "terrain.toml: covariance")
-    keys = (
-        "cohesion_kpa",
-        "friction_angle_deg",
-        "shear_modulus_m",
-        "sinkage_exponent",
-        "cohesive_modulus_kn",
-        "frictional_modulus_kn",
-    )
-    relative = np.array([getattr(uncertainty, key) or 0.0 for key in keys])
+    relative = np.array([getattr(uncertainty, key) or 0.0 for key in SOIL_KEYS])
     return SoilPrior(mean, np.diag((np.abs(mean) * relative) ** 2), "terrain.toml: uncertainty")

@@ -85,3 +85,13 @@ SOILS: dict[str, Soil] = {
     "sandy_loam": _soil("sandy_loam", 3300, 33.7, 0.025, 1.1, 74.6e3, 2080e3, _WONG),
 }
 """Presets by name; ``SOILS["clay"]`` and ``SOILS["sandy"]`` are the paper's."""
+
+LABORATORY_SPREAD: dict[str, float] = {
+    "cohesion_pa": 0.10,
+    "tan_phi": 0.06,
+    "shear_modulus_m": 0.20,
+    "sinkage_exponent": 0.04,
+    "cohesive_modulus": 0.10,
+    "frictional_modulus": 0.10,
+}
+"""Relative one-sigma of a laboratory's soil parameters, where terrain.toml states none."""

@@ -14,8 +14,8 @@ from typing import get_args
 from daq.config import TerrainConfig, UncertaintySection, load_toml
 from daq.errors import ConfigError, Fault, nearest
 from model.effects import EFFECTS
-from model.soils import SOILS, Soil, soil_from_terrain
-from model.virtual_test import LABORATORY_SPREAD, SHORTEST_RUN_S
+from model.soils import LABORATORY_SPREAD, SOILS, Soil, soil_from_terrain
+from model.virtual_test import SHORTEST_RUN_S
 from model.wheel import Wheel
 from model.wheel_soil import Reading
 
@@ -134,7 +134,7 @@ class SimulationOptions:
 
     @cached_property
     def uncertainty(self) -> dict[str, float]:
-        """Relative one-sigma per parameter of `model.virtual_test.LABORATORY_SPREAD`."""
+        """Relative one-sigma per parameter of `model.soils.LABORATORY_SPREAD`."""
         if self._terrain is None:
             return dict(LABORATORY_SPREAD)
         stated = self._terrain.uncertainty or UncertaintySection()

@@ -8,13 +8,12 @@ from model.virtual_test.clock import HostClock
 from model.virtual_test.load import VehicleSetup
 from model.virtual_test.motion import SHORTEST_RUN_S, DrivingStyle
 from model.virtual_test.run import TRUTH_RATE_HZ, VirtualRun, VirtualSetup, virtual_run
-from model.virtual_test.soil_draw import LABORATORY_SPREAD, drawn_soil
+from model.virtual_test.soil_draw import drawn_soil
 from model.virtual_test.speed_sensors import GnssSetup, Track, WheelSpeedSetup
 from model.virtual_test.transducer import TransducerSetup
 from model.virtual_test.truth import TRUTH_QUADRATURE, Truth
 
 __all__ = [
-    "LABORATORY_SPREAD",
     "SHORTEST_RUN_S",
     "TRUTH_QUADRATURE",
     "TRUTH_RATE_HZ",

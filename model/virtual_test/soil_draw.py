@@ -9,17 +9,7 @@ from math import atan, tan
 import numpy as np
 
 from daq.errors import ConfigError, Fault, nearest
-from model.soils import Soil
-
-LABORATORY_SPREAD: dict[str, float] = {
-    "cohesion_pa": 0.10,
-    "tan_phi": 0.06,
-    "shear_modulus_m": 0.20,
-    "sinkage_exponent": 0.04,
-    "cohesive_modulus": 0.10,
-    "frictional_modulus": 0.10,
-}
-"""Relative one-sigma of a laboratory's soil parameters."""
+from model.soils import LABORATORY_SPREAD, Soil
 
 
 def drawn_soil(soil: Soil, rng: np.random.Generator, spread: Mapping[str, float] | None = None) -> Soil:

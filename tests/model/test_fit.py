@@ -204,6 +204,27 @@ def test_sandwich_of_independent_rows_is_the_textbook_variance_and_degrees() -> 
     assert found.degrees == pytest.approx(n - 1)
 
 
+def test_a_bound_gives_a_limit_and_p_below_zero_is_flagged() -> None:
+    """An offset that looks like the opposite of slip sinkage: no law may claim to explain it."""
+    data = measured(9, "wong")
+    campaign = fit_observations(
+        replace(data, drawbar_pull_n=data.drawbar_pull_n + 80), WHEEL, SOILS["clay"], FitOptions()
+    )
+    for law, name in (("vasilev", "H_m"), ("ding", "n1")):
+        held = campaign.model(law).estimate(name)
+        assert held.at_bound and held.interval[0] == 0 and 0 < held.interval[1] < 0.5
+        assert any("held by its bound 0" in w for w in campaign.model(law).warnings)
+    assert any("below 0" in w for w in campaign.model("lyasko").warnings)
+
+
+def test_what_one_slip_cannot_tell_is_infinite() -> None:
+    data = measured(10, "lyasko")
+    n = 12
+    rows = replace(data[slice(0, n)], slip=np.full(n, 0.4), independent=True)
+    fit = fit_observations(rows, WHEEL, SOILS["clay"], FitOptions(models=("lyasko",))).models[0]
+    assert fit.estimate("m1").sigma > 1e3 and any("not determined singly" in w for w in fit.warnings)
+
+
 def test_bad_input_is_said_in_words() -> None:
     data = measured(6, "wong")
     soil = SOILS["clay"]
@@ -213,6 +234,8 @@ def test_bad_input_is_said_in_words() -> None:
         fit_observations(
             replace(data, driving_torque_nm=np.full(len(data), np.nan)), WHEEL, soil, FitOptions(channels=("t",))
         )
+    with pytest.raises(ConfigError, match="does not resist"):
+        fit_observations(data, WHEEL, replace(soil, cohesive_modulus=-2e5))
     with pytest.raises(ConfigError, match="lyasko"):
         fit_observations(data, WHEEL, soil, FitOptions(models=("liasko",)))
     with pytest.raises(DataError, match="above the axle"):

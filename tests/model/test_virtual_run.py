@@ -10,9 +10,8 @@ from virtual_support import LYASKO, START_NS, WHEEL, lyasko_model, simulated
 
 from daq.config import RunInfo
 from daq.errors import ConfigError, DataError
-from model.soils import SOILS
+from model.soils import LABORATORY_SPREAD, SOILS
 from model.virtual_test import (
-    LABORATORY_SPREAD,
     TRUTH_QUADRATURE,
     GnssSetup,
     TransducerSetup,

@@ -68,7 +68,7 @@ def _sentence(material: Material, ranking: Ranking) -> str:
     else:
         gain = 100 * (1 - ranking.r0_n / wong.r0_n)
         text = (
-            f"{best}'s model predicts the drawbar pull best: it is off by {error} {over}, "
+            f"{best}'s model follows the drawbar pull best, on the runs it was fitted to: it is off by {error} {over}, "
             f"{number(gain, 2)} % less than Wong's model ({number(wong.r0_n)} N)."
         )
     if equal:
