@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ConfigError, DataError, Fault, HardwareError, nearest
@@ -16,18 +18,23 @@ _LONGEST_MATLAB_NAME = 63
 
 
 def write_table(path: str | Path, columns: Columns, units: Mapping[str, str] | None = None) -> Path:
-    """Write columns of equal length as a table; the suffix says which format.
+    """Write columns of equal length as a table; see `write_blocks`."""
+    return write_blocks(path, [columns], units)
+
+
+def write_blocks(path: str | Path, blocks: Iterable[Columns], units: Mapping[str, str] | None = None) -> Path:
+    """Write a table that comes in blocks of rows; the suffix says which format.
 
     ``.parquet`` carries units in each field's metadata (key ``unit``), ``.csv`` in its header (``name [unit]``; NaN
     is an empty cell), ``.mat`` in a struct ``units`` and the original names in a struct ``names``, since MATLAB
-    takes only letters, digits and underscores.
+    takes only letters, digits and underscores. A MATLAB file alone needs the whole table in memory.
 
     Parameters
     ----------
     path : str or Path
         A file that is there is replaced.
-    columns : mapping str -> array, shape (n,)
-        Numbers, truth values or text.
+    blocks : iterable of mapping str -> array, shape (n,)
+        One at least, all with the same columns. Numbers, truth values or text.
     units : mapping str -> str, optional
         A column without one has none.
 
@@ -57,10 +64,11 @@ def write_table(path: str | Path, columns: Columns, units: Mapping[str, str] | N
                 next_step="choose one of these suffixes",
             )
         )
-    _check(columns, units)
+    checked = _checked(blocks, units)
+    first = next(checked)
     try:
         with target.open("wb") as file:
-            write(file, columns, units)
+            write(file, first, checked, units)
     except (FileNotFoundError, NotADirectoryError, IsADirectoryError, PermissionError) as error:
         raise ConfigError(
             Fault("the table cannot be made", str(target), error.strerror or str(error), next_step="check the folder")
@@ -70,6 +78,12 @@ def write_table(path: str | Path, columns: Columns, units: Mapping[str, str] | N
             Fault("the table cannot be written", str(target), error.strerror or str(error), next_step="free the disk")
         ) from None
     return target
+
+
+def _checked(blocks: Iterable[Columns], units: Mapping[str, str]) -> Iterator[Columns]:
+    for block in blocks:
+        _check(block, units)
+        yield block
 
 
 def _check(columns: Columns, units: Mapping[str, str]) -> None:
@@ -86,27 +100,37 @@ def _check(columns: Columns, units: Mapping[str, str]) -> None:
         raise DataError(*faults)
 
 
-def _write_parquet(file: Any, columns: Columns, units: Mapping[str, str]) -> None:
+def _write_parquet(file: Any, first: Columns, others: Iterable[Columns], units: Mapping[str, str]) -> None:
     import pyarrow as pa
     import pyarrow.parquet
 
-    arrays = {name: pa.array(column) for name, column in columns.items()}
-    fields = [pa.field(name, array.type, metadata={"unit": units.get(name, "")}) for name, array in arrays.items()]
-    pyarrow.parquet.write_table(pa.table(list(arrays.values()), schema=pa.schema(fields)), file, compression="zstd")
+    types = {name: pa.array(column[:0]).type for name, column in first.items()}
+    schema = pa.schema([pa.field(name, kind, metadata={"unit": units.get(name, "")}) for name, kind in types.items()])
+    with pyarrow.parquet.ParquetWriter(file, schema, compression="zstd") as writer:
+        for block in chain([first], others):
+            writer.write_table(pa.table([pa.array(block[name]) for name in first], schema=schema))
 
 
-def _write_csv(file: Any, columns: Columns, units: Mapping[str, str]) -> None:
+def _write_csv(file: Any, first: Columns, others: Iterable[Columns], units: Mapping[str, str]) -> None:
     import pyarrow as pa
     import pyarrow.csv
 
-    heads = [f"{name} [{units[name]}]" if units.get(name) else name for name in columns]
-    arrays = [pa.array(column, from_pandas=True) for column in columns.values()]
-    pyarrow.csv.write_csv(pa.table(arrays, names=heads), file)
+    heads = [f"{name} [{units[name]}]" if units.get(name) else name for name in first]
+    tables = (
+        pa.table([pa.array(block[name], from_pandas=True) for name in first], names=heads)
+        for block in chain([first], others)
+    )
+    table = next(tables)
+    with pyarrow.csv.CSVWriter(file, table.schema) as writer:
+        for part in chain([table], tables):
+            writer.write_table(part)
 
 
-def _write_mat(file: Any, columns: Columns, units: Mapping[str, str]) -> None:
+def _write_mat(file: Any, first: Columns, others: Iterable[Columns], units: Mapping[str, str]) -> None:
     from scipy.io import savemat
 
+    blocks = [first, *others]
+    columns = {name: np.concatenate([block[name] for block in blocks]) for name in first}
     names: dict[str, str] = {}
     for name in columns:
         names[_matlab_name(name, names)] = name
@@ -132,7 +156,7 @@ def _matlab_column(column: NDArray[Any]) -> NDArray[Any]:
     return column.astype(object) if column.dtype.kind in "US" else column
 
 
-_WRITERS: dict[str, Callable[[Any, Columns, Mapping[str, str]], None]] = {
+_WRITERS: dict[str, Callable[[Any, Columns, Iterable[Columns], Mapping[str, str]], None]] = {
     ".parquet": _write_parquet,
     ".csv": _write_csv,
     ".mat": _write_mat,

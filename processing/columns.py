@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,28 +34,31 @@ _SIGMAS = {
     "driving_torque_nm": "driving_torque_sigma_nm",
     "sinkage_m": "sinkage_sigma_m",
 }
+_NAMED: dict[str, type[Segment] | type[Reason]] = {"segment": Segment, "reason": Reason}
 
 
-def to_columns(run: ProcessedRun) -> tuple[dict[str, Column], dict[str, str]]:
-    """Return the run's columns, all of one length, and the unit of each.
+def units_of(run: ProcessedRun) -> dict[str, str]:
+    """Return the names of the run's columns and their units.
 
     ``time_ns`` (UTC) and ``time_s`` (since the first sample) first; quantities that were not measured are left out;
     ``segment`` and ``reason`` are names.
     """
-    columns: dict[str, Column] = {
-        "time_ns": run.start_ns + np.round(run.time_s * 1e9).astype(np.int64),
-        "time_s": run.time_s,
-    }
     units = {"time_ns": "ns", "time_s": "s"}
     for name, unit in UNITS.items():
-        values = getattr(run, name)
-        if np.isnan(values).all():
-            continue
-        for column in (name, _SIGMAS.get(name)):
-            if column:
-                columns[column] = np.ascontiguousarray(getattr(run, column))
-                units[column] = unit
-    for name, kind in (("segment", Segment), ("reason", Reason)):
-        columns[name] = np.array([member.name.lower() for member in kind])[getattr(run, name)]
-        units[name] = ""
-    return columns, units
+        if not np.isnan(getattr(run, name)).all():
+            units |= {column: unit for column in (name, _SIGMAS.get(name)) if column}
+    return units | dict.fromkeys(_NAMED, "")
+
+
+def block_of(run: ProcessedRun, names: Iterable[str], rows: slice) -> dict[str, Column]:
+    """Return some rows of some columns; NaN for a quantity that was not measured."""
+    return {name: _column(run, name, rows) for name in names}
+
+
+def _column(run: ProcessedRun, name: str, rows: slice) -> Column:
+    if name == "time_ns":
+        return run.start_ns + np.round(run.time_s[rows] * 1e9).astype(np.int64)
+    if name in _NAMED:
+        words: NDArray[np.str_] = np.array([member.name.lower() for member in _NAMED[name]])
+        return np.asarray(words[getattr(run, name)[rows]])
+    return np.ascontiguousarray(getattr(run, name)[rows])

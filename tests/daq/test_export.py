@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from daq.errors import ConfigError, DataError, HardwareError
-from daq.export import write_table
+from daq.export import write_blocks, write_table
 
 COLUMNS = {
     "time_ns": np.array([1_700_000_000_000_000_001, 2, -3]),
@@ -54,6 +54,29 @@ def test_csv_text(tmp_path):
     assert rows[0] == ["time_ns [ns]", "slip", "Wheel.Speed [rpm] [1/min]", "used", "reason"]
     assert [row[4] for row in rows[1:]] == COLUMNS["reason"].tolist()
     assert rows[1][0] == "1700000000000000001"
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
+def test_blocks_of_rows_make_the_table_that_the_whole_makes(tmp_path, suffix):
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    rows = [slice(0, 1), slice(1, 3), slice(3, 3)]
+    blocks = ({name: column[part] for name, column in COLUMNS.items()} for part in rows)
+    paths = (
+        write_table(tmp_path / f"whole{suffix}", COLUMNS, UNITS),
+        write_blocks(tmp_path / f"b{suffix}", blocks, UNITS),
+    )
+    read = pyarrow.parquet.read_table if suffix == ".parquet" else pyarrow.csv.read_csv
+    whole, parts = map(read, paths)
+    assert whole.schema.equals(parts.schema, check_metadata=True)
+    assert str(whole.to_pydict()) == str(parts.to_pydict())  # NaN is not equal to itself
+
+
+def test_a_bad_block_is_refused_wherever_it_comes(tmp_path):
+    good, bad = {"a": np.zeros(2), "b": np.zeros(2)}, {"a": np.zeros(2), "b": np.zeros(3)}
+    with pytest.raises(DataError, match="one length"):
+        write_blocks(tmp_path / "t.parquet", [good, bad])
 
 
 def test_mat_round_trip(tmp_path):

@@ -3,7 +3,7 @@ import pytest
 from synthetic_run import forces, speeds, vehicle
 
 from daq.config import RunInfo
-from processing.columns import UNITS, to_columns
+from processing.columns import UNITS, Column, block_of, units_of
 from processing.pipeline import process
 from processing.processed_run import ProcessedRun, Reason
 from processing.summary import summary_table
@@ -37,8 +37,13 @@ def test_the_table_of_a_run_that_tells_little_has_no_nan(bare: ProcessedRun) -> 
     assert "drawbar" not in text
 
 
+def _columns(run: ProcessedRun) -> tuple[dict[str, Column], dict[str, str]]:
+    units = units_of(run)
+    return block_of(run, units, slice(None)), units
+
+
 def test_columns_have_units_and_one_length(full: ProcessedRun) -> None:
-    columns, units = to_columns(full)
+    columns, units = _columns(full)
     assert list(columns) == list(units)
     assert {len(values) for values in columns.values()} == {len(full)}
     assert list(columns)[:2] == ["time_ns", "time_s"]
@@ -52,7 +57,7 @@ def test_columns_have_units_and_one_length(full: ProcessedRun) -> None:
 
 
 def test_what_was_not_measured_has_no_column(bare: ProcessedRun) -> None:
-    columns, _ = to_columns(bare)
+    columns, _ = _columns(bare)
     assert "slip" in columns
     assert not {"drawbar_pull_n", "vertical_load_n", "sinkage_m", "latitude_deg"} & set(columns)
 
@@ -61,8 +66,16 @@ def test_columns_make_a_table_and_come_back(full: ProcessedRun, tmp_path) -> Non
     import pyarrow as pa
     from pyarrow import parquet
 
-    columns, _ = to_columns(full)
+    columns, _ = _columns(full)
     parquet.write_table(pa.table(columns), tmp_path / "run.parquet")
     back = parquet.read_table(tmp_path / "run.parquet")
     np.testing.assert_array_equal(back["slip"].to_numpy(), full.slip)
     assert back["segment"].to_pylist() == columns["segment"].tolist()
+
+
+def test_some_rows_are_those_of_the_whole(full: ProcessedRun, bare: ProcessedRun) -> None:
+    whole, units = _columns(full)
+    part = block_of(full, units, slice(100, 300))
+    for name, values in whole.items():
+        np.testing.assert_array_equal(part[name], values[100:300])
+    assert np.isnan(block_of(bare, ["sinkage_m"], slice(0, 5))["sinkage_m"]).tolist() == [True] * 5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,8 @@ from wheelsoil.cli.talk import check_output, print_facts, print_json, say
 
 if TYPE_CHECKING:
     from processing.processed_run import ProcessedRun
+
+_BLOCK_ROWS = 1 << 16
 
 
 def command(
@@ -75,19 +78,20 @@ def _as_json(run: ProcessedRun) -> dict[str, Any]:
 
 
 def _write(target: Path, processed: list[ProcessedRun]) -> None:
+    from daq.export import write_blocks
+    from processing.columns import units_of
+
+    units = {name: unit for run in processed for name, unit in units_of(run).items()}
+    write_blocks(target, _blocks(processed, units), units)
+    say(f"wrote {target}")
+
+
+def _blocks(processed: list[ProcessedRun], names: Iterable[str]) -> Iterator[dict[str, Any]]:
     import numpy as np
 
-    from daq.export import write_table
-    from processing.columns import to_columns
+    from processing.columns import block_of
 
-    tables = [to_columns(run) for run in processed]
-    units = {name: unit for _, table_units in tables for name, unit in table_units.items()}
-    names = list(dict.fromkeys(name for columns, _ in tables for name in columns))
-    lengths = [len(run) for run in processed]
-    columns: dict[str, Any] = {"run": np.repeat([run.run.id for run in processed], lengths)}
-    for name in names:
-        columns[name] = np.concatenate(
-            [table.get(name, np.full(length, np.nan)) for (table, _), length in zip(tables, lengths, strict=True)]
-        )
-    write_table(target, columns, units)
-    say(f"wrote {target}")
+    for run in processed:
+        for start in range(0, len(run), _BLOCK_ROWS):
+            columns = block_of(run, names, slice(start, start + _BLOCK_ROWS))
+            yield {"run": np.full(len(columns["time_ns"]), run.run.id), **columns}
