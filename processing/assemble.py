@@ -185,13 +185,10 @@ def _quality(
 
 def _compare(material: Material, radius_m: float, rate_hz: float) -> SpeedComparison:
     """Compare the speeds where both went through the whole filter."""
-    sound = {
-        role: np.where(material.roles[role].reason == Reason.USED, material.values(role), nan)
-        for role in ("ground_speed", "wheel_speed")
-    }
+    sound = {role: material.roles[role].reason == Reason.USED for role in ("ground_speed", "wheel_speed")}
     return compare_speeds(
-        sound["ground_speed"],
-        radius_m * sound["wheel_speed"],
+        np.where(sound["ground_speed"], material.values("ground_speed"), nan),
+        np.where(sound["wheel_speed"], radius_m * material.values("wheel_speed"), nan),
         material.values("driving_torque"),
         material.values("vertical_load"),
         material.values("drawbar_pull"),

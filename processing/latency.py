@@ -79,13 +79,14 @@ def _scan_and_refine(problem: _Problem) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class _Problem:
-    """One choice of samples and of degree; rim speed is NaN where not chosen, traction centred, slopes per second."""
+    """One choice of samples and of degree; rim speed is NaN where not chosen, traction centred.
+
+    Slopes are taken where they are needed: a run of hours has more samples than are ever looked at.
+    """
 
     ground: FloatArray
     rim: FloatArray
-    rim_slope: FloatArray
     traction: FloatArray
-    traction_slope: FloatArray
     degree: int
     rows: NDArray[np.int64]
     rate_hz: float
@@ -101,12 +102,10 @@ class _Problem:
         else:
             chosen, traction, degree = rim > LEAST_SPEED_MPS, np.zeros_like(rim), 0
         rim = np.where(chosen, rim, nan)
-        rim_slope, traction_slope = (np.gradient(signal, 1.0 / signals.rate_hz) for signal in (rim, traction))
-        usable = np.isfinite(signals.ground_speed_mps) & np.isfinite(rim_slope) & np.isfinite(traction_slope)
-        rows = np.flatnonzero(usable)
-        return _Problem(
-            signals.ground_speed_mps, rim, rim_slope, traction, traction_slope, degree, rows, signals.rate_hz
-        )
+        known = np.isfinite(rim) & np.isfinite(traction)
+        known[1:-1] &= known[:-2] & known[2:]
+        rows = np.flatnonzero(known & np.isfinite(signals.ground_speed_mps))
+        return _Problem(signals.ground_speed_mps, rim, traction, degree, rows, signals.rate_hz)
 
     def cost(self, delay_s: float) -> float:
         """Return the robust spread that the best coefficients leave at this delay."""
@@ -138,18 +137,23 @@ class _Problem:
         rows = self.rows[:: max(1, -(-len(self.rows) // most))]
         position = rows - delay_s * self.rate_hz
         low = np.floor(position).astype(np.int64)
-        inside = (low >= 0) & (low + 1 < len(self.ground))
+        inside = (low >= 1) & (low + 2 < len(self.ground))
         rows, low = rows[inside], low[inside]
         share = position[inside] - low
-        rim, rim_slope, traction, traction_slope = (
-            ((1 - share) * signal[low] + share * signal[low + 1])[:, None]
-            for signal in (self.rim, self.rim_slope, self.traction, self.traction_slope)
+        (rim, rim_slope), (traction, traction_slope) = (
+            self._interpolated(signal, low, share) for signal in (self.rim, self.traction)
         )
         power = np.arange(self.degree + 1)
         basis = rim * traction**power
         slope = rim_slope * traction**power + rim * power * traction ** np.maximum(power - 1, 0) * traction_slope
         good = np.isfinite(basis).all(axis=1) & np.isfinite(slope).all(axis=1)
         return rows[good], basis[good], slope[good]
+
+    def _interpolated(self, signal: FloatArray, low: NDArray[np.int64], share: FloatArray) -> FloatArray:
+        """Return a signal between two samples, and its central differences interpolated alike, shape (2, n, 1)."""
+        before, here, there, after = (signal[low + step] for step in (-1, 0, 1, 2))
+        slope = ((1 - share) * (there - before) + share * (after - here)) * (0.5 * self.rate_hz)
+        return np.stack([(1 - share) * here + share * there, slope])[:, :, None]
 
 
 def _low_slip(signals: SpeedSignals, limit: float) -> NDArray[np.bool_]:
