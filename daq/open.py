@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 from daq.errors import ConfigError, Fault, RecordingError, WheelsoilError, nearest
@@ -44,7 +45,7 @@ def open_runs(
     paths : sequence of path
         A recording (MCAP), a log of any format that `daq.logs.read_log` knows, or a folder with ``vehicle.toml``,
         ``terrain.toml``, ``runs.toml``, the DBCs and the runs. Without ``runs.toml`` every recording and log of the
-        folder is a run, in the order of their names.
+        folder is a run, in the order of their names. A file that is named by itself takes what lies beside it.
     vehicle, terrain, runs : path, optional
         Files that override what folders and recordings carry; the names of DBCs start at the folder of vehicle.toml.
     lenient_dbc : bool
@@ -67,13 +68,19 @@ def open_runs(
         {name: Path(path) for name, path in _named(vehicle, terrain, runs) if path is not None}, collected, lenient_dbc
     )
     collected.stop_if_any()
+
+    @cache
+    def known_in(folder: Path) -> Configuration | None:
+        return _known_in(folder, given, collected, lenient_dbc)
+
     opened: list[Run] = []
     for path in map(Path, paths):
-        if path.is_dir():
-            opened += _open_folder(path, given, collected, lenient_dbc)
-        else:
+        known = known_in(path if path.is_dir() else path.parent)
+        if known is None:
+            continue
+        for file in _files_of(path, known, collected) if path.is_dir() else [path]:
             with collected.catch():
-                opened.append(_open_file(path, given, lenient_dbc))
+                opened.append(_open_file(file, known, lenient_dbc))
     collected.stop_if_any()
     return _told_apart(opened)
 
@@ -142,22 +149,17 @@ def _configuration(files: dict[str, Path], collected: Collected, lenient_dbc: bo
     return known
 
 
-def _open_file(path: Path, given: Configuration, lenient_dbc: bool) -> Run:
-    return recording_run(path, given, lenient_dbc=lenient_dbc) if is_recording(path) else log_run(path, given)
+def _open_file(path: Path, known: Configuration, lenient_dbc: bool) -> Run:
+    return recording_run(path, known, lenient_dbc=lenient_dbc) if is_recording(path) else log_run(path, known)
 
 
-def _open_folder(folder: Path, given: Configuration, collected: Collected, lenient_dbc: bool) -> list[Run]:
+def _known_in(folder: Path, given: Configuration, collected: Collected, lenient_dbc: bool) -> Configuration | None:
+    """Return what is known of the runs in a folder; None where its files are wrong, which is collected."""
     before = len(collected.errors)
     have = {VEHICLE_FILE: given.vehicle, TERRAIN_FILE: given.terrain, RUNS_FILE: given.runs}
     files = {name: folder / name for name, known in have.items() if known is None and (folder / name).is_file()}
     known = given.over(_configuration(files, collected, lenient_dbc))
-    if len(collected.errors) > before:
-        return []
-    runs = []
-    for path in _files_of(folder, known, collected):
-        with collected.catch():
-            runs.append(_open_file(path, known, lenient_dbc))
-    return runs
+    return known if len(collected.errors) == before else None
 
 
 def _files_of(folder: Path, known: Configuration, collected: Collected) -> list[Path]:

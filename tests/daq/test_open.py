@@ -109,6 +109,30 @@ def test_options_beat_the_folder_and_the_folder_beats_the_recording(tmp_path):
     assert b"given" in run.attachments["terrain.toml"]
 
 
+def test_a_run_named_as_a_file_takes_what_lies_in_its_folder(tmp_path, monkeypatch):
+    listed = '[[run]]\nfile = "run1.log"\nid = "first"\ndirection = "back"\nadded_load_kg = 300\n'
+    folder = folder_with(tmp_path / "camp", vehicle=VEHICLE, terrain=SOIL.format(name="of the folder"), runs=listed)
+    write_candump([frames()], folder / "run1.log")
+    record(folder / "run2.mcap", frames(), vehicle=VEHICLE, terrain=SOIL.format(name="carried"))
+    other = tmp_path / "other.toml"
+    other.write_text(SOIL.format(name="given"))
+    (by_folder,) = open_runs([folder])
+    (by_file,) = open_runs([folder / "run1.log"])
+    assert by_file == by_folder
+    assert (by_file.id, by_file.info.direction, by_file.info.added_load_kg) == ("first", "back", 300)
+    assert len(by_file.channels()["wheel_speed"]) == 100
+    monkeypatch.chdir(folder)
+    log, recording = open_runs(["run1.log", "run2.mcap"])
+    assert log.terrain == recording.terrain == by_folder.terrain
+    (run,) = open_runs(["run1.log"], terrain=other)
+    assert run.terrain is not None and run.terrain.soil.name == "given"
+    assert run.vehicle == by_folder.vehicle
+    (folder / "vehicle.toml").write_text("bogus = 1\n")
+    with pytest.raises(ConfigError, match="bogus") as caught:
+        open_runs(["run1.log", "run2.mcap"])
+    assert len(caught.value.faults) == 1, "a folder's fault is told once"
+
+
 def test_runs_toml_names_the_runs_and_what_is_known_of_them(tmp_path):
     folder = folder_with(
         tmp_path / "campaign",
