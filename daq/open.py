@@ -85,6 +85,21 @@ def open_runs(
     return _told_apart(opened)
 
 
+def known_beside(path: Path, given: Configuration, *, lenient_dbc: bool = False) -> Configuration:
+    """Return what is given, completed by the files that lie beside a run.
+
+    Raises
+    ------
+    ConfigError, DatabaseError
+        Everything that is wrong with them, at once.
+    """
+    collected = Collected()
+    known = _known_in(path.parent, given, collected, lenient_dbc)
+    collected.stop_if_any()
+    assert known is not None
+    return known
+
+
 class Collected:
     """Gathers errors so that all of them can be told at once."""
 

@@ -55,6 +55,21 @@ def test_import_keeps_every_frame_and_needs_no_other_file(logs, imported):
     assert run.terrain is not None
 
 
+def test_import_takes_what_lies_beside_the_log_and_options_override_it(logs, tmp_path):
+    folder = tmp_path / "camp"
+    folder.mkdir()
+    for path in (logs / "run-1.log", logs / "vehicle.toml", logs / "terrain.toml"):
+        (folder / path.name).write_bytes(path.read_bytes())
+    (folder / "runs.toml").write_text('[[run]]\nfile = "run-1.log"\nid = "a"\ndirection = "back"\npass_number = 2\n')
+    ok("import", folder / "run-1.log", "-o", tmp_path / "one.mcap")
+    ok("import", folder / "run-1.log", "-o", tmp_path / "two.mcap", "--direction", "out", "--added-load", 300)
+    one, two = open_runs([tmp_path / "one.mcap", tmp_path / "two.mcap"])
+    assert one.vehicle == load_toml(logs / "vehicle.toml", VehicleConfig)
+    assert one.terrain is not None and one.databases
+    assert (one.id, one.info.direction, one.info.pass_number, one.info.added_load_kg) == ("a", "back", 2, 0)
+    assert (two.info.direction, two.info.pass_number, two.info.added_load_kg) == ("out", 2, 300)
+
+
 def test_the_view_is_what_the_raw_frames_say(imported):
     """Decoded topics, read by somebody else's reader, hold decoded raw frames at no more than 100 Hz."""
     from mcap.reader import make_reader

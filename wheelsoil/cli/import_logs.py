@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,8 +23,21 @@ from wheelsoil.cli.options import (
 )
 from wheelsoil.cli.talk import check_output, counter, print_facts, print_json, say
 
+if TYPE_CHECKING:
+    from daq.config import RunInfo
+    from daq.run import Configuration
+
+_OF_A_RUN = {
+    "direction": "direction",
+    "pass_number": "pass_number",
+    "added_load": "added_load_kg",
+    "inflation": "inflation_kpa",
+}
+"""Options and the keys of runs.toml that they override."""
+
 
 def command(
+    context: typer.Context,
     logs: Annotated[
         list[Path], typer.Argument(metavar="LOG...", help="Logs of one run, in their order: candump -L, BLF, ASC, ...")
     ],
@@ -55,15 +68,19 @@ def command(
 ) -> None:
     """Turn log files of any format into a recording (MCAP) that needs no other file.
 
-    The raw frames are kept as they are, bit for bit. Decoded topics are a view of them for people and other tools.
+    vehicle.toml, terrain.toml and runs.toml that lie beside the (first) log go along; options override them. The raw
+    frames are kept as they are, bit for bit. Decoded topics are a view of them for people and other tools.
     """
     from daq.convert import import_logs
+    from daq.open import known_beside
     from wheelsoil.cli.vehicles import configuration, pairs
 
-    known = configuration(vehicle, terrain, pairs(dbc, "--dbc", "BUS=FILE"), lenient_dbc=lenient_dbc)
+    given = configuration(vehicle, terrain, pairs(dbc, "--dbc", "BUS=FILE"), lenient_dbc=lenient_dbc)
+    known = known_beside(logs[0], given, lenient_dbc=lenient_dbc)
     name = logs[0].name.partition(".")[0]
     target = check_output(output or Path(f"{name}.mcap"), force=force)
     info = run_info(target.name, run_id or name, direction, pass_number, added_load, inflation)
+    info = _completed(info, context, known, logs[0].name)
     with counter("importing", "frames") as watch:
         done = import_logs(
             logs,
@@ -98,3 +115,14 @@ def command(
                 ("unknown", f"{done.coverage.unknown:,} frames"),
             ]
         )
+
+
+def _completed(info: RunInfo, context: typer.Context, known: Configuration, log: str) -> RunInfo:
+    """Return what the options say of a run over what runs.toml does, which beats what they are by default."""
+    listed = [run for run in known.runs or () if Path(run.file).name == log]
+    if not listed:
+        return info
+    sources = {key: context.get_parameter_source(option) for option, key in _OF_A_RUN.items()}
+    said = [key for key, source in sources.items() if source is not None and source.name != "DEFAULT"]
+    name = info.id if context.params["run_id"] else listed[0].id or info.id
+    return listed[0].model_copy(update={"file": info.file, "id": name} | {key: getattr(info, key) for key in said})
