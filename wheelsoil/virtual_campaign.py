@@ -29,14 +29,14 @@ from model.virtual_test import (
     TransducerSetup,
     VirtualRun,
     VirtualSetup,
-    drawn_soil,
     virtual_run,
 )
 from model.wheel_soil import WheelSoilModel
 from wheelsoil import __version__
-from wheelsoil.virtual_files import runs_toml, terrain_config, to_toml, vehicle_config
+from wheelsoil.virtual_files import runs_toml, to_toml, vehicle_config
 from wheelsoil.virtual_frames import DBC_FILES, virtual_frames
 from wheelsoil.virtual_options import SimulationOptions
+from wheelsoil.virtual_soil import soil_of_the_field
 
 Format = Literal["mcap", "candump", "both"]
 
@@ -103,7 +103,9 @@ def true_soil(options: SimulationOptions) -> Soil:
     """Return the soil of the field: the laboratory's, or one drawn about it."""
     if not options.draw_soil:
         return options.laboratory_soil
-    return drawn_soil(options.laboratory_soil, _stream(options, 0), options.uncertainty)
+    return soil_of_the_field(
+        options.laboratory_soil, options.terrain, options.wheel.width_m, _stream(options, 0), options.soil
+    )
 
 
 def simulated_run(options: SimulationOptions, index: int) -> VirtualRun:
@@ -211,7 +213,7 @@ def simulate_campaign(
     vehicle = vehicle_config(simulated_setup(options), options.wheel, BUS)
     carried = {
         "vehicle.toml": to_toml(vehicle),
-        "terrain.toml": to_toml(terrain_config(options.laboratory_soil, options.uncertainty)),
+        "terrain.toml": to_toml(options.terrain),
         **{name: shipped_dbc(name).read_bytes() for name in DBC_FILES},
     }
     folder.mkdir(exist_ok=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import degrees, hypot
 
 import tomli_w
@@ -78,14 +79,14 @@ def vehicle_config(setup: VirtualSetup, wheel: Wheel, bus: str) -> VehicleConfig
     )
 
 
-def terrain_config(soil: Soil, spread: dict[str, float]) -> TerrainConfig:
+def terrain_config(soil: Soil, spread: Mapping[str, float]) -> TerrainConfig:
     """Return terrain.toml: the laboratory's values and their uncertainty.
 
     Parameters
     ----------
     soil : Soil
     spread : mapping
-        Relative one-sigma per parameter, as `model.virtual_test.LABORATORY_SPREAD`; zero: not known.
+        Relative one-sigma per parameter, as `model.soils.LABORATORY_SPREAD`; zero: not known.
     """
     return TerrainConfig(
         soil=SoilSection(

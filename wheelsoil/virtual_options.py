@@ -11,25 +11,17 @@ from math import isfinite
 from pathlib import Path
 from typing import get_args
 
-from daq.config import TerrainConfig, UncertaintySection, load_toml
+from daq.config import TerrainConfig, load_toml
 from daq.errors import ConfigError, Fault, nearest
 from model.effects import EFFECTS
 from model.soils import LABORATORY_SPREAD, SOILS, Soil, soil_from_terrain
 from model.virtual_test import SHORTEST_RUN_S
 from model.wheel import Wheel
 from model.wheel_soil import Reading
+from wheelsoil.virtual_files import terrain_config
 
 DEFAULT_START = datetime(2026, 5, 4, 8, tzinfo=UTC)
 LONGEST_RUN_S = 3600.0
-
-_TERRAIN_KEYS = {
-    "cohesion_pa": "cohesion_kpa",
-    "tan_phi": "friction_angle_deg",
-    "shear_modulus_m": "shear_modulus_m",
-    "sinkage_exponent": "sinkage_exponent",
-    "cohesive_modulus": "cohesive_modulus_kn",
-    "frictional_modulus": "frictional_modulus_kn",
-}
 
 
 @dataclass(frozen=True)
@@ -133,20 +125,9 @@ class SimulationOptions:
         return SOILS[self.soil] if self._terrain is None else soil_from_terrain(self._terrain)
 
     @cached_property
-    def uncertainty(self) -> dict[str, float]:
-        """Relative one-sigma per parameter of `model.soils.LABORATORY_SPREAD`."""
-        if self._terrain is None:
-            return dict(LABORATORY_SPREAD)
-        stated = self._terrain.uncertainty or UncertaintySection()
-        if stated.covariance is not None:
-            raise ConfigError(
-                Fault(
-                    "a virtual test cannot draw from a covariance",
-                    self.soil,
-                    next_step="state relative one-sigmas under [uncertainty]",
-                )
-            )
-        return {name: getattr(stated, key) or 0.0 for name, key in _TERRAIN_KEYS.items()}
+    def terrain(self) -> TerrainConfig:
+        """What terrain.toml states: the laboratory's soil and its uncertainty."""
+        return self._terrain or terrain_config(self.laboratory_soil, LABORATORY_SPREAD)
 
     @property
     def command(self) -> str:

@@ -189,7 +189,62 @@ def test_a_terrain_file_is_a_soil(tmp_path: Path) -> None:
     simulate_campaign(tmp_path / "first", SimulationOptions(runs=1, duration_s=20.0))
     again = SimulationOptions(soil=str(tmp_path / "first/terrain.toml"), runs=1, duration_s=20.0)
     assert again.laboratory_soil.cohesion_pa == pytest.approx(7580)
-    assert again.uncertainty["tan_phi"] == 0.06
+    assert again.terrain == load_toml(tmp_path / "first/terrain.toml", TerrainConfig)
+
+
+def with_covariance(folder: Path, factor: float = 1.0) -> tuple[Path, np.ndarray]:
+    """Return a terrain.toml with correlated parameters, and its covariance."""
+    path = folder / f"terrain-{factor:g}.toml"
+    sigma = factor * np.array([0.7, 0.8, 0.004, 0.03, 4.0, 40.0])
+    covariance = np.diag(sigma**2)
+    covariance[0, 1] = covariance[1, 0] = -0.7 * sigma[0] * sigma[1]
+    path.write_text(
+        "[soil]\nname = 'field'\ncohesion_kpa = 7.58\nfriction_angle_deg = 14\nshear_modulus_m = 0.025\n"
+        "sinkage_exponent = 0.85\ncohesive_modulus_kn = 43.68\nfrictional_modulus_kn = 499.3\n"
+        f"[uncertainty]\ncovariance = {covariance.tolist()}\n"
+    )
+    return path, covariance
+
+
+def test_a_terrain_file_with_a_covariance_is_a_soil_and_keeps_it(tmp_path: Path) -> None:
+    path, covariance = with_covariance(tmp_path)
+    arguments = ["simulate", "--soil", str(path), "--runs", "1", "--duration", "20", "-o", str(tmp_path / "out")]
+    assert wheelsoil(arguments) == 0
+    stated = load_toml(tmp_path / "out/terrain.toml", TerrainConfig)
+    assert stated == load_toml(path, TerrainConfig)
+    assert stated.uncertainty is not None
+    assert np.array_equal(np.array(stated.uncertainty.covariance), covariance)
+    manifest = tomllib.loads((tmp_path / "out/manifest.toml").read_text())
+    assert manifest["truth"]["soil"]["cohesion_pa"] == pytest.approx(7580)
+
+
+def test_soils_drawn_from_a_covariance_scatter_as_it_says(tmp_path: Path) -> None:
+    path, covariance = with_covariance(tmp_path)
+    soils = [true_soil(SimulationOptions(soil=str(path), draw_soil=True, seed=seed)) for seed in range(400)]
+    drawn = np.array([[s.cohesion_pa / 1e3, np.degrees(s.friction_angle_rad), s.cohesive_modulus / 1e3] for s in soils])
+    rows = np.ix_([0, 1, 4], [0, 1, 4])
+    sigma = np.sqrt(np.diag(covariance[rows]))
+    standard = (drawn - np.array([7.58, 14, 43.68])) / sigma
+    assert np.mean(standard, axis=0) == pytest.approx(0, abs=4 / np.sqrt(400))
+    assert np.cov(standard.T) == pytest.approx(covariance[rows] / np.outer(sigma, sigma), abs=4 * np.sqrt(2 / 400))
+
+
+def test_a_soil_drawn_from_a_wide_covariance_is_one_that_can_be(tmp_path: Path) -> None:
+    path, _ = with_covariance(tmp_path, factor=12.0)
+    for seed in range(50):
+        soil = true_soil(SimulationOptions(soil=str(path), draw_soil=True, seed=seed))
+        assert soil.cohesion_pa >= 0
+        assert soil.shear_modulus_m > 0
+        assert soil.stiffness(0.318) > 0
+
+
+def test_what_is_no_covariance_is_refused(tmp_path: Path) -> None:
+    path, covariance = with_covariance(tmp_path)
+    covariance[0, 1] = covariance[1, 0] = 3 * covariance[0, 1]
+    text = path.read_text().partition("covariance")[0]
+    path.write_text(f"{text}covariance = {covariance.tolist()}\n")
+    with pytest.raises(ConfigError, match="not positive semi-definite"):
+        true_soil(SimulationOptions(soil=str(path), draw_soil=True))
 
 
 @pytest.mark.parametrize(
