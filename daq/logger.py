@@ -44,7 +44,7 @@ class LogSummary:
     ----------
     path : Path
     frames, error_frames : dict of str to int
-        Per bus.
+        Per bus, 0 for one that was silent.
     drops : dict of str to int
         Frames that the kernel lost, of the buses that count them.
     duration_s : float
@@ -65,6 +65,11 @@ class LogSummary:
     signal_number: int | None
     faults: tuple[Fault, ...]
     remarks: tuple[str, ...]
+
+    @property
+    def silent(self) -> tuple[str, ...]:
+        """Buses of which no frame came."""
+        return tuple(bus for bus, count in self.frames.items() if not count)
 
 
 def log(
@@ -171,7 +176,7 @@ class _Session:
         counters = {source.name: source.counters for source in self._sources}
         return LogSummary(
             path=self._path,
-            frames=self._writer.frame_counts,
+            frames=dict.fromkeys(self._buses, 0) | self._writer.frame_counts,
             error_frames={bus: count.error_frames for bus, count in counters.items()},
             drops=self._drops(),
             duration_s=time.monotonic() - started_at,

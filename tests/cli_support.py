@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import json
-from contextlib import redirect_stderr, redirect_stdout
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,17 @@ def small_campaign(folder: Path, *, runs: int = 2, duration_s: float = 20.0) -> 
     """Simulate a campaign on clay with Lyasko's slip sinkage."""
     ok("simulate", "-o", folder, "--runs", runs, "--duration", duration_s, "--effect", "lyasko:m1=0.1,m2=0.05")
     return folder
+
+
+@contextmanager
+def busy(channel: str) -> Iterator[None]:
+    """Have a node send on a virtual bus, a frame each 5 ms."""
+    import can
+
+    with can.Bus(interface="virtual", channel=channel) as bus:
+        task = bus.send_periodic(can.Message(arbitration_id=0x123, data=[1, 2, 3], is_extended_id=False), 0.005)
+        yield
+        task.stop()
 
 
 def _refuse(name: str) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from cli_support import invoke, ok
+from cli_support import busy, invoke, ok
 
 import wheelsoil.cli
 from wheelsoil import __version__
@@ -103,7 +103,8 @@ def test_json_is_strict_and_alone_on_stdout(campaign, tmp_path):
     offering = {name for name in COMMANDS if any("--json" in p.opts for p in load(name).params)}
     assert offering - {"soil"} == set(runs)  # soil: tests/wheelsoil/test_soil_command.py
     for name, args in runs.items():
-        result = ok(name, *args, "--json")
+        with busy("contract"):
+            result = ok(name, *args, "--json")
         assert result.json, name
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_support import invoke, ok
+from cli_support import busy, invoke, ok
 from support import data_dir
 
 from daq.config import VehicleConfig, load_toml
@@ -256,7 +256,8 @@ def test_a_logger_with_a_lenient_dbc_makes_a_recording_that_opens(tmp_path):
     vehicle.write_text('[[bus]]\nchannel = "lenient"\ninterface = "virtual"\ndbc = ["bad.dbc"]\n')
     target = tmp_path / "runs" / "seven.mcap"
     assert invoke("log", vehicle, "-o", target, "--duration", 0.1).code == 2
-    ok("log", vehicle, "-o", target.parent, "--duration", 0.1, "--run-id", "seven", "--lenient-dbc")
+    with busy("lenient"):
+        ok("log", vehicle, "-o", target.parent, "--duration", 0.3, "--run-id", "seven", "--lenient-dbc")
     (facts,) = ok("info", target, "--json").json
     assert (facts["run_id"], facts["databases"]) == ("seven", {"lenient": ["bad.dbc"]})
     assert facts["exit_status"] == "ok"
@@ -266,11 +267,28 @@ def test_a_logger_that_names_the_run_itself_keeps_what_it_was_told(tmp_path):
     vehicle = tmp_path / "vehicle.toml"
     vehicle.write_text('[vehicle]\nname = "Test car 1"\n[[bus]]\nchannel = "unnamed"\ninterface = "virtual"\n')
     told = ("--direction", "back", "--pass-number", 2, "--added-load", 300)
-    done = ok("log", vehicle, "-o", tmp_path / "runs", "--duration", 0.1, *told, "--json").json
+    with busy("unnamed"):
+        done = ok("log", vehicle, "-o", tmp_path / "runs", "--duration", 0.3, *told, "--json").json
     (facts,) = ok("info", done["path"], "--json").json
     assert facts["run_id"] == Path(done["path"]).stem
     assert facts["run_id"].startswith("Test-car-1_")
     assert [facts["info"][key] for key in ("direction", "pass_number", "added_load_kg")] == ["back", 2, 300]
+
+
+def test_a_silent_bus_is_told_and_fails_the_check_but_the_recording_is_whole(tmp_path):
+    vehicle, target = tmp_path / "vehicle.toml", tmp_path / "run.mcap"
+    vehicle.write_text(
+        '[[bus]]\nchannel = "loud"\ninterface = "virtual"\n'
+        '[[bus]]\nchannel = "silent"\ninterface = "virtual"\nbitrate = 500000\n'
+    )
+    with busy("loud"):
+        result = invoke("log", vehicle, "-o", target, "--duration", 0.3)
+    assert result.code == 1
+    assert "bus silent 0 frames" in " ".join(result.out.split())
+    assert "no frame was received on silent" in result.err and "500000 bit/s" in result.err
+    assert "next: check that the interface is up" in result.err and "on loud" not in result.err
+    (facts,) = ok("info", target, "--json").json
+    assert facts["exit_status"] == "ok" and not facts["loss"] and facts["frames"]["loud"] > 5
 
 
 def test_demo_finds_what_it_hid(tmp_path):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq.errors import HardwareError
+from daq.errors import DataError, Fault, HardwareError
 from wheelsoil.cli.options import (
     AddedLoad,
     Direction,
@@ -28,6 +28,7 @@ from wheelsoil.names import file_name
 
 if TYPE_CHECKING:
     from daq.can_source import SourceCounters
+    from daq.config import VehicleConfig
     from daq.logger import LogSummary, Progress
 
 _SIGNAL_EXIT = 128
@@ -55,7 +56,8 @@ def command(
 ) -> None:
     """Record the vehicle's buses until the time is up or Ctrl-C; the recording is closed in either case.
 
-    Ctrl-C ends with exit code 130, and nothing is lost by it. A bus that fails on the way ends with 4.
+    Ctrl-C ends with exit code 130, and nothing is lost by it. A bus that fails on the way ends with 4, one that was
+    silent all the time with 1.
     """
     from daq.logger import log
     from daq.run import LENIENT_KEY
@@ -83,10 +85,15 @@ def command(
             progress=progress,
         )
     _tell(summary, json)
+    silence = [_silent(bus, known.vehicle) for bus in summary.silent]
     if summary.ended_by == "fault":
         raise HardwareError(*summary.faults)
     if summary.signal_number is not None:
+        for fault in silence:
+            say(str(fault))
         raise typer.Exit(_SIGNAL_EXIT + summary.signal_number)
+    if silence:
+        raise DataError(*silence)
 
 
 def _tell(summary: LogSummary, json: bool) -> None:
@@ -101,6 +108,18 @@ def _tell(summary: LogSummary, json: bool) -> None:
         loss = "losses not counted by this interface" if lost is None else f"{lost:,} lost"
         facts.append((f"bus {bus}", f"{count:,} frames, {summary.error_frames[bus]:,} error frames, {loss}"))
     print_facts(facts)
+
+
+def _silent(bus: str, vehicle: VehicleConfig) -> Fault:
+    section = next(section for section in vehicle.bus if section.channel == bus)
+    interface, bitrate = section.interface or "socketcan", section.bitrate
+    state = f" (`ip -details link show {bus}`)" if interface == "socketcan" else ""
+    return Fault(
+        f"no frame was received on {bus}",
+        f"{interface} interface" + (f", {bitrate} bit/s by vehicle.toml" if bitrate else ""),
+        next_step=f"check that the interface is up and has the bus's bitrate{state}, the cable and its termination, "
+        "and that a node is sending",
+    )
 
 
 @contextmanager
