@@ -17,6 +17,18 @@ if TYPE_CHECKING:
     import can
 
 _MOST_AT_ONCE = 4096
+_EXTRAS = {
+    "udp_multicast": "multicast",
+    "serial": "serial",
+    "slcan": "serial",
+    "robotell": "serial",
+    "seeedstudio": "seeedstudio",
+    "gs_usb": "gs-usb",
+    "neovi": "neovi",
+    "canalystii": "canalystii",
+    "cantact": "cantact",
+}
+"""Interfaces and the extra of python-can that brings their Python package."""
 
 
 def open_bus(bus: BusSection) -> can.BusABC:
@@ -40,15 +52,26 @@ def open_bus(bus: BusSection) -> can.BusABC:
         options["bitrate"] = bus.bitrate
     try:
         return can.Bus(interface=interface, channel=bus.channel, ignore_config=True, **options)
-    except (can.CanError, OSError, ImportError, ValueError, TypeError) as error:
+    except (can.CanError, OSError, ImportError, ValueError, TypeError, NameError) as error:
+        # NameError: what python-can's kvaser raises without its driver
         raise HardwareError(
             Fault(
                 f"the {interface} interface cannot be opened",
                 f"bus {bus.channel}",
                 str(error) or type(error).__name__,
-                next_step="check that the adapter is plugged in, and its driver and Python package installed",
+                next_step=_next_step(interface, error),
             )
         ) from None
+
+
+def _next_step(interface: str, error: Exception) -> str:
+    import can
+
+    if isinstance(error, can.CanInterfaceNotImplementedError | ImportError | NameError):
+        if interface in _EXTRAS:
+            return f"install what the interface needs: pip install 'python-can[{_EXTRAS[interface]}]'"
+        return "install the interface's driver and Python package, see python-can's documentation of it"
+    return "check that the adapter is plugged in, and its driver and Python package installed"
 
 
 class PythonCanSource:
