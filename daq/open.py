@@ -12,7 +12,9 @@ from functools import cache
 from pathlib import Path
 
 from daq.errors import ConfigError, Fault, RecordingError, WheelsoilError, nearest
+from daq.recording import Recording
 from daq.run import (
+    LENIENT_KEY,
     RUNS_FILE,
     TERRAIN_FILE,
     VEHICLE_FILE,
@@ -70,17 +72,19 @@ def open_runs(
     collected.stop_if_any()
 
     @cache
-    def known_in(folder: Path) -> Configuration | None:
-        return _known_in(folder, given, collected, lenient_dbc)
+    def known_in(folder: Path, lenient: bool) -> Configuration | None:
+        return _known_in(folder, given, collected, lenient)
 
     opened: list[Run] = []
     for path in map(Path, paths):
-        known = known_in(path if path.is_dir() else path.parent)
-        if known is None:
-            continue
-        for file in _files_of(path, known, collected) if path.is_dir() else [path]:
-            with collected.catch():
-                opened.append(_open_file(file, known, lenient_dbc))
+        with collected.catch():
+            whole = path.is_dir()
+            known = known_in(path, lenient_dbc) if whole else known_in(path.parent, lenient_dbc or _is_lenient(path))
+            if known is None:
+                continue
+            for file in _files_of(path, known, collected) if whole else [path]:
+                with collected.catch():
+                    opened.append(_open_file(file, known, lenient_dbc))
     collected.stop_if_any()
     return _told_apart(opened)
 
@@ -142,6 +146,13 @@ def is_recording(path: Path) -> bool:
         raise RecordingError(Fault("no such file", str(path), expected=expected, next_step="check the path")) from None
     except OSError as error:
         raise RecordingError(Fault("the file cannot be read", str(path), error.strerror or str(error))) from None
+
+
+def _is_lenient(path: Path) -> bool:
+    """Return whether a recording says that the DBCs, which then lie beside it, must be loaded leniently."""
+    if not (is_recording(path) and (path.parent / VEHICLE_FILE).is_file()):
+        return False
+    return Recording.open(path).metadata.get("run_start", {}).get(LENIENT_KEY) == "yes"
 
 
 def _named(

@@ -133,6 +133,20 @@ def test_a_run_named_as_a_file_takes_what_lies_in_its_folder(tmp_path, monkeypat
     assert len(caught.value.faults) == 1, "a folder's fault is told once"
 
 
+def test_a_lenient_recording_opens_beside_the_files_it_was_made_with(tmp_path):
+    folder = folder_with(tmp_path / "camp", vehicle=VEHICLE.replace('"gnss.dbc", ', '"bad.dbc", '))
+    wrong = 'VAL_ 2024 Nothing 0 "no" 1 "yes" ;\n'
+    (folder / "bad.dbc").write_text(shipped_dbc("gnss.dbc").read_text(encoding="utf-8") + wrong, encoding="utf-8")
+    shutil.copy(shipped_dbc("wheel_speed.dbc"), folder)
+    for name, metadata in (("strict", {}), ("lenient", {"lenient_dbc": "yes"})):
+        with RecordingWriter(folder / f"{name}.mcap", metadata=metadata) as writer:
+            writer.write_frames(frames())
+    with pytest.raises(DatabaseError, match="lenient"):
+        open_runs([folder / "strict.mcap"])
+    (run,) = open_runs([folder / "lenient.mcap"])
+    assert run.lenient and len(run.channels()["ground_speed"]) == 100
+
+
 def test_runs_toml_names_the_runs_and_what_is_known_of_them(tmp_path):
     folder = folder_with(
         tmp_path / "campaign",
