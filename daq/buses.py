@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from daq.config import VehicleConfig
@@ -47,6 +47,14 @@ def load_for_vehicle(vehicle: VehicleConfig, folder: Path, *, lenient: bool = Fa
         databases[bus.channel] = (*databases.get(bus.channel, ()), *more)
     messages_by_bus(databases)
     return databases
+
+
+def no_bus_in_common(vehicle: VehicleConfig, buses: Collection[str]) -> str:
+    """Return a sentence that says so where `buses` of a log are none of vehicle.toml's, else nothing."""
+    described = {bus.channel for bus in vehicle.bus}
+    if not (described and buses) or described & set(buses):
+        return ""
+    return f"no bus of vehicle.toml ({', '.join(sorted(described))}) is in the log ({', '.join(buses)})"
 
 
 def messages_by_bus(databases: Mapping[str, Sequence[Database]]) -> dict[str, dict[str, Message]]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from daq.buses import no_bus_in_common
 from daq.config import RunInfo, VehicleConfig
 from daq.databases import Database
 from daq.errors import DataError, Fault
@@ -133,14 +134,12 @@ def _check_renamed(rename: Mapping[str, str], reports: Sequence[LogReport]) -> N
 def _remarks(reports: Sequence[LogReport], known: Configuration, frames: Mapping[str, int]) -> list[str]:
     lines = [f"{Path(report.path).name}: {line}" for report in reports for line in report.remarks()]
     lines += lenient_remarks(known.databases)
-    described = {bus.channel for bus in known.vehicle.bus} if known.vehicle else set()
-    if described and not described & set(frames):
-        lines.append(
-            f"no bus of vehicle.toml ({', '.join(sorted(described))}) is in the log ({', '.join(frames)}): "
-            f"nothing can be decoded; name them alike with --bus old=new"
-        )
+    vehicle = known.vehicle or VehicleConfig()
+    if strangers := no_bus_in_common(vehicle, frames):
+        lines.append(f"{strangers}: nothing can be decoded; name them alike with --bus old=new")
     else:
-        lines += [f"bus {bus} of vehicle.toml has no frame in the log" for bus in sorted(described - set(frames))]
+        missing = sorted({bus.channel for bus in vehicle.bus} - set(frames))
+        lines += [f"bus {bus} of vehicle.toml has no frame in the log" for bus in missing]
     return lines
 
 

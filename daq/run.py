@@ -43,6 +43,8 @@ class Configuration:
     attachments : mapping str -> bytes
         The files behind it, as a recording carries them: ``vehicle.toml``, ``terrain.toml`` and the DBCs under the
         names that vehicle.toml gives them.
+    vehicle_source : str
+        Where `vehicle` was read, for messages.
     """
 
     vehicle: VehicleConfig | None = None
@@ -50,6 +52,7 @@ class Configuration:
     terrain: TerrainConfig | None = None
     runs: tuple[RunInfo, ...] | None = None
     attachments: Mapping[str, bytes] = field(default_factory=dict)
+    vehicle_source: str = VEHICLE_FILE
 
     def over(self, other: Configuration) -> Configuration:
         """Return this configuration, completed by `other` where it says nothing."""
@@ -58,7 +61,8 @@ class Configuration:
         if TERRAIN_FILE in terrain.attachments:
             carried[TERRAIN_FILE] = terrain.attachments[TERRAIN_FILE]
         runs = other.runs if self.runs is None else self.runs
-        return Configuration(vehicle.vehicle, vehicle.databases, terrain.terrain, runs, carried)
+        source = vehicle.vehicle_source
+        return Configuration(vehicle.vehicle, vehicle.databases, terrain.terrain, runs, carried, source)
 
     @property
     def lenient(self) -> bool:
@@ -75,7 +79,7 @@ def vehicle_from_file(path: Path, *, lenient_dbc: bool = False) -> Configuration
         for bus in {bus.channel: bus for bus in vehicle.bus}.values()
         for name, database in zip(_names(vehicle, bus.channel), databases[bus.channel], strict=True)
     }
-    return Configuration(vehicle, databases, attachments=attachments)
+    return Configuration(vehicle, databases, attachments=attachments, vehicle_source=str(path))
 
 
 def terrain_from_file(path: Path) -> Configuration:
@@ -99,14 +103,14 @@ def from_recording(recording: Recording, beside: Configuration, *, lenient_dbc: 
     carried = recording.attachments
     vehicle, terrain = None, None
     databases: dict[str, tuple[Database, ...]] = {}
+    where = f"{recording.path}: {VEHICLE_FILE}"
     if VEHICLE_FILE in carried and beside.vehicle is None:
-        where = f"{recording.path}: {VEHICLE_FILE}"
         vehicle = parse_toml(_text(carried[VEHICLE_FILE]), VehicleConfig, where)
         lenient = lenient_dbc or recording.metadata.get("run_start", {}).get(LENIENT_KEY) == "yes"
         databases = _attached_databases(vehicle, carried, where, lenient=lenient)
     if TERRAIN_FILE in carried and beside.terrain is None:
         terrain = parse_toml(_text(carried[TERRAIN_FILE]), TerrainConfig, f"{recording.path}: {TERRAIN_FILE}")
-    return Configuration(vehicle, databases, terrain, attachments=carried)
+    return Configuration(vehicle, databases, terrain, attachments=carried, vehicle_source=where)
 
 
 @dataclass(frozen=True)
@@ -129,6 +133,8 @@ class Run:
         None for a log.
     lenient : bool
         Whether a DBC was loaded leniently.
+    vehicle_source : str
+        Where `vehicle` was read, for messages.
     """
 
     id: str
@@ -140,6 +146,7 @@ class Run:
     attachments: Mapping[str, bytes]
     recording: Recording | None
     lenient: bool = False
+    vehicle_source: str = VEHICLE_FILE
 
     def frame_batches(self) -> Iterator[FrameBatch]:
         """Yield the raw frames in bounded memory.
@@ -218,6 +225,7 @@ def _run(path: Path, known: Configuration, info: RunInfo | None, recording: Reco
         attachments=known.attachments,
         recording=recording,
         lenient=known.lenient,
+        vehicle_source=known.vehicle_source,
     )
 
 

@@ -54,8 +54,8 @@ def parse_channels(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
-def wheel_of(vehicle: VehicleConfig) -> Wheel:
-    """Return the wheel as the model sees it.
+def wheel_of(vehicle: VehicleConfig, where: str = "vehicle.toml") -> Wheel:
+    """Return the wheel as the model sees it; `where` is the file's name, for messages.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def wheel_of(vehicle: VehicleConfig) -> Wheel:
         vehicle.toml does not describe it.
     """
     if vehicle.wheel is None:
-        fault = Fault("the wheel is not described", "vehicle.toml", next_step="add [wheel] with radius_m and width_m")
+        fault = Fault("the wheel is not described", where, next_step="add [wheel] with radius_m and width_m")
         raise ConfigError(fault)
     return Wheel(vehicle.wheel.radius_m, vehicle.wheel.width_m)
 
@@ -130,7 +130,7 @@ def fit_runs(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices,
     first = one_terrain([run for run, _ in processed])
     soil = known_soil(soil_name, first.terrain)
     options = choices.options(soil, None if soil_name else first.terrain)
-    return fit_models([run for _, run in processed], wheel_of(first.vehicle), soil, options)
+    return fit_models([run for _, run in processed], wheel_of(first.vehicle, first.vehicle_source), soil, options)
 
 
 def fit_table(

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from daq.errors import ConfigError, Fault
+import numpy as np
+
+from daq.buses import no_bus_in_common
+from daq.errors import ConfigError, DataError, Fault
 from daq.open import Collected, open_runs
-from daq.run import Run
+from daq.run import VEHICLE_FILE, Run
 from processing.options import ProcessOptions
 from processing.processed_run import ProcessedRun
 from wheelsoil.cli.talk import progress, say
@@ -40,9 +44,12 @@ def process_runs(opened: Sequence[Run], options: ProcessOptions) -> list[tuple[R
     collected = Collected()
     processed = []
     for run in progress(opened, "processing", len(opened)):
-        with collected.catch(str(run.path)):
+        with collected.catch():
             _check_vehicle(run)
-            processed.append((run, process_stream(run.channel_batches(), run.vehicle, run.info, options)))
+            try:
+                processed.append((run, process_stream(run.channel_batches(), run.vehicle, run.info, options)))
+            except (ConfigError, DataError) as error:
+                raise _explained(run, error) from None
         if run.recording and run.recording.loss:
             say(f"{run.path}: read without what is damaged: {'; '.join(map(str, run.recording.loss))}")
             say("  next: `wheelsoil recover` makes a whole file of what can be read")
@@ -56,7 +63,48 @@ def _check_vehicle(run: Run) -> None:
             Fault(
                 "no vehicle.toml says which signals mean what",
                 str(run.path),
-                found="the file carries none" if not run.attachments else "vehicle.toml without [signals]",
+                found=f"{run.vehicle_source} without [signals]"
+                if run.attachments
+                else "none in the file, none beside it",
                 next_step="give --vehicle FILE with [wheel], [[bus]] and [signals]",
             )
         )
+
+
+def _explained(run: Run, error: ConfigError | DataError) -> ConfigError | DataError:
+    """Return an error that says which run and which file it is about, or why no signal of the run is known."""
+    strangers = no_bus_in_common(run.vehicle, _buses(run)) if isinstance(error, DataError) else ""
+    if not strangers:
+        return type(error)(*(_placed(run, fault) for fault in error.faults))
+    return DataError(
+        Fault(
+            f"{strangers}: nothing can be decoded",
+            f"{_name(run)}, {run.vehicle_source}",
+            next_step="name them alike: channel under [[bus]], or `wheelsoil import LOG --bus old=new`",
+        )
+    )
+
+
+def _placed(run: Run, fault: Fault) -> Fault:
+    """Return a fault that names the run, and vehicle.toml as its file is called."""
+    if fault.where.startswith(VEHICLE_FILE):
+        return replace(fault, where=run.vehicle_source + fault.where.removeprefix(VEHICLE_FILE))
+    return replace(
+        fault,
+        where=f"{_name(run)}: {fault.where}" if fault.where else _name(run),
+        next_step=fault.next_step.replace(VEHICLE_FILE, run.vehicle_source),
+    )
+
+
+def _name(run: Run) -> str:
+    return f"run {run.id}, {run.path}"
+
+
+def _buses(run: Run) -> list[str]:
+    """Return the buses that have frames in a run."""
+    if run.recording:
+        return [bus for bus, count in run.recording.frame_counts.items() if count]
+    seen: dict[str, None] = {}
+    for batch in run.frame_batches():
+        seen |= dict.fromkeys(batch.buses[i] for i in np.unique(batch.frames["bus"]))
+    return list(seen)

@@ -259,7 +259,7 @@ CASES = (
         "no wheel",
         lambda b: ["process", b.driven(), "--vehicle", _without_wheel(b)],
         2,
-        ("the wheel is not described",),
+        ("the wheel is not described", "no-wheel.toml"),
     ),
     Case("no vehicle", lambda b: ["process", _bare(b)], 2, ("no vehicle.toml", "--vehicle")),
     Case(
@@ -284,7 +284,26 @@ CASES = (
         "run without one of its messages",
         lambda b: ["process", b.recording(_without(b.frames(), 0x302))],
         1,
-        ("no sample of ground_speed", "GNSS_2.Speed"),
+        ("no sample of ground_speed", "run spoiled, ", "spoiled.mcap: GNSS_2.Speed"),
+    ),
+    Case(
+        "vehicle of another bus",
+        lambda b: ["process", b.respelled('"can0"', '"can1"')],
+        1,
+        ("run run-1", "no bus of vehicle.toml (can1) is in the log (can0)", "campaign/vehicle.toml"),
+    ),
+    Case(
+        "log of another bus",
+        lambda b: ["fit", _log(b), "--vehicle", b.campaign / "vehicle.toml", "--soil", "clay"],
+        1,
+        ("no bus of vehicle.toml (can0) is in the log (vcan3)", "run other, ", "--bus old=new"),
+    ),
+    Case(
+        "role without a signal in another file",
+        lambda b: ["process", b.driven(), "--vehicle", _misspelled(b)],
+        2,
+        ("no DBC has a signal 'GNSS_2.Spede'", "misspelled.toml [signals] ground_speed"),
+        False,
     ),
     Case(
         "run of an instant", lambda b: ["process", b.recording(b.frames()[:60])], 1, ("never there at the same time",)
@@ -393,7 +412,16 @@ def _without_wheel(bench: Bench) -> Path:
     for name in ("wft.dbc", "wheel_speed.dbc", "gnss.dbc"):
         shutil.copy(bench.campaign / name, bench.folder / name)
     lines = bench.vehicle.split("[wheel]")
-    return bench.write("vehicle.toml", lines[0] + "[" + lines[1].partition("\n[")[2])
+    return bench.write("no-wheel.toml", lines[0] + "[" + lines[1].partition("\n[")[2])
+
+
+def _misspelled(bench: Bench) -> Path:
+    target = bench.respelled("GNSS_2.Speed", "GNSS_2.Spede")
+    return (target / "vehicle.toml").rename(target / "misspelled.toml")
+
+
+def _log(bench: Bench) -> Path:
+    return bench.write("other.log", "(1700000000.000000) vcan3 100#0011223344556677\n")
 
 
 def _bare(bench: Bench) -> Path:

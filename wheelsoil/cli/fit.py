@@ -123,7 +123,7 @@ def _fit_table(
         )
     collected = Collected()
     with collected.catch():
-        wheel = wheel_of(load_toml(vehicle, VehicleConfig))
+        wheel = wheel_of(load_toml(vehicle, VehicleConfig), str(vehicle))
     with collected.catch():
         lab = load_terrain(terrain)
         ground = known_soil(soil, lab)
