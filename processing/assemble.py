@@ -121,7 +121,7 @@ def assemble(material: Material, radius_m: float, run: RunInfo, options: Process
         longitude_deg=material.longitude_deg,
         segment=segments,
         reason=reason,
-        quality=_quality(material, segments, reason, radius_m, options, notes),
+        quality=_quality(material, slip, segments, reason, radius_m, options, notes),
     )
 
 
@@ -140,6 +140,7 @@ def with_standstill_noise(material: Material, segments: NDArray[np.uint8], rate_
 
 def _quality(
     material: Material,
+    slip: FloatArray,
     segments: NDArray[np.uint8],
     reason: NDArray[np.uint8],
     radius_m: float,
@@ -174,6 +175,8 @@ def _quality(
                 material.reasons(),
                 standing,
                 material.values("driving_torque"),
+                material.values("drawbar_pull"),
+                slip,
                 material.roles["ground_speed"].slope,
                 material.values("vertical_load"),
             ),

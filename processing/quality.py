@@ -12,7 +12,9 @@ from processing.processed_run import Reason, Segment, SensorFacts, Standstill
 from processing.speeds import SpeedComparison
 from processing.timebase import FloatArray
 
-_TORQUE_SIGN_SAMPLES = 50
+_SIGN_SAMPLES = 50
+_OPPOSED = 0.3
+_LITTLE_SLIP = 0.3
 _RING_DELAY_S = 0.015
 """One-sigma of what the estimate owes to a toothed ring, which at low speed is later than its declared delay."""
 _NOTABLE_SCALE = 0.02
@@ -110,6 +112,8 @@ def run_notes(
     gaps: dict[str, NDArray[np.uint8]],
     standing: tuple[Standstill, ...],
     torque_nm: FloatArray,
+    drawbar_pull_n: FloatArray,
+    slip: FloatArray,
     acceleration_mps2: FloatArray,
     vertical_load_n: FloatArray,
 ) -> list[str]:
@@ -125,14 +129,22 @@ def run_notes(
     load = vertical_load_n[np.isfinite(vertical_load_n)]
     if len(load) and np.median(load) <= 0:
         notes.append("the vertical load is negative most of the time: check its sign (positive is up on the wheel)")
-    rows = (reason == Reason.USED) & np.isfinite(torque_nm)
-    if rows.sum() > _TORQUE_SIGN_SAMPLES and np.ptp(torque_nm[rows]) > 0 and np.ptp(acceleration_mps2[rows]) > 0:
-        correlation = float(np.corrcoef(torque_nm[rows], acceleration_mps2[rows])[0, 1])
-        if correlation < -0.3:
-            notes.append(
-                f"torque and acceleration are opposed (correlation {correlation:.2f}): check the sign of the torque"
-            )
+    used = reason == Reason.USED
+    notes += _opposed("torque", torque_nm, "acceleration", acceleration_mps2, used)
+    # whatever the soil, more slip means more pull where there is little of it, braking included
+    notes += _opposed("drawbar pull", drawbar_pull_n, "slip", slip, used & (np.abs(slip) < _LITTLE_SLIP))
     return notes
+
+
+def _opposed(name: str, values: FloatArray, cause: str, of: FloatArray, rows: NDArray[np.bool_]) -> list[str]:
+    """Return a sentence when a force falls with what makes it rise: its sign is wrong."""
+    rows = rows & np.isfinite(values) & np.isfinite(of)
+    if rows.sum() <= _SIGN_SAMPLES or not np.ptp(values[rows]) > 0 or not np.ptp(of[rows]) > 0:
+        return []
+    correlation = float(np.corrcoef(values[rows], of[rows])[0, 1])
+    if correlation > -_OPPOSED:
+        return []
+    return [f"{name} and {cause} are opposed (correlation {correlation:.2f}): check the sign of the {name}"]
 
 
 def _zero_notes(standing: tuple[Standstill, ...]) -> list[str]:

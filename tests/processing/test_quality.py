@@ -34,6 +34,25 @@ def test_a_torque_that_brakes_what_it_drives_is_noticed(sign: float) -> None:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_pull_that_falls_with_slip_is_noticed(sign: float) -> None:
+    rng = np.random.default_rng(2)
+    at = stamps(60.0, 200.0)
+    slip = 0.1 + 0.2 * np.sin(2 * np.pi * at / 15)
+    ground = np.full(len(at), 2.0)
+    rim = ground / np.where(slip > 0, 1 - slip, 1 / (1 + slip))
+    pull = sign * (900 * np.tanh(slip / 0.1) + 100 * rng.standard_normal(len(at)))
+    notes = _notes(
+        {
+            "ground_speed": channel("V", at, ground),
+            "wheel_speed": channel("w", at, rim / RADIUS_M),
+            "vertical_load": channel("W", at, np.full(len(at), 8000.0)),
+            "drawbar_pull": channel("D", at, pull),
+        }
+    )
+    assert ("check the sign of the drawbar pull" in notes) == (sign < 0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_load_that_pulls_the_wheel_down_is_noticed(sign: float) -> None:
     loads = forces(20.0)
     load = loads["vertical_load"]

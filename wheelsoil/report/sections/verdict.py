@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from daq.errors import DataError
@@ -20,6 +22,7 @@ _TORQUE_TOLERANCE = 0.10
 _MIN_USED = 0.5
 _MIN_SLIP_RANGE = 0.5
 _LOW_R2 = 0.5
+_WRONG_SIGN = re.compile(r"check (its|the) sign")
 _STOPS = {
     "converged_step": "the coefficients no longer move",
     "converged_cost": "no step could lower the error any further",
@@ -96,6 +99,7 @@ def _checks(material: Material, ranking: Ranking) -> list[Text]:
         _torque(material, ranking),
         _coverage(material),
         _losses(material),
+        *_signs(material),
         *(Text(f"{note}.", "warning") for note in material.fit.notes),
     ]
 
@@ -166,6 +170,12 @@ def _coverage(material: Material) -> Text:
         why = listed([*["many samples are missing"] * few, *["high slip was not reached"] * narrow])
         return Text(f"{text}: {why}.", "warning")
     return Text(f"{text}.", "good")
+
+
+def _signs(material: Material) -> list[Text]:
+    """Repeat what processing found wrong with a sign: R² cannot see it, and nothing else on the page is worth then."""
+    found = {note for run in material.runs for note in run.quality.notes if _WRONG_SIGN.search(note)}
+    return [Text(f"{note}.", "warning") for note in sorted(found)[:3]]
 
 
 def _losses(material: Material) -> Text:
