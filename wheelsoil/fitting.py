@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,12 @@ from model.wheel_soil import Conditions, Reading, WheelSoilModel
 from processing.processed_run import ProcessedRun
 
 SCHEMA = "wheelsoil/fit/1"
+
+NOT_AT_AN_END = (
+    "the data ask for a sinkage beyond the axle, or the soil or the wheel is wrong: check cohesive_modulus_kn, "
+    "frictional_modulus_kn, sinkage_exponent and the wheel's radius_m"
+)
+"""What to do where a fit stopped without an end: "no_progress" or "max_iterations"."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +74,12 @@ def wheel_of(vehicle: VehicleConfig, where: str = "vehicle.toml") -> Wheel:
     return Wheel(vehicle.wheel.radius_m, vehicle.wheel.width_m)
 
 
+def presets_near(name: str) -> str:
+    """Return the presets for a message about an unknown one: those of a similar name first, then all."""
+    close = nearest(name, SOILS)
+    return f"{close}; presets: {', '.join(SOILS)}" if close.startswith("nearest") else close
+
+
 def known_soil(name: str | None, terrain: TerrainConfig | None) -> Soil:
     """Return a preset, or the soil of terrain.toml.
 
@@ -78,7 +90,7 @@ def known_soil(name: str | None, terrain: TerrainConfig | None) -> Soil:
     """
     if name is not None:
         if name not in SOILS:
-            raise ConfigError(Fault(f"no soil is called {name!r}", expected=nearest(name, SOILS)))
+            raise ConfigError(Fault(f"no soil is called {name!r}", expected=presets_near(name)))
         return SOILS[name]
     if terrain is None:
         raise ConfigError(
@@ -145,7 +157,13 @@ def fit_table(
     """
     from model.fit import fit_observations
 
-    return fit_observations(observations_of_table(table), wheel, soil, choices.options(soil, terrain))
+    fit = fit_observations(observations_of_table(table), wheel, soil, choices.options(soil, terrain))
+    left_out = int(np.count_nonzero(table.slip <= 0))
+    if not left_out:
+        return fit
+    used = fit.models[0].samples
+    note = f"{used} of {len(table)} rows used: {left_out} with slip <= 0 left out, the models are of a driven wheel"
+    return replace(fit, notes=(note, *fit.notes))
 
 
 def observations_of_table(table: WheelTable) -> Observations:
@@ -164,6 +182,11 @@ def observations_of_table(table: WheelTable) -> Observations:
         names=table.group_names,
         independent=True,
     )
+
+
+def ended(model: ModelFit) -> bool:
+    """Return whether the fit of a model came to an end of its own; see `NOT_AT_AN_END`."""
+    return model.stop_reason not in ("no_progress", "max_iterations")
 
 
 def load_terrain(path: Path | None) -> TerrainConfig | None:

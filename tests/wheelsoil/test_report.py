@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+import subprocess
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -16,12 +18,14 @@ from cli_support import invoke, ok
 from daq.open import open_runs
 from daq.recording import Recording, RecordingWriter
 from processing.options import ProcessOptions
+from wheelsoil.cli.fit import print_fit
 from wheelsoil.fitting import FitChoices
 from wheelsoil.report.build import Report, build_report
 from wheelsoil.report.comparison import rank
 from wheelsoil.report.content import Panels, Section, Table, Text
 from wheelsoil.report.material import Material, versions
 from wheelsoil.report.sections import SECTIONS
+from wheelsoil.report.sections.quality import build as quality_section
 from wheelsoil.reporting import fit_runs, report_of_processed
 from wheelsoil.runs import process_runs
 
@@ -247,6 +251,56 @@ def test_the_page_is_readable_in_black_and_white():
 
     assert len({style.dash for style in STYLES.values()}) == len(STYLES)
     assert len({style.symbol for style in STYLES.values()}) == len(STYLES)
+
+
+REACH = """
+let bars = 0, reach = 0;
+for (const plot of document.querySelectorAll(".plot")) {
+  for (const bar of plot.querySelectorAll(".modebar")) {
+    bars += 1;
+    reach = Math.max(reach, bar.getBoundingClientRect().bottom - plot.getBoundingClientRect().top);
+  }
+}
+document.title = `${bars} toolbars reach ${Math.round(reach)} px into their figures`;
+"""
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium to draw the page with")
+def test_toolbars_leave_the_legends_alone(report: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    text = report.read_text(encoding="utf-8")
+    page.write_text(text.replace("</body>", f"<script>setTimeout(() => {{{REACH}}}, 500)</script></body>"), "utf-8")
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--window-size=1280,900", "--virtual-time-budget=8000"]
+    browser = ["chromium", *options, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", page.as_uri()]
+    drawn = subprocess.run(browser, capture_output=True, text=True, check=True, timeout=120).stdout
+    title = re.search(r"<title>(.*?)</title>", drawn)
+    assert title is not None
+    said = re.fullmatch(r"(\d+) toolbars reach (\d+) px into their figures", title.group(1))
+    assert said is not None, title.group(1)
+    assert int(said.group(1)) >= 5
+    assert int(said.group(2)) <= 6, "a legend begins there"
+
+
+@pytest.mark.parametrize(("latency_s", "said"), [(0.0312, "31 ± 4 late"), (-0.0312, "31 ± 4 early"), (np.nan, "–")])
+def test_a_latency_is_a_positive_number_and_a_direction(material, latency_s, said):
+    run = material.runs[0]
+    quality = replace(run.quality, residual_latency_s=latency_s, residual_latency_sigma_s=0.004)
+    section = quality_section(replace(material, runs=(replace(run, quality=quality), *material.runs[1:])))
+    table = next(block for block in section.blocks if isinstance(block, Table) and block.caption == "Runs")
+    assert table.rows[0][table.head.index("ground speed off by (ms)")] == said
+
+
+@pytest.mark.parametrize("reason", ["no_progress", "max_iterations"])
+def test_a_fit_that_is_not_at_an_end_gets_a_next_step(material, reason, capsys):
+    stuck = tuple(replace(model, stop_reason=reason) for model in material.fit.models)
+    fit = replace(material.fit, models=stuck)
+    result = build_report(replace(material, campaign=fit)).numbers()["sections"]["verdict"]
+    (text,) = [check["text"] for check in result["checks"] if "stopped after" in check["text"]]
+    assert "check cohesive_modulus_kn" in text
+    print_fit(fit)
+    assert "next: the data ask for a sinkage beyond the axle" in capsys.readouterr().err
+    print_fit(material.fit)
+    assert "next:" not in capsys.readouterr().err
 
 
 def test_output_names(tmp_path: Path, campaign):

@@ -135,6 +135,8 @@ def _fit_table(
 
 def print_fit(fit: CampaignFit) -> None:
     """Print coefficients and criteria as tables, warnings on stderr."""
+    from wheelsoil.fitting import NOT_AT_AN_END, ended
+
     head = ["model", "coefficient", "value", f"{100 * fit.options.confidence:g} % interval", "sigma", "unit"]
     print_table(head, [row for model in fit.models for row in _estimates(model)], left=2)
     for channel, unit in (("dp", "N"), ("t", "Nm")):
@@ -146,6 +148,8 @@ def print_fit(fit: CampaignFit) -> None:
     say(f"soil {fit.soil.name}, {fit.options.reading} reading, criteria at slips from {fit.slip_threshold:g} on")
     for text in (*fit.notes, *sorted(reasons), *(f"{m.name}: {w}" for m in fit.models for w in m.warnings)):
         say(text)
+    if not all(ended(model) for model in fit.models):
+        say(f"  next: {NOT_AT_AN_END}")
 
 
 def _estimates(model: ModelFit) -> list[list[str]]:

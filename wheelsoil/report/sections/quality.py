@@ -123,7 +123,7 @@ def _table(material: Material) -> Table:
                 run.run.id,
                 f"{run.time_s[-1] if len(run) else 0:.1f}",
                 f"{100 * float(np.mean(run.used)) if len(run) else 0:.1f}",
-                _with_sigma(1e3 * quality.residual_latency_s, 1e3 * quality.residual_latency_sigma_s, ".0f"),
+                _late_or_early(1e3 * quality.residual_latency_s, 1e3 * quality.residual_latency_sigma_s),
                 _with_sigma(quality.speed_scale, quality.speed_scale_sigma, ".4f"),
                 _or_dash(quality.clock.get("drift_ppm"), ".1f"),
                 _or_dash(1e3 * quality.clock.get("residual_s", np.nan), ".2f"),
@@ -134,14 +134,14 @@ def _table(material: Material) -> Table:
         "run",
         "length (s)",
         "used (%)",
-        "speed late by (ms)",
+        "ground speed off by (ms)",
         "ground / rim speed",
         "clock drift (ppm)",
         "clock residual (ms)",
         "frames lost",
     ]
     note = (
-        "Speed late by: what is left of the ground speed's delay against the wheel speed after the declared delays. "
+        "Ground speed off by: how late or early it is against the wheel speed, after the declared delays. "
         "Ground / rim speed: on hardly slipping samples; 1 when the rolling radius is right. "
         "± is one sigma; – is not known."
     )
@@ -152,6 +152,12 @@ def _with_sigma(value: float, sigma: float, form: str) -> str:
     if not np.isfinite(value):
         return "–"
     return f"{signed(value, form)} ± {sigma:{form}}" if np.isfinite(sigma) else signed(value, form)
+
+
+def _late_or_early(value_ms: float, sigma_ms: float) -> str:
+    """Return a delay as the terminal says it: a positive number and its direction."""
+    said = _with_sigma(abs(value_ms), sigma_ms, ".0f")
+    return f"{said} {'late' if value_ms >= 0 else 'early'}" if np.isfinite(value_ms) else said
 
 
 def _or_dash(value: float | None, form: str) -> str:

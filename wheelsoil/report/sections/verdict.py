@@ -7,6 +7,7 @@ import re
 import numpy as np
 
 from daq.errors import DataError
+from wheelsoil.fitting import NOT_AT_AN_END, ended
 from wheelsoil.report.comparison import Ranking, rank
 from wheelsoil.report.content import Block, Section, Text
 from wheelsoil.report.figures import style
@@ -110,7 +111,8 @@ def _ended(ranking: Ranking) -> Text:
         return Text("Nothing was fitted in this model: the soil is the laboratory's.", "good")
     said = _STOPS.get(reason, reason.replace("_", " "))
     kind = "good" if reason.startswith("converged") else "warning"
-    return Text(f"Gauss–Newton stopped after {count} iterations: {said}.", kind)
+    advice = "" if ended(ranking.best) else f" {NOT_AT_AN_END[0].upper()}{NOT_AT_AN_END[1:]}."
+    return Text(f"Gauss–Newton stopped after {count} iterations: {said}.{advice}", kind)
 
 
 def _load(material: Material, ranking: Ranking) -> Text:
