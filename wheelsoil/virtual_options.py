@@ -18,6 +18,7 @@ from model.soils import LABORATORY_SPREAD, SOILS, Soil, soil_from_terrain
 from model.virtual_test import SHORTEST_RUN_S
 from model.wheel import Wheel
 from model.wheel_soil import Reading
+from wheelsoil.fitting import presets_near
 from wheelsoil.virtual_files import terrain_config
 
 DEFAULT_START = datetime(2026, 5, 4, 8, tzinfo=UTC)
@@ -113,7 +114,7 @@ class SimulationOptions:
             raise ConfigError(
                 Fault(
                     f"no soil is called {self.soil!r}",
-                    expected=nearest(self.soil, SOILS),
+                    expected=presets_near(self.soil),
                     next_step="choose one of these, or give the path of a terrain.toml",
                 )
             )

@@ -15,6 +15,7 @@ from daq.config import VehicleConfig, load_toml
 from daq.frames import concatenate
 from daq.open import open_runs
 from daq.recording import Recording
+from model.soils import SOILS
 from processing.pipeline import process
 
 MESSAGES = ("WFT_Forces", "WFT_Moments", "WFT_Wheel", "WheelSpeeds", "GNSS_1", "GNSS_2", "GNSS_3")
@@ -302,6 +303,29 @@ def test_demo_finds_what_it_hid(tmp_path):
     (own / "run-1.mcap").write_text("mine")
     assert invoke("demo", "-o", tmp_path / "own").code == 2
     assert (own / "run-1.mcap").read_text() == "mine"
+
+
+def test_fit_of_a_table_says_which_rows_it_left_out(tmp_path):
+    (tmp_path / "wheel.toml").write_text("[wheel]\nradius_m = 0.47\nwidth_m = 0.318\n")
+    slips = [-0.1, 0.0, *np.linspace(0.05, 0.6, 12)]
+    rows = [f"{s:.3f},{8000 + 10 * i},{700 * s:.1f}" for i, s in enumerate(slips)]
+    args = ("fit", "--vehicle", tmp_path / "wheel.toml", "--soil", "sandy", "--table", tmp_path / "t.csv")
+    head = "slip,vertical_load_n,drawbar_pull_n"
+    (tmp_path / "t.csv").write_text("\n".join([head, *rows]))
+    assert "12 of 14 rows used: 2 with slip <= 0 left out" in ok(*args).err
+    assert any("12 of 14 rows used" in note for note in ok(*args, "--json").json["notes"])
+    (tmp_path / "t.csv").write_text("\n".join([head, *rows[2:]]))
+    assert "rows used" not in ok(*args).err
+
+
+@pytest.mark.parametrize("command", ["fit", "report", "simulate"])
+def test_help_and_errors_list_every_soil(command, campaign, tmp_path):
+    told = " ".join(ok(command, "--help").out.split())
+    assert ", ".join(SOILS) in told
+    where = [campaign] if command != "simulate" else ["-o", tmp_path / "out"]
+    where += ["-o", tmp_path / "r.html"] if command == "report" else []
+    assert f"nearest: clay; presets: {', '.join(SOILS)}" in invoke(command, *where, "--soil", "clai").err
+    assert all(name in invoke(command, *where, "--soil", "x").err for name in SOILS)
 
 
 def test_fit_on_a_measured_single_wheel(tmp_path):

@@ -28,8 +28,10 @@ LenientDbc = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Force = Annotated[bool, typer.Option("--force", "-f", help="Replace the output if it is there.")]
+PRESETS = "clay, sandy, ding_clay, dry_sand, lunar, hit_lss1, sandy_loam"
+"""`model.soils.SOILS`, spelled out so that the help needs not import it."""
 SoilPreset = Annotated[
-    str | None, typer.Option("--soil", metavar="NAME", help="A preset (clay, sandy, ...) instead of terrain.toml.")
+    str | None, typer.Option("--soil", metavar="NAME", help=f"A preset ({PRESETS}) instead of terrain.toml.")
 ]
 Channels = Annotated[str, typer.Option("--channels", help="What is fitted: dp (drawbar pull), or dp,t (and torque).")]
 SoilPrior = Annotated[

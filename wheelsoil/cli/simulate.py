@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq.errors import ConfigError, Fault
-from wheelsoil.cli.options import Force
+from wheelsoil.cli.options import PRESETS, Force
 from wheelsoil.cli.talk import progress, say
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def command(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FOLDER", help="Campaign folder to write.")
     ] = None,
-    soil: Annotated[str, typer.Option(help="A preset (clay, sandy, ...) or a terrain.toml.")] = "clay",
+    soil: Annotated[str, typer.Option(help=f"A preset ({PRESETS}) or a terrain.toml.")] = "clay",
     effect: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME[:KEY=VALUE,...]", help="What the soil does beyond Wong's model; repeatable."),
