@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ConfigError, DataError, Fault, nearest
-from model.criteria import Criteria, criteria
+from model.criteria import criteria
 from model.effects import EFFECTS
 from model.estimates import correlations, estimates_of, spread_of, warnings_of
 from model.fit_problem import FitProblem, free_parameters
@@ -54,17 +54,18 @@ def fit_models(
     """
     fitted = fit_observations(observations_of(runs), wheel, soil, options)
     everything = observations_of(runs, thinned=False)
-    models = []
+    models, predicted = [], []
     for fit in fitted.models:
         model = _model(wheel, soil, fit.name, fitted.options)
         predictions = tuple(_predict_run(model, fit, run) for run in runs)
-        used = {
-            c: np.concatenate([getattr(p, CHANNELS[c])[r.used] for p, r in zip(predictions, runs, strict=True)])
-            for c in CHANNELS
-        }
-        judged = _judge(everything, used, fitted.slip_threshold)
-        models.append(replace(fit, predictions=predictions, criteria=judged))
-    return replace(fitted, models=tuple(models))
+        models.append(replace(fit, predictions=predictions))
+        predicted.append(
+            {
+                c: np.concatenate([getattr(p, CHANNELS[c])[r.used] for p, r in zip(predictions, runs, strict=True)])
+                for c in CHANNELS
+            }
+        )
+    return replace(fitted, models=judge_alike(models, everything, predicted, fitted.slip_threshold))
 
 
 def fit_observations(
@@ -97,16 +98,13 @@ def fit_observations(
     driven, lost = driven[answered], int((~answered).sum())
     _check_enough(driven, lost, chosen)
     threshold = default_slip_threshold(soil) if chosen.slip_threshold is None else chosen.slip_threshold
-    fits = []
-    for name in chosen.models:
-        fit = _fit_one(name, driven, wheel, soil, chosen)
-        prediction = _model(wheel, soil, name, chosen).predict(
-            Conditions(observations.slip, observations.vertical_load_n), fit.values
-        )
-        predicted = {c: getattr(prediction, CHANNELS[c]) for c in CHANNELS}
-        fits.append(replace(fit, criteria=_judge(observations, predicted, threshold)))
+    fits = [_fit_one(name, driven, wheel, soil, chosen) for name in chosen.models]
+    conditions = Conditions(observations.slip, observations.vertical_load_n)
+    predictions = [_model(wheel, soil, fit.name, chosen).predict(conditions, fit.values) for fit in fits]
+    predicted = [{c: getattr(p, CHANNELS[c]) for c in CHANNELS} for p in predictions]
+    models = judge_alike(fits, observations, predicted, threshold)
     notes = (f"{lost} driven samples left out: the soil does not carry their load above the axle",) if lost else ()
-    return CampaignFit(tuple(fits), wheel, soil, chosen, threshold, observations, notes)
+    return CampaignFit(models, wheel, soil, chosen, threshold, observations, notes)
 
 
 def default_slip_threshold(soil: Soil) -> float:
@@ -252,14 +250,35 @@ def _load_ratio(prediction: Prediction, driven: Observations) -> LoadRatio:
     return LoadRatio(float(np.median(ratio)), float(ratio.min()), float(ratio.max()))
 
 
-def _judge(measured: Observations, predicted: dict[str, FloatArray], threshold: float) -> dict[str, Criteria]:
-    """Return M0, R0 and R2 at or above the slip threshold, for drawbar pull and every other measured channel."""
+def judge_alike(
+    fits: Sequence[ModelFit], measured: Observations, predicted: Sequence[dict[str, FloatArray]], threshold: float
+) -> tuple[ModelFit, ...]:
+    """Give each model M0, R0 and R2, on the same samples: those that every one of them has an answer for.
+
+    Parameters
+    ----------
+    fits : sequence of ModelFit
+    measured : Observations, n samples
+    predicted : for each fit a mapping channel -> array (n,), N or N m; NaN where the model has no answer
+    threshold : slip from which on a sample counts
+    """
+    answered = np.logical_and.reduce([np.isfinite(p["dp"]) for p in predicted])
     load = measured.vertical_load_n
-    return {
-        c: criteria(measured.measured(c), predicted[c], measured.slip, threshold, vertical_load_n=load)
-        for c in CHANNELS
-        if c == "dp" or np.isfinite(measured.measured(c)).any()
-    }
+    judged = []
+    for fit, values in zip(fits, predicted, strict=True):
+        found = {
+            c: criteria(
+                measured.measured(c),
+                np.where(answered, values[c], np.nan),
+                measured.slip,
+                threshold,
+                vertical_load_n=load,
+            )
+            for c in CHANNELS
+            if c == "dp" or np.isfinite(measured.measured(c)).any()
+        }
+        judged.append(replace(fit, criteria=found))
+    return tuple(judged)
 
 
 def _predict_run(model: WheelSoilModel, fit: ModelFit, run: ProcessedRun) -> Prediction:

@@ -11,7 +11,7 @@ from scipy.signal import butter, lfilter, sosfiltfilt
 from daq.errors import ConfigError, DataError
 from model.contact import Quadrature
 from model.effects import EFFECTS
-from model.fit import fit_observations
+from model.fit import fit_observations, judge_alike
 from model.fit_result import FitOptions
 from model.intervals import blocks_of, correlation_time, sandwich
 from model.observations import Observations
@@ -202,6 +202,19 @@ def test_sandwich_of_independent_rows_is_the_textbook_variance_and_degrees() -> 
     found = sandwich(np.ones((n, 1, 1)), (x - x.mean())[:, None], np.array([[float(n)]]), blocks)
     assert found.covariance[0, 0] == pytest.approx(np.var(x) / n, rel=0.01)
     assert found.degrees == pytest.approx(n - 1)
+
+
+def test_models_are_judged_on_the_same_samples() -> None:
+    """Where one law sinks to the axle, its rivals' easier samples would not count for them either."""
+    data = measured(11, "lyasko")
+    fits = fit_observations(data, WHEEL, SOILS["clay"], FitOptions(models=("wong", "vasilev"))).models
+    counted = (data.slip >= 0.2) & (data.slip < 0.7)
+    for without in (0, 1):
+        predicted = [{c: data.measured(c) + 10.0 * (i + 1) for c in ("dp", "t")} for i in range(2)]
+        predicted[without]["dp"][data.slip >= 0.7] = np.nan
+        judged = judge_alike(fits, data, predicted, 0.2)
+        assert [m.criteria["dp"].samples for m in judged] == [counted.sum()] * 2
+        np.testing.assert_allclose([m.criteria["dp"].R0_N for m in judged], [10.0, 20.0])
 
 
 def test_a_bound_gives_a_limit_and_p_below_zero_is_flagged() -> None:
