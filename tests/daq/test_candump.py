@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -198,13 +199,19 @@ def test_memory_does_not_grow_with_the_log(tmp_path: Path) -> None:
         path = tmp_path / f"{copies}.log"
         write_candump([batch] * copies, path)
         script = (
-            "import resource, sys; from daq.logs import read_log;"
+            "import sys; from daq.logs import read_log; from memory_support import peak_rss_mb;"
             "n = sum(len(b) for b in read_log(sys.argv[1]));"
-            "print(n, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+            "print(n, peak_rss_mb())"
         )
-        said = subprocess.run([sys.executable, "-c", script, path], capture_output=True, check=True, text=True).stdout
-        count, peak_kb = map(int, said.split())
-        assert count == copies * len(batch)
-        peaks.append(peak_kb / 1024)
+        said = subprocess.run(
+            [sys.executable, "-c", script, path],
+            capture_output=True,
+            check=True,
+            text=True,
+            env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+        ).stdout
+        count, peak_mb = said.split()
+        assert int(count) == copies * len(batch)
+        peaks.append(float(peak_mb))
     assert peaks[1] < peaks[0] + 30
     assert peaks[1] < 400
