@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model import stresses
-from model.dual import Number, column, concatenate_rows, rows, value_of, weighted_sum, where
+from model.dual import Number, concatenate_rows, rows, value_of, weighted_sum, where
 
 CHUNK = 1024
 """Samples at a time: small enough that a chunk's arrays stay in the cache."""
@@ -255,6 +255,3 @@ def entry_angle(sinkage: Number, radius: Number) -> Number:
     valid = (value_of(ratio) > 0.0) & (value_of(ratio) <= 1.0)
     half = where(valid, ratio * 0.5, np.nan)
     return 2.0 * np.arcsin(np.sqrt(half))
-
-
-__all__ = ["CHUNK", "Patch", "Quadrature", "Resultants", "column", "entry_angle", "resultants"]

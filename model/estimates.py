@@ -12,7 +12,7 @@ from model.covariance import covariance
 from model.fit_problem import FitProblem, Free
 from model.fit_result import Estimate
 from model.gauss_newton import GaussNewtonResult
-from model.intervals import Blocks, Sandwich, naive_covariance, sandwich
+from model.intervals import Blocks, Sandwich, sandwich
 from model.profile import profile_of_sum
 
 FloatArray = NDArray[np.float64]
@@ -23,24 +23,23 @@ SUM_OF = ("m1", "m2")
 
 def spread_of(problem: FitProblem, x: FloatArray, result: GaussNewtonResult, blocks: Blocks) -> Sandwich:
     """Return the block sandwich: NaN for a parameter that a bound holds, infinite for one that is not determined."""
-    p = len(problem.free)
     undetermined = ~np.isfinite(result.covariance.diagonal()) & ~result.at_bound
     free = ~result.at_bound & ~undetermined
-    matrix = np.full((p, p), np.nan)
-    matrix[undetermined, undetermined] = np.inf
+    covariance, naive = (np.full(result.covariance.shape, np.nan) for _ in range(2))
+    covariance[undetermined, undetermined] = np.inf
     if not free.any():
-        return Sandwich(matrix, 1.0)
+        return Sandwich(covariance, naive, 1.0)
     found = _of(problem, x, blocks, free)
-    matrix[np.ix_(free, free)] = found.covariance
-    return Sandwich(matrix, found.degrees)
+    inner = np.ix_(free, free)
+    covariance[inner], naive[inner] = found.covariance, found.naive
+    return Sandwich(covariance, naive, found.degrees)
 
 
 def _of(problem: FitProblem, x: FloatArray, blocks: Blocks, chosen: NDArray[np.bool_]) -> Sandwich:
-    inner = np.ix_(chosen, chosen)
     sensitivities, scores = problem.sensitivities_and_scores(x)
     scores = scores - scores.mean(axis=0)  # zero at a minimum already, but not where a bound holds
-    bread, extra = problem.information(x)[inner], problem.prior_information()[inner]
-    return sandwich(sensitivities[:, :, chosen], scores[:, chosen], bread, blocks, extra)
+    prior = problem.prior_information()[np.ix_(chosen, chosen)]
+    return sandwich(sensitivities[:, :, chosen], scores[:, chosen], blocks, prior)
 
 
 def estimates_of(
@@ -88,10 +87,7 @@ def _sum(problem: FitProblem, x: FloatArray, found: Sandwich, t: float) -> Estim
     rows = [k for k in pair if free[k]]
     if not rows:  # both are held, or neither is determined: their sum says nothing of the soil
         return Estimate("p", "1", total, np.nan, (np.nan, np.nan), derived=True, at_bound=True)
-    naive = np.full_like(found.covariance, np.nan)
-    inner = np.ix_(free, free)
-    naive[inner] = naive_covariance(problem.information(x)[inner])
-    variance, expected = (float(matrix[np.ix_(rows, rows)].sum()) for matrix in (found.covariance, naive))
+    variance, expected = (float(matrix[np.ix_(rows, rows)].sum()) for matrix in (found.covariance, found.naive))
     allowed = t**2 * (variance / expected if expected > 0 else 1.0)
     interval = profile_of_sum(problem, x, (pair[0], pair[1]), allowed)
     return Estimate("p", "1", total, sqrt(max(variance, 0.0)), interval, derived=True)

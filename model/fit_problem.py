@@ -151,11 +151,6 @@ class FitProblem:
         whitened = residual[: n * c].reshape(c, n).T
         return sensitivities, np.einsum("ncp,nc->np", sensitivities, whitened)
 
-    def information(self, x: FloatArray) -> FloatArray:
-        """Return J'WJ with the prior's rows, shape (p, p)."""
-        _, jacobian = self.residual_and_jacobian(x)
-        return np.asarray(jacobian.T @ jacobian)
-
     def prior_information(self) -> FloatArray:
         """Return the prior's information matrix, shape (p, p); zero without a prior."""
         if self.prior is None:

@@ -112,15 +112,23 @@ def _driven_time(time_s: FloatArray, run: NDArray[np.intp]) -> FloatArray:
 
 @dataclass(frozen=True)
 class Sandwich:
-    """Covariance of an estimate, shape (p, p), and the degrees of freedom that Student's t has with it."""
+    """How far an estimate of p parameters may be off.
+
+    Attributes
+    ----------
+    covariance : array, shape (p, p)
+    naive : array, shape (p, p)
+        H^-1: what the covariance would be if whitened samples were independent.
+    degrees : float
+        Of freedom, for Student's t.
+    """
 
     covariance: FloatArray
+    naive: FloatArray
     degrees: float
 
 
-def sandwich(
-    jacobian: FloatArray, scores: FloatArray, bread: FloatArray, blocks: Blocks, extra: FloatArray | None = None
-) -> Sandwich:
+def sandwich(jacobian: FloatArray, scores: FloatArray, blocks: Blocks, prior: FloatArray | None = None) -> Sandwich:
     """Return the block-sandwich covariance with the jackknife's correction for leverage.
 
     A block that holds much of the information pulls the fit towards itself, so that its residual is too small:
@@ -133,41 +141,36 @@ def sandwich(
         Whitened sensitivities of each sample's c channels.
     scores : array, shape (n, p)
         w_i J_i' e_i.
-    bread : array, shape (p, p)
-        H = J'WJ, with the prior's information where there is one.
     blocks : Blocks
-    extra : array, shape (p, p), optional
-        Covariance of what enters besides the samples' scores (a prior's information).
+    prior : array, shape (p, p), optional
+        Information of a prior: part of H, and of what varies.
 
     Source
     ------
     Bell & McCaffrey (2002), Survey Methodology 28:169 (leverage, degrees of freedom).
     """
-    p = bread.shape[0]
+    p = scores.shape[1]
+    known = np.zeros((p, p)) if prior is None else prior
+    rows = jacobian.reshape(-1, p)
+    bread = rows.T @ rows + known
     size = np.sqrt(np.diag(bread))
     size[size == 0] = 1.0  # parameters differ by powers of ten in size: everything below is in units of their own sigma
+    unit = np.outer(size, size)
     jacobian, scores = jacobian / size, scores / size
-    inverse = _inverse(bread / np.outer(size, size))
-    meat = np.zeros((p, p)) if extra is None else extra / np.outer(size, size)
+    inverse = _inverse(bread / unit)
+    meat = known / unit
     shares = []
-    for rows in np.split(np.argsort(blocks.label, kind="stable"), np.cumsum(np.bincount(blocks.label))[:-1]):
-        part = jacobian[rows].reshape(-1, p)
+    for block in np.split(np.argsort(blocks.label, kind="stable"), np.cumsum(np.bincount(blocks.label))[:-1]):
+        part = jacobian[block].reshape(-1, p)
         information = part.T @ part @ inverse
-        score = scores[rows].sum(axis=0)
+        score = scores[block].sum(axis=0)
         keep = np.eye(p) - information
         if np.linalg.cond(keep) < _HOLLOW:
             score = np.linalg.solve(keep, score)
-        meat += np.outer(score, score)
+        meat = meat + np.outer(score, score)
         shares.append(float(np.trace(information)) / p)
     degrees = max(1.0 / float(np.sum(np.square(shares))) - 1.0, 1.0) if shares else 1.0
-    return Sandwich(inverse @ meat @ inverse / np.outer(size, size), degrees)
-
-
-def naive_covariance(bread: FloatArray) -> FloatArray:
-    """Return H^-1, shape (p, p): the covariance if whitened samples were independent."""
-    size = np.sqrt(np.diag(bread))
-    size[size == 0] = 1.0
-    return np.asarray(_inverse(bread / np.outer(size, size)) / np.outer(size, size))
+    return Sandwich(inverse @ meat @ inverse / unit, inverse / unit, degrees)
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from model.dual import Number
+from model.dual import Dual, Number
 
 if TYPE_CHECKING:
     from model.wheel_soil import Conditions, SoilState
@@ -87,8 +87,6 @@ class Effect:
     @classmethod
     def is_active(cls, values: Values) -> bool:
         """Whether any parameter differs from neutral or is to be differentiated."""
-        from model.dual import Dual
-
         return any(isinstance(values[p.name], Dual) or bool(values[p.name] != p.neutral) for p in cls.parameters)
 
     @classmethod
