@@ -23,6 +23,7 @@ ROLES = (
     "gnss_time",
     "wheel_angle",
     "sinkage",
+    "transducer_status",
 )
 """What a signal can be to us. A command asks only for the roles it needs."""
 
@@ -78,6 +79,29 @@ class TransducerSection(_Section):
     angle_offset_deg: Finite = 0.0
     angle_direction: Literal[1, -1] = 1
     zero: Literal["lifted", "spin", "none"] = "none"
+    zero_file: str = ""
+
+
+class LoggerSection(_Section):
+    """``[logger]``: how `wheelsoil log` records. A new file of the same run is begun at either rotation limit."""
+
+    rotate_mb: Positive = 1000.0
+    rotate_min: Positive | None = None
+    flush_s: Positive = 0.2
+    sync_s: Positive = 1.0
+    decoded_rate_hz: Positive = 100.0
+    receive_buffer_kb: Positive = 8192.0
+    queue_mb: Positive = 64.0
+    disk_warn_min: Positive = 60.0
+    disk_reserve_mb: Positive = 100.0
+
+
+class HealthSection(_Section):
+    """``[health]``: what is no fault of this vehicle, as ``"Message"`` or ``"Message.Signal"``."""
+
+    may_be_silent: tuple[str, ...] = ()
+    may_be_constant: tuple[str, ...] = ()
+    may_leave_range: tuple[str, ...] = ()
 
 
 class VehicleConfig(_Section):
@@ -89,6 +113,8 @@ class VehicleConfig(_Section):
     signals: dict[str, str] = Field(default_factory=dict)
     sensors: dict[str, SensorSection] = Field(default_factory=dict)
     transducer: TransducerSection = TransducerSection()
+    logger: LoggerSection = LoggerSection()
+    health: HealthSection = HealthSection()
 
     @field_validator("signals", "sensors")
     @classmethod

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 """Numbers of data bytes that a CAN FD frame can have, by its DLC."""
-_EXTENDED, _REMOTE, _ERROR, _FD, _BITRATE_SWITCH, _ERROR_STATE, _TRANSMITTED = map(int, FrameFlag)
+_EXTENDED, _REMOTE, _ERROR, _FD, _BITRATE_SWITCH, _ERROR_STATE, _TRANSMITTED, _ = map(int, FrameFlag)
 
 
 def frames_from_messages(
