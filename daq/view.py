@@ -12,7 +12,7 @@ from daq.config import VehicleConfig
 from daq.databases import Database
 from daq.decode import Decoder
 from daq.frames import FrameBatch
-from daq.recording import RecordingWriter
+from daq.recording.parts import ViewWriter
 from daq.roles import resolve_roles
 
 _SAME_FIX_NS = 100_000_000
@@ -23,7 +23,7 @@ class DecodedView:
 
     Parameters
     ----------
-    writer : RecordingWriter
+    writer : RecordingWriter or PartWriter
     vehicle : VehicleConfig
     databases : mapping bus -> databases
 
@@ -34,7 +34,7 @@ class DecodedView:
     """
 
     def __init__(
-        self, writer: RecordingWriter, vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]
+        self, writer: ViewWriter, vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]
     ) -> None:
         self._writer = writer
         self._decoder = Decoder(databases)

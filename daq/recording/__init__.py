@@ -1,8 +1,21 @@
 """MCAP recordings, written and read as columns."""
 
 from daq.recording.contents import Loss
+from daq.recording.diagnostics import DiagnosticStatus
+from daq.recording.events import Event
+from daq.recording.parts import PartWriter
 from daq.recording.reader import Recording, Topic
 from daq.recording.recover import Recovery, recover
 from daq.recording.writer import RecordingWriter
 
-__all__ = ["Loss", "Recording", "RecordingWriter", "Recovery", "Topic", "recover"]
+__all__ = [
+    "DiagnosticStatus",
+    "Event",
+    "Loss",
+    "PartWriter",
+    "Recording",
+    "RecordingWriter",
+    "Recovery",
+    "Topic",
+    "recover",
+]

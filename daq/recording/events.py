@@ -3,9 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
+
+from daq.recording.cdr import CdrDecoder, CdrEncoder
+from daq.recording.chunks import DamagedError
+from daq.recording.format import TIME_DEFINITION
 
 Severity = Literal["info", "warning", "error"]
+
+EVENT_TOPIC = "/events"
+EVENT_SCHEMA = "rcl_interfaces/msg/Log"
+EVENT_TEXT = f"""\
+byte DEBUG=10
+byte INFO=20
+byte WARN=30
+byte ERROR=40
+byte FATAL=50
+builtin_interfaces/Time stamp
+uint8 level
+string name
+string msg
+string file
+string function
+uint32 line
+{TIME_DEFINITION}"""
+_LEVELS: dict[Severity, int] = dict(zip(get_args(Severity), (20, 30, 40), strict=True))
 
 
 @dataclass(frozen=True)
@@ -27,3 +49,31 @@ class Event:
     name: str
     text: str
     severity: Severity = "info"
+
+
+def encode_event(event: Event) -> bytes:
+    """Return an event as the CDR bytes of a rcl_interfaces/msg/Log; file, function and line stay empty."""
+    message = CdrEncoder()
+    message.stamp(event.time_ns)
+    message.uint8(_LEVELS[event.severity])
+    for text in (event.name, event.text, "", ""):
+        message.text(text)
+    message.uint32(0)
+    return message.message()
+
+
+def decode_event(data: bytes, time_ns: int) -> Event:
+    """Return the event that `encode_event` wrote; `time_ns` is the message's log time, which has no bounds.
+
+    Raises
+    ------
+    DamagedError
+        If the bytes are no such message.
+    """
+    message = CdrDecoder(data)
+    message.stamp()
+    level = message.uint8()
+    severity = next((name for name, number in _LEVELS.items() if number == level), None)
+    if severity is None:
+        raise DamagedError(f"an event of level {level}")
+    return Event(time_ns, message.text(), message.text(), severity)

@@ -32,19 +32,26 @@ RAW_DTYPES: dict[str, np.dtype[np.void]] = {CLASSIC_SCHEMA: CLASSIC_DTYPE, FD_SC
 
 RUN_START = "run_start"
 RUN_END = "run_end"
-"""Names of the metadata records that open and close a run."""
+"""Names of the metadata records that open and close a run, or a part of one."""
 
-_RULE = "=" * 80
-HEADER_DEFINITIONS = f"""\
-{_RULE}
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{_RULE}
+LOSSES = "losses"
+"""Name of the metadata records that count what was lost; written while recording, the last one holds."""
+
+DEFINITION_RULE = "=" * 80
+"""Stands between a ros2msg definition and those that it needs."""
+
+TIME_DEFINITION = f"""\
+{DEFINITION_RULE}
 MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
 """
+HEADER_DEFINITIONS = f"""\
+{DEFINITION_RULE}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{TIME_DEFINITION}"""
 _RECORD_FIELDS = """\
 int64 time_ns
 uint32 can_id
@@ -61,7 +68,7 @@ def raw_schema_text(name: str) -> str:
     size = RAW_DTYPES[name]["data"].shape[0]
     return (
         f"std_msgs/Header header\n{PACKAGE}/{element}[] frames\n{HEADER_DEFINITIONS}"
-        f"{_RULE}\nMSG: {PACKAGE}/{element}\n{_RECORD_FIELDS}uint8[{size}] data\n"
+        f"{DEFINITION_RULE}\nMSG: {PACKAGE}/{element}\n{_RECORD_FIELDS}uint8[{size}] data\n"
     )
 
 
@@ -74,7 +81,7 @@ float64 longitude
 float64 altitude
 float64[9] position_covariance
 uint8 position_covariance_type
-{HEADER_DEFINITIONS}{_RULE}
+{HEADER_DEFINITIONS}{DEFINITION_RULE}
 MSG: sensor_msgs/NavSatStatus
 int8 status
 uint16 service

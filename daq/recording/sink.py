@@ -99,7 +99,11 @@ class McapSink:
         self._metadata_indexes: list[MetadataIndex] = []
         self._message_counts: dict[int, int] = {}
         self._times: tuple[int, int] | None = None
-        self._file.write(MAGIC + serialized(Header(profile, f"wheelsoil {_version()}")))
+        try:
+            self._file.write(MAGIC + serialized(Header(profile, f"wheelsoil {_version()}")))
+        except BaseException:
+            self.give_up()
+            raise
         self._noted = self._file.position
 
     def add_schema(self, name: str, text: str) -> int:
@@ -236,6 +240,11 @@ class McapSink:
                 self._file.sync()
         finally:
             self._file.close()
+
+    def give_up(self) -> None:
+        """Close the file and take it away: for one that could not even be begun."""
+        self._file.close()
+        self.path.unlink(missing_ok=True)
 
     @contextmanager
     def _written_and_noted(self, record: bytes) -> Iterator[None]:

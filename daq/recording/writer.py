@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -15,7 +15,10 @@ from daq.config import RunInfo
 from daq.frames import FrameBatch
 from daq.recording.chunks import Compression
 from daq.recording.decoded_topics import DecodedTopics
+from daq.recording.diagnostics import DiagnosticStatus
+from daq.recording.events import Event
 from daq.recording.format import RUN_END, RUN_START, with_checksum
+from daq.recording.host_topics import HostTopics
 from daq.recording.raw_topics import RawTopics
 from daq.recording.sink import McapSink
 from daq.recording.topics import TopicNames
@@ -76,20 +79,35 @@ class RecordingWriter:
         names = TopicNames()
         self._raw = RawTopics(self._sink, names, chunk_bytes)
         self._decoded = DecodedTopics(self._sink, names, decoded_rate_hz)
+        self._host = HostTopics(self._sink)
         self._closed = False
         self._settled = self._counts_hold = True
         self._flushed_at = self._synced_at = time.monotonic()
-        for name, data in (attachments or {}).items():
-            self._sink.attach(name, data)
         started = {"created_ns": str(time.time_ns()), **(metadata or {})}
         if run is not None:
             started["run"] = run.model_dump_json()
-        self.add_metadata(RUN_START, started)
+        try:
+            for name, data in (attachments or {}).items():
+                self._sink.attach(name, data)
+            self.add_metadata(RUN_START, started)
+        except BaseException:
+            self._sink.give_up()
+            raise
 
     @property
     def frame_counts(self) -> dict[str, int]:
         """Frames taken so far, per bus."""
         return self._raw.frame_counts
+
+    @property
+    def counts_hold(self) -> bool:
+        """Whether `frame_counts` can be believed: Ctrl-C may have come in the middle of a write."""
+        return self._counts_hold
+
+    @property
+    def failed(self) -> bool:
+        """Whether a write has failed; nothing is written any more then."""
+        return self._sink.failed
 
     @property
     def bytes_written(self) -> int:
@@ -148,6 +166,43 @@ class RecordingWriter:
         self._decoded.write_position(bus, time_ns, latitude_deg, longitude_deg, altitude_m)
         self._after_decoded()
 
+    def write_event(self, event: Event) -> None:
+        """Write an event, topic ``/events``."""
+        self._host.write_event(event)
+        self._after_host()
+
+    def write_diagnostics(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
+        """Write how everything is at one moment, topic ``/diagnostics``.
+
+        Raises
+        ------
+        DataError
+            If a level is none of 0 to 3.
+        """
+        self._host.write_diagnostics(time_ns, statuses)
+        self._after_host()
+
+    def write_clock(
+        self, time_ns: int, bus: str, realtime_minus_monotonic_ns: int, file_minus_realtime_ns: int
+    ) -> None:
+        """Tell which clock offsets hold for the frames of a bus, topic ``/clock/host``.
+
+        To be called with every batch: it is written when an offset differs by more than 1 ms from what was written
+        last, and once a second.
+
+        Parameters
+        ----------
+        time_ns : int
+            On the recording's time base.
+        bus : str
+        realtime_minus_monotonic_ns : int
+            The host's CLOCK_REALTIME less its CLOCK_MONOTONIC.
+        file_minus_realtime_ns : int
+            The recording's time base less the host's CLOCK_REALTIME.
+        """
+        self._host.write_clock(time_ns, bus, realtime_minus_monotonic_ns, file_minus_realtime_ns)
+        self._after_host()
+
     def attach(self, name: str, data: bytes) -> None:
         """Add an attachment."""
         self._sink.attach(name, data)
@@ -159,26 +214,35 @@ class RecordingWriter:
     def flush(self) -> None:
         """Hand everything gathered so far to the operating system; a kill cannot take it any more."""
         self._begin()
+        self._flushed_at = time.monotonic()
         self._raw.write_chunk()
         self._decoded.write_chunk()
+        self._host.write_chunk()
         self._settled = True
-        self._flushed_at = time.monotonic()
 
     def sync(self) -> None:
         """Flush, and have it put on the disk; a power cut cannot take it any more."""
+        self._synced_at = time.monotonic()
         self.flush()
         self._sink.sync()
-        self._synced_at = time.monotonic()
 
     def tick(self) -> None:
-        """Flush and sync if it is time to. Every write does this; call it when there is nothing to write."""
+        """Flush and sync if it is time to. Every write does this; call it when there is nothing to write.
+
+        The time counts from when the last one began: a slow disk does not stretch what a power cut can take.
+        """
         now = time.monotonic()
         if self._sync_every_s is not None and now - self._synced_at >= self._sync_every_s:
             self.sync()
         elif self._flush_every_s is not None and now - self._flushed_at >= self._flush_every_s:
             self.flush()
 
-    def close(self, exit_status: str = "ok", drops: Mapping[str, int] | None = None) -> None:
+    def close(
+        self,
+        exit_status: str = "ok",
+        drops: Mapping[str, int] | None = None,
+        ended: Mapping[str, str] | None = None,
+    ) -> None:
         """Write what is left, the ``run_end`` record and the summary; a second call does nothing.
 
         Parameters
@@ -187,17 +251,20 @@ class RecordingWriter:
             ``"ok"``, ``"interrupted"`` or what went wrong.
         drops : mapping str -> int, optional
             Frames lost before they came here, per bus.
+        ended : mapping str -> str, optional
+            Goes into the ``run_end`` record.
         """
         if self._closed:
             return
         self._closed = True
         try:
             self.flush()
-            ended = {"ended_ns": str(time.time_ns()), "exit_status": exit_status}
+            told = {"ended_ns": str(time.time_ns()), "exit_status": exit_status}
             if self._counts_hold:
-                ended |= {f"frames.{bus}": str(count) for bus, count in self.frame_counts.items()}
-            ended |= {f"drops.{bus}": str(count) for bus, count in (drops or {}).items()}
-            self.add_metadata(RUN_END, ended | {"time_steps_back": str(self._raw.steps_back)})
+                told |= {f"frames.{bus}": str(count) for bus, count in self.frame_counts.items()}
+            told |= {f"drops.{bus}": str(count) for bus, count in (drops or {}).items()}
+            told |= {"time_steps_back": str(self._raw.steps_back)}
+            self.add_metadata(RUN_END, told | dict(ended or {}))
         finally:
             self._sink.finish()
 
@@ -223,4 +290,9 @@ class RecordingWriter:
     def _after_decoded(self) -> None:
         if self._decoded.pending_bytes >= self._chunk_bytes:
             self._decoded.write_chunk()
+        self.tick()
+
+    def _after_host(self) -> None:
+        if self._host.pending_bytes >= self._chunk_bytes:
+            self._host.write_chunk()
         self.tick()

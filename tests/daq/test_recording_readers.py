@@ -11,7 +11,7 @@ import pytest
 from recording_support import START_NS, random_frames
 
 from daq.frames import FrameBatch, split
-from daq.recording import Recording, RecordingWriter
+from daq.recording import DiagnosticStatus, Event, Recording, RecordingWriter
 from daq.recording.topics import TopicNames, field_names, snake_case
 
 # Names as vendors write them: keywords, digits first, doubles once in snake case, words of the formats themselves.
@@ -23,6 +23,17 @@ PUBLISHED = TIMES - 160_000_000
 VALUES = {name: np.random.default_rng(i).normal(size=COUNT) * 10.0**i for i, name in enumerate(SIGNALS[:-1])}
 VALUES["Fx"][3] = np.nan
 LATITUDE = np.linspace(48, 49, COUNT)
+EVENTS = [
+    Event(START_NS + 5, "mark", "Ω: soft\nspot"),
+    Event(START_NS + 10**9, "bus", "", "error"),
+    Event(START_NS - 10**9, "clock", "x" * 5000, "warning"),
+]
+STATUSES = [
+    DiagnosticStatus(0, "bus/can0", "as usual", "can0", {"rate": "3200 /s", "µ": ""}),
+    DiagnosticStatus(2, "disk"),
+    DiagnosticStatus(3, "gnss", "kein Fix", values={"age": "20 s"}),
+]
+CLOCK = [(START_NS, "can0", 10**18, 0), (START_NS + 1, "2nd-Bus", -5, 7)]
 FRAMES = {
     False: random_frames(1, 3000, bus_count=2),
     True: random_frames(2, 300, fd=True, bus_count=2),
@@ -40,6 +51,13 @@ def recording(request, tmp_path_factory):
         writer.write_decoded("WFT_Force", "can0", TIMES, VALUES, UNITS, publish_ns=PUBLISHED)
         writer.write_decoded("raw", "can0", TIMES, {"V": VALUES["Fx"]}, {"V": "m/s"})
         writer.write_position("can0", TIMES, LATITUDE, -LATITUDE)
+        for event in EVENTS:
+            writer.write_event(event)
+            writer.flush()
+        writer.write_diagnostics(START_NS, STATUSES)
+        writer.write_diagnostics(START_NS + 10**9, [])
+        for told in CLOCK:
+            writer.write_clock(*told)
     return path
 
 
@@ -73,7 +91,8 @@ def topics(request, recording):
 
 def test_every_topic_is_there(topics):
     raw = {f"/can/{bus}/{kind}" for bus in ("can0", "x_2nd_bus") for kind in ("raw", "raw_fd")}
-    assert topics.keys() == {*raw, "/can/can0/wft_force", "/can/can0/raw_2", "/can/can0/position"}
+    views = {"/can/can0/wft_force", "/can/can0/raw_2", "/can/can0/position"}
+    assert topics.keys() == {*raw, *views, "/events", "/diagnostics", "/clock/host"}
 
 
 @pytest.mark.parametrize("fd", [False, True])
@@ -105,8 +124,40 @@ def test_positions(topics):
     assert all(np.isnan(message.altitude) and message.status.status == 0 for message in messages)
 
 
+def test_events(topics):
+    levels = {"info": 20, "warning": 30, "error": 40}
+    expected = [(event.time_ns, levels[event.severity], event.name, event.text) for event in EVENTS]
+    messages = sorted(topics["/events"], key=lambda pair: [event.time_ns for event in EVENTS].index(pair[0]))
+    assert [(time_ns, message.level, message.name, message.msg) for time_ns, message in messages] == expected
+    assert [in_ns(message.stamp) for _, message in messages] == [event.time_ns for event in EVENTS]
+    assert {(message.file, message.function, message.line) for _, message in messages} == {("", "", 0)}
+
+
+def test_diagnostics(topics):
+    (time_ns, message), (_, empty) = topics["/diagnostics"]
+    assert time_ns == stamp_ns(message) == START_NS
+    assert not empty.status
+    for found, status in zip(message.status, STATUSES, strict=True):
+        level = found.level if isinstance(found.level, int) else int.from_bytes(found.level)
+        assert level == status.level
+        assert (found.name, found.message, found.hardware_id) == (status.name, status.message, status.hardware_id)
+        assert {pair.key: pair.value for pair in found.values} == status.values
+
+
+def test_clock(topics):
+    found = [
+        (m.time_ns, m.header.frame_id, m.realtime_minus_monotonic_ns, m.file_minus_realtime_ns)
+        for _, m in topics["/clock/host"]
+    ]
+    assert found == CLOCK
+
+
 def stamp_ns(message) -> int:
-    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+    return in_ns(message.header.stamp)
+
+
+def in_ns(stamp) -> int:
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def test_topics_keep_the_original_names_and_units(recording):
