@@ -1,0 +1,262 @@
+"""The time of a recording: the host's monotonic clock plus the UTC offset that held when the session began.
+
+The kernel stamps frames with CLOCK_REALTIME, which can be set at any moment. On Linux the difference between it and
+the monotonic clock changes in steps only (``docs/decisions/time.md``), so that a stamp can be brought back exactly when
+it is known which difference held when it was made: `HostClock` keeps them, a `StampTracker` applies them to the frames
+of one source.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.frames import FrameBatch, FrameFlag
+
+IntArray = NDArray[np.int64]
+
+_TRIES = 7
+_GOOD_BRACKET_NS = 2_000
+_SLEW_NS = 0 if sys.platform == "linux" else 20_000_000
+"""Change of the difference that is not called a step; elsewhere the two clocks are slewed apart, or coarse."""
+EARLY_NS = 10_000_000
+"""How long a frame may be between its stamp and the queue that it is read from, and how far out of order."""
+LATE_NS = 1_000_000
+"""How far a stamp may lie in the future; stamps through python-can are estimates."""
+_WAITING_NS = 60 * 10**9
+_NEVER_NS = 2**62
+
+
+def realtime_ns() -> int:
+    """Return CLOCK_REALTIME."""
+    return time.time_ns()
+
+
+def monotonic_ns() -> int:
+    """Return CLOCK_BOOTTIME, the monotonic clock that goes on while the machine sleeps; else CLOCK_MONOTONIC."""
+    if sys.platform == "linux":
+        return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+    return time.monotonic_ns()
+
+
+@dataclass(frozen=True)
+class ClockStep:
+    """The host's clock was set.
+
+    Attributes
+    ----------
+    time_ns : int
+        File time by which it had been set.
+    since_ns : int
+        File time until which it had not.
+    step_s : float
+        By how much; positive is forward.
+    """
+
+    time_ns: int
+    since_ns: int
+    step_s: float
+
+
+@dataclass(frozen=True)
+class Offset:
+    """Realtime minus monotonic, and the monotonic time within which it can have held.
+
+    Attributes
+    ----------
+    offset_ns : int
+    from_ns, until_ns : int
+        When the one before was last seen; when the one after was first seen.
+    seen_ns : int
+        When it was first seen.
+    """
+
+    offset_ns: int
+    from_ns: int
+    until_ns: int
+    seen_ns: int
+
+
+class HostClock:
+    """The time base of a session: file time is monotonic time plus `base_ns`. May be used from several threads.
+
+    Parameters
+    ----------
+    realtime, monotonic : callable
+        The two clocks, ns.
+    """
+
+    def __init__(self, realtime: Callable[[], int] = realtime_ns, monotonic: Callable[[], int] = monotonic_ns) -> None:
+        self._realtime = realtime
+        self._monotonic = monotonic
+        self._lock = threading.Lock()
+        before, difference, after = self._bracket()
+        self._low, self._high = difference - after, difference - before
+        self._offsets = [Offset((self._low + self._high) // 2, -_NEVER_NS, _NEVER_NS, after)]
+        self._last_seen = before
+        self._base_ns = self._offsets[0].offset_ns
+        self._steps: tuple[ClockStep, ...] = ()
+
+    @property
+    def base_ns(self) -> int:
+        """What is added to monotonic time to have file time."""
+        return self._base_ns
+
+    @property
+    def realtime_minus_monotonic_ns(self) -> int:
+        """The difference that was seen last."""
+        return self._offsets[-1].offset_ns
+
+    @property
+    def steps(self) -> tuple[ClockStep, ...]:
+        """Every step since the session began, by file time as it was when the step was seen."""
+        return self._steps
+
+    def now_ns(self) -> int:
+        """Return file time."""
+        return self._monotonic() + self._base_ns
+
+    def monotonic_ns(self) -> int:
+        """Return monotonic time; file time less `base_ns`."""
+        return self._monotonic()
+
+    def observe(self) -> int:
+        """Look whether the clock was set; returns the monotonic time of the look.
+
+        One look is a reading of realtime between two of monotonic time: the difference is known to lie in an interval.
+        As long as all intervals have a point in common there was no step. A thread that loses the processor while it
+        looks has a wide interval, and so sees none.
+        """
+        with self._lock:
+            before, realtime, after = self._bracket()
+            low, high = realtime - after, realtime - before
+            if low > self._high + _SLEW_NS or high < self._low - _SLEW_NS:
+                self._step((low + high) // 2, after)
+                self._low, self._high = low, high
+            elif max(low, self._low) <= min(high, self._high):
+                self._low, self._high = max(low, self._low), min(high, self._high)
+            self._last_seen = before
+        return after
+
+    def rebase(self) -> int:
+        """Move file time onto the clock as it is now set; returns by how many ns.
+
+        File time jumps by that, so it is for the beginning of a run: what was read before has the old base.
+        """
+        self.observe()
+        with self._lock:
+            moved = self._offsets[-1].offset_ns - self._base_ns
+            self._base_ns += moved
+        return moved
+
+    def offsets_since(self, monotonic: int) -> tuple[Offset, ...]:
+        """Return the differences that may have held at some time since; the newest last."""
+        with self._lock:
+            first = len(self._offsets) - 1
+            while first > 0 and self._offsets[first].seen_ns > monotonic:
+                first -= 1
+            return tuple(self._offsets[first:])
+
+    def _step(self, offset_ns: int, seen_ns: int) -> None:
+        old = self._offsets[-1]
+        self._offsets[-1] = Offset(old.offset_ns, old.from_ns, seen_ns, old.seen_ns)
+        self._offsets.append(Offset(offset_ns, self._last_seen, _NEVER_NS, seen_ns))
+        step_s = (offset_ns - old.offset_ns) * 1e-9
+        self._steps += (ClockStep(seen_ns + self._base_ns, self._last_seen + self._base_ns, step_s),)
+
+    def _bracket(self) -> tuple[int, int, int]:
+        """Return the narrowest of a few readings: monotonic before, realtime, monotonic after."""
+        best = (0, 0, _NEVER_NS)
+        for _ in range(_TRIES):
+            tried = (self._monotonic(), self._realtime(), self._monotonic())
+            if tried[2] - tried[0] <= best[2] - best[0]:
+                best = tried
+            if best[2] - best[0] <= _GOOD_BRACKET_NS:
+                break
+        return best
+
+
+class StampTracker:
+    """Brings the stamps of one source to file time; for use in the thread that reads the source.
+
+    A stamp is tried with every difference of the clocks that can have held since the source was last known to be
+    empty. What fits one of them is taken so. What fits several, or none, is flagged `FrameFlag.UNSURE_TIME` and gets a
+    time that is not later than the true one.
+
+    Parameters
+    ----------
+    clock : HostClock
+    name : str
+        The source's.
+    """
+
+    def __init__(self, clock: HostClock, name: str) -> None:
+        self.name = name
+        self.unsure = 0
+        """Frames that were flagged so far."""
+        self._clock = clock
+        self._began_ns = clock.monotonic_ns()
+        self._empty_ns = self._last_ns = self._began_ns - _WAITING_NS
+
+    @property
+    def realtime_minus_monotonic_ns(self) -> int:
+        """The difference by which the newest stamps were brought back."""
+        return self._clock.realtime_minus_monotonic_ns
+
+    def before_read(self) -> None:
+        """Look at the clock before the source is read."""
+        self._began_ns = self._clock.observe()
+
+    def after_read(self, batch: FrameBatch) -> FrameBatch:
+        """Bring the times of the frames that were just read to file time.
+
+        Parameters
+        ----------
+        batch : FrameBatch
+            ``time_ns`` is CLOCK_REALTIME when each frame came in, the frames are in the order in which they came.
+
+        Returns
+        -------
+        FrameBatch
+            The same records: times and flags are changed in place. Times never decrease, from batch to batch neither.
+        """
+        now = self._clock.observe()
+        if not len(batch):
+            self._empty_ns = max(self._empty_ns, self._began_ns)
+            return batch
+        stamps = batch.frames["time_ns"].astype(np.int64)
+        offsets = self._clock.offsets_since(self._empty_ns - EARLY_NS)
+        if len(offsets) == 1:
+            times = stamps - offsets[0].offset_ns
+            unsure = times > now + LATE_NS
+            times[unsure] = -_NEVER_NS
+        else:
+            times, unsure = self._told_apart(stamps, offsets, now)
+        ordered = np.maximum.accumulate(np.maximum(times, self._last_ns))
+        unsure |= ordered - times > EARLY_NS
+        self._last_ns = int(ordered[-1])
+        self._empty_ns = max(self._empty_ns, self._last_ns)
+        batch.frames["time_ns"] = ordered + self._clock.base_ns
+        if unsure.any():
+            self.unsure += int(unsure.sum())
+            batch.frames["flags"][unsure] |= np.uint8(FrameFlag.UNSURE_TIME)
+        return batch
+
+    def _told_apart(
+        self, stamps: IntArray, offsets: tuple[Offset, ...], now: int
+    ) -> tuple[IntArray, NDArray[np.bool_]]:
+        """Return monotonic times and whether they are unsure; of several that fit, the earliest."""
+        tried = stamps - np.array([[one.offset_ns] for one in offsets])
+        earliest = [[max(self._empty_ns, one.from_ns) - EARLY_NS] for one in offsets]
+        latest = [[min(now, one.until_ns) + LATE_NS] for one in offsets]
+        fits = (tried >= np.array(earliest)) & (tried <= np.array(latest))
+        times = np.where(fits, tried, _NEVER_NS).min(axis=0)
+        count = fits.sum(axis=0)
+        times[count == 0] = -_NEVER_NS
+        return times, count != 1
