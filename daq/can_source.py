@@ -6,7 +6,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from daq.config import BusSection
+from daq.errors import HardwareError
 from daq.frames import FrameArray, FrameBatch
+
+
+class InterfaceDownError(HardwareError):
+    """The interface is down. The source stays good: it hands out frames again once the interface is up."""
 
 
 @dataclass(frozen=True)
@@ -51,21 +56,28 @@ class Source(Protocol):
 
         Raises
         ------
+        InterfaceDownError
+            Once, when the interface was taken down; reading may go on.
         HardwareError
             If the interface has gone away.
         """
+
+    def is_up(self) -> bool:
+        """Whether the interface is up; True where that cannot be told."""
 
     def close(self) -> None:
         """Stop listening; a second call does nothing."""
 
 
-def open_source(bus: BusSection) -> Source:
+def open_source(bus: BusSection, buffer_bytes: int | None = None) -> Source:
     """Start to listen to a bus.
 
     Parameters
     ----------
     bus : BusSection
         ``interface`` is one that python-can knows; SocketCAN where none is given.
+    buffer_bytes : int, optional
+        Receive buffer to ask for, where the interface lets one choose.
 
     Raises
     ------
@@ -75,9 +87,9 @@ def open_source(bus: BusSection) -> Source:
         If the interface is not there or must not be opened.
     """
     if _is_socketcan(bus):
-        from daq.socketcan import SocketCanSource
+        from daq.socketcan import RECEIVE_BUFFER_BYTES, SocketCanSource
 
-        return SocketCanSource(bus.channel)
+        return SocketCanSource(bus.channel, buffer_bytes or RECEIVE_BUFFER_BYTES)
     from daq.python_can import PythonCanSource
 
     return PythonCanSource(bus)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +30,10 @@ _EXTRAS = {
     "cantact": "cantact",
 }
 """Interfaces and the extra of python-can that brings their Python package."""
+
+
+_DRIVER_ERRORS = (OSError, ValueError, TypeError, AttributeError, IndexError, struct.error)
+"""What python-can's drivers raise, beside its own errors, when their adapter is pulled out or sends nonsense."""
 
 
 def open_bus(bus: BusSection) -> can.BusABC:
@@ -100,13 +105,17 @@ class PythonCanSource:
             while len(messages) < _MOST_AT_ONCE and (message := self._bus.recv(wait_s)) is not None:
                 messages.append(message)
                 wait_s = 0.0
-        except (can.CanError, OSError) as error:
+        except (can.CanError, *_DRIVER_ERRORS) as error:
             raise HardwareError(_gone(self.name, error)) from None
         times = [round(message.timestamp * 1e6) * 1000 for message in messages]
         frames = frames_from_messages(messages, times, lambda _: 0)
         self._received += len(frames)
         self._errors += int(np.count_nonzero(frames["flags"] & FrameFlag.ERROR))
         return FrameBatch(frames, (self.name,))
+
+    def is_up(self) -> bool:
+        """See `daq.can_source.Source`."""
+        return True
 
     def close(self) -> None:
         """See `daq.can_source.Source`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import fcntl
 import select
 import socket
 import struct
@@ -13,7 +14,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.can_source import SourceCounters
+from daq.can_source import InterfaceDownError, SourceCounters
 from daq.errors import Fault, HardwareError, nearest
 from daq.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag
 
@@ -30,6 +31,8 @@ _EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
 _ID_MASK = 0x1FFF_FFFF
 _BRS, _ESI, _FDF = 1, 2, 4
 _CLASSIC_BYTES, _FD_BYTES = 16, 72
+_SIOCGIFFLAGS, _IFF_UP = 0x8913, 1
+_IFREQ = struct.Struct("=16sH22x")
 
 _HEADER = np.dtype(
     [
@@ -107,6 +110,7 @@ class SocketCanSource:
         self._received = 0
         self._errors = 0
         self._lost = 0
+        self._failed = 0
         self._batch = _Batch()
         header = self._batch.headers["header"]
         header["control"] = self._batch.control.ctypes.data + np.arange(FRAMES_A_CALL) * _CONTROL_WORDS * 8
@@ -127,24 +131,43 @@ class SocketCanSource:
 
     def read(self, timeout_s: float) -> FrameBatch:
         """See `daq.can_source.Source`."""
+        if self._failed:
+            self._raise_failure()
         self._poll.poll(max(timeout_s, 0.0) * 1000)
         parts: list[FrameArray] = []
         for _ in range(_MOST_AT_ONCE // FRAMES_A_CALL):
             self._batch.headers["header"]["control_size"] = _CONTROL_WORDS * 8
             count = self._batch.call("recvmmsg", self._socket.fileno(), FRAMES_A_CALL)
             if count < 0 and -count not in (errno.EAGAIN, errno.EINTR):
-                raise HardwareError(_fault(self.name, -count))
+                self._failed = -count
+                if not parts:
+                    self._raise_failure()
             if count > 0:
                 parts.append(self._frames(count))
             if count < FRAMES_A_CALL:
                 break
         return self._together(parts)
 
+    def is_up(self) -> bool:
+        """See `daq.can_source.Source`."""
+        request = _IFREQ.pack(self.name.encode(), 0)
+        try:
+            _, flags = _IFREQ.unpack(fcntl.ioctl(self._socket, _SIOCGIFFLAGS, request))
+        except OSError:
+            return False
+        return bool(flags & _IFF_UP)
+
     def close(self) -> None:
         """See `daq.can_source.Source`."""
         if self._socket.fileno() >= 0:
             _ = self.counters
             self._socket.close()
+
+    def _raise_failure(self) -> None:
+        """Tell a failure, after the frames that were there before it."""
+        code, self._failed = self._failed, 0
+        kind = InterfaceDownError if code == errno.ENETDOWN else HardwareError
+        raise kind(_fault(self.name, code))
 
     def _frames(self, count: int) -> FrameArray:
         raw, headers = self._batch.frames[:count], self._batch.headers[:count]
