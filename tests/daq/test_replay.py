@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import json
+import signal
+import subprocess
+import sys
 import time
 import uuid
 from pathlib import Path
 
 import numpy as np
 import pytest
-from frames_support import START_NS, classical, content, some_frames
+from frames_support import START_NS, classical, content, same, some_frames
+from hypothesis import given
+from hypothesis import strategies as st
 
 from daq.can_source import Source, open_source
 from daq.config import BusSection
@@ -17,6 +23,7 @@ from daq.frames import FrameArray, FrameBatch, FrameFlag, concatenate, split
 from daq.logs import write_candump
 from daq.recording import RecordingWriter
 from daq.replay import ReplaySummary, replay, replay_batches
+from daq.rounds import Rounds
 
 
 def listening() -> Source:
@@ -132,6 +139,55 @@ def test_quantiles_of_lateness_are_those_of_what_was_measured() -> None:
     assert summary.lateness_p50_s <= summary.lateness_p99_s
 
 
+@given(size=st.integers(1, 60), pieces=st.integers(1, 70), loops=st.integers(1, 4), seed=st.integers(0, 99))
+def test_rounds_join_one_mean_interval_apart(size: int, pieces: int, loops: int, seed: int) -> None:
+    """Time goes on over every joint, the bytes are those of the first round, and what was read is left alone."""
+    once = some_frames(np.random.default_rng(seed), size, rate_hz=3000)
+    before = once.frames.copy()
+    rounds = Rounds(lambda: split(once, pieces), loops)
+    everything = concatenate(list(rounds)).frames
+    assert rounds.begun == loops
+    assert same(once.frames, before)
+    time_ns = everything["time_ns"].reshape(loops, size)
+    mean_ns = int(np.ptp(time_ns[0])) // (size - 1) if size > 1 else 10**9
+    assert (time_ns[1:, 0] - time_ns[:-1, -1] == mean_ns).all()
+    assert (time_ns - time_ns[:, :1] == before["time_ns"] - before["time_ns"][0]).all()
+    everything["time_ns"] = np.tile(before["time_ns"], loops)
+    assert same(everything, np.tile(before, loops))
+
+
+def test_rounds_of_nothing_end() -> None:
+    assert list(Rounds(lambda: [FrameBatch.empty(("can0",))], None)) == []
+
+
+def test_rounds_of_a_log_take_their_time_and_say_what_they_cost(tmp_path: Path) -> None:
+    sent = classical(some_frames(np.random.default_rng(2), 300, rate_hz=3000))
+    write_candump([sent], tmp_path / "run.log")
+    source = listening()
+    summary = replay(tmp_path / "run.log", "virtual", channels={"can0": source.name}, loops=3)
+    assert without_bus(heard(source)) == 3 * without_bus(data_frames(sent))
+    assert summary.recorded_duration_s == pytest.approx(0.3, abs=0.02)
+    assert summary.duration_s >= 0.28
+    assert summary.cpu_s > 0
+    assert summary.cpu_percent == pytest.approx(100 * summary.cpu_s / summary.duration_s)
+
+
+def test_ctrl_c_ends_an_endless_replay_with_its_summary(recording: tuple[Path, FrameBatch]) -> None:
+    path, _ = recording
+    command = [sys.executable, "-c", "from wheelsoil.cli.app import main; main()", "replay", str(path), "--json"]
+    process = subprocess.Popen(
+        [*command, "--interface", "virtual", "--loop", "forever"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    time.sleep(2.5)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == 130, err
+    told = json.loads(out)
+    assert told["interrupted"]
+    assert told["rounds"] > 1
+    assert sum(told["frames"].values()) > 900
+
+
 def test_order_is_kept_where_times_go_back() -> None:
     sent = some_frames(np.random.default_rng(3), 50)
     sent.frames["flags"] = 0
@@ -148,6 +204,8 @@ def test_each_way_to_fail(recording: tuple[Path, FrameBatch], tmp_path: Path) ->
         replay(path, "virtual", channels={"can9": "x"})
     with pytest.raises(ConfigError, match="speed must be positive"):
         replay(path, "virtual", channels={"can0": "x"}, speed=-1.0)
+    with pytest.raises(ConfigError, match="at least once"):
+        replay(path, "virtual", channels={"can0": "x"}, loops=0)
     with pytest.raises(DataError, match="no frame lies in this part"):
         replay(path, "virtual", channels={"can0": "x"}, from_s=1000.0)
     with pytest.raises(RecordingError, match="no such file"):
