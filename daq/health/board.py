@@ -1,0 +1,44 @@
+"""The reasons that stand: the worst first, and none so short that it cannot be read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from daq.health.codes import CODES
+from daq.health.report import Level, Reason
+
+STAYS_NS = 3_000_000_000
+"""A reason stays this long after it was last seen, and as bad as it was."""
+
+
+def reason(code: str, level: Level, where: str, what: str, next_step: str = "", *, bus: str = "") -> Reason:
+    """Return a reason; without a next step the code's own, with the name of the bus put in."""
+    return Reason(code, level, where, what, next_step or CODES[code].next_step.format(bus=bus or where))
+
+
+@dataclass
+class _Standing:
+    reason: Reason
+    seen_ns: int
+    level: Level
+    level_ns: int
+
+
+class Board:
+    """Keeps reasons from flickering."""
+
+    def __init__(self) -> None:
+        self._standing: dict[tuple[str, str], _Standing] = {}
+
+    def update(self, now_ns: int, found: Iterable[Reason]) -> tuple[Reason, ...]:
+        """Take what is found now and return what stands, the worst first."""
+        for one in found:
+            old = self._standing.get((one.code, one.where))
+            level, level_ns = one.level, now_ns
+            if old is not None and old.level > level and now_ns - old.level_ns < STAYS_NS:
+                level, level_ns = old.level, old.level_ns
+            self._standing[one.code, one.where] = _Standing(one, now_ns, level, level_ns)
+        self._standing = {key: one for key, one in self._standing.items() if now_ns - one.seen_ns < STAYS_NS}
+        standing = [replace(one.reason, level=one.level) for one in self._standing.values()]
+        return tuple(sorted(standing, key=lambda one: (-one.level, one.code, one.where)))

@@ -1,0 +1,127 @@
+"""One bus: frames, bits on the wire, error frames and identifiers that no DBC knows."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.frames import FrameArray, FrameFlag
+
+_RATE_OVER_NS = 1_000_000_000
+_IDS_KEPT = 64
+_IDS_LOOKED_AT = 256
+_STUFFED_EVERY = 30
+"""Random bits get a stuff bit after 31 bits for the first, then after 30 each; constant ones after 4."""
+
+
+def bits_on_wire(frames: FrameArray) -> NDArray[np.float64]:
+    """Return the bits that frames take on the bus, with the space behind them.
+
+    Classical frame with n data bytes: 34 + 8 n bits (54 + 8 n with a 29-bit identifier) from start of frame to CRC
+    that are stuffed, 13 more to the end of the interframe space. CAN FD: 22 + 8 n (41 + 8 n) stuffed bits, 4 of stuff
+    count, a CRC of 17 or 21 with a fixed stuff bit for every 4, and 13. To the stuffed ones comes a bit for every 30,
+    as random content has it. All zeros would have one for every 4: the load may be up to a fifth higher.
+
+    Parameters
+    ----------
+    frames : structured array, shape (n,)
+
+    Returns
+    -------
+    float64 array, shape (n,)
+        NaN for CAN FD frames whose data have a bit rate of their own.
+    """
+    flags = frames["flags"]
+    data = np.where(flags & FrameFlag.REMOTE, 0, frames["length"].astype(np.float64)) * 8
+    long_id = (flags & FrameFlag.EXTENDED) != 0
+    stuffed = data + np.where(long_id, 54.0, 34.0)
+    bits = stuffed * (1 + 1 / _STUFFED_EVERY) + 13
+    fd = (flags & FrameFlag.FD) != 0
+    if fd.any():
+        stuffed = data + np.where(long_id, 41.0, 22.0)
+        checked = np.where(frames["length"] > 16, 25 + 7, 21 + 6)
+        bits = np.where(fd, stuffed * (1 + 1 / _STUFFED_EVERY) + checked + 13, bits)
+        bits[fd & ((flags & FrameFlag.BITRATE_SWITCH) != 0)] = np.nan
+    return bits
+
+
+class BusTraffic:
+    """Counts what comes on a bus; bounded in memory whatever comes."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self.known = 0
+        self.unknown = 0
+        self.error_frames = 0
+        self.last_ns: int | None = None
+        self.last_error_ns: int | None = None
+        self.errors: dict[int, int] = {}
+        """Host time of the last error frame of each class."""
+        self._bits = 0.0
+        self._untold = 0
+        self._ids: Counter[tuple[int, bool]] = Counter()
+        self._past: deque[tuple[int, int, float, int, int, int]] = deque()
+
+    def take(self, frames: FrameArray, known: int, unknown: FrameArray) -> None:
+        """Take frames of this bus.
+
+        Parameters
+        ----------
+        frames : structured array, shape (n,)
+        known : int
+            How many of them a DBC describes.
+        unknown : structured array, shape (m,)
+            Data frames and remote frames that none describes.
+        """
+        if not len(frames):
+            return
+        self.last_ns = max(int(frames["time_ns"].max()), self.last_ns or 0)
+        self.frames += len(frames)
+        self.known += known
+        self.unknown += len(unknown)
+        flags = frames["flags"]
+        if np.bitwise_or.reduce(flags) & FrameFlag.ERROR:
+            is_error = (flags & FrameFlag.ERROR) != 0
+            self._take_errors(frames[is_error])
+            frames = frames[~is_error]
+        bits = bits_on_wire(frames)
+        untold = np.isnan(bits)
+        self._untold += int(np.count_nonzero(untold))
+        self._bits += float(bits.sum(where=~untold))
+        self._look_at(unknown[:_IDS_LOOKED_AT])
+
+    def ids(self, most: int = 5) -> list[str]:
+        """Return the commonest identifiers that no DBC knows, of those that were looked at."""
+        return [f"0x{i:08X}" if extended else f"0x{i:03X}" for (i, extended), _ in self._ids.most_common(most)]
+
+    def age_s(self, now_ns: int) -> float:
+        """Return the time since the last frame, NaN before the first."""
+        return float("nan") if self.last_ns is None else (now_ns - self.last_ns) * 1e-9
+
+    def rates(self, now_ns: int) -> tuple[float, float, float]:
+        """Return frames per second, bits per second and the share of unknown frames over about the last second."""
+        self._past.append((now_ns, self.frames, self._bits, self._untold, self.unknown, self.known))
+        while len(self._past) > 2 and now_ns - self._past[1][0] >= _RATE_OVER_NS:
+            self._past.popleft()
+        since_ns, frames, bits, untold, unknown, known = self._past[0]
+        elapsed_s = (now_ns - since_ns) * 1e-9
+        if elapsed_s <= 0:
+            return float("nan"), float("nan"), 0.0
+        described = self.known - known + self.unknown - unknown
+        share = (self.unknown - unknown) / described if described else 0.0
+        bit_rate = float("nan") if self._untold > untold else (self._bits - bits) / elapsed_s
+        return (self.frames - frames) / elapsed_s, bit_rate, share
+
+    def _take_errors(self, errors: FrameArray) -> None:
+        self.error_frames += len(errors)
+
+    def _look_at(self, unknown: FrameArray) -> None:
+        """Count identifiers in a sample of the unknown frames; those that came first are kept."""
+        extended = (unknown["flags"] & FrameFlag.EXTENDED) != 0
+        keys, numbers = np.unique(unknown["can_id"].astype(np.int64) << 1 | extended, return_counts=True)
+        for key, number in zip(keys.tolist(), numbers.tolist(), strict=True):
+            place = (key >> 1, bool(key & 1))
+            if place in self._ids or len(self._ids) < _IDS_KEPT:
+                self._ids[place] += number

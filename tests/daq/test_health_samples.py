@@ -1,0 +1,26 @@
+"""The health monitor on our sample recordings: nothing is wrong there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from health_support import watch
+
+from daq.health.report import Level
+from daq.open import open_runs
+
+RECORDINGS = Path(__file__).parents[2] / "recordings"
+
+
+@pytest.mark.parametrize("name", ["clay/run-1.mcap", "sandy/run-4.mcap"])
+def test_a_sample_stays_green(name: str) -> None:
+    run = open_runs([RECORDINGS / name])[0]
+    seen = watch(run.vehicle, run.databases, run.frame_batches())
+    assert {(one.code, one.where, one.what) for one in seen.reasons} == set()
+    assert seen.last.level is Level.GREEN
+    assert seen.monitor.losses() == {}
+    usual = {one.name: round(one.usual_rate_hz) for one in seen.last.messages}
+    assert usual["WFT_Forces"] == 1000
+    assert usual["WheelSpeeds"] == 100
+    assert usual["GNSS_1"] == 20
