@@ -9,6 +9,7 @@ from pathlib import Path
 from daq.buses import no_bus_in_common
 from daq.config import RunInfo, VehicleConfig
 from daq.databases import Database
+from daq.decode import Decoder
 from daq.errors import DataError, Fault
 from daq.frames import FrameBatch
 from daq.identify import Coverage, coverage
@@ -96,11 +97,12 @@ def import_logs(
         with writer:
             vehicle = known.vehicle or VehicleConfig()
             view = DecodedView(writer, vehicle, known.databases) if known.databases and view_rate_hz else None
+            decoder = Decoder(known.databases)
             for batch in _batches(logs, rename, reports):
                 writer.write_frames(batch)
                 seen = seen + coverage(batch, known.databases)
                 if view:
-                    view.write(batch)
+                    view.write(decoder.decode(batch))
                 if watch:
                     watch(sum(report.frames for report in reports))
             _check_renamed(rename, reports)

@@ -22,6 +22,7 @@ from typing import Literal
 from daq.can_source import Source, SourceCounters, open_source
 from daq.config import BusSection, RunInfo, VehicleConfig
 from daq.databases import Database
+from daq.decode import Decoder
 from daq.errors import ConfigError, Fault, HardwareError
 from daq.frames import FrameBatch
 from daq.recording import RecordingWriter
@@ -127,7 +128,7 @@ def log(
         run = run or RunInfo(file=path.name, id=path.stem)
         writer = RecordingWriter(path, run=run, attachments=attachments, metadata={**told, **(metadata or {})})
         view = DecodedView(writer, vehicle, databases) if databases else None
-        return _Session(path, sources, writer, view, stop or threading.Event(), progress).record(duration_s)
+        return _Session(path, sources, writer, view, databases, stop or threading.Event(), progress).record(duration_s)
 
 
 class _Session:
@@ -139,6 +140,7 @@ class _Session:
         sources: list[Source],
         writer: RecordingWriter,
         view: DecodedView | None,
+        databases: Mapping[str, tuple[Database, ...]] | None,
         asked_to_stop: threading.Event,
         progress: Progress | None,
     ) -> None:
@@ -146,6 +148,7 @@ class _Session:
         self._sources = sources
         self._writer = writer
         self._view = view
+        self._decoder = Decoder(databases or {})
         self._asked_to_stop = asked_to_stop
         self._progress = progress
         self._buses = tuple(source.name for source in sources)
@@ -237,7 +240,7 @@ class _Session:
             return
         self._writer.write_frames(item)
         if self._view is not None:
-            self._view.write(item)
+            self._view.write(self._decoder.decode(item))
 
     def _end(self, caught: list[int]) -> Literal["duration", "signal", "stop", "fault"]:
         if caught:

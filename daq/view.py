@@ -10,8 +10,6 @@ from daq.buses import messages_by_bus
 from daq.channel import Channel
 from daq.config import VehicleConfig
 from daq.databases import Database
-from daq.decode import Decoder
-from daq.frames import FrameBatch
 from daq.recording.parts import ViewWriter
 from daq.roles import resolve_roles
 
@@ -19,7 +17,7 @@ _SAME_FIX_NS = 100_000_000
 
 
 class DecodedView:
-    """Writes the decoded topics of every batch of frames, and positions where latitude and longitude have roles.
+    """Writes decoded topics, and positions where latitude and longitude have roles.
 
     Parameters
     ----------
@@ -37,7 +35,6 @@ class DecodedView:
         self, writer: ViewWriter, vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]
     ) -> None:
         self._writer = writer
-        self._decoder = Decoder(databases)
         self._units = {
             (bus, name): {signal.name: signal.unit for signal in message.signals}
             for bus, messages in messages_by_bus(databases).items()
@@ -45,9 +42,8 @@ class DecodedView:
         }
         self._position = resolve_roles(vehicle, databases, (), ("latitude", "longitude"))
 
-    def write(self, batch: FrameBatch) -> None:
-        """Write what a batch of frames says."""
-        decoded = self._decoder.decode(batch)
+    def write(self, decoded: Mapping[tuple[str, str], Channel]) -> None:
+        """Write what `daq.decode.Decoder` made of a batch of frames."""
         messages: dict[tuple[str, str], dict[str, Channel]] = {}
         for (bus, name), channel in decoded.items():
             message, _, signal = name.rpartition(".")

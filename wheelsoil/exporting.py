@@ -69,7 +69,7 @@ def export_recording(run: Run, folder: Path, *, overwrite: bool = False) -> Path
         The run cannot be read, or the recording cannot be written.
     """
     target = folder / f"{file_name(run.id)}.mcap"
-    if target.exists() and target.samefile(run.path):
+    if target.exists() and any(target.samefile(file) for file in run.files):
         raise ConfigError(Fault("the output is the run itself", str(target), next_step="choose another folder"))
     writer = RecordingWriter(
         target,
@@ -82,10 +82,10 @@ def export_recording(run: Run, folder: Path, *, overwrite: bool = False) -> Path
         overwrite=overwrite,
     )
     with writer:
-        view = DecodedView(writer, run.vehicle, run.databases)
+        view, decoder = DecodedView(writer, run.vehicle, run.databases), Decoder(run.databases)
         for batch in run.frame_batches():
             writer.write_frames(batch)
-            view.write(batch)
+            view.write(decoder.decode(batch))
     return target
 
 

@@ -268,10 +268,11 @@ def _write_run(
     ) as writer:
         writer.write_frames(frames)
         if vehicle is not None:
+            from daq.decode import decode
             from daq.view import DecodedView
 
-            databases = tuple(load_database(carried[name], name) for name in DBC_FILES)
-            DecodedView(writer, vehicle, {BUS: databases}).write(frames)
+            databases = {BUS: tuple(load_database(carried[name], name) for name in DBC_FILES)}
+            DecodedView(writer, vehicle, databases).write(decode(frames, databases))
 
 
 def _manifest(options: SimulationOptions, runs: list[dict[str, Any]]) -> bytes:
