@@ -107,10 +107,11 @@ def concatenate(batches: Sequence[FrameBatch]) -> FrameBatch:
     buses = tuple(dict.fromkeys(name for batch in batches for name in batch.buses))
     fd = any(batch.is_fd for batch in batches)
     parts = [(batch.widened() if fd else batch) for batch in batches]
-    return FrameBatch(np.concatenate([_renumbered(part, buses) for part in parts]), buses)
+    return FrameBatch(np.concatenate([renumbered(part, buses) for part in parts]), buses)
 
 
-def _renumbered(batch: FrameBatch, buses: tuple[str, ...]) -> FrameArray:
+def renumbered(batch: FrameBatch, buses: tuple[str, ...]) -> FrameArray:
+    """Return the frames with a ``bus`` column that counts `buses`, which hold all of the batch's."""
     if batch.buses == buses[: len(batch.buses)]:
         return batch.frames
     lookup = np.array([buses.index(name) for name in batch.buses] or [0], np.uint8)

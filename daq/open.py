@@ -12,7 +12,8 @@ from functools import cache
 from pathlib import Path
 
 from daq.errors import ConfigError, Fault, RecordingError, WheelsoilError, nearest
-from daq.recording import Recording
+from daq.recording import RunRecording
+from daq.recording.parts import part_number, parts_on_disk
 from daq.run import (
     LENIENT_KEY,
     RUNS_FILE,
@@ -48,6 +49,7 @@ def open_runs(
         A recording (MCAP), a log of any format that `daq.logs.read_log` knows, or a folder with ``vehicle.toml``,
         ``terrain.toml``, ``runs.toml``, the DBCs and the runs. Without ``runs.toml`` every recording and log of the
         folder is a run, in the order of their names. A file that is named by itself takes what lies beside it.
+        The parts of a run (``R.mcap``, ``R.part2.mcap``, ...) are one run, whichever of them is named.
     vehicle, terrain, runs : path, optional
         Files that override what folders and recordings carry; the names of DBCs start at the folder of vehicle.toml.
     lenient_dbc : bool
@@ -76,6 +78,7 @@ def open_runs(
         return _known_in(folder, given, collected, lenient)
 
     opened: list[Run] = []
+    taken: set[Path] = set()
     for path in map(Path, paths):
         with collected.catch():
             whole = path.is_dir()
@@ -84,7 +87,9 @@ def open_runs(
                 continue
             for file in _files_of(path, known, collected) if whole else [path]:
                 with collected.catch():
-                    opened.append(_open_file(file, known, lenient_dbc))
+                    if file.resolve() not in taken:
+                        opened.append(_open_file(file, known, lenient_dbc))
+                        taken |= _other_parts(opened[-1])
     collected.stop_if_any()
     return _told_apart(opened)
 
@@ -130,7 +135,7 @@ def _placed(fault: Fault, where: str) -> Fault:
 
 
 def is_recording(path: Path) -> bool:
-    """Return whether a file begins like an MCAP file, or is called one.
+    """Return whether a file begins like an MCAP file, or is called one; of a run in parts the first need not be there.
 
     Raises
     ------
@@ -141,6 +146,8 @@ def is_recording(path: Path) -> bool:
         with path.open("rb") as file:
             return file.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC or path.suffix.lower() == ".mcap"
     except FileNotFoundError:
+        if parts_on_disk(part_number(path)[0]):
+            return True
         names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
         expected = nearest(path.name, names) if names else ""
         raise RecordingError(Fault("no such file", str(path), expected=expected, next_step="check the path")) from None
@@ -152,7 +159,7 @@ def _is_lenient(path: Path) -> bool:
     """Return whether a recording says that the DBCs, which then lie beside it, must be loaded leniently."""
     if not (is_recording(path) and (path.parent / VEHICLE_FILE).is_file()):
         return False
-    return Recording.open(path).metadata.get("run_start", {}).get(LENIENT_KEY) == "yes"
+    return RunRecording.open(path).metadata.get("run_start", {}).get(LENIENT_KEY) == "yes"
 
 
 def _named(
@@ -177,6 +184,13 @@ def _configuration(files: dict[str, Path], collected: Collected, lenient_dbc: bo
 
 def _open_file(path: Path, known: Configuration, lenient_dbc: bool) -> Run:
     return recording_run(path, known, lenient_dbc=lenient_dbc) if is_recording(path) else log_run(path, known)
+
+
+def _other_parts(run: Run) -> set[Path]:
+    """Return the files that are no runs of their own because they are parts of this one."""
+    if run.recording is None or len(run.files) + len(run.recording.unreadable) == 1:
+        return set()
+    return {file.resolve() for file in (*run.files, *run.recording.unreadable)}
 
 
 def _known_in(folder: Path, given: Configuration, collected: Collected, lenient_dbc: bool) -> Configuration | None:

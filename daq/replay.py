@@ -17,7 +17,7 @@ from daq.logs import read_log
 from daq.open import is_recording
 from daq.player import Player, ReplaySummary
 from daq.punctual import punctual
-from daq.recording import Recording
+from daq.recording import RunRecording
 from daq.rounds import Rounds
 
 __all__ = ["ReplaySummary", "replay", "replay_batches"]
@@ -148,7 +148,7 @@ class _Opened:
 
 def _opened(path: Path) -> _Opened:
     if is_recording(path):
-        recording = Recording.open(path)
+        recording = RunRecording.open(path)
         span = recording.time_range_ns
         if span is None:
             raise DataError(Fault("the recording holds no frames", str(path)))

@@ -18,7 +18,7 @@ from daq.decode import Decoder
 from daq.errors import DatabaseError, Fault, nearest
 from daq.frames import FrameBatch
 from daq.logs import read_log
-from daq.recording import Recording
+from daq.recording import RunRecording
 from daq.roles import SignalRef, resolve_roles
 
 VEHICLE_FILE, TERRAIN_FILE, RUNS_FILE = "vehicle.toml", "terrain.toml", "runs.toml"
@@ -92,7 +92,7 @@ def runs_from_file(path: Path) -> Configuration:
     return Configuration(runs=load_toml(path, RunsConfig).run)
 
 
-def from_recording(recording: Recording, beside: Configuration, *, lenient_dbc: bool = False) -> Configuration:
+def from_recording(recording: RunRecording, beside: Configuration, *, lenient_dbc: bool = False) -> Configuration:
     """Return what a recording carries of vehicle and terrain; what `beside` knows already is not looked at.
 
     Raises
@@ -121,7 +121,7 @@ class Run:
     ----------
     id : str
     path : Path
-        The recording or log.
+        The recording or log; of a run in parts the first.
     info : RunInfo
     vehicle : VehicleConfig
         Empty where nothing is known.
@@ -129,7 +129,7 @@ class Run:
     databases : mapping bus -> databases
     attachments : mapping str -> bytes
         The files behind the configuration, for a recording to carry.
-    recording : Recording or None
+    recording : RunRecording or None
         None for a log.
     lenient : bool
         Whether a DBC was loaded leniently.
@@ -144,9 +144,14 @@ class Run:
     terrain: TerrainConfig | None
     databases: Mapping[str, tuple[Database, ...]]
     attachments: Mapping[str, bytes]
-    recording: Recording | None
+    recording: RunRecording | None
     lenient: bool = False
     vehicle_source: str = VEHICLE_FILE
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The log, or the recording's parts in order."""
+        return self.recording.files if self.recording else (self.path,)
 
     def frame_batches(self) -> Iterator[FrameBatch]:
         """Yield the raw frames in bounded memory.
@@ -198,10 +203,10 @@ class Run:
 
 
 def recording_run(path: Path, given: Configuration, *, lenient_dbc: bool = False) -> Run:
-    """Open a recording; `given` overrides what it carries."""
-    recording = Recording.open(path)
+    """Open a recording with all parts of its run; `given` overrides what it carries."""
+    recording = RunRecording.open(path)
     known = given.over(from_recording(recording, given, lenient_dbc=lenient_dbc))
-    return _run(path, known, recording.run, recording)
+    return _run(recording.path, known, recording.run, recording)
 
 
 def log_run(path: Path, given: Configuration) -> Run:
@@ -210,8 +215,9 @@ def log_run(path: Path, given: Configuration) -> Run:
     return _run(path, given, None, None)
 
 
-def _run(path: Path, known: Configuration, info: RunInfo | None, recording: Recording | None) -> Run:
-    listed = [run for run in known.runs or () if Path(run.file).name == path.name]
+def _run(path: Path, known: Configuration, info: RunInfo | None, recording: RunRecording | None) -> Run:
+    names = [file.name for file in recording.files] if recording else [path.name]
+    listed = [run for run in known.runs or () if Path(run.file).name in names]
     listed = listed or [run for run in known.runs or () if info and not run.file and run.id == info.id]
     info = listed[0] if listed else info or RunInfo()
     name = info.id or path.name.partition(".")[0]

@@ -14,15 +14,45 @@ from daq.config import RunInfo
 from daq.convert import lenient_remarks
 from daq.identify import Coverage, coverage
 from daq.logs import LogReading
-from daq.recording import Topic
+from daq.recording import Event, Recording, Topic
 from daq.run import Run
 
 _BLOCK_BYTES = 1 << 20
+_NO_END = "no end of the run"
+
+
+@dataclass(frozen=True)
+class PartFacts:
+    """What is known of one file of a run.
+
+    Attributes
+    ----------
+    file : str
+    bytes : int
+    sha256 : str
+    frames : int
+    start_ns, end_ns : int or None
+    session : str
+        The life of the logger that wrote it.
+    exit_status : str
+        Empty where the end of the file is missing.
+    loss : tuple of str
+    """
+
+    file: str
+    bytes: int
+    sha256: str
+    frames: int
+    start_ns: int | None
+    end_ns: int | None
+    session: str
+    exit_status: str
+    loss: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class FileFacts:
-    """What is known of one recording or log.
+    """What is known of one recording, in parts or not, or log.
 
     Attributes
     ----------
@@ -31,12 +61,22 @@ class FileFacts:
         "recording", "recording without raw frames" or the log's format.
     bytes : int
     sha256 : str
+        Of a run in parts: of all its files, one behind the other.
+    parts : tuple of PartFacts
+        Of a recording; one where the run is in one file.
     info : RunInfo
     vehicle, terrain : str
         Names; empty where nothing is known.
     start_ns, end_ns : int or None
     frames, drops : mapping bus -> number
         `drops` only of the buses whose recorder counted them.
+    losses : mapping str -> int
+        What the logger counted: ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>``,
+        ``missing.<bus>.<message>``.
+    events : tuple of Event
+        Marks and what else happened, in their order.
+    clock, clock_steps : mapping str -> str
+        Metadata records of these names: host against GNSS time, steps of the host's clock.
     coverage : Coverage
     databases : mapping bus -> names
     attachments : mapping name -> bytes
@@ -51,6 +91,7 @@ class FileFacts:
     kind: str
     bytes: int
     sha256: str
+    parts: tuple[PartFacts, ...]
     info: RunInfo
     vehicle: str
     terrain: str
@@ -58,6 +99,10 @@ class FileFacts:
     end_ns: int | None
     frames: dict[str, int]
     drops: dict[str, int]
+    losses: dict[str, int]
+    events: tuple[Event, ...]
+    clock: dict[str, str]
+    clock_steps: dict[str, str]
     coverage: Coverage
     databases: dict[str, list[str]]
     attachments: dict[str, int]
@@ -94,7 +139,7 @@ def file_facts(run: Run, watch: Callable[[int], None] | None = None) -> FileFact
     tally = _tally(run, watch)
     recording = run.recording
     metadata = recording.metadata if recording else {}
-    ended = metadata.get("run_end", {})
+    events = recording.events() if recording else ()
     kind = "recording" if recording and recording.has_raw_frames else "recording without raw frames"
     remarks = lenient_remarks(run.databases)
     if tally.report is not None:
@@ -104,33 +149,54 @@ def file_facts(run: Run, watch: Callable[[int], None] | None = None) -> FileFact
         run_id=run.id,
         file=str(run.path),
         kind=kind,
-        bytes=run.path.stat().st_size,
-        sha256=sha256_of(run.path),
+        bytes=sum(file.stat().st_size for file in run.files),
+        sha256=sha256_of(*run.files),
+        parts=tuple(map(_part_facts, recording.parts)) if recording else (),
         info=run.info,
         vehicle=run.vehicle.vehicle.name if run.vehicle.bus or run.vehicle.wheel else "",
         terrain=run.terrain.soil.name if run.terrain else "",
         start_ns=tally.start_ns,
         end_ns=tally.end_ns,
         frames=tally.frames,
-        drops={key.removeprefix("drops."): int(n) for key, n in ended.items() if key.startswith("drops.")},
+        drops=recording.drops if recording else {},
+        losses=recording.losses if recording else {},
+        events=events,
+        clock=metadata.get("clock", {}),
+        clock_steps=metadata.get("clock_steps", {}),
         coverage=tally.coverage,
         databases={bus: [database.name for database in files] for bus, files in run.databases.items()},
         attachments={name: len(data) for name, data in recording.attachments.items()} if recording else {},
         topics=recording.topics if recording else (),
         written_by=recording.library if recording else "",
-        exit_status=ended.get("exit_status", "no end of the run" if recording and recording.has_raw_frames else ""),
+        exit_status=(recording.exit_status or (_NO_END if recording.has_raw_frames else "")) if recording else "",
         loss=tuple(str(item) for item in recording.loss) if recording else (),
         remarks=tuple(remarks),
     )
 
 
-def sha256_of(path: Path) -> str:
-    """Return the hash of a file, in hexadecimal."""
+def sha256_of(*paths: Path) -> str:
+    """Return the hash of files, one behind the other, in hexadecimal."""
     digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(_BLOCK_BYTES):
-            digest.update(block)
+    for path in paths:
+        with path.open("rb") as file:
+            while block := file.read(_BLOCK_BYTES):
+                digest.update(block)
     return digest.hexdigest()
+
+
+def _part_facts(part: Recording) -> PartFacts:
+    start_ns, end_ns = part.time_range_ns or (None, None)
+    return PartFacts(
+        file=str(part.path),
+        bytes=part.path.stat().st_size,
+        sha256=sha256_of(part.path),
+        frames=sum(part.frame_counts.values()),
+        start_ns=start_ns,
+        end_ns=end_ns,
+        session=part.metadata.get("run_start", {}).get("session", ""),
+        exit_status=part.metadata.get("run_end", {}).get("exit_status", ""),
+        loss=tuple(map(str, part.loss)),
+    )
 
 
 class _Tally:

@@ -6,6 +6,7 @@ from daq.recording.events import Event
 from daq.recording.parts import PartWriter
 from daq.recording.reader import Recording, Topic
 from daq.recording.recover import Recovery, recover
+from daq.recording.run_recording import RunRecording
 from daq.recording.writer import RecordingWriter
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "Recording",
     "RecordingWriter",
     "Recovery",
+    "RunRecording",
     "Topic",
     "recover",
 ]

@@ -32,6 +32,7 @@ class Loss:
     ----------
     what : str
     at_byte, byte_count : int
+        Where; both 0 for what is no place in the file.
     """
 
     what: str
@@ -39,6 +40,8 @@ class Loss:
     byte_count: int
 
     def __str__(self) -> str:
+        if not (self.at_byte or self.byte_count):
+            return self.what
         return f"{self.what} (byte {self.at_byte}, {self.byte_count} bytes)"
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from daq.recording.cdr import CdrDecoder, CdrEncoder
-from daq.recording.chunks import DamagedError
 from daq.recording.format import TIME_DEFINITION
 
 Severity = Literal["info", "warning", "error"]
@@ -63,7 +62,13 @@ def encode_event(event: Event) -> bytes:
 
 
 def decode_event(data: bytes, time_ns: int) -> Event:
-    """Return the event that `encode_event` wrote; `time_ns` is the message's log time, which has no bounds.
+    """Return the event that `encode_event` wrote.
+
+    Parameters
+    ----------
+    data : bytes
+    time_ns : int
+        The message's log time, which does not end in 2038, as the stamp does; 0 for a time before 1970.
 
     Raises
     ------
@@ -71,9 +76,7 @@ def decode_event(data: bytes, time_ns: int) -> Event:
         If the bytes are no such message.
     """
     message = CdrDecoder(data)
-    message.stamp()
+    stamp_ns = message.stamp()
     level = message.uint8()
-    severity = next((name for name, number in _LEVELS.items() if number == level), None)
-    if severity is None:
-        raise DamagedError(f"an event of level {level}")
-    return Event(time_ns, message.text(), message.text(), severity)
+    severity: Severity = "error" if level >= _LEVELS["error"] else "warning" if level >= _LEVELS["warning"] else "info"
+    return Event(time_ns or stamp_ns, message.text(), message.text(), severity)

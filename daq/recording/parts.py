@@ -51,7 +51,7 @@ def parts_on_disk(first: Path) -> dict[int, Path]:
         If the folder cannot be read.
     """
     try:
-        found = list(first.parent.iterdir())
+        found = [path for path in first.parent.iterdir() if path.name.startswith(first.stem)]
     except FileNotFoundError:
         return {}
     except OSError as error:
@@ -183,6 +183,11 @@ class PartWriter:
     def part(self) -> int:
         """Number of the part that is written now."""
         return self._part
+
+    @property
+    def failed(self) -> bool:
+        """Whether a write has failed; nothing is written any more then."""
+        return self._writer.failed
 
     @property
     def frame_counts(self) -> dict[str, int]:

@@ -19,6 +19,8 @@ from daq.errors import DataError, Fault, RecordingError, nearest
 from daq.frames import FrameBatch, concatenate
 from daq.recording.chunks import ChunkEntry, DamagedError
 from daq.recording.contents import Contents, Loss, parsed, read_record
+from daq.recording.event_reading import read_events
+from daq.recording.events import Event
 from daq.recording.format import RUN_END, RUN_START, checked_metadata
 from daq.recording.opening import read_contents
 from daq.recording.raw_frames import RawChannel, chunks_between, raw_batches, raw_channels
@@ -175,6 +177,10 @@ class Recording:
         for batch in self._batches(self._raw, self.contents.chunks):
             counts += np.bincount(batch.frames["bus"], minlength=len(counts))
         return dict(zip(self.buses, counts.tolist(), strict=True))
+
+    def events(self) -> tuple[Event, ...]:
+        """Return the events in the order of the file; what cannot be read is told by `loss`."""
+        return read_events(self.path, self.contents, self.note_damage)
 
     def frames(self, bus: str | None = None) -> FrameBatch:
         """Return all frames at once; see `frame_batches`."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -13,6 +15,12 @@ if TYPE_CHECKING:
     from wheelsoil.facts import FileFacts
 
 _SHOWN_IDS = 20
+_LOSS_KINDS = {
+    "kernel": "not fetched in time",
+    "queue": "given up by the logger",
+    "counter": "missing by the counter",
+    "missing": "missing by the rate",
+}
 
 
 def command(
@@ -26,7 +34,7 @@ def command(
     ] = False,
     json: Json = False,
 ) -> None:
-    """Say what a recording holds: buses, frames, rates, identifiers, attachments, drops and losses."""
+    """Say what a recording holds: parts, buses, frames, rates, identifiers, attachments, marks, drops and losses."""
     from daq.open import open_runs
     from wheelsoil.facts import file_facts
 
@@ -61,6 +69,15 @@ def _as_json(facts: FileFacts) -> dict[str, Any]:
 
 def _print(facts: FileFacts, shown_ids: int | None) -> None:
     print_facts([(name, text) for name, text in _head(facts) if text])
+    if len(facts.parts) > 1:
+        print()
+        _print_parts(facts)
+    if facts.losses:
+        print()
+        _print_losses(facts)
+    if facts.events:
+        print()
+        _print_events(facts)
     if facts.coverage.ids:
         print()
         _print_ids(facts, shown_ids)
@@ -103,8 +120,67 @@ def _head(facts: FileFacts) -> list[tuple[str, str]]:
         ("remote frames", f"{facts.coverage.remote_frames:,}" if facts.coverage.remote_frames else ""),
         ("attached", ", ".join(f"{name} ({size:,} B)" for name, size in facts.attachments.items())),
         ("end", facts.exit_status),
+        ("clock", _clock(facts.clock)),
+        ("clock steps", ", ".join(f"{key} {text}" for key, text in facts.clock_steps.items())),
     ]
     return lines + [("loss", text) for text in facts.loss] + [("remark", text) for text in facts.remarks]
+
+
+_CLOCK = (
+    ("offset", "offset_s", "offset_sigma_s", "s"),
+    ("drift", "drift_ppm", "drift_sigma_ppm", "ppm"),
+    ("residual", "residual_s", "", "s"),
+    ("epochs", "epochs", "", ""),
+)
+
+
+def _clock(clock: Mapping[str, str]) -> str:
+    """Return host time less GNSS time, as the record tells it, in a line."""
+    shown = []
+    for label, key, sigma_key, unit in _CLOCK:
+        if key in clock:
+            sigma = f" ± {_shortened(clock[sigma_key])}" if sigma_key in clock else ""
+            shown.append(f"{label} {_shortened(clock[key])}{sigma} {unit}".rstrip())
+    return ", ".join(shown)
+
+
+def _shortened(text: str) -> str:
+    """Return a number with fewer digits, anything else as it is."""
+    try:
+        return text if text.isdecimal() else number(float(text))
+    except ValueError:
+        return text
+
+
+def _print_parts(facts: FileFacts) -> None:
+    from wheelsoil.times import utc
+
+    rows = [
+        [
+            Path(part.file).name,
+            f"{part.frames:,}",
+            f"{part.bytes / 1e6:.3f}",
+            utc(part.start_ns) if part.start_ns is not None else "-",
+            part.exit_status or "cut off",
+        ]
+        for part in facts.parts
+    ]
+    print_table(["part", "frames", "MB", "start", "end"], rows, left=1)
+
+
+def _print_losses(facts: FileFacts) -> None:
+    rows = []
+    for key, count in facts.losses.items():
+        kind, _, where = key.partition(".")
+        rows.append([where, _LOSS_KINDS.get(kind, kind), f"{count:,}"])
+    print_table(["lost on", "how", "frames"], rows, left=2)
+
+
+def _print_events(facts: FileFacts) -> None:
+    from wheelsoil.times import utc
+
+    rows = [[utc(event.time_ns), event.name, event.severity, event.text.replace("\n", " ")] for event in facts.events]
+    print_table(["time", "event", "severity", "text"], rows, left=4)
 
 
 def _print_ids(facts: FileFacts, limit: int | None) -> None:

@@ -21,10 +21,13 @@ def command(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Save everything that a cut-off or damaged recording still holds into a whole file."""
+    """Save everything that a cut-off or damaged recording, or part of one, still holds into a whole file."""
     from daq.recording import recover
+    from daq.recording.parts import part_number, part_path
 
-    target = check_output(output or recording.with_name(f"{recording.stem}-recovered.mcap"), force=force)
+    first, part = part_number(recording)
+    clean = part_path(first.with_name(f"{first.stem}-recovered.mcap"), part)
+    target = check_output(output or clean, force=force)
     done = recover(recording, target, overwrite=force)
     loss = [str(item) for item in done.loss]
     if json:

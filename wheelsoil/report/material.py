@@ -164,15 +164,13 @@ class Pool:
 def source_of(run: Run) -> Source:
     """Return what a report says of a run's file."""
     recording = run.recording
-    ended = recording.metadata.get("run_end", {}) if recording else {}
-    drops = [int(count) for key, count in ended.items() if key.startswith("drops.")]
     return Source(
         run_id=run.id,
         file=run.path.name,
-        bytes=run.path.stat().st_size,
-        sha256=sha256_of(run.path),
+        bytes=sum(file.stat().st_size for file in run.files),
+        sha256=sha256_of(*run.files),
         frames=sum(recording.frame_counts.values()) if recording else None,
-        dropped_frames=sum(drops) if drops else None,
+        dropped_frames=sum(recording.drops.values()) if recording and recording.drops else None,
         loss=tuple(map(str, recording.loss)) if recording else (),
     )
 
