@@ -7,11 +7,15 @@ Frames are stamped by the host when they arrive; GNSS says when they were measur
 -a is the offset of the host's clock plus the mean delay of the frames (the two cannot be told apart), -b its drift. A
 few frames that queued, or a receiver that starts with a wrong time, do not move the line. GNSS time may count from
 midnight, from the start of the week or from an epoch, and may roll over: everything is taken modulo a day.
+
+The jitter is correlated (a busy bus delays many frames in a row) and one-sided, so that the line's uncertainty comes
+from what it does when sixteenths of the run are left out, see ``docs/decisions/time.md``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +29,12 @@ _DAY_S = 86_400.0
 _TUKEY = 4.685
 _MAD_TO_SIGMA = 1.4826
 _LEAST_EPOCHS = 5
+_LEAST_SPREAD_S = 1e-7
+_BLOCKS = 16
+_KEPT_EPOCHS = 2048
+_LEAST_STIFFNESS = 0.2
+_STEP = 1.25
+_Z95 = 1.96
 
 
 @dataclass(frozen=True)
@@ -43,6 +53,8 @@ class ClockFit:
         GNSS epochs used; those so far off that they got no weight.
     reference_ns : int
         Host time at which `offset_s` holds.
+    offset_sigma_s, drift_sigma_ppm : float
+        One-sigma of the line. That the mean delay of the frames is in the offset is not in its sigma.
     """
 
     offset_s: float
@@ -51,6 +63,28 @@ class ClockFit:
     epochs: int
     outliers: int
     reference_ns: int
+    offset_sigma_s: float
+    drift_sigma_ppm: float
+
+    def as_metadata(self) -> dict[str, str]:
+        """Return the fields as text, for a recording's ``clock`` record; `from_metadata` is the way back."""
+        return {field.name: str(getattr(self, field.name)) for field in fields(self)}
+
+    @staticmethod
+    def from_metadata(record: Mapping[str, str]) -> ClockFit:
+        """Make a fit of a recording's ``clock`` record; other keys are left alone.
+
+        Raises
+        ------
+        DataError
+            If a key is missing or is no number.
+        """
+        whole = ("epochs", "outliers", "reference_ns")
+        try:
+            numbers = {one.name: (int if one.name in whole else float)(record[one.name]) for one in fields(ClockFit)}
+        except (KeyError, ValueError) as error:
+            raise DataError(Fault("the clock record cannot be read", found=str(error))) from None
+        return ClockFit(**numbers)
 
     def delays_s(self, host_ns: IntArray, gnss_s: FloatArray) -> FloatArray:
         """Return how much later than usual each frame arrived; shape of the inputs.
@@ -82,10 +116,7 @@ def fit_clock(host_ns: IntArray, gnss_s: FloatArray) -> ClockFit:
     DataError
         Fewer than five different epochs.
     """
-    fresh = np.isfinite(gnss_s)
-    host_ns, gnss_s = host_ns[fresh], gnss_s[fresh]
-    fresh = np.diff(gnss_s, prepend=np.nan) != 0
-    host_ns, gnss_s = host_ns[fresh], gnss_s[fresh]
+    host_ns, gnss_s = _fresh(host_ns, gnss_s, np.nan)
     if len(gnss_s) < _LEAST_EPOCHS:
         raise DataError(
             Fault("GNSS time cannot be fitted", found=f"{len(gnss_s)} epochs", expected=f"{_LEAST_EPOCHS} or more")
@@ -94,7 +125,9 @@ def fit_clock(host_ns: IntArray, gnss_s: FloatArray) -> ClockFit:
     elapsed = (host_ns - reference_ns) * 1e-9
     apart: FloatArray = elapsed + (reference_ns * 1e-9) % _DAY_S - gnss_s
     centre = _circular_centre(apart)
-    offset, drift, weight, spread = _robust_line(np.asarray(elapsed), _wrapped(apart - centre))
+    near = _wrapped(apart - centre)
+    offset, drift, weight, spread = _robust_line(np.asarray(elapsed), near)
+    offset_sigma, drift_sigma = _line_sigma(np.asarray(elapsed), near - offset - drift * elapsed, spread)
     return ClockFit(
         offset_s=float(_wrapped(np.array(offset + centre))),
         drift_ppm=drift * 1e6,
@@ -102,7 +135,72 @@ def fit_clock(host_ns: IntArray, gnss_s: FloatArray) -> ClockFit:
         epochs=len(gnss_s),
         outliers=int(np.sum(weight == 0)),
         reference_ns=reference_ns,
+        offset_sigma_s=offset_sigma,
+        drift_sigma_ppm=drift_sigma * 1e6,
     )
+
+
+class GnssClock:
+    """The same fit while frames come in, in bounded memory: of a long run it keeps 1,024 to 2,048 epochs.
+
+    They are spread evenly over the run, each drawn at random from those it stands for, so that jitter which repeats
+    itself is not mistaken for an offset.
+    """
+
+    def __init__(self) -> None:
+        self._host_ns = np.zeros(0, np.int64)
+        self._gnss_s = np.zeros(0)
+        self._waiting_ns = np.zeros(0, np.int64)
+        self._waiting_s = np.zeros(0)
+        self._stride = 1
+        self._last_s = np.nan
+        self._draw = np.random.default_rng(0)
+
+    def take(self, time_ns: IntArray, gnss_s: FloatArray) -> None:
+        """Take GNSS time as it came in.
+
+        Parameters
+        ----------
+        time_ns : int64 array, shape (n,)
+            Arrival stamps, in their order; see `fit_clock`.
+        gnss_s : float64 array, shape (n,)
+        """
+        time_ns, gnss_s = _fresh(time_ns, gnss_s, self._last_s)
+        if not len(gnss_s):
+            return
+        self._last_s = float(gnss_s[-1])
+        self._waiting_ns = np.concatenate([self._waiting_ns, time_ns])
+        self._waiting_s = np.concatenate([self._waiting_s, gnss_s])
+        self._keep(len(self._waiting_s) // self._stride)
+        while len(self._gnss_s) > _KEPT_EPOCHS:
+            self._halve()
+
+    def fit(self) -> ClockFit | None:
+        """Fit what was kept; None before the fifth epoch. Takes a few milliseconds."""
+        return fit_clock(self._host_ns, self._gnss_s) if len(self._gnss_s) >= _LEAST_EPOCHS else None
+
+    def _keep(self, groups: int) -> None:
+        """Keep one epoch of each full group of those that wait."""
+        if groups:
+            picked = np.arange(groups) * self._stride + self._draw.integers(0, self._stride, groups)
+            self._host_ns = np.concatenate([self._host_ns, self._waiting_ns[picked]])
+            self._gnss_s = np.concatenate([self._gnss_s, self._waiting_s[picked]])
+            self._waiting_ns = self._waiting_ns[groups * self._stride :]
+            self._waiting_s = self._waiting_s[groups * self._stride :]
+
+    def _halve(self) -> None:
+        pairs = len(self._gnss_s) // 2
+        picked = 2 * np.arange(pairs) + self._draw.integers(0, 2, pairs)
+        self._host_ns, self._gnss_s = self._host_ns[picked], self._gnss_s[picked]
+        self._stride *= 2
+
+
+def _fresh(host_ns: IntArray, gnss_s: FloatArray, last_s: float) -> tuple[IntArray, FloatArray]:
+    """Leave out NaN, and of repeats all but the first."""
+    known = np.isfinite(gnss_s)
+    host_ns, gnss_s = host_ns[known], gnss_s[known]
+    fresh = np.diff(gnss_s, prepend=last_s) != 0
+    return host_ns[fresh], gnss_s[fresh]
 
 
 def _wrapped(seconds: FloatArray) -> FloatArray:
@@ -127,7 +225,7 @@ def _robust_line(x: FloatArray, y: FloatArray) -> tuple[float, float, FloatArray
     for _ in range(20):
         residual = y - intercept - slope * x
         spread = _MAD_TO_SIGMA * float(np.median(np.abs(residual)))
-        weight = np.clip(1 - (residual / (_TUKEY * max(spread, 1e-7))) ** 2, 0, None) ** 2
+        weight = np.clip(1 - (residual / (_TUKEY * max(spread, _LEAST_SPREAD_S))) ** 2, 0, None) ** 2
         x_mean, y_mean = np.average(x, weights=weight), np.average(y, weights=weight)
         variance = np.average((x - x_mean) ** 2, weights=weight)
         if variance <= 0:
@@ -135,3 +233,44 @@ def _robust_line(x: FloatArray, y: FloatArray) -> tuple[float, float, FloatArray
         slope = float(np.average((x - x_mean) * (y - y_mean), weights=weight) / variance)
         intercept = float(y_mean - slope * x_mean)
     return intercept, slope, weight, spread
+
+
+def _line_sigma(x: FloatArray, residual: FloatArray, spread: float) -> tuple[float, float]:
+    """Return the one-sigma of a robust line's intercept and slope, by leaving out one block of time after another.
+
+    The sigma is widened by Student's t, as there are few blocks.
+    """
+    level, tilt = _influence(residual, max(spread, _LEAST_SPREAD_S))
+    blocks = min(_BLOCKS, len(x))
+    starts = np.arange(blocks) * len(x) // blocks
+    of_block = np.add.reduceat(np.stack([np.ones(len(x)), x, x * x, level, tilt, x * tilt]), starts, axis=1)
+    n, sx, sxx, s_level, s_tilt, sx_tilt = of_block.sum(axis=1, keepdims=True) - of_block
+    determinant = n * sxx - sx * sx
+    if np.any(determinant <= 0):
+        return np.inf, np.inf
+    slope = (n * sx_tilt - sx * s_tilt) / determinant
+    intercept = (s_level - slope * sx) / n
+    freedom = blocks - 2
+    widening = 1 + (_Z95**2 + 1) / (4 * freedom) + (5 * _Z95**4 + 16 * _Z95**2 + 3) / (96 * freedom**2)
+    jackknife = widening * np.sqrt((blocks - 1) * np.array([np.var(intercept), np.var(slope)]))
+    return float(jackknife[0]), float(jackknife[1])
+
+
+def _influence(residual: FloatArray, spread: float) -> tuple[FloatArray, FloatArray]:
+    """Return what each epoch does to the level and to the tilt of a robust line, were all weights 1 (Huber).
+
+    The bisquare's psi moves both. Where the jitter is one-sided the spread moves the level too: a wider bisquare looks
+    further into the tail.
+    """
+    u2 = np.clip((residual / (_TUKEY * spread)) ** 2, 0, 1)
+    psi = residual * (1 - u2) ** 2
+    stiffness = max(float(np.mean((1 - u2) * (1 - 5 * u2))), _LEAST_STIFFNESS)
+    pull = float(np.mean(4 * residual * u2 * (1 - u2)))  # of psi, by the logarithm of the spread
+    half = spread / _MAD_TO_SIGMA
+    size = np.abs(residual)
+    spacing = np.mean(size < _STEP * half) - np.mean(size < half / _STEP)
+    growth = max(float(spacing) / (2 * np.log(_STEP)), _LEAST_STIFFNESS)
+    shift = (_STEP - 1) * half
+    lean = float(np.mean(np.abs(residual - shift) < half) - np.mean(np.abs(residual + shift) < half)) / (2 * shift)
+    level = psi - pull / growth * ((size < half) - 0.5)
+    return level / max(stiffness + pull * lean / growth, _LEAST_STIFFNESS), psi / stiffness
