@@ -79,12 +79,19 @@ class ClockFit:
         DataError
             If a key is missing or is no number.
         """
-        whole = ("epochs", "outliers", "reference_ns")
         try:
-            numbers = {one.name: (int if one.name in whole else float)(record[one.name]) for one in fields(ClockFit)}
+            return ClockFit(
+                offset_s=float(record["offset_s"]),
+                drift_ppm=float(record["drift_ppm"]),
+                residual_s=float(record["residual_s"]),
+                epochs=int(record["epochs"]),
+                outliers=int(record["outliers"]),
+                reference_ns=int(record["reference_ns"]),
+                offset_sigma_s=float(record["offset_sigma_s"]),
+                drift_sigma_ppm=float(record["drift_sigma_ppm"]),
+            )
         except (KeyError, ValueError) as error:
             raise DataError(Fault("the clock record cannot be read", found=str(error))) from None
-        return ClockFit(**numbers)
 
     def delays_s(self, host_ns: IntArray, gnss_s: FloatArray) -> FloatArray:
         """Return how much later than usual each frame arrived; shape of the inputs.
