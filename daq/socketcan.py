@@ -97,6 +97,9 @@ class SocketCanSource:
         Interface, e.g. ``can0``.
     buffer_bytes : int
         Receive buffer to ask for.
+    made : socket, optional
+        A socket to read from in place of one on the interface: a datagram is one of Linux's ``struct can_frame`` or
+        ``canfd_frame``.
 
     Raises
     ------
@@ -104,9 +107,11 @@ class SocketCanSource:
         If the kernel has no CAN, or there is no such interface, or it must not be opened.
     """
 
-    def __init__(self, channel: str, buffer_bytes: int = RECEIVE_BUFFER_BYTES) -> None:
+    def __init__(
+        self, channel: str, buffer_bytes: int = RECEIVE_BUFFER_BYTES, made: socket.socket | None = None
+    ) -> None:
         self.name = channel
-        self._socket = _bound(channel)
+        self._socket = _listening(channel) if made is None else made
         self._received = 0
         self._errors = 0
         self._lost = 0
@@ -114,7 +119,6 @@ class SocketCanSource:
         self._batch = _Batch()
         header = self._batch.headers["header"]
         header["control"] = self._batch.control.ctypes.data + np.arange(FRAMES_A_CALL) * _CONTROL_WORDS * 8
-        self._socket.setsockopt(_SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ID_MASK)
         self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         self._socket.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
         self._buffer_bytes = _grow_buffer(self._socket, buffer_bytes)
@@ -201,6 +205,8 @@ class SocketCanSource:
             return FrameBatch.empty((self.name,))
         wide = any(part.dtype == FD_DTYPE for part in parts)
         frames = np.concatenate([FrameBatch(part, ()).widened().frames if wide else part for part in parts])
+        if not self._received:
+            frames["time_ns"] = _not_after_the_next(frames["time_ns"])
         self._received += len(frames)
         self._errors += int(np.count_nonzero(frames["flags"] & FrameFlag.ERROR))
         return FrameBatch(frames, (self.name,))
@@ -258,6 +264,17 @@ class SocketCanSink:
         raw["flags"] *= is_fd
         raw["data"][:, : frames["data"].shape[1]] = frames["data"]
         self._batch.iov["size"][: len(frames)] = np.where(is_fd, _FD_BYTES, _CLASSIC_BYTES)
+
+
+def _not_after_the_next(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Mend the first stamps: the kernel begins to stamp a little after it was told to, and stamps those when read."""
+    return np.minimum.accumulate(stamps[::-1])[::-1]
+
+
+def _listening(channel: str) -> socket.socket:
+    made = _bound(channel)
+    made.setsockopt(_SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ID_MASK)
+    return made
 
 
 def _bound(channel: str) -> socket.socket:
