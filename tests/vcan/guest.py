@@ -1,6 +1,7 @@
 """Runs a shell script where there is a real vcan0: on this kernel, or in a guest of Debian's user-mode-linux.
 
-In both cases the script sees the files of this machine, and what it writes can be read here afterwards.
+In both cases the script sees the files of this machine, and what it writes can be read here afterwards. What must not
+happen to this machine (a clock that is set, a disk that is full, a power cut) happens in a guest only: `run_in_guest`.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import signal
 import subprocess
 import tempfile
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -63,10 +65,62 @@ def run_with_vcan(script: str, *, timeout_s: float = 120.0, memory: str = "1G") 
         return _run_guest(work, timeout_s, memory)
 
 
+@dataclass(frozen=True)
+class PowerCut:
+    """When a guest's kernel is killed: so long after a file has appeared, which the script makes as a sign of life."""
+
+    sign: Path
+    after_s: float
+
+
+def run_in_guest(
+    script: str,
+    *,
+    timeout_s: float = 120.0,
+    memory: str = "1G",
+    disks: Sequence[Path] = (),
+    power_cut: PowerCut | None = None,
+) -> GuestResult:
+    """Do as `run_with_vcan`, but in a guest even where this kernel has vcan.
+
+    Parameters
+    ----------
+    script, timeout_s, memory
+        See `run_with_vcan`.
+    disks : sequence of Path
+        Images of block devices: /dev/ubda, /dev/ubdb, ... in the guest.
+    power_cut : PowerCut, optional
+        The disks then keep what was written through to them; the exit code is -9.
+
+    Raises
+    ------
+    NoGuestError
+        If there is no user-mode-linux.
+    """
+    with tempfile.TemporaryDirectory(prefix="vcan-", dir=_work_root()) as name:
+        work = Path(name)
+        (work / "script.sh").write_text(script, encoding="utf-8")
+        return _run_guest(work, timeout_s, memory, disks, power_cut)
+
+
 def run_or_skip(script: str, *, timeout_s: float = 120.0, memory: str = "1G") -> GuestResult:
     """Do as `run_with_vcan`; without a kernel skip the test, or fail it if WHEELSOIL_REQUIRE_VCAN is 1."""
-    try:
+    with _or_skip():
         return run_with_vcan(script, timeout_s=timeout_s, memory=memory)
+
+
+def guest_or_skip(
+    script: str, *, timeout_s: float = 120.0, disks: Sequence[Path] = (), power_cut: PowerCut | None = None
+) -> GuestResult:
+    """Do as `run_in_guest`; skip or fail as `run_or_skip` does."""
+    with _or_skip():
+        return run_in_guest(script, timeout_s=timeout_s, disks=disks, power_cut=power_cut)
+
+
+@contextlib.contextmanager
+def _or_skip() -> Iterator[None]:
+    try:
+        yield
     except NoGuestError as error:
         if os.environ.get("WHEELSOIL_REQUIRE_VCAN") == "1":
             pytest.fail(f"WHEELSOIL_REQUIRE_VCAN=1, but {error}")
@@ -97,18 +151,21 @@ def _run_here(work: Path, timeout_s: float) -> GuestResult:
     return GuestResult(code, _text(work / "output"))
 
 
-def _run_guest(work: Path, timeout_s: float, memory: str) -> GuestResult:
+def _run_guest(
+    work: Path, timeout_s: float, memory: str, disks: Sequence[Path] = (), power_cut: PowerCut | None = None
+) -> GuestResult:
     kernel, modules, shim = _user_mode_linux()
     init = work / "init.sh"
     init.write_text(_init_script(work, modules), encoding="utf-8")
     init.chmod(0o755)
     command = [kernel, f"mem={memory}", "root=/dev/root", "rootfstype=hostfs", "rootflags=/", "rw", f"init={init}"]
+    command += [f"ubd{number}={disk}" for number, disk in enumerate(disks)]
     environment = {"PATH": _PATH, "HOME": str(work)}
     if Path("/dev/shm").is_dir():
         environment["TMPDIR"] = "/dev/shm"  # the guest's memory is a file
     if shim is not None:
         environment["LD_PRELOAD"] = _built(shim, work / "shim.so")
-    code = _wait([*command, "con=null", "con0=fd:0,fd:1", "quiet"], work, environment, timeout_s)
+    code = _wait([*command, "con=null", "con0=fd:0,fd:1", "quiet"], work, environment, timeout_s, power_cut)
     if not (work / "ready").exists():
         raise NoGuestError(f"user-mode-linux does not start: {_last_lines(work / 'console')}")
     told = _text(work / "code").strip()
@@ -162,19 +219,32 @@ def _built(source: Path, target: Path) -> str:
     return str(target)
 
 
-def _wait(command: list[str], work: Path, environment: dict[str, str], timeout_s: float) -> int:
+def _wait(
+    command: list[str], work: Path, environment: dict[str, str], timeout_s: float, power_cut: PowerCut | None = None
+) -> int:
     """Run a command with a hard end: every process of its session is killed by its id."""
     with (work / "console").open("wb") as console:
         process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=console, stderr=console, env=environment, start_new_session=True
         )
         try:
+            if power_cut is not None:
+                _cut_power(process, power_cut, timeout_s)
             return process.wait(timeout_s)
         except subprocess.TimeoutExpired:
             return 124
         finally:
             _end_session(process.pid)
             process.wait()
+
+
+def _cut_power(process: subprocess.Popen[bytes], power_cut: PowerCut, timeout_s: float) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not power_cut.sign.exists() and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    if power_cut.sign.exists():
+        time.sleep(power_cut.after_s)
+        process.kill()
 
 
 def _end_session(session: int) -> None:
