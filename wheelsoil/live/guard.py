@@ -1,0 +1,138 @@
+"""Who may ask the page for what: host name, origin, token, kind and size of a request, and what a browser may load."""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import socket
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from wheelsoil.live.listening import is_loopback
+
+LARGEST_BODY_BYTES = 4096
+
+_HEADERS = {
+    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "x-frame-options": "DENY",
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "cache-control": "no-store",
+}
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Who may ask.
+
+    Attributes
+    ----------
+    bound : str
+        IP address that the page listens on.
+    names : frozenset of str
+        Host names it answers to, lower case.
+    token : str or None
+    """
+
+    bound: str
+    names: frozenset[str]
+    token: str | None
+
+    @classmethod
+    def of(cls, host: str, bound: str, token: str | None) -> Rules:
+        """Return the rules for a page that was told to listen on `host`."""
+        names = {"localhost", host.lower()}
+        if not is_loopback(bound):
+            names |= {socket.gethostname().lower()}
+        return cls(bound, frozenset(names), token)
+
+    def knows_host(self, header: str) -> bool:
+        """Return whether a Host header names this machine.
+
+        A page of another site can have its own name lead here (DNS rebinding), but not an IP address, and not a name
+        under ``.local``, which belongs to this network.
+        """
+        name = _host_name(header)
+        if name in self.names:
+            return True
+        open_to_others = not is_loopback(self.bound)
+        try:
+            address = ipaddress.ip_address(name)
+        except ValueError:
+            return open_to_others and name.endswith(".local")
+        return open_to_others or address.is_loopback
+
+    def knows_token(self, header: str) -> bool:
+        """Return whether an Authorization header carries the token; takes the same time for every wrong one."""
+        if self.token is None:
+            return True
+        return hmac.compare_digest(header.encode(), f"Bearer {self.token}".encode())
+
+
+class Guard:
+    """An ASGI application around the page that refuses what `Rules` do not allow.
+
+    Parameters
+    ----------
+    app : ASGI application
+    rules : Rules
+    open_paths : frozenset of str
+        Paths that need no token.
+    """
+
+    def __init__(self, app: ASGIApp, rules: Rules, open_paths: frozenset[str]) -> None:
+        self._app = app
+        self._rules = rules
+        self._open_paths = open_paths
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request; see ASGI."""
+
+        async def send_safely(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(_HEADERS)
+            await send(message)
+
+        refusal = self._refusal(scope["method"], scope["path"], Headers(scope=scope))
+        await (refusal or self._app)(scope, receive, send_safely)
+
+    def _refusal(self, method: str, path: str, headers: Headers) -> PlainTextResponse | None:
+        hosts, origins = headers.getlist("host"), headers.getlist("origin")
+        if len(hosts) != 1 or not self._rules.knows_host(hosts[0]):
+            return PlainTextResponse("this page does not go by that name: open it by the logger's IP address\n", 421)
+        if (origins or method == "POST") and not _same_origin(origins, hosts[0]):
+            return PlainTextResponse("asked for by the page of another site\n", 403)
+        if path not in self._open_paths and not self._rules.knows_token(headers.get("authorization", "")):
+            return PlainTextResponse("the token is missing or wrong\n", 401, {"www-authenticate": "Bearer"})
+        if method == "POST":
+            return _unfit_body(headers)
+        return None
+
+
+def _unfit_body(headers: Headers) -> PlainTextResponse | None:
+    if headers.get("content-type", "").split(";")[0].strip().lower() != "application/json":
+        return PlainTextResponse("the body must be application/json\n", 415)
+    size = headers.get("content-length", "")
+    if not size.isdecimal():
+        return PlainTextResponse("the body's length is not stated\n", 411)
+    if int(size) > LARGEST_BODY_BYTES:
+        return PlainTextResponse(f"more than {LARGEST_BODY_BYTES} bytes\n", 413)
+    return None
+
+
+def _host_name(header: str) -> str:
+    """Return the name in a Host header: lower case, without port, brackets and closing dot."""
+    name = header.strip().lower()
+    if name.startswith("["):
+        return name[1:].partition("]")[0]
+    return name.partition(":")[0].removesuffix(".")
+
+
+def _same_origin(origins: Iterable[str], host: str) -> bool:
+    return list(origins) in ([f"http://{host}"], [f"https://{host}"])

@@ -1,0 +1,156 @@
+"""The logger's side of the status page: it sends and receives without ever waiting, and keeps the page's process up."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from daq.panel import Command
+from wheelsoil.live.listening import checked_token, listen, page_addresses
+from wheelsoil.live.wire import GOODBYE, LARGEST_BYTES, command_from, packed
+
+RESTART_S = 5.0
+"""A page's process that has ended is started again, at most this often."""
+
+_GOODBYE_S = 2.0
+_MOST_COMMANDS = 32
+_HOME = Path(__file__).resolve().parents[2]
+
+
+class PagePanel:
+    """A `daq.panel.Panel` whose page lives in a process of its own.
+
+    The two are joined by a pair of datagram sockets that stays the same over the page's restarts. A datagram that does
+    not fit because the page is slow, stopped or dead is dropped and counted. A thread starts the process and waits for
+    its end, so that the logger's own thread never starts one. The kernel ends the process when the logger dies.
+
+    Parameters
+    ----------
+    host, port, token, vehicle
+        See `wheelsoil.live.open_page`.
+    restart_s : float
+
+    Attributes
+    ----------
+    addresses : tuple of str
+        URLs that open the page, token included.
+    token : str or None
+    dropped : int
+        Snapshots that the page did not take.
+    starts : int
+        How often the page's process was started.
+    pid : int or None
+        Of the page's process, while there is one.
+
+    Raises
+    ------
+    HardwareError
+        The address cannot be listened on, or the port is taken.
+    ConfigError
+        The token or the port cannot be used.
+    """
+
+    def __init__(self, host: str, port: int, token: str | None, vehicle: str, restart_s: float = RESTART_S) -> None:
+        self._listening = listen(host, port)
+        bound, self.port = self._listening.getsockname()[:2]
+        try:
+            self.token = checked_token(token, bound)
+        except BaseException:
+            self._listening.close()
+            raise
+        self.addresses = page_addresses(self._listening, self.token)
+        self.dropped = self.starts = 0
+        self.pid: int | None = None
+        self._ours, self._theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        for end in (self._ours, self._theirs):
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, LARGEST_BYTES)
+            end.setblocking(False)
+        settings = {"vehicle": vehicle, "token": self.token, "host": host, "bound": bound, "logger": os.getpid()}
+        self._settings = json.dumps(settings).encode()
+        self._restart_s = restart_s
+        self._closing = threading.Event()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._keeper = threading.Thread(target=self._keep, name="status page", daemon=True)
+        self._keeper.start()
+
+    @property
+    def address(self) -> str:
+        """The URL to open first."""
+        return self.addresses[0]
+
+    def show(self, snapshot: Mapping[str, Any]) -> None:
+        """Hand a snapshot to the page, or drop it; see `daq.panel.Panel`."""
+        if self._closing.is_set():
+            return
+        try:
+            self._ours.send(packed(snapshot))
+        except (OSError, ValueError, RecursionError):
+            self.dropped += 1
+
+    def commands(self) -> list[Command]:
+        """Return what the page was asked for since the last call."""
+        found: list[Command] = []
+        while not self._closing.is_set() and len(found) < _MOST_COMMANDS:
+            try:
+                datagram = self._ours.recv(1 << 14)
+            except OSError:
+                break
+            command = command_from(datagram)
+            if command is not None:
+                found.append(command)
+        return found
+
+    def close(self) -> None:
+        """Tell the page that the logger ends, and end it."""
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        try:
+            self._ours.send(GOODBYE)
+        except OSError:
+            self.dropped += 1
+        self._ours.shutdown(socket.SHUT_RDWR)
+        self._keeper.join(_GOODBYE_S)
+        process = self._process
+        if process is not None and process.poll() is None:
+            process.kill()
+            self._keeper.join(_GOODBYE_S)
+        for end in (self._ours, self._theirs, self._listening):
+            end.close()
+
+    def _keep(self) -> None:
+        """Start the page's process whenever there is none."""
+        while not self._closing.is_set():
+            started_s = time.monotonic()
+            with suppress(OSError):  # no memory or no process left: the logger has the first call on both
+                self._process = self._started()
+                self.starts += 1
+                self.pid = self._process.pid
+                self._process.wait()
+                self.pid = None
+            self._closing.wait(max(0.0, started_s + self._restart_s - time.monotonic()))
+
+    def _started(self) -> subprocess.Popen[bytes]:
+        handles = (self._listening.fileno(), self._theirs.fileno())
+        path = os.pathsep.join(filter(None, (str(_HOME), os.environ.get("PYTHONPATH"))))
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "wheelsoil.live.server", *map(str, handles)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            pass_fds=handles,
+            start_new_session=True,  # Ctrl-C is the logger's
+            env={**os.environ, "PYTHONPATH": path},
+        )
+        assert process.stdin is not None
+        with suppress(BrokenPipeError), process.stdin as settings:
+            settings.write(self._settings)  # not on the command line: the token is a secret
+        return process

@@ -1,0 +1,95 @@
+"""The page's process: ``python -m wheelsoil.live.server LISTENING PAIR``, started by `PagePanel` only.
+
+The numbers are the file descriptors of the listening socket and of the pair's end; the settings come as JSON on stdin.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ctypes
+import json
+import os
+import signal
+import socket
+import sys
+from contextlib import suppress
+
+import uvicorn
+
+from daq.panel import Command
+from wheelsoil.live.app import make_app
+from wheelsoil.live.guard import Rules
+from wheelsoil.live.hub import Hub
+from wheelsoil.live.wire import LARGEST_BYTES, packed_command, unpacked
+
+_NICENESS = 10
+_PR_SET_PDEATHSIG = 1
+_MOST_CONNECTIONS = 64
+_FAREWELL_S = 1
+
+
+def main() -> None:
+    """Serve the page until the logger ends."""
+    settings = json.load(sys.stdin)
+    _die_with(settings["logger"])
+    os.nice(_NICENESS)
+    listening, pair = (socket.socket(fileno=int(handle)) for handle in sys.argv[1:3])
+    listening.setblocking(False)
+    pair.setblocking(False)
+    rules = Rules.of(settings["host"], settings["bound"], settings["token"])
+    asyncio.run(_serve(listening, pair, rules, settings["vehicle"]))
+
+
+def _die_with(logger: int) -> None:
+    """Have the kernel kill this process when the logger dies, however that happens."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != logger:
+        sys.exit()
+
+
+async def _serve(listening: socket.socket, pair: socket.socket, rules: Rules, vehicle: str) -> None:
+    hub = Hub(vehicle)
+
+    def pass_on(command: Command) -> bool:
+        with suppress(OSError):
+            return pair.send(packed_command(command)) > 0
+        return False
+
+    server = uvicorn.Server(
+        uvicorn.Config(
+            make_app(hub, pass_on, rules),
+            loop="asyncio",
+            http="h11",
+            ws="none",
+            lifespan="off",
+            interface="asgi3",
+            log_level="warning",
+            access_log=False,
+            server_header=False,
+            proxy_headers=False,
+            limit_concurrency=_MOST_CONNECTIONS,
+            timeout_graceful_shutdown=_FAREWELL_S,
+        )
+    )
+    follower = asyncio.create_task(_follow(pair, hub, server))
+    await server.serve(sockets=[listening])
+    follower.cancel()
+
+
+async def _follow(pair: socket.socket, hub: Hub, server: uvicorn.Server) -> None:
+    """Hand the logger's snapshots on until it says goodbye or is gone."""
+    loop = asyncio.get_running_loop()
+    while datagram := await loop.sock_recv(pair, LARGEST_BYTES):
+        message = unpacked(datagram)
+        if "goodbye" in message:
+            await hub.end()
+            break
+        try:
+            await hub.take(message)
+        except Exception as error:  # noqa: BLE001  # the next snapshot may be a better one
+            print(f"status page: a snapshot was left out: {error!r}", file=sys.stderr)
+    server.should_exit = True
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,138 @@
+// The buttons: what was asked for, whether it was sent, and whether the logger has done it.
+
+import { headers } from "./connection.js";
+
+const PATIENCE_MS = 6000;
+const get = (id) => document.getElementById(id);
+const clock = (date) => date.toTimeString().slice(0, 8);
+const markKey = (mark) => `${mark.time_utc_s}|${mark.text}`;
+
+export class Commands {
+  constructor() {
+    this.snapshot = null;
+    this.live = false;
+    this.waiting = [];
+    get("mark-form").addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.mark();
+    });
+    get("start").addEventListener("click", () => this.askStart());
+    get("stop").addEventListener("click", () => this.askStop());
+    get("start-dialog").addEventListener("close", () => this.answered("start-dialog", () => this.start()));
+    get("stop-dialog").addEventListener("close", () => this.answered("stop-dialog", () => this.stop()));
+    setInterval(() => this.giveUp(), 500);
+  }
+
+  /** Take the newest snapshot, and whether it is one of now. */
+  take(snapshot, live) {
+    this.snapshot = snapshot;
+    this.live = live;
+    const marks = snapshot?.marks ?? [];
+    for (const mark of marks.filter((each) => !this.seen?.has(markKey(each)))) {
+      const asked = this.waiting.find((each) => each.kind === "mark" && (!each.text || mark.text.includes(each.text)));
+      if (asked) this.done(asked, `✓ Mark${asked.text ? ` “${asked.text}”` : ""} stands in the file (${asked.at}).`);
+    }
+    this.seen = new Set(marks.map(markKey));
+    for (const asked of this.waiting.filter((each) => each.kind === "start")) {
+      const begun = snapshot?.state === "recording" && `${snapshot.run.id}|${snapshot.run.file}` !== asked.before;
+      if (begun) this.done(asked, `✓ Run ${snapshot.run.id} is being recorded.`);
+    }
+    for (const asked of this.waiting.filter((each) => each.kind === "stop")) {
+      if (snapshot?.state === "between") this.done(asked, "✓ The run has ended. Recording goes on, between runs.");
+    }
+    const busy = (kind) => this.waiting.some((each) => each.kind === kind);
+    get("mark").disabled = !live;
+    get("start").disabled = !live || busy("start") || snapshot.state === "stopping";
+    get("stop").disabled = !live || busy("stop") || snapshot.state !== "recording";
+  }
+
+  mark() {
+    const text = get("note").value.trim();
+    get("note").value = "";
+    this.send("mark", text, `Mark${text ? ` “${text}”` : ""}`);
+  }
+
+  askStart() {
+    const { state, run } = this.snapshot;
+    get("start-hint").textContent = state === "recording" ? `Run ${run.id} ends then.` : "";
+    if (run?.id) get("run-name").value = following(run.id);
+    this.open("start-dialog");
+    get("run-name").select();
+  }
+
+  askStop() {
+    get("stop-question").textContent = `Stop run ${this.snapshot.run.id}?`;
+    this.open("stop-dialog");
+  }
+
+  open(dialog) {
+    get(dialog).returnValue = "no";
+    get(dialog).showModal();
+  }
+
+  answered(dialog, then) {
+    if (get(dialog).returnValue === "yes") then();
+  }
+
+  start() {
+    const id = get("run-name").value.trim();
+    this.send("start", id, `Start of run ${id}`);
+  }
+
+  stop() {
+    this.send("stop", "", "Stop of the run");
+  }
+
+  async send(kind, text, words) {
+    const run = this.snapshot?.run;
+    const asked = { kind, text, words, at: clock(new Date()), since: performance.now(), before: `${run?.id}|${run?.file}` };
+    this.waiting.push(asked);
+    this.tell("sent", `${words} is being sent …`);
+    try {
+      const answer = await fetch("/command", {
+        method: "POST",
+        headers: headers({ "Content-Type": "application/json" }),
+        body: JSON.stringify({ kind, text }),
+        signal: AbortSignal.timeout(PATIENCE_MS),
+      });
+      if (!answer.ok) throw new Error((await answer.text()).trim() || `answer ${answer.status}`);
+      if (this.waiting.includes(asked)) this.tell("sent", `${words} was sent (${asked.at}), waiting for the logger …`);
+    } catch (error) {
+      const why = error instanceof TypeError || error.name === "TimeoutError" ? "no connection" : error.message;
+      this.drop(asked, `✕ ${words} was NOT sent: ${why}.`);
+    }
+  }
+
+  giveUp() {
+    for (const asked of this.waiting.filter((each) => performance.now() - each.since > PATIENCE_MS)) {
+      this.drop(asked, `✕ ${asked.words} (${asked.at}): the logger has not confirmed it. Look below, and try again.`);
+    }
+  }
+
+  done(asked, words) {
+    this.remove(asked);
+    this.tell("done", words);
+  }
+
+  drop(asked, words) {
+    this.remove(asked);
+    this.tell("failed", words);
+  }
+
+  remove(asked) {
+    this.waiting = this.waiting.filter((each) => each !== asked);
+  }
+
+  tell(kind, words) {
+    get("feedback").dataset.kind = kind;
+    get("feedback").textContent = words;
+    clearTimeout(this.fading);
+    if (kind === "done") this.fading = setTimeout(() => { get("feedback").textContent = ""; }, 8000);
+  }
+}
+
+/** The name after this one: out-3 after out-2. */
+function following(id) {
+  const found = /^(.*?)(\d+)$/.exec(id);
+  return found ? found[1] + String(Number(found[2]) + 1).padStart(found[2].length, "0") : `${id}-2`;
+}

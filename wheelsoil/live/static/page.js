@@ -1,0 +1,314 @@
+// Shows the newest snapshot, and says so when it is none of now.
+
+import { Commands } from "./commands.js";
+import { Connection } from "./connection.js";
+import { boundsOf, Plot } from "./plot.js";
+
+const STALE_MS = 2000;
+const STATES = { recording: "RECORDING", between: "BETWEEN RUNS", stopping: "STOPPING" };
+const LEVELS = { green: "✓ GREEN", amber: "▲ AMBER", red: "✕ RED" };
+const MEANING = { green: "all is well", amber: "look at it soon", red: "data are lost or wrong now" };
+const BUS_STATES = { up: "up", down: "DOWN", bus_off: "BUS-OFF" };
+const COLOURS = { green: "#00662f", amber: "#ffb300", red: "#b3001b", none: "#4a4f55" };
+const LOSSES = {
+  kernel: "lost in the kernel",
+  queue: "given up by the logger",
+  counter: "lost by the rolling counter",
+  missing: "missing from the usual rate",
+};
+const POSITION = new Set(["latitude", "longitude"]);
+const FLAGS = new Set(["ground_speed_valid", "transducer_status"]);
+const ORDER = ["slip", "drawbar_pull", "vertical_load", "driving_torque", "wheel_speed", "ground_speed", "sinkage"];
+const rank = ({ role }) => (ORDER.includes(role) ? ORDER.indexOf(role) : ORDER.length);
+
+const get = (id) => document.getElementById(id);
+const known = (value) => value !== null && value !== undefined;
+const count = (n) => (known(n) ? Math.round(n).toLocaleString("en").replaceAll(",", "\u202f") : "not counted");
+const seconds = (s) => (s < 10 ? `${s.toFixed(1)} s` : s < 120 ? `${Math.round(s)} s` : `${Math.round(s / 60)} min`);
+const ago = (s) => (s < 0.5 ? "now" : `${seconds(s)} ago`);
+const spaced = (name) => name.replaceAll("_", " ");
+
+/** "counter.can0.WFT_Forces" as words. */
+function lossName(name) {
+  const [kind, ...where] = name.split(".");
+  return LOSSES[kind] ? `${where.join(".")}: ${LOSSES[kind]}` : name;
+}
+
+function duration(s) {
+  const whole = Math.max(0, Math.floor(s)), two = (n) => String(n).padStart(2, "0");
+  const minutes = `${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)}`;
+  return whole >= 3600 ? `${Math.floor(whole / 3600)}:${minutes}` : minutes;
+}
+
+function figure(value, role) {
+  if (!known(value)) return "–";
+  const size = Math.abs(value);
+  const places = POSITION.has(role) ? 6 : FLAGS.has(role) ? 0 : size >= 100 ? 0 : size >= 10 ? 1 : 2;
+  const shown = value.toLocaleString("en", { minimumFractionDigits: places, maximumFractionDigits: places });
+  return shown.replaceAll(",", "\u202f").replace("-", "−");
+}
+
+function write(element, words) {
+  if (element.textContent !== words) element.textContent = words;
+}
+
+function part(tag, className, words = "") {
+  const made = document.createElement(tag);
+  if (className) made.className = className;
+  made.textContent = words;
+  return made;
+}
+
+/** Keep one child per item, in order; make it once and fill it each time. */
+function list(parent, items, make, fill) {
+  while (parent.children.length > items.length) parent.lastElementChild.remove();
+  items.forEach((item, i) => fill(parent.children[i] ?? parent.appendChild(make()), item));
+}
+
+/** Facts are [name, text, level, wide]. */
+function facts(parent, items) {
+  const make = () => {
+    const box = document.createElement("div");
+    box.append(part("dt"), part("dd"));
+    return box;
+  };
+  list(parent, items, make, (box, [name, words, level, wide]) => {
+    box.dataset.level = level ?? "";
+    box.className = wide ? "wide" : "";
+    write(box.children[0], name);
+    write(box.children[1], words);
+  });
+}
+
+const page = { vehicle: "", snapshot: null, newsAt: -Infinity, nowS: 0, pull: [], slip: [], spoken: "" };
+const commands = new Commands();
+const slipPlot = new Plot(get("slip-plot"), "slip, %");
+const pullPlot = new Plot(get("pull-plot"), "seconds before now");
+
+function band(level, state, word, headline) {
+  get("band").dataset.level = level;
+  document.querySelector("meta[name=theme-color]").content = COLOURS[level];
+  write(get("state"), state);
+  write(get("level"), word);
+  write(get("headline"), headline);
+}
+
+/** Spoken only when it changes, not four times a second. */
+function speak(words) {
+  if (words === page.spoken) return;
+  page.spoken = words;
+  get("spoken").textContent = words;
+}
+
+function showBand() {
+  const silentMs = performance.now() - page.newsAt, live = silentMs < STALE_MS;
+  const lost = connection.state !== "open";
+  document.title = `${live && page.snapshot ? LEVELS[page.snapshot.level] : "?"} ${page.snapshot?.vehicle ?? page.vehicle}`;
+  get("main").classList.toggle("stale", !live);
+  commands.take(page.snapshot, live && !lost);
+  if (connection.state === "refused") return stale("TOKEN NEEDED", "nothing is shown without it");
+  if (connection.state === "ended") return stale("LOGGER ENDED", "it was stopped and its file is closed");
+  if (live) return showLive(page.snapshot);
+  const since = page.snapshot ? `for ${seconds(silentMs / 1000)}` : "yet";
+  if (lost) return stale("NO CONNECTION", `no connection to the logger ${since}, trying again`);
+  return stale("NO NEWS", `no news from the logger ${since}`);
+}
+
+function stale(state, headline) {
+  band("none", state, "", headline);
+  speak(state);
+}
+
+function showLive(snapshot) {
+  const { state, level, run } = snapshot;
+  const headline = state === "recording" ? `run ${run.id} · ${duration(run.since_s)} · ${MEANING[level]}` : MEANING[level];
+  band(level, STATES[state] ?? state, LEVELS[level], headline);
+  const reasons = snapshot.reasons.map((each) => `${each.where}: ${each.code}`).join("; ");
+  speak(`${STATES[state]}, ${level}. ${reasons}`);
+}
+
+function showReasons(reasons) {
+  const make = () => {
+    const item = document.createElement("li");
+    item.append(part("span", "word"), " ", part("span", "where"), " ", part("span", "what"), part("span", "next"));
+    return item;
+  };
+  list(get("reasons"), reasons, make, (item, reason) => {
+    item.dataset.level = reason.level;
+    const [word, where, what, next] = item.children;
+    write(word, LEVELS[reason.level] ?? reason.level);
+    write(where, reason.where);
+    write(what, reason.what);
+    write(next, reason.next_step);
+    next.hidden = !reason.next_step;
+  });
+}
+
+function showRun({ state, run, vehicle }) {
+  write(get("run-title"), vehicle);
+  write(get("run-id"), state === "between" ? "no run" : run.id);
+  facts(get("run"), [
+    [state === "between" ? "between runs for" : "duration", duration(run.since_s)],
+    ["frames", count(run.frames)],
+    ["file size", `${run.mb.toFixed(1)} MB`],
+    ["part", String(run.part)],
+    ["file", run.file, "", true],
+  ]);
+}
+
+function showValues(values) {
+  const last = page.slip.at(-1), fresh = last && page.nowS - last[0] < 3;
+  const slip = page.snapshot.setup.wheel_radius_m
+    ? [{ role: "slip", value: fresh ? 100 * last[1] : null, unit: "%", age_s: last ? page.nowS - last[0] : null, level: "green" }]
+    : [];
+  const make = () => {
+    const item = document.createElement("li"), number = part("span", "number");
+    number.append(part("span"), " ", part("small"));
+    item.append(part("span", "name"), number, part("span", "age"));
+    return item;
+  };
+  list(get("values"), [...slip, ...values].sort((a, b) => rank(a) - rank(b)), make, (item, each) => {
+    const [name, number, age] = item.children, old = !known(each.age_s) || each.age_s > 1.5;
+    item.dataset.level = each.level;
+    item.className = POSITION.has(each.role) || each.role === "gnss_time" ? "long" : "";
+    item.title = each.name ?? "";
+    write(name, spaced(each.role) + (each.level in LEVELS && each.level !== "green" ? ` ${LEVELS[each.level]}` : ""));
+    write(number.children[0], figure(each.value, each.role));
+    write(number.children[1], each.unit);
+    write(age, known(each.age_s) ? ago(each.age_s) : "never seen");
+    age.classList.toggle("old", old && each.role !== "slip");
+  });
+}
+
+function showBuses(buses) {
+  const make = () => {
+    const item = document.createElement("li"), head = part("div", "head");
+    head.append(part("span"), part("span", "tag"));
+    item.append(head, part("p", "detail"), part("dl", "facts"));
+    return item;
+  };
+  list(get("buses"), buses, make, (item, bus) => {
+    const [head, detail, numbers] = item.children;
+    write(head.children[0], bus.name);
+    write(head.children[1], `${BUS_STATES[bus.state] ?? bus.state} ${LEVELS[bus.level]}`);
+    head.children[1].dataset.level = bus.level;
+    write(detail, bus.detail ?? "");
+    detail.hidden = !bus.detail;
+    facts(numbers, [
+      ["frames a second", known(bus.rate_hz) ? count(bus.rate_hz) : "not known yet"],
+      ["bus load", known(bus.load_percent) ? `${bus.load_percent.toFixed(0)} %` : "bit rate not stated"],
+      ["frames", count(bus.frames)],
+      ["last frame", known(bus.age_s) ? ago(bus.age_s) : "none yet"],
+      ["lost in the kernel", count(bus.kernel_drops), bus.kernel_drops ? "red" : ""],
+      ["lost in the queue", count(bus.queue_drops), bus.queue_drops ? "red" : ""],
+      ["error frames", count(bus.error_frames)],
+      ["in no DBC", count(bus.unknown_frames)],
+    ]);
+  });
+}
+
+function showLogger({ disk, queue_percent, cpu_percent, rss_mb, clock, gnss }) {
+  const gb = disk.free_mb >= 1000 ? `${(disk.free_mb / 1000).toFixed(1)} GB` : `${disk.free_mb.toFixed(0)} MB`;
+  const left = known(disk.minutes) ? (disk.minutes >= 600 ? `${Math.round(disk.minutes / 60)} h` : `${Math.round(disk.minutes)} min`) : null;
+  const items = [
+    ["disk lasts", left ? `${left} (${gb})` : `${gb} free`, disk.level],
+    ["queue", `${queue_percent.toFixed(0)} % full`, queue_percent > 50 ? "amber" : ""],
+    ["CPU, of one core", known(cpu_percent) ? `${cpu_percent.toFixed(0)} %` : "not known yet"],
+    ["memory", `${rss_mb.toFixed(0)} MB`],
+    ["logger's clock", clock.steps ? `was set ${clock.steps} times` : "not set since start"],
+  ];
+  if (gnss) {
+    const fix = gnss.fix === null ? "fix not told" : gnss.fix ? "fix" : "NO FIX";
+    items.push(["GNSS", fix + (known(gnss.age_s) ? `, ${ago(gnss.age_s)}` : ""), gnss.level]);
+  }
+  if (known(clock.offset_s)) {
+    const drift = known(clock.drift_ppm) ? `, drift ${figure(clock.drift_ppm)} ppm` : "";
+    const residual = known(clock.residual_s) ? `, ± ${(1000 * clock.residual_s).toFixed(2)} ms` : "";
+    items.push(["GNSS time − logger's clock", `${figure(clock.offset_s)} s${drift}${residual}`, "", true]);
+  }
+  facts(get("logger"), items);
+}
+
+function showTexts({ losses, marks, remarks }) {
+  const lost = Object.entries(losses).filter(([, n]) => n);
+  get("no-losses").hidden = lost.length > 0;
+  facts(get("losses"), lost.map(([name, n]) => [lossName(name), count(n), "", true]));
+  get("no-marks").hidden = marks.length > 0;
+  const make = () => {
+    const item = document.createElement("li");
+    item.append(part("time"), part("span"));
+    return item;
+  };
+  list(get("marks"), [...marks].reverse(), make, (item, mark) => {
+    write(item.children[0], new Date(1000 * mark.time_utc_s).toTimeString().slice(0, 8));
+    write(item.children[1], mark.text || "(no note)");
+  });
+  get("remarks-box").hidden = !remarks.length;
+  list(get("remarks"), remarks, () => part("li"), (item, words) => write(item, words));
+}
+
+const TURNING = "none shown live: the transducer's axes turn with the wheel";
+
+function whyNoSlip({ setup, values }) {
+  if (setup.transducer_frame === "wheel") return TURNING;
+  const roles = new Set(values.map((each) => each.role));
+  const missing = ["drawbar_pull", "wheel_speed", "ground_speed"].filter((role) => !roles.has(role));
+  if (missing.length) return `no slip: vehicle.toml names no ${missing.map(spaced).join(", no ")}`;
+  if (!setup.wheel_radius_m) return "no slip: vehicle.toml has no [wheel] radius_m";
+  return `no slip yet: needs both speeds, one of them above ${setup.min_speed_mps ?? 0.5} m/s`;
+}
+
+function showPlots(snapshot, spanS) {
+  const turning = snapshot.setup.transducer_frame === "wheel";
+  if (turning) page.pull = page.slip = [];
+  const kilo = Math.max(0, ...page.pull.map(([, n]) => Math.abs(n))) >= 2000, scale = kilo ? 1e-3 : 1;
+  const yTitle = `drawbar pull, ${kilo ? "kN" : "N"}`, y = boundsOf(page.pull.map(([, n]) => scale * n), kilo ? 1 : 100);
+  const pairs = page.slip.map(([, s, n]) => [100 * s, scale * n]);
+  slipPlot.draw({ x: boundsOf(pairs.map(([s]) => s), 20, 6), y, yTitle, rows: pairs, joined: false, empty: whyNoSlip(snapshot) });
+  const rows = page.pull.map(([t, n]) => [t - page.nowS, scale * n]);
+  const named = snapshot.values.some((each) => each.role === "drawbar_pull");
+  const empty = turning ? TURNING : named ? `no drawbar pull in the last ${spanS} s` : "vehicle.toml names no drawbar pull";
+  pullPlot.draw({ x: { low: -spanS, high: 0, step: spanS / 6 }, y, yTitle, rows, joined: true, empty });
+  const said = (row, unit) => (row ? `${figure(row[1])} ${kilo ? "kN" : "N"}${unit}` : "no data");
+  get("slip-plot").setAttribute("aria-label", `Drawbar pull against slip, ${pairs.length} points, newest ${said(pairs.at(-1), pairs.length ? ` at ${figure(pairs.at(-1)[0])} % slip` : "")}`);
+  get("pull-plot").setAttribute("aria-label", `Drawbar pull over the last ${spanS} s, newest ${said(rows.at(-1), "")}`);
+}
+
+function keep(kept, added, fresh, fromS) {
+  return [...(fresh ? [] : kept), ...added].filter(([t]) => t > fromS);
+}
+
+const connection = new Connection({
+  hello({ vehicle }) {
+    page.vehicle = vehicle;
+    get("ask-token").hidden = true;
+    get("main").hidden = get("bar").hidden = false;
+    if (!page.snapshot) write(get("run-title"), vehicle);
+  },
+  snapshot({ snapshot, age_s, curves }) {
+    page.snapshot = snapshot;
+    page.newsAt = performance.now() - 1000 * age_s;
+    page.nowS = snapshot.session_s + age_s;
+    page.pull = keep(page.pull, curves.pull, curves.fresh, page.nowS - curves.span_s);
+    page.slip = keep(page.slip, curves.slip, curves.fresh, page.nowS - curves.span_s);
+    showReasons(snapshot.reasons);
+    showRun(snapshot);
+    showValues(snapshot.values);
+    showBuses(snapshot.buses);
+    showLogger(snapshot);
+    showTexts(snapshot);
+    showPlots(snapshot, curves.span_s);
+    showBand();
+  },
+  refused() {
+    get("ask-token").hidden = false;
+    get("main").hidden = get("bar").hidden = true;
+    showBand();
+  },
+});
+
+get("ask-token").addEventListener("submit", (event) => {
+  event.preventDefault();
+  location.hash = encodeURIComponent(get("token").value.trim().replace(/^.*#/, ""));
+});
+setInterval(showBand, 250);

@@ -1,0 +1,63 @@
+"""What goes between the logger and the page's process: one JSON object a datagram."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any, get_args
+
+from daq.panel import Command, CommandKind
+
+LARGEST_BYTES = 1 << 20
+GOODBYE = b'{"goodbye":true}'
+"""The logger ends, and means to."""
+
+LONGEST_TEXT = 200
+
+
+def packed(snapshot: Mapping[str, Any]) -> bytes:
+    """Return a snapshot as a datagram.
+
+    Numbers that JSON does not know go as Python writes them; `unpacked` makes them null.
+    """
+    return json.dumps(snapshot, separators=(",", ":"), default=_item).encode()
+
+
+def unpacked(datagram: bytes) -> dict[str, Any]:
+    """Return what `packed` took, NaN and infinities as None."""
+    value = json.loads(datagram, parse_constant=lambda _: None)
+    assert isinstance(value, dict)
+    return value
+
+
+def packed_command(command: Command) -> bytes:
+    """Return a command as a datagram."""
+    return json.dumps(asdict(command)).encode()
+
+
+def command_from(body: bytes) -> Command | None:
+    """Return the command that a body of JSON states, None where it states none.
+
+    Control characters become blanks, so that a note is one line of text.
+    """
+    try:
+        value = json.loads(body)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(value, dict) or not set(value) <= {"kind", "text"}:
+        return None
+    kind, text = value.get("kind"), value.get("text", "")
+    kinds: tuple[CommandKind, ...] = get_args(CommandKind)
+    if kind not in kinds or not isinstance(text, str) or len(text) > LONGEST_TEXT:
+        return None
+    return Command(kinds[kinds.index(kind)], " ".join("".join(c if c.isprintable() else " " for c in text).split()))
+
+
+def _item(value: Any) -> Any:
+    """Return numpy's numbers as Python's, anything else as its text: a snapshot must never fail the logger."""
+    for method in ("tolist", "value"):
+        if hasattr(value, method):
+            found = getattr(value, method)
+            return found() if callable(found) else found
+    return str(value)
