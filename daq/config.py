@@ -209,7 +209,7 @@ class RunsConfig(_Section):
     run: tuple[RunInfo, ...] = ()
 
 
-ConfigT = TypeVar("ConfigT", VehicleConfig, TerrainConfig, RunsConfig)
+ConfigT = TypeVar("ConfigT", bound=BaseModel)
 
 
 def parse_toml(text: str, kind: type[ConfigT], where: str) -> ConfigT:
@@ -218,7 +218,7 @@ def parse_toml(text: str, kind: type[ConfigT], where: str) -> ConfigT:
     Parameters
     ----------
     text : str
-    kind : VehicleConfig, TerrainConfig or RunsConfig
+    kind : VehicleConfig, TerrainConfig, RunsConfig or another checked model
     where : str
         Name of the file or attachment, for messages.
 

@@ -30,8 +30,11 @@ ROLE_QUANTITIES: dict[str, tuple[Quantity, ...]] = {
     "gnss_time": (Quantity.TIME,),
     "wheel_angle": (Quantity.ANGLE,),
     "sinkage": (Quantity.LENGTH,),
+    "transducer_status": (Quantity.RATIO,),
 }
 """What each role may measure. A wheel speed given as a speed is that of the rim: omega = v / r."""
+_FLAGS = ("ground_speed_valid", "transducer_status")
+"""Roles whose labels say what other channels are worth: "invalid" is a value of theirs."""
 _NO_DATA = re.compile(
     r"not.?avail|unavail|not.?valid|invalid|(?<![a-z])init|(?<!no.)(?<![a-z])(error|fault)|^(sna|n/?a)$", re.IGNORECASE
 )
@@ -163,7 +166,7 @@ def _resolve(
             return Fault(what, where, "no [wheel]", next_step="add [wheel] radius_m: the radius its sender assumes")
         factor, si_unit = factor / vehicle.wheel.radius_m, Quantity.ANGULAR_SPEED.value
     sign = -1.0 if text.startswith("-") else 1.0
-    missing = () if role == "ground_speed_valid" else _missing(signal)
+    missing = () if role in _FLAGS else _missing(signal)
     limit = _missing_from(signal) if messages[bus][message].j1939 else math.inf
     at = (role, bus, message, signal.name, signal.unit)
     return SignalRef(*at, si_unit, sign * factor, sign * unit.offset, missing, limit)

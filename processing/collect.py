@@ -41,6 +41,8 @@ class Samples:
         Where frames came without a value (NaN).
     invalid_ns : int64 array
         Where the sensor itself called its value invalid.
+    distrusted_ns : int64 array
+        Where the transducer's status was not 0, on the grid of the thinning.
     interval_s : float
         Median raw sampling interval; NaN below two samples.
     spread_s2 : float
@@ -59,6 +61,7 @@ class Samples:
     values: FloatArray
     absent_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     invalid_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    distrusted_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     interval_s: float = float("nan")
     spread_s2: float = 0.0
     node_s: float = 0.0
@@ -69,9 +72,8 @@ class Samples:
 
     def received_ns(self) -> IntArray:
         """Return the stamps of everything that came, usable or not, ascending."""
-        if not len(self.absent_ns) and not len(self.invalid_ns):
-            return self.time_ns
-        return np.unique(np.concatenate([self.time_ns, self.absent_ns, self.invalid_ns]))
+        others = [stamps for stamps in (self.absent_ns, self.invalid_ns, self.distrusted_ns) if len(stamps)]
+        return np.unique(np.concatenate([self.time_ns, *others])) if others else self.time_ns
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ _STALE_INTERVALS = 1.75
 
 
 def ready(
-    chunks: Iterable[Mapping[str, Channel]], vehicle: VehicleConfig, seen: set[str]
+    chunks: Iterable[Mapping[str, Channel]], vehicle: VehicleConfig, seen: set[str], *, with_angle: bool
 ) -> Iterator[dict[str, Channel]]:
     """Take each role's declared latency off its stamps and drop roles that processing has no use for.
 
@@ -31,8 +31,10 @@ def ready(
     vehicle : VehicleConfig
     seen : set of str
         Gets every role that came.
+    with_angle : bool
+        Whether the wheel angle is of use.
     """
-    roles = (*MODEL_ROLES, *_OTHER_ROLES, *(("wheel_angle",) if vehicle.transducer.frame == "wheel" else ()))
+    roles = (*MODEL_ROLES, *_OTHER_ROLES, *(("wheel_angle",) if with_angle else ()))
     for chunk in chunks:
         seen |= set(chunk)
         yield {role: _on_time(role, chunk[role], vehicle) for role in roles if role in chunk}

@@ -129,7 +129,11 @@ def _reasons(
     reason = np.where(smoothed.edge, Reason.FILTER_EDGE, Reason.USED).astype(np.uint8)
     empty = np.flatnonzero(~smoothed.covered)
     reason[empty] = Reason.GAP
-    for stamps_ns, why in ((samples.invalid_ns, Reason.INVALID_FIX), (samples.absent_ns, Reason.NOT_MEASURED)):
+    for stamps_ns, why in (
+        (samples.invalid_ns, Reason.INVALID_FIX),
+        (samples.absent_ns, Reason.NOT_MEASURED),
+        (samples.distrusted_ns, Reason.TRANSDUCER),
+    ):
         stamps = seconds_since(stamps_ns, start_ns)
         reason[empty[_near(time_s[empty], stamps, limit_s)]] = why
     return reason

@@ -6,14 +6,17 @@ Newton for the parts between transducer and soil (mass m_o, inertia I_o about th
           W_{soil} = W_{wft} + m_o g \ \text{after a spin zero}.
 
 A zero taken with the wheel lifted has the outboard weight in it already, so that W_wft is the ground load; a spin zero
-takes the bridges' offsets only. The derivatives come from the filter at the rate of the time base,
-before any averaging: after it they would be too small.
+takes the bridges' offsets only. A determination of `wheelsoil zero` that was taken off the run says itself which of the
+two it is (`processing.transducer_zero`), whatever ``transducer.zero`` declares of the transducer's own zero.
+The derivatives come from the filter at the rate of the time base, before any averaging: after it they would be too
+small.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 from math import hypot, sqrt
+from typing import Literal
 
 from daq.config import VehicleConfig
 from processing.on_base import OnBase
@@ -21,7 +24,9 @@ from processing.on_base import OnBase
 STANDARD_GRAVITY_MPS2 = 9.80665
 
 
-def at_soil(roles: dict[str, OnBase], vehicle: VehicleConfig, kernel_s: float) -> dict[str, OnBase]:
+def at_soil(
+    roles: dict[str, OnBase], vehicle: VehicleConfig, kernel_s: float, zero: Literal["lifted", "spin", "none"]
+) -> dict[str, OnBase]:
     """Return the roles with drawbar pull, torque and load carried from the transducer to the soil.
 
     Parameters
@@ -29,9 +34,11 @@ def at_soil(roles: dict[str, OnBase], vehicle: VehicleConfig, kernel_s: float) -
     roles : mapping role -> OnBase
         With ``ground_speed`` and ``wheel_speed``, whose slopes are the accelerations.
     vehicle : VehicleConfig
-        Its declared outboard mass and inertia, and how the transducer was zeroed.
+        Its declared outboard mass and inertia.
     kernel_s : float
         Standard deviation of the filter's kernel: the noise of a derivative is that of the value over sqrt(2) kernel_s.
+    zero : "lifted", "spin" or "none"
+        What the zero of the vertical load holds: only after "spin" the outboard weight is missing from it.
     """
     wheel = vehicle.wheel
     if wheel is None:
@@ -45,7 +52,7 @@ def at_soil(roles: dict[str, OnBase], vehicle: VehicleConfig, kernel_s: float) -
             noise = abs(factor) * speed.facts.sigma / (sqrt(2.0) * kernel_s)
             facts = replace(roles[role].facts, sigma=hypot(roles[role].facts.sigma, noise))
             moved[role] = replace(roles[role], values=roles[role].values + factor * speed.slope, facts=facts)
-    if "vertical_load" in roles and vehicle.transducer.zero == "spin":
+    if "vertical_load" in roles and zero == "spin":
         load = roles["vertical_load"]
         moved["vertical_load"] = replace(load, values=load.values + wheel.outboard_mass_kg * STANDARD_GRAVITY_MPS2)
     return moved

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,6 +28,8 @@ from processing.options import NEEDED_ROLES, SLIP_ROLES, ProcessOptions, require
 from processing.outboard import at_soil
 from processing.processed_run import ProcessedRun
 from processing.timebase import FloatArray, make_time_base
+from processing.transducer_status import StatusGate
+from processing.transducer_zero.apply import RunZeros, ZeroRemoval
 from processing.wheel_frames import to_vehicle_axes
 
 Base = tuple[int, FloatArray]
@@ -38,6 +41,7 @@ def process(
     vehicle: VehicleConfig,
     run: RunInfo | None = None,
     options: ProcessOptions | None = None,
+    zeros: RunZeros | None = None,
 ) -> ProcessedRun:
     """Process one run whose channels are in memory.
 
@@ -49,15 +53,17 @@ def process(
         Needs ``[wheel]``.
     run : RunInfo, optional
     options : ProcessOptions, optional
+    zeros : RunZeros, optional
+        Of the transducer; taken off before rotation and filter.
 
     Raises
     ------
     ConfigError
-        A role that the purpose needs is missing, or ``[wheel]`` is.
+        A role that the purpose needs is missing, or ``[wheel]`` is, or a zero was taken in other axes.
     DataError
         Nothing was received of a needed role, the channels share no time, or the run is too short or absurdly long.
     """
-    return process_stream([channels], vehicle, run, options)
+    return process_stream([channels], vehicle, run, options, zeros)
 
 
 def process_stream(
@@ -65,6 +71,7 @@ def process_stream(
     vehicle: VehicleConfig,
     run: RunInfo | None = None,
     options: ProcessOptions | None = None,
+    zeros: RunZeros | None = None,
 ) -> ProcessedRun:
     """Process one run that comes in chunks, for recordings larger than memory; otherwise as `process`.
 
@@ -75,21 +82,25 @@ def process_stream(
     ----------
     chunks : iterable of mapping role -> Channel
         Consecutive in time; a role may be absent from a chunk.
-    vehicle, run, options
+    vehicle, run, options, zeros
         As in `process`.
     """
     options = options or ProcessOptions()
     wheel = _wheel(vehicle)
-    samples = _collect(chunks, vehicle, options)
+    gate, removal = StatusGate(round(1e9 / options.rate_hz)), ZeroRemoval(zeros or RunZeros(), vehicle)
+    samples = _collect(gate.without_distrusted(chunks), vehicle, options, removal, gate)
     clock, notes = _settle_gnss(samples, vehicle)
     notes += _drop_dead(samples, options)
     cutoff_hz, note = choose_cutoff({role: samples[role] for role in MODEL_ROLES if role in samples}, options)
     base = _time_base(samples, cutoff_hz, options)
-    roles = at_soil(_put_all(samples, base, cutoff_hz, options, vehicle), vehicle, kernel_sigma_s(cutoff_hz))
+    roles = gate.with_counts(removal.with_sigma(_put_all(samples, base, cutoff_hz, options, vehicle)))
+    roles = at_soil(roles, vehicle, kernel_sigma_s(cutoff_hz), removal.zero_of_load())
     latitude, longitude = _position(samples, base)
-    notes += [note] * bool(note)
+    notes += [note] * bool(note) + gate.notes() + removal.notes()
     material = Material(*base, cutoff_hz, roles, latitude, longitude, clock, tuple(notes))
-    return assemble(material, wheel.radius_m, run or RunInfo(), options)
+    processed = assemble(material, wheel.radius_m, run or RunInfo(), options)
+    quality = replace(processed.quality, zeros=removal.applied(), transducer_status=gate.words)
+    return replace(processed, quality=quality)
 
 
 def _wheel(vehicle: VehicleConfig) -> WheelSection:
@@ -101,14 +112,19 @@ def _wheel(vehicle: VehicleConfig) -> WheelSection:
 
 
 def _collect(
-    chunks: Iterable[Mapping[str, Channel]], vehicle: VehicleConfig, options: ProcessOptions
+    chunks: Iterable[Mapping[str, Channel]],
+    vehicle: VehicleConfig,
+    options: ProcessOptions,
+    removal: ZeroRemoval,
+    gate: StatusGate,
 ) -> dict[str, Samples]:
     seen: set[str] = set()
-    stream: Iterable[Mapping[str, Channel]] = ready(chunks, vehicle, seen)
     rotating = vehicle.transducer.frame == "wheel"
+    stream: Iterable[Mapping[str, Channel]] = ready(chunks, vehicle, seen, with_angle=rotating or removal.needs_angle)
+    stream = removal.removed(stream)
     if rotating:
         stream = to_vehicle_axes(stream, vehicle.transducer)
-    samples = collect(stream, round(1e9 / options.rate_hz))
+    samples = gate.marked(collect(stream, round(1e9 / options.rate_hz)), vehicle)
     require_roles(seen, options.purpose, rotating=rotating)
     needed = NEEDED_ROLES[options.purpose]
     empty = [role for role in needed if role not in samples or not len(samples[role].received_ns())]

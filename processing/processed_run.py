@@ -35,6 +35,7 @@ class Reason(IntEnum):
     FILTER_EDGE = 6
     NEGATIVE_LOAD = 7
     SLIP_OUT_OF_RANGE = 8
+    TRANSDUCER = 9
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,10 @@ class SensorFacts:
         One-sigma of one filtered sample, SI.
     sigma_source : str
         ``"declared"``, ``"estimated"`` from what the filter takes out, or ``"standstill"`` where that showed more.
+    distrusted : int
+        Samples left out because the transducer's status was not 0.
+    systematic_sigma : float
+        One-sigma of what a zero leaves uncertain, the same in every sample, SI; NaN where no zero was taken off.
     """
 
     samples: int
@@ -65,6 +70,8 @@ class SensorFacts:
     latency_s: float
     sigma: float
     sigma_source: str
+    distrusted: int = 0
+    systematic_sigma: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -87,6 +94,30 @@ class Standstill:
 
 
 @dataclass(frozen=True)
+class AppliedZero:
+    """The zero that was taken off a role, in SI and the transducer's own axes, in the middle of the run.
+
+    Attributes
+    ----------
+    offset, rotating : float
+        Stationary part; amplitude of the part that turns with the wheel (NaN where it was not seen).
+    systematic_sigma : float
+        See `SensorFacts`.
+    methods, recordings : tuple of str
+        Of the determination used, or of both that it was interpolated between.
+    ages_s : tuple of float
+        Start of the run less time of each determination.
+    """
+
+    offset: float
+    rotating: float
+    systematic_sigma: float
+    methods: tuple[str, ...]
+    recordings: tuple[str, ...]
+    ages_s: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class QualityReport:
     """What was kept, what was not, and what the sensors' clocks looked like.
 
@@ -105,6 +136,10 @@ class QualityReport:
         Sentences for people, e.g. "no standstill: zeros could not be checked".
     sensors : mapping role -> SensorFacts
     standstills : tuple of Standstill
+    zeros : mapping role -> AppliedZero
+        Empty where none was taken off.
+    transducer_status : mapping str -> int
+        Status samples that are not 0, by what the value table calls them.
     """
 
     shares: dict[str, float] = field(default_factory=dict)
@@ -116,6 +151,8 @@ class QualityReport:
     notes: tuple[str, ...] = ()
     sensors: dict[str, SensorFacts] = field(default_factory=dict)
     standstills: tuple[Standstill, ...] = ()
+    zeros: dict[str, AppliedZero] = field(default_factory=dict)
+    transducer_status: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

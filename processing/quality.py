@@ -43,16 +43,21 @@ def combine_reasons(
     of_channels = np.stack(list(channels))
     hold = {
         why: (of_channels == why).any(axis=0)
-        for why in (Reason.GAP, Reason.INVALID_FIX, Reason.NOT_MEASURED, Reason.FILTER_EDGE)
+        for why in (Reason.GAP, Reason.INVALID_FIX, Reason.TRANSDUCER, Reason.NOT_MEASURED, Reason.FILTER_EDGE)
     }
     hold[Reason.STANDSTILL] = segments == Segment.STANDSTILL
     hold[Reason.TOO_SLOW] = ~np.isfinite(slip)
     hold[Reason.NEGATIVE_LOAD] = vertical_load_n <= 0
     hold[Reason.SLIP_OUT_OF_RANGE] = np.abs(slip) > 1
     out = np.zeros(len(slip), np.uint8)
-    for why in sorted(hold, reverse=True):
+    for why in sorted(hold, key=_precedence, reverse=True):
         out[hold[why]] = why
     return out
+
+
+def _precedence(why: Reason) -> float:
+    """Return the place of a reason: that of its number, but the transducer's own word comes before what it causes."""
+    return Reason.INVALID_FIX + 0.5 if why is Reason.TRANSDUCER else float(why)
 
 
 def shares_of(reason: NDArray[np.uint8]) -> dict[str, float]:

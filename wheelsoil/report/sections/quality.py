@@ -23,6 +23,7 @@ _LOOKS = {
     Reason.FILTER_EDGE: ("edge of the filter", "#56B4E9", "-"),
     Reason.NEGATIVE_LOAD: ("negative load", "#F0E442", "+"),
     Reason.SLIP_OUT_OF_RANGE: ("slip out of range", "#009E73", "|"),
+    Reason.TRANSDUCER: ("transducer status", "#882255", "x"),
 }
 
 

@@ -1,0 +1,210 @@
+"""The zero taken off a stream of channels, at the transducer's own rate, before rotation and filter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from daq.channel import Channel
+from daq.config import VehicleConfig
+from daq.errors import ConfigError, Fault
+from daq.zero_file import ZERO_FILE, Determination
+from processing.on_base import OnBase
+from processing.processed_run import AppliedZero
+from processing.timebase import FloatArray, IntArray, in_order, merge_equal_stamps, seconds_since
+from processing.transducer_zero.choose import ROLE_QUANTITIES, RoleZero, choose, systematic_sigma
+from processing.transducer_zero.words import zero_notes
+from processing.wheel_frames import interpolate_angle
+
+_JOIN_NS = 5_000_000
+_OVERLAP_NS = 1_000_000_000
+"""Angles are kept so long, for forces that come a little later."""
+_PATIENCE_NS = 5_000_000_000
+"""How long the wheel angle may be away before forces stop waiting for it."""
+
+
+@dataclass(frozen=True)
+class RunZeros:
+    """What is known of the transducer's zero.
+
+    Attributes
+    ----------
+    determinations : tuple of Determination
+    source : str
+        Where they were read, for messages.
+    temperature_degc : float or None
+        Of the transducer during the run, where it is known.
+    """
+
+    determinations: tuple[Determination, ...] = ()
+    source: str = ZERO_FILE
+    temperature_degc: float | None = None
+
+
+class ZeroRemoval:
+    """Takes a + b cos psi + c sin psi off the transducer's roles.
+
+    Parameters
+    ----------
+    zeros : RunZeros
+        Without determinations nothing is taken off.
+    vehicle : VehicleConfig
+
+    Raises
+    ------
+    ConfigError
+        A zero was taken in other axes than vehicle.toml declares.
+    """
+
+    def __init__(self, zeros: RunZeros, vehicle: VehicleConfig) -> None:
+        frame = vehicle.transducer.frame
+        others = [one for one in zeros.determinations if one.frame != frame]
+        if others:
+            raise ConfigError(
+                Fault(
+                    f"the zero was taken in {others[0].frame} axes, and vehicle.toml says {frame} axes",
+                    f"{zeros.source}, {others[0].recording}",
+                    next_step="determine the zero with this vehicle.toml: wheelsoil zero",
+                )
+            )
+        self._zeros = zeros
+        self._vehicle = vehicle
+        self._chosen: dict[str, RoleZero] | None = None
+        self._span_ns = (0, 0)
+        self._held: dict[str, tuple[IntArray, FloatArray]] = {}
+        self._angle: tuple[IntArray, FloatArray] = (np.zeros(0, np.int64), np.zeros(0))
+        self._without_angle = 0
+
+    @property
+    def needs_angle(self) -> bool:
+        """Whether some zero has a rotating part, so that the wheel angle is wanted."""
+        return any(zero.cos is not None for one in self._zeros.determinations for zero in one.channels.values())
+
+    def removed(self, chunks: Iterable[Mapping[str, Channel]]) -> Iterator[dict[str, Channel]]:
+        """Yield the chunks with the zero taken off; latencies must be off the stamps already.
+
+        A force waits for the wheel angle of its instant; where there is none only the stationary part is taken off.
+        """
+        if not self._zeros.determinations:
+            yield from map(dict, chunks)
+            return
+        for chunk in chunks:
+            passed = dict(chunk)
+            self._begin(passed)
+            angle = passed.get("wheel_angle")
+            if angle is not None:
+                self._take_angle(angle)
+                if self._vehicle.transducer.frame == "vehicle":
+                    del passed["wheel_angle"]
+            for role, zero in (self._chosen or {}).items():
+                if role in passed and len(passed[role]):
+                    self._span_ns = (self._span_ns[0], int(passed[role].time_ns[-1]))
+                    passed[role] = self._taken(passed[role], zero, waits=angle is not None)
+            self._forget()
+            yield passed
+        yield {role: self._corrected(role, held, np.iinfo(np.int64).max) for role, held in list(self._held.items())}
+
+    def applied(self) -> dict[str, AppliedZero]:
+        """Return what was taken off each role."""
+        middle_ns = sum(self._span_ns) // 2
+        found = {}
+        for role, zero in (self._chosen or {}).items():
+            offset, cos, sin = zero.at(np.array([middle_ns]))[:, 0]
+            found[role] = AppliedZero(
+                offset=float(offset),
+                rotating=float(np.hypot(cos, sin)) if zero.turns else float("nan"),
+                systematic_sigma=systematic_sigma(role, self._chosen or {}, self._vehicle.transducer.frame, middle_ns),
+                methods=tuple(one.of.method for one in zero.used),
+                recordings=tuple(one.of.recording for one in zero.used),
+                ages_s=tuple((self._span_ns[0] - one.of.time_ns) * 1e-9 for one in zero.used),
+            )
+        return found
+
+    def with_sigma(self, roles: dict[str, OnBase]) -> dict[str, OnBase]:
+        """Return the roles with the systematic sigma in their facts."""
+        out = dict(roles)
+        for role, zero in self.applied().items():
+            if role in out:
+                facts = replace(out[role].facts, systematic_sigma=zero.systematic_sigma)
+                out[role] = replace(out[role], facts=facts)
+        return out
+
+    def zero_of_load(self) -> Literal["lifted", "spin", "none"]:
+        """Return what the zero of the vertical load means now, in the words of ``transducer.zero``."""
+        load = (self._chosen or {}).get("vertical_load")
+        if load is None:
+            return self._vehicle.transducer.zero
+        return "lifted" if load.first.of.holds_outboard_weight else "spin"
+
+    def notes(self) -> list[str]:
+        """Return sentences on what was taken off and how far it can be trusted."""
+        if not self._zeros.determinations:
+            return []
+        return zero_notes(
+            self._chosen or {},
+            [role for role in ROLE_QUANTITIES if role in self._vehicle.signals],
+            self._span_ns,
+            self._zeros.source,
+            self._zeros.temperature_degc,
+            self._without_angle,
+        )
+
+    def _begin(self, chunk: dict[str, Channel]) -> None:
+        if self._chosen is not None:
+            return
+        starts = [int(chunk[role].time_ns[0]) for role in ROLE_QUANTITIES if role in chunk and len(chunk[role])]
+        if starts:
+            self._span_ns = (min(starts), min(starts))
+            self._chosen = choose(self._zeros.determinations, self._vehicle, min(starts))
+
+    def _take_angle(self, angle: Channel) -> None:
+        known = np.isfinite(angle.values)
+        time_ns = np.concatenate([self._angle[0], angle.time_ns[known]])
+        values = np.concatenate([self._angle[1], angle.values[known]])
+        keep = in_order(time_ns)
+        self._angle = (time_ns[keep], values[keep])
+
+    def _forget(self) -> None:
+        """Drop the angles that no held force needs any more, but for the last before them."""
+        time_ns, values = self._angle
+        firsts = [int(stamps[0]) for stamps, _ in self._held.values() if len(stamps)]
+        keep_ns = min(firsts, default=int(time_ns[-1]) if len(time_ns) else 0) - _OVERLAP_NS
+        keep = time_ns >= keep_ns
+        self._angle = (time_ns[keep], values[keep])
+
+    def _taken(self, channel: Channel, zero: RoleZero, *, waits: bool) -> Channel:
+        """Return what is ready of a channel, and hold the rest."""
+        if not (zero.turns and waits):
+            return self._corrected(channel.name, (channel.time_ns, channel.values), np.iinfo(np.int64).max)
+        held = self._held.get(channel.name, (channel.time_ns[:0], channel.values[:0]))
+        joined = (np.concatenate([held[0], channel.time_ns]), np.concatenate([held[1], channel.values]))
+        newest = int(self._angle[0][-1]) if len(self._angle[0]) else 0
+        return self._corrected(channel.name, joined, max(newest, int(joined[0][-1]) - _PATIENCE_NS))
+
+    def _corrected(self, role: str, pair: tuple[IntArray, FloatArray], until_ns: int) -> Channel:
+        time_ns, values = pair
+        ready = time_ns <= until_ns
+        self._held[role] = (time_ns[~ready], values[~ready])
+        time_ns, values = time_ns[ready], values[ready]
+        zero = (self._chosen or {})[role]
+        offset, cos, sin = zero.at(time_ns)
+        taken = offset
+        if zero.turns and len(time_ns):
+            psi = self._psi(time_ns, zero.first.of)
+            self._without_angle += int(np.sum(~np.isfinite(psi)))
+            taken = offset + np.nan_to_num(cos * np.cos(psi) + sin * np.sin(psi))
+        return Channel(role, "Nm" if role == "driving_torque" else "N", time_ns, values - taken)
+
+    def _psi(self, time_ns: IntArray, one: Determination) -> FloatArray:
+        """Return psi as the determination counted it; NaN where the angle is not known."""
+        stamps, reading = merge_equal_stamps(*self._angle)
+        if not len(stamps):
+            return np.full(len(time_ns), np.nan)
+        origin_ns = int(stamps[0])
+        at = seconds_since(stamps, origin_ns)
+        usual = float(np.median(np.diff(at))) if len(at) > 1 else 0.0
+        angle = interpolate_angle(seconds_since(time_ns, origin_ns), at, reading, max(1.75 * usual, _JOIN_NS * 1e-9))
+        return np.asarray(one.angle_direction * (angle - np.radians(one.angle_offset_deg)))

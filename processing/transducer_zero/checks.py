@@ -1,0 +1,100 @@
+"""What a spin says of the outboard mass and of the wheel angle's zero, against what vehicle.toml declares."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import atan2, degrees, hypot
+
+from daq.config import VehicleConfig
+from daq.zero_file import ChannelZero
+from processing.outboard import STANDARD_GRAVITY_MPS2
+
+_GAIN = 0.01
+"""How well the gain of a transducer is known, about: the weight cannot tell the mass better."""
+_LEAST_MASS_SIGMAS = 5.0
+_NOTABLE_SIGMAS = 3.0
+_LEAST_ANGLE_DEG = 0.1
+
+
+@dataclass(frozen=True)
+class WeightCheck:
+    """What the outboard weight looks like.
+
+    Attributes
+    ----------
+    mass_kg, mass_sigma_kg, declared_kg : float
+    angle_error_deg, angle_error_sigma_deg : float
+        psi as counted less the true one, by the direction of the weight; NaN where the weight is too small.
+    remarks : tuple of str
+    """
+
+    mass_kg: float
+    mass_sigma_kg: float
+    declared_kg: float
+    angle_error_deg: float
+    angle_error_sigma_deg: float
+    remarks: tuple[str, ...]
+
+
+def check_weight(forces: Mapping[str, tuple[ChannelZero, float]], vehicle: VehicleConfig) -> WeightCheck | None:
+    """Compare the weight that a spin shows with the declared one.
+
+    Parameters
+    ----------
+    forces : mapping role -> (zero, si_factor)
+        Of ``drawbar_pull`` and ``vertical_load``.
+    vehicle : VehicleConfig
+
+    Returns
+    -------
+    WeightCheck or None
+        None without both forces, without a rotating part, or where a transducer in vehicle axes was zeroed with the
+        wheel lifted: it does not feel the weight.
+    """
+    transducer = vehicle.transducer
+    if not {"drawbar_pull", "vertical_load"} <= set(forces) or any(zero.cos is None for zero, _ in forces.values()):
+        return None
+    if transducer.frame == "vehicle" and transducer.zero == "lifted":
+        return None
+    (x, to_x), (z, to_z) = forces["drawbar_pull"], forces["vertical_load"]
+    if transducer.frame == "vehicle":
+        down, across = -z.offset * to_z, -x.offset * to_x
+        sigma_down, sigma_across = z.offset_sigma * abs(to_z), x.offset_sigma * abs(to_x)
+    else:
+        side = -1.0 if transducer.side == "right" else 1.0
+        x_cos, x_sin = side * to_x * (x.cos or 0.0), side * to_x * (x.sin or 0.0)
+        z_cos, z_sin = to_z * (z.cos or 0.0), to_z * (z.sin or 0.0)
+        down, across = (x_sin - z_cos) / 2, -(x_cos + z_sin) / 2
+        sigma_down = hypot((x.rotating_sigma or 0.0) * to_x, (z.rotating_sigma or 0.0) * to_z) / 2
+        sigma_across = sigma_down
+    weight = hypot(down, across)
+    mass, mass_sigma = weight / STANDARD_GRAVITY_MPS2, sigma_down / STANDARD_GRAVITY_MPS2
+    seen = weight > _LEAST_MASS_SIGMAS * hypot(sigma_down, sigma_across)
+    angle = degrees(atan2(across, down)) if seen else float("nan")
+    angle_sigma = degrees(sigma_across / weight) if seen else float("nan")
+    declared = vehicle.wheel.outboard_mass_kg if vehicle.wheel else 0.0
+    if down < 0:
+        mass = -mass
+    remarks = _remarks(vehicle, (mass, mass_sigma, declared), (angle, angle_sigma))
+    return WeightCheck(mass, mass_sigma, declared, angle, angle_sigma, tuple(remarks))
+
+
+def _remarks(vehicle: VehicleConfig, masses: tuple[float, float, float], angles: tuple[float, float]) -> list[str]:
+    remarks = []
+    mass, sigma, declared = masses
+    if abs(mass - declared) > _NOTABLE_SIGMAS * hypot(sigma, _GAIN * declared):
+        remarks.append(
+            f"the outboard weight is that of {mass:.1f} +- {sigma:.1f} kg, and outboard_mass_kg is "
+            f"{declared:g}: weigh the parts, or check the transducer's zero and gain"
+        )
+    angle, angle_sigma = angles
+    if abs(angle) > max(_NOTABLE_SIGMAS * angle_sigma, _LEAST_ANGLE_DEG):
+        transducer = vehicle.transducer
+        if transducer.frame == "wheel":
+            better = transducer.angle_offset_deg + transducer.angle_direction * angle
+            cure = f"angle_offset_deg = {better:.2f} in place of {transducer.angle_offset_deg:g} would mend it"
+        else:
+            cure = "check the transducer's own angle offset, or the inclination of its frame"
+        remarks.append(f"the outboard weight points {angle:+.2f} +- {angle_sigma:.2f} deg off the vertical: {cure}")
+    return remarks

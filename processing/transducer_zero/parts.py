@@ -1,0 +1,152 @@
+"""Which part of a recording a zero can be taken from: steady revolutions, or a standstill, of a lifted wheel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import nan, pi
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.segments import runs_of
+from processing.timebase import FloatArray
+
+_FEWEST_REVOLUTIONS = 2
+_LONGEST_REVOLUTION_S = 30.0
+_STEADY_WITHIN, _STEADY_BETWEEN = 1.6, 0.06
+"""Slowest over quickest quarter of a revolution; change from one revolution to the next, as a share."""
+_BIN_S = 0.25
+_EDGE_BINS = 2
+_SHORTEST_STANDSTILL_S = 1.0
+_STILL_RAD = 0.02
+_STILL_RADPS = 0.05
+
+
+@dataclass(frozen=True)
+class Part:
+    """What is used of a recording.
+
+    Attributes
+    ----------
+    method : "spin" or "standstill"
+    start_s, stop_s : float
+    revolutions : int
+        Whole ones; 0 of a standstill.
+    speed : float64 array, shape (k,)
+        Polynomial of the angular speed in rad/s over the time since `start_s`, highest power first; empty of a
+        standstill.
+    angle_rad : float
+        psi of a standstill; NaN where not known.
+    """
+
+    method: Literal["spin", "standstill"]
+    start_s: float
+    stop_s: float
+    revolutions: int
+    speed: FloatArray
+    angle_rad: float = nan
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Load in vehicle axes and motion of the wheel; each with stamps of its own in s, SI.
+
+    `angle` and `speed` are None where the recording has no such signal.
+    """
+
+    load: tuple[FloatArray, FloatArray]
+    angle: tuple[FloatArray, FloatArray] | None
+    speed: tuple[FloatArray, FloatArray] | None
+
+
+def find_spin(motion: Motion, lifted_below_n: float) -> Part | None:
+    """Return the longest steady spin of a lifted wheel by whole revolutions, two at the least; None without one.
+
+    Parameters
+    ----------
+    motion : Motion
+        The angle unwrapped.
+    lifted_below_n : float
+        Largest mean load of a revolution, either sign.
+    """
+    if motion.angle is None or len(motion.angle[0]) < 2:
+        return None
+    quarter_s = _quarter_instants(*motion.angle)
+    if len(quarter_s) < 4 * _FEWEST_REVOLUTIONS + 1:
+        return None
+    turn_s = quarter_s[4:] - quarter_s[:-4]
+    quarters = np.lib.stride_tricks.sliding_window_view(np.diff(quarter_s), 4)
+    even = quarters.max(axis=1) < _STEADY_WITHIN * quarters.min(axis=1)
+    load = _means(*motion.load, quarter_s[:-4], quarter_s[4:])
+    good = even & _constant(turn_s) & (turn_s < _LONGEST_REVOLUTION_S) & (np.abs(load) < lifted_below_n)
+    stretches = [(start, (stop - start + 3) // 4) for start, stop in runs_of(good) if good[start]]
+    start, count = max(stretches, key=lambda pair: pair[1], default=(0, 0))
+    if count < _FEWEST_REVOLUTIONS:
+        return None
+    first, last = float(quarter_s[start]), float(quarter_s[start + 4 * count])
+    turns = slice(start, start + 4 * (count - 1) + 1)
+    middle_s = (quarter_s[:-4] + quarter_s[4:])[turns] / 2 - first
+    sense = 1.0 if motion.angle[1][-1] > motion.angle[1][0] else -1.0
+    speed = np.polyfit(middle_s, sense * 2 * pi / turn_s[turns], min(2, count - 1))
+    return Part("spin", first, last, int(count), np.asarray(speed))
+
+
+def find_standstill(motion: Motion, load_range_n: tuple[float, float]) -> Part | None:
+    """Return the longest standstill with a mean load (either sign) in a range; None where none lasts a second.
+
+    Without an angle the wheel's speed tells; without either, the wheel is taken to stand.
+    """
+    start_s, stop_s = float(motion.load[0][0]), float(motion.load[0][-1])
+    count = int((stop_s - start_s) / _BIN_S)
+    if count < 1:
+        return None
+    edges = np.asarray(start_s + _BIN_S * np.arange(count + 1), np.float64)
+    load = np.abs(_means(*motion.load, edges[:-1], edges[1:]))
+    good = _still(motion, edges) & (load >= load_range_n[0]) & (load < load_range_n[1])
+    found = [
+        (start + _EDGE_BINS * (start > 0), stop - _EDGE_BINS * (stop < count))
+        for start, stop in runs_of(good)
+        if good[start]
+    ]
+    first, last = max(found, key=lambda pair: pair[1] - pair[0], default=(0, 0))
+    if (last - first) * _BIN_S < _SHORTEST_STANDSTILL_S:
+        return None
+    angle = nan
+    if motion.angle is not None:
+        angle = float(_means(*motion.angle, edges[first : first + 1], edges[last : last + 1])[0])
+    return Part("standstill", float(edges[first]), float(edges[last]), 0, np.zeros(0), angle)
+
+
+def _quarter_instants(time_s: FloatArray, angle_rad: FloatArray) -> FloatArray:
+    """Return when the wheel had turned k quarters on, in its main sense; rocking back does not count."""
+    sense = 1.0 if angle_rad[-1] > angle_rad[0] else -1.0
+    turned = np.maximum.accumulate(sense * (angle_rad - angle_rad[0]))
+    new = np.flatnonzero(np.diff(turned, prepend=-1.0) > 0)
+    return np.interp(np.arange(int(turned[-1] / (pi / 2)) + 1) * pi / 2, turned[new], time_s[new])
+
+
+def _constant(turn_s: FloatArray) -> NDArray[np.bool_]:
+    """Return which revolutions take as long as the next one (the last: as the one before)."""
+    if len(turn_s) < 5:
+        return np.full(len(turn_s), True)
+    change = np.abs(turn_s[4:] / turn_s[:-4] - 1)
+    return np.concatenate([change, change[-4:]])[: len(turn_s)] < _STEADY_BETWEEN
+
+
+def _still(motion: Motion, edges: FloatArray) -> NDArray[np.bool_]:
+    if motion.angle is not None and len(motion.angle[0]) > 1:
+        angle = _means(*motion.angle, edges[:-1], edges[1:])
+        around = np.pad(angle, 4, mode="edge")
+        return np.asarray(np.abs(around[8:] - around[:-8]) < _STILL_RAD)
+    if motion.speed is not None:
+        return np.asarray(np.abs(_means(*motion.speed, edges[:-1], edges[1:])) < _STILL_RADPS)
+    return np.full(len(edges) - 1, True)
+
+
+def _means(time_s: FloatArray, values: FloatArray, from_s: FloatArray, to_s: FloatArray) -> FloatArray:
+    """Return the mean of the samples in each span; NaN where there is none."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    first, last = np.searchsorted(time_s, from_s), np.searchsorted(time_s, to_s)
+    count = last - first
+    return np.where(count > 0, (total[last] - total[first]) / np.maximum(count, 1), nan)

@@ -1,0 +1,62 @@
+"""Samples that the transducer itself distrusts."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from synthetic_run import START_NS, channel, forces, speeds, stamps, vehicle
+
+from daq.channel import Channel
+from processing.options import ProcessOptions
+from processing.pipeline import process, process_stream
+from processing.processed_run import ProcessedRun, Reason
+
+LABELS = {0: "Ok", 2: "Overrange", 15: "Fault"}
+
+
+def _run(status: np.ndarray, chunks: int = 1, purpose: str = "process") -> ProcessedRun:  # type: ignore[type-arg]
+    at = stamps(20.0, 1000.0)
+    made = speeds(20.0) | forces(20.0)
+    spoilt = np.where(status != 0, 32_000.0, made["drawbar_pull"].values)
+    made["drawbar_pull"] = channel("drawbar_pull", at, spoilt)
+    raw = channel("transducer_status", at, status)
+    made["transducer_status"] = Channel(raw.name, "", raw.time_ns, raw.values, LABELS)
+    if chunks == 1:
+        return process(made, vehicle(), options=ProcessOptions(purpose=purpose))
+    edges = START_NS + np.linspace(0, 20e9, chunks + 1).astype(np.int64)
+    pieces = []
+    for start, stop in pairwise(edges.tolist()):
+        rows = {role: (c.time_ns >= start) & (c.time_ns < stop) for role, c in made.items()}
+        pieces.append({r: Channel(r, c.unit, c.time_ns[rows[r]], c.values[rows[r]], c.labels) for r, c in made.items()})
+    return process_stream(pieces, vehicle())
+
+
+@pytest.mark.parametrize("chunks", [1, 7])
+def test_distrusted_samples_are_left_out_for_a_reason_of_their_own(chunks: int) -> None:
+    at = stamps(20.0, 1000.0)
+    status = np.zeros(len(at))
+    status[(at >= 8.0) & (at < 9.5)] = 2
+    status[(at >= 9.5) & (at < 10.0)] = 15
+    status[12_345] = 2  # one alone is bridged like any missing sample
+    run = _run(status, chunks)
+    left_out = run.reason == Reason.TRANSDUCER
+    assert left_out[(run.time_s > 8.2) & (run.time_s < 9.8)].all()
+    assert not left_out[(run.time_s < 7.9) | (run.time_s > 10.1)].any()
+    assert run.quality.transducer_status == {"Overrange": 1501, "Fault": 500}
+    assert run.quality.sensors["drawbar_pull"].distrusted == 2001
+    assert any("Overrange 1,501, Fault 500" in note for note in run.quality.notes)
+    assert np.abs(run.drawbar_pull_n[run.used]).max() < 950
+    assert run.quality.shares["TRANSDUCER"] == pytest.approx(2.0 / 20.0, rel=0.1)
+
+
+def test_a_transducer_that_trusts_itself_leaves_no_trace() -> None:
+    run = _run(np.zeros(20_000))
+    assert not run.quality.transducer_status
+    assert "TRANSDUCER" not in run.quality.shares
+
+
+def test_a_transducer_that_never_trusts_itself_leaves_nothing() -> None:
+    run = _run(np.full(20_000, 15.0), purpose="fit")
+    assert not run.used.any()
+    assert run.quality.shares["TRANSDUCER"] > 0.9
+    assert np.isnan(run.drawbar_pull_n).all()
