@@ -144,6 +144,12 @@ class HostClock:
             self._last_seen = before
         return after
 
+    def realtime_at_ns(self, monotonic: IntArray) -> IntArray:
+        """Return what CLOCK_REALTIME was at monotonic times, as far as the clock has been observed."""
+        known = self._offsets[:]
+        held = np.searchsorted([one.seen_ns for one in known[1:]], monotonic, side="right")
+        return np.asarray(monotonic + np.array([one.offset_ns for one in known])[held])
+
     def rebase(self) -> int:
         """Move file time onto the clock as it is now set; returns by how many ns.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from daq.adapter_clock import AdapterClock
 from daq.can_source import SourceCounters
 from daq.config import BusSection
 from daq.errors import ConfigError, Fault, HardwareError, nearest
@@ -86,9 +87,14 @@ class PythonCanSource:
         self._bus = open_bus(bus)
         self._open = True
         self.name = bus.channel
-        self.remarks: tuple[str, ...] = (f"{bus.interface} does not report frames that it loses",)
+        self._clock = AdapterClock(bus.interface or "socketcan")
         self._received = 0
         self._errors = 0
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """See `daq.can_source.Source`; what is to say of the stamps is known when the first frames are there."""
+        return (f"{self._clock.interface} does not report frames that it loses", *self._clock.remarks)
 
     @property
     def counters(self) -> SourceCounters:
@@ -100,15 +106,18 @@ class PythonCanSource:
         import can
 
         messages: list[can.Message] = []
+        arrived_ns: list[int] = []
         wait_s = timeout_s
         try:
             while len(messages) < _MOST_AT_ONCE and (message := self._bus.recv(wait_s)) is not None:
+                arrived_ns.append(self._clock.arrived_ns())
                 messages.append(message)
                 wait_s = 0.0
         except (can.CanError, *_DRIVER_ERRORS) as error:
             raise HardwareError(_gone(self.name, error)) from None
-        times = [round(message.timestamp * 1e6) * 1000 for message in messages]
-        frames = frames_from_messages(messages, times, lambda _: 0)
+        stamps = [round((message.timestamp or 0.0) * 1e6) * 1000 for message in messages]
+        times = self._clock.realtime_ns(np.array(stamps, np.int64), np.array(arrived_ns, np.int64))
+        frames = frames_from_messages(messages, times.tolist(), lambda _: 0)
         self._received += len(frames)
         self._errors += int(np.count_nonzero(frames["flags"] & FrameFlag.ERROR))
         return FrameBatch(frames, (self.name,))
