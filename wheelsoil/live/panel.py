@@ -23,6 +23,8 @@ RESTART_S = 5.0
 
 _GOODBYE_S = 2.0
 _MOST_COMMANDS = 32
+_COMMANDS_BYTES = 8192
+"""What may wait for a logger that does not listen: few enough that none is done long after it was asked for."""
 _HOME = Path(__file__).resolve().parents[2]
 
 
@@ -71,8 +73,8 @@ class PagePanel:
         self.dropped = self.starts = 0
         self.pid: int | None = None
         self._ours, self._theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        for end in (self._ours, self._theirs):
-            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, LARGEST_BYTES)
+        for end, size in ((self._ours, LARGEST_BYTES), (self._theirs, _COMMANDS_BYTES)):
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, size)
             end.setblocking(False)
         settings = {"vehicle": vehicle, "token": self.token, "host": host, "bound": bound, "logger": os.getpid()}
         self._settings = json.dumps(settings).encode()

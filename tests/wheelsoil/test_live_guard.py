@@ -1,0 +1,165 @@
+"""Who may see the page's data and press its buttons: real requests to a running page."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from urllib.parse import urlsplit
+
+import pytest
+from live_client import PATIENCE_S, ask, command, page, until
+
+from wheelsoil.live.guard import LARGEST_BODY_BYTES, Rules
+from wheelsoil.live.panel import PagePanel
+
+TOKEN = "a-token-of-the-test"
+MARK = {"kind": "mark", "text": ""}
+
+
+@pytest.fixture(scope="module")
+def local() -> Iterator[PagePanel]:
+    with page() as panel:
+        yield panel
+
+
+@pytest.fixture(scope="module")
+def closed() -> Iterator[PagePanel]:
+    """A page that everybody can reach and that needs its token."""
+    with page("0.0.0.0", TOKEN) as panel:
+        yield panel
+
+
+@pytest.fixture(autouse=True)
+def _nothing_waits(local: PagePanel, closed: PagePanel) -> Iterator[None]:
+    yield
+    for panel in (local, closed):
+        while panel.commands():
+            pass
+
+
+@pytest.mark.parametrize(
+    "given", ["", "Bearer", "Bearer wrong", f"Basic {TOKEN}", f"Bearer {TOKEN}x", f"bearer {TOKEN}"]
+)
+def test_without_the_token_neither_data_nor_action(closed: PagePanel, given: str) -> None:
+    headers = {"Authorization": given} if given else {}
+    answer = ask(closed, "GET", "/events", headers=headers)
+    assert answer.status == 401 and "a tractor" not in answer.text  # type: ignore[attr-defined]
+    assert command(closed, MARK, Authorization=given) == 401
+    assert closed.commands() == []
+
+
+def test_the_empty_page_needs_no_token_and_tells_nothing(closed: PagePanel) -> None:
+    for path in ("/", "/page.css", "/page.js", "/plot.js", "/connection.js", "/commands.js", "/icon.svg"):
+        answer = ask(closed, "GET", path)
+        assert answer.status == 200
+        assert "tractor" not in answer.text and TOKEN not in answer.text  # type: ignore[attr-defined]
+
+
+def test_the_token_opens(closed: PagePanel) -> None:
+    assert command(closed, MARK) == 202
+    assert until(closed.commands, "the mark")
+
+
+def test_the_token_in_the_address_is_no_token(closed: PagePanel) -> None:
+    assert ask(closed, "GET", f"/events?token={TOKEN}").status == 401
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example", "localhost.evil.example", "192.0.2.7", ""])
+def test_another_name_for_this_machine_is_refused(local: PagePanel, host: str) -> None:
+    for path in ("/", "/events"):
+        assert ask(local, "GET", path, headers={"Host": f"{host}:{local.port}"}).status == 421
+    assert command(local, MARK, Host=f"{host}:{local.port}", Origin=f"http://{host}:{local.port}") == 421
+    assert local.commands() == []
+
+
+@pytest.mark.parametrize("host", ["localhost", "LOCALHOST", "127.0.0.1", "[::1]", "localhost."])
+def test_this_machines_own_names_are_taken_whatever_the_port(local: PagePanel, host: str) -> None:
+    for name in (f"{host}:{local.port}", f"{host}:9000", host):  # a forwarded port is another one
+        assert ask(local, "GET", "/", headers={"Host": name}).status == 200
+        assert command(local, MARK, Host=name, Origin=f"http://{name}") == 202
+
+
+def test_over_the_network_addresses_and_own_names_are_taken_and_no_others(closed: PagePanel) -> None:
+    for host in ("10.42.0.1", "[fe80::1]", "logger.local", socket.gethostname()):
+        assert ask(closed, "GET", "/", headers={"Host": f"{host}:{closed.port}"}).status == 200, host
+    for host in ("evil.example", "local.evil.example", "10.42.0.1.evil.example"):
+        assert ask(closed, "GET", "/", headers={"Host": f"{host}:{closed.port}"}).status == 421, host
+
+
+def test_a_page_told_to_listen_on_a_name_answers_to_it() -> None:
+    assert Rules.of("Logger.Lan", "10.42.0.1", TOKEN).knows_host("logger.lan:8137")
+
+
+def test_two_host_headers_are_refused(local: PagePanel) -> None:
+    request = f"GET /events HTTP/1.1\r\nHost: 127.0.0.1:{local.port}\r\nHost: evil.example\r\n\r\n"
+    with socket.create_connection(("127.0.0.1", local.port), timeout=PATIENCE_S) as raw:
+        raw.sendall(request.encode())
+        assert raw.recv(4096).split()[1] in (b"400", b"421")
+
+
+@pytest.mark.parametrize(
+    "origin",
+    ["", "null", "http://evil.example", "http://127.0.0.1", "http://localhost:1", "file://", "http://127.0.0.1:"],
+)
+def test_a_button_on_another_sites_page_does_nothing(local: PagePanel, origin: str) -> None:
+    assert command(local, MARK, Origin=origin) == 403
+    assert local.commands() == []
+
+
+def test_another_site_does_not_read_the_stream(local: PagePanel) -> None:
+    answer = ask(local, "GET", "/events", headers={"Origin": "http://evil.example"})
+    assert answer.status == 403 and "access-control-allow-origin" not in answer.headers
+
+
+def test_a_preflight_gets_no_leave(local: PagePanel) -> None:
+    asked = {"Origin": "http://evil.example", "Access-Control-Request-Method": "POST"}
+    answer = ask(local, "OPTIONS", "/command", headers=asked)
+    assert answer.status == 403 and not [name for name in answer.headers if name.startswith("access-control")]
+
+
+@pytest.mark.parametrize("kind", ["", "text/plain", "application/x-www-form-urlencoded", "multipart/form-data"])
+def test_a_form_of_another_site_is_no_command(local: PagePanel, kind: str) -> None:
+    assert command(local, MARK, Content_Type=kind) == 415
+    assert local.commands() == []
+
+
+def test_a_body_is_small_and_its_size_stated(local: PagePanel) -> None:
+    assert command(local, b" " * (LARGEST_BODY_BYTES + 1)) == 413
+    request = (
+        f"POST /command HTTP/1.1\r\nHost: 127.0.0.1:{local.port}\r\nOrigin: http://127.0.0.1:{local.port}\r\n"
+        "Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n"
+    )
+    with socket.create_connection(("127.0.0.1", local.port), timeout=PATIENCE_S) as raw:
+        raw.sendall(request.encode())
+        assert raw.recv(4096).split()[1] == b"411"
+
+
+@pytest.mark.parametrize("path", ["/", "/events", "/nothing", "/../../etc/passwd", "/static/page.html"])
+def test_every_answer_tells_the_browser_what_it_may_do(closed: PagePanel, path: str) -> None:
+    answer = ask(closed, "GET", path)
+    policy = dict(part.strip().split(" ", 1) for part in answer.headers["content-security-policy"].split(";"))
+    assert policy["default-src"] == "'none'" and policy["frame-ancestors"] == "'none'"
+    assert set(policy.values()) <= {"'none'", "'self'"}
+    assert answer.headers["x-frame-options"] == "DENY"
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert answer.headers["referrer-policy"] == "no-referrer"
+    assert answer.headers["cache-control"] == "no-store"
+    assert "server" not in answer.headers
+
+
+@pytest.mark.parametrize(("method", "path"), [("GET", "/command"), ("POST", "/events"), ("PUT", "/command")])
+def test_other_methods_are_refused(local: PagePanel, method: str, path: str) -> None:
+    headers = {"Origin": f"http://127.0.0.1:{local.port}", "Content-Type": "application/json"}
+    assert ask(local, method, path, b"{}", headers).status == 405
+
+
+def test_nothing_is_loaded_from_elsewhere(local: PagePanel) -> None:
+    for path in ("/", "/page.css", "/page.js", "/plot.js", "/connection.js", "/commands.js"):
+        text = ask(local, "GET", path).text  # type: ignore[attr-defined]
+        assert "http://" not in text and "https://" not in text
+        assert not [line for line in text.splitlines() if "url(" in line or "@import" in line]
+
+
+def test_the_address_carries_the_token_where_no_server_sees_it(closed: PagePanel) -> None:
+    url = urlsplit(closed.address)
+    assert url.fragment == TOKEN and TOKEN not in url.path + url.query
