@@ -71,7 +71,7 @@ class RunRecording:
         if not opened:
             raise faults.get(own, next(iter(faults.values())))
         if own in opened and not _belongs(opened[own], own, None):
-            return cls([opened[own]])
+            return cls([opened[own]], _renamed(opened[own]))
         run_id = _run_id(opened[own] if own in opened else next(iter(opened.values())))
         parts = {number: part for number, part in opened.items() if _belongs(part, number, run_id)}
         missing = [Loss(f"{files[number].name}: {error.faults[0].what}", 0, 0) for number, error in faults.items()]
@@ -273,8 +273,15 @@ def _gaps(first: Path, parts: Mapping[int, Recording], unreadable: Collection[in
     """Return the parts that are not there although a later one is, or an earlier one names them."""
     there = {*parts, *unreadable}
     gaps = [Loss(f"{part_path(first, n).name} is missing", 0, 0) for n in range(1, max(there)) if n not in there]
+    gaps += _renamed(parts[1]) if 1 in parts else []
     last = parts[max(parts)]
     following = last.metadata.get(RUN_END, {}).get("continued_in")
     if following and max(there) == max(parts):
         gaps.append(Loss(f"{following} is missing, in which the run goes on", 0, 0))
     return gaps
+
+
+def _renamed(part: Recording) -> list[Loss]:
+    """Return what comes before a part that does not have a part's name any more."""
+    before = part.metadata.get(RUN_START, {}).get("continues")
+    return [Loss(f"{before} is missing, which {part.path.name} continues", 0, 0)] if before else []

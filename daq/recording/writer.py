@@ -90,6 +90,8 @@ class RecordingWriter:
             for name, data in (attachments or {}).items():
                 self._sink.attach(name, data)
             self.add_metadata(RUN_START, started)
+            if sync_every_s is not None:
+                self._sink.sync()
         except BaseException:
             self._sink.give_up()
             raise

@@ -1,0 +1,54 @@
+"""A recording cut off anywhere in its last 64 KiB: no exception, every whole chunk back, the loss told."""
+
+from __future__ import annotations
+
+import itertools
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recording_cuts import TAIL_BYTES, check_cut, check_cuts, truth_of, write_everything
+
+from daq.recording import Recording
+
+_PROCESSES = 2
+_PIECES = 16
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("whole") / "run.mcap"
+    write_everything(path)
+    assert path.stat().st_size > TAIL_BYTES
+    assert Recording.open(path).loss == ()
+    return path
+
+
+def test_cut_at_500_places(whole, tmp_path):
+    truth, data = truth_of(whole), whole.read_bytes()
+    assert len(truth.events) == 14
+    rng = np.random.default_rng(11)
+    cut_path = tmp_path / "cut.mcap"
+    for size in rng.choice(np.arange(len(data) - TAIL_BYTES, len(data)), 500, replace=False).tolist():
+        cut_path.write_bytes(data[:size])
+        check_cut(cut_path, size, truth)
+
+
+def test_a_file_without_a_chunk(whole, tmp_path):
+    truth, data = truth_of(whole), whole.read_bytes()
+    cut_path = tmp_path / "cut.mcap"
+    for size in [*range(64), *range(64, truth.ends[0] + 50, 37)]:
+        cut_path.write_bytes(data[:size])
+        check_cut(cut_path, size, truth)
+
+
+@pytest.mark.slow
+def test_cut_at_every_byte(whole, tmp_path):
+    truth, size = truth_of(whole), whole.stat().st_size
+    edges = np.linspace(size - TAIL_BYTES, size, _PIECES + 1).astype(int).tolist()
+    pieces = [range(low, high) for low, high in itertools.pairwise(edges)]
+    with ProcessPoolExecutor(_PROCESSES, mp_context=multiprocessing.get_context("spawn")) as pool:
+        checked = [pool.submit(check_cuts, whole, tmp_path, truth, piece) for piece in pieces]
+        assert sum(one.result() for one in checked) == TAIL_BYTES
