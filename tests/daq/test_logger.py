@@ -4,57 +4,23 @@ from __future__ import annotations
 
 import json
 import os
-import queue
 import signal
 import subprocess
 import sys
-import threading
 import time
-import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from frames_support import content, some_frames
+from logger_support import Recorder, virtual_bus
 
-from daq import logger as logger_module
-from daq.can_source import Sink, SourceCounters, open_sink, open_source
+from daq.can_source import Sink, open_sink
 from daq.config import BusSection, VehicleConfig
-from daq.errors import ConfigError, Fault, HardwareError
-from daq.frames import FrameBatch
-from daq.logger import LogSummary, log
+from daq.errors import ConfigError, HardwareError
+from daq.logger import log
 from daq.recording import Recording
-
-
-def virtual_bus() -> BusSection:
-    return BusSection(channel=f"bus-{uuid.uuid4().hex}", interface="virtual", fd=True)
-
-
-class Recorder:
-    """`log` in a thread, started when its sources are open."""
-
-    def __init__(self, vehicle: VehicleConfig, out: Path, duration_s: float | None = None) -> None:
-        self.stop = threading.Event()
-        self._ready = threading.Event()
-        self._result: queue.Queue[LogSummary | HardwareError] = queue.Queue()
-        self._thread = threading.Thread(target=self._run, args=(vehicle, out, duration_s))
-        self._thread.start()
-        assert self._ready.wait(30)
-
-    def _run(self, vehicle: VehicleConfig, out: Path, duration_s: float | None) -> None:
-        try:
-            progress = lambda _: self._ready.set()  # noqa: E731
-            self._result.put(log(vehicle, out, duration_s=duration_s, stop=self.stop, progress=progress))
-        except HardwareError as error:
-            self._result.put(error)
-
-    def end(self) -> LogSummary:
-        self.stop.set()
-        self._thread.join(20)
-        result = self._result.get(timeout=1)
-        assert isinstance(result, LogSummary), result
-        return result
 
 
 @pytest.fixture
@@ -139,58 +105,6 @@ bus.shutdown()
     assert recording.loss == ()
     assert recording.metadata["run_end"]["exit_status"] == "interrupted"
     assert 5 < len(recording.frames()) == count
-
-
-class FailingSource:
-    """A source that hands out frames and then loses its interface, for what no software bus can do."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.remarks: tuple[str, ...] = ()
-        self._left = 3
-        self.closed = False
-
-    @property
-    def counters(self) -> SourceCounters:
-        return SourceCounters(received=3 - self._left, dropped=7, error_frames=0, buffer_bytes=None)
-
-    def read(self, timeout_s: float) -> FrameBatch:
-        if not self._left:
-            raise HardwareError(Fault("the interface is down", f"bus {self.name}"))
-        self._left -= 1
-        return some_frames(np.random.default_rng(self._left), 1, buses=(self.name,))
-
-    def close(self) -> None:
-        self.closed = True
-
-
-def test_a_bus_that_fails_does_not_end_the_others(
-    tmp_path: Path, sinks: list[Sink], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    good = virtual_bus()
-    failing = FailingSource("broken")
-    real = open_source
-    monkeypatch.setattr(logger_module, "open_source", lambda bus: failing if bus.channel == "broken" else real(bus))
-    recorder = Recorder(VehicleConfig(bus=(BusSection(channel="broken"), good)), tmp_path)
-    time.sleep(0.3)
-    sinks.append(open_sink(good))
-    sinks[0].send(some_frames(np.random.default_rng(1), 10).frames, 1.0)
-    time.sleep(0.3)
-    summary = recorder.end()
-    assert summary.frames == {"broken": 3, good.channel: 10}
-    assert [fault.what for fault in summary.faults] == ["the interface is down"]
-    assert summary.ended_by == "stop"
-    assert summary.drops == {"broken": 7}
-    assert Recording.open(summary.path).metadata["run_end"]["drops.broken"] == "7"
-    assert failing.closed
-
-
-def test_without_any_bus_left_it_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(logger_module, "open_source", lambda bus: FailingSource(bus.channel))
-    summary = log(VehicleConfig(bus=(BusSection(channel="broken"),)), tmp_path)
-    assert summary.ended_by == "fault"
-    assert summary.frames == {"broken": 3}
-    assert Recording.open(summary.path).metadata["run_end"]["exit_status"] == "failed"
 
 
 def test_what_cannot_be_opened_is_told_at_once_and_nothing_is_written(tmp_path: Path) -> None:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq.errors import DataError, Fault, HardwareError
+from daq.errors import ConfigError, DataError, Fault, HardwareError
 from wheelsoil.cli.options import (
     AddedLoad,
     Direction,
@@ -24,14 +25,15 @@ from wheelsoil.cli.options import (
     run_info,
 )
 from wheelsoil.cli.talk import print_facts, print_json, say
-from wheelsoil.names import file_name
 
 if TYPE_CHECKING:
-    from daq.can_source import SourceCounters
     from daq.config import VehicleConfig
-    from daq.logger import LogSummary, Progress
+    from daq.logger import LogStatus, LogSummary, Progress
+    from daq.panel import Panel
 
 _SIGNAL_EXIT = 128
+_PAGE_PORT = 8100
+_TOKEN_VARIABLE = "WHEELSOIL_PAGE_TOKEN"
 
 
 def command(
@@ -39,11 +41,12 @@ def command(
         Path, typer.Argument(metavar="VEHICLE.toml", help="Names the buses, their interfaces and DBCs.")
     ],
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="PATH", help="Folder for the recording, or its name (*.mcap).")
+        Path, typer.Option("--out", "-o", metavar="PATH", help="Folder for the recordings, or a name (*.mcap).")
     ] = Path(),
     duration: Annotated[
         float | None, typer.Option(min=0.0, metavar="S", help="How long (default: until Ctrl-C).")
     ] = None,
+    wait: Annotated[bool, typer.Option("--wait", help="Begin no run until the status page starts one.")] = False,
     terrain: Terrain = None,
     run_id: RunId = None,
     direction: DirectionOption = Direction.out,
@@ -52,12 +55,26 @@ def command(
     inflation: Inflation = None,
     lenient_dbc: LenientDbc = False,
     view: Annotated[bool, typer.Option(help="Write decoded topics beside the raw frames.")] = True,
+    page: Annotated[bool, typer.Option(help="Show a status page.")] = True,
+    page_host: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Where it listens; beyond this machine it asks for a token.")
+    ] = "127.0.0.1",
+    page_port: Annotated[
+        int | None, typer.Option(min=0, max=65535, metavar="N", help=f"Its port (default: {_PAGE_PORT}).")
+    ] = None,
+    page_token_file: Annotated[
+        Path | None, typer.Option(metavar="FILE", help=f"Holds its token (or: environment {_TOKEN_VARIABLE}).")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Record the vehicle's buses until the time is up or Ctrl-C; the recording is closed in either case.
 
-    Ctrl-C ends with exit code 130, and nothing is lost by it. A bus that fails on the way ends with 4, one that was
-    silent all the time with 1.
+    A bus that fails or is silent never ends it, and is opened again. A run that was cut off less than ten minutes
+    ago goes on in a new file. Limits are in vehicle.toml, [logger].
+
+    Exit codes: 0 ok; 1 a bus was silent all the time; 2 usage or configuration; 3 the recording is there already;
+    4 a bus was down at the end, the disk is full, no such interface, another logger in the folder, the page's port
+    is taken; 130 Ctrl-C, 143 SIGTERM (nothing is lost by either).
     """
     from daq.logger import log
     from daq.run import LENIENT_KEY
@@ -65,48 +82,52 @@ def command(
 
     known = configuration(vehicle, terrain, lenient_dbc=lenient_dbc)
     assert known.vehicle is not None
-    target = out / f"{file_name(run_id)}.mcap" if run_id and out.suffix.lower() != ".mcap" else out
-    named = target.suffix.lower() == ".mcap"
-    name = run_id or (
-        target.stem if named else ""
-    )  # else the recording is named after vehicle and time, and so is the run
-    info = run_info(target.name if named else "", name, direction, pass_number, added_load, inflation)
-    if named:
-        target.parent.mkdir(parents=True, exist_ok=True)
-    with _status() as progress:
+    info = run_info("", run_id or "", direction, pass_number, added_load, inflation)
+    token = _token(page_token_file)
+    with _page(page, page_host, page_port, token, known.vehicle.vehicle.name) as panel, _status() as progress:
         summary = log(
             known.vehicle,
-            target,
+            out,
             duration_s=duration,
             run=info,
+            wait=wait,
             attachments=known.attachments,
-            databases=known.databases if view else None,
+            databases=known.databases,
+            view=view,
             metadata={LENIENT_KEY: "yes"} if known.lenient else None,
+            panel=panel,
             progress=progress,
         )
     _tell(summary, json)
-    silence = [_silent(bus, known.vehicle) for bus in summary.silent]
-    if summary.ended_by == "fault":
-        raise HardwareError(*summary.faults)
+    _leave(summary, known.vehicle)
+
+
+def _leave(summary: LogSummary, vehicle: VehicleConfig) -> None:
+    """End with the exit code that tells how it went."""
+    silence = [_silent(bus, vehicle) for bus in summary.silent]
     if summary.signal_number is not None:
-        for fault in silence:
+        for fault in (*summary.faults, *silence):
             say(str(fault))
         raise typer.Exit(_SIGNAL_EXIT + summary.signal_number)
+    if summary.faults:
+        raise HardwareError(*summary.faults)
     if silence:
         raise DataError(*silence)
 
 
 def _tell(summary: LogSummary, json: bool) -> None:
-    for text in (*summary.remarks, *map(str, summary.faults)):
+    for text in summary.remarks:
         say(text)
     if json:
         print_json(summary)
         return
-    facts = [("recording", str(summary.path)), ("duration", f"{summary.duration_s:.1f} s, ended by {summary.ended_by}")]
+    facts = [("recording", str(path)) for path in summary.paths]
+    facts.append(("duration", f"{summary.duration_s:.1f} s, ended by {summary.ended_by}"))
     for bus, count in summary.frames.items():
         lost = summary.drops.get(bus)
         loss = "losses not counted by this interface" if lost is None else f"{lost:,} lost"
         facts.append((f"bus {bus}", f"{count:,} frames, {summary.error_frames[bus]:,} error frames, {loss}"))
+    facts += [(f"lost {key}", f"{count:,} frames") for key, count in summary.losses.items()]
     print_facts(facts)
 
 
@@ -122,6 +143,43 @@ def _silent(bus: str, vehicle: VehicleConfig) -> Fault:
     )
 
 
+def _token(file: Path | None) -> str | None:
+    """Return the page's token from the file or the environment, where there is one."""
+    if file is None:
+        return os.environ.get(_TOKEN_VARIABLE) or None
+    try:
+        text = file.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(Fault("the token cannot be read", str(file), str(error))) from None
+    if not text:
+        raise ConfigError(Fault("the file holds no token", str(file), next_step="write one line into it"))
+    return text
+
+
+@contextmanager
+def _page(wanted: bool, host: str, port: int | None, token: str | None, vehicle: str) -> Iterator[Panel | None]:
+    """Open the status page; where its usual port is taken, and no other was asked for, go on without."""
+    if not wanted:
+        yield None
+        return
+    from wheelsoil.live import open_page
+
+    try:
+        panel = open_page(host, _PAGE_PORT if port is None else port, token, vehicle)
+    except HardwareError as error:
+        if port is not None:
+            raise
+        say(f"there is no status page: {error.faults[0].what}; choose a port with --page-port")
+        yield None
+        return
+    for address in panel.addresses:
+        say(f"status page: {address}")
+    try:
+        yield panel
+    finally:
+        panel.close()
+
+
 @contextmanager
 def _status() -> Iterator[Progress | None]:
     """Show counters while recording, on a terminal only."""
@@ -132,8 +190,10 @@ def _status() -> Iterator[Progress | None]:
 
     with Console(stderr=True).status("opening the buses") as status:
 
-        def show(counters: Mapping[str, SourceCounters]) -> None:
-            parts = (f"{bus} {seen.received:,} ({seen.dropped or 0:,} lost)" for bus, seen in counters.items())
-            status.update(f"recording, Ctrl-C ends: {', '.join(parts)}")
+        def show(now: LogStatus) -> None:
+            parts = (f"{bus} {seen.received:,} ({seen.dropped or 0:,} lost)" for bus, seen in now.buses.items())
+            what = f"run {now.run}" if now.run else "between runs"
+            level = f"{now.level}: {now.what}" if now.what else now.level
+            status.update(f"{what}, Ctrl-C ends: {', '.join(parts)}; {level}")
 
         yield show

@@ -1,0 +1,196 @@
+"""Everything beside writing frames: inspection, health, events, the panel and its commands, the service manager."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from daq.health.report import HealthReport, Level, Reason
+from daq.panel import Command
+from daq.session.feed import Feed
+from daq.session.health_topic import statuses
+from daq.session.inspection import Findings
+from daq.session.summary import LogStatus
+from daq.session.traces import Samples
+from daq.session.watch import Watch
+from daq.snapshot import RunState, SessionState, snapshot, worst
+
+if TYPE_CHECKING:
+    from daq.session.session import SessionParts
+
+_LOOK_EVERY_S = 0.05
+_INSPECT_EVERY_S = 0.2
+_SHOW_EVERY_S = 0.25
+_INSPECTION_STUCK_S = 5.0
+_LAST_INSPECTION_S = 2.0
+_FAILURE_STANDS_S = 10.0
+
+
+class Attendance:
+    """Looks after a session between two writes; in the thread that writes.
+
+    Parameters
+    ----------
+    parts : SessionParts
+    watch : Watch
+    feed : Feed
+    """
+
+    def __init__(self, parts: SessionParts, watch: Watch, feed: Feed) -> None:
+        self._parts = parts
+        self._recorder = parts.recorder
+        self._inspector = parts.inspector
+        self._watch = watch
+        self._feed = feed
+        self._started_ns = parts.clock.now_ns()
+        self._look_at = self._inspect_at = self._show_at = 0.0
+        self._report: HealthReport | None = None
+        self._traces: dict[str, Samples] = {}
+        self._failures_told = 0
+        self._failed_at = -_FAILURE_STANDS_S
+        self._stuck_told = False
+        self._stopping = False
+
+    def attend(self, now_s: float) -> None:
+        """Do what is due."""
+        if now_s < self._look_at:
+            return
+        self._look_at = now_s + _LOOK_EVERY_S
+        for command in self._parts.panel.commands():
+            self._obey(command)
+        self._take_findings(self._inspector.fetch())
+        self._watch.skipped_frames = self._feed.skipped_frames
+        if self._watch.look(now_s, self._recorder.bytes_written):
+            self._each_second()
+        for name, text, severity in self._watch.news(self._feed.behind):
+            self._recorder.event(name, text, severity)
+        self._tell_inspection(now_s)
+        if now_s >= self._inspect_at and self._inspector.idle:
+            self._inspect_at = now_s + _INSPECT_EVERY_S
+            self._inspector.give(self._feed.task(self._parts.clock.now_ns(), self._watch.host()))
+        if now_s >= self._show_at:
+            self._show_at = now_s + _SHOW_EVERY_S
+            self._parts.panel.show(snapshot(self._state()))
+            self._traces = {}
+
+    def conclude(self) -> None:
+        """Inspect what is left, write it and show the end."""
+        self._stopping = True
+        self._take_findings(self._inspector.fetch(_LAST_INSPECTION_S) if not self._inspector.idle else None)
+        if self._inspector.idle:
+            self._inspector.give(self._feed.task(self._parts.clock.now_ns(), self._watch.host()))
+            self._take_findings(self._inspector.fetch(_LAST_INSPECTION_S))
+        self._write_health()
+        self._parts.panel.show(snapshot(self._state()))
+
+    def note_losses(self) -> None:
+        """Tell the recorder what has been lost."""
+        drops = {bus: facts.kernel_drops for bus, facts in self._watch.buses().items()}
+        self._recorder.note_losses({bus: n for bus, n in drops.items() if n is not None}, self.losses())
+
+    def losses(self) -> dict[str, int]:
+        """Return everything that has been lost; see `daq.session.summary.LogSummary`."""
+        lost = dict(self._report.losses) if self._report else {}
+        for bus, facts in self._watch.buses().items():
+            lost |= {f"kernel.{bus}": facts.kernel_drops or 0, f"queue.{bus}": facts.queue_drops}
+        return {key: count for key, count in lost.items() if count > 0}
+
+    def remarks(self) -> tuple[str, ...]:
+        """Return what people should know."""
+        opened = (remark for source in self._parts.sources for remark in source.remarks)
+        return tuple(dict.fromkeys((*opened, *self._parts.remarks)))
+
+    def status(self) -> LogStatus:
+        """Return the state for a terminal."""
+        reasons = worst(self._state())
+        return LogStatus(
+            {source.name: source.counters for source in self._parts.sources},
+            self._recorder.run_id,
+            self._recorder.path,
+            (reasons[0].level if reasons else Level.GREEN).name.lower(),
+            f"{reasons[0].where}: {reasons[0].what}" if reasons else "",
+        )
+
+    def _each_second(self) -> None:
+        self._write_health()
+        self.note_losses()
+        if not self._watch.stuck():
+            self._parts.notifier.alive()
+
+    def _write_health(self) -> None:
+        if self._report is not None:
+            self._recorder.write_health(self._report.time_ns, statuses(self._report))
+
+    def _take_findings(self, found: Findings | None) -> None:
+        if found is None:
+            return
+        self._report = found.report
+        for role, (times, values) in found.traces.items():
+            known = self._traces.setdefault(role, ([], []))
+            known[0].extend(times)
+            known[1].extend(values)
+        self._inspector.shield.run(lambda: self._recorder.write_view(found.decoded))
+
+    def _obey(self, command: Command) -> None:
+        said = ""
+        if command.kind == "start":
+            said = self._recorder.start(command.text.strip())
+        elif command.kind == "stop":
+            said = self._recorder.stop()
+        else:
+            self._recorder.mark(command.text.strip())
+        if said:
+            self._parts.remarks.append(said)
+
+    def _tell_inspection(self, now_s: float) -> None:
+        """Tell once of each failure of the inspection, and of one that takes too long."""
+        shield = self._inspector.shield
+        if shield.failures != self._failures_told:
+            if now_s - self._failed_at >= _FAILURE_STANDS_S:
+                text = f"frames were recorded, but could not be inspected: {shield.last}"
+                self._recorder.event("logger", text, "error")
+                self._parts.remarks.append(text)
+            self._failures_told, self._failed_at = shield.failures, now_s
+        stuck = self._inspector.busy_s > _INSPECTION_STUCK_S
+        if stuck and not self._stuck_told:
+            text = "the inspection of frames is stuck: they are recorded, but not decoded any more"
+            self._recorder.event("logger", text, "error")
+            self._parts.remarks.append(text)
+        self._stuck_told = stuck
+
+    def _reasons(self) -> tuple[Reason, ...]:
+        found = self._watch.stuck()
+        step = "the raw frames are recorded; restart the logger when there is time, and report this"
+        if self._stuck_told:
+            what = f"it has been at work for {self._inspector.busy_s:.0f} s: nothing is decoded any more"
+            found.append(Reason("inspection_stuck", Level.RED, "inspection", what, step))
+        elif time.monotonic() - self._failed_at < _FAILURE_STANDS_S:
+            what = f"frames could not be inspected: {self._inspector.shield.last}"
+            found.append(Reason("inspection_failed", Level.AMBER, "inspection", what, step))
+        return tuple(found)
+
+    def _state(self) -> SessionState:
+        recorder, now_ns = self._recorder, self._parts.clock.now_ns()
+        run = RunState(
+            state="stopping" if self._stopping else "between" if recorder.between else "recording",
+            id=recorder.run_id,
+            file=recorder.path.name,
+            since_s=(now_ns - recorder.begun_ns) * 1e-9,
+            part=recorder.part,
+            frames=recorder.run_frames,
+            size_bytes=recorder.run_bytes,
+        )
+        return SessionState(
+            vehicle=self._parts.vehicle,
+            time_ns=now_ns,
+            started_ns=self._started_ns,
+            run=run,
+            report=self._report,
+            host=self._watch.host(),
+            disk=self._watch.disk,
+            reasons=self._reasons(),
+            traces=self._traces,
+            losses=self.losses(),
+            marks=recorder.marks,
+            remarks=self.remarks(),
+        )

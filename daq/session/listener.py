@@ -1,0 +1,118 @@
+"""The thread of one bus: fetch frames, bring their stamps to the session's time base, hand them over."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass, replace
+
+from daq.frames import FrameBatch
+from daq.health.report import BusFacts
+from daq.host_clock import HostClock, StampTracker
+from daq.reconnect import ReconnectingSource
+from daq.session.byte_queue import ByteQueue
+
+_READ_TIMEOUT_S = 0.1
+_WAIT_FOR_ROOM_S = 0.1
+_LARGE_BUFFER_BYTES = 1 << 20
+_REST_S, _SHORT_REST_S = 0.02, 0.005
+"""How long a source rests after each reading, so that frames come by the dozen: 20 ms where the kernel keeps a
+thousand frames meanwhile."""
+_LAST_FRAMES = 1024
+"""A reading that brings fewer has emptied the source."""
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """Frames of one bus as the writer takes them, and the offset of the host's clock that they came with."""
+
+    batch: FrameBatch
+    bus: str
+    realtime_minus_monotonic_ns: int
+
+
+class Listener(threading.Thread):
+    """Reads one source until it is told to stop.
+
+    Parameters
+    ----------
+    number : int
+        Position of the bus among `buses`.
+    source : ReconnectingSource
+    buses : tuple of str
+    clock : HostClock
+    queue : ByteQueue
+    stop : threading.Event
+        Ends it, when the source is empty.
+
+    Attributes
+    ----------
+    alive_at : float
+        Monotonic time at which it last went round, for the watchdog.
+    unwritten : int
+        Frames that were read, and for which there was no room any more when all was over.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        source: ReconnectingSource,
+        buses: tuple[str, ...],
+        clock: HostClock,
+        queue: ByteQueue[Arrival],
+        stop: threading.Event,
+    ) -> None:
+        super().__init__(name=f"source {source.name}", daemon=True)
+        self.source = source
+        self.alive_at = time.monotonic()
+        self.unwritten = 0
+        self._number = number
+        self._buses = buses
+        self._stamps = StampTracker(clock, source.name)
+        self._queue = queue
+        self._asked_to_stop = stop
+        self._abandoned = False
+
+    @property
+    def unsure(self) -> int:
+        """Frames whose time cannot be told for sure, because the clock was set when they came."""
+        return self._stamps.unsure
+
+    @property
+    def stuck_s(self) -> float:
+        """For how long it has not gone round; 0 while it opens an interface, which may take its time."""
+        return 0.0 if self.source.opening else time.monotonic() - self.alive_at
+
+    def facts(self) -> BusFacts:
+        """Return what is known of the bus now."""
+        return replace(self.source.facts(), queue_drops=self.unwritten)
+
+    def abandon(self) -> None:
+        """Have it give up frames for which there is no room: nobody writes any more."""
+        self._abandoned = True
+
+    def run(self) -> None:
+        """Fetch frames."""
+        while not self._asked_to_stop.is_set():
+            if self._fetch(_READ_TIMEOUT_S):
+                large = (self.source.counters.buffer_bytes or 0) >= _LARGE_BUFFER_BYTES
+                time.sleep(_REST_S if large else _SHORT_REST_S)
+        while self._fetch(0.0) >= _LAST_FRAMES:
+            pass
+
+    def _fetch(self, timeout_s: float) -> int:
+        self.alive_at = time.monotonic()
+        self._stamps.before_read()
+        batch = self._stamps.after_read(self.source.read(timeout_s))
+        if not len(batch):
+            return 0
+        batch.frames["bus"] = self._number
+        arrival = Arrival(
+            FrameBatch(batch.frames, self._buses), self.source.name, self._stamps.realtime_minus_monotonic_ns
+        )
+        while not self._queue.put(arrival, batch.frames.nbytes, _WAIT_FOR_ROOM_S):
+            self.alive_at = time.monotonic()
+            if self._abandoned:
+                self.unwritten += len(batch)
+                break
+        return len(batch)

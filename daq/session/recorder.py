@@ -1,0 +1,262 @@
+"""The files of a session: runs, and what comes between them."""
+
+from __future__ import annotations
+
+import uuid
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from daq.channel import Channel
+from daq.config import RunInfo, VehicleConfig
+from daq.databases import Database
+from daq.errors import Fault, HardwareError, RecordingError
+from daq.host_clock import HostClock
+from daq.recording import DiagnosticStatus, Event, PartWriter
+from daq.recording.events import Severity
+from daq.session.listener import Arrival
+from daq.session.run_files import VEHICLE_KEY, RunFiles, new_run
+from daq.view import DecodedView
+
+BETWEEN_FOLDER = "between"
+BETWEEN_KEY = "between_runs"
+"""In the ``run_start`` metadata: "yes" in a recording of what came between two runs."""
+_MB = 1_000_000
+_MARKS_KEPT = 5
+
+
+@dataclass(frozen=True)
+class RecorderOptions:
+    """What every file of a session has in common.
+
+    Attributes
+    ----------
+    vehicle : VehicleConfig
+    folder : Path
+        Of the runs; what comes between them goes into a folder in it.
+    attachments, metadata
+        See `daq.recording.PartWriter`.
+    databases : mapping bus -> databases, or None
+        None: no decoded topics.
+    """
+
+    vehicle: VehicleConfig
+    folder: Path
+    attachments: Mapping[str, bytes]
+    metadata: Mapping[str, str]
+    databases: Mapping[str, tuple[Database, ...]] | None
+
+
+class Recorder:
+    """Writes one run after the other; used by the main thread only.
+
+    Parameters
+    ----------
+    options : RecorderOptions
+    clock : HostClock
+        Of the session.
+    run : RunFiles or None
+        The first run; None: begin between runs.
+    base : RunInfo
+        What is known of every run that a person starts, but its id.
+
+    Raises
+    ------
+    RecordingError
+        If the first file cannot be made.
+    HardwareError
+        From every method that writes, if the disk fails or is full.
+    """
+
+    def __init__(self, options: RecorderOptions, clock: HostClock, run: RunFiles | None, base: RunInfo) -> None:
+        self._options = options
+        self._clock = clock
+        self._base = base.model_copy(update={"id": "", "file": ""})
+        self._session_id = uuid.uuid4().hex
+        self._frames_before: dict[str, int] = {}
+        self._bytes_before = 0
+        self._drops: Mapping[str, int] = {}
+        self._losses: Mapping[str, int] = {}
+        self._marks: deque[Event] = deque(maxlen=_MARKS_KEPT)
+        self._rotation_fault: Fault | None = None
+        self.paths: list[Path] = []
+        self.runs: list[str] = []
+        self._begin(run, self._writer_of(run))
+
+    @property
+    def between(self) -> bool:
+        """Whether it is between two runs."""
+        return self._run is None
+
+    @property
+    def run_id(self) -> str:
+        """Id of the run; empty between runs."""
+        return "" if self._run is None else self._run.run.id
+
+    @property
+    def path(self) -> Path:
+        """The file that is written."""
+        return self._writer.path
+
+    @property
+    def part(self) -> int:
+        """Number of the part that is written."""
+        return self._writer.part
+
+    @property
+    def begun_ns(self) -> int:
+        """File time at which this run began, or the time between runs."""
+        return self._begun_ns
+
+    @property
+    def run_bytes(self) -> int:
+        """What this run has written."""
+        return self._writer.bytes_written
+
+    @property
+    def run_frames(self) -> int:
+        """Frames of this run."""
+        return sum(self._writer.frame_counts.values())
+
+    @property
+    def bytes_written(self) -> int:
+        """What the session has written."""
+        return self._bytes_before + self._writer.bytes_written
+
+    @property
+    def frame_counts(self) -> dict[str, int]:
+        """Frames of the session, per bus."""
+        return _sum(self._frames_before, self._writer.frame_counts)
+
+    @property
+    def marks(self) -> tuple[Event, ...]:
+        """The last few marks."""
+        return tuple(self._marks)
+
+    def write(self, arrival: Arrival) -> None:
+        """Write frames."""
+        self._writer.write_frames(arrival.batch)
+        offset_ns = arrival.realtime_minus_monotonic_ns
+        last_ns = int(arrival.batch.frames["time_ns"][-1])
+        self._writer.write_clock(last_ns, arrival.bus, offset_ns, self._clock.base_ns - offset_ns)
+        self._note_part()
+
+    def write_view(self, decoded: Mapping[tuple[str, str], Channel]) -> None:
+        """Write decoded topics."""
+        if self._view is not None:
+            self._view.write(decoded)
+
+    def write_health(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
+        """Write how everything is."""
+        self._writer.write_diagnostics(time_ns, statuses)
+
+    def event(self, name: str, text: str, severity: Severity = "info") -> None:
+        """Write that something happened."""
+        self._writer.write_event(Event(self._clock.now_ns(), name, text, severity))
+
+    def mark(self, text: str) -> None:
+        """Put a mark into the file."""
+        self._marks.append(Event(self._clock.now_ns(), "mark", text))
+        self._writer.write_event(self._marks[-1])
+        self._writer.flush()
+
+    def start(self, run_id: str) -> str:
+        """Begin a run; a running one ends. Say what people should know of it, if anything."""
+        run = new_run(self._options.folder, self._base.model_copy(update={"id": run_id}), self._options.vehicle)
+        return self._switch(run) or run.remark
+
+    def stop(self) -> str:
+        """End the run and record between runs; say what people should know of it, if anything."""
+        return "" if self.between else self._switch(None)
+
+    def note_losses(self, drops: Mapping[str, int], losses: Mapping[str, int]) -> None:
+        """Take what the session has lost so far; see `daq.recording.PartWriter.note_losses`."""
+        self._drops, self._losses = dict(drops), dict(losses)
+        self._writer.note_losses(_since(drops, self._drops_before), _since(losses, self._losses_before))
+
+    def tick(self) -> None:
+        """Flush, sync and rotate if it is time to."""
+        self._writer.tick()
+        self._note_part()
+
+    def close(self, exit_status: str) -> None:
+        """Close the file."""
+        self._writer.close(exit_status)
+
+    def _begin(self, run: RunFiles | None, writer: PartWriter) -> None:
+        """Write into this file from now on."""
+        self._writer, self._run = writer, run
+        self._view = None
+        if self._options.databases is not None:
+            self._view = DecodedView(writer, self._options.vehicle, self._options.databases)
+        self._begun_ns = self._clock.now_ns()
+        self._drops_before, self._losses_before = self._drops, self._losses
+        self.paths.append(writer.path)
+        if run is not None:
+            self.runs.append(run.run.id)
+            self.event("run", run.remark or f"run {run.run.id!r} begins", "warning" if run.remark else "info")
+
+    def _writer_of(self, run: RunFiles | None) -> PartWriter:
+        options, logger = self._options, self._options.vehicle.logger
+        metadata = {VEHICLE_KEY: options.vehicle.vehicle.name, **options.metadata}
+        if run is None:
+            folder = options.folder / BETWEEN_FOLDER
+            try:
+                folder.mkdir(exist_ok=True)
+            except OSError as error:
+                what = error.strerror or str(error)
+                raise RecordingError(Fault("the folder cannot be made", str(folder), what)) from None
+            run = new_run(folder, self._base, options.vehicle)
+            metadata[BETWEEN_KEY] = "yes"
+        return PartWriter(
+            run.first,
+            run=run.run,
+            session_id=self._session_id,
+            attachments=options.attachments,
+            metadata=metadata,
+            first_part=run.part,
+            rotate_bytes=int(logger.rotate_mb * _MB),
+            rotate_s=None if logger.rotate_min is None else logger.rotate_min * 60.0,
+            flush_every_s=logger.flush_s,
+            sync_every_s=logger.sync_s,
+            decoded_rate_hz=logger.decoded_rate_hz,
+        )
+
+    def _switch(self, run: RunFiles | None) -> str:
+        """Open the next file, then close this one; where the next cannot be opened this one goes on."""
+        old = self._writer
+        try:
+            following = self._writer_of(run)
+        except (RecordingError, HardwareError) as error:
+            text = f"it goes on in {old.path.name}: {error.faults[0]}"
+            self.event("run", text, "error")
+            return text
+        self._frames_before = _sum(self._frames_before, old.frame_counts)
+        self._bytes_before += old.bytes_written
+        try:
+            if self._run is not None:
+                self.event("run", f"run {self.run_id!r} ends")
+            old.close()
+        finally:
+            self._begin(run, following)
+        return ""
+
+    def _note_part(self) -> None:
+        """Tell of a new part, or why there is none."""
+        writer = self._writer
+        if writer.path != self.paths[-1]:
+            self.event("part", f"goes on from {self.paths[-1].name} in {writer.path.name}")
+            self.paths.append(writer.path)
+        if writer.rotation_fault != self._rotation_fault:
+            self._rotation_fault = writer.rotation_fault
+            if self._rotation_fault is not None:
+                self.event("part", f"no new file can be begun: {self._rotation_fault}", "error")
+
+
+def _since(total: Mapping[str, int], before: Mapping[str, int]) -> dict[str, int]:
+    return {key: count - before.get(key, 0) for key, count in total.items()}
+
+
+def _sum(one: Mapping[str, int], other: Mapping[str, int]) -> dict[str, int]:
+    return {key: one.get(key, 0) + other.get(key, 0) for key in {**one, **other}}

@@ -1,0 +1,134 @@
+"""Which file a run goes into: a name of its own, or the next part of a run that was cut off."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from daq.config import RunInfo, VehicleConfig
+from daq.errors import Fault, RecordingError
+from daq.recording import Recording
+from daq.recording.format import RUN_END, RUN_START
+from daq.recording.parts import ROTATED, next_part, part_number, parts_on_disk
+from daq.recording.recover import RECOVERED
+
+VEHICLE_KEY = "vehicle"
+"""In the ``run_start`` metadata: the vehicle's name."""
+GOES_ON_WITHIN_S = 600.0
+"""A run that was cut off goes on when its last frame is not older."""
+SUFFIX = ".mcap"
+
+
+@dataclass(frozen=True)
+class RunFiles:
+    """Where a run is recorded.
+
+    Attributes
+    ----------
+    first : Path
+        File of the run's first part.
+    part : int
+        Number of the part to begin with.
+    run : RunInfo
+    remark : str
+        What people should know of the choice; may be empty.
+    """
+
+    first: Path
+    part: int
+    run: RunInfo
+    remark: str = ""
+
+
+def safe_name(text: str, fallback: str = "run") -> str:
+    """Return a name that stays in its folder: letters, digits, ``_ . - @``, no leading dot."""
+    return re.sub(r"[^\w.@-]+", "-", text).strip(".-") or fallback
+
+
+def dated_name(vehicle: VehicleConfig) -> str:
+    """Return the name of a run that nobody named: the vehicle's and the time."""
+    name = re.sub(r"[^\w-]+", "-", vehicle.vehicle.name).strip("-") or "run"
+    return f"{name}_{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
+
+
+def new_run(folder: Path, run: RunInfo, vehicle: VehicleConfig) -> RunFiles:
+    """Return the files of a new run; an id that is taken gets a number."""
+    wanted = run.id or dated_name(vehicle)
+    name, number = wanted, 2
+    while parts_on_disk(folder / f"{safe_name(name)}{SUFFIX}"):
+        name, number = f"{wanted}-{number}", number + 1
+    remark = f"there is a run {wanted!r} already: this one is {name!r}" if run.id and name != wanted else ""
+    return RunFiles(folder / f"{safe_name(name)}{SUFFIX}", 1, run.model_copy(update={"id": name}), remark)
+
+
+def named_run(first: Path, run: RunInfo, vehicle: VehicleConfig) -> RunFiles:
+    """Return the files of a run that people named; where it is there and was cut off, it goes on.
+
+    Raises
+    ------
+    RecordingError
+        If the run is there and has ended.
+    """
+    run = run.model_copy(update={"id": run.id or first.stem})
+    there = parts_on_disk(first)
+    if not there:
+        return RunFiles(first, 1, run)
+    last = there[max(there)]
+    recording = Recording.open(last)
+    if not _was_cut_off(recording) or _vehicle_of(recording) != vehicle.vehicle.name:
+        what = "there is a file already"
+        raise RecordingError(Fault(what, str(last), next_step="choose another name, e.g. with --run-id"))
+    return _continued(first, recording)
+
+
+def unfinished_run(folder: Path, vehicle: VehicleConfig) -> RunFiles | None:
+    """Return how the newest recording of a vehicle goes on, if it was cut off a short while ago."""
+    for path in _newest_first(folder):
+        try:
+            recording = Recording.open(path)
+            if _vehicle_of(recording) != vehicle.vehicle.name or RECOVERED in recording.metadata:
+                continue
+            recent = abs(time.time_ns() - _last_ns(recording)) * 1e-9 <= GOES_ON_WITHIN_S
+        except RecordingError:
+            continue
+        return _continued(part_number(path)[0], recording) if recent and _was_cut_off(recording) else None
+    return None
+
+
+def _was_cut_off(recording: Recording) -> bool:
+    """Whether the run has not ended: no record says so, or one says that another part follows and it does not."""
+    ended = recording.metadata.get(RUN_END)
+    return RUN_START in recording.metadata and (ended is None or ended.get("exit_status") == ROTATED)
+
+
+def _vehicle_of(recording: Recording) -> str | None:
+    return recording.metadata.get(RUN_START, {}).get(VEHICLE_KEY)
+
+
+def _last_ns(recording: Recording) -> int:
+    """Return when the last frame came, or when the file was made."""
+    span = recording.time_range_ns if recording.has_raw_frames else None
+    created = recording.metadata[RUN_START].get("created_ns", "")
+    return span[1] if span else int(created) if created.isdecimal() else 0
+
+
+def _continued(first: Path, recording: Recording) -> RunFiles:
+    run = recording.run or RunInfo(id=first.stem)
+    path, part = next_part(first)
+    return RunFiles(first, part, run, f"run {run.id!r} was cut off: it goes on in {path.name}")
+
+
+def _newest_first(folder: Path) -> Iterator[Path]:
+    """Yield the recordings of a folder, the newest first; of a run only the last part."""
+    if not folder.is_dir():
+        return
+    lasts: dict[Path, tuple[int, Path]] = {}
+    for path in folder.glob(f"*{SUFFIX}"):
+        first, number = part_number(path)
+        if number >= lasts.get(first, (0, path))[0]:
+            lasts[first] = (number, path)
+    yield from sorted((path for _, path in lasts.values()), key=lambda path: path.stat().st_mtime_ns, reverse=True)

@@ -1,0 +1,183 @@
+"""A session: sources -> queue -> files, until the time is up or somebody ends it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from daq.can_source import SourceCounters
+from daq.config import VehicleConfig
+from daq.disk_guard import DiskGuard, disk_fault
+from daq.errors import Fault, HardwareError
+from daq.health.report import Level
+from daq.host_clock import HostClock
+from daq.notify import Notifier
+from daq.panel import Panel
+from daq.reconnect import ReconnectingSource
+from daq.session.attendance import Attendance
+from daq.session.byte_queue import ByteQueue
+from daq.session.feed import Feed
+from daq.session.inspection import Inspector
+from daq.session.listener import Arrival, Listener
+from daq.session.recorder import Recorder
+from daq.session.signals import caught_signals
+from daq.session.summary import Ending, LogSummary, Progress
+from daq.session.watch import Watch
+
+_WAIT_S = 0.05
+_PROGRESS_EVERY_S = 1.0
+_JOIN_S = 5.0
+_MB = 1_000_000
+_STATUS = {"signal": "interrupted", "duration": "ok", "stop": "ok", "disk": "disk full or failed"}
+
+
+@dataclass
+class SessionParts:
+    """What a session is made of; everything is open and checked."""
+
+    vehicle: VehicleConfig
+    clock: HostClock
+    sources: list[ReconnectingSource]
+    recorder: Recorder
+    inspector: Inspector
+    guard: DiskGuard
+    panel: Panel
+    notifier: Notifier
+    asked_to_stop: threading.Event
+    progress: Progress | None = None
+    remarks: list[str] = field(default_factory=list)
+
+
+class Session:
+    """Records until it ends, and closes the files however it ends.
+
+    Parameters
+    ----------
+    parts : SessionParts
+    """
+
+    def __init__(self, parts: SessionParts) -> None:
+        self._parts = parts
+        self._recorder = parts.recorder
+        self._buses = tuple(source.name for source in parts.sources)
+        self._queue: ByteQueue[Arrival] = ByteQueue(int(parts.vehicle.logger.queue_mb * _MB))
+        self._stop = threading.Event()
+        self._listeners = [
+            Listener(number, source, self._buses, parts.clock, self._queue, self._stop)
+            for number, source in enumerate(parts.sources)
+        ]
+        self._feed = Feed()
+        self._watch = Watch(parts.clock, self._listeners, self._queue, parts.guard)
+        self._attendance = Attendance(parts, self._watch, self._feed)
+        self._caught: list[int] = []
+        self._disk_faults: tuple[Fault, ...] = ()
+        self._taken = 0
+
+    def record(self, duration_s: float | None) -> LogSummary:
+        """Record until `duration_s` is over, a signal comes, somebody asks to stop, or the disk is full."""
+        began_at = time.monotonic()
+        deadline = None if duration_s is None else began_at + duration_s
+        ending: Ending = "disk"
+        with caught_signals() as self._caught:
+            try:
+                for listener in self._listeners:
+                    listener.start()
+                self._parts.inspector.start()
+                self._parts.notifier.ready("recording")
+                ending = self._write_until(deadline)
+                self._finish(ending)
+            except HardwareError as error:
+                ending, self._disk_faults = "disk", error.faults
+            finally:
+                self._end(ending)
+        return self._summary(ending, time.monotonic() - began_at)
+
+    def _write_until(self, deadline: float | None) -> Ending:
+        report_at = time.monotonic()
+        while (ending := self._ending(deadline)) is None:
+            now = time.monotonic()
+            if self._parts.progress is not None and now >= report_at:
+                self._parts.progress(self._attendance.status())
+                report_at = now + _PROGRESS_EVERY_S
+            self._round(_WAIT_S if deadline is None else min(_WAIT_S, max(deadline - now, 0.0)))
+        return ending
+
+    def _round(self, wait_s: float) -> None:
+        """Write what has come, then attend to everything else."""
+        arrivals = self._queue.take_all(wait_s)
+        share = self._queue.share
+        for arrival in arrivals:
+            self._recorder.write(arrival)
+            self._taken += len(arrival.batch)
+            self._feed.take(arrival.batch, share)
+        if not arrivals:
+            self._recorder.tick()
+        self._attendance.attend(time.monotonic())
+
+    def _ending(self, deadline: float | None) -> Ending | None:
+        """Return why it ends now, if it does."""
+        if self._caught:
+            return "signal"
+        if self._parts.asked_to_stop.is_set():
+            return "stop"
+        if self._watch.disk.level is Level.RED:
+            self._disk_faults = (disk_fault(self._recorder.path.parent, self._watch.disk),)
+            return "disk"
+        return "duration" if deadline is not None and time.monotonic() >= deadline else None
+
+    def _finish(self, ending: Ending) -> None:
+        """Have the sources stop, and write what they still had."""
+        self._parts.notifier.stopping()
+        self._stop.set()
+        until = time.monotonic() + _JOIN_S
+        while any(one.is_alive() for one in self._listeners) and time.monotonic() < until:
+            self._round(0.01)
+        self._round(0.0)
+        self._attendance.conclude()
+        if ending == "disk":
+            self._recorder.event("disk", str(self._disk_faults[0]), "error")
+
+    def _end(self, ending: Ending) -> None:
+        """Close everything; nothing waits for anything any more."""
+        self._stop.set()
+        for one in self._listeners:
+            one.abandon()
+        self._parts.inspector.end()
+        until = time.monotonic() + _JOIN_S
+        for one in self._listeners:
+            if one.ident is not None:
+                one.join(max(until - time.monotonic(), 0.0))
+            if one.is_alive():
+                self._parts.remarks.append(f"the driver of {one.source.name} does not answer; it was left behind")
+        for arrival in self._queue.take_all(0.0):
+            self._listeners[self._buses.index(arrival.bus)].unwritten += len(arrival.batch)
+        self._attendance.note_losses()
+        try:
+            self._recorder.close(_STATUS[ending])
+        except HardwareError as error:
+            self._disk_faults = self._disk_faults or error.faults
+        for one in self._listeners:
+            if not one.is_alive():
+                one.source.close()
+
+    def _summary(self, ending: Ending, duration_s: float) -> LogSummary:
+        counters: Mapping[str, SourceCounters] = {one.source.name: one.source.counters for one in self._listeners}
+        down = tuple(one.source.fault for one in self._listeners if one.source.fault is not None)
+        if self._disk_faults:
+            ending = "disk"
+        return LogSummary(
+            path=self._recorder.paths[0],
+            paths=tuple(self._recorder.paths),
+            runs=tuple(self._recorder.runs),
+            frames=dict.fromkeys(self._buses, 0) | self._recorder.frame_counts,
+            error_frames={bus: count.error_frames for bus, count in counters.items()},
+            drops={bus: count.dropped for bus, count in counters.items() if count.dropped is not None},
+            losses=self._attendance.losses(),
+            duration_s=duration_s,
+            ended_by=ending,
+            signal_number=self._caught[0] if self._caught and ending == "signal" else None,
+            faults=(*self._disk_faults, *down),
+            remarks=self._attendance.remarks(),
+        )

@@ -1,0 +1,119 @@
+"""What the logger knows of its buses, its machine and itself, and the events that come of it."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+
+from daq.disk_guard import DiskGuard, DiskState
+from daq.health.report import BusFacts, HostFacts, Level, Reason
+from daq.host_clock import HostClock
+from daq.recording.events import Severity
+from daq.session.byte_queue import ByteQueue
+from daq.session.host_facts import CpuClock, resident_bytes
+from daq.session.listener import Arrival, Listener
+
+_LOOK_EVERY_S = 1.0
+_STUCK_S = 5.0
+"""A thread that has not gone round for so long is stuck."""
+
+News = tuple[str, str, Severity]
+"""Name, text and severity of an event."""
+
+
+class Watch:
+    """Looks at everything beside the frames.
+
+    Parameters
+    ----------
+    clock : HostClock
+    listeners : sequence of Listener
+    queue : ByteQueue
+    guard : DiskGuard
+
+    Attributes
+    ----------
+    disk : DiskState
+        As it was looked at last.
+    skipped_frames : int
+        See `HostFacts`; to be kept up to date by the session.
+    """
+
+    def __init__(
+        self, clock: HostClock, listeners: Sequence[Listener], queue: ByteQueue[Arrival], guard: DiskGuard
+    ) -> None:
+        self._clock = clock
+        self._listeners = listeners
+        self._queue = queue
+        self._guard = guard
+        self._cpu = CpuClock()
+        self._rss_bytes = resident_bytes()
+        self._look_at = 0.0
+        self._steps_told = 0
+        self._disk_told = Level.GREEN
+        self._behind_told = False
+        self.skipped_frames = 0
+        self.disk: DiskState = guard.look(time.monotonic(), 0)
+
+    def look(self, now_s: float, written_bytes: int) -> bool:
+        """Look at disk, processor and memory if it is time to; say whether it was."""
+        if now_s < self._look_at:
+            return False
+        self._look_at = now_s + _LOOK_EVERY_S
+        self.disk = self._guard.look(now_s, written_bytes)
+        self._cpu.look()
+        self._rss_bytes = resident_bytes()
+        return True
+
+    def buses(self) -> dict[str, BusFacts]:
+        """Return what is known of every bus."""
+        return {one.source.name: one.facts() for one in self._listeners}
+
+    def host(self) -> HostFacts:
+        """Return what is known of the machine and the logger."""
+        steps = self._clock.steps
+        return HostFacts(
+            self.buses(),
+            queue_share=min(self._queue.share, 1.0),
+            skipped_frames=self.skipped_frames,
+            disk_free_bytes=self.disk.free_bytes,
+            disk_reserve_bytes=self.disk.reserve_bytes,
+            disk_bytes_per_s=self.disk.bytes_per_s,
+            cpu_share=self._cpu.share,
+            rss_bytes=self._rss_bytes,
+            clock_steps=len(steps),
+            last_step_s=steps[-1].step_s if steps else math.nan,
+        )
+
+    def stuck(self) -> list[Reason]:
+        """Return the threads that do not go round any more."""
+        return [
+            Reason(
+                "source_stuck",
+                Level.RED,
+                one.source.name,
+                f"the driver of {one.source.name} has not answered for {one.stuck_s:.0f} s",
+                "take the adapter out and put it in again, or restart the logger",
+            )
+            for one in self._listeners
+            if one.stuck_s > _STUCK_S
+        ]
+
+    def news(self, behind: bool) -> list[News]:
+        """Return what has happened since the last call."""
+        told: list[News] = [
+            ("bus", change.text, change.severity) for one in self._listeners for change in one.source.changes()
+        ]
+        for step in self._clock.steps[self._steps_told :]:
+            self._steps_told += 1
+            text = f"the host's clock was set by {step.step_s:+.6f} s; time in the recording goes on evenly"
+            told.append(("clock", text, "warning"))
+        if self.disk.level is not self._disk_told:
+            self._disk_told = self.disk.level
+            told.append(("disk", self.disk.text(), "info" if self.disk.level is Level.GREEN else "warning"))
+        if behind is not self._behind_told:
+            self._behind_told = behind
+            text = "the disk is slow: frames are recorded, but not decoded" if behind else "frames are decoded again"
+            told.append(("logger", text, "warning" if behind else "info"))
+        return told
