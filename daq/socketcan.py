@@ -51,8 +51,15 @@ _IOVEC = np.dtype([("base", "u8"), ("size", "u8")])
 _FRAME = np.dtype([("id", "u4"), ("length", "u1"), ("flags", "u1"), ("reserved", "V2"), ("data", "u1", (64,))])
 _CONTROL_WORDS = 8
 """Two control messages: a time stamp (4 words of 8 bytes), then the count of lost frames (3 words)."""
+_STAMP_BYTES = 32
 _TIME_STAMP = _SO_TIMESTAMPNS << 32 | socket.SOL_SOCKET
 _LOST = _SO_RXQ_OVFL << 32 | socket.SOL_SOCKET
+
+_BITS = ((_EXTENDED, FrameFlag.EXTENDED), (_REMOTE, FrameFlag.REMOTE), (_ERROR, FrameFlag.ERROR))
+_FLAGS = np.array([sum(flag for bit, flag in _BITS if word << 29 & bit) for word in range(8)], np.uint8)
+"""What the three highest bits of the kernel's identifier mean."""
+_PRESENT = np.array([(1 << 8 * length) - 1 for length in range(9)], np.uint64)
+"""The bytes of 8 that a length stands for."""
 
 SUPPORTED = struct.calcsize("P") == 8 and sys.byteorder == "little" and hasattr(socket, "AF_CAN")
 """Whether this file's structures are the kernel's: 64-bit Linux."""
@@ -175,36 +182,45 @@ class SocketCanSource:
 
     def _frames(self, count: int) -> FrameArray:
         raw, headers = self._batch.frames[:count], self._batch.headers[:count]
-        control = self._batch.control[:count]
         is_fd = headers["size"] == _FD_BYTES
-        frames = np.zeros(count, FD_DTYPE if is_fd.any() else CLASSIC_DTYPE)
-        stamped = control[:, 1] == _TIME_STAMP
-        frames["time_ns"] = np.where(stamped, control[:, 2] * 10**9 + control[:, 3], 0)
-        if not stamped.all():
-            frames["time_ns"][~stamped] = time.time_ns()
-        counted = stamped & (headers["header"]["control_size"] > 32) & (control[:, 5] == _LOST)
-        self._lost = max(self._lost, int((control[counted, 6] & 0xFFFF_FFFF).max(initial=0)))
-        flags = np.zeros(count, np.uint8)
-        for bit, flag in ((_EXTENDED, FrameFlag.EXTENDED), (_REMOTE, FrameFlag.REMOTE), (_ERROR, FrameFlag.ERROR)):
-            flags |= ((raw["id"] & bit) != 0) * np.uint8(flag)
-        flags |= is_fd * np.uint8(FrameFlag.FD)
-        flags |= (is_fd & ((raw["flags"] & _BRS) != 0)) * np.uint8(FrameFlag.BITRATE_SWITCH)
-        flags |= (is_fd & ((raw["flags"] & _ESI) != 0)) * np.uint8(FrameFlag.ERROR_STATE)
-        flags |= ((headers["header"]["flags"] & socket.MSG_DONTROUTE) != 0) * np.uint8(FrameFlag.TRANSMITTED)
-        frames["flags"] = flags
+        has_fd = bool(is_fd.any())
+        frames = np.zeros(count, FD_DTYPE if has_fd else CLASSIC_DTYPE)
+        frames["time_ns"] = self._stamps(count)
+        flags = _FLAGS[raw["id"] >> 29]
+        flags |= (headers["header"]["flags"] & socket.MSG_DONTROUTE != 0) * np.uint8(FrameFlag.TRANSMITTED)
         frames["can_id"] = raw["id"] & _ID_MASK
-        frames["length"] = np.where(is_fd, np.minimum(raw["length"], 64), np.minimum(raw["length"], 8))
-        room = frames["data"].shape[1]
-        has_data = (flags & FrameFlag.REMOTE) == 0
-        present = np.arange(room) < (frames["length"] * has_data)[:, None]
-        frames["data"] = raw["data"][:, :room] * present
+        length = np.minimum(raw["length"], 8)
+        present = _PRESENT[length * (flags & FrameFlag.REMOTE == 0)]
+        _first_words(frames, 16)[:] = _first_words(raw, 8) & present
+        if has_fd:
+            length[is_fd] = np.minimum(raw["length"][is_fd], 64)
+            flags |= is_fd * np.uint8(FrameFlag.FD)
+            flags |= (is_fd & ((raw["flags"] & _BRS) != 0)) * np.uint8(FrameFlag.BITRATE_SWITCH)
+            flags |= (is_fd & ((raw["flags"] & _ESI) != 0)) * np.uint8(FrameFlag.ERROR_STATE)
+            frames["data"][is_fd] = raw["data"][is_fd] * (np.arange(64) < length[is_fd, None])
+        frames["length"] = length
+        frames["flags"] = flags
         return frames
+
+    def _stamps(self, count: int) -> NDArray[np.int64]:
+        """Return the kernel's time stamps, and note the count of lost frames that may stand beside them."""
+        control, sizes = self._batch.control[:count], self._batch.headers["header"]["control_size"][:count]
+        stamps: NDArray[np.int64] = control[:, 2] * 10**9 + control[:, 3]
+        stamped = control[:, 1] == _TIME_STAMP
+        if not stamped.all():
+            stamps[~stamped] = time.time_ns()
+        if sizes.max() > _STAMP_BYTES:
+            counted = stamped & (sizes > _STAMP_BYTES) & (control[:, 5] == _LOST)
+            self._lost = max(self._lost, int((control[counted, 6] & 0xFFFF_FFFF).max(initial=0)))
+        return stamps
 
     def _together(self, parts: list[FrameArray]) -> FrameBatch:
         if not parts:
             return FrameBatch.empty((self.name,))
-        wide = any(part.dtype == FD_DTYPE for part in parts)
-        frames = np.concatenate([FrameBatch(part, ()).widened().frames if wide else part for part in parts])
+        frames = parts[0]
+        if len(parts) > 1:
+            wide = any(part.dtype == FD_DTYPE for part in parts)
+            frames = np.concatenate([FrameBatch(part, ()).widened().frames if wide else part for part in parts])
         if not self._received:
             frames["time_ns"] = _not_after_the_next(frames["time_ns"])
         self._received += len(frames)
@@ -269,6 +285,11 @@ class SocketCanSink:
 def _not_after_the_next(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
     """Mend the first stamps: the kernel begins to stamp a little after it was told to, and stamps those when read."""
     return np.minimum.accumulate(stamps[::-1])[::-1]
+
+
+def _first_words(frames: NDArray[np.void], data_at: int) -> NDArray[np.uint64]:
+    """Return the first 8 data bytes of each frame as a number; of the same memory."""
+    return np.ndarray(len(frames), np.uint64, frames, data_at, (frames.itemsize,))
 
 
 def _listening(channel: str) -> socket.socket:
