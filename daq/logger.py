@@ -27,6 +27,7 @@ from daq.session.inspection import Inspection, Inspector
 from daq.session.recorder import Recorder, RecorderOptions
 from daq.session.run_files import SUFFIX, RunFiles, named_run, new_run, safe_name, unfinished_run
 from daq.session.session import Session, SessionParts
+from daq.session.signals import caught_signals
 from daq.session.summary import LogStatus, LogSummary, Progress
 
 __all__ = ["LogStatus", "LogSummary", "Progress", "log"]
@@ -118,6 +119,7 @@ def log(
         options = RecorderOptions(
             known, folder, attachments or {}, {**told, **(metadata or {})}, databases if view else None
         )
+        caught = stack.enter_context(caught_signals())
         recorder = Recorder(options, clock, files, run or RunInfo())
         parts = SessionParts(
             vehicle=known,
@@ -129,6 +131,7 @@ def log(
             panel=panel or NoPanel(),
             notifier=stack.enter_context(closing(Notifier.from_environment())),
             asked_to_stop=stop or threading.Event(),
+            caught=caught,
             progress=progress,
             remarks=[*role_remarks, *([files.remark] if files and files.remark else [])],
         )

@@ -22,7 +22,6 @@ from daq.session.feed import Feed
 from daq.session.inspection import Inspector
 from daq.session.listener import Arrival, Listener
 from daq.session.recorder import Recorder
-from daq.session.signals import caught_signals
 from daq.session.summary import Ending, LogSummary, Progress
 from daq.session.watch import Watch
 
@@ -46,6 +45,8 @@ class SessionParts:
     panel: Panel
     notifier: Notifier
     asked_to_stop: threading.Event
+    caught: list[int]
+    """Numbers of the signals that came."""
     progress: Progress | None = None
     remarks: list[str] = field(default_factory=list)
 
@@ -71,7 +72,7 @@ class Session:
         self._feed = Feed()
         self._watch = Watch(parts.clock, self._listeners, self._queue, parts.guard)
         self._attendance = Attendance(parts, self._watch, self._feed)
-        self._caught: list[int] = []
+        self._caught = parts.caught
         self._disk_faults: tuple[Fault, ...] = ()
         self._taken = 0
 
@@ -79,19 +80,20 @@ class Session:
         """Record until `duration_s` is over, a signal comes, somebody asks to stop, or the disk is full."""
         began_at = time.monotonic()
         deadline = None if duration_s is None else began_at + duration_s
-        ending: Ending = "disk"
-        with caught_signals() as self._caught:
-            try:
-                for listener in self._listeners:
-                    listener.start()
-                self._parts.inspector.start()
-                self._parts.notifier.ready("recording")
-                ending = self._write_until(deadline)
-                self._finish(ending)
-            except HardwareError as error:
-                ending, self._disk_faults = "disk", error.faults
-            finally:
-                self._end(ending)
+        status = "failed"
+        try:
+            for listener in self._listeners:
+                listener.start()
+            self._parts.inspector.start()
+            self._parts.notifier.ready("recording")
+            ending = self._write_until(deadline)
+            self._finish(ending)
+            status = _STATUS[ending]
+        except HardwareError as error:
+            ending, self._disk_faults = "disk", error.faults
+            status = _STATUS[ending]
+        finally:
+            self._end(status)
         return self._summary(ending, time.monotonic() - began_at)
 
     def _write_until(self, deadline: float | None) -> Ending:
@@ -139,7 +141,7 @@ class Session:
         if ending == "disk":
             self._recorder.event("disk", str(self._disk_faults[0]), "error")
 
-    def _end(self, ending: Ending) -> None:
+    def _end(self, status: str) -> None:
         """Close everything; nothing waits for anything any more."""
         self._stop.set()
         for one in self._listeners:
@@ -155,7 +157,7 @@ class Session:
             self._listeners[self._buses.index(arrival.bus)].unwritten += len(arrival.batch)
         self._attendance.note_losses()
         try:
-            self._recorder.close(_STATUS[ending])
+            self._recorder.close(status)
         except HardwareError as error:
             self._disk_faults = self._disk_faults or error.faults
         for one in self._listeners:
