@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from cli_support import busy, invoke, ok
+from doctor_support import free_port
 
 import wheelsoil.cli
 from wheelsoil import __version__
@@ -93,6 +94,7 @@ def _json_runs(campaign: Path, folder: Path) -> dict[str, list[object]]:
         "export": [first, "-o", folder / "tables"],
         "recover": [first, "-o", folder / "recovered.mcap"],
         "log": [folder / "vehicle.toml", "--duration", 0.2, "-o", folder / "logged.mcap"],
+        "doctor": [folder / "vehicle.toml", "--listen", 0.2, "-o", folder, "--page-port", free_port()],
         "replay": [first, "--interface", "virtual", "--speed", 0, "--to", 1],
         "demo": ["-o", folder / "demo", "--runs", 1, "--duration", 20],
     }
