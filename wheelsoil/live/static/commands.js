@@ -2,7 +2,8 @@
 
 import { headers } from "./connection.js";
 
-const PATIENCE_MS = 6000;
+const PATIENCE_MS = 5000;
+const FORGET_MS = 120000;
 const get = (id) => document.getElementById(id);
 const clock = (date) => date.toTimeString().slice(0, 8);
 const markKey = (mark) => `${mark.time_utc_s}|${mark.text}`;
@@ -40,7 +41,7 @@ export class Commands {
     for (const asked of this.waiting.filter((each) => each.kind === "stop")) {
       if (snapshot?.state === "between") this.done(asked, "✓ The run has ended. Recording goes on, between runs.");
     }
-    const busy = (kind) => this.waiting.some((each) => each.kind === kind);
+    const busy = (kind) => this.waiting.some((each) => each.kind === kind && !each.late);
     get("mark").disabled = !live;
     get("start").disabled = !live || busy("start") || snapshot.state === "stopping";
     get("stop").disabled = !live || busy("stop") || snapshot.state !== "recording";
@@ -103,9 +104,13 @@ export class Commands {
     }
   }
 
+  /** What is not confirmed in time is told; it may be confirmed later all the same. */
   giveUp() {
-    for (const asked of this.waiting.filter((each) => performance.now() - each.since > PATIENCE_MS)) {
-      this.drop(asked, `✕ ${asked.words} (${asked.at}): the logger has not confirmed it. Look below, and try again.`);
+    const age = (asked) => performance.now() - asked.since;
+    this.waiting = this.waiting.filter((each) => age(each) < FORGET_MS);
+    for (const asked of this.waiting.filter((each) => !each.late && age(each) > PATIENCE_MS)) {
+      asked.late = true;
+      this.tell("failed", `✕ ${asked.words} (${asked.at}): the logger has not confirmed it yet.`);
     }
   }
 

@@ -1,0 +1,77 @@
+"""Debian's Chromium for the status page's tests, and somebody who goes on showing snapshots meanwhile."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from live_support import snapshot
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from wheelsoil.live.panel import PagePanel
+
+PATIENCE_MS = 30_000
+PHONE = {"width": 390, "height": 844}
+expect.set_options(timeout=PATIENCE_MS)
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """A browser; the test is skipped without one, or fails where one is required."""
+    path = shutil.which("chromium")
+    if path is None:
+        why = "no Chromium here: apt-get install chromium"
+        (pytest.fail if os.environ.get("WHEELSOIL_REQUIRE_BROWSER") == "1" else pytest.skip)(why)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def looking_at(
+    browser: Browser, address: str, width: int = 390, height: int = 844, scale: float = 2.0
+) -> Iterator[Page]:
+    """A phone's page on an address; a script error or a breach of the page's policy fails the test."""
+    context = browser.new_context(
+        viewport={"width": width, "height": height}, device_scale_factor=scale, is_mobile=width < 900, has_touch=True
+    )
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    faults: list[str] = []
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.on("console", lambda message: faults.append(message.text) if "Content Security" in message.text else None)
+    page.goto(address)
+    yield page
+    context.close()
+    assert not faults
+
+
+class Shower:
+    """Shows a snapshot every 50 ms, each a bit later in the drive; `changes` are laid over it."""
+
+    def __init__(self, panel: PagePanel, **changes: Any) -> None:
+        self.changes = changes
+        self._panel = panel
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._show)
+
+    def __enter__(self) -> Shower:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _show(self) -> None:
+        before_s = 0.0
+        now_s = 20.0
+        while not self._over.wait(0.05):
+            self._panel.show(snapshot(before_s, now_s, **self.changes))
+            before_s, now_s = now_s, now_s + 0.05

@@ -1,0 +1,187 @@
+"""The status page in a real browser, shown snapshots of a sample drive."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from live_browser import Shower, chromium, looking_at
+from live_client import page, until
+from live_support import START_UTC_S, bus, reason
+from playwright.sync_api import Browser, Page, expect
+
+from daq.panel import Command
+
+STUCK = reason(
+    "amber", "signal_stuck", "can0: WFT_Forces.Fx", "has stood at 3104 N for 6.2 s.", "check the transducer's plug"
+)
+LOST = reason("red", "counter_jump", "can0: WFT_Forces", "214 frames were lost in 10 s.", "check the cable of can0")
+DOWN = bus("can1", 20.0, state="down", level="red", rate_hz=None, load_percent=None, age_s=None, kernel_drops=None)
+STATES: dict[str, dict[str, Any]] = {
+    "green": {},
+    "amber": {"level": "amber", "reasons": [STUCK]},
+    "red": {
+        "level": "red",
+        "reasons": [LOST, STUCK],
+        "buses": [bus("can0", 20.0, kernel_drops=17, level="red"), DOWN | {"detail": "Network is down"}],
+        "losses": {"kernel.can0": 17, "counter.can0.WFT_Forces": 214},
+        "remarks": ["can0: the kernel gave a receive buffer of 208 kB instead of 8192 kB"],
+        "gnss": {"fix": False, "age_s": 21.0, "level": "amber"},
+        "clock": {"steps": 2, "offset_s": None, "drift_ppm": None, "residual_s": None},
+    },
+    "between": {"state": "between", "gnss": None, "cpu_percent": None},
+}
+_CONTRAST = """(element) => {
+  const part = (c) => ((c /= 255), c <= 0.03928 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
+  const weights = [0.2126, 0.7152, 0.0722];
+  const light = (css) => css.match(/\\d+/g).slice(0, 3).reduce((sum, c, i) => sum + part(Number(c)) * weights[i], 0);
+  const style = getComputedStyle(element), [a, b] = [light(style.color), light(style.backgroundColor)];
+  return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+}"""
+_COLOURED = "(canvas) => new Set(canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data).size"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as found:
+        yield found
+
+
+def test_the_state_is_said_in_words_with_what_to_do(browser: Browser) -> None:
+    with page() as panel, Shower(panel) as shower, looking_at(browser, panel.address) as seen:
+        for state, changes in STATES.items():
+            shower.changes = changes
+            level = "green" if state == "between" else state
+            expect(seen.locator("#level")).to_contain_text(level.upper())
+            expect(seen.locator("#state")).to_have_text("BETWEEN RUNS" if state == "between" else "RECORDING")
+            expect(seen.locator("#spoken")).to_contain_text(level)
+            assert seen.locator("#band").evaluate(_CONTRAST) > 7
+            reasons = changes.get("reasons", [])
+            expect(seen.locator("#reasons li")).to_have_count(len(reasons))
+            for item, each in zip(seen.locator("#reasons li").all(), reasons, strict=True):
+                for words in (each["level"].upper(), each["where"], each["what"], each["next_step"]):
+                    expect(item).to_contain_text(words)
+            for width in (360, 390, 1280):
+                seen.set_viewport_size({"width": width, "height": 800})
+                assert seen.evaluate("document.documentElement.scrollWidth") == width
+
+
+def test_it_is_sharp_and_its_buttons_are_large(browser: Browser) -> None:
+    with page() as panel, Shower(panel), looking_at(browser, panel.address, width=360) as seen:
+        expect(seen.locator("#state")).to_have_text("RECORDING")
+        for button in seen.locator("#bar button, #bar input").all():
+            box = button.bounding_box()
+            assert box is not None and min(box["width"], box["height"]) >= 48
+        for canvas in seen.locator("canvas").all():
+            assert canvas.evaluate("(canvas) => canvas.width / canvas.clientWidth") == pytest.approx(2, rel=0.01)
+
+
+def test_live_values_buses_and_curves_move(browser: Browser) -> None:
+    with page() as panel, Shower(panel), looking_at(browser, panel.address) as seen:
+        expect(seen.locator("#values")).to_contain_text("drawbar pull")
+        expect(seen.locator("#buses")).to_contain_text("can0")
+        expect(seen.locator("#slip-plot")).to_have_attribute("aria-label", re.compile(r"[1-9]\d+ points, newest"))
+        frames = seen.locator("#run div").nth(1)
+        first = frames.inner_text()
+        seen.wait_for_function("(first) => document.querySelectorAll('#run div')[1].innerText !== first", arg=first)
+        for plot in ("#slip-plot", "#pull-plot"):
+            assert seen.locator(plot).evaluate(_COLOURED) > 20
+
+
+def test_without_news_it_is_neither_green_nor_red(browser: Browser) -> None:
+    with page() as panel, looking_at(browser, panel.address) as seen:
+        expect(seen.locator("#headline")).to_contain_text("no news from the logger yet")
+        with Shower(panel):
+            expect(seen.locator("#state")).to_have_text("RECORDING")
+            expect(seen.locator("#mark")).to_be_enabled()
+        expect(seen.locator("#headline")).to_contain_text("no news from the logger for")
+        expect(seen.locator("#band")).to_have_attribute("data-level", "none")
+        expect(seen.locator("#mark")).to_be_disabled()
+        assert panel.pid is not None
+        os.kill(panel.pid, signal.SIGSTOP)
+        expect(seen.locator("#state")).to_have_text("NO CONNECTION")
+        os.kill(panel.pid, signal.SIGCONT)
+        with Shower(panel):
+            expect(seen.locator("#state")).to_have_text("RECORDING")
+        panel.close()
+        expect(seen.locator("#state")).to_have_text("LOGGER ENDED")
+
+
+def test_a_mark_is_told_when_sent_and_when_it_stands_in_the_file(browser: Browser) -> None:
+    with page() as panel, Shower(panel) as shower, looking_at(browser, panel.address) as seen:
+        _press_mark(seen, "left rut")
+        expect(seen.locator("#feedback")).to_contain_text("was sent")
+        assert until(panel.commands, "the mark") == [Command("mark", "left rut")]
+        shower.changes = {"marks": [{"time_utc_s": START_UTC_S + 21, "text": "left rut"}]}
+        expect(seen.locator("#feedback")).to_contain_text("stands in the file")
+        expect(seen.locator("#marks li")).to_contain_text("left rut")
+        expect(seen.locator("#note")).to_have_value("")
+
+
+def test_a_mark_that_nobody_takes_is_told_too(browser: Browser) -> None:
+    with page() as panel, Shower(panel), looking_at(browser, panel.address) as seen:
+        _press_mark(seen, "")
+        expect(seen.locator("#feedback")).to_contain_text("has not confirmed it")
+
+
+def test_a_run_is_started_by_name_and_stopped_after_a_question(browser: Browser) -> None:
+    with page() as panel, Shower(panel) as shower, looking_at(browser, panel.address) as seen:
+        stop, start = seen.get_by_role("button", name="Stop run"), seen.get_by_role("button", name="Start run")
+        expect(stop.first).to_be_enabled()
+        stop.first.click()
+        seen.get_by_role("button", name="Go on").click()
+        start.first.click()
+        expect(seen.locator("#run-name")).to_have_value("clay-out-4")
+        seen.get_by_role("button", name="Cancel").click()
+        stop.first.click()
+        seen.locator("#stop-dialog").get_by_role("button", name="Stop run").click()
+        assert until(panel.commands, "the stop") == [Command("stop")]
+        shower.changes = {"state": "between"}
+        expect(seen.locator("#feedback")).to_contain_text("The run has ended")
+        expect(stop.first).to_be_disabled()
+        start.first.click()
+        seen.locator("#run-name").fill("second field")
+        seen.locator("#start-dialog").get_by_role("button", name="Start run").click()
+        assert until(panel.commands, "the start") == [Command("start", "second field")]
+
+
+def test_nothing_is_shown_without_the_token_and_all_with_it(browser: Browser) -> None:
+    with page(token="token-of-a-test") as panel, Shower(panel):
+        with looking_at(browser, panel.address.partition("#")[0]) as seen:
+            expect(seen.locator("#state")).to_have_text("TOKEN NEEDED")
+            expect(seen.locator("#main")).to_be_hidden()
+            seen.get_by_label("token").fill("wrong")
+            seen.get_by_role("button", name="Open").click()
+            expect(seen.locator("#state")).to_have_text("TOKEN NEEDED")
+            seen.get_by_label("token").fill("token-of-a-test")
+            seen.get_by_role("button", name="Open").click()
+            expect(seen.locator("#state")).to_have_text("RECORDING")
+        with looking_at(browser, panel.address) as seen:
+            expect(seen.locator("#state")).to_have_text("RECORDING")
+            _press_mark(seen, "")
+            assert until(panel.commands, "the mark") == [Command("mark")]
+
+
+def test_names_from_data_are_text(browser: Browser) -> None:
+    name = "<img src=x onerror=document.body.remove()>"
+    changes = {"vehicle": name, "remarks": [name], "reasons": [STUCK | {"what": name}]}
+    with page() as panel, Shower(panel, **changes), looking_at(browser, panel.address) as seen:
+        for place in ("#run-title", "#remarks", "#reasons"):
+            expect(seen.locator(place)).to_contain_text(name)
+        expect(seen.locator("img")).to_have_count(0)
+
+
+def test_a_plot_that_has_nothing_to_show_says_why(browser: Browser) -> None:
+    changes = {"setup": {"wheel_radius_m": None, "latency_s": {}, "min_speed_mps": 0.5}}
+    with page() as panel, Shower(panel, **changes), looking_at(browser, panel.address) as seen:
+        expect(seen.locator("#slip-plot")).to_have_attribute("aria-label", re.compile("0 points"))
+        expect(seen.locator("#pull-plot")).to_have_attribute("aria-label", re.compile("newest"))
+
+
+def _press_mark(seen: Page, note: str) -> None:
+    seen.get_by_label("Note").fill(note)
+    seen.get_by_role("button", name="Mark").click()
