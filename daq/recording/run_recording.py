@@ -227,11 +227,9 @@ def _session_losses(parts: Sequence[Recording]) -> dict[str, int]:
 
 
 def _session_drops(parts: Sequence[Recording]) -> dict[str, int]:
-    """Return the totals that the last part tells; where it was cut off, the most that is known."""
+    """Return the most that is known: from the last part's totals, from all parts, from the last ``losses`` record."""
     ended = [part.metadata.get(RUN_END, {}) for part in parts]
-    if totals := _counts(ended[-1], "total_drops."):
-        return totals
-    known = _total(_counts(values, "drops.") for values in ended)
+    known = _counts(ended[-1], "total_drops.") or _total(_counts(values, "drops.") for values in ended)
     lost = _session_losses(parts)
     for bus in {key.partition(".")[2] for key in lost if key.startswith(("kernel.", "queue."))}:
         known[bus] = max(known.get(bus, 0), lost.get(f"kernel.{bus}", 0) + lost.get(f"queue.{bus}", 0))

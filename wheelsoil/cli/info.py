@@ -72,7 +72,7 @@ def _print(facts: FileFacts, shown_ids: int | None) -> None:
     if len(facts.parts) > 1:
         print()
         _print_parts(facts)
-    if facts.losses:
+    if any(facts.losses.values()):
         print()
         _print_losses(facts)
     if facts.events:
@@ -172,7 +172,8 @@ def _print_losses(facts: FileFacts) -> None:
     rows = []
     for key, count in facts.losses.items():
         kind, _, where = key.partition(".")
-        rows.append([where, _LOSS_KINDS.get(kind, kind), f"{count:,}"])
+        if count:
+            rows.append([where, _LOSS_KINDS.get(kind, kind), f"{count:,}"])
     print_table(["lost on", "how", "frames"], rows, left=2)
 
 
