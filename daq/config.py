@@ -97,11 +97,12 @@ class LoggerSection(_Section):
 
 
 class HealthSection(_Section):
-    """``[health]``: what is no fault of this vehicle, as ``"Message"`` or ``"Message.Signal"``."""
+    """``[health]``: what is no fault of this vehicle, as ``"Message"`` or ``"Message.Signal"``; buses by their name."""
 
     may_be_silent: tuple[str, ...] = ()
     may_be_constant: tuple[str, ...] = ()
     may_leave_range: tuple[str, ...] = ()
+    may_carry_unknown: tuple[str, ...] = ()
 
 
 class VehicleConfig(_Section):

@@ -22,6 +22,9 @@ _WIDE_GAP = 1.5
 _AT_USUAL_RATE = 0.7
 _BURST_MOST = 4096
 _BLOCK = 8
+_CATCHES_UP_NS = 200_000_000
+_LEVEL_OVER = 8
+_STRICTEST = 0.85
 
 
 @dataclass(frozen=True)
@@ -33,10 +36,14 @@ class Usual:
     period_ns : float
     wide_ns : float
         Intervals beyond are gaps.
+    tolerance_ns : float
+        A frame is lacking where a gap is longer than a period by more than this: half a period where arrivals jitter
+        much, nearly a whole one where they are even.
     """
 
     period_ns: float
     wide_ns: float
+    tolerance_ns: float
 
 
 def learned_after(time_ns: IntArray, least: int) -> int | None:
@@ -59,20 +66,23 @@ def learned_after(time_ns: IntArray, least: int) -> int | None:
 def learn(time_ns: IntArray) -> Usual | None:
     """Return the usual rate of a message, None where its frames come when something happens.
 
-    Lost frames make a few intervals long: the median does not mind. Frames that come in bursts have no usual interval;
-    they are regular if blocks of them are.
+    Lost frames make a few intervals long: they are left out. Frames that come in bursts have no usual interval; they
+    are regular if blocks of them are.
     """
     gaps = np.maximum(np.diff(time_ns), 0)
     period = float(np.median(gaps))
     if period > 0 and _spread(gaps, period) <= _REGULAR and period > 0.5 * float(gaps.mean()):
-        return Usual(period, max(_WIDE_GAP * period, 1.25 * float(np.quantile(gaps, 0.9))))
+        wide = max(_WIDE_GAP * period, 1.25 * float(np.quantile(gaps, 0.9)))
+        period = float(gaps[np.abs(gaps - period) < 0.5 * period].mean())
+        jitter = float(np.quantile(np.abs(gaps - period), 0.9)) / period
+        return Usual(period, wide, period * min(max(_STRICTEST - 2 * jitter, 0.5), _STRICTEST))
     whole = time_ns[: (len(time_ns) - 1) // _BLOCK * _BLOCK + 1 : _BLOCK]
     blocks = np.diff(whole) / _BLOCK
     if len(blocks) < _BLOCK:
         return None
     period = float(np.median(blocks))
     if period > 0 and _spread(blocks, period) <= _REGULAR / 2:
-        return Usual(period, max(2 * _WIDE_GAP * period, 1.5 * float(np.quantile(gaps, 0.98))))
+        return Usual(period, max(2 * _WIDE_GAP * period, 1.5 * float(np.quantile(gaps, 0.98))), 0.5 * period)
     return None
 
 
@@ -148,16 +158,21 @@ class Gaps:
         """Return how many frames behind a gap may make up for it, None while that is open."""
         usual = after > _AT_USUAL_RATE * self.usual.period_ns
         twice = np.flatnonzero(usual[1:] & usual[:-1])
-        ends = [int(twice[0])] if len(twice) else []
+        late = np.flatnonzero(np.cumsum(after) >= _CATCHES_UP_NS)
+        ends = [max(int(twice[0]), int(late[0]))] if len(twice) and len(late) else []
         if limit is not None and limit <= len(after):
             ends.append(limit)
         if len(after) == _BURST_MOST:
             ends.append(_BURST_MOST)
         return min(ends, default=None)
 
-    def _lacking(self, at: int, burst: int) -> int:
-        """Return floor((gap - what the burst makes up for - half a period) / period)."""
+    def _lacking(self, at: int, end: int) -> int:
+        """Return floor((gap - what the frames behind make up for - tolerance) / period)."""
         period = self.usual.period_ns
-        early = np.cumsum(period - self._open[at + 1 : at + 1 + burst, 0])
-        made_up = max(float(early.max(initial=0.0)), 0.0)
-        return int((float(self._open[at, 0]) - made_up - 0.5 * period) // period)
+        after = self._open[at + 1 : at + 1 + end, 0]
+        early = np.cumsum(period - after)
+        made_up = 0.0
+        if len(early):
+            in_burst = np.any(after[-_LEVEL_OVER:] < _AT_USUAL_RATE * period)
+            made_up = max(float(early.max() if in_burst else np.median(early[-_LEVEL_OVER:])), 0.0)
+        return max(int((float(self._open[at, 0]) - made_up - self.usual.tolerance_ns) // period), 0)

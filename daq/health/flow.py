@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,8 @@ _LEAST_INTERVALS = 10
 _SILENT_PERIODS = 5
 _SILENT_LEAST_NS = 1_000_000_000
 _RATE_OVER_NS = 1_000_000_000
+_BELIEVED_AFTER = 3
+_SAME_RATE = 0.2
 
 
 class MessageFlow:
@@ -32,7 +35,7 @@ class MessageFlow:
         Names of the signals in the order of the rows that `take` gets.
     """
 
-    def __init__(self, message: Message, signals: list[str]) -> None:
+    def __init__(self, message: Message, signals: Sequence[str]) -> None:
         self._candidates = [
             (row, message.by_name[name]) for row, name in enumerate(signals) if may_count(message.by_name[name])
         ]
@@ -45,10 +48,13 @@ class MessageFlow:
         self._counter: RollingCounter | None = None
         self._counter_at: tuple[int, Signal] | None = None
         self._past: deque[tuple[int, int]] = deque()
+        self._block = np.zeros(0, np.int64)
+        self._other: list[Usual | None] = []
         self.frames = 0
         self.last_ns: int | None = None
         self.gaps = 0
-        self.missing = 0
+        self.rate_changes = 0
+        self._missing = 0
         self._turns_lost = 0
 
     @property
@@ -60,6 +66,13 @@ class MessageFlow:
     def counter_name(self) -> str:
         """The rolling counter's signal, empty where there is none."""
         return self._counter_at[1].name if self._counter_at else ""
+
+    @property
+    def missing(self) -> int:
+        """Frames that the gaps lack by the usual rate; 0 where a rolling counter tells."""
+        if self._counter is not None or self._gaps is None:
+            return self._missing
+        return self._missing + self._gaps.unsettled()
 
     @property
     def counter_lost(self) -> int:
@@ -107,6 +120,7 @@ class MessageFlow:
             self._held.append((time_ns, unknown))
         elif self._gaps is not None:
             self._count(self._gaps.take(time_ns, np.zeros(len(time_ns), np.int64)))
+            self._block = self._block[:0]
 
     def forget_last(self) -> None:
         """Judge nothing across this point: the times before and after do not belong together."""
@@ -161,17 +175,46 @@ class MessageFlow:
         self._judge(time_ns, raw[place] if found else None)
 
     def _judge(self, time_ns: IntArray, raw: IntArray | None) -> None:
+        """Judge frames by what is usual, which is looked at again after every block of them."""
+        while len(time_ns):
+            block = np.concatenate([self._block, time_ns])
+            end = learned_after(block, self._least)
+            piece = len(time_ns) if end is None else end - len(self._block)
+            self._judge_piece(time_ns[:piece], None if raw is None else raw[:piece])
+            self._block = block if end is None else block[end - 1 : end]
+            if end is not None:
+                self._review(learn(block[:end]))
+            time_ns, raw = time_ns[piece:], None if raw is None else raw[piece:]
+
+    def _judge_piece(self, time_ns: IntArray, raw: IntArray | None) -> None:
         lost = np.zeros(len(time_ns), np.int64) if raw is None or self._counter is None else self._counter.take(raw)
         if self._gaps is not None:
             self._count(self._gaps.take(time_ns, lost))
         else:
             self.gaps += int(np.count_nonzero(lost))
 
+    def _review(self, seen: Usual | None) -> None:
+        """Believe in another rate when it has held for some blocks."""
+        if _alike(seen, self._usual):
+            self._other = []
+            return
+        self._other = [*self._other, seen] if self._other and _alike(seen, self._other[-1]) else [seen]
+        if len(self._other) >= _BELIEVED_AFTER:
+            self.rate_changes += self._usual is not None
+            self._usual, self._other = seen, []
+            self._gaps = Gaps(seen) if seen else None
+
     def _count(self, settled: list[tuple[int, int]]) -> None:
         for lacking, lost in settled:
             self.gaps += 1
             if self._counter is None:
-                self.missing += lacking
+                self._missing += lacking
             else:
                 turns = max(round((lacking - lost) / self._counter.modulus), 0)
                 self._turns_lost += turns * self._counter.modulus
+
+
+def _alike(one: Usual | None, other: Usual | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return abs(one.period_ns - other.period_ns) <= _SAME_RATE * other.period_ns

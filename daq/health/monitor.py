@@ -1,56 +1,33 @@
-"""HealthMonitor: everything that is watched while a vehicle is recorded, and the report of it."""
+"""HealthMonitor: everything that is watched while a vehicle is recorded, and the report of it.
+
+A batch of frames costs the same few calls on columns however many frames it has; the reasons are found at the pace of
+the reports.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.buses import messages_by_bus
 from daq.channel import Channel
-from daq.config import ROLES, VehicleConfig
+from daq.config import VehicleConfig
 from daq.databases import Database
-from daq.errors import ConfigError
 from daq.frames import FrameArray, FrameBatch, FrameFlag
-from daq.health.board import Board, reason
-from daq.health.flow import MessageFlow
-from daq.health.report import (
-    BusFacts,
-    BusHealth,
-    HealthReport,
-    HostFacts,
-    Level,
-    MessageHealth,
-    Reason,
-    SignalHealth,
-)
-from daq.health.traffic import BusTraffic
-from daq.health.values import SignalValues
+from daq.health.board import Board, worst
+from daq.health.bus_health import BusWatch
+from daq.health.gnss import Gnss
+from daq.health.host_health import HostWatch
+from daq.health.message_health import gathered, message_health
+from daq.health.motion import Motion
+from daq.health.report import BusHealth, HealthReport, HostFacts, MessageHealth, Reason, SignalHealth
+from daq.health.signal_health import Scene, role_values, signal_health
+from daq.health.watched import usable_roles, watch
 from daq.identify import UNKNOWN, Identifier
-from daq.layout import Message
-from daq.roles import SignalRef, resolve_roles
 
-_START_NS = 5_000_000_000
-_SILENT_S = 2.0
-_LOSING_NS = 10_000_000_000
-_UNKNOWN_SHARE = 0.05
-_BEHIND = 0.25
-
-
-@dataclass
-class Watched:
-    """A DBC message of a bus and what is followed of it."""
-
-    bus: str
-    name: str
-    message: Message
-    names: list[str]
-    flow: MessageFlow
-    values: SignalValues
-    roles: dict[str, SignalRef]
+_NO_DATA = FrameFlag.ERROR | FrameFlag.REMOTE
 
 
 class HealthMonitor:
@@ -59,25 +36,44 @@ class HealthMonitor:
     Parameters
     ----------
     vehicle : VehicleConfig
+        A role that names no signal is a reason of the report, not an error: frames are recorded all the same.
     databases : mapping bus -> databases
     started_ns : int
         When the logger started, on the recording's time base.
+
+    Raises
+    ------
+    DatabaseError
+        The databases of a bus contradict each other.
     """
 
     def __init__(
         self, vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]], *, started_ns: int
     ) -> None:
-        self._vehicle = vehicle
+        self._health = vehicle.health
         self._started_ns = started_ns
-        self._roles = _usable_roles(vehicle, databases)
-        self._watched = _watch(databases, self._roles)
+        roles, self._always = usable_roles(vehicle, databases)
+        self._watched = watch(databases, roles, vehicle.health)
         self._identifier = Identifier(
             [(one.bus, one.message, code) for code, one in enumerate(self._watched, UNKNOWN + 1)]
         )
-        self._bit_rates = {bus.channel: bus.bitrate for bus in vehicle.bus}
-        self._traffic = {bus.channel: BusTraffic() for bus in vehicle.bus}
-        self._dropped_ns: dict[tuple[str, str], int] = {}
-        self._dropped: dict[tuple[str, str], int] = {}
+        self._where = {role: f"{one.bus}: {one.name}" for role, one in roles.items()}
+        self._role_messages = frozenset(one.where for one in self._watched if one.roles)
+        described = {one.bus for one in self._watched}
+        self._buses = {
+            bus.channel: BusWatch(
+                bus.channel,
+                bus.bitrate,
+                described=bus.channel in described,
+                has_roles=any(one.bus == bus.channel for one in roles.values()),
+                may_be_unknown=bus.channel in vehicle.health.may_carry_unknown,
+                started_ns=started_ns,
+            )
+            for bus in vehicle.bus
+        }
+        self._gnss = Gnss(roles, started_ns)
+        self._motion = Motion(vehicle.wheel.radius_m if vehicle.wheel else None)
+        self._host = HostWatch(vehicle.logger)
         self._board = Board()
 
     def take(self, batch: FrameBatch, decoded: Mapping[tuple[str, str], Channel]) -> None:
@@ -88,17 +84,24 @@ class HealthMonitor:
         batch : FrameBatch
             In the order in which they were received.
         decoded : mapping (bus, "Message.Signal") -> Channel
-            Of the same frames, as `daq.decode.Decoder` returns it.
+            Of the same frames: all signals of every message that came, as `daq.decode.Decoder` returns them.
         """
         self._take_traffic(batch)
+        unsure = bool(np.bitwise_or.reduce(batch.frames["flags"], initial=0) & FrameFlag.UNSURE_TIME)
         for one in self._watched:
-            channels = [decoded.get((one.bus, f"{one.name}.{name}")) for name in one.names]
-            first = next((channel for channel in channels if channel is not None), None)
-            if first is None or not len(first):
+            if not one.keys or one.keys[0] not in decoded:
                 continue
-            values = np.array([channel.values for channel in channels if channel is not None])
-            one.flow.take(first.time_ns, values)
-            one.values.take(first.time_ns, values)
+            time_ns = decoded[one.keys[0]].time_ns
+            if not len(time_ns):
+                continue
+            values = np.array([decoded[key].values for key in one.keys])
+            if unsure:
+                one.flow.forget_last()
+            one.flow.take(time_ns, values)
+            if unsure:
+                one.flow.forget_last()
+            one.values.take(time_ns, values)
+        self._gnss.take(decoded)
 
     def skip(self, batch: FrameBatch) -> None:
         """Take frames that were recorded, but not decoded: nothing of them is missing."""
@@ -114,153 +117,101 @@ class HealthMonitor:
         -------
         dict
             ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>`` and ``missing.<bus>.<message>``, where they
-            are not 0. One loss can stand under a bus and under a message.
+            are not 0. A message with a rolling counter has no ``missing``. What the kernel lost, or the logger gave
+            up, is told once for its bus and, as far as it was noticed there, once more by the messages.
         """
-        lost = {f"{kind}.{bus}": count for (kind, bus), count in self._dropped.items()}
+        lost: dict[str, int] = {}
+        for bus in self._buses.values():
+            lost |= bus.losses()
         for one in self._watched:
             lost[f"counter.{one.bus}.{one.name}"] = one.flow.counter_lost
-            lost[f"missing.{one.bus}.{one.name}"] = one.flow.missing
+            if not one.listed(self._health.may_be_silent):
+                lost[f"missing.{one.bus}.{one.name}"] = one.flow.missing
         return {name: count for name, count in lost.items() if count}
 
     def report(self, now_ns: int, host: HostFacts) -> HealthReport:
-        """Return the state at `now_ns`, on the time base of the frames."""
-        found: list[Reason] = []
-        buses = {name: self._bus(name, now_ns, host, found) for name in self._traffic}
-        messages = [self._message(one, now_ns, found) for one in self._watched]
+        """Return the state of everything.
+
+        Parameters
+        ----------
+        now_ns : int
+            On the time base of the frames; all frames that came before have been taken or skipped, or are in the queue.
+        host : HostFacts
+        """
+        found = [*self._always, *self._host.reasons(now_ns, host)]
+        buses = self._report_buses(now_ns, host, found)
+        messages = self._report_messages(now_ns, found)
+        values = role_values(self._watched)
+        gnss = self._gnss.health(now_ns, values, self._gnss_period_s())
+        if gnss is not None:
+            found += gnss[1]
+        has_fix = gnss is None or gnss[0].fix is not False
+        if not has_fix:
+            values.pop("ground_speed", None)
+        self._motion.take(now_ns, values)
+        found += self._motion.reasons(now_ns, self._where)
+        signals = self._report_signals(Scene(now_ns, self._health, self._motion, has_fix), found)
         reasons = self._board.update(now_ns, found)
-        worst = max((one.level for one in reasons), default=Level.GREEN)
         return HealthReport(
             time_ns=now_ns,
-            level=worst,
+            level=worst(reasons),
             reasons=reasons,
-            buses=tuple(buses.values()),
+            buses=tuple(buses),
             messages=tuple(messages),
-            signals=tuple(signal for one in self._watched for signal in self._signals(one, now_ns)),
-            gnss=None,
+            signals=tuple(signals),
+            gnss=gnss[0] if gnss else None,
             host=host,
             losses=self.losses(),
         )
 
     def _take_traffic(self, batch: FrameBatch) -> NDArray[Any]:
+        """Count the frames of every bus; return the place of each frame's message, plus one."""
         codes = self._identifier.codes(batch.frames, batch.buses)
+        single = len(batch.buses) == 1
         for number, bus in enumerate(batch.buses):
-            rows = batch.frames["bus"] == number
-            frames: FrameArray = batch.frames[rows]
-            data = (frames["flags"] & FrameFlag.ERROR) == 0
-            known = codes[rows] != UNKNOWN
-            self._traffic.setdefault(bus, BusTraffic()).take(
-                frames, int(np.count_nonzero(known)), frames[data & ~known]
-            )
+            if bus not in self._buses:
+                continue
+            rows = None if single else np.flatnonzero(batch.frames["bus"] == number)
+            frames: FrameArray = batch.frames if rows is None else batch.frames.take(rows)
+            unknown = (codes if rows is None else codes[rows]) == UNKNOWN
+            if np.bitwise_or.reduce(frames["flags"], initial=0) & _NO_DATA:
+                unknown &= (frames["flags"] & _NO_DATA) == 0
+            self._buses[bus].traffic.take(frames, frames.take(np.flatnonzero(unknown)))
         return codes
 
-    def _bus(self, name: str, now_ns: int, host: HostFacts, found: list[Reason]) -> BusHealth:
-        traffic = self._traffic[name]
-        facts = host.buses.get(name, BusFacts("up", traffic.frames, None))
-        rate_hz, bit_rate, unknown = traffic.rates(now_ns)
-        mine = self._drops(name, now_ns, facts)
-        quiet_ns = now_ns - (traffic.last_ns or self._started_ns)
-        if facts.state == "down":
-            mine.append(reason("bus_down", Level.RED, name, facts.detail or "the interface is down"))
-        elif facts.state == "bus_off":
-            mine.append(reason("bus_off", Level.RED, name, facts.detail or "the controller is bus-off"))
-        elif host.queue_share < _BEHIND and quiet_ns * 1e-9 > (_SILENT_S if traffic.last_ns else _START_NS * 1e-9):
-            level = Level.RED if any(one.bus == name for one in self._roles.values()) else Level.AMBER
-            mine.append(reason("bus_silent", level, name, f"no frame for {quiet_ns * 1e-9:.0f} s"))
-        if traffic.last_ns is not None and unknown > _UNKNOWN_SHARE and any(one.bus == name for one in self._watched):
-            what = f"{100 * unknown:.0f} % of the frames are in no DBC, e.g. {', '.join(traffic.ids())}"
-            mine.append(reason("unknown_frames", Level.AMBER, name, what))
-        found += mine
-        bit_limit = self._bit_rates.get(name)
-        return BusHealth(
-            name,
-            max((one.level for one in mine), default=Level.GREEN),
-            facts,
-            rate_hz,
-            bit_rate / bit_limit if bit_limit else float("nan"),
-            traffic.age_s(now_ns),
-            traffic.error_frames,
-            traffic.unknown,
-        )
+    def _report_buses(self, now_ns: int, host: HostFacts, found: list[Reason]) -> list[BusHealth]:
+        states = []
+        for bus in self._buses.values():
+            state, reasons = bus.health(now_ns, host)
+            states.append(state)
+            found += reasons
+        return states
 
-    def _drops(self, name: str, now_ns: int, facts: BusFacts) -> list[Reason]:
-        mine = []
-        for kind, count in (("kernel", facts.kernel_drops or 0), ("queue", facts.queue_drops)):
-            if count > self._dropped.get((kind, name), 0):
-                self._dropped_ns[kind, name] = now_ns
-            self._dropped[kind, name] = count
-            if count:
-                now = now_ns - self._dropped_ns[kind, name] < _LOSING_NS
-                mine.append(
-                    reason(f"{kind}_drops", Level.RED if now else Level.AMBER, name, f"lost {count} frames so far")
-                )
-        return mine
-
-    def _message(self, one: Watched, now_ns: int, found: list[Reason]) -> MessageHealth:
-        flow = one.flow
-        where, level = f"{one.bus}: {one.name}", Level.GREEN
-        if flow.silent(now_ns) and one.name not in self._vehicle.health.may_be_silent:
-            level = Level.RED if one.roles else Level.AMBER
-            what = f"has not come for {flow.age_s(now_ns):.1f} s, usually every {flow.period_s:.3g} s"
-            found.append(reason("message_missing", level, where, what, bus=one.bus))
-        usual_hz = 1 / flow.period_s
-        return MessageHealth(
-            one.bus,
-            one.name,
-            level,
-            flow.rate_hz(now_ns),
-            usual_hz,
-            flow.age_s(now_ns),
-            flow.frames,
-            flow.gaps,
-            flow.missing,
-            flow.counter_lost,
-        )
-
-    def _signals(self, one: Watched, now_ns: int) -> list[SignalHealth]:
-        role_of = {reference.signal: role for role, reference in one.roles.items()}
-        stuck_s = one.values.stuck_s(now_ns)
-        columns = zip(
-            one.names,
-            one.values.last.tolist(),
-            one.values.out_of_range.tolist(),
-            one.values.saturated.tolist(),
-            stuck_s.tolist(),
-            strict=True,
-        )
-        return [
-            SignalHealth(
-                one.bus,
-                f"{one.name}.{name}",
-                one.message.by_name[name].unit,
-                role_of.get(name, ""),
-                Level.GREEN,
-                value,
-                out,
-                saturated,
-                stuck,
+    def _report_messages(self, now_ns: int, found: list[Reason]) -> list[MessageHealth]:
+        heard = {name: bus.heard(now_ns) and bus.fits(now_ns) for name, bus in self._buses.items()}
+        states, reasons = [], []
+        for one in self._watched:
+            state, mine = message_health(
+                one, now_ns, self._health, started_ns=self._started_ns, heard=heard.get(one.bus, False)
             )
-            for name, value, out, saturated, stuck in columns
+            states.append(state)
+            reasons += mine
+        found += gathered(reasons, self._role_messages)
+        return states
+
+    def _report_signals(self, scene: Scene, found: list[Reason]) -> list[SignalHealth]:
+        states = []
+        for one in self._watched:
+            mine, reasons = signal_health(one, scene)
+            states += mine
+            found += reasons
+        return states
+
+    def _gnss_period_s(self) -> float:
+        periods = [
+            one.flow.period_s
+            for one in self._watched
+            for signal in one.roles.values()
+            if signal.role in self._gnss.roles
         ]
-
-
-def _usable_roles(vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]) -> dict[str, SignalRef]:
-    """Return the roles that can be resolved; `log` records with a wrong one all the same."""
-    usable: dict[str, SignalRef] = {}
-    for role in ROLES:
-        try:
-            usable |= resolve_roles(vehicle, databases, (), (role,))
-        except ConfigError:
-            continue
-    return usable
-
-
-def _watch(databases: Mapping[str, tuple[Database, ...]], roles: Mapping[str, SignalRef]) -> list[Watched]:
-    watched = []
-    for bus, messages in messages_by_bus(databases).items():
-        for name, message in messages.items():
-            names = list(message.by_name)
-            mine = {role: one for role, one in roles.items() if (one.bus, one.message) == (bus, name)}
-            watched.append(
-                Watched(bus, name, message, names, MessageFlow(message, names), SignalValues(message, names), mine)
-            )
-    return watched
+        return max(periods, default=float("nan"))

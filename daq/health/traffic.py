@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.frames import FrameArray, FrameFlag
+from daq.health.error_frames import ErrorFrames
 
 _RATE_OVER_NS = 1_000_000_000
 _IDS_KEPT = 64
@@ -54,38 +55,36 @@ class BusTraffic:
         self.frames = 0
         self.known = 0
         self.unknown = 0
-        self.error_frames = 0
+        self.errors = ErrorFrames()
         self.last_ns: int | None = None
-        self.last_error_ns: int | None = None
-        self.errors: dict[int, int] = {}
-        """Host time of the last error frame of each class."""
+        self.last_data_ns: int | None = None
         self._bits = 0.0
         self._untold = 0
         self._ids: Counter[tuple[int, bool]] = Counter()
         self._past: deque[tuple[int, int, float, int, int, int]] = deque()
 
-    def take(self, frames: FrameArray, known: int, unknown: FrameArray) -> None:
+    def take(self, frames: FrameArray, unknown: FrameArray) -> None:
         """Take frames of this bus.
 
         Parameters
         ----------
         frames : structured array, shape (n,)
-        known : int
-            How many of them a DBC describes.
         unknown : structured array, shape (m,)
-            Data frames and remote frames that none describes.
+            Data frames that no DBC describes.
         """
         if not len(frames):
             return
         self.last_ns = max(int(frames["time_ns"].max()), self.last_ns or 0)
         self.frames += len(frames)
-        self.known += known
         self.unknown += len(unknown)
         flags = frames["flags"]
         if np.bitwise_or.reduce(flags) & FrameFlag.ERROR:
             is_error = (flags & FrameFlag.ERROR) != 0
-            self._take_errors(frames[is_error])
+            self.errors.take(frames[is_error])
             frames = frames[~is_error]
+        self.known += int(np.count_nonzero((frames["flags"] & FrameFlag.REMOTE) == 0)) - len(unknown)
+        if len(frames):
+            self.last_data_ns = max(int(frames["time_ns"].max()), self.last_data_ns or 0)
         bits = bits_on_wire(frames)
         untold = np.isnan(bits)
         self._untold += int(np.count_nonzero(untold))
@@ -95,10 +94,6 @@ class BusTraffic:
     def ids(self, most: int = 5) -> list[str]:
         """Return the commonest identifiers that no DBC knows, of those that were looked at."""
         return [f"0x{i:08X}" if extended else f"0x{i:03X}" for (i, extended), _ in self._ids.most_common(most)]
-
-    def age_s(self, now_ns: int) -> float:
-        """Return the time since the last frame, NaN before the first."""
-        return float("nan") if self.last_ns is None else (now_ns - self.last_ns) * 1e-9
 
     def rates(self, now_ns: int) -> tuple[float, float, float]:
         """Return frames per second, bits per second and the share of unknown frames over about the last second."""
@@ -113,9 +108,6 @@ class BusTraffic:
         share = (self.unknown - unknown) / described if described else 0.0
         bit_rate = float("nan") if self._untold > untold else (self._bits - bits) / elapsed_s
         return (self.frames - frames) / elapsed_s, bit_rate, share
-
-    def _take_errors(self, errors: FrameArray) -> None:
-        self.error_frames += len(errors)
 
     def _look_at(self, unknown: FrameArray) -> None:
         """Count identifiers in a sample of the unknown frames; those that came first are kept."""

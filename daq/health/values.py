@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +20,10 @@ LEAST_CHANGES = 50
 _LEAST_LEARN_NS = 5_000_000_000
 _MUCH_LONGER = 4.0
 _STUCK_LEAST_NS = 1_000_000_000
+_RESTING_LONGER = 20.0
+_RESTING_LEAST_NS = 10_000_000_000
 _SATURABLE_BITS = 8
+_LEAST_BITS = 5
 
 
 class SignalValues:
@@ -29,16 +34,18 @@ class SignalValues:
     message : Message
     names : sequence of str
         Signals in the order of the rows that `take` gets.
+    constant : collection of str
+        Signals that may stay the same as long as they like, beside counters, checksums, flags and enumerations.
     """
 
-    def __init__(self, message: Message, names: list[str]) -> None:
+    def __init__(self, message: Message, names: Sequence[str], constant: Collection[str] = ()) -> None:
         signals = [message.by_name[name] for name in names]
         size = len(signals)
         limits = np.array([_limits(signal) for signal in signals], np.float64).reshape(size, 2)
         ends = np.array([_ends(signal, j1939=message.j1939) for signal in signals], np.float64).reshape(size, 2)
         self._low, self._high = limits[:, :1], limits[:, 1:]
         self._bottom, self._top = ends[:, :1], ends[:, 1:]
-        self.changes_much = np.array([not (signal.labels or is_named_so(signal)) for signal in signals], np.bool_)
+        self.may_stick = np.array([s.name not in constant and _measures(s) for s in signals], np.bool_)
         self.last = np.full(size, np.nan)
         self.last_ns = np.zeros(size, np.int64)
         self.changes = np.zeros(size, np.int64)
@@ -71,13 +78,19 @@ class SignalValues:
         else:
             self._take(slice(None), time_ns, values)
 
-    def stuck_s(self, now_ns: int) -> FloatArray:
-        """Return how long each signal has been the same for much longer than ever before; 0 while it is not so."""
-        del now_ns
+    def stuck_s(self, *, resting: bool) -> FloatArray:
+        """Return how long each signal has been the same for much longer than ever before; 0 while it is not so.
+
+        Parameters
+        ----------
+        resting : bool
+            The vehicle stands: more patience.
+        """
         same_ns = self.last_ns - self.changed_ns
         learned = (self.changes >= LEAST_CHANGES) & (self.changed_ns - self.first_ns >= _LEAST_LEARN_NS)
-        limit_ns = np.maximum(_STUCK_LEAST_NS, _MUCH_LONGER * self.longest_ns)
-        return np.where(learned & self.changes_much & (same_ns > limit_ns), same_ns * 1e-9, 0.0)
+        least_ns, longer = (_RESTING_LEAST_NS, _RESTING_LONGER) if resting else (_STUCK_LEAST_NS, _MUCH_LONGER)
+        limit_ns = np.maximum(least_ns, longer * self.longest_ns)
+        return np.where(learned & self.may_stick & (same_ns > limit_ns), same_ns * 1e-9, 0.0)
 
     def _take(self, rows: slice, time_ns: IntArray, values: FloatArray) -> None:
         fresh = self.last_ns[rows] == 0
@@ -115,6 +128,11 @@ class SignalValues:
                 run &= at_end[:, shift : shift + run.shape[1]]
             self.saturated[rows] += np.count_nonzero(run, axis=1)
             self.saturated_ns[rows] = np.maximum(self.saturated_ns[rows], np.where(run, time_ns, 0).max(axis=1))
+
+
+def _measures(signal: Signal) -> bool:
+    """Whether a signal measures something that changes: no counter, flag, status or enumeration."""
+    return not (signal.labels or is_named_so(signal) or signal.length_bits < _LEAST_BITS)
 
 
 def _limits(signal: Signal) -> tuple[float, float]:

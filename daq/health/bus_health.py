@@ -1,0 +1,132 @@
+"""What is wrong with buses: down, silent, losing frames, full of what no DBC knows."""
+
+from __future__ import annotations
+
+import math
+
+from daq.health.board import RECENT_NS, Recent, reason, worst
+from daq.health.report import BusFacts, BusHealth, HostFacts, Level, Reason
+from daq.health.traffic import BusTraffic
+
+_SILENT_AFTER_NS, _SILENT_FROM_START_NS = 2_000_000_000, 5_000_000_000
+_UNKNOWN_SHARE = 0.05
+_BEHIND = 0.25
+_RETURN_TOLD_NS = 60_000_000_000
+
+
+class BusWatch:
+    """Follows one bus from report to report.
+
+    Parameters
+    ----------
+    name : str
+    bit_rate : int or None
+    described, has_roles, may_be_unknown : bool
+        Whether a DBC describes it; whether a role's signal is on it; whether it may carry what no DBC knows.
+    started_ns : int
+    """
+
+    def __init__(
+        self,
+        name: str,
+        bit_rate: int | None,
+        *,
+        described: bool,
+        has_roles: bool,
+        may_be_unknown: bool,
+        started_ns: int,
+    ) -> None:
+        self.name = name
+        self.traffic = BusTraffic()
+        self.facts = BusFacts("up", 0, None)
+        self._bit_rate = bit_rate
+        self._described = described
+        self._judge_ids = described and not may_be_unknown
+        self._level = Level.RED if has_roles else Level.AMBER
+        self._started_ns = started_ns
+        self._kernel, self._queue, self._returns = Recent(), Recent(), Recent()
+
+    def heard(self, now_ns: int, age_ns: int = 500_000_000) -> bool:
+        """Whether it is carrying frames, so that a missing message is a matter of its own."""
+        return self.traffic.last_ns is not None and now_ns - self.traffic.last_ns < age_ns
+
+    def fits(self, now_ns: int) -> bool:
+        """Whether a message of its DBCs has been seen; True while it is too early to say."""
+        early = now_ns - self._started_ns < _SILENT_FROM_START_NS
+        return early or not self._described or not self.traffic.frames or self.traffic.known > 0
+
+    def health(self, now_ns: int, host: HostFacts) -> tuple[BusHealth, list[Reason]]:
+        """Return the state of the bus and what is wrong with it."""
+        traffic = self.traffic
+        self.facts = host.buses.get(self.name, BusFacts("up", traffic.frames, None))
+        rate_hz, bit_rate, unknown = traffic.rates(now_ns)
+        found = self._state(now_ns, host) + self._drops(now_ns)
+        if self.facts.state == "up":
+            found += traffic.errors.reasons(self.name, now_ns, traffic.last_data_ns)
+        found += self._unknown(now_ns, unknown)
+        state = BusHealth(
+            name=self.name,
+            level=worst(found),
+            facts=self.facts,
+            rate_hz=rate_hz,
+            load=bit_rate / self._bit_rate if self._bit_rate else math.nan,
+            age_s=math.nan if traffic.last_ns is None else (now_ns - traffic.last_ns) * 1e-9,
+            error_frames=traffic.errors.count,
+            unknown_frames=traffic.unknown,
+        )
+        return state, found
+
+    def losses(self) -> dict[str, int]:
+        """Return what was lost on the bus, by who lost it."""
+        return {f"kernel.{self.name}": self.facts.kernel_drops or 0, f"queue.{self.name}": self.facts.queue_drops}
+
+    def _state(self, now_ns: int, host: HostFacts) -> list[Reason]:
+        facts, found = self.facts, []
+        self._returns.take(now_ns, facts.reconnects)
+        if facts.state == "down":
+            found.append(reason("bus_down", self._level, self.name, facts.detail or "the interface is down"))
+        elif facts.state == "bus_off":
+            found.append(reason("bus_off", self._level, self.name, facts.detail or "the controller is off the bus"))
+        else:
+            found += self._silence(now_ns, host)
+            if self._returns.last_ns is not None and now_ns - self._returns.last_ns < _RETURN_TOLD_NS:
+                what = f"the bus was lost and came back, {facts.reconnects} times so far"
+                found.append(reason("bus_returned", Level.AMBER, self.name, what))
+        return found
+
+    def _silence(self, now_ns: int, host: HostFacts) -> list[Reason]:
+        last_ns = self.traffic.last_data_ns
+        quiet_ns = now_ns - (self._started_ns if last_ns is None else last_ns)
+        limit_ns = _SILENT_FROM_START_NS if last_ns is None else _SILENT_AFTER_NS
+        if quiet_ns < limit_ns or host.queue_share > _BEHIND:
+            return []
+        what = (
+            f"no frame for {quiet_ns * 1e-9:.1f} s"
+            if last_ns
+            else f"no frame since the start {quiet_ns * 1e-9:.0f} s ago"
+        )
+        return [reason("bus_silent", self._level, self.name, what)]
+
+    def _drops(self, now_ns: int) -> list[Reason]:
+        found = []
+        for code, recent, count in (
+            ("kernel_drops", self._kernel, self.facts.kernel_drops or 0),
+            ("queue_drops", self._queue, self.facts.queue_drops),
+        ):
+            now = recent.take(now_ns, count)
+            if count:
+                level = Level.RED if now else Level.AMBER
+                what = f"lost {count} frames so far, {now} of them in the last {RECENT_NS * 1e-9:.0f} s"
+                found.append(reason(code, level, self.name, what))
+        return found
+
+    def _unknown(self, now_ns: int, share: float) -> list[Reason]:
+        ids = ", ".join(self.traffic.ids())
+        if not self.fits(now_ns):
+            what = f"none of the DBC's messages has come, but {self.traffic.frames} frames, e.g. {ids}"
+            return [reason("dbc_does_not_fit", Level.AMBER, self.name, what)]
+        early = now_ns - self._started_ns < _SILENT_FROM_START_NS
+        if early or not self._judge_ids or share <= _UNKNOWN_SHARE:
+            return []
+        what = f"{100 * share:.0f} % of the frames are in no DBC, e.g. {ids}"
+        return [reason("unknown_frames", Level.AMBER, self.name, what)]

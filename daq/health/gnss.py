@@ -1,0 +1,125 @@
+"""The GNSS receiver: fix, age, and the host's clock against its time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channel import Channel
+from daq.clock import ClockFit, GnssClock
+from daq.health.board import reason, worst
+from daq.health.report import GnssHealth, Level, Reason
+from daq.roles import SignalRef
+
+GNSS_ROLES = ("ground_speed_valid", "latitude", "longitude", "gnss_time", "course")
+_FIT_EVERY_NS = 10_000_000_000
+_LOST_AFTER_S = 1.5
+_MESSAGES = 5
+_NEVER_AFTER_S = 10.0
+_RESIDUAL_S = 0.05
+_DRIFT_PPM = 100.0
+_DRIFT_SIGMAS = 3.0
+_NULL_ISLAND_RAD = 1e-6
+
+
+class Gnss:
+    """Follows the receiver.
+
+    Parameters
+    ----------
+    roles : mapping role -> SignalRef
+    started_ns : int
+
+    Attributes
+    ----------
+    roles : dict
+        Those of the receiver.
+    """
+
+    def __init__(self, roles: Mapping[str, SignalRef], started_ns: int) -> None:
+        self.roles = {role: roles[role] for role in GNSS_ROLES if role in roles}
+        self._started_ns = started_ns
+        self._told = [role for role in ("ground_speed_valid", "latitude", "longitude") if role in roles][:1]
+        self._positions = [role for role in ("latitude", "longitude") if role in roles]
+        self._fixed_ns: int | None = None
+        self._fix: bool | None = None
+        self._clock = GnssClock()
+        self._fitted_ns = started_ns
+        self._fit: ClockFit | None = None
+        self._period_s = 0.0
+
+    def take(self, decoded: Mapping[tuple[str, str], Channel]) -> None:
+        """Take decoded frames; see `HealthMonitor.take`."""
+        if "gnss_time" in self.roles:
+            channel = decoded.get(self.roles["gnss_time"].key)
+            if channel is not None:
+                time = self.roles["gnss_time"].to_si(channel)
+                self._clock.take(time.time_ns, time.values)
+        for role in self._told:
+            channel = decoded.get(self.roles[role].key)
+            if channel is not None and len(channel):
+                self._look(role, self.roles[role].to_si(channel))
+
+    def _look(self, role: str, channel: Channel) -> None:
+        known = np.isfinite(channel.values)
+        valid = known & (channel.values != 0) if role == "ground_speed_valid" else known & ~_nowhere(channel)
+        rows = np.flatnonzero(valid)
+        if len(rows):
+            self._fixed_ns = int(channel.time_ns[rows[-1]])
+        self._fix = bool(valid[-1])
+
+    def health(
+        self, now_ns: int, values: Mapping[str, float], period_s: float
+    ) -> tuple[GnssHealth, list[Reason]] | None:
+        """Return the state of the receiver and what is wrong with it; None without GNSS roles.
+
+        Parameters
+        ----------
+        now_ns : int
+        values : mapping role -> float
+            Last values, SI.
+        period_s : float
+            Usual time between its messages, NaN where it is not known.
+        """
+        if not self.roles:
+            return None
+        if now_ns - self._fitted_ns >= _FIT_EVERY_NS and "gnss_time" in self.roles:
+            self._fitted_ns = now_ns
+            self._fit = self._clock.fit()
+        nowhere = len(self._positions) == 2 and all(abs(values.get(r, 1.0)) < _NULL_ISLAND_RAD for r in self._positions)
+        fix = self._fix and not nowhere if self._fix is not None else None
+        age_s = math.nan if self._fixed_ns is None else (now_ns - self._fixed_ns) * 1e-9
+        found = self._fix_reasons(now_ns, fix, age_s, nowhere, period_s) + self._clock_reasons()
+        return GnssHealth(worst(found), fix, age_s, self._fit), found
+
+    def _fix_reasons(self, now_ns: int, fix: bool | None, age_s: float, nowhere: bool, period_s: float) -> list[Reason]:
+        patience_s = max(_LOST_AFTER_S, _MESSAGES * period_s) if math.isfinite(period_s) else _NEVER_AFTER_S
+        running_s = (now_ns - self._started_ns) * 1e-9
+        if fix is None or (math.isnan(age_s) and running_s < _NEVER_AFTER_S):
+            return []
+        if math.isnan(age_s):
+            return [reason("gnss_no_fix", Level.RED, "gnss", f"no fix since the start {running_s:.0f} s ago")]
+        if nowhere:
+            return [reason("gnss_no_fix", Level.RED, "gnss", "the position is 0, 0: the receiver has none")]
+        if age_s > patience_s:
+            return [reason("gnss_no_fix", Level.RED, "gnss", f"the last valid fix is {age_s:.1f} s old")]
+        return []
+
+    def _clock_reasons(self) -> list[Reason]:
+        fit, found = self._fit, []
+        if fit is None:
+            return []
+        if fit.residual_s > _RESIDUAL_S:
+            what = f"GNSS time comes with a jitter of {1e3 * fit.residual_s:.0f} ms against the host's clock"
+            found.append(reason("gnss_clock_residual", Level.AMBER, "gnss", what))
+        if abs(fit.drift_ppm) > _DRIFT_PPM + _DRIFT_SIGMAS * fit.drift_sigma_ppm:
+            what = f"the host's clock drifts by {fit.drift_ppm:.0f} ppm ({0.06 * fit.drift_ppm:.1f} ms a minute)"
+            found.append(reason("gnss_clock_drift", Level.AMBER, "gnss", what))
+        return found
+
+
+def _nowhere(channel: Channel) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(channel.values) < _NULL_ISLAND_RAD)
