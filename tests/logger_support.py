@@ -76,6 +76,7 @@ class Handset:
         self.closed = False
 
     def press(self, kind: str, text: str = "") -> None:
+        self.snapshots.clear()
         self._commands.append(Command(kind, text))  # type: ignore[arg-type]
 
     def show(self, snapshot: Any) -> None:

@@ -81,6 +81,7 @@ class Attendance:
             self._inspector.give(self._feed.task(self._parts.clock.now_ns(), self._watch.host()))
             self._take_findings(self._inspector.fetch(_LAST_INSPECTION_S))
         self._write_health()
+        self._note_clock()
         self._parts.panel.show(snapshot(self._state()))
 
     def note_losses(self) -> None:
@@ -114,12 +115,23 @@ class Attendance:
     def _each_second(self) -> None:
         self._write_health()
         self.note_losses()
+        self._note_clock()
         if not self._watch.stuck():
             self._parts.notifier.alive()
 
     def _write_health(self) -> None:
         if self._report is not None:
             self._recorder.write_health(self._report.time_ns, statuses(self._report))
+
+    def _note_clock(self) -> None:
+        """Tell the recorder of the host's clock: its fit to GNSS time, and every time it was set."""
+        fit = self._report.gnss.clock if self._report and self._report.gnss else None
+        steps = {
+            f"step.{number}": f"{step.step_s:+.6f} s at {step.time_ns}"
+            for number, step in enumerate(self._parts.clock.steps, 1)
+        }
+        unsure = {f"unsure_frames.{bus}": str(count) for bus, count in self._watch.unsure().items() if count}
+        self._recorder.note_clock((fit.as_metadata() if fit else {}) | steps | unsure)
 
     def _take_findings(self, found: Findings | None) -> None:
         if found is None:

@@ -22,6 +22,8 @@ from daq.view import DecodedView
 BETWEEN_FOLDER = "between"
 BETWEEN_KEY = "between_runs"
 """In the ``run_start`` metadata: "yes" in a recording of what came between two runs."""
+CLOCK = "clock"
+"""Name of the metadata record of the host's clock: the fit to GNSS time, see `ClockFit.as_metadata`, and its steps."""
 _MB = 1_000_000
 _MARKS_KEPT = 5
 
@@ -78,6 +80,7 @@ class Recorder:
         self._bytes_before = 0
         self._drops: Mapping[str, int] = {}
         self._losses: Mapping[str, int] = {}
+        self._clock_record: dict[str, str] = {}
         self._marks: deque[Event] = deque(maxlen=_MARKS_KEPT)
         self._rotation_fault: Fault | None = None
         self.paths: list[Path] = []
@@ -175,6 +178,10 @@ class Recorder:
         self._drops, self._losses = dict(drops), dict(losses)
         self._writer.note_losses(_since(drops, self._drops_before), _since(losses, self._losses_before))
 
+    def note_clock(self, values: Mapping[str, str]) -> None:
+        """Take what is known of the host's clock; every run's last file tells it."""
+        self._clock_record = dict(values)
+
     def tick(self) -> None:
         """Flush, sync and rotate if it is time to."""
         self._writer.tick()
@@ -182,7 +189,10 @@ class Recorder:
 
     def close(self, exit_status: str) -> None:
         """Close the file."""
-        self._writer.close(exit_status)
+        try:
+            self._tell_clock()
+        finally:
+            self._writer.close(exit_status)
 
     def _begin(self, run: RunFiles | None, writer: PartWriter) -> None:
         """Write into this file from now on."""
@@ -237,10 +247,15 @@ class Recorder:
         try:
             if self._run is not None:
                 self.event("run", f"run {self.run_id!r} ends")
+            self._tell_clock()
             old.close()
         finally:
             self._begin(run, following)
         return ""
+
+    def _tell_clock(self) -> None:
+        if self._clock_record:
+            self._writer.add_metadata(CLOCK, self._clock_record)
 
     def _note_part(self) -> None:
         """Tell of a new part, or why there is none."""

@@ -70,6 +70,10 @@ class Watch:
         """Return what is known of every bus."""
         return {one.source.name: one.facts() for one in self._listeners}
 
+    def unsure(self) -> dict[str, int]:
+        """Return the frames of every bus whose time is not sure, because the clock was set when they came."""
+        return {one.source.name: one.unsure for one in self._listeners}
+
     def host(self) -> HostFacts:
         """Return what is known of the machine and the logger."""
         steps = self._clock.steps

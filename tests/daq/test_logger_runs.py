@@ -1,0 +1,204 @@
+"""Runs of the logger: their files, what comes between them, and how a run that was cut off goes on."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from frames_support import content, some_frames
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from logger_support import Handset, Opener, Recorder, recent_frames, virtual_bus, wait_until
+
+from daq.config import BusSection, LoggerSection, RunInfo, VehicleConfig, VehicleSection
+from daq.errors import HardwareError, RecordingError
+from daq.frames import concatenate
+from daq.logger import log
+from daq.recording import Event, PartWriter, Recording
+
+SCRIPTED = VehicleConfig(vehicle=VehicleSection(name="test rig"), bus=(BusSection(channel="x"),))
+
+
+def events(path: Path) -> list[Event]:
+    return list(Recording.open(path).events())
+
+
+def record(folder: Path, count: int = 10, **options: object) -> Path:
+    """Record a few frames; return the last file."""
+    opener = Opener("x")
+    recorder = Recorder(SCRIPTED, folder, opener=opener, **options)
+    opener.source("x").give(recent_frames(count, count))
+    time.sleep(0.1)
+    return recorder.end().paths[-1]
+
+
+def test_runs_are_started_marked_and_stopped_from_a_panel(tmp_path: Path) -> None:
+    """Everything that came is in one file or another, and nowhere twice."""
+    opener, panel = Opener("x"), Handset()
+    recorder = Recorder(SCRIPTED, tmp_path, opener=opener, panel=panel, wait=True)
+    source = opener.source("x")
+    sent = [recent_frames(seed, 50) for seed in range(4)]
+
+    panel.wait_for(lambda now: now["state"] == "between")
+    source.give(sent[0])
+    panel.wait_for(lambda now: now["run"]["frames"] == 50)
+    panel.press("start", "dry / 1")
+    panel.wait_for(lambda now: now["run"]["id"] == "dry / 1")
+    source.give(sent[1])
+    panel.press("mark", "gate 1")
+    panel.wait_for(lambda now: now["run"]["frames"] == 50 and now["marks"])
+    panel.press("start", "dry / 1")
+    panel.wait_for(lambda now: now["run"]["id"] == "dry / 1-2")
+    source.give(sent[2])
+    panel.wait_for(lambda now: now["run"]["frames"] == 50)
+    panel.press("stop")
+    panel.press("stop")
+    panel.wait_for(lambda now: now["state"] == "between")
+    source.give(sent[3])
+    time.sleep(0.2)
+    summary = recorder.end()
+
+    assert [path.parent.name for path in summary.paths] == ["between", tmp_path.name, tmp_path.name, "between"]
+    assert [path.name for path in summary.paths[1:3]] == ["dry-1.mcap", "dry-1-2.mcap"]
+    assert summary.runs == ("dry / 1", "dry / 1-2")
+    assert summary.frames == {"x": 200}
+    assert any("there is a run 'dry / 1' already" in remark for remark in summary.remarks)
+    for path, batch in zip(summary.paths, sent, strict=True):
+        recording = Recording.open(path)
+        assert recording.loss == ()
+        assert recording.metadata["run_end"]["exit_status"] == "ok"
+        assert content(recording.frames()) == content(batch), path
+    assert [event.text for event in events(summary.paths[1]) if event.name == "mark"] == ["gate 1"]
+    assert Recording.open(summary.paths[0]).metadata["run_start"]["between_runs"] == "yes"
+    assert panel.snapshots[-1]["state"] == "stopping"
+
+
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(rotate_kb=st.integers(5, 60), sizes=st.lists(st.integers(1, 900), min_size=1, max_size=12))
+def test_rotation_loses_nothing_and_doubles_nothing(
+    tmp_path_factory: pytest.TempPathFactory, rotate_kb: int, sizes: list[int]
+) -> None:
+    folder = tmp_path_factory.mktemp("rotation")
+    vehicle = SCRIPTED.model_copy(update={"logger": LoggerSection(rotate_mb=rotate_kb / 1000, flush_s=0.01)})
+    opener = Opener("x")
+    recorder = Recorder(vehicle, folder, opener=opener, run=RunInfo(id="r"))
+    sent = [recent_frames(seed, size) for seed, size in enumerate(sizes)]
+    for batch in sent:
+        opener.source("x").give(batch)
+        time.sleep(0.02)
+    summary = recorder.end()
+    assert summary.frames == {"x": sum(sizes)}
+    assert summary.paths == (
+        folder / "r.mcap",
+        *(folder / f"r.part{number}.mcap" for number in range(2, len(summary.paths) + 1)),
+    )
+    parts = [Recording.open(path) for path in summary.paths]
+    assert all(part.loss == () for part in parts)
+    assert content(concatenate([part.frames() for part in parts])) == content(concatenate(sent))
+
+
+def test_a_killed_logger_goes_on_in_the_next_part_of_its_run(tmp_path: Path) -> None:
+    """A real process, killed without warning."""
+    (tmp_path / "run.py").write_text(
+        """
+import sys, time
+import can
+from daq.config import BusSection, LoggerSection, VehicleConfig, VehicleSection
+from daq.logger import log
+bus = can.Bus(interface="virtual", channel="x")
+bus.send_periodic(can.Message(arbitration_id=0x123, data=[1, 2, 3]), 0.002)
+vehicle = VehicleConfig(vehicle=VehicleSection(name="test rig"), bus=(BusSection(channel="x", interface="virtual"),))
+done = log(vehicle, sys.argv[1], duration_s=float(sys.argv[2]) or None)
+print(*done.remarks, sep="\\n")
+bus.shutdown()
+""",
+        encoding="utf-8",
+    )
+    out = tmp_path / "out"
+    process = subprocess.Popen([sys.executable, tmp_path / "run.py", out, "0"])
+    wait_until(lambda: [path for path in out.glob("*.mcap") if path.stat().st_size > 8000])
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    [first] = out.glob("*.mcap")
+    assert "run_end" not in Recording.open(first).metadata
+
+    done = subprocess.run(
+        [sys.executable, tmp_path / "run.py", out, "0.5"], capture_output=True, text=True, check=True, timeout=60
+    )
+    second = first.with_name(f"{first.stem}.part2.mcap")
+    assert f"run '{first.stem}' was cut off: it goes on in {second.name}" in done.stdout
+    assert sorted(out.iterdir()) == sorted([first, second])
+    recording = Recording.open(second)
+    assert recording.run is not None
+    assert recording.run.id == first.stem
+    assert recording.metadata["run_end"]["exit_status"] == "ok"
+    assert len(recording.frames()) > 50
+    assert events(second)[0].severity == "warning"
+
+
+def cut(path: Path) -> Path:
+    """Take the end off a recording, as a kill does."""
+    whole = path.read_bytes()
+    path.write_bytes(whole[: whole.rindex(b"exit_status") - 200])
+    assert "run_end" not in Recording.open(path).metadata
+    return path
+
+
+def test_only_a_young_cut_off_run_of_this_vehicle_goes_on(tmp_path: Path) -> None:
+    other = SCRIPTED.model_copy(update={"vehicle": VehicleSection(name="another")})
+    old = cut(record(tmp_path / "old", run=RunInfo(id="r")))
+    stamps = old.read_bytes()
+    assert record(tmp_path / "old").name == "r.part2.mcap"
+    assert old.read_bytes() == stamps
+
+    cut(record(tmp_path / "other", run=RunInfo(id="r")))
+    assert log(other, tmp_path / "other", duration_s=0.0, opener=Opener("x")).path.name.startswith("another_")
+    with pytest.raises(RecordingError, match="there is a file already"):
+        log(other, tmp_path / "other", duration_s=0.0, opener=Opener("x"), run=RunInfo(id="r"))
+
+    cut(record(tmp_path / "named", run=RunInfo(id="r")))
+    assert record(tmp_path / "named", run=RunInfo(id="q")).name == "q.mcap"
+    assert record(tmp_path / "named", run=RunInfo(id="r")).name == "r.part2.mcap"
+    with pytest.raises(RecordingError, match="there is a file already"):
+        log(SCRIPTED, tmp_path / "named", duration_s=0.0, opener=Opener("x"), run=RunInfo(id="r"))
+
+    assert record(tmp_path / "whole", run=RunInfo(id="r")).name == "r.mcap"
+    assert record(tmp_path / "whole").name.startswith("test-rig_")
+
+
+def test_an_old_cut_off_run_goes_on_only_when_it_is_asked_for(tmp_path: Path) -> None:
+    writer = PartWriter(
+        tmp_path / "r.mcap", run=RunInfo(id="r"), session_id="s", metadata={"vehicle": "test rig", "created_ns": "1"}
+    )
+    writer.write_frames(some_frames(np.random.default_rng(1), 100))  # of November 2023
+    writer.sync()
+    assert record(tmp_path).name.startswith("test-rig_")
+    assert record(tmp_path, run=RunInfo(id="r")).name == "r.part2.mcap"
+    writer.close()
+
+
+def test_a_folder_takes_one_logger(tmp_path: Path) -> None:
+    recorder = Recorder(VehicleConfig(bus=(virtual_bus(),)), tmp_path)
+    there = sorted(tmp_path.iterdir())
+    opener = Opener("x")
+    with pytest.raises(HardwareError, match="another logger records into this folder") as caught:
+        log(SCRIPTED, tmp_path, duration_s=0.1, opener=opener)
+    assert caught.value.exit_code == 4
+    assert opener.opened["x"] == []
+    assert sorted(tmp_path.iterdir()) == there
+    recorder.end()
+    record(tmp_path)
+
+
+def test_a_file_that_is_named_gives_the_run_its_id(tmp_path: Path) -> None:
+    path = record(tmp_path / "run.mcap")
+    assert path == tmp_path / "run.mcap"
+    info = Recording.open(path).run
+    assert info is not None
+    assert (info.id, info.file) == ("run", "run.mcap")
