@@ -94,7 +94,8 @@ class McapSink:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self._pending_definitions: list[McapRecord] = []
-        self._chunk_indexes: list[bytes] = []
+        self._chunk_indexes = bytearray()
+        self._chunk_count = 0
         self._attachment_indexes: list[AttachmentIndex] = []
         self._metadata_indexes: list[MetadataIndex] = []
         self._message_counts: dict[int, int] = {}
@@ -191,7 +192,8 @@ class McapSink:
             uncompressed_size=size,
         )
         with self._written_and_noted(chunk + messages):
-            self._chunk_indexes.append(serialized(chunk_index))
+            self._chunk_indexes += serialized(chunk_index)
+            self._chunk_count += 1
             for channel_id, entries in index.items():
                 self._message_counts[channel_id] = self._message_counts.get(channel_id, 0) + len(entries)
             if any(len(entries) for entries in index.values()):
@@ -261,7 +263,7 @@ class McapSink:
             (Opcode.SCHEMA, serialized(*self.schemas.values())),
             (Opcode.CHANNEL, serialized(*self.channels.values())),
             (Opcode.STATISTICS, serialized(self._statistics())),
-            (Opcode.CHUNK_INDEX, b"".join(self._chunk_indexes)),
+            (Opcode.CHUNK_INDEX, bytes(self._chunk_indexes)),
             (Opcode.ATTACHMENT_INDEX, serialized(*self._attachment_indexes)),
             (Opcode.METADATA_INDEX, serialized(*self._metadata_indexes)),
         )
@@ -282,7 +284,7 @@ class McapSink:
             attachment_count=len(self._attachment_indexes),
             channel_count=len(self.channels),
             channel_message_counts=self._message_counts,
-            chunk_count=len(self._chunk_indexes),
+            chunk_count=self._chunk_count,
             message_count=sum(self._message_counts.values()),
             message_end_time=end,
             message_start_time=start,

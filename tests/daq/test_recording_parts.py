@@ -160,6 +160,22 @@ def test_a_file_that_could_not_be_begun_is_not_left_behind(tmp_path):
     assert len(all_frames(first)) == 200
 
 
+def test_a_full_disk_ends_a_run_with_everything_before_it(tmp_path):
+    first = tmp_path / "r.mcap"
+    parts = writer(first, rotate_bytes=20_000, flush_every_s=0.0, compression="none")
+    taken = 0
+    with limited(resource.RLIMIT_FSIZE, 15_000), pytest.raises(HardwareError, match="File too large"):
+        for batch in split(FRAMES, 100):
+            parts.write_frames(batch)
+            taken += len(batch)
+    assert (parts.failed, parts.part) == (True, 1)
+    with pytest.raises(HardwareError, match="given up"):
+        parts.close("failed", {"can0": 1})
+    parts.close()
+    assert taken > 300
+    assert len(all_frames(first)) == taken
+
+
 def test_the_next_part_is_told_by_what_is_there(tmp_path):
     first = tmp_path / "r.mcap"
     assert next_part(first) == (first, 1)

@@ -194,6 +194,7 @@ def test_recovered_parts_are_one_run_again(tmp_path):
     assert len(run.files) == 4
     assert per_bus(run.frame_batches()) == of(1, 2, 3, 4)
     assert run.recording is not None and run.recording.loss == ()
+    assert [event.text for event in run.recording.events()] == ["0", "1", "2", "3"]
 
 
 def test_every_door_opens_one_run(tmp_path):
