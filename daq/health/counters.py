@@ -16,13 +16,14 @@ NO_VALUE = -1
 """Stands for a frame that does not carry the counter."""
 LEAST_STEPS = 32
 """A signal must be seen this often before it is taken for a counter."""
-_NAME = re.compile(r"counter|cnt|ctr|rolling|alive|sequence|(^|[^a-z])(rc|seq)([^a-z]|$)", re.IGNORECASE)
+_NAME = re.compile(r"counter|rolling|alive|sequence|cntr?([^a-z]|$)|(^|[^a-z])(rc|seq|ctr)([^a-z]|$)")
+_WORDS = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _REGULAR_SHARE, _REGULAR_SHARE_UNNAMED = 0.95, 0.99
 
 
 def is_named_so(signal: Signal) -> bool:
     """Whether a signal's name says that it counts frames."""
-    return bool(_NAME.search(signal.name))
+    return bool(_NAME.search(_WORDS.sub("_", signal.name).lower()))
 
 
 def may_count(signal: Signal) -> bool:
