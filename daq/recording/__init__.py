@@ -3,7 +3,7 @@
 from daq.recording.contents import Loss
 from daq.recording.diagnostics import DiagnosticStatus
 from daq.recording.events import Event
-from daq.recording.parts import PartWriter
+from daq.recording.part_writer import PartWriter
 from daq.recording.reader import Recording, Topic
 from daq.recording.recover import Recovery, recover
 from daq.recording.run_recording import RunRecording

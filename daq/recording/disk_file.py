@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import threading
 from io import FileIO
 from pathlib import Path
 
@@ -31,13 +32,15 @@ class DiskFile:
     RecordingError
         If the file is there already, or cannot be made.
     HardwareError
-        From `write` and `sync`, if the disk fails or is full.
+        From `write`, `sync` and `begin_sync`, if the disk fails or is full.
     """
 
     def __init__(self, path: Path, *, overwrite: bool) -> None:
         self.position = 0
         self.failed = False
         self._path = path
+        self._syncing: threading.Thread | None = None
+        self._sync_error: OSError | None = None
         self._file = _create(path, overwrite)
         _sync_folder(path)
 
@@ -45,6 +48,7 @@ class DiskFile:
         """Append all of `data`, or nothing."""
         if self.failed:
             raise HardwareError(Fault("the recording was given up after a failed write", str(self._path)))
+        self._raise_sync_error()
         end = self.position + len(data)
         try:
             rest = memoryview(data)
@@ -58,15 +62,44 @@ class DiskFile:
                 self._cut_back()
 
     def sync(self) -> None:
-        """Have the operating system put on the disk what was written (fsync)."""
-        try:
-            os.fsync(self._file.fileno())
-        except OSError as error:
-            raise self._given_up(error) from None
+        """Have the operating system put on the disk what was written (fsync), and wait for it."""
+        self._join()
+        self._fsync()
+        self._raise_sync_error()
+
+    def begin_sync(self) -> bool:
+        """Begin what `sync` does, in a thread, so that a slow disk holds up no write; not while one is under way.
+
+        Returns
+        -------
+        bool
+            Whether it was begun. If it fails, the next call of `write` or `begin_sync` says so.
+        """
+        self._raise_sync_error()
+        if self._syncing is not None and self._syncing.is_alive():
+            return False
+        self._syncing = threading.Thread(target=self._fsync, name="fsync", daemon=True)
+        self._syncing.start()
+        return True
 
     def close(self) -> None:
         """Close the file."""
+        self._join()
         self._file.close()
+
+    def _join(self) -> None:
+        if self._syncing is not None:
+            self._syncing.join()
+
+    def _fsync(self) -> None:
+        try:
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            self._sync_error = error
+
+    def _raise_sync_error(self) -> None:
+        if self._sync_error is not None:
+            raise self._given_up(self._sync_error) from None
 
     def _given_up(self, error: OSError) -> HardwareError:
         self.failed = True

@@ -230,6 +230,10 @@ class McapSink:
         """Have the operating system put on the disk what was written."""
         self._file.sync()
 
+    def begin_sync(self) -> bool:
+        """See `DiskFile.begin_sync`."""
+        return self._file.begin_sync()
+
     def finish(self) -> None:
         """Write the summary and close the file.
 

@@ -42,8 +42,8 @@ class RecordingWriter:
     chunk_bytes : int
         Uncompressed size at which a chunk is written whatever the clock says.
     flush_every_s, sync_every_s : float or None
-        How often gathered frames are handed to the operating system, and how often it is made to put them on the
-        disk; None: only when told.
+        How often gathered frames are handed to the operating system, and how often it is made to put them, and
+        decoded topics, on the disk; None: only when told.
     decoded_rate_hz : float or None
         Decoded topics are thinned to this rate; None: every sample.
     overwrite : bool
@@ -215,12 +215,7 @@ class RecordingWriter:
 
     def flush(self) -> None:
         """Hand everything gathered so far to the operating system; a kill cannot take it any more."""
-        self._begin()
-        self._flushed_at = time.monotonic()
-        self._raw.write_chunk()
-        self._decoded.write_chunk()
-        self._host.write_chunk()
-        self._settled = True
+        self._flush(decoded=True)
 
     def sync(self) -> None:
         """Flush, and have it put on the disk; a power cut cannot take it any more."""
@@ -231,13 +226,17 @@ class RecordingWriter:
     def tick(self) -> None:
         """Flush and sync if it is time to. Every write does this; call it when there is nothing to write.
 
-        The time counts from when the last one began: a slow disk does not stretch what a power cut can take.
+        The time counts from when the last one began: a slow disk does not stretch what a power cut can take. It does
+        not hold up a flush either, as it is synced beside the writing. Decoded topics, which can be had again from
+        the raw frames, are written when it is time to sync only: in small pieces they take much room.
         """
         now = time.monotonic()
         if self._sync_every_s is not None and now - self._synced_at >= self._sync_every_s:
-            self.sync()
-        elif self._flush_every_s is not None and now - self._flushed_at >= self._flush_every_s:
             self.flush()
+            if self._sink.begin_sync():
+                self._synced_at = now
+        elif self._flush_every_s is not None and now - self._flushed_at >= self._flush_every_s:
+            self._flush(decoded=self._sync_every_s is None)
 
     def close(
         self,
@@ -283,6 +282,15 @@ class RecordingWriter:
             self._sink.finish()
         else:
             self.close("interrupted" if issubclass(kind, KeyboardInterrupt) else f"error: {kind.__name__}")
+
+    def _flush(self, *, decoded: bool) -> None:
+        self._begin()
+        self._flushed_at = time.monotonic()
+        self._raw.write_chunk()
+        if decoded:
+            self._decoded.write_chunk()
+        self._host.write_chunk()
+        self._settled = True
 
     def _begin(self) -> None:
         """Note whether Ctrl-C left the write before this one half done: the counts are not told then."""

@@ -134,7 +134,7 @@ def limited(what: int, soft: int):
 
 def test_an_old_part_is_kept_when_the_next_cannot_be_opened(tmp_path, monkeypatch):
     first = tmp_path / "r.mcap"
-    monkeypatch.setattr("daq.recording.parts._RETRY_AFTER_S", 0.0)
+    monkeypatch.setattr("daq.recording.part_writer._RETRY_AFTER_S", 0.0)
     with writer(first, rotate_bytes=1, flush_every_s=0.0) as parts:
         with limited(resource.RLIMIT_NOFILE, 3):
             parts.write_frames(FRAMES[:100])

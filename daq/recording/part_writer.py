@@ -1,0 +1,315 @@
+"""PartWriter: a run in one recording after the other, without losing or doubling a frame between them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self, TypedDict, Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.config import RunInfo
+from daq.errors import Fault, HardwareError, RecordingError
+from daq.frames import FrameBatch
+from daq.recording.chunks import Compression
+from daq.recording.diagnostics import DiagnosticStatus
+from daq.recording.events import Event
+from daq.recording.format import LOSSES
+from daq.recording.parts import ROTATED, part_path, parts_on_disk
+from daq.recording.writer import RecordingWriter
+
+_RETRY_AFTER_S = 10.0
+_LOSSES_EVERY_S = 1.0
+
+
+class WriterOptions(TypedDict, total=False):
+    """Options of a `RecordingWriter` that all parts share."""
+
+    compression: Compression
+    chunk_bytes: int
+    flush_every_s: float | None
+    sync_every_s: float | None
+    decoded_rate_hz: float | None
+
+
+class PartWriter:
+    """Writes a run into one recording after the other, each complete in itself.
+
+    The next file is opened before the one before it is closed. Where it cannot be opened, the run goes on in the
+    old one, `rotation_fault` says why, and it is tried again.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of the first part; the others are named by `part_path`.
+    run : RunInfo
+    session_id : str
+        One for each life of a logger: counts are since the session's first part.
+    attachments : mapping str -> bytes, optional
+        Every part carries them.
+    metadata : mapping str -> str, optional
+        Goes into every ``run_start`` record.
+    rotate_bytes, rotate_s : int, float or None
+        A part that has grown by so much, or is so old, is followed by the next; None: never.
+    first_part : int
+        Number of the part to begin with, see `next_part`.
+    **options
+        Of `RecordingWriter`.
+
+    Raises
+    ------
+    RecordingError
+        If the first file is there already or cannot be made.
+    HardwareError
+        From any method, if the disk fails or is full. What was written before stays readable.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        run: RunInfo,
+        session_id: str,
+        attachments: Mapping[str, bytes] | None = None,
+        metadata: Mapping[str, str] | None = None,
+        rotate_bytes: int | None = None,
+        rotate_s: float | None = None,
+        first_part: int = 1,
+        **options: Unpack[WriterOptions],
+    ) -> None:
+        self.first_path = Path(path)
+        self._run = run
+        self._attachments = dict(attachments or {})
+        self._metadata = {**(metadata or {}), "session": session_id}
+        self._rotate_bytes = rotate_bytes
+        self._rotate_s = rotate_s
+        self._options = options
+        self._closed = False
+        self._frames_before: dict[str, int] = {}
+        self._counts_hold = True
+        self._bytes_before = 0
+        self._drops: dict[str, int] = {}
+        self._drops_before: dict[str, int] = {}
+        self._losses: dict[str, int] = {}
+        self._losses_told: dict[str, int] = {}
+        self._losses_told_at = -np.inf
+        self.rotation_fault: Fault | None = None
+        before = part_path(self.first_path, first_part - 1).name if first_part > 1 else None
+        self._begin(first_part, self._opened(first_part, before))
+
+    @property
+    def path(self) -> Path:
+        """The file that is written now."""
+        return self._writer.path
+
+    @property
+    def part(self) -> int:
+        """Number of the part that is written now."""
+        return self._part
+
+    @property
+    def failed(self) -> bool:
+        """Whether a write has failed; nothing is written any more then."""
+        return self._writer.failed
+
+    @property
+    def frame_counts(self) -> dict[str, int]:
+        """Frames taken so far in all parts of this session, per bus."""
+        return _sum(self._frames_before, self._writer.frame_counts)
+
+    @property
+    def bytes_written(self) -> int:
+        """Size of all parts of this session so far."""
+        return self._bytes_before + self._writer.bytes_written
+
+    def write_frames(self, batch: FrameBatch) -> None:
+        """See `RecordingWriter.write_frames`."""
+        self._writer.write_frames(batch)
+        self._rotate_if_due()
+
+    def write_decoded(
+        self,
+        message: str,
+        bus: str,
+        time_ns: NDArray[np.int64],
+        signals: Mapping[str, NDArray[np.float64]],
+        units: Mapping[str, str],
+        *,
+        publish_ns: NDArray[np.int64] | None = None,
+    ) -> None:
+        """See `RecordingWriter.write_decoded`."""
+        self._writer.write_decoded(message, bus, time_ns, signals, units, publish_ns=publish_ns)
+
+    def write_position(
+        self,
+        bus: str,
+        time_ns: NDArray[np.int64],
+        latitude_deg: NDArray[np.float64],
+        longitude_deg: NDArray[np.float64],
+        altitude_m: NDArray[np.float64] | None = None,
+    ) -> None:
+        """See `RecordingWriter.write_position`."""
+        self._writer.write_position(bus, time_ns, latitude_deg, longitude_deg, altitude_m)
+
+    def write_event(self, event: Event) -> None:
+        """See `RecordingWriter.write_event`."""
+        self._writer.write_event(event)
+
+    def write_diagnostics(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
+        """See `RecordingWriter.write_diagnostics`."""
+        self._writer.write_diagnostics(time_ns, statuses)
+
+    def write_clock(
+        self, time_ns: int, bus: str, realtime_minus_monotonic_ns: int, file_minus_realtime_ns: int
+    ) -> None:
+        """See `RecordingWriter.write_clock`."""
+        self._writer.write_clock(time_ns, bus, realtime_minus_monotonic_ns, file_minus_realtime_ns)
+
+    def attach(self, name: str, data: bytes) -> None:
+        """Add an attachment to this part and those that follow."""
+        self._attachments[name] = data
+        self._writer.attach(name, data)
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Add a metadata record to this part; a run's later values win over its earlier ones."""
+        self._writer.add_metadata(name, values)
+
+    def note_losses(self, drops: Mapping[str, int], losses: Mapping[str, int]) -> None:
+        """Take what has been lost so far; the file is told of news at most once a second.
+
+        Parameters
+        ----------
+        drops : mapping str -> int
+            Frames lost before they came here, per bus, since this writer was made.
+        losses : mapping str -> int
+            ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>``, ``missing.<bus>.<message>``, since then.
+        """
+        self._drops, self._losses = dict(drops), dict(losses)
+        if time.monotonic() - self._losses_told_at >= _LOSSES_EVERY_S:
+            self._tell_losses()
+
+    def flush(self) -> None:
+        """See `RecordingWriter.flush`."""
+        self._writer.flush()
+
+    def sync(self) -> None:
+        """See `RecordingWriter.sync`."""
+        self._writer.sync()
+
+    def tick(self) -> None:
+        """Flush, sync and rotate if it is time to; call it when there is nothing to write."""
+        self._writer.tick()
+        self._rotate_if_due()
+
+    def rotate(self) -> None:
+        """Go on in the next part.
+
+        Raises
+        ------
+        RecordingError, HardwareError
+            If the next file cannot be opened: the run then goes on in the old one.
+        """
+        self._writer.flush()
+        number = max(self._part, *parts_on_disk(self.first_path)) + 1
+        following = self._opened(number, self.path.name)
+        old = self._writer
+        frames, drops = old.frame_counts, _less(self._drops, self._drops_before)
+        self._frames_before = _sum(self._frames_before, frames)
+        self._counts_hold &= old.counts_hold
+        self._bytes_before += old.bytes_written
+        self._drops_before = self._drops
+        try:
+            self._tell_losses()
+            old.close(ROTATED, drops, {"continued_in": following.path.name})
+        finally:
+            self._begin(number, following)
+
+    def close(
+        self,
+        exit_status: str = "ok",
+        drops: Mapping[str, int] | None = None,
+        losses: Mapping[str, int] | None = None,
+    ) -> None:
+        """Close the last part, whose ``run_end`` record also has the session's totals; a second call does nothing.
+
+        Parameters
+        ----------
+        exit_status : str
+            ``"ok"``, ``"interrupted"`` or what went wrong.
+        drops, losses : mapping str -> int, optional
+            See `note_losses`; what was noted last where nothing is given.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        self._drops = dict(self._drops if drops is None else drops)
+        self._losses = dict(self._losses if losses is None else losses)
+        ended = {f"total_drops.{bus}": str(count) for bus, count in self._drops.items()}
+        if self._counts_hold and self._writer.counts_hold:
+            ended |= {f"total_frames.{bus}": str(count) for bus, count in self.frame_counts.items()}
+        try:
+            self._tell_losses()
+        finally:
+            self._writer.close(exit_status, _less(self._drops, self._drops_before), ended)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self._closed = True
+            self._writer.__exit__(kind, error, traceback)
+
+    def _opened(self, number: int, before: str | None) -> RecordingWriter:
+        started = {**self._metadata, "part": str(number)} | ({"continues": before} if before else {})
+        return RecordingWriter(
+            part_path(self.first_path, number),
+            run=self._run.model_copy(update={"file": self.first_path.name}),
+            attachments=self._attachments,
+            metadata=started,
+            **self._options,
+        )
+
+    def _begin(self, number: int, writer: RecordingWriter) -> None:
+        self._part, self._writer = number, writer
+        self._begun_at = time.monotonic()
+        self._retry_at = self._begun_at
+        self._begun_bytes = writer.bytes_written
+        self._losses_told = {}
+
+    def _rotate_if_due(self) -> None:
+        now = time.monotonic()
+        grown = self._writer.bytes_written - self._begun_bytes
+        big = self._rotate_bytes is not None and grown >= self._rotate_bytes
+        old = self._rotate_s is not None and now - self._begun_at >= self._rotate_s
+        if not (big or old) or now < self._retry_at:
+            return
+        part = self._part
+        try:
+            self.rotate()
+            self.rotation_fault = None
+        except (RecordingError, HardwareError) as error:
+            if self._writer.failed or self._part != part:
+                raise
+            self.rotation_fault = error.faults[0]
+            self._retry_at = now + _RETRY_AFTER_S
+
+    def _tell_losses(self) -> None:
+        if self._losses != self._losses_told:
+            self._writer.add_metadata(LOSSES, {key: str(count) for key, count in self._losses.items()})
+            self._losses_told, self._losses_told_at = dict(self._losses), time.monotonic()
+
+
+def _sum(one: Mapping[str, int], other: Mapping[str, int]) -> dict[str, int]:
+    return {bus: one.get(bus, 0) + other.get(bus, 0) for bus in [*one, *(bus for bus in other if bus not in one)]}
+
+
+def _less(total: Mapping[str, int], before: Mapping[str, int]) -> dict[str, int]:
+    return {bus: count - before.get(bus, 0) for bus, count in total.items()}
