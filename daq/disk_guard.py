@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import shutil
 from collections import deque
@@ -65,6 +66,7 @@ class DiskGuard:
         self._warn_min = warn_min
         self._reserve_bytes = int(reserve_mb * _MB)
         self._seen: deque[tuple[float, int]] = deque()
+        self._free = self._reserve_bytes + 1
         state = self.look(0.0, 0)
         self._seen.clear()
         if state.level is Level.RED:
@@ -80,7 +82,9 @@ class DiskGuard:
         written_bytes : int
             What has been recorded since the logger started.
         """
-        free = shutil.disk_usage(self._folder).free
+        with contextlib.suppress(OSError):  # a disk that does not answer is told by the next write to it
+            self._free = shutil.disk_usage(self._folder).free
+        free = self._free
         self._seen.append((now_s, written_bytes))
         while len(self._seen) > 2 and now_s - self._seen[1][0] >= _GROWTH_OVER_S:
             self._seen.popleft()

@@ -100,8 +100,8 @@ def log(
     known, role_remarks = _with_usable_roles(vehicle, databases or {})
     folder, named = _target(Path(out), run or RunInfo())
     with ExitStack() as stack:
+        _check_folder(folder)
         if folder.is_dir():
-            _check_folder(folder)
             stack.enter_context(folder_lock(folder))
         files = _files(folder, named, run or RunInfo(), vehicle, wait=wait)
         opener = opener or partial(open_source, buffer_bytes=int(vehicle.logger.receive_buffer_kb * _KB))
@@ -186,9 +186,13 @@ def _open_all(
 
 
 def _check_folder(folder: Path) -> None:
-    if not os.access(folder, os.W_OK | os.X_OK):
-        step = "choose another with --out, or change its owner or permissions"
-        raise ConfigError(Fault("the folder cannot be written to", str(folder), next_step=step))
+    """See that recordings can be made in a folder, or the folder in one that is there."""
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    step = "choose another with --out, or change its owner or permissions"
+    if not there.is_dir():
+        raise ConfigError(Fault("the folder cannot be made", str(folder), f"{there} is a file", next_step=step))
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise ConfigError(Fault("the folder cannot be written to", str(there), next_step=step))
 
 
 def _make_folder(folder: Path) -> None:
@@ -196,4 +200,3 @@ def _make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(Fault("the folder cannot be made", str(folder), error.strerror or str(error))) from None
-    _check_folder(folder)

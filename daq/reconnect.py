@@ -107,7 +107,7 @@ class ReconnectingSource:
     def facts(self) -> BusFacts:
         """Return what is known of the bus now."""
         counters, fault = self.counters, self._fault
-        detail = "" if fault is None else "; next: ".join(text for text in (fault.what, fault.next_step) if text)
+        detail = "" if fault is None else _said(fault)
         return BusFacts(self._state, counters.received, counters.dropped, reconnects=self._reconnects, detail=detail)
 
     def changes(self) -> list[BusChange]:
@@ -204,12 +204,16 @@ class ReconnectingSource:
             text = f"{self.name} is back after {now - self._down_since:.1f} s"
         else:
             assert fault is not None
-            text = f"{self.name}: {fault.what}" + (f" ({fault.found})" if fault.found else "")
+            text = f"{self.name}: {_said(fault)}"
         if self._state == "up":
             self._down_since = now
         self._state = state
         with self._lock:
             self._changes.append(BusChange(self.name, state, text))
+
+
+def _said(fault: Fault) -> str:
+    return fault.what + (f" ({fault.found})" if fault.found else "")
 
 
 def _last(rows: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> int:

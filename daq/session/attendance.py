@@ -159,7 +159,7 @@ class Attendance:
         shield = self._inspector.shield
         if shield.failures != self._failures_told:
             if now_s - self._failed_at >= _FAILURE_STANDS_S:
-                text = f"frames were recorded, but could not be inspected: {shield.last}"
+                text = f"frames are recorded, but could not be inspected: {shield.last}"
                 self._recorder.event("logger", text, "error")
                 self._parts.remarks.append(text)
             self._failures_told, self._failed_at = shield.failures, now_s

@@ -20,7 +20,7 @@ class ByteQueue(Generic[T]):
 
     def __init__(self, limit_bytes: int) -> None:
         self._limit = limit_bytes
-        self._items: deque[T] = deque()
+        self._items: deque[tuple[T, int]] = deque()
         self._bytes = 0
         self._most = 0
         self._changed = threading.Condition()
@@ -40,18 +40,18 @@ class ByteQueue(Generic[T]):
         with self._changed:
             if not self._changed.wait_for(lambda: not self._items or self._bytes + size <= self._limit, timeout_s):
                 return False
-            self._items.append(item)
+            self._items.append((item, size))
             self._bytes += size
             self._most = max(self._most, self._bytes)
             self._changed.notify_all()
             return True
 
-    def take_all(self, timeout_s: float) -> list[T]:
-        """Wait for items and return all there are; none after `timeout_s`."""
+    def take(self, timeout_s: float) -> T | None:
+        """Wait for an item and return it; None after `timeout_s`."""
         with self._changed:
-            self._changed.wait_for(lambda: self._items, timeout_s)
-            items = list(self._items)
-            self._items.clear()
-            self._bytes = 0
+            if not self._changed.wait_for(lambda: self._items, timeout_s):
+                return None
+            item, size = self._items.popleft()
+            self._bytes -= size
             self._changed.notify_all()
-            return items
+            return item

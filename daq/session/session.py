@@ -71,10 +71,10 @@ class Session:
         ]
         self._feed = Feed()
         self._watch = Watch(parts.clock, self._listeners, self._queue, parts.guard)
+        self._shield = parts.inspector.shield
         self._attendance = Attendance(parts, self._watch, self._feed)
         self._caught = parts.caught
         self._disk_faults: tuple[Fault, ...] = ()
-        self._taken = 0
 
     def record(self, duration_s: float | None) -> LogSummary:
         """Record until `duration_s` is over, a signal comes, somebody asks to stop, or the disk is full."""
@@ -106,17 +106,16 @@ class Session:
             self._round(_WAIT_S if deadline is None else min(_WAIT_S, max(deadline - now, 0.0)))
         return ending
 
-    def _round(self, wait_s: float) -> None:
-        """Write what has come, then attend to everything else."""
-        arrivals = self._queue.take_all(wait_s)
-        share = self._queue.share
-        for arrival in arrivals:
-            self._recorder.write(arrival)
-            self._taken += len(arrival.batch)
-            self._feed.take(arrival.batch, share)
-        if not arrivals:
+    def _round(self, wait_s: float) -> bool:
+        """Write what has come, then attend to everything else; say whether something had come."""
+        arrival = self._queue.take(wait_s)
+        if arrival is None:
             self._recorder.tick()
-        self._attendance.attend(time.monotonic())
+        else:
+            self._recorder.write(arrival)
+            self._feed.take(arrival.batch, self._queue.share)
+        self._shield.run(lambda: self._attendance.attend(time.monotonic()))
+        return arrival is not None
 
     def _ending(self, deadline: float | None) -> Ending | None:
         """Return why it ends now, if it does."""
@@ -136,8 +135,9 @@ class Session:
         until = time.monotonic() + _JOIN_S
         while any(one.is_alive() for one in self._listeners) and time.monotonic() < until:
             self._round(0.01)
-        self._round(0.0)
-        self._attendance.conclude()
+        while self._round(0.0):
+            pass
+        self._shield.run(self._attendance.conclude)
         if ending == "disk":
             self._recorder.event("disk", str(self._disk_faults[0]), "error")
 
@@ -153,16 +153,21 @@ class Session:
                 one.join(max(until - time.monotonic(), 0.0))
             if one.is_alive():
                 self._parts.remarks.append(f"the driver of {one.source.name} does not answer; it was left behind")
-        for arrival in self._queue.take_all(0.0):
+        while (arrival := self._queue.take(0.0)) is not None:
             self._listeners[self._buses.index(arrival.bus)].unwritten += len(arrival.batch)
-        self._attendance.note_losses()
         try:
-            self._recorder.close(status)
+            self._close_files(status)
         except HardwareError as error:
             self._disk_faults = self._disk_faults or error.faults
         for one in self._listeners:
             if not one.is_alive():
                 one.source.close()
+
+    def _close_files(self, status: str) -> None:
+        try:
+            self._attendance.note_losses()
+        finally:
+            self._recorder.close(status)
 
     def _summary(self, ending: Ending, duration_s: float) -> LogSummary:
         counters: Mapping[str, SourceCounters] = {one.source.name: one.source.counters for one in self._listeners}

@@ -1,0 +1,269 @@
+"""What goes wrong while the logger records costs as little as it can, and is told."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from frames_support import content
+from logger_support import Handset, Opener, Recorder, recent_frames, virtual_bus, wait_until
+
+from daq.can_source import InterfaceDownError, open_sink
+from daq.config import BusSection, LoggerSection, VehicleConfig
+from daq.databases import load_database, shipped_dbc
+from daq.errors import ConfigError, Fault, HardwareError
+from daq.frames import FrameBatch, concatenate
+from daq.logger import LogSummary, log
+from daq.python_can import PythonCanSource
+from daq.recording import PartWriter, Recording
+from daq.session.inspection import Inspection
+
+SCRIPTED = VehicleConfig(bus=(BusSection(channel="x"),))
+
+
+def texts(summary: LogSummary, name: str) -> list[str]:
+    return [event.text for path in summary.paths for event in Recording.open(path).events() if event.name == name]
+
+
+def test_a_bus_that_fails_comes_back_and_the_other_never_notices(tmp_path: Path) -> None:
+    opener, panel, good = Opener("x"), Handset(), virtual_bus()
+    vehicle = VehicleConfig(bus=(BusSection(channel="x"), good))
+    recorder = Recorder(vehicle, tmp_path, opener=opener, panel=panel)
+    sink = open_sink(good)
+    sent = [recent_frames(seed, 20) for seed in range(3)]
+    first = opener.source("x")
+    first.dropped = 3
+    first.give(sent[0])
+    opener.refused["x"] = "the adapter is not there"
+    first.fail("the adapter is gone")
+    panel.wait_for(lambda now: now["buses"][0]["state"] == "down" and "not there" in now["buses"][0]["detail"])
+    sink.send(sent[2].frames, 1.0)
+    opener.refused.clear()
+    panel.snapshots.clear()
+    panel.wait_for(lambda now: now["buses"][0]["state"] == "up")
+    second = opener.source("x")
+    assert first.closed == 1
+    second.dropped = 4
+    second.give(sent[1])
+    panel.wait_for(lambda now: now["buses"][0]["frames"] == 40)
+    summary = recorder.end()
+    sink.close()
+
+    assert summary.frames == {"x": 40, good.channel: 20}
+    assert summary.drops == {"x": 7}
+    assert summary.losses == {"kernel.x": 7}
+    assert summary.faults == ()
+    assert summary.ended_by == "stop"
+    recording = Recording.open(summary.path)
+    assert content(recording.frames("x")) == content(concatenate(sent[:2]))
+    assert recording.metadata["run_end"]["drops.x"] == "7"
+    assert recording.metadata["losses"]["kernel.x"] == "7"
+    down, up = texts(summary, "bus")
+    assert "the adapter is gone" in down
+    assert "x is back after" in up
+
+
+def test_an_interface_that_is_taken_down_keeps_its_socket(tmp_path: Path) -> None:
+    opener, panel = Opener("x"), Handset()
+    recorder = Recorder(SCRIPTED, tmp_path, opener=opener, panel=panel)
+    source = opener.source("x")
+    source.up = False
+    source.give(InterfaceDownError(Fault("the interface is down", next_step="ip link set x up")))
+    panel.wait_for(lambda now: now["buses"][0]["state"] == "down" and now["level"] != "green")
+    source.up = True
+    panel.snapshots.clear()
+    panel.wait_for(lambda now: now["buses"][0]["state"] == "up")
+    source.give(recent_frames(1, 10))
+    panel.wait_for(lambda now: now["buses"][0]["frames"] == 10)
+    assert recorder.end().frames == {"x": 10}
+    assert len(opener.opened["x"]) == 1
+
+
+def test_a_bus_that_is_down_at_the_end_is_a_fault_and_no_end(tmp_path: Path) -> None:
+    opener, panel = Opener("x"), Handset()
+    recorder = Recorder(SCRIPTED, tmp_path, opener=opener, panel=panel)
+    opener.source("x").give(recent_frames(1, 10))
+    opener.refused["x"] = "the adapter is gone"
+    opener.source("x").fail("the adapter is gone")
+    panel.wait_for(lambda now: now["buses"][0]["state"] == "down")
+    assert recorder.running
+    summary = recorder.end()
+    assert [fault.what for fault in summary.faults] == ["the adapter is gone"]
+    assert summary.ended_by == "stop"
+    assert Recording.open(summary.path).metadata["run_end"]["exit_status"] == "ok"
+
+
+def test_bus_off_is_told_and_so_is_the_restart(tmp_path: Path) -> None:
+    opener, panel = Opener("x"), Handset()
+    recorder = Recorder(SCRIPTED, tmp_path, opener=opener, panel=panel)
+    for can_id, state in ((0x40, "bus_off"), (0x100, "up")):
+        batch = recent_frames(1, 1)
+        batch.frames["flags"], batch.frames["can_id"] = 4, can_id
+        opener.source("x").give(batch)
+        panel.wait_for(lambda now, state=state: now["buses"][0]["state"] == state)
+        panel.snapshots.clear()
+    off, on = texts(recorder.end(), "bus")
+    assert "bus-off" in off
+    assert "is back" in on
+
+
+def test_a_virtual_bus_that_is_shut_down_under_the_logger_comes_back(tmp_path: Path) -> None:
+    bus, panel = virtual_bus(), Handset()
+    opened: list[PythonCanSource] = []
+
+    def opener(section: BusSection) -> PythonCanSource:
+        opened.append(PythonCanSource(section))
+        return opened[-1]
+
+    recorder = Recorder(VehicleConfig(bus=(bus,)), tmp_path, opener=opener, panel=panel)
+    opened[0]._bus.shutdown()
+    wait_until(lambda: len(opened) == 2)
+    sink = open_sink(bus)
+    batch = recent_frames(1, 10, bus.channel)
+    sink.send(batch.frames, 1.0)
+    panel.wait_for(lambda now: now["buses"][0]["frames"] == 10)
+    sink.close()
+    assert content(Recording.open(recorder.end().path).frames()) == content(batch)
+
+
+def test_an_inspection_that_fails_costs_no_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("a strange frame")
+
+    monkeypatch.setattr(Inspection, "inspect", fail)
+    opener, panel = Opener("x"), Handset()
+    recorder = Recorder(SCRIPTED, tmp_path, opener=opener, panel=panel)
+    batch = recent_frames(1, 100)
+    opener.source("x").give(batch)
+    now = panel.wait_for(lambda now: now["level"] == "amber" and now["buses"][0]["frames"] == 100)
+    assert now["reasons"][0]["code"] == "inspection_failed"
+    summary = recorder.end()
+    assert any("ZeroDivisionError: a strange frame" in remark for remark in summary.remarks)
+    assert content(Recording.open(summary.path).frames()) == content(batch)
+    [told] = texts(summary, "logger")
+    assert "could not be inspected" in told
+
+
+def test_an_inspection_that_is_stuck_costs_no_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    release = threading.Event()
+    monkeypatch.setattr(Inspection, "inspect", lambda *_: release.wait(60))
+    monkeypatch.setattr("daq.session.attendance._INSPECTION_STUCK_S", 0.3)
+    opener, panel = Opener("x"), Handset()
+    recorder = Recorder(SCRIPTED, tmp_path, opener=opener, panel=panel)
+    now = panel.wait_for(lambda now: now["level"] == "red")
+    assert now["reasons"][0]["code"] == "inspection_stuck"
+    batch = recent_frames(1, 100)
+    opener.source("x").give(batch)
+    panel.wait_for(lambda now: now["buses"][0]["frames"] == 100)
+    summary = recorder.end()
+    release.set()
+    assert content(Recording.open(summary.path).frames()) == content(batch)
+
+
+def test_with_a_full_queue_the_readers_wait_and_nothing_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk is held for a while; the frames wait in the queue and behind it, and decoding gives way first."""
+    held = threading.Event()
+    write = PartWriter.write_frames
+
+    def slow(self: PartWriter, batch: FrameBatch) -> None:
+        assert held.wait(60)
+        write(self, batch)
+
+    monkeypatch.setattr(PartWriter, "write_frames", slow)
+    opener, panel = Opener("x"), Handset()
+    vehicle = SCRIPTED.model_copy(update={"logger": LoggerSection(queue_mb=0.05)})
+    databases = {"x": (load_database(shipped_dbc("wft.dbc")),)}
+    recorder = Recorder(vehicle, tmp_path, opener=opener, panel=panel, databases=databases)
+    sent = [recent_frames(seed, 200) for seed in range(10)]  # 16 kB each
+    for batch in sent:
+        opener.source("x").give(batch)
+    time.sleep(0.3)
+    assert opener.source("x").counters.received < 2000
+    held.set()
+    wait_until(lambda: opener.source("x").counters.received == 2000)
+    summary = recorder.end()
+    assert summary.losses == {}
+    assert content(Recording.open(summary.path).frames()) == content(concatenate(sent))
+    assert "frames are recorded, but not decoded" in texts(summary, "logger")[0]
+
+
+def test_a_disk_without_its_reserve_is_told_before_a_file_is_made(tmp_path: Path) -> None:
+    vehicle = SCRIPTED.model_copy(update={"logger": LoggerSection(disk_reserve_mb=1e9)})
+    with pytest.raises(HardwareError, match="the disk is full up to the reserve") as caught:
+        log(vehicle, tmp_path, duration_s=1.0, opener=Opener("x"))
+    assert caught.value.exit_code == 4
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_recording_ends_with_a_whole_file_when_the_reserve_is_reached(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import shutil
+
+    real, taken = shutil.disk_usage, []
+    monkeypatch.setattr(
+        "daq.disk_guard.shutil.disk_usage", lambda path: real(path)._replace(free=0) if taken else real(path)
+    )
+    opener = Opener("x")
+    recorder = Recorder(SCRIPTED, tmp_path, opener=opener)
+    batch = recent_frames(1, 100)
+    opener.source("x").give(batch)
+    time.sleep(0.2)
+    taken.append(True)
+    summary = recorder.result()
+    assert summary.ended_by == "disk"
+    assert "the disk is full up to the reserve" in summary.faults[0].what
+    recording = Recording.open(summary.path)
+    assert recording.loss == ()
+    assert recording.metadata["run_end"]["exit_status"] == "disk full or failed"
+    assert content(recording.frames()) == content(batch)
+    assert any("reserve" in text for text in texts(summary, "disk"))
+
+
+def test_a_disk_that_fails_leaves_what_was_written(tmp_path: Path) -> None:
+    """A real failing write: the process may not write files beyond 100 kB."""
+    (tmp_path / "run.py").write_text(
+        """
+import resource, sys
+import can
+from wheelsoil.cli.app import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+bus = can.Bus(interface="virtual", channel="x")
+import os
+tasks = [bus.send_periodic(can.Message(arbitration_id=i, data=os.urandom(8)), 0.001) for i in range(8)]
+sys.argv = ["wheelsoil", "log", "vehicle.toml", "--out", "out", "--no-page", "--duration", "60"]
+try:
+    main()
+finally:
+    for task in tasks:
+        task.stop()
+    bus.shutdown()
+""",
+        encoding="utf-8",
+    )
+    (tmp_path / "vehicle.toml").write_text('[[bus]]\nchannel = "x"\ninterface = "virtual"\n', encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "run.py"], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120
+    )
+    assert done.returncode == 4, done.stderr
+    assert "the recording cannot be written on" in done.stderr
+    assert "Traceback" not in done.stderr
+    [path] = (tmp_path / "out").iterdir()
+    recording = Recording.open(path)
+    assert len(recording.frames()) > 100
+    assert path.stat().st_size <= 100_000
+
+
+def test_a_folder_that_must_not_be_written_is_a_usage_error(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigError, match="the folder cannot be made"):
+        log(SCRIPTED, tmp_path / "file" / "out", duration_s=0.1, opener=Opener("x"))
+    with pytest.raises(ConfigError, match="the folder cannot be made"):
+        log(SCRIPTED, "/proc/out", duration_s=0.1, opener=Opener("x"))
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
