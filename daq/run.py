@@ -20,6 +20,7 @@ from daq.frames import FrameBatch
 from daq.logs import read_log
 from daq.recording import RunRecording
 from daq.roles import SignalRef, resolve_roles
+from daq.zero_file import carried_zeros
 
 VEHICLE_FILE, TERRAIN_FILE, RUNS_FILE = "vehicle.toml", "terrain.toml", "runs.toml"
 LENIENT_KEY = "lenient_dbc"
@@ -71,7 +72,7 @@ class Configuration:
 
 
 def vehicle_from_file(path: Path, *, lenient_dbc: bool = False) -> Configuration:
-    """Read vehicle.toml and the DBCs it names; see `daq.buses.load_for_vehicle`."""
+    """Read vehicle.toml, the DBCs it names (see `daq.buses.load_for_vehicle`) and its zero file where there is one."""
     vehicle = load_toml(path, VehicleConfig)
     databases = load_for_vehicle(vehicle, path.parent, lenient=lenient_dbc)
     attachments = {VEHICLE_FILE: path.read_bytes()} | {
@@ -79,6 +80,7 @@ def vehicle_from_file(path: Path, *, lenient_dbc: bool = False) -> Configuration
         for bus in {bus.channel: bus for bus in vehicle.bus}.values()
         for name, database in zip(_names(vehicle, bus.channel), databases[bus.channel], strict=True)
     }
+    attachments |= carried_zeros(vehicle, path.parent)
     return Configuration(vehicle, databases, attachments=attachments, vehicle_source=str(path))
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 
-from daq.config import Finite, NonNegative, load_toml, parse_toml
+from daq.config import Finite, NonNegative, VehicleConfig, load_toml, parse_toml
 
 ZERO_FILE = "zero.toml"
 """Its name where vehicle.toml gives none."""
@@ -121,3 +121,22 @@ def zeros_toml(zeros: ZeroConfig) -> bytes:
 
     tables = zeros.model_dump(exclude_none=True)
     return (_HEAD + tomli_w.dumps(tables)).encode()
+
+
+def carried_zeros(vehicle: VehicleConfig, folder: Path) -> dict[str, bytes]:
+    """Return the zero file that vehicle.toml names, by that name, for a recording to carry.
+
+    Empty where vehicle.toml names none, and where there is none yet: the first one is determined from a recording that
+    was made without it.
+
+    Raises
+    ------
+    ConfigError
+        It is there and is wrong.
+    """
+    name = vehicle.transducer.zero_file
+    path = folder / name
+    if not name or not path.exists():
+        return {}
+    load_zeros(path)
+    return {name: path.read_bytes()}

@@ -26,6 +26,7 @@ def report_of(
     vehicle: Path | None = None,
     terrain: Path | None = None,
     runs_file: Path | None = None,
+    zero: Path | None = None,
     lenient_dbc: bool = False,
 ) -> Report:
     """Open and process runs, fit the models and build the report.
@@ -39,6 +40,8 @@ def report_of(
     min_speed_mps : float
     vehicle, terrain, runs_file : Path, optional
         See `daq.open.open_runs`.
+    zero : Path, optional
+        See `wheelsoil.runs.open_and_process`.
     lenient_dbc : bool
 
     Raises
@@ -49,7 +52,7 @@ def report_of(
     """
     options = ProcessOptions(min_speed_mps=min_speed_mps)
     processed = open_and_process(
-        paths, options, vehicle=vehicle, terrain=terrain, runs_file=runs_file, lenient_dbc=lenient_dbc
+        paths, options, vehicle=vehicle, terrain=terrain, runs_file=runs_file, zero=zero, lenient_dbc=lenient_dbc
     )
     return report_of_processed(processed, choices, options, soil=soil)
 

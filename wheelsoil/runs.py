@@ -24,9 +24,12 @@ def open_and_process(
     vehicle: Path | None = None,
     terrain: Path | None = None,
     runs_file: Path | None = None,
+    zero: Path | None = None,
     lenient_dbc: bool = False,
 ) -> list[tuple[Run, ProcessedRun]]:
     """Open runs and process each; says on stderr what could not be read of a damaged recording.
+
+    `zero` is a zero file in place of those that the vehicles name, see `wheelsoil.zeroing.zeros_for`.
 
     Raises
     ------
@@ -34,12 +37,15 @@ def open_and_process(
         What is wrong with any of the runs, of all of them at once.
     """
     opened = open_runs(paths, vehicle=vehicle, terrain=terrain, runs=runs_file, lenient_dbc=lenient_dbc)
-    return process_runs(opened, options)
+    return process_runs(opened, options, zero=zero)
 
 
-def process_runs(opened: Sequence[Run], options: ProcessOptions) -> list[tuple[Run, ProcessedRun]]:
+def process_runs(
+    opened: Sequence[Run], options: ProcessOptions, *, zero: Path | None = None
+) -> list[tuple[Run, ProcessedRun]]:
     """Process runs that are open; see `open_and_process`."""
     from processing.pipeline import process_stream
+    from wheelsoil.zeroing import zeros_for
 
     collected = Collected()
     processed = []
@@ -47,7 +53,8 @@ def process_runs(opened: Sequence[Run], options: ProcessOptions) -> list[tuple[R
         with collected.catch():
             _check_vehicle(run)
             try:
-                processed.append((run, process_stream(run.channel_batches(), run.vehicle, run.info, options)))
+                zeros = zeros_for(run, zero)
+                processed.append((run, process_stream(run.channel_batches(), run.vehicle, run.info, options, zeros)))
             except (ConfigError, DataError) as error:
                 raise _explained(run, error) from None
         if run.recording and run.recording.loss:

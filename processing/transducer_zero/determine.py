@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot, isfinite, nan, sqrt
+from math import hypot, isfinite, sqrt
 
 import numpy as np
 
@@ -22,6 +22,8 @@ _LIFTED_SHARE = 0.2
 _LIFTED_WITHOUT_MASS_N = 1500.0
 _ROLLING_RESISTANCE = 0.01
 """What a wheel that stands on the ground may hold of its load as a pull, although nobody drives or brakes it."""
+_NOTABLE_CHANGE = 0.2
+"""Of the speed over the spin, as a share."""
 _JOIN_S = 0.02
 
 
@@ -72,14 +74,6 @@ class Lifted:
     channels: dict[str, ChannelZero]
     outliers: dict[str, int]
     remarks: tuple[str, ...]
-
-    @property
-    def speed_radps(self) -> float:
-        """Mean angular speed; NaN of a standstill."""
-        if not len(self.part.speed):
-            return nan
-        at = np.linspace(0, self.part.stop_s - self.part.start_s, 101)
-        return float(np.mean(np.polyval(self.part.speed, at)))
 
 
 def determine(
@@ -208,7 +202,7 @@ def _fit(
         time_s, values, psi = time_s[known], values[known], psi[known]
         if signal.role == "driving_torque" and vehicle.wheel:
             sense = -1.0 if vehicle.transducer.frame == "wheel" and vehicle.transducer.side == "right" else 1.0
-            turning = vehicle.wheel.outboard_inertia_kgm2 * np.polyval(np.polyder(part.speed), time_s - part.start_s)
+            turning = vehicle.wheel.outboard_inertia_kgm2 * part.acceleration_at(time_s)
             values = values - sense * turning / signal.si_factor
     return fit_harmonics(time_s, values, psi, signal.resolution) if len(values) >= 50 else None
 
@@ -249,7 +243,7 @@ def _weight_n(role: str, psi: float, vehicle: VehicleConfig) -> float:
 
 def _remarks(part: Part, motion: Motion, vehicle: VehicleConfig, *, on_ground: bool) -> list[str]:
     if part.method == "spin":
-        return []
+        return _spin_remarks(part, vehicle)
     remarks = ["a standstill shows the sum of the stationary and the rotating part at one wheel angle only"]
     if not isfinite(part.angle_rad) and motion.speed is None:
         remarks.append("neither wheel angle nor wheel speed is known: the wheel is taken to stand")
@@ -265,3 +259,14 @@ def _remarks(part: Part, motion: Motion, vehicle: VehicleConfig, *, on_ground: b
             "is the bridges' zero; moments about x' and z' still hold the moment of that weight"
         )
     return remarks
+
+
+def _spin_remarks(part: Part, vehicle: VehicleConfig) -> list[str]:
+    speed = np.abs(part.speed[1])
+    if np.ptp(speed) < _NOTABLE_CHANGE * np.mean(speed):
+        return []
+    inertia = vehicle.wheel.outboard_inertia_kgm2 if vehicle.wheel else 0.0
+    return [
+        f"the speed went from {speed[0]:.2f} to {speed[-1]:.2f} rad/s: what that takes is out of the torque by the "
+        f"declared outboard inertia, {inertia:g} kg m2"
+    ]

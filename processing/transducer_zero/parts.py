@@ -14,8 +14,10 @@ from processing.timebase import FloatArray
 
 _FEWEST_REVOLUTIONS = 2
 _LONGEST_REVOLUTION_S = 30.0
-_STEADY_WITHIN, _STEADY_BETWEEN = 1.6, 0.06
-"""Slowest over quickest quarter of a revolution; change from one revolution to the next, as a share."""
+_EVEN = 1.6
+"""Slowest over quickest quarter of a revolution, at the most."""
+_STEADY = ((0.04, 5), (0.25, _FEWEST_REVOLUTIONS))
+"""Change from one revolution to the next, as a share, and how many such revolutions are enough: the steadier first."""
 _BIN_S = 0.25
 _EDGE_BINS = 2
 _SHORTEST_STANDSTILL_S = 1.0
@@ -33,9 +35,8 @@ class Part:
     start_s, stop_s : float
     revolutions : int
         Whole ones; 0 of a standstill.
-    speed : float64 array, shape (k,)
-        Polynomial of the angular speed in rad/s over the time since `start_s`, highest power first; empty of a
-        standstill.
+    speed : (time_s, omega_radps), each of shape (k,)
+        Mean angular speed over the revolution about each instant; empty of a standstill.
     angle_rad : float
         psi of a standstill; NaN where not known.
     """
@@ -44,8 +45,19 @@ class Part:
     start_s: float
     stop_s: float
     revolutions: int
-    speed: FloatArray
+    speed: tuple[FloatArray, FloatArray]
     angle_rad: float = nan
+
+    @property
+    def mean_speed_radps(self) -> float:
+        """Mean angular speed, negative backward; NaN of a standstill."""
+        if not self.revolutions:
+            return nan
+        return float(np.sign(self.speed[1][0]) * 2 * pi * self.revolutions / (self.stop_s - self.start_s))
+
+    def acceleration_at(self, time_s: FloatArray) -> FloatArray:
+        """Return the angular acceleration in rad/s2, smoothed over a revolution."""
+        return np.interp(time_s, self.speed[0], np.gradient(self.speed[1], self.speed[0]))
 
 
 @dataclass(frozen=True)
@@ -77,19 +89,19 @@ def find_spin(motion: Motion, lifted_below_n: float) -> Part | None:
         return None
     turn_s = quarter_s[4:] - quarter_s[:-4]
     quarters = np.lib.stride_tricks.sliding_window_view(np.diff(quarter_s), 4)
-    even = quarters.max(axis=1) < _STEADY_WITHIN * quarters.min(axis=1)
+    even = quarters.max(axis=1) < _EVEN * quarters.min(axis=1)
     load = _means(*motion.load, quarter_s[:-4], quarter_s[4:])
-    good = even & _constant(turn_s) & (turn_s < _LONGEST_REVOLUTION_S) & (np.abs(load) < lifted_below_n)
-    stretches = [(start, (stop - start + 3) // 4) for start, stop in runs_of(good) if good[start]]
-    start, count = max(stretches, key=lambda pair: pair[1], default=(0, 0))
-    if count < _FEWEST_REVOLUTIONS:
+    possible = even & (turn_s < _LONGEST_REVOLUTION_S) & (np.abs(load) < lifted_below_n)
+    for change, enough in _STEADY:
+        start, count = _longest(possible & (_changes(turn_s) < change))
+        if count >= enough:
+            break
+    else:
         return None
-    first, last = float(quarter_s[start]), float(quarter_s[start + 4 * count])
-    turns = slice(start, start + 4 * (count - 1) + 1)
-    middle_s = (quarter_s[:-4] + quarter_s[4:])[turns] / 2 - first
+    middle_s = (quarter_s[:-4] + quarter_s[4:]) / 2
     sense = 1.0 if motion.angle[1][-1] > motion.angle[1][0] else -1.0
-    speed = np.polyfit(middle_s, sense * 2 * pi / turn_s[turns], min(2, count - 1))
-    return Part("spin", first, last, int(count), np.asarray(speed))
+    speed = (middle_s[start : start + 4 * count - 3], sense * 2 * pi / turn_s[start : start + 4 * count - 3])
+    return Part("spin", float(quarter_s[start]), float(quarter_s[start + 4 * count]), count, speed)
 
 
 def find_standstill(motion: Motion, load_range_n: tuple[float, float]) -> Part | None:
@@ -115,7 +127,7 @@ def find_standstill(motion: Motion, load_range_n: tuple[float, float]) -> Part |
     angle = nan
     if motion.angle is not None:
         angle = float(_means(*motion.angle, edges[first : first + 1], edges[last : last + 1])[0])
-    return Part("standstill", float(edges[first]), float(edges[last]), 0, np.zeros(0), angle)
+    return Part("standstill", float(edges[first]), float(edges[last]), 0, (np.zeros(0), np.zeros(0)), angle)
 
 
 def _quarter_instants(time_s: FloatArray, angle_rad: FloatArray) -> FloatArray:
@@ -126,12 +138,18 @@ def _quarter_instants(time_s: FloatArray, angle_rad: FloatArray) -> FloatArray:
     return np.interp(np.arange(int(turned[-1] / (pi / 2)) + 1) * pi / 2, turned[new], time_s[new])
 
 
-def _constant(turn_s: FloatArray) -> NDArray[np.bool_]:
-    """Return which revolutions take as long as the next one (the last: as the one before)."""
+def _longest(good: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return the first quarter of the longest stretch of good revolutions, and how many whole ones it holds."""
+    stretches = [(int(start), int(stop - start + 3) // 4) for start, stop in runs_of(good) if good[start]]
+    return max(stretches, key=lambda pair: pair[1], default=(0, 0))
+
+
+def _changes(turn_s: FloatArray) -> FloatArray:
+    """Return how much longer or shorter the next revolution takes, as a share (the last: than the one before)."""
     if len(turn_s) < 5:
-        return np.full(len(turn_s), True)
+        return np.zeros(len(turn_s))
     change = np.abs(turn_s[4:] / turn_s[:-4] - 1)
-    return np.concatenate([change, change[-4:]])[: len(turn_s)] < _STEADY_BETWEEN
+    return np.concatenate([change, change[-4:]])[: len(turn_s)]
 
 
 def _still(motion: Motion, edges: FloatArray) -> NDArray[np.bool_]:

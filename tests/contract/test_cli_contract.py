@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from cli_support import busy, invoke, ok
 from doctor_support import free_port
+from zero_support import Bench, write_lifted
 
 import wheelsoil.cli
 from wheelsoil import __version__
@@ -82,6 +83,8 @@ def _json_runs(campaign: Path, folder: Path) -> dict[str, list[object]]:
     ok("simulate", "-o", folder / "logs", "--runs", 1, "--duration", 15, "--format", "candump")
     shutil.copy(folder / "logs" / "run-1.log", log)
     (folder / "vehicle.toml").write_text('[[bus]]\nchannel = "contract"\ninterface = "virtual"\n')
+    lifted = folder / "lifted"  # away from the vehicle.toml above
+    lifted.mkdir()
     plates = folder / "plates.csv"
     rows = [f"{r},{z / 1000},{(1e6 / r + 5e5) * (z / 1000)}" for r in (0.1, 0.2) for z in range(1, 60)]
     plates.write_text("\n".join(["radius_m,sinkage_m,pressure_pa", *rows]))
@@ -95,6 +98,7 @@ def _json_runs(campaign: Path, folder: Path) -> dict[str, list[object]]:
         "recover": [first, "-o", folder / "recovered.mcap"],
         "log": [folder / "vehicle.toml", "--duration", 0.2, "-o", folder / "logged.mcap"],
         "doctor": [folder / "vehicle.toml", "--listen", 0.2, "-o", folder, "--page-port", free_port()],
+        "zero": [write_lifted(lifted / "spin.mcap", Bench(), 0), "-o", folder / "zero.toml"],
         "replay": [first, "--interface", "virtual", "--speed", 0, "--to", 1],
         "demo": ["-o", folder / "demo", "--runs", 1, "--duration", 20],
     }

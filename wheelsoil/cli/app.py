@@ -27,6 +27,7 @@ COMMANDS: dict[str, Entry] = {
     "demo": Entry("demo", "Simulate a vehicle and take its frames the whole way to a report."),
     "doctor": Entry("doctor", "Say whether this machine is ready to log the vehicle."),
     "log": Entry("log", "Record the vehicle's buses until the time is up or Ctrl-C."),
+    "zero": Entry("zero", "Find a transducer's zero from a lifted wheel, and its drift."),
     "replay": Entry("replay", "Send a recording's frames onto buses, with their timing."),
     "import": Entry("import_logs", "Turn log files of any format into a recording."),
     "info": Entry("info", "Say what a recording holds."),

@@ -23,6 +23,7 @@ from wheelsoil.cli.options import (
     Terrain,
     Vehicle,
     Where,
+    ZeroFile,
 )
 from wheelsoil.cli.talk import number, print_json, print_table, say
 
@@ -43,6 +44,7 @@ def command(
     vehicle: Vehicle = None,
     terrain: Terrain = None,
     runs_file: RunsFile = None,
+    zero: ZeroFile = None,
     soil: SoilPreset = None,
     sinkage: Sinkage = Reading.balanced,
     channels: Channels = "dp",
@@ -67,7 +69,7 @@ def command(
     else:
         if rename or where:
             raise ConfigError(Fault("--rename and --where choose from a table", next_step="give --table FILE.csv"))
-        fit = _fit_runs(runs or [], (vehicle, terrain, runs_file), soil, choices, min_speed, lenient_dbc)
+        fit = _fit_runs(runs or [], (vehicle, terrain, runs_file, zero), soil, choices, min_speed, lenient_dbc)
     comparison = _sinkages(fit) if table is not None else None
     if json:
         print_json(fit_as_json(fit) | ({"sinkage": comparison} if comparison else {}))
@@ -79,7 +81,7 @@ def command(
 
 def _fit_runs(
     runs: list[Path],
-    files: tuple[Path | None, Path | None, Path | None],
+    files: tuple[Path | None, Path | None, Path | None, Path | None],
     soil: str | None,
     choices: FitChoices,
     min_speed: float,
@@ -90,13 +92,14 @@ def _fit_runs(
     from wheelsoil.runs import open_and_process
 
     purpose = "fit_torque" if "t" in choices.channels else "fit"
-    vehicle, terrain, runs_file = files
+    vehicle, terrain, runs_file, zero = files
     processed = open_and_process(
         runs,
         ProcessOptions(min_speed_mps=min_speed, purpose=purpose),
         vehicle=vehicle,
         terrain=terrain,
         runs_file=runs_file,
+        zero=zero,
         lenient_dbc=lenient_dbc,
     )
     return fit_runs(processed, choices, soil)

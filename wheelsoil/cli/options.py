@@ -23,6 +23,9 @@ Terrain = Annotated[
 RunsFile = Annotated[
     Path | None, typer.Option("--runs", metavar="FILE", help="runs.toml; overrides what a run carries.")
 ]
+ZeroFile = Annotated[
+    Path | None, typer.Option("--zero", metavar="FILE", help="zero.toml; overrides the one that vehicle.toml names.")
+]
 LenientDbc = Annotated[
     bool, typer.Option("--lenient-dbc", help="Leave out the DBC lines that cantools refuses, and list them.")
 ]

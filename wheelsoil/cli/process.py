@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wheelsoil.cli.options import Force, Json, LenientDbc, Runs, RunsFile, Terrain, Vehicle
+from wheelsoil.cli.options import Force, Json, LenientDbc, Runs, RunsFile, Terrain, Vehicle, ZeroFile
 from wheelsoil.cli.talk import check_output, print_facts, print_json, say
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ def command(
     vehicle: Vehicle = None,
     terrain: Terrain = None,
     runs_file: RunsFile = None,
+    zero: ZeroFile = None,
     lenient_dbc: LenientDbc = False,
     rate: Annotated[float, typer.Option(metavar="HZ", help="Rate of the common time base.")] = 100.0,
     cutoff: Annotated[
@@ -44,7 +45,7 @@ def command(
     target = check_output(output, force=force) if output else None
     options = ProcessOptions(rate_hz=rate, cutoff_hz=cutoff, min_speed_mps=min_speed)
     processed = open_and_process(
-        runs, options, vehicle=vehicle, terrain=terrain, runs_file=runs_file, lenient_dbc=lenient_dbc
+        runs, options, vehicle=vehicle, terrain=terrain, runs_file=runs_file, zero=zero, lenient_dbc=lenient_dbc
     )
     if target:
         _write(target, [run for _, run in processed])

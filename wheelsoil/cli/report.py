@@ -22,6 +22,7 @@ from wheelsoil.cli.options import (
     SoilPrior,
     Terrain,
     Vehicle,
+    ZeroFile,
 )
 from wheelsoil.cli.talk import check_output, print_facts, print_json, say
 
@@ -34,6 +35,7 @@ def command(
     vehicle: Vehicle = None,
     terrain: Terrain = None,
     runs_file: RunsFile = None,
+    zero: ZeroFile = None,
     soil: SoilPreset = None,
     sinkage: Sinkage = Reading.balanced,
     channels: Channels = "dp",
@@ -61,6 +63,7 @@ def command(
         vehicle=vehicle,
         terrain=terrain,
         runs_file=runs_file,
+        zero=zero,
         lenient_dbc=lenient_dbc,
     )
     page, numbers = report.write(target)

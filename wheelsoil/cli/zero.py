@@ -1,0 +1,190 @@
+"""``wheelsoil zero``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from daq.errors import ConfigError, Fault
+from wheelsoil.cli.options import Json, LenientDbc, Vehicle
+from wheelsoil.cli.talk import number, print_facts, print_json, print_table, say
+
+if TYPE_CHECKING:
+    from daq.units import Quantity
+    from processing.transducer_zero import Drift
+    from wheelsoil.zeroing import Found
+
+
+def command(
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(metavar="RECORDING...", help="Of a lifted wheel: spun evenly, or at rest. Two or more: drift."),
+    ],
+    vehicle: Vehicle = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Append to this file (default: beside vehicle.toml)."),
+    ] = None,
+    from_s: Annotated[
+        float | None, typer.Option("--from", metavar="S", help="Look only from here, after the first sample.")
+    ] = None,
+    to_s: Annotated[
+        float | None, typer.Option("--to", metavar="S", help="Look only up to here, after the first sample.")
+    ] = None,
+    on_ground: Annotated[
+        bool,
+        typer.Option(
+            "--on-ground", help="The wheel stands on level ground, not driven or braked: pull and torque only."
+        ),
+    ] = False,
+    max_drift: Annotated[
+        str | None,
+        typer.Option("--max-drift", metavar="UNIT=VALUE,...", help="Fail beyond this drift, as N=50,Nm=10."),
+    ] = None,
+    lenient_dbc: LenientDbc = False,
+    json: Json = False,
+) -> None:
+    """Find a transducer's zero from a lifted wheel: stationary and rotating part of every channel, with their sigma.
+
+    Appends to zero.toml, which `log` attaches where vehicle.toml names it and `process` takes off. From two recordings
+    on, the drift from one to the next is told; beyond --max-drift the exit code is 1.
+    """
+    from daq.open import open_runs
+    from wheelsoil.zeroing import append, check_place, drifts, find_zeros, too_far, zero_path
+
+    most = _limits(max_drift)
+    first = open_runs(recordings[:1], vehicle=vehicle, lenient_dbc=lenient_dbc)[0]
+    target = zero_path(first, vehicle, output)
+    check_place(target)
+    found = find_zeros(
+        recordings, vehicle=vehicle, from_s=from_s, to_s=to_s, on_ground=on_ground, lenient_dbc=lenient_dbc
+    )
+    rows, remarks = drifts(found)
+    append(target, found)
+    beyond = too_far(rows, most)
+    if json:
+        print_json(_as_json(target, found, rows, remarks))
+    else:
+        _print(found, rows)
+    for one in found:
+        for text in one.remarks:
+            say(f"{one.run.path.name}: {text}")
+    for text in remarks:
+        say(f"drift: {text}")
+    say(f"wrote {target}")
+    if not first.vehicle.transducer.zero_file:
+        say(f'  next: zero_file = "{target.name}" under [transducer] of vehicle.toml makes every run carry it')
+    for row in beyond:
+        say(f"{row.channel}: {row.part} moved by {row.change:+.4g} {row.unit}, beyond --max-drift {max_drift}")
+    if beyond:
+        raise typer.Exit(1)
+
+
+def _limits(text: str | None) -> dict[Quantity, float]:
+    """Return the largest drift of forces and moments, in SI.
+
+    Raises
+    ------
+    ConfigError
+        A part is not UNIT=VALUE, with a unit of force or moment and a positive number.
+    """
+    from daq.units import Quantity, find_unit
+
+    limits: dict[Quantity, float] = {}
+    faults = []
+    for part in text.split(",") if text else ():
+        name, _, value = part.partition("=")
+        unit = find_unit(name, (Quantity.FORCE, Quantity.MOMENT))
+        try:
+            most = float(value)
+        except ValueError:
+            most = -1.0
+        if unit is None or not 0 < most < float("inf"):
+            faults.append(Fault(f"--max-drift {part!r} is not understood", expected="UNIT=VALUE,... as N=50,Nm=10"))
+        else:
+            limits[unit.quantity] = most * unit.factor
+    if faults:
+        raise ConfigError(*faults)
+    return limits
+
+
+def _as_json(target: Path, found: Sequence[Found], rows: Sequence[Drift], remarks: Sequence[str]) -> dict[str, Any]:
+    from wheelsoil.plain import plain
+
+    return {
+        "file": target,
+        "zeros": [
+            plain(one.determination.model_dump(mode="json"))
+            | {"check": one.check, "outliers": one.outliers, "remarks": one.remarks}
+            for one in found
+        ],
+        "drift": [plain(row) | {"significant": row.significant} for row in rows],
+        "remarks": remarks,
+    }
+
+
+def _print(found: Sequence[Found], rows: Sequence[Drift]) -> None:
+    for one in found:
+        print_facts(_facts(one))
+        print()
+        print_table(
+            ["channel", "unit", "offset", "sigma", "cos", "sin", "sigma", "2/rev"],
+            [
+                [
+                    name,
+                    zero.unit,
+                    f"{zero.offset:.2f}",
+                    f"{zero.offset_sigma:.2f}",
+                    *(_or_dash(value) for value in (zero.cos, zero.sin, zero.rotating_sigma, zero.twice)),
+                ]
+                for name, zero in one.determination.channels.items()
+            ],
+            left=2,
+        )
+        print()
+    if rows:
+        print_table(
+            ["drift", "part", "unit", "change", "sigma", ""],
+            [
+                [row.channel, row.part, row.unit, f"{row.change:+.2f}", f"{row.sigma:.2f}", _verdict(row)]
+                for row in rows
+            ],
+            left=3,
+        )
+
+
+def _facts(one: Found) -> list[tuple[str, str]]:
+    zero, check = one.determination, one.check
+    how = f"{zero.revolutions} revolutions at {abs(zero.speed_radps):.2f} rad/s" if zero.speed_radps else "one angle"
+    if not zero.revolutions and zero.angle_deg is not None:
+        how = f"at {zero.angle_deg:.1f} deg"
+    lines = [
+        ("recording", str(one.run.path)),
+        ("time", f"{zero.time_utc:%Y-%m-%d %H:%M:%S}Z"),
+        ("method", f"{zero.method}, {how}, {zero.frame} axes" + (", on the ground" if zero.on_ground else "")),
+        ("used", f"{zero.start_s:.2f} to {zero.start_s + zero.duration_s:.2f} s"),
+    ]
+    if zero.temperature_degc is not None:
+        lines.append(("temperature", f"{zero.temperature_degc:.0f} degC"))
+    if check:
+        lines.append(
+            ("outboard mass", f"{check.mass_kg:.2f} +- {check.mass_sigma_kg:.2f} kg, declared {check.declared_kg:g} kg")
+        )
+        if check.angle_error_deg == check.angle_error_deg:
+            error = f"{check.angle_error_deg:+.2f} +- {check.angle_error_sigma_deg:.2f} deg"
+            lines.append(("error of the wheel angle", f"{error}, by the direction of the weight"))
+    spikes: Mapping[str, int] = {name: count for name, count in one.outliers.items() if count}
+    if spikes:
+        lines.append(("spikes left out", ", ".join(f"{name} {count:,}" for name, count in spikes.items())))
+    return lines
+
+
+def _or_dash(value: float | None) -> str:
+    return "-" if value is None else number(value) if abs(value) >= 1e4 else f"{value:.2f}"
+
+
+def _verdict(row: Drift) -> str:
+    return "significant" if row.significant else "within 3 sigma"
