@@ -139,7 +139,7 @@ function showReasons(reasons) {
     write(word, LEVELS[reason.level] ?? reason.level);
     write(where, reason.where);
     write(what, reason.what);
-    write(next, reason.next_step);
+    write(next, `Do: ${reason.next_step}`);
     next.hidden = !reason.next_step;
   });
 }
