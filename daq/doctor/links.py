@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import json
 import shutil
 import socket
@@ -10,11 +12,12 @@ import subprocess
 import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
-_NET = Path("/sys/class/net")
+# linux/sockios.h, linux/if_arp.h, linux/if.h
+_SIOCGIFFLAGS, _SIOCGIFMTU, _SIOCGIFHWADDR, _SIOCGIFTXQLEN = 0x8913, 0x8921, 0x8927, 0x8942
 _ARPHRD_CAN, _IFF_UP = 280, 1
+_NAME_BYTES = 16
 _SO_TIMESTAMPNS = 35
 _PATH = "/usr/sbin:/sbin:/usr/bin:/bin"
 
@@ -54,17 +57,19 @@ class Link:
 
 def read_link(name: str) -> Link:
     """Ask the kernel of an interface."""
-    folder = _NET / name
-    if "/" in name or not folder.is_dir():
+    try:
+        flags, mtu, kind, queue = (
+            _asked(name, request, form)
+            for request, form in (
+                (_SIOCGIFFLAGS, "H"),
+                (_SIOCGIFMTU, "i"),
+                (_SIOCGIFHWADDR, "H"),
+                (_SIOCGIFTXQLEN, "i"),
+            )
+        )
+    except OSError:
         return Link(name)
-    link = Link(
-        name,
-        exists=True,
-        is_can=_number(folder / "type") == _ARPHRD_CAN,
-        up=bool(_number(folder / "flags") & _IFF_UP),
-        mtu=_number(folder / "mtu"),
-        queue_length=_number(folder / "tx_queue_len"),
-    )
+    link = Link(name, exists=True, is_can=kind == _ARPHRD_CAN, up=bool(flags & _IFF_UP), mtu=mtu, queue_length=queue)
     return with_details(link, _ip_details(name))
 
 
@@ -84,8 +89,8 @@ def with_details(link: Link, details: dict[str, Any]) -> Link:
 
 def can_links() -> list[str]:
     """Return the names of the CAN interfaces of this machine."""
-    names = [folder.name for folder in _NET.iterdir()] if _NET.is_dir() else []
-    return sorted(name for name in names if _number(_NET / name / "type") == _ARPHRD_CAN)
+    names = [name for _, name in socket.if_nameindex()]
+    return sorted(name for name in names if _asked(name, _SIOCGIFHWADDR, "H") == _ARPHRD_CAN)
 
 
 def stamp_age_s(channel: str, wait_s: float) -> float | None:
@@ -122,8 +127,17 @@ def _rate(data: dict[str, Any], key: str) -> int | None:
     return data.get(key, {}).get("bitrate") or data.get(f"{key}_bitrate") or None
 
 
-def _number(path: Path) -> int:
-    try:
-        return int(path.read_text().strip(), 0)
-    except (OSError, ValueError):
-        return 0
+def _asked(name: str, request: int, form: str) -> int:
+    """Return a number of an interface's ``struct ifreq`` (a container may have no /sys to read it in).
+
+    Raises
+    ------
+    OSError
+        There is no such interface.
+    """
+    encoded = name.encode()
+    if len(encoded) >= _NAME_BYTES:
+        raise OSError(errno.ENODEV, "the name is too long")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as any_socket:
+        answer = fcntl.ioctl(any_socket, request, encoded.ljust(40, b"\0"))
+    return int(struct.unpack_from(form, answer, _NAME_BYTES)[0])
