@@ -9,6 +9,7 @@ import os
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -94,38 +95,24 @@ def log(
     RecordingError
         If the recording is there already.
     """
-    sections = {bus.channel: bus for bus in vehicle.bus}
-    if not sections:
+    if not vehicle.bus:
         raise ConfigError(Fault("the vehicle has no bus to record", next_step="add a [[bus]] to vehicle.toml"))
-    known, role_remarks = _with_usable_roles(vehicle, databases or {})
-    folder, named = _target(Path(out), run or RunInfo())
+    known = _Known(vehicle, Path(out), run or RunInfo(), attachments or {}, databases or {}, metadata or {}, view, wait)
+    opener = opener or partial(open_source, buffer_bytes=int(vehicle.logger.receive_buffer_kb * _KB))
     with ExitStack() as stack:
-        _check_folder(folder)
-        if folder.is_dir():
-            stack.enter_context(folder_lock(folder))
-        files = _files(folder, named, run or RunInfo(), vehicle, wait=wait)
-        opener = opener or partial(open_source, buffer_bytes=int(vehicle.logger.receive_buffer_kb * _KB))
-        sources = _open_all(list(sections.values()), opener, stack)
-        if not folder.is_dir():
-            _make_folder(folder)
-            stack.enter_context(folder_lock(folder))
+        folder, files, sources = _opened(known, opener, stack)
         limits = vehicle.logger
         guard = DiskGuard(folder, warn_min=limits.disk_warn_min, reserve_mb=limits.disk_reserve_mb)
+        usable, role_remarks = _with_usable_roles(vehicle, known.databases)
         clock = HostClock()
-        inspection = Inspection(known, databases or {}, started_ns=clock.now_ns())
-        told = {f"interface.{name}": section.interface or "socketcan" for name, section in sections.items()}
-        remarks = [remark for source in sources for remark in source.remarks]
-        told |= {f"remark.{number}": text for number, text in enumerate([*remarks, *role_remarks])}
-        options = RecorderOptions(
-            known, folder, attachments or {}, {**told, **(metadata or {})}, databases if view else None
-        )
+        inspection = Inspection(usable, known.databases, started_ns=clock.now_ns())
+        options = _recorder_options(known, usable, folder, [*_remarks(sources), *role_remarks])
         caught = stack.enter_context(caught_signals())
-        recorder = Recorder(options, clock, files, run or RunInfo())
         parts = SessionParts(
-            vehicle=known,
+            vehicle=vehicle,
             clock=clock,
             sources=sources,
-            recorder=recorder,
+            recorder=Recorder(options, clock, files, known.run),
             inspector=Inspector(inspection),
             guard=guard,
             panel=panel or NoPanel(),
@@ -138,6 +125,47 @@ def log(
         return Session(parts).record(duration_s)
 
 
+@dataclass(frozen=True)
+class _Known:
+    """What `log` was asked for."""
+
+    vehicle: VehicleConfig
+    out: Path
+    run: RunInfo
+    attachments: Mapping[str, bytes]
+    databases: Mapping[str, tuple[Database, ...]]
+    metadata: Mapping[str, str]
+    view: bool
+    wait: bool
+
+
+def _opened(
+    known: _Known, opener: Callable[[BusSection], Source], stack: ExitStack
+) -> tuple[Path, RunFiles | None, list[ReconnectingSource]]:
+    """Take the folder and open every bus; a folder that is not there is made last."""
+    folder, named = _target(known.out, known.run)
+    _check_folder(folder)
+    if folder.is_dir():
+        stack.enter_context(folder_lock(folder))
+    files = _files(folder, named, known)
+    sources = _open_all(list({bus.channel: bus for bus in known.vehicle.bus}.values()), opener, stack)
+    if not folder.is_dir():
+        _make_folder(folder)
+        stack.enter_context(folder_lock(folder))
+    return folder, files, sources
+
+
+def _recorder_options(known: _Known, usable: VehicleConfig, folder: Path, remarks: list[str]) -> RecorderOptions:
+    told = {f"interface.{bus.channel}": bus.interface or "socketcan" for bus in known.vehicle.bus}
+    told |= {f"remark.{number}": text for number, text in enumerate(remarks)}
+    databases = known.databases if known.view and known.databases else None
+    return RecorderOptions(usable, folder, known.attachments, {**told, **known.metadata}, databases)
+
+
+def _remarks(sources: list[ReconnectingSource]) -> list[str]:
+    return [remark for source in sources for remark in source.remarks]
+
+
 def _target(out: Path, run: RunInfo) -> tuple[Path, Path | None]:
     """Return the folder to record into, and the file if people named one, by the path or by the run's id."""
     if out.suffix.lower() == SUFFIX:
@@ -145,11 +173,12 @@ def _target(out: Path, run: RunInfo) -> tuple[Path, Path | None]:
     return out, out / f"{safe_name(run.id)}{SUFFIX}" if run.id else None
 
 
-def _files(folder: Path, named: Path | None, run: RunInfo, vehicle: VehicleConfig, *, wait: bool) -> RunFiles | None:
+def _files(folder: Path, named: Path | None, known: _Known) -> RunFiles | None:
     """Return where the first run goes; None: it begins between runs."""
-    if named is not None and not wait:
-        return named_run(named, run, vehicle)
-    return unfinished_run(folder, vehicle) or (None if wait else new_run(folder, run, vehicle))
+    if named is not None and not known.wait:
+        return named_run(named, known.run, known.vehicle)
+    unfinished = unfinished_run(folder, known.vehicle)
+    return unfinished or (None if known.wait else new_run(folder, known.run, known.vehicle))
 
 
 def _with_usable_roles(

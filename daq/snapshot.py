@@ -52,8 +52,10 @@ class SessionState:
     Attributes
     ----------
     vehicle : VehicleConfig
-    time_ns, started_ns : int
-        File time now, and when the logger started.
+    file_ns : int
+        Time now, as the file tells it.
+    session_ns, started_ns : int
+        Time now and when the logger started, on the session's time base.
     run : RunState
     report : HealthReport or None
         The last one; None before the first.
@@ -70,7 +72,8 @@ class SessionState:
     """
 
     vehicle: VehicleConfig
-    time_ns: int
+    file_ns: int
+    session_ns: int
     started_ns: int
     run: RunState
     report: HealthReport | None
@@ -98,8 +101,8 @@ def snapshot(state: SessionState) -> dict[str, Any]:
         "vehicle": state.vehicle.vehicle.name,
         "state": state.run.state,
         "level": _level(max((reason.level for reason in reasons), default=Level.GREEN)),
-        "time_utc_s": state.time_ns * 1e-9,
-        "session_s": (state.time_ns - state.started_ns) * 1e-9,
+        "time_utc_s": state.file_ns * 1e-9,
+        "session_s": (state.session_ns - state.started_ns) * 1e-9,
         "run": _run(state.run),
         "reasons": [_reason(reason) for reason in reasons[:_REASONS]],
         "buses": _buses(state),

@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+from daq.health.diagnostics import statuses
 from daq.health.report import HealthReport, Level, Reason
 from daq.panel import Command
 from daq.session.feed import Feed
-from daq.session.health_topic import statuses
 from daq.session.inspection import Findings
 from daq.session.summary import LogStatus
 from daq.session.traces import Samples
@@ -124,14 +124,10 @@ class Attendance:
             self._recorder.write_health(self._report.time_ns, statuses(self._report))
 
     def _note_clock(self) -> None:
-        """Tell the recorder of the host's clock: its fit to GNSS time, and every time it was set."""
+        """Tell the recorder of the host's clock."""
         fit = self._report.gnss.clock if self._report and self._report.gnss else None
-        steps = {
-            f"step.{number}": f"{step.step_s:+.6f} s at {step.time_ns}"
-            for number, step in enumerate(self._parts.clock.steps, 1)
-        }
         unsure = {f"unsure_frames.{bus}": str(count) for bus, count in self._watch.unsure().items() if count}
-        self._recorder.note_clock((fit.as_metadata() if fit else {}) | steps | unsure)
+        self._recorder.note_clock(fit, unsure)
 
     def _take_findings(self, found: Findings | None) -> None:
         if found is None:
@@ -182,7 +178,7 @@ class Attendance:
         return tuple(found)
 
     def _state(self) -> SessionState:
-        recorder, now_ns = self._recorder, self._parts.clock.now_ns()
+        recorder, now_ns = self._recorder, self._recorder.now_ns()
         run = RunState(
             state="stopping" if self._stopping else "between" if recorder.between else "recording",
             id=recorder.run_id,
@@ -194,8 +190,9 @@ class Attendance:
         )
         return SessionState(
             vehicle=self._parts.vehicle,
-            time_ns=now_ns,
+            file_ns=now_ns,
             started_ns=self._started_ns,
+            session_ns=self._parts.clock.now_ns(),
             run=run,
             report=self._report,
             host=self._watch.host(),

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from daq.channel import Channel
+from daq.clock import ClockFit
 from daq.config import RunInfo, VehicleConfig
 from daq.databases import Database
 from daq.errors import Fault, HardwareError, RecordingError
@@ -16,6 +17,7 @@ from daq.host_clock import HostClock
 from daq.recording import DiagnosticStatus, Event, PartWriter
 from daq.recording.events import Severity
 from daq.session.listener import Arrival
+from daq.session.run_clock import RunClock
 from daq.session.run_files import VEHICLE_KEY, RunFiles, new_run
 from daq.view import DecodedView
 
@@ -80,7 +82,8 @@ class Recorder:
         self._bytes_before = 0
         self._drops: Mapping[str, int] = {}
         self._losses: Mapping[str, int] = {}
-        self._clock_record: dict[str, str] = {}
+        self._clock_fit: ClockFit | None = None
+        self._clock_told: dict[str, str] = {}
         self._marks: deque[Event] = deque(maxlen=_MARKS_KEPT)
         self._rotation_fault: Fault | None = None
         self.paths: list[Path] = []
@@ -137,30 +140,34 @@ class Recorder:
         """The last few marks."""
         return tuple(self._marks)
 
+    def now_ns(self) -> int:
+        """Return the time now, as the file tells it."""
+        return self._time.now_ns()
+
     def write(self, arrival: Arrival) -> None:
         """Write frames."""
-        self._writer.write_frames(arrival.batch)
-        offset_ns = arrival.realtime_minus_monotonic_ns
-        last_ns = int(arrival.batch.frames["time_ns"][-1])
-        self._writer.write_clock(last_ns, arrival.bus, offset_ns, self._clock.base_ns - offset_ns)
+        batch, offset_ns = self._time.frames(arrival.batch), arrival.realtime_minus_monotonic_ns
+        self._writer.write_frames(batch)
+        last_ns = int(batch.frames["time_ns"][-1])
+        self._writer.write_clock(last_ns, arrival.bus, offset_ns, self._time.base_ns - offset_ns)
         self._note_part()
 
     def write_view(self, decoded: Mapping[tuple[str, str], Channel]) -> None:
         """Write decoded topics."""
         if self._view is not None:
-            self._view.write(decoded)
+            self._view.write(self._time.channels(decoded))
 
     def write_health(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Write how everything is."""
-        self._writer.write_diagnostics(time_ns, statuses)
+        self._writer.write_diagnostics(time_ns + self._time.shift_ns, statuses)
 
     def event(self, name: str, text: str, severity: Severity = "info") -> None:
         """Write that something happened."""
-        self._writer.write_event(Event(self._clock.now_ns(), name, text, severity))
+        self._writer.write_event(Event(self.now_ns(), name, text, severity))
 
     def mark(self, text: str) -> None:
         """Put a mark into the file."""
-        self._marks.append(Event(self._clock.now_ns(), "mark", text))
+        self._marks.append(Event(self.now_ns(), "mark", text))
         self._writer.write_event(self._marks[-1])
         self._writer.flush()
 
@@ -178,9 +185,9 @@ class Recorder:
         self._drops, self._losses = dict(drops), dict(losses)
         self._writer.note_losses(_since(drops, self._drops_before), _since(losses, self._losses_before))
 
-    def note_clock(self, values: Mapping[str, str]) -> None:
+    def note_clock(self, fit: ClockFit | None, more: Mapping[str, str]) -> None:
         """Take what is known of the host's clock; every run's last file tells it."""
-        self._clock_record = dict(values)
+        self._clock_fit, self._clock_told = fit, dict(more)
 
     def tick(self) -> None:
         """Flush, sync and rotate if it is time to."""
@@ -200,7 +207,8 @@ class Recorder:
         self._view = None
         if self._options.databases is not None:
             self._view = DecodedView(writer, self._options.vehicle, self._options.databases)
-        self._begun_ns = self._clock.now_ns()
+        self._time = RunClock(self._clock)
+        self._begun_ns = self.now_ns()
         self._drops_before, self._losses_before = self._drops, self._losses
         self.paths.append(writer.path)
         if run is not None:
@@ -254,8 +262,9 @@ class Recorder:
         return ""
 
     def _tell_clock(self) -> None:
-        if self._clock_record:
-            self._writer.add_metadata(CLOCK, self._clock_record)
+        told = self._time.told(self._clock_fit) | self._clock_told
+        if told:
+            self._writer.add_metadata(CLOCK, told)
 
     def _note_part(self) -> None:
         """Tell of a new part, or why there is none."""
