@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import configparser
+import json
 import os
 import re
 import shlex
@@ -14,6 +15,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from ctypes.util import find_library
 from pathlib import Path
 
 import pytest
@@ -27,12 +29,7 @@ UNIT = DEPLOY / "wheelsoil-log.service"
 PROGRAM = Path(sys.executable).with_name("wheelsoil")
 EXPOSURE_BELOW = 2.5
 TERMINATED = 143
-_MEMORY_DENY_WRITE_EXECUTE = """
-import ctypes, os, sys
-ctypes.CDLL(None).prctl(65, ctypes.c_ulong(1), 0, 0, 0)
-os.execv(sys.argv[1], sys.argv[1:])
-"""
-"""Linux 6.3's own way (PR_SET_MDWE) to what the unit asks for; an older kernel does without."""
+SANDBOX = ROOT / "tests" / "service_sandbox.py"
 
 needs_systemd = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
 
@@ -127,7 +124,7 @@ class Manager:
 
 @contextmanager
 def started(command: list[str], folder: Path, watchdog_s: float) -> Iterator[tuple[Manager, subprocess.Popen[str]]]:
-    """Start a command as the service manager does; without memory that is both writable and executable, too."""
+    """Start a command as the service manager does, with no more privileges than the unit has."""
     manager = Manager(folder / "notify")
     environment = {
         **os.environ,
@@ -135,7 +132,7 @@ def started(command: list[str], folder: Path, watchdog_s: float) -> Iterator[tup
         "WATCHDOG_USEC": str(round(watchdog_s * 1e6)),
     }
     process = subprocess.Popen(
-        [sys.executable, "-c", _MEMORY_DENY_WRITE_EXECUTE, *command],
+        [sys.executable, str(SANDBOX), str(UNIT), *command],
         env=environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -165,6 +162,36 @@ def test_the_command_of_the_unit_tells_the_service_manager(tmp_path: Path) -> No
     alive = [at for at, text in manager.told if "WATCHDOG=1" in text.splitlines()]
     assert len(alive) >= 3
     assert Recording.open(recording).loss == ()
+
+
+ATTEMPTS = """
+import ctypes, json, mmap, re
+def refused(act):
+    try:
+        return act() == -1
+    except OSError:
+        return True
+capabilities = re.search(r"CapEff:\\s*(\\S+)", open("/proc/self/status").read())[1]
+print(json.dumps({
+    "capabilities": int(capabilities, 16),
+    "filter": refused(lambda: ctypes.CDLL(None).ptrace(0, 0, 0, 0)),
+    "memory": refused(lambda: mmap.mmap(-1, 4096, prot=7).close()),
+}))
+"""
+
+
+def test_the_sandbox_of_these_tests_refuses_what_the_unit_refuses() -> None:
+    """Without it the tests around this one would show nothing of the unit's limits."""
+    command = [sys.executable, str(SANDBOX), str(UNIT), sys.executable, "-c", ATTEMPTS]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    tried = json.loads(done.stdout)
+    assert tried["capabilities"] == 0
+    assert tried["filter"] or not (find_library("seccomp") and shutil.which("systemd-analyze"))
+    assert tried["memory"] or kernel_version() < (6, 3)
+
+
+def kernel_version() -> tuple[int, ...]:
+    return tuple(int(number) for number in re.findall(r"\d+", os.uname().release)[:2])
 
 
 def test_a_wrong_vehicle_file_is_not_tried_again(tmp_path: Path) -> None:
