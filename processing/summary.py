@@ -95,4 +95,6 @@ def _sensor(facts: SensorFacts) -> str:
     if not isfinite(facts.rate_hz):
         return f"{facts.samples} samples"
     gaps = f"{facts.gaps} gaps, longest {facts.longest_gap_s:.2f} s" if facts.gaps else "no gaps"
-    return f"{facts.rate_hz:.4g} Hz, {gaps}, sigma {facts.sigma:.3g} ({facts.sigma_source})"
+    zero = f", zero +- {facts.systematic_sigma:.3g}" if isfinite(facts.systematic_sigma) else ""
+    left_out = f", {facts.distrusted:,} left out by the transducer's status" if facts.distrusted else ""
+    return f"{facts.rate_hz:.4g} Hz, {gaps}, sigma {facts.sigma:.3g} ({facts.sigma_source}){zero}{left_out}"

@@ -47,6 +47,7 @@ class Bench:
     unbalance_kgm: float = 0.05
     bridges_n: complex = 60.0 - 110.0j
     bridges_nm: complex = 12.0 + 7.0j
+    box_n: complex = 0j  # what a box in vehicle axes adds, standing still
     lateral_n: float = -45.0
     torque_nm: float = 9.0
     tared: bool = False
@@ -115,7 +116,7 @@ def lifted_frames(bench: Bench, seed: int) -> FrameBatch:
     lateral = bench.lateral_n + n * slow(count, k, rng)
     torque = torque + n / 4 * slow(count, k, rng)
     if bench.frame == "vehicle":
-        in_wheel, moments = in_wheel / turn, moments / turn
+        in_wheel, moments = in_wheel / turn + bench.box_n, moments / turn
     mirror = -1.0 if bench.side == "right" and bench.frame == "wheel" else 1.0
     values = {
         "Fx": mirror * in_wheel.real,
@@ -154,8 +155,8 @@ def truth(bench: Bench) -> dict[str, tuple[float, float, float]]:
     unbalance = -bench.unbalance_kgm * GRAVITY
     if bench.frame == "vehicle":
         rows = {
-            "WFT_Forces.Fx": (0.0, ox, oz),
-            "WFT_Forces.Fz": (-weight, oz, -ox),
+            "WFT_Forces.Fx": (bench.box_n.real, ox, oz),
+            "WFT_Forces.Fz": (bench.box_n.imag - weight, oz, -ox),
             "WFT_Moments.Mx": (tilt, mx, mz),
             "WFT_Moments.Mz": (0.0, mz, -mx),
         }

@@ -22,6 +22,7 @@ from processing.wheel_frames import interpolate_angle
 _JOIN_NS = 5_000_000
 _OVERLAP_NS = 1_000_000_000
 """Angles are kept so long, for forces that come a little later."""
+_NOTABLE_SHARE = 0.001
 _PATIENCE_NS = 5_000_000_000
 """How long the wheel angle may be away before forces stop waiting for it."""
 
@@ -76,7 +77,7 @@ class ZeroRemoval:
         self._span_ns = (0, 0)
         self._held: dict[str, tuple[IntArray, FloatArray]] = {}
         self._angle: tuple[IntArray, FloatArray] = (np.zeros(0, np.int64), np.zeros(0))
-        self._without_angle = 0
+        self._turning, self._without_angle = 0, 0
 
     @property
     def needs_angle(self) -> bool:
@@ -149,7 +150,7 @@ class ZeroRemoval:
             self._span_ns,
             self._zeros.source,
             self._zeros.temperature_degc,
-            self._without_angle,
+            self._without_angle if self._without_angle > _NOTABLE_SHARE * self._turning else 0,
         )
 
     def _begin(self, chunk: dict[str, Channel]) -> None:
@@ -194,6 +195,7 @@ class ZeroRemoval:
         taken = offset
         if zero.turns and len(time_ns):
             psi = self._psi(time_ns, zero.first.of)
+            self._turning += len(psi)
             self._without_angle += int(np.sum(~np.isfinite(psi)))
             taken = offset + np.nan_to_num(cos * np.cos(psi) + sin * np.sin(psi))
         return Channel(role, "Nm" if role == "driving_torque" else "N", time_ns, values - taken)
