@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import statistics
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +44,21 @@ class UdpSink:
         self._receiver.close()
 
 
+@contextmanager
+def undisturbed() -> Iterator[str]:
+    """Give this process real-time priority where that is allowed, as if the machine were idle; say which it is."""
+    before = os.sched_getscheduler(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+    except PermissionError:
+        yield "among all else that runs"
+        return
+    try:
+        yield "real-time priority"
+    finally:
+        os.sched_setscheduler(0, before, os.sched_param(0))
+
+
 def rows() -> list[Row]:
     sent = vehicle_traffic(SECONDS)
     with tempfile.TemporaryDirectory() as folder:
@@ -49,7 +67,8 @@ def rows() -> list[Row]:
             for batch in split(sent, len(sent) // (5 * SECONDS)):  # flushed every 0.2 s, as the logger does
                 writer.write_frames(batch)
                 writer.flush()
-        done = [_replayed(path) for _ in range(REPEATS)]
+        with undisturbed() as how:
+            done = [_replayed(path) for _ in range(REPEATS)]
     late_ms = statistics.median(1e3 * summary.lateness_p99_s for summary in done)
     typical_ms = statistics.median(1e3 * summary.lateness_p50_s for summary in done)
     cpu = statistics.median(summary.cpu_percent for summary in done)
@@ -58,7 +77,7 @@ def rows() -> list[Row]:
         Row(
             f"{what}: late, 99 % (median)",
             f"{late_ms:.2f} ({typical_ms:.3f}) ms",
-            "mark, on an idle machine",
+            f"mark, on an idle machine ({how})",
             "",
             f"<= {MARK_MS:g} ms",
             late_ms <= MARK_MS,
