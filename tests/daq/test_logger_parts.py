@@ -1,0 +1,255 @@
+"""The logger's small parts: queue, reconnecting source, disk guard, service notification, feed, traces, run clock."""
+
+from __future__ import annotations
+
+import math
+import os
+import socket
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from frames_support import some_frames
+from hypothesis import given
+from hypothesis import strategies as st
+from logger_support import Opener, recent_frames
+
+from daq.channel import Channel
+from daq.config import BusSection, VehicleConfig
+from daq.databases import load_database, shipped_dbc
+from daq.disk_guard import DiskGuard
+from daq.errors import HardwareError
+from daq.frames import FrameBatch, concatenate
+from daq.health.report import HostFacts, Level
+from daq.host_clock import HostClock
+from daq.notify import Notifier
+from daq.reconnect import ReconnectingSource
+from daq.session.byte_queue import ByteQueue
+from daq.session.feed import Feed
+from daq.session.folder_lock import folder_lock
+from daq.session.run_clock import RunClock
+from daq.session.run_files import safe_name
+from daq.session.traces import Traces
+
+
+@given(sizes=st.lists(st.integers(1, 50), max_size=30), limit=st.integers(1, 60))
+def test_a_queue_keeps_order_and_its_limit(sizes: list[int], limit: int) -> None:
+    queue: ByteQueue[int] = ByteQueue(limit)
+    taken: list[int] = []
+    held: list[int] = []
+    for number, size in enumerate(sizes):
+        while not queue.put(number, size, 0.0):
+            assert held
+            assert sum(held) + size > limit
+            item = queue.take(0.0)
+            assert item is not None
+            taken.append(item)
+            held.pop(0)
+        held.append(size)
+        assert queue.share == sum(held) / limit
+    while (item := queue.take(0.0)) is not None:
+        taken.append(item)
+    assert taken == list(range(len(sizes)))
+    assert queue.share == 0.0
+
+
+def test_a_put_waits_for_room_and_a_take_for_an_item() -> None:
+    queue: ByteQueue[str] = ByteQueue(10)
+    assert queue.put("a", 10, 0.0)
+    assert not queue.put("b", 1, 0.01)
+    waiting = threading.Thread(target=queue.put, args=("b", 1, 10.0))
+    waiting.start()
+    assert queue.take(0.0) == "a"
+    assert queue.take(10.0) == "b"
+    waiting.join()
+    assert queue.take(0.01) is None
+    assert queue.highest_share == 1.0
+
+
+def test_an_interface_that_is_not_there_at_first_is_an_error() -> None:
+    opener = Opener("x")
+    opener.refused["x"] = "there is no interface x"
+    with pytest.raises(HardwareError, match="there is no interface x"):
+        ReconnectingSource(BusSection(channel="x"), opener)
+
+
+def test_an_interface_that_is_down_at_first_is_a_remark() -> None:
+    def opener(bus: BusSection):  # type: ignore[no-untyped-def]
+        source = Opener("x")(bus)
+        source.up = False  # type: ignore[attr-defined]
+        return source
+
+    source = ReconnectingSource(BusSection(channel="x"), opener)
+    assert "x is down; it is recorded from when it is up" in source.remarks[0]
+    assert source.facts().state == "down"
+    assert [change.state for change in source.changes()] == ["down"]
+    source.close()
+
+
+def test_a_source_counts_over_its_reopenings() -> None:
+    opener = Opener("x")
+    source = ReconnectingSource(BusSection(channel="x"), opener)
+    for times in range(3):
+        opener.source("x").dropped = 5
+        opener.source("x").give(recent_frames(times, 7))
+        assert len(source.read(0.1)) == 7
+        opener.source("x").fail()
+        until = time.monotonic() + 20
+        while len(opener.opened["x"]) == times + 1:
+            assert len(source.read(0.1)) == 0
+            assert time.monotonic() < until
+    assert source.counters.received == 21
+    assert source.counters.dropped == 15
+    assert source.facts().reconnects == 3
+    assert [change.state for change in source.changes()] == ["down", "up"] * 3
+    assert source.changes() == []
+    source.close()
+
+
+def test_the_disk_lasts_as_long_as_its_growth_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    free = [10_000_000_000]
+    monkeypatch.setattr("daq.disk_guard.shutil.disk_usage", lambda _: type("Usage", (), {"free": free[0]}))
+    guard = DiskGuard(tmp_path, warn_min=60.0, reserve_mb=1000.0)
+    assert math.isnan(guard.look(0.0, 0).minutes)
+    state = guard.look(10.0, 10_000_000)
+    assert state.bytes_per_s == pytest.approx(1e6)
+    assert state.minutes == pytest.approx(9e9 / 1e6 / 60)
+    assert state.level is Level.GREEN
+    free[0] = 4_000_000_000
+    assert guard.look(20.0, 20_000_000).level is Level.AMBER
+    for second in range(30, 120, 10):  # a pause: the growth is that of the last minute
+        state = guard.look(float(second), 20_000_000)
+    assert state.bytes_per_s == 0.0
+    assert math.isnan(state.minutes)
+    assert state.level is Level.GREEN
+    free[0] = 1_000_000_000
+    assert guard.look(130.0, 20_000_000).level is Level.RED
+    with pytest.raises(HardwareError, match="the disk is full up to the reserve"):
+        DiskGuard(tmp_path, warn_min=60.0, reserve_mb=1000.0)
+
+
+def test_a_disk_that_does_not_answer_is_no_end(tmp_path: Path) -> None:
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    guard = DiskGuard(folder, warn_min=60.0, reserve_mb=0.001)
+    folder.rmdir()
+    assert guard.look(1.0, 0).level is Level.GREEN
+
+
+@pytest.mark.parametrize("abstract", [False, True])
+def test_a_service_manager_hears_what_it_is_told(tmp_path: Path, abstract: bool) -> None:
+    name = f"wheelsoil-test-{os.getpid()}"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(f"\0{name}" if abstract else str(tmp_path / "notify"))
+        environment = {
+            "NOTIFY_SOCKET": f"@{name}" if abstract else str(tmp_path / "notify"),
+            "WATCHDOG_USEC": "3000000",
+        }
+        notifier = Notifier.from_environment(environment)
+        assert notifier.watchdog_s == 3.0
+        notifier.ready("two\nlines")
+        notifier.alive()
+        notifier.status("recording")
+        notifier.stopping()
+        heard = [manager.recv(1000).decode() for _ in range(4)]
+        notifier.close()
+    assert heard == ["READY=1\nSTATUS=two lines", "WATCHDOG=1", "STATUS=recording", "STOPPING=1"]
+
+
+def test_nobody_need_listen(tmp_path: Path) -> None:
+    silent = Notifier.from_environment({})
+    silent.ready()
+    silent.close()
+    gone = Notifier.from_environment(
+        {"NOTIFY_SOCKET": str(tmp_path / "nobody"), "WATCHDOG_USEC": "5", "WATCHDOG_PID": "1"}
+    )
+    assert gone.watchdog_s is None
+    gone.alive()
+    gone.close()
+
+
+def test_a_lock_is_gone_with_its_holder(tmp_path: Path) -> None:
+    with folder_lock(tmp_path), pytest.raises(HardwareError), folder_lock(tmp_path):
+        pass
+    with folder_lock(tmp_path):
+        assert list(tmp_path.iterdir()) == []
+
+
+@given(st.text())
+def test_any_id_stays_in_its_folder(text: str) -> None:
+    name = safe_name(text)
+    assert name
+    assert "/" not in name
+    assert "\0" not in name
+    assert not name.startswith(".")
+
+
+def test_inspection_gives_way_while_the_queue_is_full_and_until_it_has_drained() -> None:
+    feed, host = Feed(), HostFacts({})
+    batches = [recent_frames(seed, 10) for seed in range(5)]
+    for batch, share in zip(batches, (0.0, 0.3, 0.2, 0.01, 0.2), strict=True):
+        feed.take(batch, share)
+    task = feed.task(0, host)
+    assert [len(task.skipped), len(task.batches), feed.skipped_frames] == [3, 2, 30]
+    assert not feed.task(0, host).batches
+
+
+def test_what_is_kept_for_the_inspection_is_bounded() -> None:
+    feed = Feed()
+    batch = recent_frames(1, 10_000)
+    for _ in range(50):
+        feed.take(batch, 0.0)
+    task = feed.task(0, HostFacts({}))
+    kept = concatenate(task.batches).frames.nbytes + concatenate(task.skipped).frames.nbytes
+    assert kept <= (8 << 20) + batch.frames.nbytes
+    assert feed.skipped_frames == 500_000 - sum(map(len, task.batches))
+
+
+def test_traces_are_thinned_and_in_si() -> None:
+    vehicle = VehicleConfig.model_validate({"bus": [{"channel": "x"}], "signals": {"ground_speed": "GNSS_2.Speed"}})
+    traces = Traces(vehicle, {"x": (load_database(shipped_dbc("gnss.dbc")),)})
+    time_ns = np.arange(0, 10**9, 10**6) + 5 * 10**9
+    for part in np.array_split(np.arange(1000), 7):
+        traces.take({("x", "GNSS_2.Speed"): Channel("GNSS_2.Speed", "kt", time_ns[part], np.full(len(part), 10.0))})
+    [(role, (times, values))] = traces.fetch().items()
+    assert role == "ground_speed"
+    assert len(times) == 20
+    assert np.all(np.diff(times) > 0)
+    assert values == pytest.approx([10.0 * 1852 / 3600] * len(values))
+    assert traces.fetch() == {}
+
+
+class SetClock:
+    """Two clocks, one of which can be set."""
+
+    def __init__(self) -> None:
+        self.monotonic = 1_000
+        self.offset = 0
+
+    def tick(self) -> int:
+        self.monotonic += 1
+        return self.monotonic
+
+    def realtime(self) -> int:
+        return self.tick() + self.offset
+
+
+def test_a_run_begins_with_the_clock_as_it_is_set_then() -> None:
+    clocks = SetClock()
+    clock = HostClock(clocks.realtime, clocks.tick)
+    first = RunClock(clock)
+    batch = some_frames(np.random.default_rng(1), 10)
+    assert first.frames(batch) is batch
+    clocks.offset = 10**18
+    clock.observe()
+    assert first.now_ns() < 10**6
+    second = RunClock(clock)
+    assert abs(second.now_ns() - 10**18) < 10**6
+    assert second.frames(batch).frames["time_ns"][0] - batch.frames["time_ns"][0] == second.shift_ns
+    assert isinstance(second.frames(batch), FrameBatch)
+    channel = Channel("a", "", batch.frames["time_ns"], np.zeros(10))
+    moved = second.channels({("x", "a"): channel})["x", "a"]
+    assert np.array_equal(moved.time_ns, second.frames(batch).frames["time_ns"])
+    assert list(second.told(None)) == ["step.1"]

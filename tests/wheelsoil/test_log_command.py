@@ -1,0 +1,152 @@
+"""``wheelsoil log`` as people and service managers call it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from cli_support import busy, invoke, ok
+from logger_support import wait_until
+
+from daq.recording import Recording
+
+PROGRAM = Path(sys.executable).with_name("wheelsoil")
+
+
+def write_vehicle(folder: Path, channel: str, more: str = "") -> Path:
+    path = folder / "vehicle.toml"
+    path.write_text(f'[[bus]]\nchannel = "{channel}"\ninterface = "virtual"\n{more}', encoding="utf-8")
+    return path
+
+
+@contextmanager
+def logging(*args: object, **environment: str) -> Iterator[subprocess.Popen[str]]:
+    """Have a logger run, and have it gone in the end."""
+    command = [str(PROGRAM), "log", *map(str, args)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env={**os.environ, **environment}) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.fixture
+def taken_port():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield server.getsockname()[1]
+
+
+def test_everything_it_says_is_json(tmp_path):
+    vehicle = write_vehicle(tmp_path, "told", "[logger]\nrotate_mb = 0.01\nflush_s = 0.01\n")
+    with busy("told"):
+        said = ok("log", vehicle, "-o", tmp_path / "out", "--duration", 1.5, "--no-page", "--json").json
+    assert said["ended_by"] == "duration"
+    assert said["losses"] == {}
+    assert len(said["paths"]) > 1
+    assert len(said["runs"]) == 1
+    frames = [len(Recording.open(path).frames()) for path in said["paths"]]
+    assert sum(frames) == said["frames"]["told"] > 100
+    (facts,) = ok("info", said["path"], "--json").json
+    assert facts["run_id"] == said["runs"][0]
+
+
+def test_waiting_records_between_runs_only(tmp_path):
+    vehicle = write_vehicle(tmp_path, "waiting")
+    with busy("waiting"):
+        said = ok("log", vehicle, "-o", tmp_path / "out", "--duration", 0.5, "--wait", "--no-page", "--json").json
+    assert said["runs"] == []
+    assert [Path(path).parent for path in said["paths"]] == [tmp_path / "out" / "between"]
+    assert said["frames"]["waiting"] > 10
+
+
+def test_a_page_on_a_port_that_is_taken_costs_no_recording_unless_it_was_asked_for(tmp_path, taken_port, monkeypatch):
+    vehicle = write_vehicle(tmp_path, "paged")
+    result = invoke("log", vehicle, "-o", tmp_path / "out", "--duration", 0.3, "--page-port", taken_port)
+    assert result.code == 4
+    assert str(taken_port) in result.err
+    assert "Traceback" not in result.err
+    assert not (tmp_path / "out").exists()
+
+    monkeypatch.setattr("wheelsoil.cli.log._PAGE_PORT", taken_port)
+    with busy("paged"):
+        result = ok("log", vehicle, "-o", tmp_path / "out", "--duration", 0.3)
+    assert "there is no status page" in result.err
+    assert "--page-port" in result.err
+
+
+def test_the_page_shows_the_run_that_is_recorded(tmp_path):
+    vehicle = write_vehicle(tmp_path, "shown")
+    with logging(vehicle, "-o", tmp_path / "out", "--page-port", 0, "--run-id", "seven") as process:
+        assert process.stderr is not None
+        line = process.stderr.readline()
+        assert line.startswith("status page: http://127.0.0.1:")
+        wait_until(lambda: (tmp_path / "out" / "seven.mcap").exists())
+        with urllib.request.urlopen(line.split()[-1], timeout=20) as page:
+            assert b"<html" in page.read()
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=30)
+    assert process.returncode == 143, err
+    assert "Traceback" not in err
+    assert Recording.open(tmp_path / "out" / "seven.mcap").metadata["run_end"]["exit_status"] == "interrupted"
+
+
+def test_a_token_is_read_from_a_file(tmp_path):
+    vehicle, empty = write_vehicle(tmp_path, "token"), tmp_path / "token"
+    empty.touch()
+    for file in (empty, tmp_path / "nothing"):
+        result = invoke("log", vehicle, "-o", tmp_path / "out", "--duration", 0.1, "--page-token-file", file)
+        assert result.code == 2
+        assert "token" in result.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_second_logger_is_refused(tmp_path):
+    vehicle = write_vehicle(tmp_path, "twice")
+    out = tmp_path / "out"
+    with logging(vehicle, "-o", out, "--no-page") as process:
+        wait_until(lambda: list(out.glob("*.mcap")))
+        result = invoke("log", vehicle, "-o", out, "--duration", 0.1, "--no-page")
+        assert result.code == 4
+        assert "another logger records into this folder" in result.err
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert len(list(out.iterdir())) == 1
+
+
+def test_a_service_manager_hears_that_it_is_ready_alive_and_stopping(tmp_path):
+    vehicle = write_vehicle(tmp_path, "service")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(30)
+        told = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "10000000"}
+        with logging(vehicle, "-o", tmp_path / "out", "--no-page", **told) as process:
+            assert manager.recv(1000).startswith(b"READY=1")
+            assert list((tmp_path / "out").glob("*.mcap"))
+            assert b"WATCHDOG=1" in [manager.recv(1000) for _ in range(2)]
+            process.send_signal(signal.SIGTERM)
+            while manager.recv(1000) != b"STOPPING=1":
+                pass
+            process.communicate(timeout=30)
+
+
+def test_a_role_that_names_no_signal_is_told_and_recorded_all_the_same(tmp_path):
+    vehicle = write_vehicle(tmp_path, "roles", 'dbc = ["gnss.dbc"]\n[signals]\nground_speed = "GNSS_2.Sped"\n')
+    with busy("roles"):
+        result = ok("log", vehicle, "-o", tmp_path / "out", "--duration", 0.3, "--no-page")
+    assert "GNSS_2.Sped" in result.err
+    assert "GNSS_2.Speed" in result.err
+
+
+def test_the_help_names_every_exit_code():
+    text = " ".join(ok("log", "--help").out.split())
+    for code in ("0 ok", "1 a bus was silent", "2 usage", "3 the recording is there", "4 a bus was down", "130 Ctrl-C"):
+        assert code in text
