@@ -172,8 +172,13 @@ def _resolve(
     return SignalRef(*at, si_unit, sign * factor, sign * unit.offset, missing, limit)
 
 
+def means_no_data(label: str) -> bool:
+    """Whether a label of a value table says that there is no value: "not available", "SNA", "error" and the like."""
+    return bool(_NO_DATA.search(label.strip()))
+
+
 def _missing(signal: Signal) -> tuple[float, ...]:
-    labelled = (raw for raw, label in signal.labels.items() if _NO_DATA.search(label.strip()))
+    labelled = (raw for raw, label in signal.labels.items() if means_no_data(label))
     return tuple(float(raw * signal.scale + signal.offset) for raw in labelled)
 
 

@@ -34,7 +34,7 @@ class Seen:
 
     def first_s(self, code: str, where: str = "") -> float:
         """Return when a reason first stood, in seconds since the start; NaN if never."""
-        start = self.reports[0].time_ns
+        start = self.reports[0].time_ns - STEP_NS
         times = (
             (report.time_ns - start) * 1e-9
             for report in self.reports

@@ -21,7 +21,7 @@ _REGULAR = 0.35
 _WIDE_GAP = 1.5
 _AT_USUAL_RATE = 0.7
 _BURST_MOST = 4096
-_BLOCK = 8
+_SMALLEST_BLOCK, _LARGEST_BLOCK, _LEAST_BLOCKS = 8, 64, 8
 _CATCHES_UP_NS = 200_000_000
 _LEVEL_OVER = 8
 _STRICTEST = 0.85
@@ -76,10 +76,10 @@ def learn(time_ns: IntArray) -> Usual | None:
         period = float(gaps[np.abs(gaps - period) < 0.5 * period].mean())
         jitter = float(np.quantile(np.abs(gaps - period), 0.9)) / period
         return Usual(period, wide, period * min(max(_STRICTEST - 2 * jitter, 0.5), _STRICTEST))
-    whole = time_ns[: (len(time_ns) - 1) // _BLOCK * _BLOCK + 1 : _BLOCK]
-    blocks = np.diff(whole) / _BLOCK
-    if len(blocks) < _BLOCK:
+    size = min(len(gaps) // _LEAST_BLOCKS, _LARGEST_BLOCK)
+    if size < _SMALLEST_BLOCK:
         return None
+    blocks = np.diff(time_ns[: len(gaps) // size * size + 1 : size]) / size
     period = float(np.median(blocks))
     if period > 0 and _spread(blocks, period) <= _REGULAR / 2:
         return Usual(period, max(2 * _WIDE_GAP * period, 1.5 * float(np.quantile(gaps, 0.98))), 0.5 * period)

@@ -43,7 +43,7 @@ class BusWatch:
         self._described = described
         self._judge_ids = described and not may_be_unknown
         self._level = Level.RED if has_roles else Level.AMBER
-        self._started_ns = started_ns
+        self._started_ns = self._away_ns = started_ns
         self._kernel, self._queue, self._returns = Recent(), Recent(), Recent()
 
     def heard(self, now_ns: int, age_ns: int = 500_000_000) -> bool:
@@ -59,6 +59,8 @@ class BusWatch:
         """Return the state of the bus and what is wrong with it."""
         traffic = self.traffic
         self.facts = host.buses.get(self.name, BusFacts("up", traffic.frames, None))
+        if self.facts.state != "up":
+            self._away_ns = now_ns
         rate_hz, bit_rate, unknown = traffic.rates(now_ns)
         found = self._state(now_ns, host) + self._drops(now_ns)
         if self.facts.state == "up":
@@ -96,7 +98,7 @@ class BusWatch:
 
     def _silence(self, now_ns: int, host: HostFacts) -> list[Reason]:
         last_ns = self.traffic.last_data_ns
-        quiet_ns = now_ns - (self._started_ns if last_ns is None else last_ns)
+        quiet_ns = now_ns - max(self._away_ns, last_ns or 0)
         limit_ns = _SILENT_FROM_START_NS if last_ns is None else _SILENT_AFTER_NS
         if quiet_ns < limit_ns or host.queue_share > _BEHIND:
             return []

@@ -166,7 +166,7 @@ _MESSAGES = (
     Code(
         "frames_missing",
         "amber",
-        "by its usual rate a message without counter lacks more than 1 % of the frames of the last 10 s",
+        "by its usual rate a message without counter lacks more than 2 % of the frames of the last 10 s",
         "a sender that pauses, frames lost in a gateway or in the kernel",
         "look for drops of the bus; else check the sender",
     ),

@@ -24,6 +24,8 @@ _DRIFT_PPM = 100.0
 _DRIFT_SIGMAS = 3.0
 _NULL_ISLAND_RAD = 1e-6
 
+Told = tuple[GnssHealth, list[Reason]]
+
 
 class Gnss:
     """Follows the receiver.
@@ -71,9 +73,17 @@ class Gnss:
             self._fixed_ns = int(channel.time_ns[rows[-1]])
         self._fix = bool(valid[-1])
 
-    def health(
-        self, now_ns: int, values: Mapping[str, float], period_s: float
-    ) -> tuple[GnssHealth, list[Reason]] | None:
+    @property
+    def told_by(self) -> SignalRef | None:
+        """The signal that tells whether there is a fix."""
+        return self.roles[self._told[0]] if self._told else None
+
+    def skip(self, time_ns: int) -> None:
+        """Take that frames until then were not decoded: what held before holds on."""
+        if self._fix and self._fixed_ns is not None:
+            self._fixed_ns = max(self._fixed_ns, time_ns)
+
+    def health(self, now_ns: int, values: Mapping[str, float], period_s: float, *, heard: bool) -> Told | None:
         """Return the state of the receiver and what is wrong with it; None without GNSS roles.
 
         Parameters
@@ -83,6 +93,8 @@ class Gnss:
             Last values, SI.
         period_s : float
             Usual time between its messages, NaN where it is not known.
+        heard : bool
+            Whether its bus carries frames: else the bus is to blame.
         """
         if not self.roles:
             return None
@@ -92,7 +104,9 @@ class Gnss:
         nowhere = len(self._positions) == 2 and all(abs(values.get(r, 1.0)) < _NULL_ISLAND_RAD for r in self._positions)
         fix = self._fix and not nowhere if self._fix is not None else None
         age_s = math.nan if self._fixed_ns is None else (now_ns - self._fixed_ns) * 1e-9
-        found = self._fix_reasons(now_ns, fix, age_s, nowhere, period_s) + self._clock_reasons()
+        found = self._clock_reasons()
+        if heard:
+            found += self._fix_reasons(now_ns, fix, age_s, nowhere, period_s)
         return GnssHealth(worst(found), fix, age_s, self._fit), found
 
     def _fix_reasons(self, now_ns: int, fix: bool | None, age_s: float, nowhere: bool, period_s: float) -> list[Reason]:

@@ -10,7 +10,7 @@ from daq.health.report import Level, MessageHealth, Reason
 from daq.health.watched import Watched
 
 _ABSENT_AFTER_NS = 5_000_000_000
-_MISSING_SHARE = 0.01
+_MISSING_SHARE = 0.02
 _DOUBLED_LEAST = 3
 _REPEATED_SHARE = 0.5
 _REPEATED_LEAST = 10

@@ -6,6 +6,7 @@ the reports.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -22,7 +23,7 @@ from daq.health.gnss import Gnss
 from daq.health.host_health import HostWatch
 from daq.health.message_health import gathered, message_health
 from daq.health.motion import Motion
-from daq.health.report import BusHealth, HealthReport, HostFacts, MessageHealth, Reason, SignalHealth
+from daq.health.report import BusHealth, GnssHealth, HealthReport, HostFacts, MessageHealth, Reason, SignalHealth
 from daq.health.signal_health import Scene, role_values, signal_health
 from daq.health.watched import usable_roles, watch
 from daq.identify import UNKNOWN, Identifier
@@ -109,6 +110,7 @@ class HealthMonitor:
         for code in np.unique(codes).tolist():
             if code != UNKNOWN:
                 self._watched[code - 1].flow.skip(np.sort(batch.frames["time_ns"][codes == code]))
+        self._gnss.skip(int(batch.frames["time_ns"].max(initial=0)))
 
     def losses(self) -> dict[str, int]:
         """Return what was lost since the start.
@@ -142,10 +144,8 @@ class HealthMonitor:
         buses = self._report_buses(now_ns, host, found)
         messages = self._report_messages(now_ns, found)
         values = role_values(self._watched)
-        gnss = self._gnss.health(now_ns, values, self._gnss_period_s())
-        if gnss is not None:
-            found += gnss[1]
-        has_fix = gnss is None or gnss[0].fix is not False
+        gnss = self._report_gnss(now_ns, values, found)
+        has_fix = gnss is None or gnss.fix is not False
         if not has_fix:
             values.pop("ground_speed", None)
         self._motion.take(now_ns, values)
@@ -159,7 +159,7 @@ class HealthMonitor:
             buses=tuple(buses),
             messages=tuple(messages),
             signals=tuple(signals),
-            gnss=gnss[0] if gnss else None,
+            gnss=gnss,
             host=host,
             losses=self.losses(),
         )
@@ -202,16 +202,21 @@ class HealthMonitor:
     def _report_signals(self, scene: Scene, found: list[Reason]) -> list[SignalHealth]:
         states = []
         for one in self._watched:
+            if one.flow.last_ns is None:
+                states += one.unseen
+                continue
+            one.values.resting = self._motion.resting
             mine, reasons = signal_health(one, scene)
             states += mine
             found += reasons
         return states
 
-    def _gnss_period_s(self) -> float:
-        periods = [
-            one.flow.period_s
-            for one in self._watched
-            for signal in one.roles.values()
-            if signal.role in self._gnss.roles
-        ]
-        return max(periods, default=float("nan"))
+    def _report_gnss(self, now_ns: int, values: Mapping[str, float], found: list[Reason]) -> GnssHealth | None:
+        source = self._gnss.told_by
+        period_s = next((one.flow.period_s for one in self._watched if source in one.roles.values()), math.nan)
+        heard = source is None or (source.bus in self._buses and self._buses[source.bus].heard(now_ns))
+        told = self._gnss.health(now_ns, values, period_s, heard=heard)
+        if told is None:
+            return None
+        found += told[1]
+        return told[0]

@@ -16,7 +16,6 @@ _NOW_NS = 1_000_000_000
 _CONSTANT_S = 10.0
 _SPEEDS = ("wheel_speed", "ground_speed")
 _FLAGS = ("ground_speed_valid", "transducer_status")
-_STANDS_WITH_VEHICLE = (*_SPEEDS, "latitude", "longitude", "course", "wheel_angle", "sinkage")
 _OF_GNSS = ("ground_speed", "latitude", "longitude", "course")
 
 
@@ -54,7 +53,7 @@ def signal_health(one: Watched, scene: Scene) -> tuple[list[SignalHealth], list[
     columns = zip(
         one.names,
         values.last.tolist(),
-        values.stuck_s(resting=scene.motion.resting).tolist(),
+        values.stuck_s().tolist(),
         values.out_of_range.tolist(),
         (now_ns - values.beyond_ns < _NOW_NS).tolist(),
         values.saturated.tolist(),
@@ -86,8 +85,6 @@ def _in_si(reference: SignalRef, value: float) -> float:
 def _judged_stuck(role: str, value: float, stuck_s: float, scene: Scene) -> float:
     """Return how long a role's signal is stuck; 0 where it has a reason to stay the same."""
     if role in _FLAGS or (role in _SPEEDS and value == 0.0):
-        return 0.0
-    if role in _STANDS_WITH_VEHICLE and scene.motion.resting:
         return 0.0
     return 0.0 if role in _OF_GNSS and not scene.has_fix else stuck_s
 

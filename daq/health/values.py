@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from daq.health.counters import is_named_so
 from daq.layout import Message, RawKind, Signal
+from daq.roles import means_no_data
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
@@ -35,10 +36,19 @@ class SignalValues:
     names : sequence of str
         Signals in the order of the rows that `take` gets.
     constant : collection of str
-        Signals that may stay the same as long as they like, beside counters, checksums, flags and enumerations.
+        Signals that may stay the same as long as they like, beside counters, flags and enumerations.
+    rests : collection of str
+        Signals that stay the same while the vehicle stands.
+
+    Attributes
+    ----------
+    resting : bool
+        Whether the vehicle stands, to be kept up to date.
     """
 
-    def __init__(self, message: Message, names: Sequence[str], constant: Collection[str] = ()) -> None:
+    def __init__(
+        self, message: Message, names: Sequence[str], constant: Collection[str] = (), rests: Collection[str] = ()
+    ) -> None:
         signals = [message.by_name[name] for name in names]
         size = len(signals)
         limits = np.array([_limits(signal) for signal in signals], np.float64).reshape(size, 2)
@@ -46,6 +56,11 @@ class SignalValues:
         self._low, self._high = limits[:, :1], limits[:, 1:]
         self._bottom, self._top = ends[:, :1], ends[:, 1:]
         self.may_stick = np.array([s.name not in constant and _measures(s) for s in signals], np.bool_)
+        self._labelled = [
+            (row, raw * signal.scale + signal.offset) for row, signal in enumerate(signals) for raw in signal.labels
+        ]
+        self._rests = np.array([name in rests for name in names], np.bool_)
+        self.resting = False
         self.last = np.full(size, np.nan)
         self.last_ns = np.zeros(size, np.int64)
         self.changes = np.zeros(size, np.int64)
@@ -78,17 +93,14 @@ class SignalValues:
         else:
             self._take(slice(None), time_ns, values)
 
-    def stuck_s(self, *, resting: bool) -> FloatArray:
+    def stuck_s(self) -> FloatArray:
         """Return how long each signal has been the same for much longer than ever before; 0 while it is not so.
 
-        Parameters
-        ----------
-        resting : bool
-            The vehicle stands: more patience.
+        While the vehicle stands that takes more patience.
         """
         same_ns = self.last_ns - self.changed_ns
         learned = (self.changes >= LEAST_CHANGES) & (self.changed_ns - self.first_ns >= _LEAST_LEARN_NS)
-        least_ns, longer = (_RESTING_LEAST_NS, _RESTING_LONGER) if resting else (_STUCK_LEAST_NS, _MUCH_LONGER)
+        least_ns, longer = (_RESTING_LEAST_NS, _RESTING_LONGER) if self.resting else (_STUCK_LEAST_NS, _MUCH_LONGER)
         limit_ns = np.maximum(least_ns, longer * self.longest_ns)
         return np.where(learned & self.may_stick & (same_ns > limit_ns), same_ns * 1e-9, 0.0)
 
@@ -110,13 +122,18 @@ class SignalValues:
         latest = np.maximum.accumulate(stamps, axis=1)
         previous = np.concatenate([self.changed_ns[rows, None], latest[:, :-1]], axis=1)
         same = np.where(changed, time_ns - previous, 0).max(axis=1)
+        changed_ns = latest[:, -1]
+        if self.resting:
+            same[self._rests[rows]] = 0
+            changed_ns = np.where(self._rests[rows], time_ns[-1], changed_ns)
         self.longest_ns[rows] = np.maximum(self.longest_ns[rows], same)
         self.changes[rows] += np.count_nonzero(changed, axis=1)
-        self.changed_ns[rows] = latest[:, -1]
+        self.changed_ns[rows] = changed_ns
 
     def _look_at_limits(self, rows: slice, time_ns: IntArray, values: FloatArray) -> None:
         beyond = (values < self._low[rows]) | (values > self._high[rows])
         if beyond.any():
+            self._leave_out_labelled(rows, values, beyond)
             self.out_of_range[rows] += np.count_nonzero(beyond, axis=1)
             self.beyond_ns[rows] = np.maximum(self.beyond_ns[rows], np.where(beyond, time_ns, 0).max(axis=1))
         at_end = (values <= self._bottom[rows]) | (values >= self._top[rows])
@@ -129,16 +146,24 @@ class SignalValues:
             self.saturated[rows] += np.count_nonzero(run, axis=1)
             self.saturated_ns[rows] = np.maximum(self.saturated_ns[rows], np.where(run, time_ns, 0).max(axis=1))
 
+    def _leave_out_labelled(self, rows: slice, values: FloatArray, beyond: NDArray[np.bool_]) -> None:
+        """Take values with a name of their own for no leaving of the range."""
+        first = rows.start or 0
+        for row, value in self._labelled:
+            if first <= row < first + len(values):
+                beyond[row - first] &= values[row - first] != value
+
 
 def _measures(signal: Signal) -> bool:
     """Whether a signal measures something that changes: no counter, flag, status or enumeration."""
-    return not (signal.labels or is_named_so(signal) or signal.length_bits < _LEAST_BITS)
+    enumeration = any(not means_no_data(label) for label in signal.labels.values())
+    return not (enumeration or is_named_so(signal) or signal.length_bits < _LEAST_BITS)
 
 
 def _limits(signal: Signal) -> tuple[float, float]:
-    """Return the DBC's range, half a step wider; a value table or an empty range tells nothing."""
+    """Return the DBC's range, half a step wider; an empty range tells nothing."""
     low, high = signal.minimum, signal.maximum
-    if low is None or high is None or low >= high or signal.labels:
+    if low is None or high is None or low >= high:
         return -np.inf, np.inf
     half = abs(signal.scale) / 2
     return low - half, high + half

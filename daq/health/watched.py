@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from daq.buses import messages_by_bus
 from daq.config import ROLES, HealthSection, VehicleConfig
@@ -11,10 +13,12 @@ from daq.databases import Database
 from daq.errors import ConfigError
 from daq.health.board import Recent, reason
 from daq.health.flow import MessageFlow
-from daq.health.report import Level, Reason
+from daq.health.report import Level, Reason, SignalHealth
 from daq.health.values import SignalValues
 from daq.layout import Message
 from daq.roles import SignalRef, resolve_roles
+
+_RESTING_ROLES = ("wheel_speed", "ground_speed", "latitude", "longitude", "course", "wheel_angle", "sinkage")
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,25 @@ class Watched:
     came: Recent
     rate: Recent
 
+    @cached_property
+    def unseen(self) -> list[SignalHealth]:
+        """What is told of the signals before the message has come."""
+        roles = {signal: reference.role for signal, reference in self.roles.items()}
+        return [
+            SignalHealth(
+                self.bus,
+                f"{self.name}.{name}",
+                self.message.by_name[name].unit,
+                roles.get(name, ""),
+                Level.GREEN,
+                math.nan,
+                0,
+                0,
+                0.0,
+            )
+            for name in self.names
+        ]
+
     @property
     def where(self) -> str:
         """The message as people read it."""
@@ -88,6 +111,7 @@ def watch(
             signals = tuple(message.by_name)
             mine = {one.signal: one for one in roles.values() if (one.bus, one.message) == (bus, name)}
             constant = {s for s in signals if name in health.may_be_constant or f"{name}.{s}" in health.may_be_constant}
+            rests = {signal for signal, one in mine.items() if one.role in _RESTING_ROLES}
             watched.append(
                 Watched(
                     bus,
@@ -96,7 +120,7 @@ def watch(
                     signals,
                     tuple((bus, f"{name}.{signal}") for signal in signals),
                     MessageFlow(message, signals),
-                    SignalValues(message, signals, constant),
+                    SignalValues(message, signals, constant, rests),
                     mine,
                     *(Recent() for _ in range(5)),
                 )
