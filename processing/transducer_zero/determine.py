@@ -25,6 +25,7 @@ _ROLLING_RESISTANCE = 0.01
 _NOTABLE_CHANGE = 0.2
 """Of the speed over the spin, as a share."""
 _JOIN_S = 0.02
+_FEWEST_SAMPLES = 50
 
 
 @dataclass(frozen=True)
@@ -104,9 +105,8 @@ def determine(
         The wheel carries the vehicle, or nothing of the recording can be used.
     """
     limit_n = lifted_limit_n(vehicle)
+    _check_there(signals, angle, vehicle)
     motion = Motion(_load(signals, angle, vehicle), angle, speed)
-    if not len(motion.load[0]):
-        raise DataError(Fault("the recording holds no vertical load", next_step="check with wheelsoil info"))
     if on_ground:
         part = find_standstill(motion, (limit_n, np.inf))
     else:
@@ -120,6 +120,8 @@ def determine(
         if fit is not None:
             channels[signal.name] = _channel(signal, fit, part, motion, vehicle, on_ground=on_ground)
             outliers[signal.name] = fit.outliers
+    if not channels:
+        raise DataError(Fault("too few samples", expected=f"{_FEWEST_SAMPLES} of each channel in what can be used"))
     return Lifted(part, channels, outliers, tuple(_remarks(part, motion, vehicle, on_ground=on_ground)))
 
 
@@ -129,6 +131,24 @@ def lifted_limit_n(vehicle: VehicleConfig) -> float:
     least = 2 * STANDARD_GRAVITY_MPS2 * vehicle.wheel.outboard_mass_kg if vehicle.wheel else 0.0
     usual = _LIFTED_SHARE * mass * STANDARD_GRAVITY_MPS2 / 4 if mass else _LIFTED_WITHOUT_MASS_N
     return max(usual, least)
+
+
+def _check_there(
+    signals: Sequence[TransducerSignal], angle: tuple[FloatArray, FloatArray] | None, vehicle: VehicleConfig
+) -> None:
+    """Raise a DataError that names what nothing was received of."""
+    have = {signal.role for signal in signals if len(signal.values)}
+    have |= {"wheel_angle"} if angle is not None and len(angle[0]) else set()
+    needed = {"vertical_load"} | ({"drawbar_pull", "wheel_angle"} if vehicle.transducer.frame == "wheel" else set())
+    faults = [
+        Fault(
+            f"nothing usable was received of {role}",
+            next_step="check with wheelsoil info that its frames were recorded, and --from and --to",
+        )
+        for role in sorted(needed - have)
+    ]
+    if faults:
+        raise DataError(*faults)
 
 
 def _load(
@@ -204,7 +224,7 @@ def _fit(
             sense = -1.0 if vehicle.transducer.frame == "wheel" and vehicle.transducer.side == "right" else 1.0
             turning = vehicle.wheel.outboard_inertia_kgm2 * part.acceleration_at(time_s)
             values = values - sense * turning / signal.si_factor
-    return fit_harmonics(time_s, values, psi, signal.resolution) if len(values) >= 50 else None
+    return fit_harmonics(time_s, values, psi, signal.resolution) if len(values) >= _FEWEST_SAMPLES else None
 
 
 def _channel(

@@ -13,6 +13,7 @@ from scipy.stats import beta
 from zero_support import SIGNALS, START_NS, Bench, rested, truth, vehicle_toml, write_lifted
 
 from daq.config import VehicleConfig, parse_toml
+from daq.databases import shipped_dbc
 from daq.zero_file import ChannelZero, Determination, ZeroConfig, load_zeros, parse_zeros
 from processing.transducer_zero.harmonics import fit_harmonics
 
@@ -131,7 +132,7 @@ def test_a_wrong_mass_and_a_wrong_angle_are_told(tmp_path: Path) -> None:
     recording = write_lifted(tmp_path / "spin.mcap", bench, 6)
     wrong = tmp_path / "vehicle.toml"
     wrong.write_text(vehicle_toml(bench).replace("outboard_mass_kg = 75.0", "outboard_mass_kg = 68.0"))
-    (tmp_path / "wft.dbc").write_bytes(Path("dbc/wft.dbc").read_bytes())
+    (tmp_path / "wft.dbc").write_bytes(shipped_dbc("wft.dbc").read_bytes())
     told = ok("zero", recording, "--vehicle", wrong, "--json").json
     remarks = " ".join(told["zeros"][0]["remarks"])
     assert re.search(r"that of 7[45]\.\d \+- 0\.\d kg, and outboard_mass_kg is 68", remarks)
@@ -173,6 +174,21 @@ def test_only_a_part_is_looked_at_and_distrusted_samples_are_left_out(tmp_path: 
     short = invoke("zero", recording, "--from", 5, "--to", 6.2, "-o", tmp_path / "z.toml")
     assert short.code == 1
     assert "two revolutions" in short.err
+
+
+def test_what_is_not_there_is_named(tmp_path: Path) -> None:
+    bench = replace(WHEEL, status=(0.0, 99.0))  # distrusted from the first to the last sample
+    told = invoke("zero", write_lifted(tmp_path / "spin.mcap", bench, 10), "-o", tmp_path / "z.toml")
+    assert told.code == 1
+    assert "nothing usable was received of drawbar_pull" in told.err
+    assert "nothing usable was received of vertical_load" in told.err
+    nobody = tmp_path / "vehicle.toml"
+    nobody.write_text('[[bus]]\nchannel = "can0"\ndbc = ["wft.dbc"]\n[transducer]\nframe = "wheel"\n')
+    (tmp_path / "wft.dbc").write_bytes(shipped_dbc("wft.dbc").read_bytes())
+    needed = invoke("zero", tmp_path / "spin.mcap", "--vehicle", nobody)
+    assert needed.code == 2
+    for role in ("vertical_load", "drawbar_pull", "wheel_angle"):
+        assert f"role '{role}' is needed" in needed.err
 
 
 def test_the_file_is_appended_to_and_checked(tmp_path: Path) -> None:

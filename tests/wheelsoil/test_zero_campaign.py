@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_support import invoke, ok
+from cli_support import busy, invoke, ok
 from virtual_support import START_NS, WHEEL, simulated
 from zero_support import Bench, write_lifted
 
@@ -150,3 +150,17 @@ def test_a_recording_carries_its_zeros_and_says_them(tmp_path: Path) -> None:
     broken = tmp_path / "broken.toml"
     broken.write_text("[[zero]]\n")
     assert invoke("process", alone, "--zero", broken).code == 2
+
+
+def test_the_logger_attaches_the_zeros_that_vehicle_toml_names(tmp_path: Path) -> None:
+    ok("zero", write_lifted(tmp_path / "spin.mcap", Bench(), 1), "-o", tmp_path / "zero.toml")
+    vehicle = tmp_path / "vehicle.toml"
+    vehicle.write_text('[[bus]]\nchannel = "zeros"\ninterface = "virtual"\n[transducer]\nzero_file = "zero.toml"\n')
+    with busy("zeros"):
+        ok("log", vehicle, "--duration", 0.3, "-o", tmp_path / "logged.mcap")
+    carried = Recording.open(tmp_path / "logged.mcap").attachments
+    assert carried["zero.toml"] == (tmp_path / "zero.toml").read_bytes()
+    (tmp_path / "zero.toml").write_text("[[zero]]\n")
+    wrong = invoke("log", vehicle, "--duration", 0.3, "-o", tmp_path / "again.mcap")
+    assert wrong.code == 2
+    assert not (tmp_path / "again.mcap").exists()

@@ -64,11 +64,29 @@ def _sensors(runs: tuple[ProcessedRun, ...]) -> list[Table]:
                 number(1e3 * facts[0].latency_s),
                 number(float(np.median([fact.sigma for fact in facts])), 2),
                 " or ".join(sources),
+                _systematic([fact.systematic_sigma for fact in facts]),
             ]
         )
-    head = ["channel", "rate (Hz)", "gaps", "longest gap (s)", "declared delay (ms)", "sigma (SI)", "sigma is"]
-    note = "Rate and sigma: median of the runs. Sigma is of one filtered sample."
+    head = [
+        "channel",
+        "rate (Hz)",
+        "gaps",
+        "longest gap (s)",
+        "declared delay (ms)",
+        "sigma (SI)",
+        "sigma is",
+        "sigma of the zero",
+    ]
+    note = (
+        "Rate and sigma: median of the runs. Sigma is of one filtered sample. Sigma of the zero: of what was "
+        "taken off, the same in all samples of a run, the largest of the runs; the intervals of the fit do not hold it."
+    )
     return [Table("Channels as they came", head, rows, note)] if rows else []
+
+
+def _systematic(sigmas: list[float]) -> str:
+    known = [sigma for sigma in sigmas if np.isfinite(sigma)]
+    return number(max(known, default=float("nan")), 2)
 
 
 def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
@@ -88,7 +106,8 @@ def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
     ]
     units = {"drawbar_pull": "N", "driving_torque": "N m", "vertical_load": "N"}
     head = ["run", "from (s)", "for (s)", *(f"{role.replace('_', ' ')} ({units[role]})" for role in roles)]
-    note = "On level ground drawbar pull and torque should read zero. Nothing was subtracted."
+    taken = "after the zero of zero.toml was taken off" if any(run.quality.zeros for run in runs) else "as sent"
+    note = f"On level ground drawbar pull and torque should read zero. Read {taken}; nothing else was subtracted."
     return [Table("Readings at standstill", head, rows, note)] if rows and roles else []
 
 
