@@ -20,6 +20,7 @@ _MB = 1e6
 _BLOCK = 64 * 1024
 _BLOCKS = 50
 _SLOW_S = 0.2
+_OWN_IT = "give the folder to the logger's user, mount it writable, or choose another: --out"
 
 
 def folder(now: Situation) -> Iterator[Line]:
@@ -31,8 +32,7 @@ def folder(now: Situation) -> Iterator[Line]:
         with tempfile.TemporaryFile(dir=now.folder) as file:
             file.write(b"wheelsoil")
     except OSError as error:
-        step = "give the folder to the logger's user, mount it writable, or choose another: --out"
-        yield failed(str(now.out), f"no file can be made: {error.strerror}", step)
+        yield failed(str(now.out), f"no file can be made: {error.strerror}", _OWN_IT)
         return
     yield passed(str(now.out), "writable" if now.folder == now.out.absolute() else "not there yet; `log` makes it")
 
@@ -47,6 +47,8 @@ def other_logger(now: Situation) -> Iterator[Line]:
             yield passed(str(now.out), "none")
     except HardwareError as error:
         yield from_fault(error.faults[0], str(now.out))
+    except PermissionError as error:
+        yield failed(str(now.out), f"the folder cannot be opened: {error.strerror}", _OWN_IT)
 
 
 def space(now: Situation) -> Iterator[Line]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -57,3 +60,19 @@ def test_a_missing_interface_is_a_failed_check(tmp_path: Path) -> None:
     assert result.code == 1
     assert "there is no interface nocan0" in result.out
     assert "fail  signals" not in result.out  # of a bus that is not there nothing more is said
+
+
+def test_a_folder_of_somebody_else_is_a_failed_check(vehicle: Path) -> None:
+    """Even root has no more rights here than the service would."""
+    root = Path(__file__).parents[2]
+    sandbox = [root / "tests" / "service_sandbox.py", root / "deploy" / "wheelsoil-log.service"]
+    theirs = vehicle.parent / "runs"
+    theirs.mkdir(mode=0)
+    program = Path(sys.executable).with_name("wheelsoil")
+    command = [sys.executable, *sandbox, program, "doctor", vehicle, *options(vehicle.parent), "--json"]
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
+    theirs.chmod(0o700)
+    assert done.returncode == 1, done.stderr
+    failed = {line["check"]: line for line in json.loads(done.stdout)["lines"] if line["verdict"] == "fail"}
+    assert {"folder", "other logger", "disk speed", "traffic"} == set(failed)
+    assert "Permission denied" in failed["folder"]["found"]

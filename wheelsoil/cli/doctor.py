@@ -21,7 +21,7 @@ def command(
         Path, typer.Argument(metavar="VEHICLE.toml", help="Names the buses, their interfaces and DBCs.")
     ],
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="DIR", help="Folder that will be recorded into.")
+        Path, typer.Option("--out", "-o", metavar="DIR", readable=False, help="Folder that will be recorded into.")
     ] = Path(),
     listen: Annotated[float, typer.Option(min=0.1, metavar="S", help="How long to listen to the buses.")] = 3.0,
     page_port: Annotated[
