@@ -67,20 +67,17 @@ class DiskFile:
         self._fsync()
         self._raise_sync_error()
 
-    def begin_sync(self) -> bool:
-        """Begin what `sync` does, in a thread, so that a slow disk holds up no write; not while one is under way.
+    @property
+    def syncing(self) -> bool:
+        """Whether what `begin_sync` began is under way."""
+        return self._syncing is not None and self._syncing.is_alive()
 
-        Returns
-        -------
-        bool
-            Whether it was begun. If it fails, the next call of `write` or `begin_sync` says so.
-        """
+    def begin_sync(self) -> None:
+        """Begin what `sync` does, in a thread: a slow disk holds up no write. The next call tells a failure."""
+        self._join()
         self._raise_sync_error()
-        if self._syncing is not None and self._syncing.is_alive():
-            return False
         self._syncing = threading.Thread(target=self._fsync, name="fsync", daemon=True)
         self._syncing.start()
-        return True
 
     def close(self) -> None:
         """Close the file."""

@@ -230,9 +230,14 @@ class McapSink:
         """Have the operating system put on the disk what was written."""
         self._file.sync()
 
-    def begin_sync(self) -> bool:
+    @property
+    def syncing(self) -> bool:
+        """Whether the operating system is putting on the disk what was written."""
+        return self._file.syncing
+
+    def begin_sync(self) -> None:
         """See `DiskFile.begin_sync`."""
-        return self._file.begin_sync()
+        self._file.begin_sync()
 
     def finish(self) -> None:
         """Write the summary and close the file.

@@ -231,10 +231,11 @@ class RecordingWriter:
         the raw frames, are written when it is time to sync only: in small pieces they take much room.
         """
         now = time.monotonic()
-        if self._sync_every_s is not None and now - self._synced_at >= self._sync_every_s:
+        sync_due = self._sync_every_s is not None and now - self._synced_at >= self._sync_every_s
+        if sync_due and not self._sink.syncing:
+            self._synced_at = now
             self.flush()
-            if self._sink.begin_sync():
-                self._synced_at = now
+            self._sink.begin_sync()
         elif self._flush_every_s is not None and now - self._flushed_at >= self._flush_every_s:
             self._flush(decoded=self._sync_every_s is None)
 
