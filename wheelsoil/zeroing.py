@@ -99,7 +99,7 @@ def _determination(run: Run, data: TransducerData, lifted: Lifted, *, on_ground:
         method=part.method,
         frame=transducer.frame,
         on_ground=on_ground,
-        start_s=round(part.start_s, 3),
+        start_s=max(round(part.start_s, 3), 0.0),
         duration_s=round(part.stop_s - part.start_s, 3),
         revolutions=part.revolutions,
         speed_radps=round(part.mean_speed_radps, 4) if part.method == "spin" else None,
