@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -17,11 +18,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq.can_source import Source, open_source
-from daq.config import BusSection
+from daq.config import BusSection, RunInfo
 from daq.errors import ConfigError, DataError, HardwareError, RecordingError
 from daq.frames import FrameArray, FrameBatch, FrameFlag, concatenate, split
 from daq.logs import write_candump
-from daq.recording import RecordingWriter
+from daq.recording import PartWriter, RecordingWriter
 from daq.replay import ReplaySummary, replay, replay_batches
 from daq.rounds import Rounds
 
@@ -172,20 +173,50 @@ def test_rounds_of_a_log_take_their_time_and_say_what_they_cost(tmp_path: Path) 
     assert summary.cpu_percent == pytest.approx(100 * summary.cpu_s / summary.duration_s)
 
 
-def test_ctrl_c_ends_an_endless_replay_with_its_summary(recording: tuple[Path, FrameBatch]) -> None:
-    path, _ = recording
-    command = [sys.executable, "-c", "from wheelsoil.cli.app import main; main()", "replay", str(path), "--json"]
-    process = subprocess.Popen(
-        [*command, "--interface", "virtual", "--loop", "forever"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+@pytest.mark.parametrize("named", ["run.mcap", "run.part2.mcap"])
+def test_the_parts_of_a_run_are_sent_as_one(tmp_path: Path, named: str) -> None:
+    sent = some_frames(np.random.default_rng(4), 900, rate_hz=3000)
+    with PartWriter(tmp_path / "run.mcap", run=RunInfo(id="run"), session_id="s", rotate_bytes=8_000) as parts:
+        for batch in split(sent, 50):
+            parts.write_frames(batch)
+            parts.tick()
+            parts.flush()
+    assert (tmp_path / "run.part2.mcap").exists()
+    source = listening()
+    replay(
+        tmp_path / named,
+        "virtual",
+        channels={"can0": source.name},
+        speed=None,
+        from_s=0.02,
+        to_s=0.28,
+        loops=2,
+        fd=True,
     )
-    time.sleep(2.5)
+    seconds = (sent.frames["time_ns"] - sent.frames["time_ns"][0]) / 1e9
+    asked = data_frames(sent[(seconds >= 0.02) & (seconds < 0.28)])
+    assert without_bus(heard(source)) == 2 * without_bus(asked)
+
+
+def test_ctrl_c_ends_an_endless_replay_with_its_summary(recording: tuple[Path, FrameBatch]) -> None:
+    path, sent = recording
+    channel = f"239.74.163.{1 + os.getpid() % 250}"
+    command = [sys.executable, "-c", "from wheelsoil.cli.app import main; main()", "replay", str(path), "--json"]
+    options = ["--interface", "udp_multicast", "--fd", "--channel", f"can0={channel}", "--loop", "forever"]
+    source = open_source(BusSection(channel=channel, interface="udp_multicast", fd=True))
+    process = subprocess.Popen([*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    received, end = 0, time.monotonic() + 60
+    while received < 2 * len(sent.on_bus("can0")):
+        received += len(source.read(0.1))
+        assert time.monotonic() < end
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=20)
+    source.close()
     assert process.returncode == 130, err
     told = json.loads(out)
     assert told["interrupted"]
-    assert told["rounds"] > 1
-    assert sum(told["frames"].values()) > 900
+    assert told["rounds"] >= 2
+    assert told["frames"][channel] >= received
 
 
 def test_order_is_kept_where_times_go_back() -> None:
