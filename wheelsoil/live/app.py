@@ -22,6 +22,7 @@ _FILES = {
     "/page.js": ("page.js", "text/javascript"),
     "/connection.js": ("connection.js", "text/javascript"),
     "/commands.js": ("commands.js", "text/javascript"),
+    "/parts.js": ("parts.js", "text/javascript"),
     "/plot.js": ("plot.js", "text/javascript"),
     "/icon.svg": ("icon.svg", "image/svg+xml"),
 }

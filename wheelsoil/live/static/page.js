@@ -2,83 +2,20 @@
 
 import { Commands } from "./commands.js";
 import { Connection } from "./connection.js";
+import { ago, count, duration, facts, figure, known, list, lossName, part, POSITION, seconds, spaced, write } from "./parts.js";
 import { boundsOf, Plot } from "./plot.js";
 
 const STALE_MS = 2000;
+const FRESH_S = 3;
 const STATES = { recording: "RECORDING", between: "BETWEEN RUNS", stopping: "STOPPING" };
 const LEVELS = { green: "✓ GREEN", amber: "▲ AMBER", red: "✕ RED" };
 const MEANING = { green: "all is well", amber: "look at it soon", red: "data are lost or wrong now" };
 const BUS_STATES = { up: "up", down: "DOWN", bus_off: "BUS-OFF" };
 const COLOURS = { green: "#00662f", amber: "#ffb300", red: "#b3001b", none: "#4a4f55" };
-const LOSSES = {
-  kernel: "lost in the kernel",
-  queue: "given up by the logger",
-  counter: "lost by the rolling counter",
-  missing: "missing from the usual rate",
-};
-const POSITION = new Set(["latitude", "longitude"]);
-const FLAGS = new Set(["ground_speed_valid", "transducer_status"]);
 const ORDER = ["slip", "drawbar_pull", "vertical_load", "driving_torque", "wheel_speed", "ground_speed", "sinkage"];
-const rank = ({ role }) => (ORDER.includes(role) ? ORDER.indexOf(role) : ORDER.length);
+const rank = ({ role }) => ORDER.indexOf(role);
 
 const get = (id) => document.getElementById(id);
-const known = (value) => value !== null && value !== undefined;
-const count = (n) => (known(n) ? Math.round(n).toLocaleString("en").replaceAll(",", "\u202f") : "not counted");
-const seconds = (s) => (s < 10 ? `${s.toFixed(1)} s` : s < 120 ? `${Math.round(s)} s` : `${Math.round(s / 60)} min`);
-const ago = (s) => (s < 0.5 ? "now" : `${seconds(s)} ago`);
-const spaced = (name) => name.replaceAll("_", " ");
-
-/** "counter.can0.WFT_Forces" as words. */
-function lossName(name) {
-  const [kind, ...where] = name.split(".");
-  return LOSSES[kind] ? `${where.join(".")}: ${LOSSES[kind]}` : name;
-}
-
-function duration(s) {
-  const whole = Math.max(0, Math.floor(s)), two = (n) => String(n).padStart(2, "0");
-  const minutes = `${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)}`;
-  return whole >= 3600 ? `${Math.floor(whole / 3600)}:${minutes}` : minutes;
-}
-
-function figure(value, role) {
-  if (!known(value)) return "–";
-  const size = Math.abs(value);
-  const places = POSITION.has(role) ? 6 : FLAGS.has(role) ? 0 : size >= 100 ? 0 : size >= 10 ? 1 : 2;
-  const shown = value.toLocaleString("en", { minimumFractionDigits: places, maximumFractionDigits: places });
-  return shown.replaceAll(",", "\u202f").replace("-", "−");
-}
-
-function write(element, words) {
-  if (element.textContent !== words) element.textContent = words;
-}
-
-function part(tag, className, words = "") {
-  const made = document.createElement(tag);
-  if (className) made.className = className;
-  made.textContent = words;
-  return made;
-}
-
-/** Keep one child per item, in order; make it once and fill it each time. */
-function list(parent, items, make, fill) {
-  while (parent.children.length > items.length) parent.lastElementChild.remove();
-  items.forEach((item, i) => fill(parent.children[i] ?? parent.appendChild(make()), item));
-}
-
-/** Facts are [name, text, level, wide]. */
-function facts(parent, items) {
-  const make = () => {
-    const box = document.createElement("div");
-    box.append(part("dt"), part("dd"));
-    return box;
-  };
-  list(parent, items, make, (box, [name, words, level, wide]) => {
-    box.dataset.level = level ?? "";
-    box.className = wide ? "wide" : "";
-    write(box.children[0], name);
-    write(box.children[1], words);
-  });
-}
 
 const page = { vehicle: "", snapshot: null, newsAt: -Infinity, nowS: 0, pull: [], slip: [], spoken: "" };
 const commands = new Commands();
@@ -156,18 +93,31 @@ function showRun({ state, run, vehicle }) {
   ]);
 }
 
+/** Whether a curve's last sample is of now. */
+function isNow(rows) {
+  return rows.length > 0 && page.nowS - rows.at(-1)[0] < FRESH_S;
+}
+
 function showValues(values) {
-  const last = page.slip.at(-1), fresh = last && page.nowS - last[0] < 3;
+  const last = page.slip.at(-1);
   const slip = page.snapshot.setup.wheel_radius_m
-    ? [{ role: "slip", value: fresh ? 100 * last[1] : null, unit: "%", age_s: last ? page.nowS - last[0] : null, level: "green" }]
+    ? [{ role: "slip", value: isNow(page.slip) ? 100 * last[1] : null, unit: "%", age_s: last ? page.nowS - last[0] : null, level: "green" }]
     : [];
+  const main = [...slip, ...values.filter((each) => rank(each) >= 0)].sort((a, b) => rank(a) - rank(b));
+  const others = values.filter((each) => rank(each) < 0);
+  get("others-box").hidden = !others.length;
+  showTiles(get("values"), main);
+  showTiles(get("others"), others);
+}
+
+function showTiles(parent, values) {
   const make = () => {
     const item = document.createElement("li"), number = part("span", "number");
     number.append(part("span"), " ", part("small"));
     item.append(part("span", "name"), number, part("span", "age"));
     return item;
   };
-  list(get("values"), [...slip, ...values].sort((a, b) => rank(a) - rank(b)), make, (item, each) => {
+  list(parent, values, make, (item, each) => {
     const [name, number, age] = item.children, old = !known(each.age_s) || each.age_s > 1.5;
     item.dataset.level = each.level;
     item.className = POSITION.has(each.role) || each.role === "gnss_time" ? "long" : "";
@@ -264,11 +214,11 @@ function showPlots(snapshot, spanS) {
   const kilo = Math.max(0, ...page.pull.map(([, n]) => Math.abs(n))) >= 2000, scale = kilo ? 1e-3 : 1;
   const yTitle = `drawbar pull, ${kilo ? "kN" : "N"}`, y = boundsOf(page.pull.map(([, n]) => scale * n), kilo ? 1 : 100);
   const pairs = page.slip.map(([, s, n]) => [100 * s, scale * n]);
-  slipPlot.draw({ x: boundsOf(pairs.map(([s]) => s), 20, 6), y, yTitle, rows: pairs, joined: false, empty: whyNoSlip(snapshot) });
+  slipPlot.draw({ x: boundsOf(pairs.map(([s]) => s), 20, 6), y, yTitle, rows: pairs, joined: false, current: isNow(page.slip), empty: whyNoSlip(snapshot) });
   const rows = page.pull.map(([t, n]) => [t - page.nowS, scale * n]);
   const named = snapshot.values.some((each) => each.role === "drawbar_pull");
   const empty = turning ? TURNING : named ? `no drawbar pull in the last ${spanS} s` : "vehicle.toml names no drawbar pull";
-  pullPlot.draw({ x: { low: -spanS, high: 0, step: spanS / 6 }, y, yTitle, rows, joined: true, empty });
+  pullPlot.draw({ x: { low: -spanS, high: 0, step: spanS / 6 }, y, yTitle, rows, joined: true, current: isNow(page.pull), empty });
   const said = (row, unit) => (row ? `${figure(row[1])} ${kilo ? "kN" : "N"}${unit}` : "no data");
   get("slip-plot").setAttribute("aria-label", `Drawbar pull against slip, ${pairs.length} points, newest ${said(pairs.at(-1), pairs.length ? ` at ${figure(pairs.at(-1)[0])} % slip` : "")}`);
   get("pull-plot").setAttribute("aria-label", `Drawbar pull over the last ${spanS} s, newest ${said(rows.at(-1), "")}`);

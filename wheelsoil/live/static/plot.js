@@ -30,7 +30,8 @@ export class Plot {
     new ResizeObserver(() => this.last && this.draw(this.last)).observe(canvas);
   }
 
-  /** Draw { x: bounds, y: bounds, yTitle, rows: [[x, y], ...], joined, empty: text when there are no rows }. */
+  /** Draw { x: bounds, y: bounds, yTitle, rows: [[x, y], ...], joined, current: whether the
+   *  last row is of now, empty: text when there are no rows }. */
   draw(content) {
     this.last = content;
     const ratio = window.devicePixelRatio || 1;
@@ -53,7 +54,7 @@ export class Plot {
     pen.rect(frame.left - 6, frame.top - 6, frame.right - frame.left + 12, frame.bottom - frame.top + 12);
     pen.clip();
     (content.joined ? line : dots)(pen, content.rows, place);
-    newest(pen, content.rows.at(-1), place);
+    if (content.current) newest(pen, content.rows.at(-1), place);
     pen.restore();
   }
 
@@ -149,9 +150,9 @@ function line(pen, rows, place) {
 function newest(pen, [x, y], place) {
   pen.fillStyle = ORANGE;
   pen.strokeStyle = "#fff";
-  pen.lineWidth = 2;
+  pen.lineWidth = 1.5;
   pen.beginPath();
-  pen.arc(place.x(x), place.y(y), 6.5, 0, 7);
+  pen.arc(place.x(x), place.y(y), 5, 0, 7);
   pen.fill();
   pen.stroke();
 }
