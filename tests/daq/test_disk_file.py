@@ -27,7 +27,7 @@ def test_a_slow_fsync_holds_up_no_flush(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_what_fsync_says_is_told_by_the_next_call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(descriptor: int) -> None:
+    def fail(_: int) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     file = DiskFile(tmp_path / "run.mcap", overwrite=False)
