@@ -9,16 +9,18 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
-from live_client import ask, command, events, next_event, page, until
+from live_client import ask, command, connect, events, next_event, page, until
 from live_support import snapshot
 
 from daq.errors import ConfigError, HardwareError
 from daq.panel import Command
 from wheelsoil.live import open_page
+from wheelsoil.live.hub import MOST_STREAMS
+from wheelsoil.live.listening import listen
 from wheelsoil.live.panel import PagePanel
 
 _LOGGER = """
@@ -185,11 +187,12 @@ def test_the_page_dies_with_a_killed_logger_and_its_port_is_free_at_once() -> No
         until(lambda: not _alive(pid), "the page's end")
 
 
-def test_the_page_runs_at_a_lower_priority_and_does_not_show_its_token() -> None:
+def test_the_page_gives_way_to_the_logger_and_does_not_show_its_token() -> None:
     with page(token="not-for-everyone") as panel:
         assert ask(panel, "GET", "/").status == 200
         process = Path(f"/proc/{panel.pid}")
         assert os.getpriority(os.PRIO_PROCESS, panel.pid or 0) > os.getpriority(os.PRIO_PROCESS, 0)
+        assert int((process / "oom_score_adj").read_text()) == 900
         assert b"not-for-everyone" not in (process / "cmdline").read_bytes() + (process / "environ").read_bytes()
 
 
@@ -199,6 +202,32 @@ def test_a_taken_port_is_one_clear_fault() -> None:
         with pytest.raises(HardwareError, match=f"port {port} is taken") as caught:
             open_page("127.0.0.1", port, None, "a tractor")
         assert caught.value.exit_code == 4 and caught.value.faults[0].next_step
+
+
+def test_a_phone_out_of_reach_loses_its_place_soon() -> None:
+    with listen("127.0.0.1", 0) as listening, socket.create_connection(listening.getsockname()):
+        accepted, _ = listening.accept()
+        with accepted:
+            assert 0 < accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) <= 30_000
+
+
+def test_more_browsers_than_there_is_room_for_are_told_so() -> None:
+    with page() as panel, ExitStack() as streams:
+        for _ in range(MOST_STREAMS):
+            next_event(streams.enter_context(events(panel)), "hello")
+        assert ask(panel, "GET", "/events").status == 503
+        assert command(panel, {"kind": "mark"}) == 202
+        streams.close()
+        until(lambda: _opens(panel), "a place")
+
+
+def _opens(panel: PagePanel) -> bool:
+    connection = connect(panel)
+    connection.request("GET", "/events")
+    answer = connection.getresponse()
+    answer.close()
+    connection.close()
+    return answer.status == 200
 
 
 @pytest.mark.parametrize("host", ["192.0.2.1", "no-such-host.invalid"])

@@ -13,6 +13,7 @@ import signal
 import socket
 import sys
 from contextlib import suppress
+from pathlib import Path
 
 import uvicorn
 
@@ -23,6 +24,7 @@ from wheelsoil.live.hub import Hub
 from wheelsoil.live.wire import LARGEST_BYTES, packed_command, unpacked
 
 _NICENESS = 10
+_FIRST_TO_GO = "900"
 _PR_SET_PDEATHSIG = 1
 _MOST_CONNECTIONS = 64
 _FAREWELL_S = 1
@@ -32,7 +34,7 @@ def main() -> None:
     """Serve the page until the logger ends."""
     settings = json.load(sys.stdin)
     _die_with(settings["logger"])
-    os.nice(_NICENESS)
+    _give_way()
     listening, pair = (socket.socket(fileno=int(handle)) for handle in sys.argv[1:3])
     listening.setblocking(False)
     pair.setblocking(False)
@@ -45,6 +47,13 @@ def _die_with(logger: int) -> None:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != logger:
         sys.exit()
+
+
+def _give_way() -> None:
+    """Let the logger have the processor first, and have the kernel end this process first when memory is short."""
+    with suppress(OSError):  # a service manager may forbid it
+        os.nice(_NICENESS)
+        Path("/proc/self/oom_score_adj").write_text(_FIRST_TO_GO, encoding="ascii")
 
 
 async def _serve(listening: socket.socket, pair: socket.socket, rules: Rules, vehicle: str) -> None:
