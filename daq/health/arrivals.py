@@ -104,10 +104,13 @@ class Gaps:
         self._last_ns: int | None = None
         self._open = np.zeros((0, 2), np.int64)
 
-    def forget_last(self) -> None:
-        """Let the next frame come after any time; an open gap is never judged."""
+    def close(self) -> list[tuple[int, int]]:
+        """Judge a gap that is open as it stands, and let the next frame come after any time; returns as `take`."""
+        lacking = self.unsettled()
+        settled = [(lacking, int(self._open[0, 1]))] if lacking else []
         self._last_ns = None
         self._open = self._open[:0]
+        return settled
 
     def take(self, time_ns: IntArray, lost: IntArray) -> list[tuple[int, int]]:
         """Take arrivals in order.

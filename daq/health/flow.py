@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.health.arrivals import Gaps, Usual, learn, learned_after
-from daq.health.counters import LEAST_STEPS, NO_VALUE, RollingCounter, counts, is_named_so, may_count, raw_of
+from daq.health.counters import LEAST_STEPS, RollingCounter, counts, is_named_so, may_count, raw_of
 from daq.layout import Message, Signal
 
 IntArray = NDArray[np.int64]
@@ -52,6 +52,7 @@ class MessageFlow:
         self._other: list[Usual | None] = []
         self.frames = 0
         self.last_ns: int | None = None
+        self._unseen_until_ns = 0
         self.gaps = 0
         self.rate_changes = 0
         self._missing = 0
@@ -110,22 +111,28 @@ class MessageFlow:
         else:
             self._judge(time_ns, None)
 
-    def skip(self, time_ns: IntArray) -> None:
-        """Take frames that were not decoded: they are not missing, and their counters are not known."""
+    def skip(self, time_ns: IntArray, until_ns: int) -> None:
+        """Take that frames until then were not decoded; some of this message, of others perhaps not even counted.
+
+        Parameters
+        ----------
+        time_ns : int64 array, shape (n,)
+            Arrivals of this message among them, as far as they are known.
+        until_ns : int
+        """
         self._seen(time_ns)
+        self._unseen_until_ns = max(until_ns, self._unseen_until_ns)
         if self._counter is not None:
             self._counter.forget_last()
-        if self._held is not None:
-            unknown = np.full((len(self._candidates), len(time_ns)), NO_VALUE, np.int64)
-            self._held.append((time_ns, unknown))
-        elif self._gaps is not None:
-            self._count(self._gaps.take(time_ns, np.zeros(len(time_ns), np.int64)))
-            self._block = self._block[:0]
+        self.forget_last()
 
     def forget_last(self) -> None:
         """Judge nothing across this point: the times before and after do not belong together."""
+        if self._held is not None:
+            self._held = []
+        self._block = self._block[:0]
         if self._gaps is not None:
-            self._gaps.forget_last()
+            self._count(self._gaps.close())
 
     def age_s(self, now_ns: int) -> float:
         """Return the time since the last frame, NaN before the first."""
@@ -135,13 +142,15 @@ class MessageFlow:
         """Whether it ought to have come by now."""
         if self._usual is None or self.last_ns is None:
             return False
-        return now_ns - self.last_ns > max(_SILENT_LEAST_NS, _SILENT_PERIODS * self._usual.wide_ns)
+        quiet_ns = now_ns - max(self.last_ns, self._unseen_until_ns)
+        return quiet_ns > max(_SILENT_LEAST_NS, _SILENT_PERIODS * self._usual.wide_ns)
 
     def rate_hz(self, now_ns: int) -> float:
         """Return the frames per second over about the last second, NaN before there were any."""
         if self.last_ns is None:
             return float("nan")
-        self._past.append((self.frames, self.last_ns))
+        if not self._past or self._past[-1][0] != self.frames:
+            self._past.append((self.frames, self.last_ns))
         while len(self._past) > 2 and self._past[-1][1] - self._past[1][1] >= _RATE_OVER_NS:
             self._past.popleft()
         frames, last_ns = self._past[0]

@@ -107,10 +107,11 @@ class HealthMonitor:
     def skip(self, batch: FrameBatch) -> None:
         """Take frames that were recorded, but not decoded: nothing of them is missing."""
         codes = self._take_traffic(batch)
-        for code in np.unique(codes).tolist():
-            if code != UNKNOWN:
-                self._watched[code - 1].flow.skip(np.sort(batch.frames["time_ns"][codes == code]))
-        self._gnss.skip(int(batch.frames["time_ns"].max(initial=0)))
+        times = batch.frames["time_ns"]
+        until_ns = int(times.max(initial=0))
+        for code, one in enumerate(self._watched, UNKNOWN + 1):
+            one.flow.skip(np.sort(times[codes == code]), until_ns)
+        self._gnss.skip(until_ns)
 
     def losses(self) -> dict[str, int]:
         """Return what was lost since the start.

@@ -119,9 +119,18 @@ def test_nothing_is_judged_across_a_break() -> None:
 def test_frames_that_were_skipped_are_not_missing() -> None:
     time_ns = arrivals(np.random.default_rng(6), 10.0, 2000, 0.02)
     flow = flow_of(time_ns[:600], [])
-    flow.skip(time_ns[600:900])
+    flow.skip(time_ns[650:900], int(time_ns[899]))  # 50 of them were not even counted
+    assert not flow.silent(int(time_ns[899]) + 900 * MS)
     flow.take(time_ns[900:], np.zeros((0, 1100)))
-    assert (flow.missing, flow.gaps, flow.frames) == (0, 0, 2000)
+    assert (flow.missing, flow.gaps, flow.frames) == (0, 0, 1950)
+
+
+def test_a_gap_that_is_open_when_frames_are_skipped_is_counted() -> None:
+    time_ns = arrivals(np.random.default_rng(7), 10.0, 2000, 0.02)
+    flow = flow_of(np.delete(time_ns[:600], np.arange(590, 598)), [])
+    flow.skip(time_ns[600:900], int(time_ns[899]))
+    flow.take(time_ns[900:], np.zeros((0, 1100)))
+    assert (flow.missing, flow.gaps) == (8, 1)
 
 
 def test_learning_asks_for_time_and_frames() -> None:

@@ -13,7 +13,13 @@ from daq.open import open_runs
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 
 
-@pytest.mark.parametrize("name", ["clay/run-1.mcap", "sandy/run-4.mcap"])
+NAMES = [f"{folder}/run-{number}.mcap" for folder in ("clay", "sandy") for number in range(1, 7)]
+QUICK = ("clay/run-1.mcap", "sandy/run-4.mcap")
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in NAMES]
+)
 def test_a_sample_stays_green(name: str) -> None:
     run = open_runs([RECORDINGS / name])[0]
     seen = watch(run.vehicle, run.databases, run.frame_batches())
