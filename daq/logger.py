@@ -185,8 +185,10 @@ def _with_usable_roles(
     vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]
 ) -> tuple[VehicleConfig, list[str]]:
     """Leave out the roles that name no signal: their frames are recorded all the same."""
+    if not databases:
+        return vehicle.model_copy(update={"signals": {}}), []
     wrong: dict[str, Fault] = {}
-    for role in vehicle.signals if databases else ():
+    for role in vehicle.signals:
         try:
             resolve_roles(vehicle, databases, (role,))
         except ConfigError as error:

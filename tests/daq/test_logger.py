@@ -120,3 +120,8 @@ def test_what_cannot_be_opened_is_told_at_once_and_nothing_is_written(tmp_path: 
     assert len(caught.value.faults) == 2
     assert all(fault.next_step for fault in caught.value.faults)
     assert not out.exists()
+
+
+def test_without_databases_the_roles_are_no_matter(tmp_path: Path) -> None:
+    vehicle = VehicleConfig(bus=(virtual_bus(),), signals={"ground_speed": "GNSS_2.Speed"})
+    assert log(vehicle, tmp_path, duration_s=0.1).remarks == ("virtual does not report frames that it loses",)
