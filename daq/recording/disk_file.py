@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
+import time
 from io import FileIO
 from pathlib import Path
 
@@ -26,6 +27,8 @@ class DiskFile:
         Bytes written.
     failed : bool
         Whether a write has failed; nothing is written any more then.
+    sync_took_s : float
+        How long the last fsync took.
 
     Raises
     ------
@@ -38,6 +41,7 @@ class DiskFile:
     def __init__(self, path: Path, *, overwrite: bool) -> None:
         self.position = 0
         self.failed = False
+        self.sync_took_s = 0.0
         self._path = path
         self._syncing: threading.Thread | None = None
         self._sync_error: OSError | None = None
@@ -89,10 +93,12 @@ class DiskFile:
             self._syncing.join()
 
     def _fsync(self) -> None:
+        began_at = time.monotonic()
         try:
             os.fsync(self._file.fileno())
         except OSError as error:
             self._sync_error = error
+        self.sync_took_s = time.monotonic() - began_at
 
     def _raise_sync_error(self) -> None:
         if self._sync_error is not None:

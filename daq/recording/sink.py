@@ -235,6 +235,11 @@ class McapSink:
         """Whether the operating system is putting on the disk what was written."""
         return self._file.syncing
 
+    @property
+    def sync_took_s(self) -> float:
+        """How long the operating system took the last time."""
+        return self._file.sync_took_s
+
     def begin_sync(self) -> None:
         """See `DiskFile.begin_sync`."""
         self._file.begin_sync()
