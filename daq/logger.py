@@ -105,7 +105,7 @@ def log(
         guard = DiskGuard(folder, warn_min=limits.disk_warn_min, reserve_mb=limits.disk_reserve_mb)
         usable, role_remarks = _with_usable_roles(vehicle, known.databases)
         clock = HostClock()
-        inspection = Inspection(usable, known.databases, started_ns=clock.now_ns())
+        inspection = Inspection(vehicle, usable, known.databases, started_ns=clock.now_ns())
         options = _recorder_options(known, usable, folder, [*_remarks(sources), *role_remarks])
         caught = stack.enter_context(caught_signals())
         parts = SessionParts(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import queue
 import threading
 import time
@@ -80,7 +81,7 @@ class Handset:
         self._commands.append(Command(kind, text))  # type: ignore[arg-type]
 
     def show(self, snapshot: Any) -> None:
-        self.snapshots.append(dict(snapshot))
+        self.snapshots.append(json.loads(json.dumps(snapshot, allow_nan=False)))
 
     def commands(self) -> list[Command]:
         pressed, self._commands = self._commands, []

@@ -290,6 +290,20 @@ _HOST = (
         "end other programs; lower decoded_rate_hz in [logger]",
     ),
     Code(
+        "inspection_failed",
+        "amber",
+        "something went wrong while frames were looked at in the last 10 s; they are recorded all the same",
+        "a fault in the program, a strange frame",
+        "restart the logger when there is time, and report the text",
+    ),
+    Code(
+        "inspection_stuck",
+        "red",
+        "looking at frames has taken more than 5 s: they are recorded, but the values on the page are old",
+        "a fault in the program, a machine that is much too slow",
+        "restart the logger when there is time, and report it",
+    ),
+    Code(
         "cpu_busy",
         "amber",
         "the logger has taken more than 90 % of a processor core for 5 s",

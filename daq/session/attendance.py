@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+from daq.health.board import reason
 from daq.health.diagnostics import statuses
 from daq.health.report import HealthReport, Level, Reason
 from daq.panel import Command
@@ -103,13 +104,13 @@ class Attendance:
 
     def status(self) -> LogStatus:
         """Return the state for a terminal."""
-        reasons = worst(self._state())
+        found = worst(self._state())
         return LogStatus(
             {source.name: source.counters for source in self._parts.sources},
             self._recorder.run_id,
             self._recorder.path,
-            (reasons[0].level if reasons else Level.GREEN).name.lower(),
-            f"{reasons[0].where}: {reasons[0].what}" if reasons else "",
+            (found[0].level if found else Level.GREEN).name.lower(),
+            f"{found[0].where}: {found[0].what}" if found else "",
         )
 
     def _each_second(self) -> None:
@@ -167,14 +168,13 @@ class Attendance:
         self._stuck_told = stuck
 
     def _reasons(self) -> tuple[Reason, ...]:
+        """Return what the report cannot say, as it may be old."""
         found = self._watch.stuck()
-        step = "the raw frames are recorded; restart the logger when there is time, and report this"
         if self._stuck_told:
-            what = f"it has been at work for {self._inspector.busy_s:.0f} s: nothing is decoded any more"
-            found.append(Reason("inspection_stuck", Level.RED, "inspection", what, step))
+            what = f"at work for {self._inspector.busy_s:.0f} s: nothing is decoded any more"
+            found.append(reason("inspection_stuck", Level.RED, "inspection", what))
         elif time.monotonic() - self._failed_at < _FAILURE_STANDS_S:
-            what = f"frames could not be inspected: {self._inspector.shield.last}"
-            found.append(Reason("inspection_failed", Level.AMBER, "inspection", what, step))
+            found.append(reason("inspection_failed", Level.AMBER, "inspection", self._inspector.shield.last))
         return tuple(found)
 
     def _state(self) -> SessionState:

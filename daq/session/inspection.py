@@ -63,6 +63,8 @@ class Inspection:
     Parameters
     ----------
     vehicle : VehicleConfig
+    traced : VehicleConfig
+        The same with only those roles that can be resolved.
     databases : mapping bus -> databases
     started_ns : int
         File time.
@@ -70,15 +72,20 @@ class Inspection:
     Raises
     ------
     ConfigError
-        The databases contradict each other, or a role names no signal.
+        The databases contradict each other.
     """
 
     def __init__(
-        self, vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]], *, started_ns: int
+        self,
+        vehicle: VehicleConfig,
+        traced: VehicleConfig,
+        databases: Mapping[str, tuple[Database, ...]],
+        *,
+        started_ns: int,
     ) -> None:
         self._decoder = Decoder(databases)
         self._monitor = HealthMonitor(vehicle, databases, started_ns=started_ns)
-        self._traces = Traces(vehicle, databases)
+        self._traces = Traces(traced, databases)
 
     def inspect(self, task: Task) -> Findings:
         """Find out what frames say."""

@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 
 from daq.disk_guard import DiskGuard, DiskState
+from daq.health.board import reason
 from daq.health.report import BusFacts, HostFacts, Level, Reason
 from daq.host_clock import HostClock
 from daq.recording.events import Severity
@@ -93,13 +94,7 @@ class Watch:
     def stuck(self) -> list[Reason]:
         """Return the threads that do not go round any more."""
         return [
-            Reason(
-                "source_stuck",
-                Level.RED,
-                one.source.name,
-                f"the driver of {one.source.name} has not answered for {one.stuck_s:.0f} s",
-                "take the adapter out and put it in again, or restart the logger",
-            )
+            reason("source_stuck", Level.RED, one.source.name, f"no answer for {one.stuck_s:.0f} s")
             for one in self._listeners
             if one.stuck_s > _STUCK_S
         ]
