@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -65,13 +66,14 @@ def replay(
     RecordingError
         If the recording cannot be read.
     ConfigError
-        If `channels` names a bus that is not in it, or `speed` or `loops` is not positive.
+        If `channels` names a bus that is not in it, `speed` or `loops` is not positive, or `from_s` or `to_s` no
+        finite number.
     DataError
         If there is nothing to send.
     HardwareError
         If a bus cannot be opened or does not take the frames.
     """
-    _check(speed, loops)
+    _check(speed, loops, from_s, to_s)
     opened = _opened(Path(recording))
     names = {bus: bus for bus in opened.buses} if channels is None else dict(channels)
     if unknown := [bus for bus in names if bus not in opened.buses]:
@@ -79,7 +81,7 @@ def replay(
         raise ConfigError(*faults)
     low = opened.start_ns + round(from_s * 1e9)
     high = None if to_s is None else opened.start_ns + round(to_s * 1e9)
-    rounds = Rounds(lambda: _on(_between(opened.batches(), low, high), names), loops)
+    rounds = Rounds(lambda: _on(opened.between(low, high), names), loops)
     with ExitStack() as stack:
         sinks = {}
         for bus, channel in names.items():
@@ -113,7 +115,7 @@ def replay_batches(
     timeout_s : float
         How long to wait for a bus that takes no frames.
     """
-    _check(speed, None)
+    _check(speed)
     player = Player(sinks, speed, timeout_s)
     skipped, interrupted = 0, False
     try:
@@ -129,19 +131,22 @@ def replay_batches(
     return player.summary(skipped, interrupted=interrupted)
 
 
-def _check(speed: float | None, loops: int | None) -> None:
+def _check(speed: float | None, loops: int | None = None, *seconds: float | None) -> None:
     if speed is not None and not 0 < speed < float("inf"):
         expected = "e.g. 1, or 10 for ten times faster"
         raise ConfigError(Fault("speed must be positive", found=f"{speed}", expected=expected))
     if loops is not None and loops < 1:
         raise ConfigError(Fault("a recording is sent at least once", found=f"{loops} loops", expected="1 or more"))
+    if any(bound is not None and not isfinite(bound) for bound in seconds):
+        found = " to ".join(f"{bound}" for bound in seconds)
+        raise ConfigError(Fault("from and to must be numbers of seconds", found=found))
 
 
 @dataclass(frozen=True)
 class _Opened:
     """A recording or log that can be read again and again."""
 
-    batches: Callable[[], Iterator[FrameBatch]]
+    between: Callable[[int, int | None], Iterator[FrameBatch]]
     buses: tuple[str, ...]
     start_ns: int
 
@@ -152,13 +157,13 @@ def _opened(path: Path) -> _Opened:
         span = recording.time_range_ns
         if span is None:
             raise DataError(Fault("the recording holds no frames", str(path)))
-        return _Opened(recording.frame_batches, recording.buses, span[0])
+        return _Opened(lambda low, high: recording.frame_batches(None, low, high), recording.buses, span[0])
     buses: set[str] = set()
     first: int | None = None
     for batch in read_log(path):  # a log says only at its end which buses it holds
         buses.update(batch.buses)
         first = int(batch.frames["time_ns"][0]) if first is None else first
-    return _Opened(lambda: read_log(path), tuple(sorted(buses)), first or 0)
+    return _Opened(lambda low, high: _between(read_log(path), low, high), tuple(sorted(buses)), first or 0)
 
 
 def _between(batches: Iterable[FrameBatch], low: int, high: int | None) -> Iterator[FrameBatch]:

@@ -10,6 +10,7 @@ import sys
 import time
 import uuid
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import pytest
@@ -22,7 +23,8 @@ from daq.config import BusSection, RunInfo
 from daq.errors import ConfigError, DataError, HardwareError, RecordingError
 from daq.frames import FrameArray, FrameBatch, FrameFlag, concatenate, split
 from daq.logs import write_candump
-from daq.recording import PartWriter, RecordingWriter
+from daq.recording import PartWriter, RecordingWriter, raw_frames
+from daq.recording.chunks import ChunkEntry, read_chunk
 from daq.replay import ReplaySummary, replay, replay_batches
 from daq.rounds import Rounds
 
@@ -198,6 +200,27 @@ def test_the_parts_of_a_run_are_sent_as_one(tmp_path: Path, named: str) -> None:
     assert without_bus(heard(source)) == 2 * without_bus(asked)
 
 
+def test_what_lies_behind_the_part_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent = classical(some_frames(np.random.default_rng(6), 900, rate_hz=3))
+    with RecordingWriter(tmp_path / "run.mcap", flush_every_s=None) as writer:
+        for batch in split(sent, 30):
+            writer.write_frames(batch)
+            writer.flush()
+    read = []
+
+    def watched(file: BinaryIO, entry: ChunkEntry) -> bytes:
+        read.append(entry.offset)
+        return read_chunk(file, entry)
+
+    source = listening()
+    monkeypatch.setattr(raw_frames, "read_chunk", watched)
+    replay(tmp_path / "run.mcap", "virtual", channels={"can0": source.name}, speed=None, to_s=1.5)
+    seconds = (sent.frames["time_ns"] - sent.frames["time_ns"][0]) / 1e9
+    assert without_bus(heard(source)) == without_bus(data_frames(sent[seconds < 1.5]))
+    looked_for_ends = 2 * len(set(read))
+    assert len(read) - looked_for_ends < 5
+
+
 def test_ctrl_c_ends_an_endless_replay_with_its_summary(recording: tuple[Path, FrameBatch]) -> None:
     path, sent = recording
     channel = f"239.74.163.{1 + os.getpid() % 250}"
@@ -237,6 +260,9 @@ def test_each_way_to_fail(recording: tuple[Path, FrameBatch], tmp_path: Path) ->
         replay(path, "virtual", channels={"can0": "x"}, speed=-1.0)
     with pytest.raises(ConfigError, match="at least once"):
         replay(path, "virtual", channels={"can0": "x"}, loops=0)
+    for bounds in ({"from_s": np.nan}, {"from_s": np.inf}, {"to_s": np.nan}):
+        with pytest.raises(ConfigError, match="numbers of seconds"):
+            replay(path, "virtual", channels={"can0": "x"}, **bounds)
     with pytest.raises(DataError, match="no frame lies in this part"):
         replay(path, "virtual", channels={"can0": "x"}, from_s=1000.0)
     with pytest.raises(RecordingError, match="no such file"):
