@@ -150,17 +150,6 @@ class HostClock:
         held = np.searchsorted([one.seen_ns for one in known[1:]], monotonic, side="right")
         return np.asarray(monotonic + np.array([one.offset_ns for one in known])[held])
 
-    def rebase(self) -> int:
-        """Move file time onto the clock as it is now set; returns by how many ns.
-
-        File time jumps by that, so it is for the beginning of a run: what was read before has the old base.
-        """
-        self.observe()
-        with self._lock:
-            moved = self._offsets[-1].offset_ns - self._base_ns
-            self._base_ns += moved
-        return moved
-
     def offsets_since(self, monotonic: int) -> tuple[Offset, ...]:
         """Return the differences that may have held at some time since; the newest last."""
         with self._lock:

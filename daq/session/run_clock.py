@@ -30,6 +30,7 @@ class RunClock:
 
     def __init__(self, clock: HostClock) -> None:
         self._clock = clock
+        clock.observe()
         self.shift_ns = clock.realtime_minus_monotonic_ns - clock.base_ns if clock.steps else 0
 
     @property

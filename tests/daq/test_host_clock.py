@@ -284,22 +284,6 @@ def test_threads_that_look_at_once_see_each_step_once() -> None:
     assert [step.step_s for step in clock.steps] == pytest.approx([size / SECOND for size in sizes], abs=1e-3)
 
 
-def test_a_new_run_may_begin_on_the_corrected_clock() -> None:
-    host = Host()
-    clock = host.clock()
-    tracker = StampTracker(clock, "can0")
-    host.step(-HOUR)
-    assert clock.now_ns() == pytest.approx(host.now_ns + host.offset_ns + HOUR, abs=BRACKET_NS)
-    assert clock.rebase() == pytest.approx(-HOUR, abs=BRACKET_NS)
-    assert clock.now_ns() == pytest.approx(host.now_ns + host.offset_ns, abs=BRACKET_NS)
-    host.now_ns += SECOND
-    tracker.before_read()
-    host.now_ns += MS
-    read = tracker.after_read(batch([host.stamp(host.now_ns)]))
-    assert not is_unsure(read).any()
-    assert read.frames["time_ns"][0] == pytest.approx(host.now_ns + host.offset_ns, abs=BRACKET_NS)
-
-
 def test_frames_of_two_processors_that_come_in_the_wrong_order_are_put_into_it() -> None:
     host = Host()
     tracker = StampTracker(host.clock(), "can0")
