@@ -17,6 +17,9 @@ _GROWTH_OVER_S = 60.0
 _GROWTH_FROM_S = 2.0
 """The growth is that of the last minute, and known when it has been looked at for so long."""
 
+_CALM = 1.25
+"""The warning ends when the disk lasts so many times longer than where it began."""
+
 
 @dataclass(frozen=True)
 class DiskState:
@@ -66,6 +69,7 @@ class DiskGuard:
         self._warn_min = warn_min
         self._reserve_bytes = int(reserve_mb * _MB)
         self._seen: deque[tuple[float, int]] = deque()
+        self._warned = False
         self._free = self._reserve_bytes + 1
         state = self.look(0.0, 0)
         self._seen.clear()
@@ -96,7 +100,8 @@ class DiskGuard:
     def _level(self, free: int, minutes: float) -> Level:
         if free <= self._reserve_bytes:
             return Level.RED
-        return Level.AMBER if minutes < self._warn_min else Level.GREEN
+        self._warned = minutes < self._warn_min * (_CALM if self._warned else 1.0)
+        return Level.AMBER if self._warned else Level.GREEN
 
 
 def disk_fault(folder: Path, state: DiskState) -> Fault:

@@ -15,12 +15,9 @@ class Notifier:
     ----------
     address : str
         Path of a datagram socket; a leading ``@`` is one in the abstract namespace. Empty: nobody listens.
-    watchdog_s : float or None
-        How often at least the manager wants to hear `alive`; None: never.
     """
 
-    def __init__(self, address: str = "", watchdog_s: float | None = None) -> None:
-        self.watchdog_s = watchdog_s
+    def __init__(self, address: str = "") -> None:
         self._address = "\0" + address[1:] if address.startswith("@") else address
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) if address else None
         if self._socket is not None:
@@ -28,11 +25,8 @@ class Notifier:
 
     @classmethod
     def from_environment(cls, environment: Mapping[str, str] = os.environ) -> Notifier:
-        """Return what ``NOTIFY_SOCKET``, ``WATCHDOG_USEC`` and ``WATCHDOG_PID`` ask for."""
-        period = environment.get("WATCHDOG_USEC", "")
-        ours = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
-        watchdog_s = int(period) * 1e-6 if period.isdecimal() and ours else None
-        return cls(environment.get("NOTIFY_SOCKET", ""), watchdog_s)
+        """Return the one that ``NOTIFY_SOCKET`` asks for."""
+        return cls(environment.get("NOTIFY_SOCKET", ""))
 
     def ready(self, status: str = "") -> None:
         """Say that the service has started."""

@@ -165,8 +165,8 @@ class ReconnectingSource:
     def _reopened(self, timeout_s: float) -> bool:
         """Open the bus again if it is time to, else wait a little."""
         wait_s = self._retry_at - time.monotonic()
-        if wait_s > 0:
-            time.sleep(min(wait_s, timeout_s))
+        if wait_s > 0 or not timeout_s:
+            time.sleep(max(min(wait_s, timeout_s), 0.0))
             return False
         self.opening = True
         try:

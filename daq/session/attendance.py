@@ -119,6 +119,8 @@ class Attendance:
         self._note_clock()
         if not self._watch.stuck():
             self._parts.notifier.alive()
+        now = self.status()
+        self._parts.notifier.status(f"{now.level}, {f'run {now.run}' if now.run else 'between runs'} {now.what}")
 
     def _write_health(self) -> None:
         if self._report is not None:

@@ -25,6 +25,7 @@ BETWEEN_FOLDER = "between"
 BETWEEN_KEY = "between_runs"
 """In the ``run_start`` metadata: "yes" in a recording of what came between two runs."""
 CLOCK = "clock"
+CLOCK_STEPS = "clock_steps"
 """Name of the metadata record of the host's clock: the fit to GNSS time, see `ClockFit.as_metadata`, and its steps."""
 _MB = 1_000_000
 _MARKS_KEPT = 5
@@ -63,7 +64,7 @@ class Recorder:
     run : RunFiles or None
         The first run; None: begin between runs.
     base : RunInfo
-        What is known of every run that a person starts, but its id.
+        What is known of every run that a person starts; its id is that of a run without a name.
 
     Raises
     ------
@@ -76,7 +77,7 @@ class Recorder:
     def __init__(self, options: RecorderOptions, clock: HostClock, run: RunFiles | None, base: RunInfo) -> None:
         self._options = options
         self._clock = clock
-        self._base = base.model_copy(update={"id": "", "file": ""})
+        self._base = base
         self._session_id = uuid.uuid4().hex
         self._frames_before: dict[str, int] = {}
         self._bytes_before = 0
@@ -173,8 +174,9 @@ class Recorder:
 
     def start(self, run_id: str) -> str:
         """Begin a run; a running one ends. Say what people should know of it, if anything."""
-        run = new_run(self._options.folder, self._base.model_copy(update={"id": run_id}), self._options.vehicle)
-        return self._switch(run) or run.remark
+        base = self._base.model_copy(update={"id": run_id or self._base.id})
+        run = new_run(self._options.folder, base, self._options.vehicle)
+        return self._switch(run) or (run.remark if run_id else "")
 
     def stop(self) -> str:
         """End the run and record between runs; say what people should know of it, if anything."""
@@ -225,7 +227,7 @@ class Recorder:
             except OSError as error:
                 what = error.strerror or str(error)
                 raise RecordingError(Fault("the folder cannot be made", str(folder), what)) from None
-            run = new_run(folder, self._base, options.vehicle)
+            run = new_run(folder, self._base.model_copy(update={"id": ""}), options.vehicle)
             metadata[BETWEEN_KEY] = "yes"
         return PartWriter(
             run.first,
@@ -265,6 +267,11 @@ class Recorder:
         told = self._time.told(self._clock_fit) | self._clock_told
         if told:
             self._writer.add_metadata(CLOCK, told)
+        shift_ns = self._time.shift_ns
+        steps = [step for step in self._clock.steps if step.time_ns + shift_ns >= self._begun_ns]
+        if steps:
+            at = {str(step.time_ns + shift_ns): f"{step.step_s:+.6f} s" for step in steps}
+            self._writer.add_metadata(CLOCK_STEPS, at)
 
     def _note_part(self) -> None:
         """Tell of a new part, or why there is none."""
