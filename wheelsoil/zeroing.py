@@ -95,7 +95,7 @@ def _determination(run: Run, data: TransducerData, lifted: Lifted, *, on_ground:
     return Determination(
         time_utc=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=middle_us),
         recording=run.path.name,
-        sha256=sha256_of(run.path),
+        sha256=sha256_of(*run.files),
         method=part.method,
         frame=transducer.frame,
         on_ground=on_ground,
@@ -140,6 +140,12 @@ def drifts(found: Sequence[Found]) -> tuple[list[Drift], list[str]]:
         rows += changes
         remarks += doubts
     return rows, remarks
+
+
+def all_compared(found: Sequence[Found]) -> bool:
+    """Return whether there is a drift to tell from each determination to the next; False of a single one."""
+    pairs = list(pairwise(found))
+    return bool(pairs) and all(drift_between(one.determination, next_.determination)[0] for one, next_ in pairs)
 
 
 def too_far(rows: Sequence[Drift], most: Mapping[Quantity, float]) -> list[Drift]:

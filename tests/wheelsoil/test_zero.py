@@ -164,6 +164,10 @@ def test_drift_between_two_recordings(tmp_path: Path) -> None:
     assert len(load_zeros(out).zero) == 2  # the same recordings again
     resting = write_lifted(tmp_path / "rest.mcap", rested(bench), 9)
     assert "cannot be compared" in invoke("zero", before, resting, "-o", out).err
+    for unlike in ([before, resting], [before], [before, after, resting]):
+        unchecked = invoke("zero", *unlike, "-o", out, "--max-drift", "N=1e6,Nm=1e6")
+        assert unchecked.code == 1
+        assert "--max-drift cannot be checked" in unchecked.err
     assert invoke("zero", before, after, "-o", out, "--max-drift", "kg=3").code == 2
 
 

@@ -50,10 +50,10 @@ def command(
     """Find a transducer's zero from a lifted wheel: stationary and rotating part of every channel, with their sigma.
 
     Appends to zero.toml, which `log` attaches where vehicle.toml names it and `process` takes off. From two recordings
-    on, the drift from one to the next is told; beyond --max-drift the exit code is 1.
+    on, the drift from one to the next is told; beyond --max-drift, or where that cannot be told, the exit code is 1.
     """
     from daq.open import open_runs
-    from wheelsoil.zeroing import append, check_place, drifts, find_zeros, too_far, zero_path
+    from wheelsoil.zeroing import all_compared, append, check_place, drifts, find_zeros, too_far, zero_path
 
     most = _limits(max_drift)
     first = open_runs(recordings[:1], vehicle=vehicle, lenient_dbc=lenient_dbc)[0]
@@ -65,6 +65,7 @@ def command(
     rows, remarks = drifts(found)
     append(target, found)
     beyond = too_far(rows, most)
+    unknown = bool(most) and not all_compared(found)
     if json:
         print_json(_as_json(target, found, rows, remarks))
     else:
@@ -79,7 +80,9 @@ def command(
         say(f'  next: zero_file = "{target.name}" under [transducer] of vehicle.toml makes every run carry it')
     for row in beyond:
         say(f"{row.channel}: {row.part} moved by {row.change:+.4g} {row.unit}, beyond --max-drift {max_drift}")
-    if beyond:
+    if unknown:
+        say("--max-drift cannot be checked: it takes two recordings or more, all of one kind")
+    if beyond or unknown:
         raise typer.Exit(1)
 
 
