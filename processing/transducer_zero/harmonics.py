@@ -3,7 +3,7 @@ r"""Offset, once and twice per revolution of one signal, with sigmas that hold f
 A robust fit (bisquare: spikes do not count) gives the coefficients. Their covariance is the jackknife over blocks of
 time of a second or more, which are nearly independent however the samples within them depend on each other; blocks
 twice as long show what is left of that, and the larger sigma holds. From n blocks a sigma is itself uncertain, so that
-it is widened by Student's quantile for n - 1 degrees of freedom. Between 64 and 76 % of the errors of noise correlated
+it is widened by Student's quantile for n - 1 degrees of freedom. Between 64 and 82 % of the errors of noise correlated
 over 0.02 to 0.2 s lie within +-1 sigma, of spins from 2 to 40 s.
 
 What rounding to the DBC's resolution q hides is added: q/sqrt(12) for a signal that does not move,
