@@ -144,6 +144,7 @@ class Attendance:
 
     def _obey(self, command: Command) -> None:
         said = ""
+        self.note_losses()
         if command.kind == "start":
             said = self._recorder.start(command.text.strip())
         elif command.kind == "stop":

@@ -202,3 +202,25 @@ def test_a_file_that_is_named_gives_the_run_its_id(tmp_path: Path) -> None:
     info = Recording.open(path).run
     assert info is not None
     assert (info.id, info.file) == ("run", "run.mcap")
+
+
+def test_every_run_has_its_own_losses_and_the_id_that_was_asked_for(tmp_path: Path) -> None:
+    opener, panel = Opener("x"), Handset()
+    recorder = Recorder(SCRIPTED, tmp_path, opener=opener, panel=panel, wait=True, run=RunInfo(id="r", pass_number=3))
+    source = opener.source("x")
+    source.dropped = 2
+    panel.wait_for(lambda now: now["buses"][0]["kernel_drops"] == 2)
+    panel.press("start")
+    panel.wait_for(lambda now: now["run"]["id"] == "r")
+    source.give(recent_frames(1, 10))
+    source.dropped = 7
+    panel.wait_for(lambda now: now["run"]["frames"] == 10 and now["losses"] == {"kernel.x": 7})
+    panel.press("start")
+    panel.wait_for(lambda now: now["run"]["id"] == "r-2")
+    summary = recorder.end()
+    assert summary.losses == {"kernel.x": 7}
+    dropped = [Recording.open(path).metadata["run_end"]["drops.x"] for path in summary.paths]
+    assert dropped == ["2", "5", "0"]
+    run = Recording.open(tmp_path / "r-2.mcap").run
+    assert run is not None
+    assert run.pass_number == 3
