@@ -77,6 +77,7 @@ class ZeroRemoval:
         self._span_ns = (0, 0)
         self._held: dict[str, tuple[IntArray, FloatArray]] = {}
         self._angle: tuple[IntArray, FloatArray] = (np.zeros(0, np.int64), np.zeros(0))
+        self._angle_comes = False
         self._turning, self._without_angle = 0, 0
 
     @property
@@ -97,13 +98,14 @@ class ZeroRemoval:
             self._begin(passed)
             angle = passed.get("wheel_angle")
             if angle is not None:
+                self._angle_comes = True
                 self._take_angle(angle)
                 if self._vehicle.transducer.frame == "vehicle":
                     del passed["wheel_angle"]
             for role, zero in (self._chosen or {}).items():
                 if role in passed and len(passed[role]):
                     self._span_ns = (self._span_ns[0], int(passed[role].time_ns[-1]))
-                    passed[role] = self._taken(passed[role], zero, waits=angle is not None)
+                    passed[role] = self._taken(passed[role], zero)
             self._forget()
             yield passed
         yield {role: self._corrected(role, held, np.iinfo(np.int64).max) for role, held in list(self._held.items())}
@@ -176,9 +178,9 @@ class ZeroRemoval:
         keep = time_ns >= keep_ns
         self._angle = (time_ns[keep], values[keep])
 
-    def _taken(self, channel: Channel, zero: RoleZero, *, waits: bool) -> Channel:
+    def _taken(self, channel: Channel, zero: RoleZero) -> Channel:
         """Return what is ready of a channel, and hold the rest."""
-        if not (zero.turns and waits):
+        if not (zero.turns and self._angle_comes):
             return self._corrected(channel.name, (channel.time_ns, channel.values), np.iinfo(np.int64).max)
         held = self._held.get(channel.name, (channel.time_ns[:0], channel.values[:0]))
         joined = (np.concatenate([held[0], channel.time_ns]), np.concatenate([held[1], channel.values]))
