@@ -126,11 +126,14 @@ def systematic_sigma(role: str, zeros: dict[str, RoleZero], frame: str, time_ns:
     """Return what the zero leaves uncertain of a role's mean over whole revolutions, in vehicle axes, SI.
 
     In wheel axes a stationary error turns away, and what stays is the rotating one: both forces share it,
-    delta F_x = (delta b_x + delta c_z) / 2.
+    delta F_x = (delta b_x + delta c_z) / 2. NaN of a force whose zero is of a standstill: in vehicle axes its mean is
+    wrong by the rotating zero at that wheel angle, in wheel axes by what the declared weight is; neither is known.
     """
     sigmas = zeros[role].sigmas_at(time_ns)
-    if frame == "vehicle" or role == "driving_torque":
+    if role == "driving_torque":
         return float(sigmas[0])
+    if frame == "vehicle":
+        return float(sigmas[0]) if zeros[role].turns else float("nan")
     if "drawbar_pull" not in zeros or "vertical_load" not in zeros:
         return float("nan")
     turning = [zeros[one].sigmas_at(time_ns)[1] for one in ("drawbar_pull", "vertical_load")]

@@ -70,6 +70,11 @@ def _doubts(one: Determination, span_ns: tuple[int, int], temperature_degc: floa
         doubts.append(f"the zero was taken at {there:.0f} degC, and the run began at {temperature_degc:.0f} degC")
     if one.method == "standstill" and one.frame == "wheel":
         doubts.append("the zero is of a standstill in wheel axes: the outboard weight is the declared one")
+    elif one.method == "standstill":
+        doubts.append(
+            "the zero is of a standstill: the transducer's rotating zero is not known, and its part at that wheel "
+            "angle is taken off the mean of the forces"
+        )
     return doubts
 
 

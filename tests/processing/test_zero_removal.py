@@ -173,6 +173,14 @@ def test_the_systematic_sigma_in_wheel_axes_is_the_rotating_one() -> None:
     assert any("the outboard weight is the declared one" in note for note in rest.quality.notes)
 
 
+def test_after_a_standstill_in_vehicle_axes_the_systematic_sigma_of_the_forces_is_not_known() -> None:
+    rest = process(_channels("vehicle"), _config(), zeros=RunZeros((WAYS["standstill, vehicle axes"][3],)))
+    sigma = {role: facts.systematic_sigma for role, facts in rest.quality.sensors.items()}
+    assert np.isnan([sigma["drawbar_pull"], sigma["vertical_load"]]).all()  # and both are wrong by 60 to 130 N
+    assert sigma["driving_torque"] == pytest.approx(3.0)
+    assert any("the transducer's rotating zero is not known" in note for note in rest.quality.notes)
+
+
 def test_without_the_angle_only_the_stationary_part_comes_off() -> None:
     channels = _channels("vehicle")
     del channels["wheel_angle"]
