@@ -1,11 +1,14 @@
 """Sends numbered frames at a steady rate and notes when: ``numbered.py RATE_HZ SECONDS LOG BUS ...``, in a guest.
 
+With ``FREEZE_AT=NUMBER`` in the environment the waves stand still from that frame on.
+
 A frame's data are its number (32 bits), a wave (16 bits) and a counter (16 bits), see `DBC`; the log is written
 through to this machine's disk, so that it outlives the guest. A delay is not made up for: the rate is never higher.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from pathlib import Path
@@ -32,14 +35,14 @@ BO_ {FIRST_ID + i} Load_{i}: 8 Node
 )
 
 
-def frames(first: int, count: int) -> FrameArray:
+def frames(first: int, count: int, freeze_at: int = 2**32) -> FrameArray:
     """Return the frames with the numbers from `first` on."""
     made = np.zeros(count, CLASSIC_DTYPE)
     number = np.arange(first, first + count)
     made["can_id"] = FIRST_ID + number % IDS
     made["length"] = 8
     made["data"][:, :4] = number.astype("<u4")[:, None].view(np.uint8)
-    wave = (10_000 * np.sin(number / 4000.0)).astype("<i2")
+    wave = (10_000 * np.sin(np.minimum(number, freeze_at) / 4000.0)).astype("<i2")
     made["data"][:, 4:6] = wave[:, None].view(np.uint8)
     made["data"][:, 6:] = (number // IDS).astype("<u2")[:, None].view(np.uint8)
     return made
@@ -54,11 +57,12 @@ def send(rate_hz: float, seconds: float, log: Path, buses: list[str]) -> None:
     """Send to every bus at `rate_hz`."""
     sinks = [SocketCanSink(bus) for bus in buses]
     size = max(1, round(rate_hz * BATCH_S))
+    freeze_at = int(os.environ.get("FREEZE_AT", 2**32))
     first, due = 0, time.monotonic()
     end = due + seconds
     with log.open("wb", buffering=0) as file:
         while due < end:
-            made = frames(first, size)
+            made = frames(first, size, freeze_at)
             for sink in sinks:
                 sink.send(made, 5.0)
             first += size

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from vcan.guest import GuestResult
-from vcan.session import in_folder, make_vehicle, received_numbers, sent_log
+from vcan.session import ROLES, in_folder, make_vehicle, received_numbers, sent_log
 
 from daq.recording import Recording
 
@@ -23,7 +23,6 @@ SECONDS = int(os.environ.get("WHEELSOIL_SOAK_S", "180"))
 RATE_HZ = 8000
 WARM_UP_S = 60
 MOST_GROWTH = 0.05
-ROLES = '[signals]\ndrawbar_pull = "Load_0.Wave"\nvertical_load = "Load_1.Wave"\n'
 
 
 def soaking(folder: Path) -> str:
