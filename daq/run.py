@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import chain
@@ -165,15 +165,30 @@ class Run:
         """
         return self.recording.frame_batches() if self.recording else read_log(self.path)
 
-    def channel_batches(self, roles: Collection[str] = ROLES) -> Iterator[dict[str, Channel]]:
+    def channel_batches(
+        self, roles: Collection[str] = ROLES, watch: Callable[[FrameBatch], None] | None = None
+    ) -> Iterator[dict[str, Channel]]:
         """Yield the channels of some roles piece by piece, in bounded memory; see `channels`.
 
         The raw frames are decoded, never the decoded topics, and only the signals that are asked for. The first piece
         is empty, so that every role is known even where no frame ever came.
+
+        Parameters
+        ----------
+        roles : collection of str
+        watch : callable, optional
+            Is shown the frames that are decoded.
+
+        Raises
+        ------
+        ConfigError, RecordingError
+            See `channels`.
         """
         references = resolve_roles(self.vehicle, self.databases, (), roles)
         decoder = Decoder(self.databases, {reference.name for reference in references.values()})
         for batch in chain([FrameBatch.empty(tuple(self.databases))], self.frame_batches()):
+            if watch:
+                watch(batch)
             decoded = decoder.decode(batch)
             yield {role: _in_our_units(reference, decoded[reference.key]) for role, reference in references.items()}
 

@@ -16,6 +16,7 @@ from daq.identify import Coverage, coverage
 from daq.logs import LogReading
 from daq.recording import Event, Recording, Topic
 from daq.run import Run
+from daq.unsure_times import UnsureTimes
 
 _BLOCK_BYTES = 1 << 20
 _NO_END = "no end of the run"
@@ -75,6 +76,10 @@ class FileFacts:
         ``missing.<bus>.<message>``.
     events : tuple of Event
         Marks and what else happened, in their order.
+    unsure_frames : int
+        Frames that came while the host's clock was set.
+    unsure_within_s : float
+        By how much their times can be wrong; NaN where that is not known.
     clock, clock_steps : mapping str -> str
         Metadata records of these names: host against GNSS time, steps of the host's clock.
     coverage : Coverage
@@ -101,6 +106,8 @@ class FileFacts:
     drops: dict[str, int]
     losses: dict[str, int]
     events: tuple[Event, ...]
+    unsure_frames: int
+    unsure_within_s: float
     clock: dict[str, str]
     clock_steps: dict[str, str]
     coverage: Coverage
@@ -161,6 +168,8 @@ def file_facts(run: Run, watch: Callable[[int], None] | None = None) -> FileFact
         drops=recording.drops if recording else {},
         losses=recording.losses if recording else {},
         events=events,
+        unsure_frames=tally.unsure.frames,
+        unsure_within_s=tally.unsure.within_s,
         clock=metadata.get("clock", {}),
         clock_steps=metadata.get("clock_steps", {}),
         coverage=tally.coverage,
@@ -205,6 +214,7 @@ class _Tally:
     def __init__(self) -> None:
         self.frames: dict[str, int] = {}
         self.coverage = Coverage()
+        self.unsure = UnsureTimes()
         self.start_ns: int | None = None
         self.end_ns: int | None = None
         self.report: Any = None
@@ -225,6 +235,7 @@ def _tally(run: Run, watch: Callable[[int], None] | None) -> _Tally:
         for bus, count in zip(batch.buses, counts.tolist(), strict=True):
             tally.frames[bus] = tally.frames.get(bus, 0) + count
         tally.coverage = tally.coverage + coverage(batch, run.databases)
+        tally.unsure.take(batch)
         if len(batch):
             first, last = int(batch.frames["time_ns"].min()), int(batch.frames["time_ns"].max())
             tally.start_ns = first if tally.start_ns is None else min(first, tally.start_ns)

@@ -12,6 +12,7 @@ from daq.buses import no_bus_in_common
 from daq.errors import ConfigError, DataError, Fault
 from daq.open import Collected, open_runs
 from daq.run import VEHICLE_FILE, Run
+from daq.unsure_times import UnsureTimes
 from processing.options import ProcessOptions
 from processing.processed_run import ProcessedRun
 from wheelsoil.cli.talk import progress, say
@@ -53,8 +54,10 @@ def process_runs(
         with collected.catch():
             _check_vehicle(run)
             try:
-                zeros = zeros_for(run, zero)
-                processed.append((run, process_stream(run.channel_batches(), run.vehicle, run.info, options, zeros)))
+                unsure = UnsureTimes()
+                channels = run.channel_batches(watch=unsure.take)
+                one = process_stream(channels, run.vehicle, run.info, options, zeros_for(run, zero))
+                processed.append((run, _with_note(one, unsure.note())))
             except (ConfigError, DataError) as error:
                 raise _explained(run, error) from None
         if run.recording and run.recording.loss:
@@ -62,6 +65,10 @@ def process_runs(
             say("  next: `wheelsoil recover` makes a whole file of what can be read")
     collected.stop_if_any()
     return processed
+
+
+def _with_note(run: ProcessedRun, note: str) -> ProcessedRun:
+    return replace(run, quality=replace(run.quality, notes=(note, *run.quality.notes))) if note else run
 
 
 def _check_vehicle(run: Run) -> None:

@@ -121,6 +121,7 @@ def _head(facts: FileFacts) -> list[tuple[str, str]]:
         ("attached", ", ".join(f"{name} ({size:,} B)" for name, size in facts.attachments.items())),
         ("end", facts.exit_status),
         ("clock", _clock(facts.clock)),
+        ("unsure time", _unsure(facts)),
         ("clock steps", ", ".join(f"{key} {text}" for key, text in facts.clock_steps.items())),
     ]
     return lines + [("loss", text) for text in facts.loss] + [("remark", text) for text in facts.remarks]
@@ -142,6 +143,14 @@ def _clock(clock: Mapping[str, str]) -> str:
             sigma = f" ± {_shortened(clock[sigma_key])}" if sigma_key in clock else ""
             shown.append(f"{label} {_shortened(clock[key])}{sigma} {unit}".rstrip())
     return ", ".join(shown)
+
+
+def _unsure(facts: FileFacts) -> str:
+    """Return how many frames came while the host's clock was set; empty where none did."""
+    if not facts.unsure_frames:
+        return ""
+    known = facts.unsure_within_s == facts.unsure_within_s
+    return f"{facts.unsure_frames:,} frames" + (f", wrong by up to {facts.unsure_within_s:.3g} s" if known else "")
 
 
 def _shortened(text: str) -> str:
