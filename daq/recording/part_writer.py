@@ -18,7 +18,7 @@ from daq.recording.chunks import Compression
 from daq.recording.diagnostics import DiagnosticStatus
 from daq.recording.events import Event
 from daq.recording.format import LOSSES
-from daq.recording.parts import ROTATED, part_path, parts_on_disk
+from daq.recording.parts import ROTATED, part_number, part_path, parts_on_disk
 from daq.recording.writer import RecordingWriter
 
 _RETRY_AFTER_S = 10.0
@@ -62,7 +62,7 @@ class PartWriter:
     Raises
     ------
     RecordingError
-        If the first file is there already or cannot be made.
+        If the first file is there already or cannot be made, or its name is that of a later part.
     HardwareError
         From any method, if the disk fails or is full. What was written before stays readable.
     """
@@ -81,6 +81,9 @@ class PartWriter:
         **options: Unpack[WriterOptions],
     ) -> None:
         self.first_path = Path(path)
+        if part_number(self.first_path)[1] > 1:
+            what = "a run cannot be called as a part of another run is"
+            raise RecordingError(Fault(what, str(path), next_step='leave ".part" and the number out of its name'))
         self._run = run
         self._attachments = dict(attachments or {})
         self._metadata = {**(metadata or {}), "session": session_id}
@@ -213,7 +216,7 @@ class PartWriter:
             If the next file cannot be opened: the run then goes on in the old one.
         """
         self._writer.flush()
-        number = max(self._part, *parts_on_disk(self.first_path)) + 1
+        number = max([self._part, *parts_on_disk(self.first_path)]) + 1
         following = self._opened(number, self.path.name)
         old = self._writer
         frames, drops = old.frame_counts, _less(self._drops, self._drops_before)

@@ -188,6 +188,28 @@ def test_the_next_part_is_told_by_what_is_there(tmp_path):
     assert part_number(tmp_path / "r.part1.mcap") == (tmp_path / "r.part1.mcap", 1)
 
 
+def test_a_run_goes_on_although_its_files_were_moved_away(tmp_path):
+    first = tmp_path / "r.mcap"
+    with writer(first) as parts:
+        parts.write_frames(FRAMES[:100])
+        first.rename(tmp_path / "copied.mcap")
+        parts.rotate()
+        parts.write_frames(FRAMES[100:200])
+    assert list(parts_on_disk(first)) == [2]
+    assert len(Recording.open(tmp_path / "copied.mcap").frames()) == len(all_frames(first)) == 100
+
+
+@pytest.mark.parametrize("name", ["r.part2.mcap", "r.part12.mcap"])
+def test_a_run_is_not_called_as_a_part(tmp_path, name):
+    with pytest.raises(RecordingError, match="cannot be called as a part"):
+        writer(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+    for fine in ("r.part.mcap", "r.part1.mcap", "r.part02.mcap", "part2.mcap"):
+        with writer(tmp_path / fine) as parts:
+            parts.rotate()
+        assert list(parts_on_disk(tmp_path / fine)) == [1, 2]
+
+
 def test_a_killed_run_goes_on_in_the_next_part(tmp_path):
     first = tmp_path / "r.mcap"
     killed = writer(first)
