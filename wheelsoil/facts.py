@@ -147,6 +147,7 @@ def file_facts(run: Run, watch: Callable[[int], None] | None = None) -> FileFact
     recording = run.recording
     metadata = recording.metadata if recording else {}
     events = recording.events() if recording else ()
+    parts = tuple(map(_part_facts, recording.parts)) if recording else ()
     kind = "recording" if recording and recording.has_raw_frames else "recording without raw frames"
     remarks = lenient_remarks(run.databases)
     if tally.report is not None:
@@ -157,8 +158,8 @@ def file_facts(run: Run, watch: Callable[[int], None] | None = None) -> FileFact
         file=str(run.path),
         kind=kind,
         bytes=sum(file.stat().st_size for file in run.files),
-        sha256=sha256_of(*run.files),
-        parts=tuple(map(_part_facts, recording.parts)) if recording else (),
+        sha256=parts[0].sha256 if len(parts) == 1 else sha256_of(*run.files),
+        parts=parts,
         info=run.info,
         vehicle=run.vehicle.vehicle.name if run.vehicle.bus or run.vehicle.wheel else "",
         terrain=run.terrain.soil.name if run.terrain else "",
