@@ -14,6 +14,7 @@ from pathlib import Path
 from daq.errors import ConfigError, Fault, RecordingError, WheelsoilError, nearest
 from daq.recording import RunRecording
 from daq.recording.parts import part_number, parts_on_disk
+from daq.recording.recover import RECOVERED
 from daq.run import (
     LENIENT_KEY,
     RUNS_FILE,
@@ -48,7 +49,8 @@ def open_runs(
     paths : sequence of path
         A recording (MCAP), a log of any format that `daq.logs.read_log` knows, or a folder with ``vehicle.toml``,
         ``terrain.toml``, ``runs.toml``, the DBCs and the runs. Without ``runs.toml`` every recording and log of the
-        folder is a run, in the order of their names. A file that is named by itself takes what lies beside it.
+        folder is a run, in the order of their names, but for what `recover` made of one that is there. A file that is
+        named by itself takes what lies beside it.
         The parts of a run (``R.mcap``, ``R.part2.mcap``, ...) are one run, whichever of them is named.
     vehicle, terrain, runs : path, optional
         Files that override what folders and recordings carry; the names of DBCs start at the folder of vehicle.toml.
@@ -85,11 +87,14 @@ def open_runs(
             known = known_in(path, lenient_dbc) if whole else known_in(path.parent, lenient_dbc or _is_lenient(path))
             if known is None:
                 continue
+            before = len(opened)
             for file in _files_of(path, known, collected) if whole else [path]:
                 with collected.catch():
                     if file.resolve() not in taken:
                         opened.append(_open_file(file, known, lenient_dbc))
                         taken |= _other_parts(opened[-1])
+            if whole and known.runs is None:
+                opened[before:] = _without_copies(opened[before:])
     collected.stop_if_any()
     return _told_apart(opened)
 
@@ -191,6 +196,17 @@ def _other_parts(run: Run) -> set[Path]:
     if run.recording is None or len(run.files) + len(run.recording.unreadable) == 1:
         return set()
     return {file.resolve() for file in (*run.files, *run.recording.unreadable)}
+
+
+def _without_copies(runs: list[Run]) -> list[Run]:
+    """Leave out what was recovered from a file that is there itself: its frames would count twice."""
+    there = {file for run in runs for file in run.files}
+
+    def is_copy(run: Run) -> bool:
+        source = run.recording.metadata.get(RECOVERED, {}).get("source") if run.recording else None
+        return source is not None and run.path.parent / source in there
+
+    return [run for run in runs if not is_copy(run)]
 
 
 def _known_in(folder: Path, given: Configuration, collected: Collected, lenient_dbc: bool) -> Configuration | None:

@@ -15,7 +15,7 @@ from daq.errors import ConfigError, DatabaseError, RecordingError
 from daq.frames import FrameBatch, concatenate
 from daq.logs import write_candump
 from daq.open import open_runs
-from daq.recording import RecordingWriter
+from daq.recording import RecordingWriter, recover
 
 START_NS = 1_700_000_000_000_000_000
 VEHICLE = """
@@ -165,6 +165,20 @@ def test_runs_of_one_name_are_told_apart(tmp_path):
     paths = [record(tmp_path / f"{i}.mcap", frames(), RunInfo(id="run"), vehicle=VEHICLE) for i in range(3)]
     assert [run.id for run in open_runs(paths)] == ["run", "run-2", "run-3"]
     assert [run.info.id for run in open_runs(paths)] == ["run", "run-2", "run-3"]
+
+
+@pytest.mark.parametrize("copy", ["a-recovered.mcap", "A.mcap"])
+def test_a_recovered_copy_beside_its_source_is_no_second_run(tmp_path, copy):
+    path = record(tmp_path / "a.mcap", frames(), RunInfo(id="a"), vehicle=VEHICLE)
+    path.write_bytes(path.read_bytes()[:-40])
+    recover(path, tmp_path / copy)
+    (run,) = open_runs([tmp_path])
+    assert run.path == path
+    assert [run.path.name for run in open_runs([tmp_path / copy])] == [copy]
+    path.unlink()
+    (run,) = open_runs([tmp_path])
+    assert run.path.name == copy
+    assert sum(len(batch) for batch in run.frame_batches()) == 200
 
 
 def test_all_faults_are_told_at_once(tmp_path):
