@@ -102,7 +102,7 @@ def gnss_time(now: Situation) -> Iterator[Line]:
         yield warned("gnss_time", "it stands still", "wait for a fix, or listen longer: --listen 10")
         return
     found = f"host minus GNSS {fit.offset_s:+.3f} s (delay included), jitter {1e3 * fit.residual_s:.1f} ms"
-    if abs(abs(fit.offset_s) - _LEAP_S) < _FAR_S:
+    if abs(fit.offset_s + _LEAP_S) < _FAR_S:
         yield passed("gnss_time", f"{found}: GPS time, which has no leap seconds")
     elif abs(fit.offset_s) > _FAR_S:
         step = f"the fit allows for it, but set the clock if it is the host's that is wrong: {_CHRONY}"

@@ -114,7 +114,7 @@ def _ip_details(name: str) -> dict[str, Any]:
     if program is None:
         return {}
     command = [program, "-details", "-json", "link", "show", "dev", name]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=10)
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     try:
         found: list[dict[str, Any]] = json.loads(done.stdout or "[]")
     except ValueError:

@@ -167,6 +167,7 @@ CASES = [
     Case("GNSS fix", "fail", "no fix", lambda folder, _: heard(folder, SpeedValid=0.0)),
     Case("GNSS time", "pass", "jitter", lambda _, ready: ready),
     Case("GNSS time", "pass", "leap seconds", lambda folder, _: heard(folder, TimeOfDay=18.0)),
+    Case("GNSS time", "warn", "+18", lambda folder, _: heard(folder, TimeOfDay=-18.0)),
     Case("GNSS time", "warn", "+60", lambda folder, _: heard(folder, TimeOfDay=-60.0)),
     Case("host clock", "pass", "UTC", lambda _, ready: ready),
     Case("host clock", "fail", "never set", lambda *_: judged_time(datetime(1970, 1, 1, tzinfo=UTC))),
