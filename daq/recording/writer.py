@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -198,7 +199,7 @@ class RecordingWriter:
             On the recording's time base.
         bus : str
         realtime_minus_monotonic_ns : int
-            The host's CLOCK_REALTIME less its CLOCK_MONOTONIC.
+            The host's CLOCK_REALTIME less its monotonic clock (`daq.host_clock.monotonic_ns`: on Linux CLOCK_BOOTTIME).
         file_minus_realtime_ns : int
             The recording's time base less the host's CLOCK_REALTIME.
         """
@@ -222,6 +223,13 @@ class RecordingWriter:
         self._synced_at = time.monotonic()
         self.flush()
         self._sink.sync()
+
+    @property
+    def flush_due_s(self) -> float:
+        """In how many seconds it is time to flush; negative when it is, infinite if that is only done when told."""
+        if self._flush_every_s is None:
+            return math.inf
+        return self._flushed_at + self._flush_every_s - time.monotonic()
 
     def tick(self) -> None:
         """Flush and sync if it is time to. Every write does this; call it when there is nothing to write.
