@@ -211,16 +211,17 @@ def zeros_for(run: Run, given: Path | None = None) -> RunZeros:
         It is wrong, or vehicle.toml names one that neither the recording carries nor lies beside it.
     """
     name = run.vehicle.transducer.zero_file
+    attached = {**(run.recording.attachments if run.recording else {}), **run.attachments}
     if given is not None:
         zeros, source = load_zeros(given), str(given)
     elif not name:
         return RunZeros()
-    elif name in run.attachments:
-        zeros, source = parse_zeros(run.attachments[name], f"{run.path}: {name}"), name
+    elif name in attached:
+        zeros, source = parse_zeros(attached[name], f"{run.path}: {name}"), name
     else:
         raise ConfigError(
             Fault(
-                f"no {name!r} lies beside vehicle.toml, which names it as its zero file",
+                f"no {name!r} lies beside vehicle.toml, which names it as its zero file, and the run carries none",
                 run.vehicle_source,
                 next_step="determine it (wheelsoil zero), give --zero FILE, or take zero_file out of [transducer]",
             )

@@ -147,6 +147,12 @@ def test_a_recording_carries_its_zeros_and_says_them(tmp_path: Path) -> None:
     text = ok("process", alone)
     assert "zero +-" in text.out
     assert "60 min before the run" in text.err
+    (folder / "z.toml").unlink()  # a vehicle.toml without it beside it: what the recording carries holds
+    (again,) = ok("process", alone, "--vehicle", folder / "vehicle.toml", "--json").json
+    assert again["summary"] == told["summary"]
+    nowhere = invoke("process", folder / "run.mcap")
+    assert nowhere.code == 2
+    assert "no 'z.toml' lies beside vehicle.toml" in nowhere.err
     broken = tmp_path / "broken.toml"
     broken.write_text("[[zero]]\n")
     assert invoke("process", alone, "--zero", broken).code == 2
