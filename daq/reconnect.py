@@ -7,6 +7,7 @@ bus say so in error frames, and those are believed.
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable
@@ -129,6 +130,9 @@ class ReconnectingSource:
         except HardwareError as error:
             self._give_up(error.faults[0])
             return FrameBatch.empty((self.name,))
+        except Exception as error:  # noqa: BLE001 - a bug in a driver must cost no more than a reconnection
+            self._give_up(_driver_fault(self.name, error))
+            return FrameBatch.empty((self.name,))
         if self._state != "up" or (len(batch) and bool((batch.frames["flags"] & FrameFlag.ERROR).any())):
             self._judge(batch)
         return batch
@@ -140,8 +144,9 @@ class ReconnectingSource:
     def close(self) -> None:
         """See `daq.can_source.Source`."""
         with self._lock:
-            if self._source is not None:
-                self._source.close()
+            source = self._source
+        if source is not None:
+            _close(source)
 
     def _judge(self, batch: FrameBatch) -> None:
         """Read from frames, or from the interface, whether the bus is up."""
@@ -175,6 +180,10 @@ class ReconnectingSource:
             self._fault = error.faults[0]
             self._retry_at = time.monotonic() + RETRY_S
             return False
+        except Exception as error:  # noqa: BLE001 - as in `read`
+            self._fault = _driver_fault(self.name, error)
+            self._retry_at = time.monotonic() + RETRY_S
+            return False
         finally:
             self.opening = False
         with self._lock:
@@ -186,14 +195,14 @@ class ReconnectingSource:
         return True
 
     def _give_up(self, fault: Fault) -> None:
-        """Close a source that failed, and keep what it counted."""
+        """Close a source that failed, and keep what it counted; nobody waits for its driver meanwhile."""
         with self._lock:
-            assert self._source is not None
-            self._source.close()
-            self._before = _added(self._before, self._source.counters)
-            self._source = None
-        self._retry_at = time.monotonic() + FIRST_RETRY_S
+            source, self._source = self._source, None
+            assert source is not None
+            self._before = _added(self._before, source.counters)
         self._go("down", fault)
+        _close(source)
+        self._retry_at = time.monotonic() + FIRST_RETRY_S
 
     def _go(self, state: Literal["up", "down", "bus_off"], fault: Fault | None) -> None:
         self._fault = fault
@@ -210,6 +219,17 @@ class ReconnectingSource:
         self._state = state
         with self._lock:
             self._changes.append(BusChange(self.name, state, text))
+
+
+def _close(source: Source) -> None:
+    """Close a source; a driver whose adapter was pulled out may fail at that too."""
+    with contextlib.suppress(Exception):
+        source.close()
+
+
+def _driver_fault(name: str, error: Exception) -> Fault:
+    found, step = f"{type(error).__name__}: {error}", "check the adapter and its cable"
+    return Fault("the interface's driver failed", f"bus {name}", found, next_step=step)
 
 
 def _said(fault: Fault) -> str:

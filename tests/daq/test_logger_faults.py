@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from frames_support import content
-from logger_support import Handset, Opener, Recorder, recent_frames, virtual_bus, wait_until
+from logger_support import Handset, Opener, Recorder, ScriptedSource, recent_frames, virtual_bus, wait_until
 
 from daq.can_source import InterfaceDownError, open_sink
 from daq.config import BusSection, LoggerSection, VehicleConfig
@@ -267,3 +267,55 @@ def test_a_folder_that_must_not_be_written_is_a_usage_error(tmp_path: Path) -> N
     with pytest.raises(ConfigError, match="the folder cannot be made"):
         log(SCRIPTED, "/proc/out", duration_s=0.1, opener=Opener("x"))
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("moment", ["reading", "closing", "opening again"])
+def test_a_driver_that_fails_in_its_own_way_is_opened_again(tmp_path: Path, moment: str) -> None:
+    """The driver of an adapter that was pulled out raises what it likes, when it is closed too."""
+    failures: list[KeyError] = [KeyError("endpoint")]
+
+    class Driver(ScriptedSource):
+        def read(self, timeout_s: float) -> FrameBatch:
+            if moment == "reading" and failures:
+                raise failures.pop()
+            return super().read(timeout_s)
+
+        def close(self) -> None:
+            super().close()
+            if moment == "closing":
+                raise KeyError("endpoint")
+
+    opened: list[Driver] = []
+
+    def opener(bus: BusSection) -> Driver:
+        if moment == "opening again" and opened and failures:
+            raise failures.pop()
+        opened.append(Driver(bus.channel))
+        return opened[-1]
+
+    panel = Handset()
+    recorder = Recorder(SCRIPTED, tmp_path, opener=opener, panel=panel)
+    if moment != "reading":
+        opened[0].fail()
+    wait_until(lambda: len(opened) == 2)
+    opened[1].give(recent_frames(1, 10))
+    panel.wait_for(lambda now: now["buses"][0]["frames"] == 10 and now["buses"][0]["state"] == "up")
+    summary = recorder.end()
+    assert summary.frames == {"x": 10}
+    assert len(texts(summary, "bus")) == 2
+
+
+def test_a_driver_that_hangs_when_it_is_closed_stops_no_other_bus(tmp_path: Path) -> None:
+    released = threading.Event()
+    opener, panel = Opener("x", "y"), Handset()
+    vehicle = VehicleConfig(bus=(BusSection(channel="x"), BusSection(channel="y")))
+    recorder = Recorder(vehicle, tmp_path, opener=opener, panel=panel)
+    stuck = opener.source("x")
+    stuck.close = lambda: released.wait(60)  # type: ignore[assignment, method-assign, return-value]
+    stuck.fail("the adapter is gone")
+    panel.wait_for(lambda now: now["buses"][0]["state"] == "down")
+    opener.source("y").give(recent_frames(1, 10, "y"))
+    panel.wait_for(lambda now: now["buses"][1]["frames"] == 10)
+    assert not released.is_set()
+    released.set()
+    assert recorder.end().frames == {"x": 0, "y": 10}
