@@ -54,8 +54,8 @@ def log(
 ) -> LogSummary:
     """Record every bus of a vehicle.
 
-    SIGINT and SIGTERM end it like the end of `duration_s`: what is there is written, and the recording is closed.
-    A bus that fails or is taken down on the way is opened again for as long as it takes.
+    SIGINT, SIGTERM and SIGHUP end it like the end of `duration_s`: what is there is written, and the recording
+    is closed. A bus that fails or is taken down on the way is opened again for as long as it takes.
 
     Parameters
     ----------

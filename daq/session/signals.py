@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM as something that can be looked at."""
+"""The signals that end a recording, as something that can be looked at."""
 
 from __future__ import annotations
 
@@ -8,10 +8,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
 
 @contextmanager
 def caught_signals() -> Iterator[list[int]]:
-    """Catch SIGINT and SIGTERM into a list; only the main thread may, elsewhere nothing is caught."""
+    """Catch SIGINT, SIGTERM and SIGHUP into a list; only the main thread may, elsewhere nothing is caught.
+
+    SIGHUP comes when the terminal is closed, or the connection to it breaks; where it is ignored (``nohup``), it
+    stays so.
+    """
     caught: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield caught
@@ -21,7 +27,8 @@ def caught_signals() -> Iterator[list[int]]:
         del frame
         caught.append(number)
 
-    before = {number: signal.signal(number, catch) for number in (signal.SIGINT, signal.SIGTERM)}
+    wanted = [number for number in _ENDING if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, catch) for number in wanted}
     try:
         yield caught
     finally:

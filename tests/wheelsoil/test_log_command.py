@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+import pty
+import select
 import signal
 import socket
 import subprocess
 import sys
+import termios
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -98,6 +102,34 @@ def test_the_page_shows_the_run_that_is_recorded(tmp_path):
     assert Recording.open(tmp_path / "out" / "seven.mcap").metadata["run_end"]["exit_status"] == "interrupted"
 
 
+def test_a_terminal_that_is_closed_ends_the_recording_as_ctrl_c_does(tmp_path):
+    """As where the connection of an ssh session breaks."""
+    vehicle, out = write_vehicle(tmp_path, "hung-up"), tmp_path / "out"
+    held, terminal = pty.openpty()
+    with subprocess.Popen(
+        [str(PROGRAM), "log", vehicle, "-o", out, "--no-page"],
+        stdin=terminal, stdout=terminal, stderr=terminal, start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(terminal, termios.TIOCSCTTY, 0),
+    ) as process:  # fmt: skip
+        os.close(terminal)
+        wait_until(lambda: list(out.glob("*.mcap")) and select.select([held], [], [], 0)[0])
+        os.read(held, 1000)
+        os.close(held)
+        assert process.wait(30) == 128 + signal.SIGHUP
+    (path,) = out.glob("*.mcap")
+    assert Recording.open(path).metadata["run_end"]["exit_status"] == "interrupted"
+
+
+def test_a_logger_that_was_told_to_stay_ignores_the_end_of_its_terminal(tmp_path):
+    vehicle, out = write_vehicle(tmp_path, "stays"), tmp_path / "out"
+    command = ["nohup", str(PROGRAM), "log", vehicle, "-o", out, "--no-page"]
+    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        wait_until(lambda: list(out.glob("*.mcap")))
+        process.send_signal(signal.SIGHUP)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 128 + signal.SIGINT
+
+
 def test_a_token_is_read_from_a_file(tmp_path):
     vehicle, empty = write_vehicle(tmp_path, "token"), tmp_path / "token"
     empty.touch()
@@ -148,5 +180,13 @@ def test_a_role_that_names_no_signal_is_told_and_recorded_all_the_same(tmp_path)
 
 def test_the_help_names_every_exit_code():
     text = " ".join(ok("log", "--help").out.split())
-    for code in ("0 ok", "1 a bus was silent", "2 usage", "3 the recording is there", "4 a bus was down", "130 Ctrl-C"):
+    for code in (
+        "0 ok",
+        "1 a bus was silent",
+        "2 usage",
+        "3 the recording is there",
+        "4 a bus was down",
+        "129 the terminal",
+        "130 Ctrl-C",
+    ):
         assert code in text

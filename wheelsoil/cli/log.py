@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import signal
+import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -74,7 +76,7 @@ def command(
 
     Exit codes: 0 ok; 1 a bus was silent all the time; 2 usage or configuration; 3 the recording is there already;
     4 a bus was down at the end, the disk is full, no such interface, another logger in the folder, the page's port
-    is taken; 130 Ctrl-C, 143 SIGTERM (nothing is lost by either).
+    is taken; 129 the terminal was closed, 130 Ctrl-C, 143 SIGTERM (nothing is lost by any of them).
     """
     from daq.logger import log
     from daq.run import LENIENT_KEY
@@ -98,8 +100,18 @@ def command(
             panel=panel,
             progress=progress,
         )
+        if summary.signal_number == signal.SIGHUP:
+            _hang_up()
     _tell(summary, json)
     _leave(summary, known.vehicle)
+
+
+def _hang_up() -> None:
+    """Say nothing more to a terminal that is gone."""
+    with Path(os.devnull).open("wb") as nobody:
+        for stream in (sys.stdout, sys.stderr):
+            if stat.S_ISCHR(os.fstat(stream.fileno()).st_mode):
+                os.dup2(nobody.fileno(), stream.fileno())
 
 
 def _leave(summary: LogSummary, vehicle: VehicleConfig) -> None:
