@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,6 +12,7 @@ from pathlib import Path
 from daq.config import RunInfo, VehicleConfig
 from daq.errors import Fault, RecordingError
 from daq.recording import Recording
+from daq.recording.contents import MAGIC
 from daq.recording.format import RUN_END, RUN_START
 from daq.recording.parts import ROTATED, next_part, part_number, parts_on_disk
 from daq.recording.recover import RECOVERED
@@ -74,28 +75,30 @@ def named_run(first: Path, run: RunInfo, vehicle: VehicleConfig) -> RunFiles:
         If the run is there and has ended.
     """
     run = run.model_copy(update={"id": run.id or first.stem})
-    there = parts_on_disk(first)
+    there = [*parts_on_disk(first).values()]
     if not there:
         return RunFiles(first, 1, run)
-    last = there[max(there)]
-    recording = Recording.open(last)
+    recording = _last_begun(there)
+    if recording is None:
+        path, part = next_part(first)
+        return RunFiles(first, part, run, f"there is nothing in {there[-1].name}: run {run.id!r} begins in {path.name}")
     if not _was_cut_off(recording) or _vehicle_of(recording) != vehicle.vehicle.name:
         what = "there is a file already"
-        raise RecordingError(Fault(what, str(last), next_step="choose another name, e.g. with --run-id"))
+        raise RecordingError(Fault(what, str(recording.path), next_step="choose another name, e.g. with --run-id"))
     return _continued(first, recording)
 
 
 def unfinished_run(folder: Path, vehicle: VehicleConfig) -> RunFiles | None:
     """Return how the newest recording of a vehicle goes on, if it was cut off a short while ago."""
-    for path in _newest_first(folder):
+    for parts in _newest_first(folder):
         try:
-            recording = Recording.open(path)
-            if _vehicle_of(recording) != vehicle.vehicle.name or RECOVERED in recording.metadata:
+            recording = _last_begun(parts)
+            if recording is None or _vehicle_of(recording) != vehicle.vehicle.name or RECOVERED in recording.metadata:
                 continue
             recent = abs(time.time_ns() - _last_ns(recording)) * 1e-9 <= GOES_ON_WITHIN_S
         except RecordingError:
             continue
-        return _continued(part_number(path)[0], recording) if recent and _was_cut_off(recording) else None
+        return _continued(part_number(recording.path)[0], recording) if recent and _was_cut_off(recording) else None
     return None
 
 
@@ -122,13 +125,32 @@ def _continued(first: Path, recording: Recording) -> RunFiles:
     return RunFiles(first, part, run, f"run {run.id!r} was cut off: it goes on in {path.name}")
 
 
-def _newest_first(folder: Path) -> Iterator[Path]:
-    """Yield the recordings of a folder, the newest first; of a run only the last part."""
-    if not folder.is_dir():
-        return
-    lasts: dict[Path, tuple[int, Path]] = {}
-    for path in folder.glob(f"*{SUFFIX}"):
+def _last_begun(parts: Sequence[Path]) -> Recording | None:
+    """Return the last part of a run in which there is something: what was begun when the power went may be empty.
+
+    Raises
+    ------
+    RecordingError
+        If a part is another kind of file.
+    """
+    for path in reversed(parts):
+        try:
+            recording = Recording.open(path)
+        except RecordingError:
+            with path.open("rb") as file:
+                if MAGIC.startswith(file.read(len(MAGIC)).rstrip(b"\0")):
+                    continue
+            raise
+        if RUN_START in recording.metadata or recording.topics:
+            return recording
+    return None
+
+
+def _newest_first(folder: Path) -> Iterator[list[Path]]:
+    """Yield the parts of every run in a folder, in order; the run with the newest file comes first."""
+    runs: dict[Path, list[tuple[int, Path]]] = {}
+    for path in folder.glob(f"*{SUFFIX}") if folder.is_dir() else ():
         first, number = part_number(path)
-        if number >= lasts.get(first, (0, path))[0]:
-            lasts[first] = (number, path)
-    yield from sorted((path for _, path in lasts.values()), key=lambda path: path.stat().st_mtime_ns, reverse=True)
+        runs.setdefault(first, []).append((number, path))
+    sorted_runs = [[path for _, path in sorted(parts)] for parts in runs.values()]
+    yield from sorted(sorted_runs, key=lambda parts: parts[-1].stat().st_mtime_ns, reverse=True)

@@ -20,7 +20,7 @@ from daq.config import BusSection, LoggerSection, RunInfo, VehicleConfig, Vehicl
 from daq.errors import HardwareError, RecordingError
 from daq.frames import concatenate
 from daq.logger import log
-from daq.recording import Event, PartWriter, Recording
+from daq.recording import Event, PartWriter, Recording, RunRecording
 
 SCRIPTED = VehicleConfig(vehicle=VehicleSection(name="test rig"), bus=(BusSection(channel="x"),))
 
@@ -170,6 +170,31 @@ def test_only_a_young_cut_off_run_of_this_vehicle_goes_on(tmp_path: Path) -> Non
 
     assert record(tmp_path / "whole", run=RunInfo(id="r")).name == "r.mcap"
     assert record(tmp_path / "whole").name.startswith("test-rig_")
+
+
+@pytest.mark.parametrize("begun", [b"", b"\0" * 4096, b"\x89MCA", b"\x89MCAP0\r\n\x01\x0e\0\0\0"])
+@pytest.mark.parametrize("named", [True, False])
+def test_a_part_that_was_just_begun_when_the_power_went_stops_no_run(tmp_path: Path, begun: bytes, named: bool) -> None:
+    cut(record(tmp_path, run=RunInfo(id="r")))
+    (tmp_path / "r.part2.mcap").write_bytes(begun)
+    options = {"run": RunInfo(id="r")} if named else {}
+    assert record(tmp_path, **options).name == "r.part3.mcap"
+    assert (tmp_path / "r.part2.mcap").read_bytes() == begun
+
+
+def test_a_run_whose_first_file_is_empty_begins_in_the_next(tmp_path: Path) -> None:
+    (tmp_path / "r.mcap").touch()
+    path = record(tmp_path, run=RunInfo(id="r"))
+    assert path.name == "r.part2.mcap"
+    assert next(event.text for event in events(path)) == "there is nothing in r.mcap: run 'r' begins in r.part2.mcap"
+    assert len(RunRecording.open(tmp_path / "r.mcap").frames()) == 10
+
+
+def test_a_file_of_another_kind_is_never_taken_for_a_part(tmp_path: Path) -> None:
+    (tmp_path / "r.mcap").write_bytes(b"minutes of a meeting")
+    with pytest.raises(RecordingError, match="not an MCAP file"):
+        log(SCRIPTED, tmp_path, duration_s=0.0, opener=Opener("x"), run=RunInfo(id="r"))
+    assert record(tmp_path).name.startswith("test-rig_")
 
 
 def test_an_old_cut_off_run_goes_on_only_when_it_is_asked_for(tmp_path: Path) -> None:
