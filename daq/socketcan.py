@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from daq.can_source import InterfaceDownError, SourceCounters
 from daq.errors import Fault, HardwareError, nearest
-from daq.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag
+from daq.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag, joined
 
 RECEIVE_BUFFER_BYTES = 8 << 20
 """What is asked of the kernel: 10,000 frames, 3 s of a busy bus. Its default is 278 frames."""
@@ -220,7 +220,7 @@ class SocketCanSource:
         frames = parts[0]
         if len(parts) > 1:
             wide = any(part.dtype == FD_DTYPE for part in parts)
-            frames = np.concatenate([FrameBatch(part, ()).widened().frames if wide else part for part in parts])
+            frames = joined([FrameBatch(part, ()).widened().frames if wide else part for part in parts])
         if not self._received:
             frames["time_ns"] = _not_after_the_next(frames["time_ns"])
         self._received += len(frames)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import DataError, Fault, nearest
+from daq.frames import joined
 from daq.recording.format import NAVSATFIX_SCHEMA, NAVSATFIX_TEXT, fill_prefix, fixed_message_dtype
 from daq.recording.sink import McapSink, MessageGroup
 from daq.recording.topics import DecodedLayout, TopicNames, decoded_layout
@@ -153,7 +154,7 @@ def _check(
 
 
 def _group(topic: _Topic) -> MessageGroup:
-    records = np.concatenate(topic.pending)
+    records = joined(topic.pending)
     topic.pending = []
     offsets = np.arange(len(records), dtype=np.int64) * records.dtype.itemsize
     return MessageGroup(topic.channel_id, [records.tobytes()], offsets, records["log_time"].astype(np.int64))

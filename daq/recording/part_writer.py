@@ -202,6 +202,11 @@ class PartWriter:
         """See `RecordingWriter.sync`."""
         self._writer.sync()
 
+    @property
+    def flush_due_s(self) -> float:
+        """See `RecordingWriter.flush_due_s`."""
+        return self._writer.flush_due_s
+
     def tick(self) -> None:
         """Flush, sync and rotate if it is time to; call it when there is nothing to write."""
         self._writer.tick()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from daq.errors import DataError, Fault
-from daq.frames import FrameArray, FrameBatch
+from daq.frames import FrameArray, FrameBatch, joined
 from daq.recording.format import CLASSIC_SCHEMA, FD_SCHEMA, raw_message_head, raw_schema_text
 from daq.recording.sink import McapSink, MessageGroup
 from daq.recording.topics import TopicNames
@@ -111,7 +111,7 @@ class _Stream:
 
     def release(self) -> MessageGroup:
         """Return the gathered frames as messages, and forget them."""
-        frames = self.pending[0] if len(self.pending) == 1 else np.concatenate(self.pending)
+        frames = self.pending[0] if len(self.pending) == 1 else joined(self.pending)
         self.pending = []
         starts = range(0, len(frames), FRAMES_PER_MESSAGE)
         records: list[bytes | memoryview] = []

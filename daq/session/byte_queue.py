@@ -46,12 +46,20 @@ class ByteQueue(Generic[T]):
             self._changed.notify_all()
             return True
 
-    def take(self, timeout_s: float) -> T | None:
-        """Wait for an item and return it; None after `timeout_s`."""
+    def wait(self, timeout_s: float) -> None:
+        """Wait until there is an item, at most `timeout_s`."""
         with self._changed:
-            if not self._changed.wait_for(lambda: self._items, timeout_s):
-                return None
-            item, size = self._items.popleft()
-            self._bytes -= size
+            self._changed.wait_for(lambda: self._items, timeout_s)
+
+    def take_some(self, most_bytes: int) -> list[T]:
+        """Return the items that are there, in order, without waiting; at least one, if there is one."""
+        with self._changed:
+            taken: list[T] = []
+            left = most_bytes
+            while self._items and (left >= self._items[0][1] or not taken):
+                item, size = self._items.popleft()
+                taken.append(item)
+                left -= size
+            self._bytes -= most_bytes - left
             self._changed.notify_all()
-            return item
+            return taken

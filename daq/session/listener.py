@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from daq.frames import FrameBatch
+from daq.frames import FrameBatch, concatenate
 from daq.health.report import BusFacts
 from daq.host_clock import HostClock, StampTracker
 from daq.reconnect import ReconnectingSource
@@ -15,8 +16,8 @@ from daq.session.byte_queue import ByteQueue
 _READ_TIMEOUT_S = 0.1
 _WAIT_FOR_ROOM_S = 0.1
 _LARGE_BUFFER_BYTES = 1 << 20
-_REST_S, _SHORT_REST_S = 0.02, 0.005
-"""How long a source rests after each reading, so that frames come by the dozen: 20 ms where the kernel keeps a
+_REST_S, _SHORT_REST_S = 0.03, 0.005
+"""How long a source rests after each reading, so that frames come by the dozen: 30 ms where the kernel keeps a
 thousand frames meanwhile."""
 _LAST_FRAMES = 1024
 """A reading that brings fewer has emptied the source."""
@@ -29,6 +30,14 @@ class Arrival:
     batch: FrameBatch
     bus: str
     realtime_minus_monotonic_ns: int
+
+
+def together(arrivals: Sequence[Arrival]) -> list[Arrival]:
+    """Join what came from the same bus with the same offset, so that it is written at once."""
+    groups: dict[tuple[str, int], list[FrameBatch]] = {}
+    for one in arrivals:
+        groups.setdefault((one.bus, one.realtime_minus_monotonic_ns), []).append(one.batch)
+    return [Arrival(concatenate(batches), bus, offset_ns) for (bus, offset_ns), batches in groups.items()]
 
 
 class Listener(threading.Thread):

@@ -191,6 +191,11 @@ class Recorder:
         """Take what is known of the host's clock; every run's last file tells it."""
         self._clock_fit, self._clock_told = fit, dict(more)
 
+    @property
+    def flush_due_s(self) -> float:
+        """In how many seconds it is time to flush."""
+        return self._writer.flush_due_s
+
     def tick(self) -> None:
         """Flush, sync and rotate if it is time to."""
         self._writer.tick()

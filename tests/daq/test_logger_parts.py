@@ -43,28 +43,28 @@ def test_a_queue_keeps_order_and_its_limit(sizes: list[int], limit: int) -> None
         while not queue.put(number, size, 0.0):
             assert held
             assert sum(held) + size > limit
-            item = queue.take(0.0)
-            assert item is not None
-            taken.append(item)
+            taken += queue.take_some(1)
             held.pop(0)
         held.append(size)
         assert queue.share == sum(held) / limit
-    while (item := queue.take(0.0)) is not None:
-        taken.append(item)
+    while items := queue.take_some(60):
+        taken += items
     assert taken == list(range(len(sizes)))
     assert queue.share == 0.0
 
 
-def test_a_put_waits_for_room_and_a_take_for_an_item() -> None:
+def test_a_put_waits_for_room_and_a_wait_for_an_item() -> None:
     queue: ByteQueue[str] = ByteQueue(10)
     assert queue.put("a", 10, 0.0)
     assert not queue.put("b", 1, 0.01)
     waiting = threading.Thread(target=queue.put, args=("b", 1, 10.0))
     waiting.start()
-    assert queue.take(0.0) == "a"
-    assert queue.take(10.0) == "b"
+    assert queue.take_some(99) == ["a"]
+    queue.wait(10.0)
+    assert queue.take_some(99) == ["b"]
     waiting.join()
-    assert queue.take(0.01) is None
+    queue.wait(0.01)
+    assert queue.take_some(99) == []
     assert queue.highest_share == 1.0
 
 
