@@ -1,0 +1,88 @@
+"""A logger in a process of its own, fed through a stand-in bus: ``python -m benchmarks.live_child KIND FOLDER``.
+
+Prints the port it listens at, records until its standard input ends, and prints how much processor time it took from
+the first line there to the closed file, and how many frames it recorded.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from benchmarks import stand_in
+from benchmarks.can_log import databases
+
+Ready = Callable[[int], None]
+
+
+def ours(folder: Path, stop: threading.Event, ready: Ready, flush_s: float = 0.2) -> int:
+    """Record as `wheelsoil log` does: receive, write, decode, judge."""
+    from daq.config import VehicleConfig
+    from daq.logger import log
+    from daq.socketcan import SocketCanSource
+
+    receiver = stand_in.listening()
+    vehicle = VehicleConfig.model_validate(
+        {
+            "bus": [{"channel": "lo", "bitrate": 1_000_000}],
+            "signals": {"drawbar_pull": "WFT_Forces.Fx", "vertical_load": "WFT_Forces.Fz"},
+            "logger": {"flush_s": flush_s, "sync_s": max(flush_s, 1.0), "disk_reserve_mb": 1},
+        }
+    )
+    done = log(
+        vehicle,
+        folder / f"{'flushed' if flush_s < 1 else 'unflushed'}.mcap",
+        databases={"lo": tuple(databases())},
+        stop=stop,
+        progress=lambda _: ready(receiver.getsockname()[1]),
+        opener=lambda bus: SocketCanSource(bus.channel, made=receiver),
+    )
+    return done.frames["lo"]
+
+
+def theirs(folder: Path, stop: threading.Event, ready: Ready) -> int:
+    """Record as python-can's logger does, into a BLF."""
+    import can
+
+    receiver = stand_in.listening()
+    bus = stand_in.python_can_bus(receiver)
+    writer = can.Logger(str(folder / "theirs.blf"))
+    notifier = can.Notifier(bus, [writer])
+    ready(receiver.getsockname()[1])
+    stop.wait()
+    notifier.stop()  # and the writer
+    bus.shutdown()
+    return int(writer.object_count)
+
+
+def main(kind: str, folder: Path) -> None:
+    stop = threading.Event()
+    told: list[int] = []
+    began: list[float] = []
+
+    def ready(port: int) -> None:
+        if not told:
+            told.append(port)
+            print(port, flush=True)
+
+    def listen() -> None:
+        sys.stdin.readline()
+        began.append(time.process_time())
+        sys.stdin.read()
+        stop.set()
+
+    threading.Thread(target=listen, daemon=True).start()
+    frames = {
+        "ours": lambda: ours(folder, stop, ready),
+        "unflushed": lambda: ours(folder, stop, ready, flush_s=1e6),
+        "theirs": lambda: theirs(folder, stop, ready),
+    }[kind]()
+    print(json.dumps([time.process_time() - began[0], frames]), flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], Path(sys.argv[2]))
