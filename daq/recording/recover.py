@@ -15,7 +15,8 @@ from daq.recording.chunks import ChunkEntry, DamagedError, content_records, mess
 from daq.recording.contents import Contents, Loss
 from daq.recording.format import with_checksum
 from daq.recording.reader import Recording
-from daq.recording.sink import McapSink, index_entries
+from daq.recording.records import index_entries
+from daq.recording.sink import McapSink
 
 RECOVERED = "recovered"
 """Name of the metadata record that says what was lost."""

@@ -11,11 +11,9 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
@@ -24,7 +22,6 @@ from mcap.records import (
     Chunk,
     ChunkIndex,
     DataEnd,
-    Footer,
     Header,
     McapRecord,
     Metadata,
@@ -39,10 +36,9 @@ from daq.recording.chunks import Compression, compressor
 from daq.recording.contents import MAGIC
 from daq.recording.disk_file import DiskFile
 from daq.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
+from daq.recording.records import footer, index_entries, library, message_index, serialized
 
-_INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 _TEXT_SUFFIXES = (".dbc", ".toml", ".txt", ".csv", ".json")
-_FOOTER_LENGTH = 8 + 8 + 4
 
 
 @dataclass(frozen=True)
@@ -101,7 +97,7 @@ class McapSink:
         self._message_counts: dict[int, int] = {}
         self._times: tuple[int, int] | None = None
         try:
-            self._file.write(MAGIC + serialized(Header(profile, f"wheelsoil {_version()}")))
+            self._file.write(MAGIC + serialized(Header(profile, library())))
         except BaseException:
             self.give_up()
             raise
@@ -138,10 +134,7 @@ class McapSink:
         size = len(parts[0])
         index: dict[int, NDArray[np.void]] = {}
         for group in groups:
-            entries = np.empty(len(group.offsets), _INDEX_ENTRY)
-            entries["log_time"] = np.maximum(group.log_time_ns, 0)
-            entries["offset"] = group.offsets + size
-            index[group.channel_id] = entries
+            index[group.channel_id] = index_entries(np.maximum(group.log_time_ns, 0), group.offsets + size)
             parts += group.records
             size += sum(len(part) for part in group.records)
         if index:
@@ -179,7 +172,7 @@ class McapSink:
         messages = b""
         for channel_id, entries in index.items():
             offsets[channel_id] = self._file.position + len(chunk) + len(messages)
-            messages += _message_index(channel_id, entries)
+            messages += message_index(channel_id, entries)
         chunk_index = ChunkIndex(
             chunk_length=len(chunk),
             chunk_start_offset=self._file.position,
@@ -286,11 +279,7 @@ class McapSink:
             if group:
                 offsets += serialized(SummaryOffset(opcode, start + len(body), len(group)))
             body += group
-        offset_start = start + len(body)
-        summary = body + offsets
-        head = bytes([Opcode.FOOTER]) + _FOOTER_LENGTH.to_bytes(8, "little")
-        crc = zlib.crc32(summary + head + start.to_bytes(8, "little") + offset_start.to_bytes(8, "little"))
-        return data_end + summary + serialized(Footer(start, offset_start, crc)) + MAGIC
+        return data_end + body + offsets + footer(body, offsets, start) + MAGIC
 
     def _statistics(self) -> Statistics:
         start, end = self._times or (0, 0)
@@ -305,33 +294,3 @@ class McapSink:
             metadata_count=len(self._metadata_indexes),
             schema_count=len(self.schemas),
         )
-
-
-def serialized(*records: McapRecord) -> bytes:
-    """Return MCAP records as bytes."""
-    builder = RecordBuilder()
-    for record in records:
-        record.write(builder)
-    data: bytes = builder.end()  # type: ignore[no-untyped-call]
-    return data
-
-
-def index_entries(log_time_ns: NDArray[np.int64], offsets: NDArray[np.int64]) -> NDArray[np.void]:
-    """Return a message index as the array `McapSink.put_chunk` takes."""
-    entries = np.empty(len(offsets), _INDEX_ENTRY)
-    entries["log_time"] = log_time_ns
-    entries["offset"] = offsets
-    return entries
-
-
-def _message_index(channel_id: int, entries: NDArray[np.void]) -> bytes:
-    size = entries.nbytes
-    head = bytes([Opcode.MESSAGE_INDEX]) + (6 + size).to_bytes(8, "little")
-    return head + channel_id.to_bytes(2, "little") + size.to_bytes(4, "little") + entries.tobytes()
-
-
-def _version() -> str:
-    try:
-        return version("wheelsoil")
-    except PackageNotFoundError:
-        return "unknown"
