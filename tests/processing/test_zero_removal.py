@@ -106,17 +106,22 @@ def test_without_a_zero_the_offsets_stay() -> None:
     assert np.isnan(run.quality.sensors["drawbar_pull"].systematic_sigma)
 
 
-@pytest.mark.parametrize("sparse", [False, True], ids=["all roles", "only what came"])
+@pytest.mark.parametrize(
+    ("sparse", "late_ns"),
+    [(False, 0), (True, 0), (True, 10**9)],
+    ids=["all roles", "only what came", "angle a second late"],
+)
 @pytest.mark.parametrize("frame", ["vehicle", "wheel"])
-def test_pieces_of_any_size_give_the_same(frame: str, sparse: bool) -> None:
+def test_pieces_of_any_size_give_the_same(frame: str, sparse: bool, late_ns: int) -> None:
     _, zero, _, determination = WAYS[f"spin, {frame} axes"]
     channels, config, zeros = _channels(frame), _config(frame, zero), RunZeros((determination,))
     whole = process(channels, config, zeros=zeros)
     apart = np.random.default_rng(1).uniform(0, DURATION_S, 2000 if sparse else 25)
     edges = START_NS + (np.sort(apart) * 1e9).astype(np.int64)
-    pieces = []
+    pieces = [{r: Channel(r, c.unit, c.time_ns[:0], c.values[:0]) for r, c in channels.items()}]  # as a `Run` begins
+    came_ns = {role: c.time_ns + late_ns * (role == "wheel_angle") for role, c in channels.items()}
     for start, stop in pairwise([0, *edges.tolist(), 2**62]):
-        rows = {role: (c.time_ns >= start) & (c.time_ns < stop) for role, c in channels.items()}
+        rows = {role: (came >= start) & (came < stop) for role, came in came_ns.items()}
         wanted = [role for role in channels if rows[role].any() or not sparse]
         pieces.append(
             {r: Channel(r, channels[r].unit, channels[r].time_ns[rows[r]], channels[r].values[rows[r]]) for r in wanted}
