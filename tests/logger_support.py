@@ -80,6 +80,9 @@ class Handset:
         self.snapshots.clear()
         self._commands.append(Command(kind, text))  # type: ignore[arg-type]
 
+    def storm(self, commands: list[Command]) -> None:
+        self._commands += commands
+
     def show(self, snapshot: Any) -> None:
         self.snapshots.append(json.loads(json.dumps(snapshot, allow_nan=False)))
 

@@ -25,6 +25,11 @@ _SHOW_EVERY_S = 0.25
 _INSPECTION_STUCK_S = 5.0
 _LAST_INSPECTION_S = 2.0
 _FAILURE_STANDS_S = 10.0
+_SWITCH_EVERY_S = 1.0
+"""A run lasts at least so long."""
+_MARKS_AT_ONCE = 4
+_MOST_ASKED = 32
+_MOST_REMARKS = 50
 
 
 class Attendance:
@@ -51,14 +56,15 @@ class Attendance:
         self._failed_at = -_FAILURE_STANDS_S
         self._stuck_told = False
         self._stopping = False
+        self._asked: list[Command] = []
+        self._switch_at = 0.0
 
     def attend(self, now_s: float) -> None:
         """Do what is due."""
         if now_s < self._look_at:
             return
         self._look_at = now_s + _LOOK_EVERY_S
-        for command in self._parts.panel.commands():
-            self._obey(command)
+        self._obey_some(now_s)
         self._take_findings(self._inspector.fetch())
         self._watch.skipped_frames = self._feed.skipped_frames
         if self._watch.look(now_s, self._recorder.bytes_written):
@@ -114,11 +120,11 @@ class Attendance:
         )
 
     def _each_second(self) -> None:
-        self._write_health()
-        self.note_losses()
-        self._note_clock()
         if not self._watch.stuck():
             self._parts.notifier.alive()
+        self.note_losses()
+        self._write_health()
+        self._note_clock()
         now = self.status()
         self._parts.notifier.status(f"{now.level}, {f'run {now.run}' if now.run else 'between runs'} {now.what}")
 
@@ -142,6 +148,22 @@ class Attendance:
             known[1].extend(values)
         self._inspector.shield.run(lambda: self._recorder.write_view(found.decoded))
 
+    def _obey_some(self, now_s: float) -> None:
+        """Obey what people asked for, never so much of it that frames have to wait."""
+        self._asked += self._parts.panel.commands()
+        del self._asked[_MOST_ASKED:]
+        for _ in range(_MARKS_AT_ONCE):
+            if not self._asked or (self._asked[0].kind != "mark" and now_s < self._switch_at):
+                return
+            command = self._asked.pop(0)
+            if command.kind != "mark":
+                self._switch_at = now_s + _SWITCH_EVERY_S
+            self._obey(command)
+
+    def _remark(self, text: str) -> None:
+        """Keep something for people to know; the oldest is forgotten in the end."""
+        self._parts.remarks[:] = [*(said for said in self._parts.remarks if said != text), text][-_MOST_REMARKS:]
+
     def _obey(self, command: Command) -> None:
         said = ""
         self.note_losses()
@@ -152,7 +174,7 @@ class Attendance:
         else:
             self._recorder.mark(command.text.strip())
         if said:
-            self._parts.remarks.append(said)
+            self._remark(said)
 
     def _tell_inspection(self, now_s: float) -> None:
         """Tell once of each failure of the inspection, and of one that takes too long."""
@@ -161,13 +183,13 @@ class Attendance:
             if now_s - self._failed_at >= _FAILURE_STANDS_S:
                 text = f"frames are recorded, but could not be inspected: {shield.last}"
                 self._recorder.event("logger", text, "error")
-                self._parts.remarks.append(text)
+                self._remark(text)
             self._failures_told, self._failed_at = shield.failures, now_s
         stuck = self._inspector.busy_s > _INSPECTION_STUCK_S
         if stuck and not self._stuck_told:
             text = "the inspection of frames is stuck: they are recorded, but not decoded any more"
             self._recorder.event("logger", text, "error")
-            self._parts.remarks.append(text)
+            self._remark(text)
         self._stuck_told = stuck
 
     def _reasons(self) -> tuple[Reason, ...]:

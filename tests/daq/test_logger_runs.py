@@ -20,6 +20,7 @@ from daq.config import BusSection, LoggerSection, RunInfo, VehicleConfig, Vehicl
 from daq.errors import HardwareError, RecordingError
 from daq.frames import concatenate
 from daq.logger import log
+from daq.panel import Command
 from daq.recording import Event, PartWriter, Recording, RunRecording
 
 SCRIPTED = VehicleConfig(vehicle=VehicleSection(name="test rig"), bus=(BusSection(channel="x"),))
@@ -249,3 +250,29 @@ def test_every_run_has_its_own_losses_and_the_id_that_was_asked_for(tmp_path: Pa
     run = Recording.open(tmp_path / "r-2.mcap").run
     assert run is not None
     assert run.pass_number == 3
+
+
+def test_a_storm_of_commands_holds_up_no_frame(tmp_path: Path) -> None:
+    """A button that sticks: what is asked for too often is not done."""
+    opener, panel = Opener("x"), Handset()
+    recorder = Recorder(SCRIPTED, tmp_path, opener=opener, panel=panel)
+    for _ in range(30):
+        panel.storm([Command("start", "r"), Command("mark", "m"), Command("stop", "")] * 20)
+        opener.source("x").give(recent_frames(1, 10))
+        time.sleep(0.05)
+    panel.snapshots.clear()
+    panel.wait_for(lambda now: now["buses"][0]["frames"] == 300)
+    summary = recorder.end()
+    assert summary.frames == {"x": 300}
+    assert len(summary.paths) < 100
+    assert sum(len(Recording.open(path).frames()) for path in summary.paths) == 300
+
+
+def test_runs_that_are_asked_for_one_after_the_other_are_all_recorded(tmp_path: Path) -> None:
+    panel = Handset()
+    recorder = Recorder(SCRIPTED, tmp_path, opener=Opener("x"), panel=panel, wait=True)
+    panel.storm([Command("start", "a"), Command("mark", "in a"), Command("start", "b"), Command("mark", "in b")])
+    panel.wait_for(lambda now: len(now["marks"]) == 2)
+    assert recorder.end().runs == ("a", "b")
+    for name in ("a", "b"):
+        assert [event.text for event in events(tmp_path / f"{name}.mcap") if event.name == "mark"] == [f"in {name}"]
