@@ -81,6 +81,7 @@ def snapshots(folder: Path) -> list[dict[str, Any]]:
     return [message["snapshot"] for message in told if "snapshot" in message]
 
 
+@pytest.mark.slow
 def test_the_page_shows_a_frozen_sensor_and_losses(vcan: Callable[..., GuestResult], tmp_path: Path) -> None:
     make_vehicle(tmp_path, "vcan0", logger="receive_buffer_kb = 1000", more=ROLES)
 
