@@ -135,6 +135,25 @@ def test_a_body_is_small_and_its_size_stated(local: PagePanel) -> None:
         assert raw.recv(4096).split()[1] == b"411"
 
 
+def test_a_size_that_is_not_the_bodys_is_not_believed(local: PagePanel) -> None:
+    """A chunked body may be of any length, whatever Content-Length says beside it."""
+    request = (
+        f"POST /command HTTP/1.1\r\nHost: 127.0.0.1:{local.port}\r\nOrigin: http://127.0.0.1:{local.port}\r\n"
+        "Content-Type: application/json\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n"
+        '1a\r\n{"kind":"mark","text":"x"}\r\n0\r\n\r\n'
+    )
+    with socket.create_connection(("127.0.0.1", local.port), timeout=PATIENCE_S) as raw:
+        raw.sendall(request.encode())
+        assert raw.recv(4096).split()[1] == b"411"
+    assert local.commands() == []
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site", "none"])
+def test_a_picture_on_another_sites_page_takes_no_browsers_place(local: PagePanel, site: str) -> None:
+    assert ask(local, "GET", "/events", headers={"Sec-Fetch-Site": site}).status == 403
+    assert ask(local, "GET", "/", headers={"Sec-Fetch-Site": site, "Sec-Fetch-Mode": "navigate"}).status == 200
+
+
 @pytest.mark.parametrize("path", ["/", "/events", "/nothing", "/../../etc/passwd", "/static/page.html"])
 def test_every_answer_tells_the_browser_what_it_may_do(closed: PagePanel, path: str) -> None:
     answer = ask(closed, "GET", path)

@@ -221,6 +221,23 @@ def test_more_browsers_than_there_is_room_for_are_told_so() -> None:
         until(lambda: _opens(panel), "a place")
 
 
+def test_who_does_not_say_what_he_wants_holds_no_place() -> None:
+    """Anybody in the network can open connections; there is room for few."""
+    with page() as panel, ExitStack() as silent:
+        address = ("127.0.0.1", panel.port)
+        usual = f"Host: {address[0]}:{address[1]}\r\nOrigin: http://{address[0]}:{address[1]}\r\n"
+        usual += "Content-Type: application/json\r\n"
+        until(lambda: ask(panel, "GET", "/").status == 200, "the page")
+        stream = silent.enter_context(events(panel))
+        for said in ("", "GET / HTTP/1.1\r\n", f"POST /command HTTP/1.1\r\n{usual}Content-Length: 9\r\n\r\n{{") * 24:
+            silent.enter_context(socket.create_connection(address)).sendall(said.encode())
+        assert ask(panel, "GET", "/").status == 503
+        until(lambda: ask(panel, "GET", "/").status == 200, "the silent ones' places")
+        assert next_event(stream, "hello")
+        panel.show(snapshot(4.75, 5.0))
+        assert next_event(stream, "snapshot")
+
+
 def _opens(panel: PagePanel) -> bool:
     connection = connect(panel)
     connection.request("GET", "/events")

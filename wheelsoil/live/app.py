@@ -6,7 +6,7 @@ from collections.abc import Callable
 from importlib.resources import files
 
 from starlette.applications import Starlette
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp
@@ -46,7 +46,10 @@ def make_app(hub: Hub, pass_on: Callable[[Command], bool], rules: Rules) -> ASGI
         return StreamingResponse(hub.stream(), media_type="text/event-stream")
 
     async def command(request: Request) -> Response:
-        asked = command_from(await request.body())
+        try:
+            asked = command_from(await request.body())
+        except ClientDisconnect:
+            return Response(status_code=400)
         if asked is None:
             return PlainTextResponse("no such command\n", 400)
         if not pass_on(asked):

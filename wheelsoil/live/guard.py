@@ -108,6 +108,8 @@ class Guard:
             return PlainTextResponse("this page does not go by that name: open it by the logger's IP address\n", 421)
         if (origins or method == "POST") and not _same_origin(origins, hosts[0]):
             return PlainTextResponse("asked for by the page of another site\n", 403)
+        if path not in self._open_paths and headers.get("sec-fetch-site", "same-origin") != "same-origin":
+            return PlainTextResponse("asked for by the page of another site\n", 403)
         if path not in self._open_paths and not self._rules.knows_token(headers.get("authorization", "")):
             return PlainTextResponse("the token is missing or wrong\n", 401, {"www-authenticate": "Bearer"})
         if method == "POST":
@@ -119,7 +121,7 @@ def _unfit_body(headers: Headers) -> PlainTextResponse | None:
     if headers.get("content-type", "").split(";")[0].strip().lower() != "application/json":
         return PlainTextResponse("the body must be application/json\n", 415)
     size = headers.get("content-length", "")
-    if not size.isdecimal():
+    if not size.isdecimal() or "transfer-encoding" in headers:  # which would be believed, and the size not
         return PlainTextResponse("the body's length is not stated\n", 411)
     if int(size) > LARGEST_BODY_BYTES:
         return PlainTextResponse(f"more than {LARGEST_BODY_BYTES} bytes\n", 413)

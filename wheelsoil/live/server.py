@@ -19,6 +19,7 @@ import uvicorn
 
 from daq.panel import Command
 from wheelsoil.live.app import make_app
+from wheelsoil.live.connection import Connection
 from wheelsoil.live.guard import Rules
 from wheelsoil.live.hub import Hub
 from wheelsoil.live.wire import LARGEST_BYTES, packed_command, unpacked
@@ -68,11 +69,11 @@ async def _serve(listening: socket.socket, pair: socket.socket, rules: Rules, ve
         uvicorn.Config(
             make_app(hub, pass_on, rules),
             loop="asyncio",
-            http="h11",
+            http=Connection,
             ws="none",
             lifespan="off",
             interface="asgi3",
-            log_level="warning",
+            log_level="error",
             access_log=False,
             server_header=False,
             proxy_headers=False,
