@@ -297,6 +297,13 @@ _HOST = (
         "restart the logger when there is time, and report the text",
     ),
     Code(
+        "file_gone",
+        "red",
+        "the file that is written was moved or removed in the last 60 s",
+        "somebody who cleared the folder, a program that moves files away",
+        "look for the file, and repeat the run if it is gone; leave the folder alone while it is recorded into",
+    ),
+    Code(
         "inspection_stuck",
         "red",
         "looking at frames has taken more than 5 s: they are recorded, but the values on the page are old",

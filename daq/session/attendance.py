@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ _SHOW_EVERY_S = 0.25
 _INSPECTION_STUCK_S = 5.0
 _LAST_INSPECTION_S = 2.0
 _FAILURE_STANDS_S = 10.0
+_LOST_FILE_STANDS_S = 60.0
 _SWITCH_EVERY_S = 1.0
 """A run lasts at least so long."""
 _MARKS_AT_ONCE = 4
@@ -54,6 +56,7 @@ class Attendance:
         self._traces: dict[str, Samples] = {}
         self._failures_told = 0
         self._failed_at = -_FAILURE_STANDS_S
+        self._file_lost, self._file_lost_at = "", -math.inf
         self._stuck_told = False
         self._stopping = False
         self._asked: list[Command] = []
@@ -122,11 +125,18 @@ class Attendance:
     def _each_second(self) -> None:
         if not self._watch.stuck():
             self._parts.notifier.alive()
+        self._look_for_file()
         self.note_losses()
         self._write_health()
         self._note_clock()
         now = self.status()
         self._parts.notifier.status(f"{now.level}, {f'run {now.run}' if now.run else 'between runs'} {now.what}")
+
+    def _look_for_file(self) -> None:
+        said = self._recorder.replace_lost_file()
+        if said:
+            self._file_lost, self._file_lost_at = said, time.monotonic()
+            self._remark(said)
 
     def _write_health(self) -> None:
         if self._report is not None:
@@ -195,6 +205,8 @@ class Attendance:
     def _reasons(self) -> tuple[Reason, ...]:
         """Return what the report cannot say, as it may be old."""
         found = self._watch.stuck()
+        if time.monotonic() - self._file_lost_at < _LOST_FILE_STANDS_S:
+            found.append(reason("file_gone", Level.RED, "recording", self._file_lost))
         if self._stuck_told:
             what = f"at work for {self._inspector.busy_s:.0f} s: nothing is decoded any more"
             found.append(reason("inspection_stuck", Level.RED, "inspection", what))

@@ -201,6 +201,21 @@ class Recorder:
         self._writer.tick()
         self._note_part()
 
+    def replace_lost_file(self) -> str:
+        """Go on in another file where the one that is written was moved or removed; say so, else nothing."""
+        lost = self.path
+        try:
+            if lost.exists():
+                return ""
+            lost.parent.mkdir(parents=True, exist_ok=True)
+            self._writer.rotate()
+        except (OSError, RecordingError, HardwareError) as error:
+            return f"{lost.name} was moved or removed, and no other can be begun: {error}"
+        self._note_part()
+        said = f"{lost.name} was moved or removed while it was written: it goes on in {self.path.name}"
+        self.event("part", said, "error")
+        return said
+
     def close(self, exit_status: str) -> None:
         """Close the file."""
         try:

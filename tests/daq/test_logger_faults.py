@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import threading
@@ -13,7 +14,7 @@ from frames_support import content
 from logger_support import Handset, Opener, Recorder, ScriptedSource, recent_frames, virtual_bus, wait_until
 
 from daq.can_source import InterfaceDownError, open_sink
-from daq.config import BusSection, LoggerSection, VehicleConfig
+from daq.config import BusSection, LoggerSection, RunInfo, VehicleConfig
 from daq.databases import load_database, shipped_dbc
 from daq.errors import ConfigError, Fault, HardwareError
 from daq.frames import FrameBatch, concatenate
@@ -319,3 +320,30 @@ def test_a_driver_that_hangs_when_it_is_closed_stops_no_other_bus(tmp_path: Path
     assert not released.is_set()
     released.set()
     assert recorder.end().frames == {"x": 0, "y": 10}
+
+
+@pytest.mark.parametrize("away", ["folder removed", "file removed", "file moved"])
+def test_a_file_that_is_taken_away_is_told_and_another_is_begun(tmp_path: Path, away: str) -> None:
+    opener, panel, out = Opener("x"), Handset(), tmp_path / "out"
+    recorder = Recorder(SCRIPTED, out, opener=opener, panel=panel, run=RunInfo(id="r"))
+    source = opener.source("x")
+    sent = [recent_frames(seed, 20) for seed in range(2)]
+    source.give(sent[0])
+    panel.wait_for(lambda now: now["buses"][0]["frames"] == 20)
+    if away == "folder removed":
+        shutil.rmtree(out)
+    elif away == "file removed":
+        (out / "r.mcap").unlink()
+    else:
+        (out / "r.mcap").rename(tmp_path / "elsewhere.mcap")
+    told = panel.wait_for(lambda now: now["run"]["file"] == "r.part2.mcap" and now["level"] == "red")
+    assert [one["where"] for one in told["reasons"] if one["code"] == "file_gone"] == ["recording"]
+    source.give(sent[1])
+    panel.wait_for(lambda now: now["buses"][0]["frames"] == 40)
+    summary = recorder.end()
+    assert any("r.mcap was moved or removed" in remark for remark in summary.remarks)
+    assert content(Recording.open(out / "r.part2.mcap").frames()) == content(sent[1])
+    if away == "file moved":
+        moved = Recording.open(tmp_path / "elsewhere.mcap")
+        assert moved.loss == ()
+        assert content(moved.frames()) == content(sent[0])
