@@ -22,6 +22,8 @@ VEHICLE_KEY = "vehicle"
 GOES_ON_WITHIN_S = 600.0
 """A run that was cut off goes on when its last frame is not older."""
 SUFFIX = ".mcap"
+_LONGEST_NAME_BYTES = 200
+"""File systems take 255; a part's number and the ending come behind it."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,9 @@ class RunFiles:
 
 
 def safe_name(text: str, fallback: str = "run") -> str:
-    """Return a name that stays in its folder: letters, digits, ``_ . - @``, no leading dot."""
-    return re.sub(r"[^\w.@-]+", "-", text).strip(".-") or fallback
+    """Return a name that stays in its folder and is not too long: letters, digits, ``_ . - @``, no leading dot."""
+    safe = re.sub(r"[^\w.@-]+", "-", text).encode("utf-8", "replace")[:_LONGEST_NAME_BYTES].decode("utf-8", "ignore")
+    return safe.strip(".-") or fallback
 
 
 def dated_name(vehicle: VehicleConfig) -> str:
@@ -59,11 +62,13 @@ def dated_name(vehicle: VehicleConfig) -> str:
 def new_run(folder: Path, run: RunInfo, vehicle: VehicleConfig) -> RunFiles:
     """Return the files of a new run; an id that is taken gets a number."""
     wanted = run.id or dated_name(vehicle)
-    name, number = wanted, 2
-    while parts_on_disk(folder / f"{safe_name(name)}{SUFFIX}"):
-        name, number = f"{wanted}-{number}", number + 1
+    name, stem, number = wanted, safe_name(wanted), 1
+    first = folder / f"{stem}{SUFFIX}"
+    while parts_on_disk(first):
+        number += 1
+        name, first = f"{wanted}-{number}", folder / f"{stem}-{number}{SUFFIX}"
     remark = f"there is a run {wanted!r} already: this one is {name!r}" if run.id and name != wanted else ""
-    return RunFiles(folder / f"{safe_name(name)}{SUFFIX}", 1, run.model_copy(update={"id": name}), remark)
+    return RunFiles(first, 1, run.model_copy(update={"id": name}), remark)
 
 
 def named_run(first: Path, run: RunInfo, vehicle: VehicleConfig) -> RunFiles:

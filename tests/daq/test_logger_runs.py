@@ -222,6 +222,18 @@ def test_a_folder_takes_one_logger(tmp_path: Path) -> None:
     record(tmp_path)
 
 
+@pytest.mark.parametrize("run_id", ["a" * 300, "ü日" * 100, "../" * 100 + "x"])
+def test_a_run_of_any_name_is_recorded(tmp_path: Path, run_id: str) -> None:
+    """Where a terminal takes 300 letters, a file system does not."""
+    panel = Handset()
+    recorder = Recorder(SCRIPTED, tmp_path / "out", opener=Opener("x"), panel=panel, wait=True)
+    panel.storm([Command("start", run_id), Command("start", run_id)])
+    panel.wait_for(lambda now: now["run"]["id"].endswith("-2"))
+    summary = recorder.end()
+    assert len(summary.runs) == 2
+    assert {path.parent for path in summary.paths[1:]} == {tmp_path / "out"}
+
+
 def test_a_file_that_is_named_gives_the_run_its_id(tmp_path: Path) -> None:
     path = record(tmp_path / "run.mcap")
     assert path == tmp_path / "run.mcap"
