@@ -21,6 +21,8 @@ _REST_S, _SHORT_REST_S = 0.03, 0.005
 thousand frames meanwhile."""
 _LAST_FRAMES = 1024
 """A reading that brings fewer has emptied the source."""
+_LAST_FETCHES_S = 2.0
+"""A source that is never empty is left then: what comes later came after the end."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,8 @@ class Listener(threading.Thread):
             if self._fetch(_READ_TIMEOUT_S):
                 large = (self.source.counters.buffer_bytes or 0) >= _LARGE_BUFFER_BYTES
                 time.sleep(_REST_S if large else _SHORT_REST_S)
-        while self._fetch(0.0) >= _LAST_FRAMES:
+        until = time.monotonic() + _LAST_FETCHES_S
+        while self._fetch(0.0) >= _LAST_FRAMES and time.monotonic() < until and not self._abandoned:
             pass
 
     def _fetch(self, timeout_s: float) -> int:

@@ -347,3 +347,22 @@ def test_a_file_that_is_taken_away_is_told_and_another_is_begun(tmp_path: Path, 
         moved = Recording.open(tmp_path / "elsewhere.mcap")
         assert moved.loss == ()
         assert content(moved.frames()) == content(sent[0])
+
+
+def test_a_source_that_is_never_empty_is_left_at_the_end(tmp_path: Path) -> None:
+    class Flood(ScriptedSource):
+        def read(self, timeout_s: float) -> FrameBatch:
+            time.sleep(0.1)
+            self._received += 1024
+            return FrameBatch(flood.frames.copy(), ("x",))
+
+    flood, source = recent_frames(1, 1024), Flood("x")
+    recorder = Recorder(SCRIPTED, tmp_path, opener=lambda _: source)
+    wait_until(lambda: source.counters.received > 0)
+    summary = recorder.end()
+    received = source.counters.received
+    assert summary.frames["x"] == received
+    assert summary.losses == {}
+    assert source.closed
+    time.sleep(0.3)
+    assert source.counters.received == received
