@@ -14,12 +14,11 @@ from daq.errors import ConfigError, Fault
 from daq.zero_file import ZERO_FILE, Determination
 from processing.on_base import OnBase
 from processing.processed_run import AppliedZero
-from processing.timebase import FloatArray, IntArray, in_order, merge_equal_stamps, seconds_since
+from processing.timebase import FloatArray, IntArray, in_order, seconds_since
 from processing.transducer_zero.choose import ROLE_QUANTITIES, RoleZero, choose, systematic_sigma
 from processing.transducer_zero.words import zero_notes
-from processing.wheel_frames import interpolate_angle
+from processing.wheel_frames import interpolate_angle, merged_angle
 
-_JOIN_NS = 5_000_000
 _OVERLAP_NS = 1_000_000_000
 """Angles are kept so long, for forces that come a little later."""
 _NOTABLE_SHARE = 0.001
@@ -88,7 +87,8 @@ class ZeroRemoval:
     def removed(self, chunks: Iterable[Mapping[str, Channel]]) -> Iterator[dict[str, Channel]]:
         """Yield the chunks with the zero taken off; latencies must be off the stamps already.
 
-        A force waits for the wheel angle of its instant; where there is none only the stationary part is taken off.
+        A force waits for the wheel angle of its instant, interpolated as `interpolate_angle` does; where there is none
+        only the stationary part is taken off.
         """
         if not self._zeros.determinations:
             yield from map(dict, chunks)
@@ -152,7 +152,7 @@ class ZeroRemoval:
             self._span_ns,
             self._zeros.source,
             self._zeros.temperature_degc,
-            self._without_angle if self._without_angle > _NOTABLE_SHARE * self._turning else 0,
+            (self._without_angle, self._turning) if self._without_angle > _NOTABLE_SHARE * self._turning else None,
         )
 
     def _begin(self, chunk: dict[str, Channel]) -> None:
@@ -204,11 +204,9 @@ class ZeroRemoval:
 
     def _psi(self, time_ns: IntArray, one: Determination) -> FloatArray:
         """Return psi as the determination counted it; NaN where the angle is not known."""
-        stamps, reading = merge_equal_stamps(*self._angle)
-        if not len(stamps):
+        stamps_ns, reading = merged_angle(*self._angle)
+        if not len(stamps_ns):
             return np.full(len(time_ns), np.nan)
-        origin_ns = int(stamps[0])
-        at = seconds_since(stamps, origin_ns)
-        usual = float(np.median(np.diff(at))) if len(at) > 1 else 0.0
-        angle = interpolate_angle(seconds_since(time_ns, origin_ns), at, reading, max(1.75 * usual, _JOIN_NS * 1e-9))
+        origin_ns = int(stamps_ns[0])
+        angle = interpolate_angle(seconds_since(time_ns, origin_ns), seconds_since(stamps_ns, origin_ns), reading)
         return np.asarray(one.angle_direction * (angle - np.radians(one.angle_offset_deg)))

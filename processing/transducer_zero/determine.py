@@ -24,7 +24,6 @@ _ROLLING_RESISTANCE = 0.01
 """What a wheel that stands on the ground may hold of its load as a pull, although nobody drives or brakes it."""
 _NOTABLE_CHANGE = 0.2
 """Of the speed over the spin, as a share."""
-_JOIN_S = 0.02
 _FEWEST_SAMPLES = 50
 
 
@@ -162,18 +161,12 @@ def _load(
     forward = by_role["drawbar_pull"]
     assert angle is not None
     pull = np.interp(up.time_s, forward.time_s, forward.si_factor * forward.values)
-    psi = _angle_at(up.time_s, angle)
+    psi = interpolate_angle(up.time_s, *angle)
     # psi is counted already: only the side is left for `rotate` to turn
     plain = vehicle.transducer.model_copy(update={"angle_offset_deg": 0.0, "angle_direction": 1})
     _, load = rotate(pull, up.si_factor * up.values, psi, plain)
     known = np.isfinite(load)
     return up.time_s[known], load[known]
-
-
-def _angle_at(at_s: FloatArray, angle: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Return psi at some instants; NaN in holes."""
-    usual = float(np.median(np.diff(angle[0]))) if len(angle[0]) > 1 else 0.0
-    return interpolate_angle(at_s, *angle, max(_JOIN_S, 1.75 * usual))
 
 
 def _nothing(motion: Motion, limit_n: float, *, on_ground: bool) -> Fault:
@@ -217,7 +210,7 @@ def _fit(
     psi = None
     if part.method == "spin":
         assert angle is not None
-        psi = _angle_at(time_s, angle)
+        psi = interpolate_angle(time_s, *angle)
         known = np.isfinite(psi)
         time_s, values, psi = time_s[known], values[known], psi[known]
         if signal.role == "driving_torque" and vehicle.wheel:

@@ -18,7 +18,7 @@ def zero_notes(
     span_ns: tuple[int, int],
     source: str,
     temperature_degc: float | None,
-    without_angle: int,
+    without_angle: tuple[int, int] | None,
 ) -> list[str]:
     """Return sentences on the zero of a run.
 
@@ -33,8 +33,8 @@ def zero_notes(
         Where the determinations were read.
     temperature_degc : float or None
         Of the transducer during the run.
-    without_angle : int
-        Samples of which only the stationary part was taken off.
+    without_angle : (count, total) or None
+        Samples of which only the stationary part was taken off, and of how many; None where they are too few to tell.
     """
     notes = []
     told: dict[str, list[str]] = {}
@@ -55,8 +55,10 @@ def zero_notes(
     if missing:
         notes.append(f"{source} has no zero of {', '.join(missing)}")
     if without_angle:
+        count, total = without_angle
         notes.append(
-            f"of {without_angle:,} samples the wheel angle is not known: only the stationary zero is taken off"
+            f"of {count:,} of {total:,} transducer samples the wheel angle is not known: "
+            "only the stationary zero is taken off"
         )
     return notes
 

@@ -44,7 +44,7 @@ def test_a_quarter_turn_forward_brings_x_prime_down() -> None:
 def test_angles_are_interpolated_the_short_way_round() -> None:
     at = np.array([0.0, 0.01, 0.02])
     angle = np.mod(np.array([6.2, 6.4, 6.6]), 2 * np.pi)
-    between = interpolate_angle(np.array([0.005, 0.015]), at, angle, 0.02)
+    between = interpolate_angle(np.array([0.005, 0.015]), at, angle)
     np.testing.assert_allclose(np.mod(between, 2 * np.pi), np.mod([6.3, 6.5], 2 * np.pi))
 
 
@@ -90,6 +90,27 @@ def test_forces_are_not_rotated_by_an_angle_from_across_a_hole() -> None:
     inside = (at > 2.002) & (at < 2.098)
     assert np.isnan(values[inside]).all()
     assert np.isfinite(values[(at < 1.99) | (at > 2.11)][1:-2]).all()
+
+
+@given(st.integers(0, 2**32), st.floats(-30.0, 30.0))
+@settings(max_examples=25, deadline=None)
+def test_readings_that_arrive_late_and_in_bursts_make_no_holes(seed: int, speed_radps: float) -> None:
+    rng = np.random.default_rng(seed)
+    due = stamps(5.0, 1000.0)
+    late = np.where(rng.uniform(size=len(due)) < 0.01, rng.uniform(0.005, 0.03, len(due)), 0.0)
+    arrived = np.unique(np.maximum.accumulate(due + late))
+    at = np.sort(rng.uniform(arrived[0], arrived[-1], 5000))
+    found = interpolate_angle(at, arrived, np.mod(speed_radps * arrived, 2 * np.pi))
+    np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * speed_radps * at), atol=1e-9)
+
+
+def test_an_angle_is_unknown_where_the_wheel_may_have_turned_too_far() -> None:
+    usual = np.arange(100) * 0.001
+    for apart_s, step_rad, known in ((0.04, 1.0, True), (0.04, 1.6, False), (0.06, 0.1, False)):
+        at = np.concatenate([usual, usual + usual[-1] + apart_s])
+        reading = np.concatenate([np.zeros(100), np.full(100, step_rad)])
+        found = interpolate_angle(np.array([0.0, 0.0505, usual[-1] + apart_s / 2, at[100], at[-1] + 1e-6]), at, reading)
+        assert np.isfinite(found).tolist() == [True, True, known, True, False]
 
 
 def test_an_angle_that_stops_does_not_hold_the_rest_back() -> None:

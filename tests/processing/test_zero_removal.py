@@ -195,6 +195,21 @@ def test_without_the_angle_only_the_stationary_part_comes_off() -> None:
     assert any("only the stationary zero" in note for note in run.quality.notes)
 
 
+@pytest.mark.parametrize("frame", ["vehicle", "wheel"])
+def test_the_rotating_zero_is_taken_off_all_samples_of_angles_that_arrive_late(frame: str) -> None:
+    channels, (_, zero, _, determination) = _channels(frame), WAYS[f"spin, {frame} axes"]
+    angle, rng = channels["wheel_angle"], np.random.default_rng(4)
+    came = rng.uniform(size=len(angle)) > 0.05  # one in twenty is away, at times for 10 ms and more
+    for first in rng.integers(100, len(angle) - 100, 200):
+        came[first : first + 12] = False
+    came[[0, -1]] = True
+    channels["wheel_angle"] = Channel(angle.name, angle.unit, angle.time_ns[came], angle.values[came])
+    run = process(channels, _config(frame, zero), zeros=RunZeros((determination,)))
+    assert not any("wheel angle is not known" in note for note in run.quality.notes)
+    np.testing.assert_allclose(run.vertical_load_n[run.used], LOAD, atol=2.0)
+    np.testing.assert_allclose(run.drawbar_pull_n[run.used], 500.0, atol=2.0)
+
+
 def test_a_hole_in_the_angle_costs_only_the_rotating_part_there() -> None:
     channels = _channels("vehicle")
     angle = channels["wheel_angle"]
@@ -205,7 +220,7 @@ def test_a_hole_in_the_angle_costs_only_the_rotating_part_there() -> None:
     sound = run.used & ((run.time_s < 8.5) | (run.time_s > 11.5))
     np.testing.assert_allclose(run.vertical_load_n[sound], LOAD, atol=1.0)
     (note,) = [note for note in run.quality.notes if "only the stationary" in note]
-    assert re.search(r"of (5,9|6,0)\d\d samples", note)  # two seconds of three channels
+    assert re.search(r"of (5,9|6,0)\d\d of 60,000 transducer samples", note)  # two seconds of three channels
 
 
 @pytest.mark.parametrize(
