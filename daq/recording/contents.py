@@ -17,7 +17,7 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from daq.recording.chunks import ChunkEntry, DamagedError, content_records, read_at
+from daq.recording.chunks import ChunkEntry, DamagedError, read_at
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")
@@ -63,6 +63,11 @@ class Contents:
     message_counts: dict[int, int] = field(default_factory=dict)
     losses: list[Loss] = field(default_factory=list)
 
+    def is_defined(self, channel_id: int) -> bool:
+        """Return whether a channel and its schema, where it has one, are known."""
+        channel = self.channels.get(channel_id)
+        return channel is not None and (channel.schema_id == 0 or channel.schema_id in self.schemas)
+
     def define(self, opcode: int, body: bytes) -> None:
         """Remember a schema or channel; other records are passed over."""
         if opcode == Opcode.SCHEMA:
@@ -71,12 +76,6 @@ class Contents:
         elif opcode == Opcode.CHANNEL:
             channel = parsed(Channel.read, body)
             self.channels[channel.id] = channel
-
-    def define_from(self, content: bytes) -> None:
-        """Remember what a chunk or a summary defines."""
-        for opcode, start, length in content_records(content):
-            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self.define(opcode, content[start : start + length])
 
 
 class _ExactStream(ReadDataStream):

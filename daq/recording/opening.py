@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import BinaryIO
 
@@ -9,7 +10,7 @@ from mcap.opcode import Opcode
 from mcap.records import Header
 
 from daq.errors import Fault, RecordingError
-from daq.recording.chunks import DamagedError, read_at, read_chunk
+from daq.recording.chunks import ChunkEntry, DamagedError, content_records, message_head, read_at, read_chunk
 from daq.recording.contents import MAGIC, Contents, Loss, parsed, read_record
 from daq.recording.summary import take_summary
 from daq.recording.walk import walk
@@ -69,11 +70,34 @@ def _take_header(file: BinaryIO, contents: Contents) -> None:
 
 
 def _define_channels(file: BinaryIO, contents: Contents) -> None:
-    """Read those chunks that use channels which nothing read so far defines."""
-    for entry in contents.chunks:
-        if entry.bare or (entry.channel_ids is not None and entry.channel_ids <= contents.channels.keys()):
-            continue
-        try:
-            contents.define_from(read_chunk(file, entry))
-        except DamagedError:
-            continue  # told where its frames are read
+    """Read chunks until every channel that one uses is defined, as far as any of them does.
+
+    A chunk may use what an earlier one defines that has no message of it: the nearest is looked into first.
+    """
+    looked_into: set[int] = set()
+    all_up_to = -1
+    for i, entry in enumerate(contents.chunks):
+        used = entry.channel_ids
+        if used is None:
+            looked_into.add(i)
+            used = _define_from(file, contents, entry)
+        for earlier in range(i, all_up_to, -1):
+            if all(map(contents.is_defined, used)):
+                break
+            if earlier not in looked_into:
+                looked_into.add(earlier)
+                _define_from(file, contents, contents.chunks[earlier])
+        else:
+            all_up_to = i
+
+
+def _define_from(file: BinaryIO, contents: Contents, entry: ChunkEntry) -> frozenset[int]:
+    """Take what a chunk defines, and return the channels of its messages."""
+    used: set[int] = set()
+    with contextlib.suppress(DamagedError):  # told where its frames are read
+        for opcode, start, length in content_records(content := read_chunk(file, entry)):
+            if opcode == Opcode.MESSAGE:
+                used.add(message_head(content, start, length)[0])
+            else:
+                contents.define(opcode, content[start : start + length])
+    return frozenset(used)

@@ -23,7 +23,6 @@ from mcap.records import (
     ChunkIndex,
     DataEnd,
     Header,
-    McapRecord,
     Metadata,
     MetadataIndex,
     Schema,
@@ -89,7 +88,7 @@ class McapSink:
         self._file = DiskFile(path, overwrite=overwrite)
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
-        self._pending_definitions: list[McapRecord] = []
+        self._defined: set[int] = set()
         self._chunk_indexes = bytearray()
         self._chunk_count = 0
         self._attachment_indexes: list[AttachmentIndex] = []
@@ -111,14 +110,12 @@ class McapSink:
                 return known.id
         schema = Schema(id=len(self.schemas) + 1, name=name, encoding=SCHEMA_ENCODING, data=data)
         self.schemas[schema.id] = schema
-        self._pending_definitions.append(schema)
         return schema.id
 
     def add_channel(self, topic: str, schema_id: int, metadata: Mapping[str, str]) -> int:
         """Add a cdr channel and return its id."""
         channel = Channel(len(self.channels) + 1, topic, MESSAGE_ENCODING, dict(metadata), schema_id)
         self.channels[channel.id] = channel
-        self._pending_definitions.append(channel)
         return channel.id
 
     def put_definitions(self, schemas: Mapping[int, Schema], channels: Mapping[int, Channel]) -> None:
@@ -129,8 +126,11 @@ class McapSink:
         self._noted = self._file.position
 
     def write_chunk(self, groups: Iterable[MessageGroup]) -> None:
-        """Write messages as one chunk, behind the definitions they need."""
-        parts: list[bytes | memoryview] = [serialized(*self._pending_definitions)]
+        """Write messages as one chunk, behind the definitions they need that no chunk has had yet."""
+        groups = list(groups)
+        new = [self.channels[group.channel_id] for group in groups if group.channel_id not in self._defined]
+        schemas = [self.schemas[schema_id] for schema_id in dict.fromkeys(channel.schema_id for channel in new)]
+        parts: list[bytes | memoryview] = [serialized(*schemas, *new)]
         size = len(parts[0])
         index: dict[int, NDArray[np.void]] = {}
         for group in groups:
@@ -140,7 +140,7 @@ class McapSink:
         if index:
             content = b"".join(parts)
             self.put_chunk(self._compress(content), self._compression, len(content), zlib.crc32(content), index)
-            self._pending_definitions.clear()
+            self._defined.update(index)
 
     def put_chunk(
         self, data: bytes, compression: str, size: int, crc: int, index: Mapping[int, NDArray[np.void]]

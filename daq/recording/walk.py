@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import BinaryIO
 
 from mcap.opcode import Opcode
@@ -37,9 +38,17 @@ def walk(file: BinaryIO, contents: Contents) -> None:
                 return
             before, position = position, end
         except DamagedError as damage:
+            _doubt_channels(contents)
             resumed = _next_chunk(file, contents, before + 1)
             contents.losses.append(Loss(str(damage), position, max(resumed - position, 0)))
             before = position = resumed
+    _doubt_channels(contents)
+
+
+def _doubt_channels(contents: Contents) -> None:
+    """Take it that the last chunk may hold more channels than those whose index came before the damage."""
+    if contents.chunks and not contents.chunks[-1].bare:
+        contents.chunks[-1] = replace(contents.chunks[-1], channel_ids=None)
 
 
 def _take_record(file: BinaryIO, contents: Contents, opcode: int, position: int, length: int) -> bool:
