@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from daq.session.session import SessionParts
 
 _LOOK_EVERY_S = 0.05
-_INSPECT_EVERY_S = 0.2
-_SHOW_EVERY_S = 0.25
+_INSPECT_EVERY_S = 0.4
+_SHOW_EVERY_S = 0.2
 _INSPECTION_STUCK_S = 5.0
 _LAST_INSPECTION_S = 2.0
 _FAILURE_STANDS_S = 10.0

@@ -15,10 +15,11 @@ from daq.session.byte_queue import ByteQueue
 
 _READ_TIMEOUT_S = 0.1
 _WAIT_FOR_ROOM_S = 0.1
-_LARGE_BUFFER_BYTES = 1 << 20
-_REST_S, _SHORT_REST_S = 0.03, 0.005
-"""How long a source rests after each reading, so that frames come by the dozen: 30 ms where the kernel keeps a
-thousand frames meanwhile."""
+_FAIR_BUFFER_BYTES, _LARGE_BUFFER_BYTES = 1 << 20, 4 << 20
+_REST_S, _BUSY_REST_S, _SHORT_REST_S = 0.2, 0.03, 0.005
+"""How long a source rests after each reading, so that frames come by the hundred, as each reading has its price: 0.2 s
+where the kernel has room for a second of a busy bus, unless `_MANY_FRAMES` came; a flush has it fetch before."""
+_MANY_FRAMES = 3000
 _LAST_FRAMES = 1024
 """A reading that brings fewer has emptied the source."""
 _LAST_FETCHES_S = 2.0
@@ -83,6 +84,7 @@ class Listener(threading.Thread):
         self._queue = queue
         self._asked_to_stop = stop
         self._abandoned = False
+        self._wanted = threading.Event()
 
     @property
     def unsure(self) -> int:
@@ -102,15 +104,28 @@ class Listener(threading.Thread):
         """Have it give up frames for which there is no room: nobody writes any more."""
         self._abandoned = True
 
+    def hurry(self) -> None:
+        """Have it fetch now what is there: it will be flushed."""
+        self._wanted.set()
+
     def run(self) -> None:
         """Fetch frames."""
         while not self._asked_to_stop.is_set():
-            if self._fetch(_READ_TIMEOUT_S):
-                large = (self.source.counters.buffer_bytes or 0) >= _LARGE_BUFFER_BYTES
-                time.sleep(_REST_S if large else _SHORT_REST_S)
+            count = self._fetch(_READ_TIMEOUT_S)
+            if count:
+                self._rest(count)
         until = time.monotonic() + _LAST_FETCHES_S
         while self._fetch(0.0) >= _LAST_FRAMES and time.monotonic() < until and not self._abandoned:
             pass
+
+    def _rest(self, count: int) -> None:
+        room_bytes = self.source.counters.buffer_bytes or 0
+        if room_bytes < _FAIR_BUFFER_BYTES:
+            rest_s = _SHORT_REST_S
+        else:
+            rest_s = _BUSY_REST_S if room_bytes < _LARGE_BUFFER_BYTES or count >= _MANY_FRAMES else _REST_S
+        self._wanted.wait(rest_s)
+        self._wanted.clear()
 
     def _fetch(self, timeout_s: float) -> int:
         self.alive_at = time.monotonic()

@@ -28,8 +28,10 @@ from daq.session.summary import Ending, LogSummary, Progress
 from daq.session.watch import Watch
 
 _WAIT_S = 0.05
-_GATHER_S = 0.1
+_GATHER_S = 0.2
 """Frames rest so long in the queue, or until it is time to flush, and are written together: that takes less CPU."""
+_FETCH_S = 0.01
+"""So long before, the readers fetch what the kernel still holds."""
 _MOST_AT_ONCE = 4 << 20
 _PROGRESS_EVERY_S = 1.0
 _JOIN_S = 5.0
@@ -111,8 +113,15 @@ class Session:
                 report_at = now + _PROGRESS_EVERY_S
             left_s = math.inf if deadline is None else max(deadline - now, 0.0)
             if self._round(min(_WAIT_S, left_s)):
-                time.sleep(max(min(_GATHER_S, left_s, self._recorder.flush_due_s), 0.0))
+                self._gather(min(_GATHER_S, left_s, self._recorder.flush_due_s))
         return ending
+
+    def _gather(self, seconds: float) -> None:
+        """Let frames come together, and have the readers fetch the last of them."""
+        time.sleep(max(seconds - _FETCH_S, 0.0))
+        for one in self._listeners:
+            one.hurry()
+        time.sleep(max(min(seconds, _FETCH_S), 0.0))
 
     def _round(self, wait_s: float) -> bool:
         """Write what has come, then attend to everything else; say whether something had come."""
@@ -142,6 +151,8 @@ class Session:
         """Have the sources stop, and write what they still had."""
         self._parts.notifier.stopping()
         self._stop.set()
+        for one in self._listeners:
+            one.hurry()
         until = time.monotonic() + _JOIN_S
         while any(one.is_alive() for one in self._listeners) and time.monotonic() < until:
             self._round(0.01)
