@@ -123,7 +123,7 @@ class Attendance:
         )
 
     def _each_second(self) -> None:
-        if not self._watch.stuck():
+        if not self._watch.hopeless():
             self._parts.notifier.alive()
         self._look_for_file()
         self.note_losses()

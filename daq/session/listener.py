@@ -22,6 +22,8 @@ where the kernel has room for a second of a busy bus, unless `_MANY_FRAMES` came
 _MANY_FRAMES = 3000
 _LAST_FRAMES = 1024
 """A reading that brings fewer has emptied the source."""
+_OPENING_S = 60.0
+"""What opening an interface may take."""
 _LAST_FETCHES_S = 2.0
 """A source that is never empty is left then: what comes later came after the end."""
 
@@ -93,8 +95,8 @@ class Listener(threading.Thread):
 
     @property
     def stuck_s(self) -> float:
-        """For how long it has not gone round; 0 while it opens an interface, which may take its time."""
-        return 0.0 if self.source.opening else time.monotonic() - self.alive_at
+        """For how long it has not gone round; an interface that is being opened has its time for that."""
+        return max(time.monotonic() - self.alive_at - (_OPENING_S if self.source.opening else 0.0), 0.0)
 
     def facts(self) -> BusFacts:
         """Return what is known of the bus now."""

@@ -18,6 +18,8 @@ from daq.session.listener import Arrival, Listener
 _LOOK_EVERY_S = 1.0
 _STUCK_S = 5.0
 """A thread that has not gone round for so long is stuck."""
+_PATIENCE_S = 60.0
+"""How long the other buses are recorded on beside one that is stuck, before a restart is asked for."""
 
 News = tuple[str, str, Severity]
 """Name, text and severity of an event."""
@@ -98,6 +100,11 @@ class Watch:
             for one in self._listeners
             if one.stuck_s > _STUCK_S
         ]
+
+    def hopeless(self) -> bool:
+        """Return whether only a restart helps: every source is stuck, or one has been for a minute."""
+        stuck_s = [one.stuck_s for one in self._listeners]
+        return min(stuck_s) > _STUCK_S or max(stuck_s) > _PATIENCE_S
 
     def news(self, behind: bool) -> list[News]:
         """Return what has happened since the last call."""

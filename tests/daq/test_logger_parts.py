@@ -29,9 +29,11 @@ from daq.reconnect import ReconnectingSource
 from daq.session.byte_queue import ByteQueue
 from daq.session.feed import Feed
 from daq.session.folder_lock import folder_lock
+from daq.session.listener import Arrival, Listener
 from daq.session.run_clock import RunClock
 from daq.session.run_files import safe_name
 from daq.session.traces import Traces
+from daq.session.watch import Watch
 
 
 @given(sizes=st.lists(st.integers(1, 50), max_size=30), limit=st.integers(1, 60))
@@ -248,3 +250,30 @@ def test_a_run_begins_with_the_clock_as_it_is_set_then() -> None:
     moved = second.channels({("x", "a"): channel})["x", "a"]
     assert np.array_equal(moved.time_ns, second.frames(batch).frames["time_ns"])
     assert list(second.told(None)) == ["step.1"]
+
+
+@pytest.mark.parametrize(
+    ("silent_s", "opening", "hopeless"),
+    [
+        ((0.1, 0.1), False, False),
+        ((9.0, 0.1), False, False),  # the other bus is worth more than a restart
+        ((9.0, 9.0), False, True),
+        ((61.0, 0.1), False, True),
+        ((30.0, 30.0), True, False),  # an interface may take its time to open
+        ((70.0, 70.0), True, True),
+    ],
+)
+def test_only_a_logger_that_a_restart_helps_is_given_up(
+    tmp_path: Path, silent_s: tuple[float, float], opening: bool, hopeless: bool
+) -> None:
+    opener, clock = Opener(), HostClock()
+    queue: ByteQueue[Arrival] = ByteQueue(1000)
+    sections = [BusSection(channel=name, interface="virtual") for name in ("a", "b")]
+    sources = [ReconnectingSource(section, opener) for section in sections]
+    listeners = [Listener(i, one, ("a", "b"), clock, queue, threading.Event()) for i, one in enumerate(sources)]
+    for listener, silent in zip(listeners, silent_s, strict=True):
+        listener.alive_at = time.monotonic() - silent
+        listener.source.opening = opening
+    watch = Watch(clock, listeners, queue, DiskGuard(tmp_path, warn_min=1.0, reserve_mb=1.0))
+
+    assert watch.hopeless() is hopeless
