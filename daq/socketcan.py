@@ -10,6 +10,7 @@ import socket
 import struct
 import sys
 import time
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,7 +119,7 @@ class SocketCanSource:
         self, channel: str, buffer_bytes: int = RECEIVE_BUFFER_BYTES, made: socket.socket | None = None
     ) -> None:
         self.name = channel
-        self._socket = _listening(channel) if made is None else made
+        self._socket = _listening(channel, buffer_bytes) if made is None else _prepared(made, buffer_bytes)
         self._received = 0
         self._errors = 0
         self._lost = 0
@@ -126,9 +127,7 @@ class SocketCanSource:
         self._batch = _Batch()
         header = self._batch.headers["header"]
         header["control"] = self._batch.control.ctypes.data + np.arange(FRAMES_A_CALL) * _CONTROL_WORDS * 8
-        self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-        self._socket.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
-        self._buffer_bytes = _grow_buffer(self._socket, buffer_bytes)
+        self._buffer_bytes = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2  # the kernel doubles it
         self.remarks = _buffer_remarks(channel, self._buffer_bytes, buffer_bytes)
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
@@ -239,8 +238,7 @@ class SocketCanSink:
 
     def __init__(self, channel: str) -> None:
         self.name = channel
-        self._socket = _bound(channel)
-        self._socket.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, b"")
+        self._socket = _bound(channel, lambda made: made.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, b""))
         self._batch = _Batch()
 
     def send(self, frames: FrameArray, timeout_s: float) -> None:
@@ -292,19 +290,34 @@ def _first_words(frames: NDArray[np.void], data_at: int) -> NDArray[np.uint64]:
     return np.ndarray(len(frames), np.uint64, frames, data_at, (frames.itemsize,))
 
 
-def _listening(channel: str) -> socket.socket:
-    made = _bound(channel)
-    made.setsockopt(_SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ID_MASK)
+def _listening(channel: str, buffer_bytes: int) -> socket.socket:
+    def prepare(made: socket.socket) -> None:
+        made.setsockopt(_SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ID_MASK)
+        _prepared(made, buffer_bytes)
+
+    return _bound(channel, prepare)
+
+
+def _prepared(made: socket.socket, buffer_bytes: int) -> socket.socket:
+    """Have a socket stamp frames, count lost ones and keep many, beyond the system's limit where that is allowed."""
+    made.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+    made.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+    try:
+        made.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, buffer_bytes)
+    except PermissionError:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
     return made
 
 
-def _bound(channel: str) -> socket.socket:
+def _bound(channel: str, prepare: Callable[[socket.socket], object]) -> socket.socket:
+    """Return a socket of an interface, prepared before its first frame can come."""
     try:
         made = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
     except OSError as error:
         raise HardwareError(_fault(channel, error.errno or 0)) from None
     try:
         made.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FD_FRAMES, 1)
+        prepare(made)
         made.bind((channel,))
     except OSError as error:
         made.close()
@@ -334,15 +347,6 @@ def _fault(channel: str, code: int) -> Fault:
         step = f"ip link set {channel} mtu 72, or a CAN FD bit rate: ip link set {channel} type can ... fd on"
         return Fault("the interface refuses the frame; it may not be a CAN FD one", where, said, next_step=step)
     return Fault("the interface failed", where, said, next_step="check the adapter and its cable")
-
-
-def _grow_buffer(made: socket.socket, wanted: int) -> int:
-    """Ask for a receive buffer, beyond the system's limit where that is allowed; return what was given."""
-    try:
-        made.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, wanted)
-    except PermissionError:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, wanted)
-    return made.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2  # the kernel doubles it for its own use
 
 
 def _buffer_remarks(channel: str, given: int, wanted: int) -> tuple[str, ...]:
