@@ -34,6 +34,7 @@ from daq.session.summary import LogStatus, LogSummary, Progress
 __all__ = ["LogStatus", "LogSummary", "Progress", "log"]
 
 _KB = 1000
+_OTHER_FOLDER = "choose another with --out, or change its owner or permissions"
 
 
 def log(
@@ -219,15 +220,17 @@ def _open_all(
 def _check_folder(folder: Path) -> None:
     """See that recordings can be made in a folder, or the folder in one that is there."""
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-    step = "choose another with --out, or change its owner or permissions"
     if not there.is_dir():
-        raise ConfigError(Fault("the folder cannot be made", str(folder), f"{there} is a file", next_step=step))
+        raise ConfigError(
+            Fault("the folder cannot be made", str(folder), f"{there} is a file", next_step=_OTHER_FOLDER)
+        )
     if not os.access(there, os.W_OK | os.X_OK):
-        raise ConfigError(Fault("the folder cannot be written to", str(there), next_step=step))
+        raise ConfigError(Fault("the folder cannot be written to", str(there), next_step=_OTHER_FOLDER))
 
 
 def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigError(Fault("the folder cannot be made", str(folder), error.strerror or str(error))) from None
+        found = error.strerror or str(error)
+        raise ConfigError(Fault("the folder cannot be made", str(folder), found, next_step=_OTHER_FOLDER)) from None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ipaddress
+import logging
 import struct
 import time
 from typing import TYPE_CHECKING, Any
@@ -37,6 +39,10 @@ _DRIVER_ERRORS = (OSError, ValueError, TypeError, AttributeError, IndexError, st
 """What python-can's drivers raise, beside its own errors, when their adapter is pulled out or sends nonsense."""
 
 
+_NOISY_LOGGERS = ("can.bus", "can.pcan")
+"""They warn of a bus that could not be opened, and of a package that stamps do not need; the fault says what counts."""
+
+
 def open_bus(bus: BusSection) -> can.BusABC:
     """Open a python-can bus.
 
@@ -49,6 +55,8 @@ def open_bus(bus: BusSection) -> can.BusABC:
     """
     import can
 
+    for name in _NOISY_LOGGERS:
+        logging.getLogger(name).setLevel(logging.ERROR)
     interface = bus.interface or "socketcan"
     if interface not in can.VALID_INTERFACES:
         known = nearest(interface, can.VALID_INTERFACES)
@@ -65,19 +73,28 @@ def open_bus(bus: BusSection) -> can.BusABC:
                 f"the {interface} interface cannot be opened",
                 f"bus {bus.channel}",
                 str(error) or type(error).__name__,
-                next_step=_next_step(interface, error),
+                next_step=_next_step(interface, bus.channel, error),
             )
         ) from None
 
 
-def _next_step(interface: str, error: Exception) -> str:
+def _next_step(interface: str, channel: str, error: Exception) -> str:
     import can
 
     if isinstance(error, can.CanInterfaceNotImplementedError | ImportError | NameError):
         if interface in _EXTRAS:
             return f"install what the interface needs: pip install 'python-can[{_EXTRAS[interface]}]'"
         return "install the interface's driver and Python package, see python-can's documentation of it"
+    if interface == "udp_multicast" and not _is_multicast(channel):
+        return "for udp_multicast the channel is a multicast address, e.g. 239.74.163.2"
     return "check that the adapter is plugged in, and its driver and Python package installed"
+
+
+def _is_multicast(channel: str) -> bool:
+    try:
+        return ipaddress.ip_address(channel).is_multicast
+    except ValueError:
+        return False
 
 
 class PythonCanSource:

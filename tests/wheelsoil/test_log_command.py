@@ -178,6 +178,55 @@ def test_a_role_that_names_no_signal_is_told_and_recorded_all_the_same(tmp_path)
     assert "GNSS_2.Speed" in result.err
 
 
+def test_it_says_where_it_records_and_how_well_without_a_terminal(tmp_path):
+    vehicle, out = write_vehicle(tmp_path, "said"), tmp_path / "out"
+    (tmp_path / "vehicle.toml").write_text(vehicle.read_text() + '[transducer]\nzero_file = "zero.toml"\n')
+    with logging(vehicle, "-o", out, "--no-page") as process:
+        assert process.stderr is not None
+        assert "`process` refuses until it is there" in process.stderr.readline()
+        line = process.stderr.readline()
+        assert line.startswith("recording run ")
+        path = Path(line.split()[-1])
+        assert path.parent == out
+        assert path.exists()
+        assert process.stderr.readline().startswith("amber: said: no frame since the start")
+        process.kill()
+        process.wait()
+    with logging(vehicle, "-o", out, "--no-page") as process:
+        assert process.stderr is not None
+        process.stderr.readline()
+        line = process.stderr.readline()
+        assert "was cut off, and goes on" in line
+        assert Path(line.split()[-1]) == path.with_name(f"{path.stem}.part2.mcap")
+
+
+def test_nothing_is_said_of_a_page_before_an_error(tmp_path):
+    vehicle = write_vehicle(tmp_path, "none")
+    vehicle.write_text(vehicle.read_text().replace('"virtual"', '"socketcan"').replace('"none"', '"nocan0"'))
+    result = invoke("log", vehicle, "-o", tmp_path / "out", "--page-port", 0)
+    assert result.code == 4
+    assert "status page" not in result.err
+
+
+@pytest.mark.parametrize("run_id", ["...", "-", "a" * 400])
+def test_a_run_that_no_file_can_be_named_after_is_refused(tmp_path, run_id):
+    result = invoke("log", write_vehicle(tmp_path, "x"), "-o", tmp_path / "out", "--run-id", run_id, "--no-page")
+    assert result.code == 2
+    assert "--run-id" in result.err
+    assert run_id not in result.err or len(run_id) < 10
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_channel_of_udp_multicast_that_is_no_address_is_told_without_noise(tmp_path):
+    vehicle = tmp_path / "vehicle.toml"
+    vehicle.write_text('[[bus]]\nchannel = "can0"\ninterface = "udp_multicast"\n')
+    with logging(vehicle, "-o", tmp_path / "out", "--no-page") as process:
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 4
+    assert "multicast address, e.g. 239.74.163.2" in err
+    assert "shut down" not in err
+
+
 def test_the_help_names_every_exit_code():
     text = " ".join(ok("log", "--help").out.split())
     for code in (

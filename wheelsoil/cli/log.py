@@ -7,7 +7,7 @@ import signal
 import stat
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 _SIGNAL_EXIT = 128
 _PAGE_PORT = 8100
+_LONGEST_ID_BYTES = 200
+_SHOWN = 40
 _TOKEN_VARIABLE = "WHEELSOIL_PAGE_TOKEN"
 
 
@@ -75,8 +77,9 @@ def command(
     ago goes on in a new file. Limits are in vehicle.toml, [logger].
 
     Exit codes: 0 ok; 1 a bus was silent all the time; 2 usage or configuration; 3 the recording is there already;
-    4 a bus was down at the end, the disk is full, no such interface, another logger in the folder, the page's port
-    is taken; 129 the terminal was closed, 130 Ctrl-C, 143 SIGTERM (nothing is lost by any of them).
+    4 a bus was down at the end, the disk is full, no such interface, another logger in the folder, the port that
+    --page-port gives is taken (where its usual one is, it goes on without a page); 129 the terminal was closed,
+    130 Ctrl-C, 143 SIGTERM (nothing is lost by any of them).
     """
     from daq.logger import log
     from daq.run import LENIENT_KEY
@@ -84,9 +87,16 @@ def command(
 
     known = configuration(vehicle, terrain, lenient_dbc=lenient_dbc)
     assert known.vehicle is not None
+    _check_run_id(run_id)
     info = run_info("", run_id or "", direction, pass_number, added_load, inflation)
     token = _token(page_token_file)
-    with _page(page, page_host, page_port, token, known.vehicle.vehicle.name) as panel, _status() as progress:
+    zero_file = known.vehicle.transducer.zero_file
+    if zero_file and zero_file not in known.attachments:
+        say(f"{zero_file} is not there yet: the recording carries no zero, and `process` refuses until it is there")
+    with (
+        _page(page, page_host, page_port, token, known.vehicle.vehicle.name) as (panel, addresses),
+        _status(addresses) as progress,
+    ):
         summary = log(
             known.vehicle,
             out,
@@ -104,6 +114,26 @@ def command(
             _hang_up()
     _tell(summary, json)
     _leave(summary, known.vehicle)
+
+
+def _check_run_id(run_id: str | None) -> None:
+    """See that a file can be named after a run.
+
+    Raises
+    ------
+    ConfigError
+        Nothing is left of its name, or it is too long.
+    """
+    if not run_id:
+        return
+    if not any(letter.isalnum() for letter in run_id):
+        what, expected = "--run-id names no file", "a letter or a digit in it"
+    elif len(run_id.encode("utf-8", "replace")) > _LONGEST_ID_BYTES:
+        what, expected = "--run-id is too long", f"at most {_LONGEST_ID_BYTES} bytes: files are named after it"
+    else:
+        return
+    shown = run_id if len(run_id) < _SHOWN else f"{run_id[:_SHOWN]}..."
+    raise ConfigError(Fault(what, found=shown, expected=expected, next_step="choose another name"))
 
 
 def _hang_up() -> None:
@@ -169,10 +199,12 @@ def _token(file: Path | None) -> str | None:
 
 
 @contextmanager
-def _page(wanted: bool, host: str, port: int | None, token: str | None, vehicle: str) -> Iterator[Panel | None]:
-    """Open the status page; where its usual port is taken, and no other was asked for, go on without."""
+def _page(
+    wanted: bool, host: str, port: int | None, token: str | None, vehicle: str
+) -> Iterator[tuple[Panel | None, tuple[str, ...]]]:
+    """Open the status page and yield its addresses; where its usual port is taken, and no other was asked for, none."""
     if not wanted:
-        yield None
+        yield None, ()
         return
     from wheelsoil.live import open_page
 
@@ -182,30 +214,64 @@ def _page(wanted: bool, host: str, port: int | None, token: str | None, vehicle:
         if port is not None:
             raise
         say(f"there is no status page: {error.faults[0].what}; choose a port with --page-port")
-        yield None
+        yield None, ()
         return
-    for address in panel.addresses:
-        say(f"status page: {address}")
     try:
-        yield panel
+        yield panel, tuple(panel.addresses)
     finally:
         panel.close()
 
 
 @contextmanager
-def _status() -> Iterator[Progress | None]:
-    """Show counters while recording, on a terminal only."""
+def _status(addresses: tuple[str, ...]) -> Iterator[Progress]:
+    """Tell changes line by line; show counters while recording, on a terminal only."""
+    changes = _Changes(addresses)
     if not sys.stderr.isatty():
-        yield None
+        yield changes.tell
         return
     from rich.console import Console
 
     with Console(stderr=True).status("opening the buses") as status:
 
         def show(now: LogStatus) -> None:
+            changes.tell(now)
             parts = (f"{bus} {seen.received:,} ({seen.dropped or 0:,} lost)" for bus, seen in now.buses.items())
             what = f"run {now.run}" if now.run else "between runs"
             level = f"{now.level}: {now.what}" if now.what else now.level
             status.update(f"{what}, Ctrl-C ends: {', '.join(parts)}; {level}")
 
         yield show
+
+
+class _Changes:
+    """Says where it records into, and how well, whenever that changes."""
+
+    def __init__(self, addresses: tuple[str, ...]) -> None:
+        self._addresses = addresses
+        self._path: Path | None = None
+        self._level = "green"
+
+    def tell(self, now: LogStatus) -> None:
+        """Say what is new; a terminal or a pipe that is gone ends no recording."""
+        lines = []
+        if self._path is None:
+            lines += [f"status page: {address}" for address in self._addresses]
+        if now.path != self._path:
+            lines.append(_opened(now, first=self._path is None))
+        if now.level != self._level:
+            lines.append(f"{now.level}: {now.what}" if now.what else now.level)
+        self._path, self._level = now.path, now.level
+        with suppress(OSError):
+            for line in lines:
+                say(line)
+
+
+def _opened(now: LogStatus, *, first: bool) -> str:
+    from daq.recording.parts import part_number
+
+    part = part_number(now.path)[1]
+    if not now.run:
+        return f"recording between runs into {now.path}"
+    if first and part > 1:
+        return f"run {now.run} was cut off, and goes on: recording into {now.path}"
+    return f"recording run {now.run} into {now.path}"

@@ -76,14 +76,22 @@ def command(
     for text in remarks:
         say(f"drift: {text}")
     say(f"wrote {target}")
-    if not first.vehicle.transducer.zero_file:
-        say(f'  next: zero_file = "{target.name}" under [transducer] of vehicle.toml makes every run carry it')
+    usual = zero_path(first, vehicle, None)
+    if not first.vehicle.transducer.zero_file or target.resolve() != usual.resolve():
+        say(f"  {_to_do(target, usual.parent)}")
     for row in beyond:
         say(f"{row.channel}: {row.part} moved by {row.change:+.4g} {row.unit}, beyond --max-drift {max_drift}")
     if unknown:
         say("--max-drift cannot be checked: it takes two recordings or more, all of one kind")
     if beyond or unknown:
         raise typer.Exit(1)
+
+
+def _to_do(written: Path, folder: Path) -> str:
+    """Return what is left to do where vehicle.toml, in a folder, does not name the file that was written."""
+    put = "" if written.resolve().parent == folder.resolve() else "put it beside vehicle.toml, and "
+    line = f'{put}add under [transducer] of vehicle.toml: zero_file = "{written.name}"'
+    return f"vehicle.toml does not name it, so that `log` does not carry it and `process` does not take it off; {line}"
 
 
 def _limits(text: str | None) -> dict[Quantity, float]:
