@@ -52,7 +52,9 @@ def other_logger(now: Situation) -> Iterator[Line]:
 
 
 def space(now: Situation) -> Iterator[Line]:
-    """Tell how long the disk lasts."""
+    """Tell how long the disk lasts; of one that takes nothing the other checks tell."""
+    if os.statvfs(now.folder).f_flag & os.ST_RDONLY:
+        return
     free = shutil.disk_usage(now.folder).free
     logger = now.vehicle.logger
     usable = free - logger.disk_reserve_mb * _MB

@@ -12,6 +12,7 @@ from daq.zero_file import ZERO_FILE, load_zeros
 
 _SLIP_ROLES = ("wheel_speed", "ground_speed")
 _FRESH_ZERO_H = 12.0
+_NOT_LOOKED_AT = "not looked at: DBC files, roles, interfaces, traffic, zero, for vehicle.toml has faults"
 
 
 def vehicle_file(now: Situation) -> Iterator[Line]:
@@ -19,6 +20,7 @@ def vehicle_file(now: Situation) -> Iterator[Line]:
     where = str(now.vehicle_file)
     if now.vehicle_faults:
         yield from (from_fault(fault, where) for fault in now.vehicle_faults)
+        yield warned("", _NOT_LOOKED_AT, "mend vehicle.toml, and ask again")
     elif not now.vehicle.bus:
         yield failed(where, "no [[bus]]: there is nothing to record", "add a [[bus]] with its channel and its DBCs")
     else:
@@ -39,6 +41,8 @@ def dbc_files(now: Situation) -> Iterator[Line]:
 
 def roles(now: Situation) -> Iterator[Line]:
     """Tell whether the roles name signals and those are there that slip needs."""
+    if now.vehicle_faults:
+        return
     yield from (from_fault(fault) for fault in now.role_faults)
     missing = [role for role in _SLIP_ROLES if role not in now.vehicle.signals]
     if missing:
@@ -49,10 +53,18 @@ def roles(now: Situation) -> Iterator[Line]:
 
 def zero(now: Situation) -> Iterator[Line]:
     """Tell whether there is a fresh zero of the transducer."""
-    path = now.vehicle_file.parent / (now.vehicle.transducer.zero_file or ZERO_FILE)
+    if now.vehicle_faults:
+        return
+    named = now.vehicle.transducer.zero_file
+    path = now.vehicle_file.parent / (named or ZERO_FILE)
     step = "lift the wheel or spin it, record that, then: wheelsoil zero RECORDING"
     if not path.is_file():
-        if _measures_force(now):
+        if named:
+            found = (
+                "not there, and vehicle.toml names it: `log` records without it, `process` refuses until it is there"
+            )
+            yield warned(str(path), found, step)
+        elif _measures_force(now):
             yield warned(str(path), "not there: the transducer's own zero is taken as it is", step)
         else:
             yield passed(str(path), "not there, and no force is measured")
@@ -67,7 +79,10 @@ def zero(now: Situation) -> Iterator[Line]:
         return
     age_h = (time.time_ns() - zeros[-1].time_ns) / 3.6e12
     found = f"zero of {zeros[-1].time_utc:%Y-%m-%d %H:%M} UTC, {age_h:.1f} h old"
-    if 0 <= age_h <= _FRESH_ZERO_H:
+    if not named:
+        line = f'add under [transducer] of vehicle.toml: zero_file = "{path.name}"'
+        yield warned(str(path), f"{found}, but vehicle.toml does not name it: `log` will not carry it", line)
+    elif 0 <= age_h <= _FRESH_ZERO_H:
         yield passed(str(path), found)
     else:
         yield warned(str(path), found, f"take one before each test: {step}")

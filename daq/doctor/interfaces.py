@@ -28,7 +28,10 @@ def interface(now: Situation) -> Iterator[Line]:
     for bus, heard in now.heard.items():
         link = now.links.get(bus)
         kind = heard.section.interface or "socketcan"
-        if link is not None and not link.exists:
+        if link is not None and not link.kernel_has_can:
+            step = "sudo modprobe can_raw; where there is no such module, another kernel or a python-can interface"
+            yield failed(bus, "this kernel has no SocketCAN", step)
+        elif link is not None and not link.exists:
             known = nearest(bus, can_links())
             step = (
                 "plug the adapter in, load its driver, or mend `channel` in vehicle.toml; `ip -br link show type can`"

@@ -30,6 +30,8 @@ class Link:
     ----------
     name : str
     exists, is_can, up : bool
+    kernel_has_can : bool
+        Whether this kernel knows SocketCAN; asked where there is no such interface.
     mtu, queue_length : int
         72 for CAN FD, 16 without; frames that wait to be sent.
     kind : str or None
@@ -44,6 +46,7 @@ class Link:
 
     name: str
     exists: bool = False
+    kernel_has_can: bool = True
     is_can: bool = False
     up: bool = False
     mtu: int = 0
@@ -68,7 +71,7 @@ def read_link(name: str) -> Link:
             )
         )
     except OSError:
-        return Link(name)
+        return Link(name, kernel_has_can=_kernel_has_can())
     link = Link(name, exists=True, is_can=kind == _ARPHRD_CAN, up=bool(flags & _IFF_UP), mtu=mtu, queue_length=queue)
     return with_details(link, _ip_details(name))
 
@@ -107,6 +110,15 @@ def stamp_age_s(channel: str, wait_s: float) -> float | None:
                 return float(now_ns - seconds * 10**9 - nanoseconds) * 1e-9
         return float("nan")
     return None
+
+
+def _kernel_has_can() -> bool:
+    """Return whether SocketCAN's sockets can be made; the kernel loads its module where there is one."""
+    try:
+        with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW):
+            return True
+    except OSError as error:
+        return error.errno not in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT)
 
 
 def _ip_details(name: str) -> dict[str, Any]:

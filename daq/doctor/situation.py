@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -80,8 +80,15 @@ class Situation:
         return next(folder for folder in (out, *out.parents) if folder.is_dir())
 
 
-def gather(vehicle_file: Path, out: Path, listen_s: float, page_port: int) -> Situation:
-    """Load the files, look at the interfaces, listen to the buses.
+def gather(
+    vehicle_file: Path,
+    out: Path,
+    listen_s: float,
+    page_port: int,
+    *,
+    about_to_listen: Callable[[], None] | None = None,
+) -> Situation:
+    """Load the files, look at the interfaces, listen to the buses; `about_to_listen` is called where there are any.
 
     Raises
     ------
@@ -99,6 +106,8 @@ def gather(vehicle_file: Path, out: Path, listen_s: float, page_port: int) -> Si
     sections = {bus.channel: bus for bus in vehicle.bus}
     links = {name: read_link(name) for name, section in sections.items() if is_socketcan(section)}
     apart_ns = realtime_ns() - monotonic_ns()
+    if sections and about_to_listen:
+        about_to_listen()
     heard = listen(sections, vehicle.logger, listen_s)
     moved_s = (realtime_ns() - monotonic_ns() - apart_ns) * 1e-9
     return Situation(

@@ -14,6 +14,7 @@ from daq.doctor.situation import Situation
 from daq.frames import FrameFlag
 from daq.health.traffic import bits_on_wire
 from daq.identify import coverage
+from daq.roles import SignalRef
 
 _HIGH_LOAD = 0.8
 _MANY_ERRORS = 0.01
@@ -129,7 +130,12 @@ def role_values(now: Situation) -> Iterator[Line]:
             label = now.channels[role].labels.get(int(values[-1]), "not 0")
             yield warned(role, f"{name} says {values[-1]:g}: {label}", "see the transducer; such samples are left out")
         else:
-            yield passed(role, f"{values[-1]:.6g} {reference.si_unit} ({name}, {len(values)} samples)")
+            yield passed(role, f"{_shown(values[-1], reference)} ({name}, {len(values)} samples)")
+
+
+def _shown(value_si: float, reference: SignalRef) -> str:
+    """Return a value in the DBC's unit, as the status page shows it."""
+    return f"{(value_si - reference.si_offset) / reference.si_factor:.6g} {reference.unit}".strip()
 
 
 def _opened(now: Situation) -> Iterator[tuple[str, Heard]]:

@@ -93,6 +93,11 @@ def with_zero(folder: Path, ready: Situation, age_h: float | None, content: byte
     return replace(ready, vehicle_file=folder / "vehicle.toml")
 
 
+def naming_zero(ready: Situation) -> Situation:
+    transducer = ready.vehicle.transducer.model_copy(update={"zero_file": "zero.toml"})
+    return replace(ready, vehicle=ready.vehicle.model_copy(update={"transducer": transducer}))
+
+
 def counters(buffer_bytes: int | None, dropped: int | None = 0) -> SourceCounters:
     return SourceCounters(10, dropped, 0, buffer_bytes)
 
@@ -118,9 +123,8 @@ CASES = [
     Case("roles", "fail", "no DBC has a signal", lambda folder, _: alone(folder, ground_speed='"GNSS_2.Sped"')),
     Case("roles", "warn", "no wheel_speed and no ground_speed", lambda folder, _: written(folder, "[signals]\n")),
     Case("interface", "pass", "virtual, opened", lambda _, ready: ready),
-    Case(
-        "interface", "fail", "no interface nocan0", lambda f, _: alone(f, channel='"nocan0"', interface='"socketcan"')
-    ),
+    Case("interface", "fail", "there is no interface", lambda _, ready: on_link(ready, Link("can0"))),
+    Case("interface", "fail", "no SocketCAN", lambda _, ready: on_link(ready, Link("can0", kernel_has_can=False))),
     Case("interface", "fail", "no CAN interface", lambda f, _: alone(f, channel='"lo"', interface='"socketcan"')),
     Case("interface", "fail", "knows no interface", lambda folder, _: alone(folder, interface='"virtuel"')),
     Case("interface", "fail", "is down", lambda _, ready: on_link(ready, replace(GOOD, up=False))),
@@ -159,6 +163,7 @@ CASES = [
     Case("DBC coverage", "warn", "14%", lambda _, ready: described(ready, 256)),
     Case("silent messages", "pass", "all 7", lambda _, ready: ready),
     Case("silent messages", "warn", "GNSS_3", lambda folder, _: heard(folder, without=("GNSS_3",))),
+    Case("signals", "pass", "3.6 kt (bus", lambda folder, _: heard(folder, Speed=3.6)),
     Case("signals", "pass", "samples", lambda _, ready: ready),
     Case("signals", "fail", "GNSS_2.Speed did not come", lambda folder, _: heard(folder, without=("GNSS_2",))),
     Case("signals", "warn", "not available", lambda _, ready: replace(ready, channels=unavailable(ready))),
@@ -190,8 +195,10 @@ CASES = [
     Case("status page", "pass", "free", lambda _, ready: replace(ready, page_port=free_port())),
     Case("Python", "pass", "imported in", lambda _, ready: ready),
     Case("zero", "warn", "not there", lambda _, ready: ready),
-    Case("zero", "pass", "1.0 h old", lambda folder, ready: with_zero(folder, ready, 1.0)),
-    Case("zero", "warn", "48.0 h old", lambda folder, ready: with_zero(folder, ready, 48.0)),
+    Case("zero", "warn", "refuses until", lambda folder, ready: naming_zero(replace(ready, out=folder))),
+    Case("zero", "warn", "will not carry it", lambda folder, ready: with_zero(folder, ready, 1.0)),
+    Case("zero", "pass", "1.0 h old", lambda folder, ready: naming_zero(with_zero(folder, ready, 1.0))),
+    Case("zero", "warn", "48.0 h old", lambda folder, ready: naming_zero(with_zero(folder, ready, 48.0))),
     Case("zero", "warn", "no determination", lambda folder, ready: with_zero(folder, ready, None)),
     Case("zero", "fail", "unknown key", lambda folder, ready: with_zero(folder, ready, None, b"x = 1")),
     Case("service", "pass", "watchdog", lambda *_: judged_unit([ROOT / "deploy" / "wheelsoil-log.service"])),
@@ -296,6 +303,8 @@ def test_what_nothing_is_known_of_still_gives_lines(tmp_path: Path) -> None:
     named = {line.check for line in lines}
     assert {"vehicle.toml", "host clock", "folder", "disk speed", "Python"} <= named
     assert [line.check for line in lines if line.verdict is Verdict.FAIL] == ["vehicle.toml"]
+    assert not {"DBC files", "roles", "traffic", "zero"} & named  # what would be said of them is not true
+    assert sum("not looked at: DBC files, roles" in line.found for line in lines) == 1
 
 
 def test_a_bus_twice_in_the_file_is_heard_once(tmp_path: Path) -> None:

@@ -35,8 +35,10 @@ def command(
     """
     from daq.doctor import Verdict, examine, gather
 
-    say(f"listening for {listen:g} s")
-    lines = list(examine(gather(vehicle, out, listen, page_port)))
+    def about_to_listen() -> None:
+        say(f"listening for {listen:g} s")
+
+    lines = list(examine(gather(vehicle, out, listen, page_port, about_to_listen=about_to_listen)))
     count = {verdict.value: sum(line.verdict is verdict for line in lines) for verdict in Verdict}
     if json:
         print_json({"schema": "wheelsoil/doctor/1", "ready": not count["fail"], "count": count, "lines": lines})
