@@ -33,7 +33,7 @@ class ReplaySummary:
         Error frames are made by controllers and cannot be sent on a real bus.
     duration_s : float
     recorded_duration_s : float
-        Time from the first to the last frame, over all rounds.
+        Time from the first to the last frame that was sent, over all rounds.
     lateness_p50_s, lateness_p99_s, lateness_max_s : float
         How much later than due a frame was handed to the bus; NaN when sent as fast as the bus takes them.
     cpu_s : float
@@ -93,9 +93,9 @@ class Player:
         if self._first_ns is None:
             self._first_ns = self._last_ns = int(time_ns[0])
             self._started_at = time.perf_counter()
-        self._last_ns = max(self._last_ns, int(time_ns.max()))
         if self._speed is None:
             self._send(batch)
+            self._last_ns = max(self._last_ns, int(time_ns.max()))
             return
         due_s = np.maximum.accumulate(time_ns - self._first_ns) / (1e9 * self._speed)
         self._lateness.add(self._send_when_due(batch, due_s) - due_s)
@@ -104,12 +104,15 @@ class Player:
         """Return when each frame was sent, in seconds after the first."""
         due, sent_at = due_s.tolist(), np.empty(len(due_s))
         start, started_at = 0, self._started_at
-        while start < len(due):
-            now_s = wait_until(started_at + due[start]) - started_at
-            end = bisect_right(due, now_s + _TOGETHER_S, lo=start)  # all that are due, after a delay too
-            self._send(batch[start:end])
-            sent_at[start:end] = now_s
-            start = end
+        try:
+            while start < len(due):
+                now_s = wait_until(started_at + due[start]) - started_at
+                end = bisect_right(due, now_s + _TOGETHER_S, lo=start)  # all that are due, after a delay too
+                self._send(batch[start:end])
+                sent_at[start:end] = now_s
+                start = end
+        finally:  # Ctrl-C comes in the middle of a batch
+            self._last_ns = max(self._last_ns, int(batch.frames["time_ns"][:start].max(initial=0)))
         return sent_at
 
     def _send(self, batch: FrameBatch) -> None:

@@ -66,7 +66,7 @@ def _tell(done: ReplaySummary, json: bool) -> None:
         return
     facts = [(f"sent to {name}", f"{count:,} frames") for name, count in done.frames.items()]
     rounds = f" in {done.rounds} rounds" if done.rounds > 1 else ""
-    facts.append(("took", f"{done.duration_s:.2f} s for {done.recorded_duration_s:.2f} s recorded{rounds}"))
+    facts.append(("took", f"{done.duration_s:.2f} s for {done.recorded_duration_s:.2f} s of recording sent{rounds}"))
     facts.append(("CPU", f"{done.cpu_s:.2f} s, {done.cpu_percent:.0f} % of a core"))
     if isfinite(done.lateness_p99_s):
         late = (done.lateness_p50_s, done.lateness_p99_s, done.lateness_max_s)
