@@ -4,19 +4,28 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import fcntl
 import select
 import socket
 import struct
 import sys
 import time
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.can_socket import (
+    SO_RXQ_OVFL,
+    SO_TIMESTAMPNS,
+    buffer_remarks,
+    fault_of,
+    interface_is_up,
+    listening,
+    lost_frames,
+    prepared,
+    sending,
+)
 from daq.can_source import InterfaceDownError, SourceCounters
-from daq.errors import Fault, HardwareError, nearest
+from daq.errors import HardwareError
 from daq.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag, joined
 
 RECEIVE_BUFFER_BYTES = 8 << 20
@@ -24,16 +33,11 @@ RECEIVE_BUFFER_BYTES = 8 << 20
 FRAMES_A_CALL = 256
 _MOST_AT_ONCE = 16 * FRAMES_A_CALL
 
-# Linux: asm-generic/socket.h, linux/can.h, linux/can/raw.h, linux/sock_diag.h
-_SO_RCVBUFFORCE, _SO_TIMESTAMPNS, _SO_RXQ_OVFL, _SO_MEMINFO = 33, 35, 40, 55
-_MEMINFO_DROPS = 8
-_SOL_CAN_RAW, _CAN_RAW_FILTER, _CAN_RAW_ERR_FILTER, _CAN_RAW_FD_FRAMES = 101, 1, 2, 5
+# Linux: linux/can.h
 _EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
 _ID_MASK = 0x1FFF_FFFF
 _BRS, _ESI, _FDF = 1, 2, 4
 _CLASSIC_BYTES, _FD_BYTES = 16, 72
-_SIOCGIFFLAGS, _IFF_UP = 0x8913, 1
-_IFREQ = struct.Struct("=16sH22x")
 
 _HEADER = np.dtype(
     [
@@ -53,8 +57,8 @@ _FRAME = np.dtype([("id", "u4"), ("length", "u1"), ("flags", "u1"), ("reserved",
 _CONTROL_WORDS = 8
 """Two control messages: a time stamp (4 words of 8 bytes), then the count of lost frames (3 words)."""
 _STAMP_BYTES = 32
-_TIME_STAMP = _SO_TIMESTAMPNS << 32 | socket.SOL_SOCKET
-_LOST = _SO_RXQ_OVFL << 32 | socket.SOL_SOCKET
+_TIME_STAMP = SO_TIMESTAMPNS << 32 | socket.SOL_SOCKET
+_LOST = SO_RXQ_OVFL << 32 | socket.SOL_SOCKET
 
 _BITS = ((_EXTENDED, FrameFlag.EXTENDED), (_REMOTE, FrameFlag.REMOTE), (_ERROR, FrameFlag.ERROR))
 _FLAGS = np.array([sum(flag for bit, flag in _BITS if word << 29 & bit) for word in range(8)], np.uint8)
@@ -119,7 +123,7 @@ class SocketCanSource:
         self, channel: str, buffer_bytes: int = RECEIVE_BUFFER_BYTES, made: socket.socket | None = None
     ) -> None:
         self.name = channel
-        self._socket = _listening(channel, buffer_bytes) if made is None else _prepared(made, buffer_bytes)
+        self._socket = listening(channel, buffer_bytes) if made is None else prepared(made, buffer_bytes)
         self._received = 0
         self._errors = 0
         self._lost = 0
@@ -128,7 +132,7 @@ class SocketCanSource:
         header = self._batch.headers["header"]
         header["control"] = self._batch.control.ctypes.data + np.arange(FRAMES_A_CALL) * _CONTROL_WORDS * 8
         self._buffer_bytes = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2  # the kernel doubles it
-        self.remarks = _buffer_remarks(channel, self._buffer_bytes, buffer_bytes)
+        self.remarks = buffer_remarks(channel, self._buffer_bytes, buffer_bytes)
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
 
@@ -136,7 +140,7 @@ class SocketCanSource:
     def counters(self) -> SourceCounters:
         """See `daq.can_source.Source`. The losses are asked of the kernel, and so are never late."""
         if self._socket.fileno() >= 0:
-            self._lost = max(self._lost, _lost_frames(self._socket))
+            self._lost = max(self._lost, lost_frames(self._socket))
         return SourceCounters(self._received, self._lost, self._errors, self._buffer_bytes)
 
     def read(self, timeout_s: float) -> FrameBatch:
@@ -160,12 +164,7 @@ class SocketCanSource:
 
     def is_up(self) -> bool:
         """See `daq.can_source.Source`."""
-        request = _IFREQ.pack(self.name.encode(), 0)
-        try:
-            _, flags = _IFREQ.unpack(fcntl.ioctl(self._socket, _SIOCGIFFLAGS, request))
-        except OSError:
-            return False
-        return bool(flags & _IFF_UP)
+        return interface_is_up(self._socket, self.name)
 
     def close(self) -> None:
         """See `daq.can_source.Source`."""
@@ -177,7 +176,7 @@ class SocketCanSource:
         """Tell a failure, after the frames that were there before it."""
         code, self._failed = self._failed, 0
         kind = InterfaceDownError if code == errno.ENETDOWN else HardwareError
-        raise kind(_fault(self.name, code))
+        raise kind(fault_of(self.name, code))
 
     def _frames(self, count: int) -> FrameArray:
         raw, headers = self._batch.frames[:count], self._batch.headers[:count]
@@ -238,7 +237,7 @@ class SocketCanSink:
 
     def __init__(self, channel: str) -> None:
         self.name = channel
-        self._socket = _bound(channel, lambda made: made.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, b""))
+        self._socket = sending(channel)
         self._batch = _Batch()
 
     def send(self, frames: FrameArray, timeout_s: float) -> None:
@@ -261,7 +260,7 @@ class SocketCanSink:
                 if done < len(frames):
                     self._fill(frames[done:])
             elif -count not in (errno.ENOBUFS, errno.EAGAIN, errno.EINTR) or time.monotonic() > deadline:
-                raise HardwareError(_fault(self.name, -count))
+                raise HardwareError(fault_of(self.name, -count))
             else:
                 time.sleep(0.0002)  # the queue of the interface is full, and cannot be waited for
 
@@ -288,74 +287,3 @@ def _not_after_the_next(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
 def _first_words(frames: NDArray[np.void], data_at: int) -> NDArray[np.uint64]:
     """Return the first 8 data bytes of each frame as a number; of the same memory."""
     return np.ndarray(len(frames), np.uint64, frames, data_at, (frames.itemsize,))
-
-
-def _listening(channel: str, buffer_bytes: int) -> socket.socket:
-    def prepare(made: socket.socket) -> None:
-        made.setsockopt(_SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ID_MASK)
-        _prepared(made, buffer_bytes)
-
-    return _bound(channel, prepare)
-
-
-def _prepared(made: socket.socket, buffer_bytes: int) -> socket.socket:
-    """Have a socket stamp frames, count lost ones and keep many, beyond the system's limit where that is allowed."""
-    made.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-    made.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
-    try:
-        made.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, buffer_bytes)
-    except PermissionError:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
-    return made
-
-
-def _bound(channel: str, prepare: Callable[[socket.socket], object]) -> socket.socket:
-    """Return a socket of an interface, prepared before its first frame can come."""
-    try:
-        made = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
-    except OSError as error:
-        raise HardwareError(_fault(channel, error.errno or 0)) from None
-    try:
-        made.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FD_FRAMES, 1)
-        prepare(made)
-        made.bind((channel,))
-    except OSError as error:
-        made.close()
-        raise HardwareError(_fault(channel, error.errno or 0)) from None
-    return made
-
-
-def _fault(channel: str, code: int) -> Fault:
-    where, said = f"bus {channel}", errno.errorcode.get(code, str(code))
-    if code in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT):
-        step = "sudo modprobe can_raw (in a container: on the host)"
-        return Fault("this kernel has no SocketCAN", where, said, next_step=step)
-    if code == errno.ENODEV:
-        names = [name for _, name in socket.if_nameindex()]
-        step = (
-            f"`ip link show type can`; for a virtual bus: ip link add dev {channel} type vcan; ip link set {channel} up"
-        )
-        return Fault(f"there is no interface {channel}", where, said, nearest(channel, names), step)
-    if code == errno.ENETDOWN:
-        return Fault("the interface is down", where, said, next_step=f"ip link set {channel} up")
-    if code in (errno.EPERM, errno.EACCES):
-        return Fault("the interface must not be opened", where, said, next_step="run with the capability CAP_NET_RAW")
-    if code in (errno.ENOBUFS, errno.EAGAIN):
-        step = "check that another node acknowledges frames, the bit rate and the termination"
-        return Fault("the bus takes no frames", where, said, next_step=step)
-    if code == errno.EINVAL:
-        step = f"ip link set {channel} mtu 72, or a CAN FD bit rate: ip link set {channel} type can ... fd on"
-        return Fault("the interface refuses the frame; it may not be a CAN FD one", where, said, next_step=step)
-    return Fault("the interface failed", where, said, next_step="check the adapter and its cable")
-
-
-def _buffer_remarks(channel: str, given: int, wanted: int) -> tuple[str, ...]:
-    if given >= wanted:
-        return ()
-    step = f"sudo sysctl net.core.rmem_max={wanted}"
-    return (f"{channel}: receive buffer of {given} instead of {wanted} bytes, so bursts may be lost; {step}",)
-
-
-def _lost_frames(made: socket.socket) -> int:
-    words: NDArray[np.uint32] = np.frombuffer(made.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 36), np.uint32)
-    return int(words[_MEMINFO_DROPS]) if len(words) > _MEMINFO_DROPS else 0
