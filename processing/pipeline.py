@@ -87,7 +87,8 @@ def process_stream(
     """
     options = options or ProcessOptions()
     wheel = _wheel(vehicle)
-    gate, removal = StatusGate(round(1e9 / options.rate_hz)), ZeroRemoval(zeros or RunZeros(), vehicle)
+    gate = StatusGate(round(1e9 / options.rate_hz), declared="transducer_status" in vehicle.signals)
+    removal = ZeroRemoval(zeros or RunZeros(), vehicle)
     samples = _collect(gate.without_distrusted(chunks), vehicle, options, removal, gate)
     clock, notes = _settle_gnss(samples, vehicle)
     notes += _drop_dead(samples, options)

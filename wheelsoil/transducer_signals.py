@@ -16,7 +16,7 @@ from daq.run import Run
 from daq.units import Quantity, Unit, find_unit
 from processing.inputs import latency_ns
 from processing.timebase import FloatArray, IntArray, in_order, merge_equal_stamps, seconds_since
-from processing.transducer_status import FORCE_ROLES
+from processing.transducer_status import FORCE_ROLES, status_at
 from processing.transducer_zero import TransducerSignal
 from processing.wheel_frames import wheel_angle
 
@@ -191,13 +191,11 @@ def _between(
 
 
 def _trusted(channel: Channel, status: Channel | None) -> tuple[Channel, int]:
-    """Return a channel without the samples whose nearest status is not 0, and how many those are."""
+    """Return a channel without the samples whose status is not 0, and how many those are."""
     if status is None or not len(status):
         return channel, 0
-    after = np.clip(np.searchsorted(status.time_ns, channel.time_ns), 0, len(status) - 1)
-    before = np.maximum(after - 1, 0)
-    nearer = channel.time_ns - status.time_ns[before] < status.time_ns[after] - channel.time_ns
-    good = status.values[np.where(nearer, before, after)] == 0
+    said = status_at(channel.time_ns, status.time_ns, status.values, np.diff(status.time_ns))
+    good = (said == 0) | np.isneginf(said)
     return Channel(channel.name, channel.unit, channel.time_ns[good], channel.values[good]), int(np.sum(~good))
 
 

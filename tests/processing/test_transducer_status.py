@@ -14,12 +14,22 @@ from processing.processed_run import ProcessedRun, Reason
 LABELS = {0: "Ok", 2: "Overrange", 15: "Fault"}
 
 
-def _run(status: np.ndarray, chunks: int = 1, purpose: str = "process") -> ProcessedRun:  # type: ignore[type-arg]
+def _run(
+    status: np.ndarray,  # type: ignore[type-arg]
+    chunks: int = 1,
+    purpose: str = "process",
+    *,
+    of_s: float = 20.0,
+    came: np.ndarray | None = None,  # type: ignore[type-arg]
+) -> ProcessedRun:
+    """Process 20 s, of which the status covers `of_s`; only those status samples are there that `came`."""
     at = stamps(20.0, 1000.0)
     made = speeds(20.0) | forces(20.0)
-    spoilt = np.where(status != 0, 32_000.0, made["drawbar_pull"].values)
+    spoilt = made["drawbar_pull"].values.copy()
+    spoilt[: len(status)][status != 0] = 32_000.0
     made["drawbar_pull"] = channel("drawbar_pull", at, spoilt)
-    raw = channel("transducer_status", at, status)
+    there = slice(None) if came is None else came
+    raw = channel("transducer_status", stamps(of_s, 1000.0)[there], status[there])
     made["transducer_status"] = Channel(raw.name, "", raw.time_ns, raw.values, LABELS)
     if chunks == 1:
         return process(made, vehicle(), options=ProcessOptions(purpose=purpose))
@@ -60,3 +70,33 @@ def test_a_transducer_that_never_trusts_itself_leaves_nothing() -> None:
     assert not run.used.any()
     assert run.quality.shares["TRANSDUCER"] > 0.9
     assert np.isnan(run.drawbar_pull_n).all()
+
+
+@pytest.mark.parametrize("chunks", [1, 7])
+@pytest.mark.parametrize("last", [0.0, 15.0])
+def test_a_status_that_stops_is_not_held_and_is_told(chunks: int, last: float) -> None:
+    status = np.zeros(8_000)
+    status[7_500:] = last
+    run = _run(status, chunks, of_s=8.0)
+    left_out = run.reason == Reason.TRANSDUCER
+    assert not left_out[run.time_s > 8.3].any()
+    assert left_out[(run.time_s > 7.7) & (run.time_s < 7.9)].all() == bool(last)
+    assert run.used[run.time_s > 8.5].mean() > 0.95
+    (note,) = [note for note in run.quality.notes if "status is not known" in note]
+    assert note.startswith("of 11,900 of 20,000 samples")
+
+
+def test_a_status_that_never_comes_is_told() -> None:
+    made = speeds(20.0) | forces(20.0)
+    run = process(made, vehicle(signals={"transducer_status": "W.Status"}))
+    assert any("status never came" in note for note in run.quality.notes)
+    assert not any("status" in note for note in process(made, vehicle()).quality.notes)
+
+
+def test_a_status_that_arrives_late_holds_meanwhile() -> None:
+    status = np.zeros(20_000)
+    came = np.ones(20_000, bool)
+    for first in np.random.default_rng(2).integers(0, 19_900, 60):
+        came[first : first + 80] = False
+    run = _run(status, came=came)
+    assert not any("status" in note for note in run.quality.notes)

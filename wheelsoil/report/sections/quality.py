@@ -79,14 +79,17 @@ def _sensors(runs: tuple[ProcessedRun, ...]) -> list[Table]:
     ]
     note = (
         "Rate and sigma: median of the runs. Sigma is of one filtered sample. Sigma of the zero: of what was "
-        "taken off, the same in all samples of a run, the largest of the runs; the intervals of the fit do not hold it."
+        "taken off, the same in all samples of a run, the largest of the runs of which it is known; the intervals of "
+        "the fit do not hold it."
     )
     return [Table("Channels as they came", head, rows, note)] if rows else []
 
 
 def _systematic(sigmas: list[float]) -> str:
+    """Return the largest sigma that is known, and of how many runs none is."""
     known = [sigma for sigma in sigmas if np.isfinite(sigma)]
-    return number(max(known, default=float("nan")), 2)
+    largest = number(max(known, default=float("nan")), 2)
+    return largest if len(known) in (0, len(sigmas)) else f"{largest} (unknown of {len(sigmas) - len(known)} runs)"
 
 
 def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
