@@ -5,7 +5,7 @@ What a file says of itself is beaten by the campaign folder it lies in, and that
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
@@ -41,6 +41,7 @@ def open_runs(
     terrain: str | Path | None = None,
     runs: str | Path | None = None,
     lenient_dbc: bool = False,
+    left_out: Callable[[str], None] | None = None,
 ) -> list[Run]:
     """Open recordings, logs and campaign folders.
 
@@ -56,6 +57,9 @@ def open_runs(
         Files that override what folders and recordings carry; the names of DBCs start at the folder of vehicle.toml.
     lenient_dbc : bool
         See `daq.databases.load_database`.
+    left_out : callable, optional
+        Is told of each file of a folder that cannot be read, or in which there is nothing: it costs only itself while
+        the folder has others. None: it is an error, as it always is where the file itself is named.
 
     Returns
     -------
@@ -87,14 +91,25 @@ def open_runs(
             known = known_in(path, lenient_dbc) if whole else known_in(path.parent, lenient_dbc or _is_lenient(path))
             if known is None:
                 continue
-            before = len(opened)
+            found: list[Run] = []
+            unreadable = Collected()
             for file in _files_of(path, known, collected) if whole else [path]:
                 with collected.catch():
-                    if file.resolve() not in taken:
-                        opened.append(_open_file(file, known, lenient_dbc))
-                        taken |= _other_parts(opened[-1])
+                    if file.resolve() in taken:
+                        continue
+                    try:
+                        found.append(_open_file(file, known, lenient_dbc))
+                        taken |= _other_parts(found[-1])
+                    except RecordingError as error:
+                        unreadable.errors.append(error)
             if whole and known.runs is None:
-                opened[before:] = _without_copies(opened[before:])
+                found = _without_copies(found)
+            if found and left_out:
+                for one in unreadable.errors:
+                    left_out(_told(one))
+            else:
+                collected.errors += unreadable.errors
+            opened += found
     collected.stop_if_any()
     return _told_apart(opened)
 
@@ -185,6 +200,10 @@ def _configuration(files: dict[str, Path], collected: Collected, lenient_dbc: bo
         with collected.catch():
             known = known.over(runs_from_file(files[RUNS_FILE]))
     return known
+
+
+def _told(error: WheelsoilError) -> str:
+    return "; ".join(f"{fault.where}: left out: {fault.what}" for fault in error.faults)
 
 
 def _open_file(path: Path, known: Configuration, lenient_dbc: bool) -> Run:

@@ -15,7 +15,7 @@ from daq.channel import Channel
 from daq.config import ROLES, RunInfo, RunsConfig, TerrainConfig, VehicleConfig, load_toml, parse_toml
 from daq.databases import Database, load_database
 from daq.decode import Decoder
-from daq.errors import DatabaseError, Fault, nearest
+from daq.errors import DatabaseError, Fault, RecordingError, nearest
 from daq.frames import FrameBatch
 from daq.logs import read_log
 from daq.recording import RunRecording
@@ -222,6 +222,10 @@ class Run:
 def recording_run(path: Path, given: Configuration, *, lenient_dbc: bool = False) -> Run:
     """Open a recording with all parts of its run; `given` overrides what it carries."""
     recording = RunRecording.open(path)
+    if recording.is_bare:
+        size = sum(file.stat().st_size for file in recording.files)
+        what = "there is nothing in it: the file ends just after it was begun"
+        raise RecordingError(Fault(what, str(path), f"{size:,} bytes"))
     known = given.over(from_recording(recording, given, lenient_dbc=lenient_dbc))
     return _run(recording.path, known, recording.run, recording)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,13 @@ from daq.config import RunInfo
 from daq.convert import lenient_remarks
 from daq.identify import Coverage, coverage
 from daq.logs import LogReading
-from daq.recording import Event, Recording, Topic
+from daq.recording import Event, Gap, Recording, RunRecording, Topic
 from daq.run import Run
+from daq.session.folder_lock import is_being_recorded
 from daq.unsure_times import UnsureTimes
 
 _BLOCK_BYTES = 1 << 20
-_NO_END = "no end of the run"
+_NO_END, _NO_END_YET = "no end of the run", "still being recorded"
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,8 @@ class PartFacts:
         The life of the logger that wrote it.
     exit_status : str
         Empty where the end of the file is missing.
+    recording_now : bool
+        Whether that is because a logger is writing it.
     loss : tuple of str
     """
 
@@ -48,6 +51,7 @@ class PartFacts:
     end_ns: int | None
     session: str
     exit_status: str
+    recording_now: bool
     loss: tuple[str, ...]
 
 
@@ -65,6 +69,8 @@ class FileFacts:
         Of a run in parts: of all its files, one behind the other.
     parts : tuple of PartFacts
         Of a recording; one where the run is in one file.
+    gaps : tuple of Gap
+        What was not recorded between two parts.
     info : RunInfo
     vehicle, terrain : str
         Names; empty where nothing is known.
@@ -97,6 +103,7 @@ class FileFacts:
     bytes: int
     sha256: str
     parts: tuple[PartFacts, ...]
+    gaps: tuple[Gap, ...]
     info: RunInfo
     vehicle: str
     terrain: str
@@ -123,6 +130,11 @@ class FileFacts:
     def duration_s(self) -> float:
         """Time from the first to the last frame; NaN without frames."""
         return float("nan") if self.start_ns is None or self.end_ns is None else (self.end_ns - self.start_ns) * 1e-9
+
+    @property
+    def recording_now(self) -> bool:
+        """Whether a logger is writing one of its files."""
+        return any(part.recording_now for part in self.parts)
 
     def rate_hz(self, bus: str) -> float:
         """Return the mean frame rate of a bus; NaN where it cannot be told."""
@@ -160,6 +172,7 @@ def file_facts(run: Run, watch: Callable[[int], None] | None = None) -> FileFact
         bytes=sum(file.stat().st_size for file in run.files),
         sha256=parts[0].sha256 if len(parts) == 1 else sha256_of(*run.files),
         parts=parts,
+        gaps=recording.gaps if recording else (),
         info=run.info,
         vehicle=run.vehicle.vehicle.name if run.vehicle.bus or run.vehicle.wheel else "",
         terrain=run.terrain.soil.name if run.terrain else "",
@@ -178,10 +191,16 @@ def file_facts(run: Run, watch: Callable[[int], None] | None = None) -> FileFact
         attachments={name: len(data) for name, data in recording.attachments.items()} if recording else {},
         topics=recording.topics if recording else (),
         written_by=recording.library if recording else "",
-        exit_status=(recording.exit_status or (_NO_END if recording.has_raw_frames else "")) if recording else "",
+        exit_status=_exit_status(recording, parts) if recording else "",
         loss=tuple(str(item) for item in recording.loss) if recording else (),
         remarks=tuple(remarks),
     )
+
+
+def _exit_status(recording: RunRecording, parts: Sequence[PartFacts]) -> str:
+    if recording.exit_status or not recording.has_raw_frames:
+        return recording.exit_status
+    return _NO_END_YET if parts[-1].recording_now else _NO_END
 
 
 def sha256_of(*paths: Path) -> str:
@@ -196,6 +215,7 @@ def sha256_of(*paths: Path) -> str:
 
 def _part_facts(part: Recording) -> PartFacts:
     start_ns, end_ns = part.time_range_ns or (None, None)
+    exit_status = part.metadata.get("run_end", {}).get("exit_status", "")
     return PartFacts(
         file=str(part.path),
         bytes=part.path.stat().st_size,
@@ -204,7 +224,8 @@ def _part_facts(part: Recording) -> PartFacts:
         start_ns=start_ns,
         end_ns=end_ns,
         session=part.metadata.get("run_start", {}).get("session", ""),
-        exit_status=part.metadata.get("run_end", {}).get("exit_status", ""),
+        exit_status=exit_status,
+        recording_now=not exit_status and is_being_recorded(part.path),
         loss=tuple(map(str, part.loss)),
     )
 

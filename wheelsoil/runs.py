@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from daq.buses import no_bus_in_common
 from daq.errors import ConfigError, DataError, Fault
 from daq.open import Collected, open_runs
 from daq.run import VEHICLE_FILE, Run
+from daq.session.folder_lock import is_being_recorded
 from daq.unsure_times import UnsureTimes
 from processing.options import ProcessOptions
 from processing.processed_run import ProcessedRun
@@ -37,7 +38,7 @@ def open_and_process(
     WheelsoilError
         What is wrong with any of the runs, of all of them at once.
     """
-    opened = open_runs(paths, vehicle=vehicle, terrain=terrain, runs=runs_file, lenient_dbc=lenient_dbc)
+    opened = open_runs(paths, vehicle=vehicle, terrain=terrain, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
     return process_runs(opened, options, zero=zero)
 
 
@@ -57,18 +58,25 @@ def process_runs(
                 unsure = UnsureTimes()
                 channels = run.channel_batches(watch=unsure.take)
                 one = process_stream(channels, run.vehicle, run.info, options, zeros_for(run, zero))
-                processed.append((run, _with_note(one, unsure.note())))
+                processed.append((run, _with_notes(one, [unsure.note(), *_gaps(run)])))
             except (ConfigError, DataError) as error:
                 raise _explained(run, error) from None
         if run.recording and run.recording.loss:
             say(f"{run.path}: read without what is damaged: {'; '.join(map(str, run.recording.loss))}")
-            say("  next: `wheelsoil recover` makes a whole file of what can be read")
+            if is_being_recorded(run.files[-1]):
+                say("  it is still being recorded")
+            else:
+                say("  next: `wheelsoil recover` makes a whole file of what can be read")
     collected.stop_if_any()
     return processed
 
 
-def _with_note(run: ProcessedRun, note: str) -> ProcessedRun:
-    return replace(run, quality=replace(run.quality, notes=(note, *run.quality.notes))) if note else run
+def _with_notes(run: ProcessedRun, notes: Iterable[str]) -> ProcessedRun:
+    return replace(run, quality=replace(run.quality, notes=(*filter(None, notes), *run.quality.notes)))
+
+
+def _gaps(run: Run) -> list[str]:
+    return list(map(str, run.recording.gaps)) if run.recording else []
 
 
 def _check_vehicle(run: Run) -> None:

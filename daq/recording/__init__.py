@@ -3,6 +3,7 @@
 from daq.recording.contents import Loss
 from daq.recording.diagnostics import DiagnosticStatus
 from daq.recording.events import Event
+from daq.recording.gaps import Gap
 from daq.recording.part_writer import PartWriter
 from daq.recording.reader import Recording, Topic
 from daq.recording.recover import Recovery, recover
@@ -12,6 +13,7 @@ from daq.recording.writer import RecordingWriter
 __all__ = [
     "DiagnosticStatus",
     "Event",
+    "Gap",
     "Loss",
     "PartWriter",
     "Recording",

@@ -50,7 +50,7 @@ def recover(source: str | Path, target: str | Path, *, overwrite: bool = False) 
     Raises
     ------
     RecordingError
-        If `source` is no MCAP file, or `target` is there already or is `source`.
+        If `source` is no MCAP file or there is nothing in it, or `target` is there already or is `source`.
     HardwareError
         If the disk is full.
     """
@@ -61,6 +61,9 @@ def recover(source: str | Path, target: str | Path, *, overwrite: bool = False) 
             Fault("a recording cannot be recovered onto itself", str(path), next_step="choose another name")
         )
     contents = recording.contents
+    if not contents.chunks and not contents.has_summary:
+        what = "there is nothing in it to save: it was cut off before anything was recorded"
+        raise RecordingError(Fault(what, str(recording.path), f"{contents.size:,} bytes"))
     sink = McapSink(path, overwrite=overwrite, profile=contents.profile)
     try:
         for name, data in recording.attachments.items():

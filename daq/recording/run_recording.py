@@ -15,6 +15,7 @@ from daq.frames import FrameBatch, concatenate, renumbered
 from daq.recording.contents import Loss
 from daq.recording.events import Event
 from daq.recording.format import LOSSES, RUN_END, RUN_START
+from daq.recording.gaps import Gap, gaps_between
 from daq.recording.parts import part_number, part_path, parts_on_disk
 from daq.recording.reader import Recording, Topic
 
@@ -99,6 +100,16 @@ class RunRecording:
             return (*self.parts[0].loss, *self._missing)
         told = (replace(loss, what=f"{part.path.name}: {loss.what}") for part in self.parts for loss in part.loss)
         return (*told, *self._missing)
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether it was cut off before anything but a beginning was written."""
+        return all(not part.contents.has_summary and not part.contents.chunks for part in self.parts)
+
+    @cached_property
+    def gaps(self) -> tuple[Gap, ...]:
+        """Where a part does not take up where the one before it left off, because the logger had died."""
+        return gaps_between(self.parts)
 
     @property
     def has_raw_frames(self) -> bool:

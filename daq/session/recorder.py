@@ -16,12 +16,12 @@ from daq.errors import Fault, HardwareError, RecordingError
 from daq.host_clock import HostClock
 from daq.recording import DiagnosticStatus, Event, PartWriter
 from daq.recording.events import Severity
+from daq.session.folder_lock import BETWEEN_FOLDER
 from daq.session.listener import Arrival
 from daq.session.run_clock import RunClock
 from daq.session.run_files import VEHICLE_KEY, RunFiles, new_run
 from daq.view import DecodedView
 
-BETWEEN_FOLDER = "between"
 BETWEEN_KEY = "between_runs"
 """In the ``run_start`` metadata: "yes" in a recording of what came between two runs."""
 CLOCK = "clock"

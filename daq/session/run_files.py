@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -74,6 +74,8 @@ def new_run(folder: Path, run: RunInfo, vehicle: VehicleConfig) -> RunFiles:
 def named_run(first: Path, run: RunInfo, vehicle: VehicleConfig) -> RunFiles:
     """Return the files of a run that people named; where it is there and was cut off, it goes on.
 
+    Where the clock was set back behind the last frame, a new run with a number begins: the times of a run do not.
+
     Raises
     ------
     RecordingError
@@ -90,20 +92,24 @@ def named_run(first: Path, run: RunInfo, vehicle: VehicleConfig) -> RunFiles:
     if not _was_cut_off(recording) or _vehicle_of(recording) != vehicle.vehicle.name:
         what = "there is a file already"
         raise RecordingError(Fault(what, str(recording.path), next_step="choose another name, e.g. with --run-id"))
-    return _continued(first, recording)
+    return _continued(first, recording) if _time_goes_on(recording) else _after(recording, first.parent, run, vehicle)
 
 
 def unfinished_run(folder: Path, vehicle: VehicleConfig) -> RunFiles | None:
-    """Return how the newest recording of a vehicle goes on, if it was cut off a short while ago."""
+    """Return how the newest recording of a vehicle goes on, if it was cut off a short while ago; see `named_run`."""
     for parts in _newest_first(folder):
         try:
             recording = _last_begun(parts)
             if recording is None or _vehicle_of(recording) != vehicle.vehicle.name or RECOVERED in recording.metadata:
                 continue
             recent = abs(time.time_ns() - _last_ns(recording)) * 1e-9 <= GOES_ON_WITHIN_S
+            first = part_number(recording.path)[0]
+            run = recording.run or RunInfo(id=first.stem)
         except RecordingError:
             continue
-        return _continued(part_number(recording.path)[0], recording) if recent and _was_cut_off(recording) else None
+        if not (recent and _was_cut_off(recording)):
+            return None
+        return _continued(first, recording) if _time_goes_on(recording) else _after(recording, folder, run, vehicle)
     return None
 
 
@@ -122,6 +128,19 @@ def _last_ns(recording: Recording) -> int:
     span = recording.time_range_ns if recording.has_raw_frames else None
     created = recording.metadata[RUN_START].get("created_ns", "")
     return span[1] if span else int(created) if created.isdecimal() else 0
+
+
+def _time_goes_on(recording: Recording) -> bool:
+    """Whether a frame that comes now is later than the last one."""
+    return _last_ns(recording) <= time.time_ns()
+
+
+def _after(recording: Recording, folder: Path, run: RunInfo, vehicle: VehicleConfig) -> RunFiles:
+    """Return a new run in place of one that cannot go on because the clock was set back."""
+    following = new_run(folder, run, vehicle)
+    behind_s = (_last_ns(recording) - time.time_ns()) * 1e-9
+    told = f"run {run.id!r} was cut off, and the clock is {behind_s:.1f} s behind its last frame"
+    return replace(following, remark=f"{told}: run {following.run.id!r} begins")
 
 
 def _continued(first: Path, recording: Recording) -> RunFiles:

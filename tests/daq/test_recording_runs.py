@@ -175,7 +175,7 @@ def test_other_runs_are_not_drawn_in(tmp_path):
     runs = {run.files: run for run in open_runs([tmp_path])}
     names = {tuple(file.name for file in files) for files in runs}
     whole = tuple(part_path(first, number).name for number in (1, 2, 3, 4))
-    assert names == {whole, ("old.part2.mcap",), ("q.mcap",), ("r.part5.mcap",), ("s.mcap",)}
+    assert names == {whole, ("old.part2.mcap",), ("r.part5.mcap",), ("s.mcap",)}
     told = {run.path.name: [str(loss) for loss in run.recording.loss] for run in runs.values() if run.recording}
     assert told.pop("s.mcap") == ["s.part2.mcap is missing, in which the run goes on"]
     assert told.pop("r.part5.mcap") == ["s.mcap is missing, which r.part5.mcap continues"]
@@ -213,3 +213,18 @@ def test_every_door_opens_one_run(tmp_path):
     (first.parent / "runs.toml").unlink()
     with pytest.raises(ConfigError, match="is given"):
         open_runs([])
+
+
+def test_what_was_not_recorded_between_two_parts_is_told(tmp_path):
+    """A part that a rotation closed goes over without a gap; one that was cut off does not."""
+    first = rotated(tmp_path / "r.mcap")
+    assert RunRecording.open(first).gaps == ()
+    second = part_path(first, 2)
+    data = second.read_bytes()
+    second.write_bytes(data[: data.index(b"run_end") - 20])
+    (gap,) = RunRecording.open(first).gaps
+    assert (gap.before, gap.after) == (2, 3)
+    assert (gap.from_ns, gap.to_ns) == (BATCHES[1].frames["time_ns"].max(), BATCHES[2].frames["time_ns"].min())
+    length_s = (gap.to_ns - gap.from_ns) * 1e-9
+    backwards = f"part 3 begins {-length_s:.2f} s before the last frame of part 2"
+    assert str(gap) == (f"{length_s:.2f} s between part 2 and part 3 were not recorded" if length_s >= 0 else backwards)

@@ -10,7 +10,7 @@ import typer
 
 from daq.errors import ConfigError, Fault
 from wheelsoil.cli.options import Force, Json, LenientDbc, Runs, RunsFile, Vehicle
-from wheelsoil.cli.talk import print_facts, print_json, progress
+from wheelsoil.cli.talk import print_facts, print_json, progress, say
 
 
 class TableFormat(StrEnum):
@@ -49,7 +49,7 @@ def command(
         raise ConfigError(Fault("--decode writes every signal", next_step="leave out --signal"))
     if not output.parent.is_dir():
         raise ConfigError(Fault("no such folder", str(output.parent), next_step="create it or choose another output"))
-    opened = open_runs(runs, vehicle=vehicle, runs=runs_file, lenient_dbc=lenient_dbc)
+    opened = open_runs(runs, vehicle=vehicle, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
     without = [run for run in opened if not run.databases]
     if without:
         raise ConfigError(

@@ -38,7 +38,7 @@ def command(
     from daq.open import open_runs
     from wheelsoil.facts import file_facts
 
-    opened = open_runs(runs, vehicle=vehicle, terrain=terrain, runs=runs_file, lenient_dbc=lenient_dbc)
+    opened = open_runs(runs, vehicle=vehicle, terrain=terrain, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
     facts = []
     for run in opened:
         with counter(f"reading {run.path.name}", "frames") as watch:
@@ -51,7 +51,9 @@ def command(
                 print()
             _print(one, None if all_ids else _SHOWN_IDS)
     for one in facts:
-        if one.loss and one.kind.startswith("recording"):
+        if one.recording_now:
+            say(f"{one.file}: still being recorded; it was read as far as it is written")
+        elif one.loss and one.kind.startswith("recording"):
             say(f"{one.file}: cut off or damaged; `wheelsoil recover` makes a whole file of what can be read")
 
 
@@ -60,6 +62,8 @@ def _as_json(facts: FileFacts) -> dict[str, Any]:
 
     known: dict[str, Any] = plain(facts)
     return known | {
+        "gaps": [{**plain(gap), "text": str(gap)} for gap in facts.gaps],
+        "recording_now": facts.recording_now,
         "duration_s": plain(facts.duration_s),
         "rate_hz": {bus: plain(facts.rate_hz(bus)) for bus in facts.frames},
         "known_frames": facts.coverage.known,
@@ -124,6 +128,7 @@ def _head(facts: FileFacts) -> list[tuple[str, str]]:
         ("unsure time", _unsure(facts)),
         ("clock steps", ", ".join(f"{key} {text}" for key, text in facts.clock_steps.items())),
     ]
+    lines += [("gap", str(gap)) for gap in facts.gaps]
     return lines + [("loss", text) for text in facts.loss] + [("remark", text) for text in facts.remarks]
 
 
@@ -170,7 +175,7 @@ def _print_parts(facts: FileFacts) -> None:
             f"{part.frames:,}",
             f"{part.bytes / 1e6:.3f}",
             utc(part.start_ns) if part.start_ns is not None else "-",
-            part.exit_status or "cut off",
+            part.exit_status or ("still being recorded" if part.recording_now else "cut off"),
         ]
         for part in facts.parts
     ]
