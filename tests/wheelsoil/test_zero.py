@@ -214,6 +214,17 @@ def test_the_file_is_appended_to_and_checked(tmp_path: Path) -> None:
     assert invoke("zero", first, "-o", tmp_path / "no" / "zero.toml").code == 2
 
 
+def test_the_line_is_named_that_vehicle_toml_lacks(tmp_path: Path) -> None:
+    unnamed = write_lifted(tmp_path / "unnamed.mcap", WHEEL, 1)
+    named = write_lifted(tmp_path / "named.mcap", WHEEL, 1, zero_file="zero.toml")
+    (tmp_path / "apart").mkdir()
+    line = 'add under [transducer] of vehicle.toml: zero_file = "zero.toml"'
+    assert line in ok("zero", unnamed).err
+    assert "vehicle.toml" not in ok("zero", named).err
+    told = ok("zero", named, "-o", tmp_path / "apart" / "zero.toml").err
+    assert f"put it beside vehicle.toml, and {line}" in told
+
+
 def test_a_signal_that_hardly_moves_is_as_uncertain_as_its_steps() -> None:
     at = np.arange(5000) / 1000
     quiet = fit_harmonics(at, np.full(5000, 12.0), None, 2.0)
