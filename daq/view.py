@@ -3,44 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.buses import messages_by_bus
 from daq.channel import Channel
 from daq.config import VehicleConfig
 from daq.databases import Database
+from daq.recording.topic_writer import TopicWriter
 from daq.roles import resolve_roles
 
 _SAME_FIX_NS = 100_000_000
-
-
-class ViewWriter(Protocol):
-    """What decoded values are written to: a `RecordingWriter` or a `PartWriter`."""
-
-    def write_decoded(
-        self,
-        message: str,
-        bus: str,
-        time_ns: NDArray[np.int64],
-        signals: Mapping[str, NDArray[np.float64]],
-        units: Mapping[str, str],
-        *,
-        publish_ns: NDArray[np.int64] | None = None,
-    ) -> None:
-        """See `RecordingWriter.write_decoded`."""
-
-    def write_position(
-        self,
-        bus: str,
-        time_ns: NDArray[np.int64],
-        latitude_deg: NDArray[np.float64],
-        longitude_deg: NDArray[np.float64],
-        altitude_m: NDArray[np.float64] | None = None,
-    ) -> None:
-        """See `RecordingWriter.write_position`."""
 
 
 class DecodedView:
@@ -48,7 +21,7 @@ class DecodedView:
 
     Parameters
     ----------
-    writer : RecordingWriter or PartWriter
+    writer : TopicWriter
     vehicle : VehicleConfig
     databases : mapping bus -> databases
 
@@ -59,7 +32,7 @@ class DecodedView:
     """
 
     def __init__(
-        self, writer: ViewWriter, vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]
+        self, writer: TopicWriter, vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]
     ) -> None:
         self._writer = writer
         self._units = {

@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TypedDict, Unpack
-
-import numpy as np
-from numpy.typing import NDArray
 
 from daq.config import RunInfo
 from daq.errors import Fault, HardwareError, RecordingError
 from daq.frames import FrameBatch
 from daq.recording.chunks import Compression
-from daq.recording.diagnostics import DiagnosticStatus
-from daq.recording.events import Event
-from daq.recording.format import LOSSES
+from daq.recording.counts import total
+from daq.recording.losses import LossTeller
 from daq.recording.parts import ROTATED, part_number, part_path, parts_on_disk
+from daq.recording.topic_writer import Topics, TopicWriter
 from daq.recording.writer import RecordingWriter
 
 _RETRY_AFTER_S = 10.0
-_LOSSES_EVERY_S = 1.0
 
 
 class WriterOptions(TypedDict, total=False):
@@ -35,7 +31,7 @@ class WriterOptions(TypedDict, total=False):
     decoded_rate_hz: float | None
 
 
-class PartWriter:
+class PartWriter(TopicWriter):
     """Writes a run into one recording after the other, each complete in itself.
 
     The next file is opened before the one before it is closed. Where it cannot be opened, the run goes on in the
@@ -94,11 +90,7 @@ class PartWriter:
         self._frames_before: dict[str, int] = {}
         self._counts_hold = True
         self._bytes_before = 0
-        self._drops: dict[str, int] = {}
-        self._drops_before: dict[str, int] = {}
-        self._losses: dict[str, int] = {}
-        self._losses_told: dict[str, int] = {}
-        self._losses_told_at = -np.inf
+        self._lost = LossTeller()
         self.rotation_fault: Fault | None = None
         before = part_path(self.first_path, first_part - 1).name if first_part > 1 else None
         self._begin(first_part, self._opened(first_part, before))
@@ -121,7 +113,7 @@ class PartWriter:
     @property
     def frame_counts(self) -> dict[str, int]:
         """Frames taken so far in all parts of this session, per bus."""
-        return _sum(self._frames_before, self._writer.frame_counts)
+        return total([self._frames_before, self._writer.frame_counts])
 
     @property
     def bytes_written(self) -> int:
@@ -133,43 +125,10 @@ class PartWriter:
         self._writer.write_frames(batch)
         self._rotate_if_due()
 
-    def write_decoded(
-        self,
-        message: str,
-        bus: str,
-        time_ns: NDArray[np.int64],
-        signals: Mapping[str, NDArray[np.float64]],
-        units: Mapping[str, str],
-        *,
-        publish_ns: NDArray[np.int64] | None = None,
-    ) -> None:
-        """See `RecordingWriter.write_decoded`."""
-        self._writer.write_decoded(message, bus, time_ns, signals, units, publish_ns=publish_ns)
-
-    def write_position(
-        self,
-        bus: str,
-        time_ns: NDArray[np.int64],
-        latitude_deg: NDArray[np.float64],
-        longitude_deg: NDArray[np.float64],
-        altitude_m: NDArray[np.float64] | None = None,
-    ) -> None:
-        """See `RecordingWriter.write_position`."""
-        self._writer.write_position(bus, time_ns, latitude_deg, longitude_deg, altitude_m)
-
-    def write_event(self, event: Event) -> None:
-        """See `RecordingWriter.write_event`."""
-        self._writer.write_event(event)
-
-    def write_diagnostics(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """See `RecordingWriter.write_diagnostics`."""
-        self._writer.write_diagnostics(time_ns, statuses)
-
-    def write_clock(
-        self, time_ns: int, bus: str, realtime_minus_monotonic_ns: int, file_minus_realtime_ns: int
-    ) -> None:
-        """See `RecordingWriter.write_clock`."""
-        self._writer.write_clock(time_ns, bus, realtime_minus_monotonic_ns, file_minus_realtime_ns)
+    @property
+    def topics(self) -> Topics:
+        """Of the file that is written now."""
+        return self._writer.topics
 
     def attach(self, name: str, data: bytes) -> None:
         """Add an attachment to this part and those that follow."""
@@ -190,9 +149,8 @@ class PartWriter:
         losses : mapping str -> int
             ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>``, ``missing.<bus>.<message>``, since then.
         """
-        self._drops, self._losses = dict(drops), dict(losses)
-        if time.monotonic() - self._losses_told_at >= _LOSSES_EVERY_S:
-            self._tell_losses()
+        self._lost.note(drops, losses)
+        self._lost.tell_if_due(self._writer)
 
     def flush(self) -> None:
         """See `RecordingWriter.flush`."""
@@ -224,14 +182,12 @@ class PartWriter:
         number = max([self._part, *parts_on_disk(self.first_path)]) + 1
         following = self._opened(number, self.path.name)
         old = self._writer
-        frames, drops = old.frame_counts, _less(self._drops, self._drops_before)
-        self._frames_before = _sum(self._frames_before, frames)
+        self._frames_before = total([self._frames_before, old.frame_counts])
         self._counts_hold &= old.counts_hold
         self._bytes_before += old.bytes_written
-        self._drops_before = self._drops
         try:
-            self._tell_losses()
-            old.close(ROTATED, drops, {"continued_in": following.path.name})
+            self._lost.tell(old)
+            old.close(ROTATED, self._lost.part_drops, {"continued_in": following.path.name})
         finally:
             self._begin(number, following)
 
@@ -253,15 +209,14 @@ class PartWriter:
         if self._closed:
             return
         self._closed = True
-        self._drops = dict(self._drops if drops is None else drops)
-        self._losses = dict(self._losses if losses is None else losses)
-        ended = {f"total_drops.{bus}": str(count) for bus, count in self._drops.items()}
+        self._lost.note(drops, losses)
+        ended = {f"total_drops.{bus}": str(count) for bus, count in self._lost.drops.items()}
         if self._counts_hold and self._writer.counts_hold:
             ended |= {f"total_frames.{bus}": str(count) for bus, count in self.frame_counts.items()}
         try:
-            self._tell_losses()
+            self._lost.tell(self._writer)
         finally:
-            self._writer.close(exit_status, _less(self._drops, self._drops_before), ended)
+            self._writer.close(exit_status, self._lost.part_drops, ended)
 
     def __enter__(self) -> Self:
         return self
@@ -290,7 +245,7 @@ class PartWriter:
         self._begun_at = time.monotonic()
         self._retry_at = self._begun_at
         self._begun_bytes = writer.bytes_written
-        self._losses_told = {}
+        self._lost.begin_part()
 
     def _rotate_if_due(self) -> None:
         now = time.monotonic()
@@ -308,16 +263,3 @@ class PartWriter:
                 raise
             self.rotation_fault = error.faults[0]
             self._retry_at = now + _RETRY_AFTER_S
-
-    def _tell_losses(self) -> None:
-        if self._losses != self._losses_told:
-            self._writer.add_metadata(LOSSES, {key: str(count) for key, count in self._losses.items()})
-            self._losses_told, self._losses_told_at = dict(self._losses), time.monotonic()
-
-
-def _sum(one: Mapping[str, int], other: Mapping[str, int]) -> dict[str, int]:
-    return {bus: one.get(bus, 0) + other.get(bus, 0) for bus in [*one, *(bus for bus in other if bus not in one)]}
-
-
-def _less(total: Mapping[str, int], before: Mapping[str, int]) -> dict[str, int]:
-    return {bus: count - before.get(bus, 0) for bus, count in total.items()}

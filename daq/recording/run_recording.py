@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import groupby
@@ -13,6 +13,7 @@ from daq.config import RunInfo
 from daq.errors import DataError, Fault, RecordingError, nearest
 from daq.frames import FrameBatch, concatenate, renumbered
 from daq.recording.contents import Loss
+from daq.recording.counts import total
 from daq.recording.events import Event
 from daq.recording.format import LOSSES, RUN_END, RUN_START
 from daq.recording.gaps import Gap, gaps_between
@@ -166,12 +167,12 @@ class RunRecording:
     @cached_property
     def drops(self) -> dict[str, int]:
         """Frames lost before they were recorded, per bus that counts them; of a part that was cut off as last told."""
-        return _total(_session_drops(session) for session in self._sessions())
+        return total(_session_drops(session) for session in self._sessions())
 
     @cached_property
     def losses(self) -> dict[str, int]:
         """What the logger counted as lost, by kind, bus and message: the ``losses`` records of all its sessions."""
-        return _total(_session_losses(session) for session in self._sessions())
+        return total(_session_losses(session) for session in self._sessions())
 
     @cached_property
     def exit_status(self) -> str:
@@ -187,7 +188,7 @@ class RunRecording:
     @cached_property
     def frame_counts(self) -> dict[str, int]:
         """Frames per bus."""
-        return dict.fromkeys(self.buses, 0) | _total(part.frame_counts for part in self.parts)
+        return dict.fromkeys(self.buses, 0) | total(part.frame_counts for part in self.parts)
 
     def events(self) -> tuple[Event, ...]:
         """Return the events of all parts; see `Recording.events`."""
@@ -240,7 +241,7 @@ def _session_losses(parts: Sequence[Recording]) -> dict[str, int]:
 def _session_drops(parts: Sequence[Recording]) -> dict[str, int]:
     """Return the most that is known: from the last part's totals, from all parts, from the last ``losses`` record."""
     ended = [part.metadata.get(RUN_END, {}) for part in parts]
-    known = _counts(ended[-1], "total_drops.") or _total(_counts(values, "drops.") for values in ended)
+    known = _counts(ended[-1], "total_drops.") or total(_counts(values, "drops.") for values in ended)
     lost = _session_losses(parts)
     for bus in {key.partition(".")[2] for key in lost if key.startswith(("kernel.", "queue."))}:
         known[bus] = max(known.get(bus, 0), lost.get(f"kernel.{bus}", 0) + lost.get(f"queue.{bus}", 0))
@@ -253,14 +254,6 @@ def _counts(values: Mapping[str, str], prefix: str) -> dict[str, int]:
         for key, text in values.items()
         if key.startswith(prefix) and text.isdecimal()
     }
-
-
-def _total(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
-    total: dict[str, int] = {}
-    for one in counts:
-        for key, count in one.items():
-            total[key] = total.get(key, 0) + count
-    return total
 
 
 def _run_id(part: Recording) -> str | None:

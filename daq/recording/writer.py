@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self
-
-import numpy as np
-from numpy.typing import NDArray
 
 from daq.config import RunInfo
 from daq.frames import FrameBatch
 from daq.recording.chunks import Compression
 from daq.recording.decoded_topics import DecodedTopics
-from daq.recording.diagnostics import DiagnosticStatus
-from daq.recording.events import Event
 from daq.recording.format import RUN_END, RUN_START, with_checksum
 from daq.recording.host_topics import HostTopics
 from daq.recording.raw_topics import RawTopics
 from daq.recording.sink import McapSink
+from daq.recording.topic_writer import Topics, TopicWriter
 from daq.recording.topics import TopicNames
 
 
-class RecordingWriter:
+class RecordingWriter(TopicWriter):
     """Writes frames, and views of them, into one MCAP file.
 
     Frames are gathered and written as a chunk when there are enough or when `flush_every_s` has passed; what a kill
@@ -73,14 +69,14 @@ class RecordingWriter:
         overwrite: bool = False,
     ) -> None:
         self.path = Path(path)
-        self._chunk_bytes = chunk_bytes
         self._flush_every_s = flush_every_s
         self._sync_every_s = sync_every_s
         self._sink = McapSink(self.path, compression=compression, overwrite=overwrite)
         names = TopicNames()
         self._raw = RawTopics(self._sink, names, chunk_bytes)
-        self._decoded = DecodedTopics(self._sink, names, decoded_rate_hz)
-        self._host = HostTopics(self._sink)
+        self._beside = Topics(
+            DecodedTopics(self._sink, names, decoded_rate_hz), HostTopics(self._sink), chunk_bytes, self.tick
+        )
         self._closed = False
         self._settled = self._counts_hold = True
         self._flushed_at = self._synced_at = time.monotonic()
@@ -130,81 +126,10 @@ class RecordingWriter:
         self._settled = True
         self.tick()
 
-    def write_decoded(
-        self,
-        message: str,
-        bus: str,
-        time_ns: NDArray[np.int64],
-        signals: Mapping[str, NDArray[np.float64]],
-        units: Mapping[str, str],
-        *,
-        publish_ns: NDArray[np.int64] | None = None,
-    ) -> None:
-        """Write a DBC message's physical values as a topic of its own.
-
-        Parameters
-        ----------
-        message, bus : str
-        time_ns : int64 array, shape (n,)
-            Host receive time.
-        signals : mapping str -> float64 array, shape (n,)
-            NaN where a frame did not carry the signal.
-        units : mapping str -> str
-            Unit of every signal of the message; the first call for a message settles which there are.
-        publish_ns : int64 array, shape (n,), optional
-            Best estimate of the measurement time; `time_ns` where there is none.
-        """
-        self._decoded.write(message, bus, time_ns, signals, units, time_ns if publish_ns is None else publish_ns)
-        self._after_decoded()
-
-    def write_position(
-        self,
-        bus: str,
-        time_ns: NDArray[np.int64],
-        latitude_deg: NDArray[np.float64],
-        longitude_deg: NDArray[np.float64],
-        altitude_m: NDArray[np.float64] | None = None,
-    ) -> None:
-        """Write positions as a ROS 2 NavSatFix topic, for map panels; NaN is written as "no fix"."""
-        self._decoded.write_position(bus, time_ns, latitude_deg, longitude_deg, altitude_m)
-        self._after_decoded()
-
-    def write_event(self, event: Event) -> None:
-        """Write an event, topic ``/events``."""
-        self._host.write_event(event)
-        self._after_host()
-
-    def write_diagnostics(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Write how everything is at one moment, topic ``/diagnostics``.
-
-        Raises
-        ------
-        DataError
-            If a level is none of 0 to 3.
-        """
-        self._host.write_diagnostics(time_ns, statuses)
-        self._after_host()
-
-    def write_clock(
-        self, time_ns: int, bus: str, realtime_minus_monotonic_ns: int, file_minus_realtime_ns: int
-    ) -> None:
-        """Tell which clock offsets hold for the frames of a bus, topic ``/clock/host``.
-
-        To be called with every batch: it is written when an offset differs by more than 1 ms from what was written
-        last, and once a second.
-
-        Parameters
-        ----------
-        time_ns : int
-            On the recording's time base.
-        bus : str
-        realtime_minus_monotonic_ns : int
-            The host's CLOCK_REALTIME less its monotonic clock (`daq.host_clock.monotonic_ns`: on Linux CLOCK_BOOTTIME).
-        file_minus_realtime_ns : int
-            The recording's time base less the host's CLOCK_REALTIME.
-        """
-        self._host.write_clock(time_ns, bus, realtime_minus_monotonic_ns, file_minus_realtime_ns)
-        self._after_host()
+    @property
+    def topics(self) -> Topics:
+        """Of the file that is written now."""
+        return self._beside
 
     def attach(self, name: str, data: bytes) -> None:
         """Add an attachment."""
@@ -301,21 +226,11 @@ class RecordingWriter:
         self._flushed_at = time.monotonic()
         self._raw.write_chunk()
         if decoded:
-            self._decoded.write_chunk()
-        self._host.write_chunk()
+            self._beside.decoded.write_chunk()
+        self._beside.host.write_chunk()
         self._settled = True
 
     def _begin(self) -> None:
         """Note whether Ctrl-C left the write before this one half done: the counts are not told then."""
         self._counts_hold &= self._settled
         self._settled = False
-
-    def _after_decoded(self) -> None:
-        if self._decoded.pending_bytes >= self._chunk_bytes:
-            self._decoded.write_chunk()
-        self.tick()
-
-    def _after_host(self) -> None:
-        if self._host.pending_bytes >= self._chunk_bytes:
-            self._host.write_chunk()
-        self.tick()

@@ -15,6 +15,7 @@ from daq.databases import Database
 from daq.errors import Fault, HardwareError, RecordingError
 from daq.host_clock import HostClock
 from daq.recording import DiagnosticStatus, Event, PartWriter
+from daq.recording.counts import since, total
 from daq.recording.events import Severity
 from daq.session.folder_lock import BETWEEN_FOLDER
 from daq.session.listener import Arrival
@@ -134,7 +135,7 @@ class Recorder:
     @property
     def frame_counts(self) -> dict[str, int]:
         """Frames of the session, per bus."""
-        return _sum(self._frames_before, self._writer.frame_counts)
+        return total([self._frames_before, self._writer.frame_counts])
 
     @property
     def marks(self) -> tuple[Event, ...]:
@@ -185,7 +186,7 @@ class Recorder:
     def note_losses(self, drops: Mapping[str, int], losses: Mapping[str, int]) -> None:
         """Take what the session has lost so far; see `daq.recording.PartWriter.note_losses`."""
         self._drops, self._losses = dict(drops), dict(losses)
-        self._writer.note_losses(_since(drops, self._drops_before), _since(losses, self._losses_before))
+        self._writer.note_losses(since(drops, self._drops_before), since(losses, self._losses_before))
 
     def note_clock(self, fit: ClockFit | None, more: Mapping[str, str]) -> None:
         """Take what is known of the host's clock; every run's last file tells it."""
@@ -272,7 +273,7 @@ class Recorder:
             text = f"it goes on in {old.path.name}: {error.faults[0]}"
             self.event("run", text, "error")
             return text
-        self._frames_before = _sum(self._frames_before, old.frame_counts)
+        self._frames_before = total([self._frames_before, old.frame_counts])
         self._bytes_before += old.bytes_written
         try:
             if self._run is not None:
@@ -303,11 +304,3 @@ class Recorder:
             self._rotation_fault = writer.rotation_fault
             if self._rotation_fault is not None:
                 self.event("part", f"no new file can be begun: {self._rotation_fault}", "error")
-
-
-def _since(total: Mapping[str, int], before: Mapping[str, int]) -> dict[str, int]:
-    return {key: count - before.get(key, 0) for key, count in total.items()}
-
-
-def _sum(one: Mapping[str, int], other: Mapping[str, int]) -> dict[str, int]:
-    return {key: one.get(key, 0) + other.get(key, 0) for key in {**one, **other}}
