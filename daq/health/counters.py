@@ -100,7 +100,8 @@ class RollingCounter:
         Returns
         -------
         int64 array, shape as `raw`
-            Frames lost just before each, modulo the counter's range. What was in doubt stands where it was settled.
+            Frames lost just before each, modulo the counter's range, -1 where it stood still. What was in doubt stands
+            where it was settled.
         """
         lost = np.zeros(len(raw), np.int64)
         start = 0
@@ -111,7 +112,7 @@ class RollingCounter:
             lost[start:], end = (self._judge if self._sure else self._learn)(before, piece, known)
             self._previous = int(piece[end - 1])
             start += end
-        self.lost += int(lost.sum())
+        self.lost += int(lost[lost > 0].sum())
         return lost
 
     def _judge(self, before: IntArray, raw: IntArray, known: NDArray[np.bool_]) -> tuple[IntArray, int]:
@@ -124,7 +125,7 @@ class RollingCounter:
         lost = np.where(known, (raw - before) % self.modulus - 1, 0)
         lost[end:] = 0
         self.repeated += int(np.count_nonzero(lost < 0))
-        return np.maximum(lost, 0), end
+        return lost, end
 
     def _learn(self, before: IntArray, raw: IntArray, known: NDArray[np.bool_]) -> tuple[IntArray, int]:
         """Return what is lost, up to the value at which the range is known, and the number of values."""
@@ -139,7 +140,7 @@ class RollingCounter:
                 lost[end:] = 0
                 break
         self.repeated += int(np.count_nonzero(lost[:end] < 0))
-        return np.maximum(lost, 0), end
+        return lost, end
 
     def _fall(self, high: int, low: int) -> int:
         """Judge a fall while the range is unknown; return the frames that are lost for certain."""

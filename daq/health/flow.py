@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.health.arrivals import Gaps, Usual, learn, learned_after
+from daq.health.arrivals import Usual, learn, learned_after
 from daq.health.counters import LEAST_STEPS, RollingCounter, counts, is_named_so, may_count, raw_of
+from daq.health.gaps import Gaps, Verdict
 from daq.layout import Message, Signal
 
 IntArray = NDArray[np.int64]
@@ -57,6 +58,8 @@ class MessageFlow:
         self.rate_changes = 0
         self._missing = 0
         self._turns_lost = 0
+        self._unsure = False
+        self._seemed_still = 0
 
     @property
     def learned(self) -> bool:
@@ -70,10 +73,8 @@ class MessageFlow:
 
     @property
     def missing(self) -> int:
-        """Frames that the gaps lack by the usual rate; 0 where a rolling counter tells."""
-        if self._counter is not None or self._gaps is None:
-            return self._missing
-        return self._missing + self._gaps.unsettled()
+        """Frames that the gaps lack by the usual rate, as far as they are judged; 0 where a rolling counter tells."""
+        return self._missing
 
     @property
     def counter_lost(self) -> int:
@@ -81,15 +82,20 @@ class MessageFlow:
         return self._counter.lost + self._turns_lost if self._counter else 0
 
     @property
+    def at_least(self) -> bool:
+        """Whether the counter may have gone round unnoticed: in a gap that could not be told, or is not judged yet."""
+        return self._unsure or self._gaps is None or self._gaps.open
+
+    @property
     def repeated(self) -> int:
         """Frames whose rolling counter stood still."""
-        return self._counter.repeated if self._counter else 0
+        return self._counter.repeated - self._seemed_still if self._counter else 0
 
     @property
     def period_s(self) -> float:
         """The usual time between frames, declared or learned; NaN where there is none."""
-        if self._usual is not None:
-            return self._usual.period_ns * 1e-9
+        if self._gaps is not None:
+            return self._gaps.period_ns * 1e-9
         return self._declared_s if self._declared_s and not self.learned else float("nan")
 
     def take(self, time_ns: IntArray, values: NDArray[np.float64]) -> None:
@@ -198,9 +204,10 @@ class MessageFlow:
     def _judge_piece(self, time_ns: IntArray, raw: IntArray | None) -> None:
         lost = np.zeros(len(time_ns), np.int64) if raw is None or self._counter is None else self._counter.take(raw)
         if self._gaps is not None:
+            self._gaps.modulus = self._counter.modulus if self._counter else None
             self._count(self._gaps.take(time_ns, lost))
         else:
-            self.gaps += int(np.count_nonzero(lost))
+            self.gaps += int(np.count_nonzero(lost > 0))
 
     def _review(self, seen: Usual | None) -> None:
         """Believe in another rate when it has held for some blocks."""
@@ -213,14 +220,15 @@ class MessageFlow:
             self._usual, self._other = seen, []
             self._gaps = Gaps(seen) if seen else None
 
-    def _count(self, settled: list[tuple[int, int]]) -> None:
-        for lacking, lost in settled:
-            self.gaps += 1
+    def _count(self, verdicts: list[Verdict]) -> None:
+        for verdict in verdicts:
+            self.gaps += verdict.gaps
+            self._unsure |= not verdict.sure
             if self._counter is None:
-                self._missing += lacking
+                self._missing += verdict.lacking
             else:
-                turns = max(round((lacking - lost) / self._counter.modulus), 0)
-                self._turns_lost += turns * self._counter.modulus
+                self._turns_lost += verdict.lacking
+                self._seemed_still += verdict.stood_still
 
 
 def _alike(one: Usual | None, other: Usual | None) -> bool:

@@ -15,6 +15,8 @@ _DOUBLED_LEAST = 3
 _REPEATED_SHARE = 0.5
 _REPEATED_LEAST = 10
 _NAMED_MOST = 3
+_TOGETHER = ("counter_jump", "frames_missing")
+_TOGETHER_NAMED_MOST = 8
 
 
 def message_health(
@@ -50,21 +52,28 @@ def message_health(
 
 
 def gathered(reasons: Sequence[Reason], kept: frozenset[str]) -> list[Reason]:
-    """Join reasons of one code and bus where there are many; those at places in `kept` stay by themselves."""
+    """Join reasons of one code and bus where there are many; those at places in `kept` stay by themselves.
+
+    What messages of one bus lose at the same time is one hole: it is told once.
+    """
     result: list[Reason] = []
     groups: dict[tuple[str, str], list[Reason]] = {}
     for one in reasons:
-        if one.where in kept:
+        if one.where in kept and one.code not in _TOGETHER:
             result.append(one)
         else:
             groups.setdefault((one.code, one.where.partition(":")[0]), []).append(one)
     for (code, bus), group in groups.items():
-        if len(group) <= _NAMED_MOST:
+        together = code in _TOGETHER
+        if len(group) <= (1 if together else _NAMED_MOST):
             result += group
             continue
-        names = [one.where.partition(": ")[2] for one in group]
-        what = f"{len(group)} messages: {', '.join(names[:_NAMED_MOST])}, ...; the first {group[0].what}"
-        result.append(reason(code, worst(group), f"{bus}: {len(group)} messages", what, bus=bus))
+        group.sort(key=lambda one: -one.level)
+        names, most = [one.where.partition(": ")[2] for one in group], _TOGETHER_NAMED_MOST if together else _NAMED_MOST
+        more = ", ..." if len(names) > most else ""
+        what = f"{len(group)} messages: {', '.join(names[:most])}{more}; the first {group[0].what}"
+        where = f"{bus}: several messages" if together else f"{bus}: {len(group)} messages"
+        result.append(reason(code, worst(group), where, what, bus=bus))
     return result
 
 
@@ -88,7 +97,9 @@ def _losses(one: Watched, now_ns: int, *, count_missing: bool) -> list[Reason]:
     found = []
     if lost:
         level = Level.RED if one.roles else Level.AMBER
-        what = f"lost {lost} of {came + lost} frames in 10 s, by its {flow.counter_name}; {flow.counter_lost} so far"
+        least = "at least " if flow.at_least else ""
+        share = f"{lost} of {came + lost} frames in 10 s"
+        what = f"lost {least}{share}, by its {flow.counter_name}; {flow.counter_lost} so far"
         found.append(reason("counter_jump", level, one.where, what, bus=one.bus))
     if count_missing and missing > _MISSING_SHARE * came:
         what = f"lacks {missing} of {came + missing} frames in 10 s, by its usual rate; {flow.missing} so far"

@@ -145,11 +145,12 @@ class MessageHealth:
     bus, name : str
     level : Level
     rate_hz, usual_rate_hz : float
-        Over the last report's time; as learned (or the DBC's cycle time, before anything is learned). NaN: not known.
+        Over the last second; frames over time of the last seconds without a gap (the DBC's cycle time, before
+        anything is learned). NaN: not known.
     age_s : float
     frames : int
     gaps : int
-        Intervals well beyond the usual.
+        Intervals well beyond the usual in which frames were lost.
     missing : int
         Frames that those intervals lack, by the learned rate.
     counter_jumps : int

@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from daq.health.arrivals import Gaps, learn, learned_after
+from daq.health.arrivals import learn, learned_after
 from daq.health.flow import MessageFlow
+from daq.health.gaps import Gaps
 from daq.layout import Message
 
 MS = 1_000_000
@@ -48,8 +49,9 @@ def test_losses_are_counted_to_one_a_gap(
     for sound, lost in losses:
         kept.append(np.arange(at + lost, at + lost + sound))
         at += lost + sound
-    kept.append(np.arange(at, at + 300))
-    whole = arrivals(rng, period_ms, at + 300, jitter)
+    judged = at + max(int(2500 / period_ms), 300)
+    kept.append(np.arange(at, judged))
+    whole = arrivals(rng, period_ms, judged, jitter)
     time_ns = whole[np.concatenate(kept)]
     flow = flow_of(time_ns, [])
     true = sum(lost for _, lost in losses)
@@ -125,12 +127,12 @@ def test_frames_that_were_skipped_are_not_missing() -> None:
     assert (flow.missing, flow.gaps, flow.frames) == (0, 0, 1950)
 
 
-def test_a_gap_that_is_open_when_frames_are_skipped_is_counted() -> None:
+def test_a_gap_that_cannot_be_judged_before_frames_are_skipped_is_no_loss() -> None:
     time_ns = arrivals(np.random.default_rng(7), 10.0, 2000, 0.02)
     flow = flow_of(np.delete(time_ns[:600], np.arange(590, 598)), [])
     flow.skip(time_ns[600:900], int(time_ns[899]))
     flow.take(time_ns[900:], np.zeros((0, 1100)))
-    assert (flow.missing, flow.gaps) == (8, 1)
+    assert (flow.missing, flow.gaps, flow.at_least) == (0, 0, True)
 
 
 def test_learning_asks_for_time_and_frames() -> None:
@@ -143,13 +145,13 @@ def test_learning_asks_for_time_and_frames() -> None:
     assert learned_after(10**18 + np.arange(10_000) * 10_000, 10) == 8192
 
 
-def test_an_open_gap_counts_until_it_is_made_up_for() -> None:
+def test_a_gap_is_judged_once_the_frames_behind_it_catch_up_no_more() -> None:
     usual = learn(10**18 + np.arange(400) * 10 * MS)
     assert usual is not None
     gaps = Gaps(usual)
-    gaps.take(np.array([0, 10 * MS, 60 * MS]), np.zeros(3, np.int64))
-    assert gaps.unsettled() == 4
-    made_up = 60 * MS + np.arange(1, 5) * 100_000
-    usual_again = 70 * MS + np.arange(40) * 10 * MS
-    assert gaps.take(np.concatenate([made_up, usual_again]), np.zeros(44, np.int64)) == []
-    assert gaps.unsettled() == 0
+    even = np.arange(300) * 10 * MS
+    assert gaps.take(np.delete(even[:160], slice(100, 104)), np.zeros(156, np.int64)) == []
+    assert gaps.open
+    told = gaps.take(even[160:], np.zeros(140, np.int64))
+    assert (told[0].gaps, told[0].lacking) == (1, 4)
+    assert not gaps.open
