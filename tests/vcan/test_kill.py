@@ -1,7 +1,8 @@
 """kill -9 at random instants: little is lost, nothing is damaged, and the next start goes on with the run.
 
 The guest has a disk of its own: a file of this machine that it syncs would stop all of it. What is lost is counted in
-frames of a bus of 8 kHz; by the clock it is more where the machine gives a guest less than a processor.
+frames of a bus of 8 kHz, and held against the bound where the guest had its processor: where the sender, which runs
+beside the logger, kept up in the last half second.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ pytestmark = pytest.mark.vcan
 
 RATE_HZ = 8000
 MOST_LOST_S = 0.25
+PACE_S, KEPT_UP = 0.5, 0.75
 
 
 def kills(folder: Path, waits_s: np.ndarray) -> str:
@@ -48,13 +50,13 @@ cp -a mnt/out out
 """
 
 
-def check_kills(folder: Path, count: int) -> np.ndarray:
-    """Return for each kill the seconds of an 8 kHz bus that were sent before it and are not in the file."""
+def check_kills(folder: Path, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the seconds of an 8 kHz bus that were sent before each kill and are not in the file; who kept up."""
     files = sorted((folder / "out").glob("*.mcap"), key=lambda path: path.stat().st_mtime)
     assert len(files) == count + 1
     sent = sent_log(folder / "sent.log")
     killed_ns = np.loadtxt(folder / "killed.txt", ndmin=1) * 1e9 + 1e7  # told in hundredths, rounded down
-    last, lost_s = -1, []
+    last, lost_s, kept_up = -1, [], []
     for path, moment_ns in zip(files, [*killed_ns, np.inf], strict=True):
         recording = Recording.open(path)
         number = received_numbers(recording)
@@ -63,11 +65,13 @@ def check_kills(folder: Path, count: int) -> np.ndarray:
         last = int(number[-1])
         if moment_ns < np.inf:
             assert [loss.what for loss in recording.loss] == ["the end of the file is missing: no footer, no summary"]
-            until = int(sent["end"][np.searchsorted(sent["time_ns"], moment_ns) - 1])
-            lost_s.append(max(0, until - last - 1) / RATE_HZ)
+            until = int(np.searchsorted(sent["time_ns"], moment_ns)) - 1
+            since = int(np.searchsorted(sent["time_ns"], moment_ns - PACE_S * 1e9))
+            kept_up.append(sent["end"][until] - sent["end"][since] > PACE_S * RATE_HZ * KEPT_UP)
+            lost_s.append(max(0, int(sent["end"][until]) - last - 1) / RATE_HZ)
         else:
             assert not recording.loss
-    return np.array(lost_s)
+    return np.array(lost_s), np.array(kept_up)
 
 
 @pytest.mark.parametrize("count", [5, pytest.param(50, marks=pytest.mark.slow)])
@@ -79,6 +83,9 @@ def test_a_kill_takes_little(guest: Callable[..., GuestResult], tmp_path: Path, 
     result = guest(kills(tmp_path, waits_s), timeout_s=60 + 15 * count, disks=[image])
 
     assert result.exit_code == 0, result.output
-    lost_s = check_kills(tmp_path, count)
-    print(f"{count} kills: {np.median(lost_s):.3f} s lost in the middle, {lost_s.max():.3f} s at most")
-    assert lost_s.max() <= MOST_LOST_S
+    lost_s, kept_up = check_kills(tmp_path, count)
+    print(f"{count} kills: {np.median(lost_s):.3f} s lost in the middle, {lost_s.max():.3f} s at most;")
+    if not kept_up.any():
+        pytest.skip("this machine is too busy: no guest had a processor for half a second")
+    print(f"{lost_s[kept_up].max():.3f} s at most of the {kept_up.sum()} at which the guest had its processor")
+    assert lost_s[kept_up].max() <= MOST_LOST_S
