@@ -208,13 +208,30 @@ def test_nothing_is_said_of_a_page_before_an_error(tmp_path):
     assert "status page" not in result.err
 
 
-@pytest.mark.parametrize("run_id", ["...", "-", "a" * 400])
+@pytest.mark.parametrize("run_id", ["...", "-", "a" * 400, "run \udcff", "two\nlines"])
 def test_a_run_that_no_file_can_be_named_after_is_refused(tmp_path, run_id):
     result = invoke("log", write_vehicle(tmp_path, "x"), "-o", tmp_path / "out", "--run-id", run_id, "--no-page")
     assert result.code == 2
     assert "--run-id" in result.err
     assert run_id not in result.err or len(run_id) < 10
     assert not (tmp_path / "out").exists()
+
+
+def test_a_file_cannot_be_named_where_no_run_begins(tmp_path):
+    result = invoke("log", write_vehicle(tmp_path, "x"), "-o", tmp_path / "run.mcap", "--wait", "--no-page")
+    assert result.code == 2
+    assert "--wait" in result.err
+
+
+def test_a_token_that_is_given_is_in_no_journal(tmp_path):
+    vehicle = write_vehicle(tmp_path, "x")
+    arguments = (vehicle, "-o", tmp_path / "out", "--page-host", "0.0.0.0", "--page-port", 0, "--duration", 0.2)
+    for environment, shown in (({"WHEELSOIL_PAGE_TOKEN": "a-secret"}, False), ({}, True)):
+        with logging(*arguments, **environment) as process:
+            _, err = process.communicate(timeout=60)
+        [first, *_] = [line for line in err.splitlines() if line.startswith("status page: ")]
+        assert ("#" in first) is shown
+        assert "a-secret" not in err
 
 
 def test_a_channel_of_udp_multicast_that_is_no_address_is_told_without_noise(tmp_path):

@@ -88,6 +88,9 @@ def command(
     known = configuration(vehicle, terrain, lenient_dbc=lenient_dbc)
     assert known.vehicle is not None
     _check_run_id(run_id)
+    if wait and out.suffix.lower() == ".mcap":
+        step = "give a folder with --out, and the run's name on the page or with --run-id"
+        raise ConfigError(Fault("--wait begins between runs, where no file is named", str(out), next_step=step))
     info = run_info("", run_id or "", direction, pass_number, added_load, inflation)
     token = _token(page_token_file)
     zero_file = known.vehicle.transducer.zero_file
@@ -128,11 +131,13 @@ def _check_run_id(run_id: str | None) -> None:
         return
     if not any(letter.isalnum() for letter in run_id):
         what, expected = "--run-id names no file", "a letter or a digit in it"
-    elif len(run_id.encode("utf-8", "replace")) > _LONGEST_ID_BYTES:
+    elif not run_id.isprintable():
+        what, expected = "--run-id has characters that cannot be shown", "letters and digits, in UTF-8"
+    elif len(run_id.encode()) > _LONGEST_ID_BYTES:
         what, expected = "--run-id is too long", f"at most {_LONGEST_ID_BYTES} bytes: files are named after it"
     else:
         return
-    shown = run_id if len(run_id) < _SHOWN else f"{run_id[:_SHOWN]}..."
+    shown = ascii(run_id if len(run_id) < _SHOWN else f"{run_id[:_SHOWN]}...")
     raise ConfigError(Fault(what, found=shown, expected=expected, next_step="choose another name"))
 
 
@@ -216,8 +221,9 @@ def _page(
         say(f"there is no status page: {error.faults[0].what}; choose a port with --page-port")
         yield None, ()
         return
+    secret = token is not None and not sys.stderr.isatty()  # a token that people know has no business in a journal
     try:
-        yield panel, tuple(panel.addresses)
+        yield panel, tuple(address.partition("#")[0] if secret else address for address in panel.addresses)
     finally:
         panel.close()
 
