@@ -18,6 +18,7 @@ from daq.config import BusSection, RunInfo, VehicleConfig
 from daq.databases import Database
 from daq.disk_guard import DiskGuard
 from daq.errors import ConfigError, Fault, HardwareError
+from daq.health.names import unknown_names
 from daq.host_clock import HostClock
 from daq.notify import Notifier
 from daq.panel import NoPanel, Panel
@@ -105,6 +106,7 @@ def log(
         limits = vehicle.logger
         guard = DiskGuard(folder, warn_min=limits.disk_warn_min, reserve_mb=limits.disk_reserve_mb)
         usable, role_remarks = _with_usable_roles(vehicle, known.databases)
+        role_remarks += [str(fault) for fault in unknown_names(vehicle, known.databases)]
         clock = HostClock()
         inspection = Inspection(vehicle, usable, known.databases, started_ns=clock.now_ns())
         options = _recorder_options(known, usable, folder, [*_remarks(sources), *role_remarks])

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from daq.doctor.line import Line, failed, from_fault, passed, warned
 from daq.doctor.situation import Situation
 from daq.errors import ConfigError
+from daq.health.names import unknown_names
 from daq.zero_file import ZERO_FILE, load_zeros
 
 _SLIP_ROLES = ("wheel_speed", "ground_speed")
@@ -40,10 +41,12 @@ def dbc_files(now: Situation) -> Iterator[Line]:
 
 
 def roles(now: Situation) -> Iterator[Line]:
-    """Tell whether the roles name signals and those are there that slip needs."""
+    """Tell whether the roles and [health] name what there is, and the roles are there that slip needs."""
     if now.vehicle_faults:
         return
     yield from (from_fault(fault) for fault in now.role_faults)
+    for fault in unknown_names(now.vehicle, now.databases):
+        yield warned(fault.where, f"{fault.what} ({fault.expected})", fault.next_step)
     missing = [role for role in _SLIP_ROLES if role not in now.vehicle.signals]
     if missing:
         yield warned("[signals]", f"no {' and no '.join(missing)}: no slip", 'add them: role = "Message.Signal"')

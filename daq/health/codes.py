@@ -187,6 +187,13 @@ _SIGNALS = (
         "mend [signals] in vehicle.toml",
     ),
     Code(
+        "health_name_unknown",
+        "amber",
+        "a name in [health] of vehicle.toml that no DBC or bus has, so that it excuses nothing",
+        "a mistyped name, another DBC",
+        "mend [health] in vehicle.toml",
+    ),
+    Code(
         "signal_stuck",
         "amber",
         "a signal that used to change has been the same for 1 s and four times longer than ever before "

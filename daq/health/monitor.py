@@ -17,13 +17,14 @@ from daq.channel import Channel
 from daq.config import VehicleConfig
 from daq.databases import Database
 from daq.frames import FrameArray, FrameBatch, FrameFlag
-from daq.health.board import Board, worst
+from daq.health.board import Board, reason, worst
 from daq.health.bus_health import BusWatch
 from daq.health.gnss import Gnss
 from daq.health.host_health import HostWatch
 from daq.health.message_health import gathered, message_health
 from daq.health.motion import Motion
-from daq.health.report import BusHealth, GnssHealth, HealthReport, HostFacts, MessageHealth, Reason, SignalHealth
+from daq.health.names import unknown_names
+from daq.health.report import BusHealth, GnssHealth, HealthReport, HostFacts, Level, MessageHealth, Reason, SignalHealth
 from daq.health.signal_health import Scene, role_values, signal_health
 from daq.health.watched import usable_roles, watch
 from daq.identify import UNKNOWN, Identifier
@@ -54,6 +55,9 @@ class HealthMonitor:
         self._health = vehicle.health
         self._started_ns = started_ns
         roles, self._always = usable_roles(vehicle, databases)
+        for fault in unknown_names(vehicle, databases):
+            what = f"{fault.what} ({fault.expected})"
+            self._always.append(reason("health_name_unknown", Level.AMBER, fault.where, what))
         self._watched = watch(databases, roles, vehicle.health)
         self._identifier = Identifier(
             [(one.bus, one.message, code) for code, one in enumerate(self._watched, UNKNOWN + 1)]

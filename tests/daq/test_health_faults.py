@@ -370,6 +370,30 @@ def test_a_role_that_names_no_signal_is_told_and_no_error() -> None:
     assert told.reasons[0].where == "[signals] sinkage"
 
 
+def test_names_in_health_that_nothing_goes_by_are_told() -> None:
+    wrong = {
+        "may_be_silent": ("WFT_Moment", "GNSS_2"),
+        "may_be_constant": ("WFT_Forces.Fzz",),
+        "may_carry_unknown": ("can7",),
+    }
+    told = seen(recorded(), health=wrong)
+    assert codes(told) == {"health_name_unknown"}
+    texts = {one.where: one.what for one in told.last.reasons}
+    assert set(texts) == {f"[health] {key}" for key in wrong}
+    assert "'WFT_Moment'" in texts["[health] may_be_silent"] and "WFT_Moments" in texts["[health] may_be_silent"]
+    assert "WFT_Forces.Fz" in texts["[health] may_be_constant"]
+    assert "can0" in texts["[health] may_carry_unknown"]
+
+
+def test_a_hole_of_the_whole_bus_is_one_reason() -> None:
+    told = seen(without(recorded(), MOVES_S, MOVES_S + 0.4))
+    jumps = {one.where for one in told.reasons if one.code == "counter_jump"}
+    assert jumps == {"can0: several messages"}
+    assert any("WFT_Forces, WFT_Moments" in one.what for one in told.reasons)
+    lost = len(rows(recorded().frames, FORCES, MOVES_S, MOVES_S + 0.4))
+    assert told.monitor.losses()["counter.can0.WFT_Forces"] == lost
+
+
 def test_the_machine() -> None:
     def facts(time_s: float) -> HostFacts:
         return HostFacts(
