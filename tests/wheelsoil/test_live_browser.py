@@ -156,7 +156,7 @@ def test_nothing_is_shown_without_the_token_and_all_with_it(browser: Browser) ->
             expect(seen.locator("#main")).to_be_hidden()
             seen.get_by_label("token").fill("wrong")
             seen.get_by_role("button", name="Open").click()
-            expect(seen.locator("#state")).to_have_text("TOKEN NEEDED")
+            expect(seen.locator("#state")).to_have_text("WRONG TOKEN")
             seen.get_by_label("token").fill("token-of-a-test")
             seen.get_by_role("button", name="Open").click()
             expect(seen.locator("#state")).to_have_text("RECORDING")

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import shlex
 import socket
+import subprocess
 from collections.abc import Iterator
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
 from live_client import PATIENCE_S, ask, command, page, until
 
+from daq.panel import Command
 from wheelsoil.live.guard import LARGEST_BODY_BYTES, Rules
 from wheelsoil.live.panel import PagePanel
 
@@ -100,11 +104,35 @@ def test_two_host_headers_are_refused(local: PagePanel) -> None:
 
 @pytest.mark.parametrize(
     "origin",
-    ["", "null", "http://evil.example", "http://127.0.0.1", "http://localhost:1", "file://", "http://127.0.0.1:"],
+    ["null", "http://evil.example", "http://127.0.0.1", "http://localhost:1", "file://", "http://127.0.0.1:"],
 )
 def test_a_button_on_another_sites_page_does_nothing(local: PagePanel, origin: str) -> None:
     assert command(local, MARK, Origin=origin) == 403
     assert local.commands() == []
+
+
+def test_a_program_states_no_origin(local: PagePanel, closed: PagePanel) -> None:
+    assert command(local, MARK, Origin="") == command(closed, MARK, Origin="") == 202
+    assert command(closed, MARK, Origin="", Authorization="") == 401
+    assert command(local, MARK, Origin="", Host=f"evil.example:{local.port}") == 421
+    assert command(local, MARK, Origin="", Sec_Fetch_Site="cross-site") == 403
+
+
+def test_the_documented_commands_of_curl(closed: PagePanel) -> None:
+    text = (Path(__file__).parents[2] / "docs/status-page.md").read_text(encoding="utf-8")
+    lines = [line for line in text.replace("\\\n", "").splitlines() if line.startswith("curl ")]
+    for line in lines:
+        line = line.replace("http://127.0.0.1:8100", f"http://127.0.0.1:{closed.port}").replace("$TOKEN", TOKEN)
+        subprocess.run([*shlex.split(line)], check=True, capture_output=True, timeout=PATIENCE_S)
+    got: list[Command] = []
+    until(lambda: got.extend(closed.commands()) or len(got) >= 3, "the commands")
+    assert got == [Command("start", "field-7"), Command("mark", "stone under the wheel"), Command("stop")]
+
+
+def test_a_text_that_is_too_long_is_told_with_the_limit(local: PagePanel) -> None:
+    body = b'{"kind": "start", "text": "' + b"x" * 201 + b'"}'
+    answer = ask(local, "POST", "/command", body, {"Content-Type": "application/json"})
+    assert (answer.status, "at most 200 characters" in answer.text) == (400, True)  # type: ignore[attr-defined]
 
 
 def test_another_site_does_not_read_the_stream(local: PagePanel) -> None:

@@ -50,8 +50,8 @@ def make_app(hub: Hub, pass_on: Callable[[Command], bool], rules: Rules) -> ASGI
             asked = command_from(await request.body())
         except ClientDisconnect:
             return Response(status_code=400)
-        if asked is None:
-            return PlainTextResponse("no such command\n", 400)
+        if isinstance(asked, str):
+            return PlainTextResponse(f"{asked}\n", 400)
         if not pass_on(asked):
             return PlainTextResponse("the logger does not take commands now\n", 503)
         return Response(status_code=202)

@@ -107,7 +107,7 @@ class PagePanel:
             except OSError:
                 break
             command = command_from(datagram)
-            if command is not None:
+            if not isinstance(command, str):
                 found.append(command)
         return found
 

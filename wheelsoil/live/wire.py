@@ -14,6 +14,7 @@ GOODBYE = b'{"goodbye":true}'
 """The logger ends, and means to."""
 
 LONGEST_TEXT = 200
+_NO_COMMAND = 'no such command: {"kind": "start", "stop" or "mark", "text": a text} is one'
 
 
 def packed(snapshot: Mapping[str, Any]) -> bytes:
@@ -36,21 +37,24 @@ def packed_command(command: Command) -> bytes:
     return json.dumps(asdict(command)).encode()
 
 
-def command_from(body: bytes) -> Command | None:
-    """Return the command that a body of JSON states, None where it states none.
+def command_from(body: bytes) -> Command | str:
+    """Return the command that a body of JSON states, or why it states none.
 
     Control characters become blanks, so that a note is one line of text.
     """
     try:
         value = json.loads(body)
     except (ValueError, RecursionError):
-        return None
+        return "the body is not JSON"
     if not isinstance(value, dict) or not set(value) <= {"kind", "text"}:
-        return None
+        return _NO_COMMAND
     kind, text = value.get("kind"), value.get("text", "")
     kinds: tuple[CommandKind, ...] = get_args(CommandKind)
-    if kind not in kinds or not isinstance(text, str) or len(text) > LONGEST_TEXT:
-        return None
+    if kind not in kinds or not isinstance(text, str):
+        return _NO_COMMAND
+    if len(text) > LONGEST_TEXT:
+        what = "the name of a run" if kind == "start" else "a text"
+        return f"{what} has at most {LONGEST_TEXT} characters, this one has {len(text)}"
     return Command(kinds[kinds.index(kind)], " ".join("".join(c if c.isprintable() else " " for c in text).split()))
 
 

@@ -1,7 +1,7 @@
 // Shows the newest snapshot, and says so when it is none of now.
 
 import { Commands } from "./commands.js";
-import { Connection } from "./connection.js";
+import { Connection, token } from "./connection.js";
 import { ago, count, duration, facts, figure, known, list, lossName, part, POSITION, seconds, spaced, write } from "./parts.js";
 import { boundsOf, Plot } from "./plot.js";
 
@@ -43,7 +43,9 @@ function showBand() {
   document.title = `${live && page.snapshot ? LEVELS[page.snapshot.level] : "?"} ${page.snapshot?.vehicle ?? page.vehicle}`;
   get("main").classList.toggle("stale", !live);
   commands.take(page.snapshot, live && !lost);
-  if (connection.state === "refused") return stale("TOKEN NEEDED", "nothing is shown without it");
+  if (connection.state === "refused") {
+    return token() ? stale("WRONG TOKEN", "the logger has another one") : stale("TOKEN NEEDED", "nothing is shown without it");
+  }
   if (connection.state === "ended") return stale("LOGGER ENDED", "it was stopped and its file is closed");
   if (live) return showLive(page.snapshot);
   const since = page.snapshot ? `for ${seconds(silentMs / 1000)}` : "yet";
