@@ -228,13 +228,16 @@ def test_ctrl_c_ends_an_endless_replay_with_its_summary(recording: tuple[Path, F
     options = ["--interface", "udp_multicast", "--fd", "--channel", f"can0={channel}", "--loop", "forever"]
     source = open_source(BusSection(channel=channel, interface="udp_multicast", fd=True))
     process = subprocess.Popen([*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    received, end = 0, time.monotonic() + 60
-    while received < 2 * len(sent.on_bus("can0")):
-        received += len(source.read(0.1))
-        assert time.monotonic() < end
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=20)
-    source.close()
+    try:
+        received, end = 0, time.monotonic() + 60
+        while received < 2 * len(sent.on_bus("can0")):
+            received += len(source.read(0.1))
+            assert time.monotonic() < end
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=20)
+    finally:
+        process.kill()
+        source.close()
     assert process.returncode == 130, err
     told = json.loads(out)
     assert told["interrupted"]

@@ -111,11 +111,14 @@ def test_a_terminal_that_is_closed_ends_the_recording_as_ctrl_c_does(tmp_path):
         stdin=terminal, stdout=terminal, stderr=terminal, start_new_session=True,
         preexec_fn=lambda: fcntl.ioctl(terminal, termios.TIOCSCTTY, 0),
     ) as process:  # fmt: skip
-        os.close(terminal)
-        wait_until(lambda: list(out.glob("*.mcap")) and select.select([held], [], [], 0)[0])
-        os.read(held, 1000)
-        os.close(held)
-        assert process.wait(30) == 128 + signal.SIGHUP
+        try:
+            os.close(terminal)
+            wait_until(lambda: list(out.glob("*.mcap")) and select.select([held], [], [], 0)[0])
+            os.read(held, 1000)
+            os.close(held)
+            assert process.wait(30) == 128 + signal.SIGHUP
+        finally:
+            process.kill()
     (path,) = out.glob("*.mcap")
     assert Recording.open(path).metadata["run_end"]["exit_status"] == "interrupted"
 
@@ -124,10 +127,13 @@ def test_a_logger_that_was_told_to_stay_ignores_the_end_of_its_terminal(tmp_path
     vehicle, out = write_vehicle(tmp_path, "stays"), tmp_path / "out"
     command = ["nohup", str(PROGRAM), "log", vehicle, "-o", out, "--no-page"]
     with subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        wait_until(lambda: list(out.glob("*.mcap")))
-        process.send_signal(signal.SIGHUP)
-        process.send_signal(signal.SIGINT)
-        assert process.wait(30) == 128 + signal.SIGINT
+        try:
+            wait_until(lambda: list(out.glob("*.mcap")))
+            process.send_signal(signal.SIGHUP)
+            process.send_signal(signal.SIGINT)
+            assert process.wait(30) == 128 + signal.SIGINT
+        finally:
+            process.kill()
 
 
 def test_a_token_is_read_from_a_file(tmp_path):
