@@ -22,7 +22,7 @@ pytestmark = pytest.mark.vcan
 
 RATE_HZ = 8000
 MOST_LOST_S = 0.25
-PACE_S, KEPT_UP = 0.5, 0.75
+PACE_S, KEPT_UP = 0.5, 0.9
 
 
 def kills(folder: Path, waits_s: np.ndarray) -> str:
