@@ -220,7 +220,7 @@ class Recorder:
     def close(self, exit_status: str) -> None:
         """Close the file."""
         try:
-            self._tell_clock()
+            self._conclude()
         finally:
             self._writer.close(exit_status)
 
@@ -276,15 +276,16 @@ class Recorder:
         self._frames_before = total([self._frames_before, old.frame_counts])
         self._bytes_before += old.bytes_written
         try:
-            if self._run is not None:
-                self.event("run", f"run {self.run_id!r} ends")
-            self._tell_clock()
+            self._conclude()
             old.close()
         finally:
             self._begin(run, following)
         return ""
 
-    def _tell_clock(self) -> None:
+    def _conclude(self) -> None:
+        """Tell the end of a run, and what is known of the clock."""
+        if self._run is not None:
+            self.event("run", f"run {self.run_id!r} ends")
         told = self._time.told(self._clock_fit) | self._clock_told
         if told:
             self._writer.add_metadata(CLOCK, told)
