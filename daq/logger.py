@@ -31,6 +31,7 @@ from daq.session.run_files import SUFFIX, RunFiles, named_run, new_run, safe_nam
 from daq.session.session import Session, SessionParts
 from daq.session.signals import caught_signals
 from daq.session.summary import LogStatus, LogSummary, Progress
+from daq.session.switching import quick_switching
 
 __all__ = ["LogStatus", "LogSummary", "Progress", "log"]
 
@@ -111,6 +112,7 @@ def log(
         inspection = Inspection(vehicle, usable, known.databases, started_ns=clock.now_ns())
         options = _recorder_options(known, usable, folder, [*_remarks(sources), *role_remarks])
         caught = stack.enter_context(caught_signals())
+        stack.enter_context(quick_switching())
         parts = SessionParts(
             vehicle=vehicle,
             clock=clock,

@@ -63,6 +63,14 @@ def test_duration_ends_it_and_an_empty_run_is_a_recording(tmp_path: Path) -> Non
     assert len(Recording.open(summary.path).frames()) == 0
 
 
+def test_threads_take_quick_turns_while_it_records(tmp_path: Path) -> None:
+    seen: list[float] = []
+    before = sys.getswitchinterval()
+    vehicle = VehicleConfig(bus=(virtual_bus(),))
+    log(vehicle, tmp_path, duration_s=0.1, progress=lambda _: seen.append(sys.getswitchinterval()))
+    assert seen[0] < before == sys.getswitchinterval()
+
+
 def test_recordings_of_one_second_get_different_names(tmp_path: Path) -> None:
     vehicle = VehicleConfig.model_validate({"vehicle": {"name": "Unimog / U 400"}, "bus": [virtual_bus().model_dump()]})
     paths = [log(vehicle, tmp_path, duration_s=0.0).path for _ in range(2)]

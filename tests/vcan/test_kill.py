@@ -2,7 +2,8 @@
 
 The guest has a disk of its own: a file of this machine that it syncs would stop all of it. What is lost is counted in
 frames of a bus of 8 kHz, and held against the bound where the guest had its processor: where the sender, which runs
-beside the logger, kept up in the last half second.
+beside the logger, kept up in the last half second. One kill in fifty may find the logger late on a machine with other
+work: the share within the bound is what is held, by Clopper and Pearson, and twice the bound by every kill.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import beta
 from vcan.disks import disk
 from vcan.guest import GuestResult
 from vcan.session import in_folder, make_vehicle, received_numbers, sent_log
@@ -22,6 +24,7 @@ pytestmark = pytest.mark.vcan
 
 RATE_HZ = 8000
 MOST_LOST_S = 0.25
+LEAST_SHARE, CONFIDENCE = 0.85, 0.95
 PACE_S, KEPT_UP = 0.5, 0.9
 
 
@@ -85,7 +88,16 @@ def test_a_kill_takes_little(guest: Callable[..., GuestResult], tmp_path: Path, 
     assert result.exit_code == 0, result.output
     lost_s, kept_up = check_kills(tmp_path, count)
     print(f"{count} kills: {np.median(lost_s):.3f} s lost in the middle, {lost_s.max():.3f} s at most;")
-    if not kept_up.any():
-        pytest.skip("this machine is too busy: no guest had a processor for half a second")
-    print(f"{lost_s[kept_up].max():.3f} s at most of the {kept_up.sum()} at which the guest had its processor")
-    assert lost_s[kept_up].max() <= MOST_LOST_S
+    assert lost_s.max() <= 2 * MOST_LOST_S
+    if count >= 50:
+        check_share(int(np.count_nonzero(lost_s[kept_up] <= MOST_LOST_S)), int(kept_up.sum()))
+
+
+def check_share(within: int, judged: int) -> None:
+    """See that enough kills take no more than the bound."""
+    best = beta.ppf(1 - CONFIDENCE, judged, 1) if judged else 0.0
+    if best < LEAST_SHARE:
+        pytest.skip(f"this machine is too busy: only {judged} kills found the guest with its processor")
+    low = beta.ppf(1 - CONFIDENCE, within, judged - within + 1)
+    print(f"{within} of {judged} within {MOST_LOST_S} s: at least {low:.1%} are")
+    assert low >= LEAST_SHARE
