@@ -95,6 +95,11 @@ class LoggerSection(_Section):
     disk_warn_min: Positive = 60.0
     disk_reserve_mb: Positive = 100.0
 
+    @property
+    def receive_buffer_bytes(self) -> int:
+        """What is asked of the kernel for each bus."""
+        return int(self.receive_buffer_kb * 1024)
+
 
 class HealthSection(_Section):
     """``[health]``: what is no fault of this vehicle, as ``"Message"`` or ``"Message.Signal"``; buses by their name."""

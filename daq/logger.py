@@ -35,7 +35,6 @@ from daq.session.switching import quick_switching
 
 __all__ = ["LogStatus", "LogSummary", "Progress", "log"]
 
-_KB = 1000
 _OTHER_FOLDER = "choose another with --out, or change its owner or permissions"
 
 
@@ -101,7 +100,7 @@ def log(
     if not vehicle.bus:
         raise ConfigError(Fault("the vehicle has no bus to record", next_step="add a [[bus]] to vehicle.toml"))
     known = _Known(vehicle, Path(out), run or RunInfo(), attachments or {}, databases or {}, metadata or {}, view, wait)
-    opener = opener or partial(open_source, buffer_bytes=int(vehicle.logger.receive_buffer_kb * _KB))
+    opener = opener or partial(open_source, buffer_bytes=vehicle.logger.receive_buffer_bytes)
     with ExitStack() as stack:
         folder, files, sources = _opened(known, opener, stack)
         limits = vehicle.logger

@@ -113,7 +113,7 @@ def send_queue(now: Situation) -> Iterator[Line]:
 
 def receive_buffer(now: Situation) -> Iterator[Line]:
     """Tell whether the kernel gives the receive buffer that bursts need."""
-    wanted = int(now.vehicle.logger.receive_buffer_kb * 1024)
+    wanted = now.vehicle.logger.receive_buffer_bytes
     for bus, heard in now.heard.items():
         given = heard.counters.buffer_bytes if heard.counters else None
         if heard.counters is None:

@@ -70,7 +70,7 @@ def listen(sections: Mapping[str, BusSection], logger: LoggerSection, seconds: f
 def _listen(section: BusSection, logger: LoggerSection, seconds: float) -> Heard:
     nothing = FrameBatch.empty((section.channel,))
     try:
-        source = open_source(section, int(logger.receive_buffer_kb * 1024))
+        source = open_source(section, logger.receive_buffer_bytes)
     except (ConfigError, HardwareError) as error:
         return Heard(section, nothing, fault=error.faults[0])
     started = time.monotonic()
