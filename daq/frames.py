@@ -40,6 +40,18 @@ class FrameFlag(IntFlag):
     """The host's clock was set while the frame came in: the time may be wrong by the step."""
 
 
+class ErrorClass(IntFlag):
+    """Bits of an error frame's ``can_id``, as SocketCAN has them (linux/can/error.h)."""
+
+    LOST_ARBITRATION = 0x002
+    CONTROLLER = 0x004
+    PROTOCOL = 0x008
+    NO_ACK = 0x020
+    BUS_OFF = 0x040
+    BUS_ERROR = 0x080
+    RESTARTED = 0x100
+
+
 @dataclass(frozen=True)
 class FrameBatch:
     """Frames in the order they were received.

@@ -19,14 +19,13 @@ import numpy as np
 from daq.can_source import InterfaceDownError, Source, SourceCounters
 from daq.config import BusSection
 from daq.errors import ConfigError, Fault, HardwareError
-from daq.frames import FrameBatch, FrameFlag
+from daq.frames import ErrorClass, FrameBatch, FrameFlag
 from daq.health.report import BusFacts, BusState
 from daq.recording.events import Severity
 
 FIRST_RETRY_S = 0.5
 RETRY_S = 2.0
 _LOOK_EVERY_S = 0.2
-_BUS_OFF, _RESTARTED = 0x40, 0x100  # linux/can/error.h
 
 Opener = Callable[[BusSection], Source]
 
@@ -152,8 +151,8 @@ class ReconnectingSource:
         """Read from frames, or from the interface, whether the bus is up."""
         frames = batch.frames
         is_error = (frames["flags"] & FrameFlag.ERROR) != 0
-        left = _last(is_error & ((frames["can_id"] & _BUS_OFF) != 0))
-        back = _last(~is_error | ((frames["can_id"] & _RESTARTED) != 0))
+        left = _last(is_error & ((frames["can_id"] & ErrorClass.BUS_OFF) != 0))
+        back = _last(~is_error | ((frames["can_id"] & ErrorClass.RESTARTED) != 0))
         if left >= 0:
             step = f"check wiring, termination and bit rate; ip link set {self.name} type can restart-ms 100"
             self._go("bus_off", Fault("the controller has left the bus (bus-off)", f"bus {self.name}", next_step=step))

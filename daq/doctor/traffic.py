@@ -11,7 +11,7 @@ from daq.buses import messages_by_bus
 from daq.doctor.line import Line, failed, passed, warned
 from daq.doctor.listening import Heard
 from daq.doctor.situation import Situation
-from daq.frames import FrameFlag
+from daq.frames import ErrorClass, FrameFlag
 from daq.health.traffic import bits_on_wire
 from daq.identify import coverage
 from daq.roles import SignalRef
@@ -20,8 +20,12 @@ _HIGH_LOAD = 0.8
 _MANY_ERRORS = 0.01
 _IDS_SHOWN = 8
 _KNOWN_ENOUGH = 0.5
-_CLASSES = ((0x008, "protocol"), (0x020, "no acknowledgement"), (0x040, "bus-off"), (0x004, "controller"))
-"""linux/can/error.h"""
+_CLASSES = (
+    (ErrorClass.PROTOCOL, "protocol"),
+    (ErrorClass.NO_ACK, "no acknowledgement"),
+    (ErrorClass.BUS_OFF, "bus-off"),
+    (ErrorClass.CONTROLLER, "controller"),
+)
 _SILENCE = (
     "that the ignition is on and a node is sending, the bit rate (with a wrong one a listen-only interface is silent), "
     "CAN_H and CAN_L not swapped, 60 ohm between them"

@@ -6,12 +6,10 @@ from collections import Counter
 
 import numpy as np
 
-from daq.frames import FrameArray
+from daq.frames import ErrorClass, FrameArray
 from daq.health.board import Recent, reason
 from daq.health.report import Level, Reason
 
-_CONTROLLER, _PROTOCOL, _NO_ACK, _BUS_OFF, _BUS_ERROR, _RESTARTED = 0x4, 0x8, 0x20, 0x40, 0x80, 0x100
-_LOST_ARBITRATION = 0x2
 _OVERFLOW, _WARNING, _PASSIVE, _ACTIVE = 0x01, 0x0C, 0x30, 0x40
 _PROTOCOL_NAMES = {
     0x01: "bit",
@@ -40,13 +38,13 @@ class ErrorFrames:
         """Take error frames in order."""
         self.count += len(errors)
         classes, data = errors["can_id"], errors["data"]
-        controller = np.where(classes & _CONTROLLER, data[:, 1], 0)
-        protocol = (classes & (_PROTOCOL | _BUS_ERROR)) != 0
-        no_ack = (classes & _NO_ACK) != 0
+        controller = np.where(classes & ErrorClass.CONTROLLER, data[:, 1], 0)
+        protocol = (classes & (ErrorClass.PROTOCOL | ErrorClass.BUS_ERROR)) != 0
+        no_ack = (classes & ErrorClass.NO_ACK) != 0
         overflow = (controller & _OVERFLOW) != 0
         about_state = (controller & (_WARNING | _PASSIVE | _ACTIVE)) != 0
-        about_state |= (classes & (_BUS_OFF | _RESTARTED)) != 0
-        told = no_ack | protocol | overflow | about_state | ((classes & _LOST_ARBITRATION) != 0)
+        about_state |= (classes & (ErrorClass.BUS_OFF | ErrorClass.RESTARTED)) != 0
+        told = no_ack | protocol | overflow | about_state | ((classes & ErrorClass.LOST_ARBITRATION) != 0)
         for name, rows in (("no_ack", no_ack), ("protocol", protocol), ("overflow", overflow), ("other", ~told)):
             self._classes[name] += int(np.count_nonzero(rows))
         for bit, name in _PROTOCOL_NAMES.items():
@@ -99,7 +97,7 @@ class ErrorFrames:
 
 
 def _state(classes: int, controller: int) -> str:
-    if classes & _BUS_OFF:
+    if classes & ErrorClass.BUS_OFF:
         return "off"
     if controller & _PASSIVE:
         return "passive"
