@@ -17,6 +17,7 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
+from daq.errors import Fault, RecordingError
 from daq.recording.chunks import ChunkEntry, DamagedError, read_at
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -103,6 +104,11 @@ def parsed(reader: Callable[[ReadDataStream], RecordT], body: bytes) -> RecordT:
         return reader(_ExactStream(BytesIO(body)))
     except (McapError, UnicodeDecodeError, struct.error, OverflowError) as error:
         raise DamagedError(f"not a whole record ({error or type(error).__name__})") from None
+
+
+def unreadable(path: Path, error: OSError) -> RecordingError:
+    """Return what to raise where the file is gone, or the disk fails."""
+    return RecordingError(Fault("the recording cannot be read", str(path), error.strerror or str(error)))
 
 
 def read_record(file: BinaryIO, offset: int, size: int | None, opcode: int) -> bytes:

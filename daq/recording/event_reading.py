@@ -7,7 +7,6 @@ from pathlib import Path
 
 from mcap.opcode import Opcode
 
-from daq.errors import Fault, RecordingError
 from daq.recording.chunks import (
     MESSAGE_HEAD_SIZE,
     ChunkEntry,
@@ -16,7 +15,7 @@ from daq.recording.chunks import (
     message_head,
     read_chunk,
 )
-from daq.recording.contents import Contents
+from daq.recording.contents import Contents, unreadable
 from daq.recording.events import EVENT_SCHEMA, EVENT_TOPIC, Event, decode_event
 from daq.recording.format import MESSAGE_ENCODING
 
@@ -56,7 +55,7 @@ def read_events(path: Path, contents: Contents, damaged: Callable[[ChunkEntry, s
                 except DamagedError as damage:
                     damaged(entry, str(damage))
     except OSError as error:
-        raise RecordingError(Fault("the recording cannot be read", str(path), error.strerror or str(error))) from None
+        raise unreadable(path, error) from None
     return tuple(found)
 
 

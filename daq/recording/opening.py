@@ -11,7 +11,7 @@ from mcap.records import Header
 
 from daq.errors import Fault, RecordingError
 from daq.recording.chunks import ChunkEntry, DamagedError, content_records, message_head, read_at, read_chunk
-from daq.recording.contents import MAGIC, Contents, Loss, parsed, read_record
+from daq.recording.contents import MAGIC, Contents, Loss, parsed, read_record, unreadable
 from daq.recording.summary import take_summary
 from daq.recording.walk import walk
 
@@ -40,7 +40,7 @@ def read_contents(path: Path) -> Contents:
     except OSError as error:
         if isinstance(error, RecordingError):
             raise
-        raise RecordingError(Fault("the recording cannot be read", str(path), error.strerror or str(error))) from None
+        raise unreadable(path, error) from None
 
 
 def _check_magic(file: BinaryIO, contents: Contents) -> None:

@@ -10,7 +10,6 @@ from typing import BinaryIO
 import numpy as np
 from mcap.opcode import Opcode
 
-from daq.errors import Fault, RecordingError
 from daq.frames import FrameArray, FrameBatch
 from daq.recording.chunks import (
     MESSAGE_HEAD_SIZE,
@@ -20,7 +19,7 @@ from daq.recording.chunks import (
     message_head,
     read_chunk,
 )
-from daq.recording.contents import Contents
+from daq.recording.contents import Contents, unreadable
 from daq.recording.format import MESSAGE_ENCODING, RAW_DTYPES, raw_frames
 
 BATCH_FRAMES = 1 << 16
@@ -91,7 +90,7 @@ def raw_batches(
             if count:
                 yield _merged(gathered, channels, buses)
     except OSError as error:
-        raise RecordingError(Fault("the recording cannot be read", str(path), error.strerror or str(error))) from None
+        raise unreadable(path, error) from None
 
 
 def chunks_between(

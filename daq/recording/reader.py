@@ -18,7 +18,7 @@ from daq.config import RunInfo
 from daq.errors import DataError, Fault, RecordingError, nearest
 from daq.frames import FrameBatch, concatenate
 from daq.recording.chunks import ChunkEntry, DamagedError
-from daq.recording.contents import Contents, Loss, parsed, read_record
+from daq.recording.contents import Contents, Loss, parsed, read_record, unreadable
 from daq.recording.event_reading import read_events
 from daq.recording.events import Event
 from daq.recording.format import RUN_END, RUN_START, checked_metadata
@@ -234,9 +234,7 @@ class Recording:
         except DamagedError as damage:
             self._damage[at] = Loss(str(damage), at, size)
         except OSError as error:
-            raise RecordingError(
-                Fault("the recording cannot be read", str(self.path), error.strerror or str(error))
-            ) from None
+            raise unreadable(self.path, error) from None
         return None
 
     def _no_raw_topics(self) -> RecordingError:
