@@ -289,11 +289,9 @@ class Recorder:
         told = self._time.told(self._clock_fit) | self._clock_told
         if told:
             self._writer.add_metadata(CLOCK, told)
-        shift_ns = self._time.shift_ns
-        steps = [step for step in self._clock.steps if step.time_ns + shift_ns >= self._begun_ns]
+        steps = {str(at_ns): step for at_ns, step in self._time.steps() if at_ns >= self._begun_ns}
         if steps:
-            at = {str(step.time_ns + shift_ns): f"{step.step_s:+.6f} s" for step in steps}
-            self._writer.add_metadata(CLOCK_STEPS, at)
+            self._writer.add_metadata(CLOCK_STEPS, steps)
 
     def _note_part(self) -> None:
         """Tell of a new part, or why there is none."""

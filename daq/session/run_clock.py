@@ -56,12 +56,13 @@ class RunClock:
             return decoded
         return {key: replace(channel, time_ns=channel.time_ns + self.shift_ns) for key, channel in decoded.items()}
 
+    def steps(self) -> list[tuple[int, str]]:
+        """Return every time the clock was set, in the run's time, and by how much."""
+        return [(step.time_ns + self.shift_ns, f"{step.step_s:+.6f} s") for step in self._clock.steps]
+
     def told(self, fit: ClockFit | None) -> dict[str, str]:
         """Return the fit to GNSS time in the run's time, and every time the clock was set, for a metadata record."""
-        told = {
-            f"step.{number}": f"{step.step_s:+.6f} s at {step.time_ns + self.shift_ns}"
-            for number, step in enumerate(self._clock.steps, 1)
-        }
+        told = {f"step.{number}": f"{step} at {at_ns}" for number, (at_ns, step) in enumerate(self.steps(), 1)}
         if fit is not None:
             offset_s, reference_ns = fit.offset_s + self.shift_ns * 1e-9, fit.reference_ns + self.shift_ns
             told |= replace(fit, offset_s=offset_s, reference_ns=reference_ns).as_metadata()
