@@ -12,6 +12,7 @@ from typing import Any
 
 from daq.config import VehicleConfig
 from daq.disk_guard import DiskState
+from daq.health.board import worst as worst_level
 from daq.health.report import BusHealth, HealthReport, HostFacts, Level, Reason
 from daq.panel import SNAPSHOT_SCHEMA
 from daq.recording.events import Event
@@ -100,7 +101,7 @@ def snapshot(state: SessionState) -> dict[str, Any]:
         "schema": SNAPSHOT_SCHEMA,
         "vehicle": state.vehicle.vehicle.name,
         "state": state.run.state,
-        "level": _level(max((reason.level for reason in reasons), default=Level.GREEN)),
+        "level": _level(worst_level(reasons)),
         "time_utc_s": state.file_ns * 1e-9,
         "session_s": (state.session_ns - state.started_ns) * 1e-9,
         "run": _run(state.run),

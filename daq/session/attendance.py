@@ -7,6 +7,7 @@ import time
 from typing import TYPE_CHECKING
 
 from daq.health.board import reason
+from daq.health.board import worst as worst_level
 from daq.health.diagnostics import statuses
 from daq.health.report import HealthReport, Level, Reason
 from daq.panel import Command
@@ -118,7 +119,7 @@ class Attendance:
             {source.name: source.counters for source in self._parts.sources},
             self._recorder.run_id,
             self._recorder.path,
-            (found[0].level if found else Level.GREEN).name.lower(),
+            worst_level(found).name.lower(),
             f"{found[0].where}: {found[0].what}" if found else "",
         )
 
