@@ -11,10 +11,10 @@ from daq.channel import Channel
 from daq.decode import Decoder
 from daq.errors import ConfigError, Fault
 from daq.export import write_table
+from daq.names import file_name
 from daq.recording import RecordingWriter
 from daq.run import LENIENT_KEY, Run
 from daq.view import DecodedView
-from wheelsoil.names import file_name
 
 
 def export_tables(

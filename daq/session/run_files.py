@@ -11,6 +11,7 @@ from pathlib import Path
 
 from daq.config import RunInfo, VehicleConfig
 from daq.errors import Fault, RecordingError
+from daq.names import file_name
 from daq.recording import Recording
 from daq.recording.contents import MAGIC
 from daq.recording.format import RUN_END, RUN_START
@@ -49,8 +50,8 @@ class RunFiles:
 
 def safe_name(text: str, fallback: str = "run") -> str:
     """Return a name that stays in its folder and is not too long: letters, digits, ``_ . - @``, no leading dot."""
-    safe = re.sub(r"[^\w.@-]+", "-", text).encode("utf-8", "replace")[:_LONGEST_NAME_BYTES].decode("utf-8", "ignore")
-    return safe.strip(".-") or fallback
+    short = file_name(text, fallback).encode("utf-8", "replace")[:_LONGEST_NAME_BYTES].decode("utf-8", "ignore")
+    return file_name(short, fallback)
 
 
 def dated_name(vehicle: VehicleConfig) -> str:
