@@ -29,7 +29,7 @@ def test_an_exact_curve_gives_its_k_and_n(k: float, n: float, depth: float) -> N
     assert fit.stiffness == pytest.approx(k, rel=1e-7)
     assert fit.rms_pa < 1e-6 * k * depth**n
     value, _ = fit.at(depth / 3)
-    assert value == pytest.approx([np.log(k * (depth / 3) ** n), n], rel=1e-8)
+    assert value == pytest.approx([np.log(k * (depth / 3) ** n), n], rel=1e-8, abs=1e-7)  # ln p may be near 0
 
 
 def test_the_samples_that_count_are_stated() -> None:
