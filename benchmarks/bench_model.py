@@ -6,6 +6,7 @@ import numpy as np
 
 from benchmarks.row import Row, median_seconds
 from daq.config import RunInfo
+from model.conditions import Conditions
 from model.contact import Patch, Quadrature, entry_angle, resultants
 from model.effects import EFFECTS
 from model.fit import fit_models
@@ -13,7 +14,7 @@ from model.fit_result import FitOptions
 from model.soils import SOILS
 from model.stresses import speed_ratio
 from model.wheel import Wheel
-from model.wheel_soil import Conditions, WheelSoilModel
+from model.wheel_soil import WheelSoilModel
 from processing.processed_run import ProcessedRun, QualityReport, Segment
 
 SAMPLES = 20_000

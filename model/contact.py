@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model import stresses
-from model.dual import Number, concatenate_rows, rows, value_of, weighted_sum, where
+from model.dual import Dual, Number, concatenate_rows, rows, value_of, weighted_sum, where
 
 CHUNK = 1024
 """Samples at a time: small enough that a chunk's arrays stay in the cache."""
@@ -52,6 +52,8 @@ class Patch:
     exponent : n of Eq. 2
     peak_angle : rad, theta_m; the normal stress peaks there (0: at the bottom, as in the paper)
     exit_angle : rad, theta_2 <= 0 (0 in the paper)
+    lug_height : m, h: soil shears at r + h, and torque acts there
+    softening : 1, q: the shear stress falls to (1 - q) of Eq. 4 with displacement
     """
 
     entry_angle: Number
@@ -65,6 +67,8 @@ class Patch:
     exponent: Number
     peak_angle: Number = 0.0
     exit_angle: Number = 0.0
+    lug_height: Number = 0.0
+    softening: Number = 0.0
 
     def map(self, function: Callable[[Number], Number]) -> Patch:
         """Return the patch with `function` applied to every entry."""
@@ -161,7 +165,7 @@ def _integrate(patch: Patch, quadrature: Quadrature, braking: bool) -> Resultant
         _by_direction(patch.entry_angle, *total[i : i + 3]) for i in (0, 3, 6)
     )
     area = patch.radius * patch.width
-    c, t, r = patch.cohesion, patch.tan_phi, patch.radius
+    c, t, r = patch.cohesion, patch.tan_phi, patch.radius + patch.lug_height
     return Resultants(
         load_stress=area * (normal_cos + t * shear_sin),
         load_cohesion=area * c * cohesive_sin,
@@ -185,7 +189,7 @@ def _panels(patch: Patch, braking: bool) -> list[_Panel]:
     """Return the panels of samples that all drive or all brake."""
     to_peak = patch.entry_angle - patch.peak_angle
     to_exit = patch.entry_angle - patch.exit_angle
-    has_rear = bool(np.any(value_of(patch.peak_angle) != value_of(patch.exit_angle)))
+    has_rear = _present(patch.peak_angle - patch.exit_angle)
     if not braking:
         front: list[_Panel] = [(None, to_peak, "start", False)]
         return [*front, (to_peak, to_exit, "end", True)] if has_rear else front
@@ -229,18 +233,33 @@ def _panel_sums(
     span = stop if start is None else stop - start
     delta = span * rule.at if start is None else start + span * rule.at
     drop, advance = stresses.geometry(patch.entry_angle, delta)
-    depth = patch.radius * (stresses.geometry(patch.entry_angle, _mirrored(patch, delta))[0] if rear else drop)
+    mirrored = _mirrored(patch, delta, rule.at) if rear else None
+    depth = patch.radius * (drop if mirrored is None else stresses.geometry(patch.entry_angle, mirrored)[0])
     sigma = stresses.normal_stress(patch.stiffness, depth, patch.exponent)
     j = stresses.shear_displacement(delta, advance, patch.radius, patch.speed_ratio)
+    if _present(patch.lug_height):
+        j = j + patch.lug_height * delta
     e = stresses.mobilisation(j, patch.shear_modulus, signed=braking)
+    if _present(patch.softening):
+        e = e * stresses.softened(j, patch.softening, signed=braking)
     stress_like = (sigma, e * sigma, e)
     return [span * weighted_sum(x, rule.weights) for y in stress_like for x in (y, y * drop, y * advance)]
 
 
-def _mirrored(patch: Patch, delta: Number) -> Number:
-    """Return the angle behind the entry that has the same stress in front of the peak (Wong & Reece)."""
-    share = (patch.entry_angle - delta - patch.exit_angle) / (patch.peak_angle - patch.exit_angle)
-    return share * (patch.entry_angle - patch.peak_angle)
+def _present(x: Number) -> bool:
+    """Whether a refinement is there: not zero, or to be differentiated."""
+    return isinstance(x, Dual) or bool(np.any(x != 0.0))
+
+
+def _mirrored(patch: Patch, delta: Number, at: NDArray[np.float64]) -> Number:
+    """Return the angle behind the entry that has the same stress in front of the peak (Wong & Reece).
+
+    A rear part of no width keeps its shape, so that its width can be differentiated by.
+    """
+    width = patch.peak_angle - patch.exit_angle
+    some = value_of(width) != 0.0
+    share = (patch.entry_angle - delta - patch.exit_angle) / where(some, width, 1.0)
+    return where(some, share, 1.0 - at) * (patch.entry_angle - patch.peak_angle)
 
 
 def entry_angle(sinkage: Number, radius: Number) -> Number:

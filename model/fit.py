@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ConfigError, DataError, Fault, nearest
+from model.conditions import Conditions
 from model.criteria import criteria
 from model.effects import EFFECTS
 from model.estimates import correlations, estimates_of, spread_of, warnings_of
@@ -19,7 +20,7 @@ from model.intervals import Blocks, blocks_of
 from model.observations import CHANNELS, Observations, observations_of
 from model.soils import Soil
 from model.wheel import Wheel
-from model.wheel_soil import SOIL_PARAMETERS, Conditions, Prediction, WheelSoilModel
+from model.wheel_soil import SOIL_PARAMETERS, Prediction, WheelSoilModel
 from processing.processed_run import ProcessedRun
 
 FloatArray = NDArray[np.float64]

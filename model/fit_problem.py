@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from model.conditions import Conditions
 from model.observations import CHANNELS, Observations
 from model.soil_prior import SoilPrior
-from model.wheel_soil import SOIL_PARAMETERS, Conditions, Prediction, WheelSoilModel
+from model.wheel_soil import SOIL_PARAMETERS, Prediction, WheelSoilModel
 
 FloatArray = NDArray[np.float64]
 
@@ -51,9 +52,9 @@ _SOIL_UNITS = dict(zip(SOIL_PARAMETERS, ("Pa", "1", "m", "1", "N/m^(n+1)", "N/m^
 def free_parameters(model: WheelSoilModel, prior: SoilPrior | None) -> tuple[Free, ...]:
     """Return the effects' parameters and, with a prior, the soil's."""
     effects = [
-        Free(p.name, p.unit, p.start, p.lower, p.upper, p.prior_scale, p.neutral)
+        Free(key, p.unit, p.start, p.lower, p.upper, p.scale(model.wheel), p.neutral)
         for e in model.effects
-        for p in e.parameters
+        for key, p in zip(e.parameter_keys().values(), e.parameters, strict=True)
     ]
     if prior is None:
         return tuple(effects)
@@ -100,7 +101,7 @@ class FitProblem:
 
     def with_static_sinkage(self) -> FitProblem:
         """Return the problem with Z0 solved once, where no free parameter moves it."""
-        if self.prior is not None or any(e.changes_soil() for e in self.model.effects):
+        if self.prior is not None or any(e.moves_static_sinkage() for e in self.model.effects):
             return self
         neutral = np.array([p.neutral for e in self.model.effects for p in e.parameters])
         return replace(self, static_sinkage_m=self.predict(neutral).static_sinkage_m)

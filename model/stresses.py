@@ -68,6 +68,25 @@ def mobilisation(displacement: Number, shear_modulus: Number, *, signed: bool) -
     return -sign * np.expm1(sign * displacement * rate)
 
 
+SOFTENING_LENGTH_M = 0.15
+"""Shear displacement over which a softening soil loses 63 % of what it loses."""
+
+
+def softened(displacement: Number, fraction: Number, *, signed: bool) -> Number:
+    """Return the share of Eq. 4 that is left of the shear stress: 1 - q (1 - exp(-|j| / 0.15 m)).
+
+    Parameters
+    ----------
+    displacement : m
+    fraction : 1
+        q.
+    signed : bool
+        Whether the displacement may be negative (braking).
+    """
+    size = displacement * np.sign(value_of(displacement)) if signed else displacement
+    return 1.0 + fraction * np.expm1(size * (-1.0 / SOFTENING_LENGTH_M))
+
+
 def speed_ratio(slip: Number) -> Number:
     """Return V/(r omega) for a slip ratio: 1 - s (Eq. 6) when driving, 1/(1 + s_b) when braking.
 

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ConfigError, Fault, nearest
-from model import sinkage as sinkages
-from model.contact import Patch, Quadrature, Resultants, entry_angle, resultants
-from model.dual import Dual, Number, column, rows, value_of, where
+from model.balance import Active, Contact, Solution, solve
+from model.conditions import Conditions
+from model.contact import Quadrature
+from model.dual import Dual, Number, column, value_of
 from model.effects.base import Effect
 from model.soils import Soil
-from model.stresses import speed_ratio
+from model.state import Reaction, SoilState, WheelState
 from model.wheel import Wheel
 
 FloatArray = NDArray[np.float64]
@@ -32,38 +33,6 @@ SOIL_PARAMETERS = (
 )
 WHEEL_PARAMETERS = ("radius_m", "width_m")
 INPUTS = ("slip", "vertical_load_n")
-
-
-@dataclass(frozen=True)
-class Conditions:
-    """What the wheel is put through.
-
-    Attributes
-    ----------
-    slip : array, shape (n,)
-        Eq. 6 when driving, (r omega - V)/V when braking.
-    vertical_load_n : array, shape (n,), > 0
-    """
-
-    slip: Number
-    vertical_load_n: Number
-
-    @property
-    def driving_slip(self) -> Number:
-        """max(s, 0): the slip-sinkage laws hold for a driven wheel."""
-        return where(value_of(self.slip) > 0.0, self.slip, 0.0)
-
-
-@dataclass(frozen=True)
-class SoilState:
-    """The soil's parameters under given conditions, as columns or scalars in SI units."""
-
-    cohesion: Number
-    tan_phi: Number
-    shear_modulus: Number
-    exponent: Number
-    cohesive_modulus: Number
-    frictional_modulus: Number
 
 
 @dataclass(frozen=True)
@@ -136,14 +105,18 @@ class WheelSoilModel:
         self.effects = tuple(e() if isinstance(e, type) else e for e in effects)
         self.reading: Reading = reading
         self.quadrature = quadrature or Quadrature()
-        names = [p.name for e in self.effects for p in e.parameters]
+        names = [name for e in self.effects for name in e.parameter_keys().values()]
         if len(set(names)) != len(names):
             raise ConfigError(Fault("two effects share a parameter", found=", ".join(names)))
         self._defaults: dict[str, float] = {
             **{name: float(getattr(soil, name)) for name in SOIL_PARAMETERS},
             "radius_m": wheel.radius_m,
             "width_m": wheel.width_m,
-            **{p.name: p.neutral for e in self.effects for p in e.parameters},
+            **{
+                key: p.neutral
+                for e in self.effects
+                for key, p in zip(e.parameter_keys().values(), e.parameters, strict=True)
+            },
         }
 
     @property
@@ -181,12 +154,14 @@ class WheelSoilModel:
             An unknown parameter.
         """
         parameters = self._parameters(values or {}, wrt)
-        slip, load = np.asarray(conditions.slip, float), np.asarray(conditions.vertical_load_n, float)
+        slip, load = (np.asarray(x, float) for x in (conditions.slip, conditions.vertical_load_n))
         valid = np.isfinite(slip) & np.isfinite(load) & (load > 0) & (np.abs(slip) <= 1)
         for given in (sinkage_m, static_sinkage_m):
             if given is not None:
                 valid &= np.isfinite(given) & (np.asarray(given) > 0)
-        chosen = Conditions(*(_seeded(x[valid], name, wrt) for x, name in ((slip, "slip"), (load, "vertical_load_n"))))
+        chosen = conditions.map(lambda x: column(np.asarray(x, float)[valid]) if np.ndim(x) else x)
+        seeds = {name: Dual(getattr(chosen, name), {name: 1.0}) for name in INPUTS if name in wrt}
+        chosen = replace(chosen, **seeds)
         total, static = (
             None if x is None else np.asarray(x, float)[valid][:, None] for x in (sinkage_m, static_sinkage_m)
         )
@@ -214,78 +189,71 @@ class WheelSoilModel:
         static : column (n, 1), optional
             The static sinkage, where it is known already.
         """
-        active = [e for e in self.effects if e.is_active(parameters)]
-        soil = SoilState(*(parameters[name] for name in SOIL_PARAMETERS))
-        for effect in active:
-            soil = effect.soil(soil, conditions, parameters)
-        radius, width = parameters["radius_m"], parameters["width_m"]
-        patch = Patch(
-            entry_angle=np.nan,
-            speed_ratio=speed_ratio(conditions.slip),
-            radius=radius,
-            width=width,
-            cohesion=soil.cohesion,
-            tan_phi=soil.tan_phi,
-            shear_modulus=soil.shear_modulus,
-            stiffness=soil.cohesive_modulus / width + soil.frictional_modulus,
-            exponent=soil.exponent,
-        )
-        if given is not None:
-            static = total = given
-        else:
-            static = self._static(patch, soil, conditions) if static is None else static
-            total = static
-            for effect in active:
-                total = effect.sinkage(total, conditions, parameters)
-        forces = self._resultants(patch, total)
-        moved = given is not None or any(e.moves_sinkage() for e in active)
-        scale: Number = 1.0
-        if moved and self.reading == "balanced":
-            scale = (conditions.vertical_load_n - forces.load_cohesion) / forces.load_stress
-            scale = where(value_of(scale) > 0.0, scale, np.nan)
+        active = self._active(parameters)
+        for effect, values in active:
+            conditions = effect.inputs(conditions, values)
+        soil, radius = self._soil(parameters), parameters["radius_m"]
+        for effect, values in active:
+            soil = effect.soil(soil, conditions, values)
+            radius = effect.contact_radius(radius, conditions, values)
+        contact = Contact(soil, radius, parameters["width_m"], conditions, active, self.quadrature)
+        solution = self._solution(contact, given, static)
+        state = WheelState(conditions, soil, radius, contact.width, solution.sinkage, solution.entry_angle)
+        reaction = _read(active, Reaction(solution.drawbar_pull, solution.driving_torque), state)
         return {
-            "static_sinkage_m": static,
-            "sinkage_m": total,
-            "entry_angle_rad": entry_angle(total, radius),
-            "vertical_load_n": forces.load(scale),
-            "drawbar_pull_n": forces.pull(scale),
-            "driving_torque_nm": forces.torque(scale),
-            "stress_scale": scale,
+            "static_sinkage_m": solution.static_sinkage,
+            "sinkage_m": solution.sinkage,
+            "entry_angle_rad": solution.entry_angle,
+            "vertical_load_n": solution.vertical_load,
+            "drawbar_pull_n": reaction.drawbar_pull,
+            "driving_torque_nm": reaction.driving_torque,
+            "stress_scale": solution.stress_scale,
         }
 
-    def _resultants(self, patch: Patch, total: Number) -> Resultants:
-        return resultants(replace(patch, entry_angle=entry_angle(total, patch.radius)), self.quadrature)
+    def at_rest(
+        self, conditions: Conditions, values: Mapping[str, Number] | None = None, wrt: Sequence[str] = ()
+    ) -> tuple[Number, Number]:
+        """Return the drawbar pull (N) and the torque (N m) that the transducer shows while the wheel stands.
 
-    def _static(self, patch: Patch, soil: SoilState, conditions: Conditions) -> Number:
-        closed = sinkages.closed_form(
-            conditions.vertical_load_n,
-            patch.radius,
-            patch.width,
-            soil.cohesive_modulus,
-            soil.frictional_modulus,
-            soil.exponent,
+        Parameters
+        ----------
+        conditions : Conditions
+            Load, direction and time of each standstill, shape (n,); the slip is not used.
+        values, wrt
+            As for `predict`; the results are `Dual` where `wrt` is given.
+
+        Raises
+        ------
+        ConfigError
+            An unknown parameter.
+        """
+        parameters = self._parameters(values or {}, wrt)
+        active = tuple(pair for pair in self._active(parameters) if pair[0].at_standstill)
+        state = WheelState(
+            conditions, self._soil(parameters), parameters["radius_m"], parameters["width_m"], np.nan, np.nan
         )
-        return closed if self.reading == "literal" else self._balanced(patch, conditions, closed)
+        nothing = np.zeros(np.shape(conditions.vertical_load_n))
+        reaction = _read(active, Reaction(nothing, nothing), state)
+        return reaction.drawbar_pull, reaction.driving_torque
 
-    def _balanced(self, patch: Patch, conditions: Conditions, start: Number) -> Number:
-        """Solve Eq. 7 for the sinkage, with derivatives where there are any."""
-        load = conditions.vertical_load_n
-        plain = patch.map(value_of)
-        n = len(value_of(load))
+    def _active(self, parameters: Mapping[str, Number]) -> Active:
+        """Return the effects that are not at their neutral values, each with its own parameters."""
+        own = [(e, {name: parameters[key] for name, key in e.parameter_keys().items()}) for e in self.effects]
+        return tuple((effect, values) for effect, values in own if effect.is_active(values))
 
-        def load_of(z: FloatArray, index: NDArray[np.intp]) -> FloatArray:
-            part = plain if len(index) == n else plain.map(lambda x: rows(x, n, index))
-            return np.asarray(self._resultants(part, z).load())
+    @staticmethod
+    def _soil(parameters: Mapping[str, Number]) -> SoilState:
+        return SoilState(*(parameters[name] for name in SOIL_PARAMETERS))
 
-        def full(x: Number) -> FloatArray:
-            return np.broadcast_to(np.asarray(value_of(x), float), (n, 1))
-
-        solved = sinkages.balanced(full(load), full(start), full(patch.radius), full(patch.exponent), load_of)
-        numbers = [load, *(getattr(patch, name) for name in patch.__dataclass_fields__)]
-        if not any(isinstance(x, Dual) or np.iscomplexobj(x) for x in numbers):
-            return solved
-        slope = self._resultants(plain, Dual(solved, {"Z": 1.0})).load().partials["Z"]
-        return sinkages.differentiate(solved, load, self._resultants(patch, solved).load(), slope)
+    def _solution(self, contact: Contact, given: Number | None, static: Number | None) -> Solution:
+        """Solve in the model's reading, or in a mixture of both where an effect says so."""
+        share: Number = 1.0 if self.reading == "balanced" else 0.0
+        for effect, values in contact.effects:
+            share = effect.load_consistency(share, values)
+        if isinstance(share, float) and share in (0.0, 1.0):
+            return solve(contact, given, static, balanced=share == 1.0)
+        literal, balanced = (solve(contact, given, static, balanced=which) for which in (False, True))
+        return Solution(*((1.0 - share) * a + share * b for a, b in zip(literal, balanced, strict=True)))
 
     def _parameters(self, values: Mapping[str, Number], wrt: Sequence[str]) -> dict[str, Number]:
         unknown = [name for name in values if name not in self._defaults]
@@ -298,8 +266,13 @@ class WheelSoilModel:
         return {k: Dual(v, {k: 1.0}) if k in wrt else v for k, v in parameters.items()}
 
 
-def _seeded(x: FloatArray, name: str, wrt: Sequence[str]) -> Number:
-    return Dual(x[:, None], {name: 1.0}) if name in wrt else column(x)
+def _read(active: Active, reaction: Reaction, state: WheelState) -> Reaction:
+    """Return what the transducer reads: first what else acts on it, then what it makes of that."""
+    for effect, values in active:
+        reaction = effect.resultants(reaction, state, values)
+    for effect, values in active:
+        reaction = effect.observation(reaction, state, values)
+    return reaction
 
 
 def _scatter(columns: Mapping[str, Number], valid: NDArray[np.bool_], wrt: Sequence[str]) -> Prediction:

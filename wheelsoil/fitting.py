@@ -13,13 +13,14 @@ from daq.bench_tables import WheelTable
 from daq.config import TerrainConfig, VehicleConfig, load_toml
 from daq.errors import ConfigError, Fault, nearest
 from daq.run import Run
+from model.conditions import Conditions
 from model.effects import EFFECTS
 from model.fit_result import MODELS, CampaignFit, FitOptions, ModelFit
 from model.observations import Observations
 from model.soil_prior import prior_of
 from model.soils import SOILS, Soil, soil_from_terrain
 from model.wheel import Wheel
-from model.wheel_soil import Conditions, Reading, WheelSoilModel
+from model.wheel_soil import Reading, WheelSoilModel
 from processing.processed_run import ProcessedRun
 
 SCHEMA = "wheelsoil/fit/1"

@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 from model.dual import Dual, Number
 
 if TYPE_CHECKING:
-    from model.wheel_soil import Conditions, SoilState
+    from model.conditions import Conditions
+    from model.contact import Patch
+    from model.effects.signals import Signals
+    from model.state import Reaction, SoilState, WheelState
+    from model.wheel import Wheel
 
 
 @dataclass(frozen=True)
@@ -26,8 +30,12 @@ class Parameter:
     lower, upper : float
         Bounds of an estimate.
     prior_scale : float
-        One-sigma of what is plausible before any data.
+        One-sigma of what is plausible before any data; in wheel radii where `in_radii`.
     source : str
+    one_sided : bool
+        Only values above neutral are plausible (a half-normal prior).
+    in_radii : bool
+        The prior scale is a share of the wheel's radius.
     """
 
     name: str
@@ -38,6 +46,12 @@ class Parameter:
     upper: float
     prior_scale: float
     source: str = ""
+    one_sided: bool = False
+    in_radii: bool = False
+
+    def scale(self, wheel: Wheel) -> float:
+        """Return the prior's one-sigma for a wheel, in the parameter's unit."""
+        return self.prior_scale * (wheel.radius_m if self.in_radii else 1.0)
 
 
 Values = Mapping[str, Number]
@@ -48,6 +62,7 @@ class Effect:
 
     A subclass states the class variables and overrides only the hooks it needs. Hooks are plain numpy formulas on
     columns (n, 1) and get sensitivities by themselves (`model.dual`): no ``if`` on a value, `model.dual.where` instead.
+    A hook's ``values`` hold the effect's own parameters by their short names.
 
     Attributes
     ----------
@@ -57,6 +72,14 @@ class Effect:
     summary, source : str
         What a report says of it, and where the formula is from.
     parameters : tuple of Parameter
+    own_symbols : bool
+        A model knows its parameters as they are called ("H_m"), not as "wheel_radius.relative".
+    needs : tuple of str
+        Fields of `Conditions` beyond slip and load without which the effect cannot be told.
+    at_standstill : bool
+        Whether it shows when the wheel does not turn.
+    reading : "any" or "literal"
+        "literal": an effect of the paper's literal reading only.
     """
 
     name: ClassVar[str]
@@ -65,6 +88,18 @@ class Effect:
     summary: ClassVar[str]
     source: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
+    own_symbols: ClassVar[bool] = False
+    needs: ClassVar[tuple[str, ...]] = ()
+    at_standstill: ClassVar[bool] = False
+    reading: ClassVar[Literal["any", "literal"]] = "any"
+
+    def inputs(self, conditions: Conditions, values: Values) -> Conditions:
+        """Return the true inputs of the model from the measured ones."""
+        return conditions
+
+    def contact_radius(self, radius: Number, conditions: Conditions, values: Values) -> Number:
+        """Return the radius of the contact in metres; the slip keeps the wheel's own."""
+        return radius
 
     def soil(self, soil: SoilState, conditions: Conditions, values: Values) -> SoilState:
         """Return the soil's parameters under the given conditions."""
@@ -74,20 +109,56 @@ class Effect:
         """Return Z in metres from the static Z0."""
         return static_sinkage
 
+    def load_consistency(self, share: Number, values: Values) -> Number:
+        """Return how much of the load-consistent solution counts: 0 in the literal reading, 1 in the balanced one."""
+        return share
+
+    def patch(self, patch: Patch, conditions: Conditions, values: Values) -> Patch:
+        """Return the contact patch: angles of peak and exit, lugs, softening; its entry angle is known."""
+        return patch
+
+    def resultants(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
+        """Return what acts on the transducer, from what the stresses on the rim give."""
+        return reaction
+
+    def observation(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
+        """Return what the transducer reads, from what acts on it."""
+        return reaction
+
+    def sensed(self, signals: Signals, values: Mapping[str, float]) -> Signals:
+        """Return what the sensors get to see instead of the truth: for the virtual test, forward in time.
+
+        Only measurement effects override it. `inputs` is the inverse for speeds and load, `observation` the same for
+        drawbar pull and torque.
+        """
+        return signals
+
     @classmethod
     def moves_sinkage(cls) -> bool:
         """Whether the effect sets a sinkage other than the static one."""
         return cls.sinkage is not Effect.sinkage
 
     @classmethod
-    def changes_soil(cls) -> bool:
-        """Whether the effect changes the soil, and with it the static sinkage."""
-        return cls.soil is not Effect.soil
+    def moves_static_sinkage(cls) -> bool:
+        """Whether the effect changes the sinkage at which Eq. 7 holds."""
+        hooks = ("inputs", "contact_radius", "soil", "patch", "load_consistency")
+        return any(getattr(cls, hook) is not getattr(Effect, hook) for hook in hooks)
 
     @classmethod
     def is_active(cls, values: Values) -> bool:
         """Whether any parameter differs from neutral or is to be differentiated."""
         return any(isinstance(values[p.name], Dual) or bool(values[p.name] != p.neutral) for p in cls.parameters)
+
+    @classmethod
+    def parameter_keys(cls) -> dict[str, str]:
+        """Return the name by which a model knows each parameter."""
+        return {p.name: p.name if cls.own_symbols else f"{cls.key()}.{p.name}" for p in cls.parameters}
+
+    @classmethod
+    def keyed(cls, values: Mapping[str, float]) -> dict[str, float]:
+        """Return the effect's own values as a model takes them."""
+        keys = cls.parameter_keys()
+        return {keys[name]: value for name, value in values.items()}
 
     @classmethod
     def key(cls) -> str:

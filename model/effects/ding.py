@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from model.effects.base import Effect, Parameter, Values
 
 if TYPE_CHECKING:
-    from model.wheel_soil import Conditions, SoilState
+    from model.conditions import Conditions
+    from model.state import SoilState
 
 
 class Ding(Effect):
@@ -19,6 +20,7 @@ class Ding(Effect):
 
     name = "slip_sinkage"
     form = "ding"
+    own_symbols = True
     summary = "The wheel digs in with slip because the sheared soil gets softer: the sinkage exponent grows with slip."
     source = "Ding et al. (2010), J. Cent. South Univ. Technol. 17:129-135; Yang et al. (2016), Eq. 13"
     parameters = (Parameter("n1", "1", 0.0, 0.3, 0.0, 2.0, 0.3, "Yang Tab. 3: .35 clay, .53 sand"),)

@@ -8,7 +8,7 @@ from model.dual import Number
 from model.effects.base import Effect, Parameter, Values
 
 if TYPE_CHECKING:
-    from model.wheel_soil import Conditions
+    from model.conditions import Conditions
 
 
 class Lyasko(Effect):
@@ -16,6 +16,7 @@ class Lyasko(Effect):
 
     name = "slip_sinkage"
     form = "lyasko"
+    own_symbols = True
     summary = "The wheel digs in with slip, in proportion to its static sinkage and faster at high slip."
     source = "Lyasko (2010), J. Terramechanics 47:21-31; Yang et al. (2016), Eq. 12"
     parameters = (

@@ -8,7 +8,7 @@ from model.dual import Number
 from model.effects.base import Effect, Parameter, Values
 
 if TYPE_CHECKING:
-    from model.wheel_soil import Conditions
+    from model.conditions import Conditions
 
 
 class Vasilev(Effect):
@@ -16,6 +16,7 @@ class Vasilev(Effect):
 
     name = "slip_sinkage"
     form = "vasilev"
+    own_symbols = True
     summary = "The wheel digs in with slip: sinkage grows by H metres from no slip to full slip, whatever the load."
     source = "Vasil'ev, Dokycheva, Utkin-Lubovtsov (1969); Yang et al. (2016), Eq. 11"
     parameters = (Parameter("H_m", "m", 0.0, 0.02, 0.0, 0.5, 0.05, "diagnosis table; Yang Tab. 3: .02 clay, .08 sand"),)

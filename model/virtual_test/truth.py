@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import DataError, Fault
+from model.conditions import Conditions
 from model.contact import Quadrature
 from model.virtual_test.motion import Motion
-from model.wheel_soil import Conditions, WheelSoilModel
+from model.wheel_soil import WheelSoilModel
 
 FloatArray = NDArray[np.float64]
 

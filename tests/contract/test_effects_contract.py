@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from model.conditions import Conditions
 from model.contact import Quadrature
 from model.effects import EFFECTS
 from model.gauss_newton import gauss_newton
 from model.soils import SOILS
 from model.wheel import Wheel
-from model.wheel_soil import Conditions, WheelSoilModel
+from model.wheel_soil import WheelSoilModel
 
 WHEEL = Wheel(0.47, 0.318)
 SLIP = np.concatenate([np.linspace(-0.6, -0.05, 6), np.linspace(0.02, 0.95, 15)])

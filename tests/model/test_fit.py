@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from daq.errors import ConfigError, DataError
+from model.conditions import Conditions
 from model.contact import Quadrature
 from model.effects import EFFECTS
 from model.fit import fit_observations, judge_alike
@@ -18,7 +19,7 @@ from model.observations import Observations
 from model.soil_prior import prior_of
 from model.soils import SOILS
 from model.wheel import Wheel
-from model.wheel_soil import Conditions, WheelSoilModel
+from model.wheel_soil import WheelSoilModel
 
 WHEEL = Wheel(0.47, 0.318)
 TRUTH = {"vasilev": {"H_m": 0.02}, "lyasko": {"m1": 0.1, "m2": 0.05}, "ding": {"n1": 0.35}, "wong": {}}

@@ -10,6 +10,7 @@ from virtual_support import LYASKO, START_NS, WHEEL, lyasko_model, simulated
 
 from daq.config import RunInfo
 from daq.errors import ConfigError, DataError
+from model.conditions import Conditions
 from model.soils import LABORATORY_SPREAD, SOILS
 from model.virtual_test import (
     TRUTH_QUADRATURE,
@@ -21,7 +22,7 @@ from model.virtual_test import (
     virtual_run,
 )
 from model.virtual_test.truth import free_rolling_slip
-from model.wheel_soil import Conditions, WheelSoilModel
+from model.wheel_soil import WheelSoilModel
 
 SHORT = VirtualSetup(duration_s=20.0)
 

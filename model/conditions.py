@@ -1,0 +1,76 @@
+"""What a wheel is put through, sample by sample: measured inputs of the model, and what else effects may ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from model.dual import Number, value_of, where
+from model.stresses import speed_ratio
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Inputs of the model; arrays of shape (n,), or scalars where one value holds for all.
+
+    Only slip and load are always there. What else an effect needs stands in its ``needs``; NaN: not known.
+
+    Attributes
+    ----------
+    slip : Eq. 6 when driving, (r omega - V)/V when braking.
+    vertical_load_n : > 0
+    ground_speed_mps, wheel_speed_radps : V and omega
+    ground_acceleration_mps2, ground_jerk_mps3, wheel_acceleration_radps2 : their derivatives
+    line_position : x from -1 to 1 along the campaign's line, -1 where "out" starts
+    campaign_time : from -1/2 to 1/2 over the campaign's clock
+    direction : 1 "out", -1 "back"
+    pass_number : from 1
+    inflation_kpa : of the tyre
+    unit_weight_n_m3 : of the soil
+    """
+
+    slip: Number
+    vertical_load_n: Number
+    ground_speed_mps: Number = np.nan
+    wheel_speed_radps: Number = np.nan
+    ground_acceleration_mps2: Number = np.nan
+    ground_jerk_mps3: Number = np.nan
+    wheel_acceleration_radps2: Number = np.nan
+    line_position: Number = np.nan
+    campaign_time: Number = np.nan
+    direction: Number = np.nan
+    pass_number: Number = 1.0
+    inflation_kpa: Number = np.nan
+    unit_weight_n_m3: Number = 16_500.0
+
+    @property
+    def driving_slip(self) -> Number:
+        """max(s, 0): the slip-sinkage laws hold for a driven wheel."""
+        return where(value_of(self.slip) > 0.0, self.slip, 0.0)
+
+    @property
+    def braking_slip(self) -> Number:
+        """min(s, 0): for laws of a braked wheel."""
+        return where(value_of(self.slip) < 0.0, self.slip, 0.0)
+
+    def with_ground_speed(self, ground_speed_mps: Number) -> Conditions:
+        """Return the conditions with another ground speed, and the slip that belongs to it."""
+        return replace(
+            self.with_speed_ratio_times(ground_speed_mps / self.ground_speed_mps), ground_speed_mps=ground_speed_mps
+        )
+
+    def with_speed_ratio_times(self, factor: Number) -> Conditions:
+        """Return the conditions with V/(r omega), and so the slip, changed by a factor."""
+        return replace(self, slip=slip_of_ratio(speed_ratio(self.slip) * factor))
+
+    def map(self, function: Callable[[Number], Number]) -> Conditions:
+        """Return the conditions with `function` applied to every field."""
+        return Conditions(*(function(getattr(self, f.name)) for f in fields(self)))
+
+
+def slip_of_ratio(ratio: Number) -> Number:
+    """Return the slip ratio for V/(r omega); the inverse of `model.stresses.speed_ratio`."""
+    braking = value_of(ratio) > 1.0
+    return where(braking, 1.0 / where(braking, ratio, 1.0) - 1.0, 1.0 - ratio)
