@@ -1,0 +1,292 @@
+"""What a diagnosis says; `as_json` gives the contract that other programs read (``wheelsoil/diagnosis/1``)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+SCHEMA = "wheelsoil/diagnosis/1"
+Verdict = Literal["named", "one_of", "unexplained", "nothing_detectable"]
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """A parameter of a cause; the interval is NaN where none can be given."""
+
+    name: str
+    unit: str
+    value: float
+    interval95: tuple[float, float]
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A cause with its parameters, as if it were the one.
+
+    Attributes
+    ----------
+    name, form, kind : of the effect; ``form`` is the likeliest one, conditional on the family.
+    key : str
+        Of the effect in the library.
+    probability : of the family
+    form_probability : of the form within the family
+    parameters : tuple of ParameterEstimate
+    """
+
+    name: str
+    form: str
+    kind: str
+    key: str
+    probability: float
+    form_probability: float
+    parameters: tuple[ParameterEstimate, ...]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A family and its probability of being among the causes."""
+
+    name: str
+    probability: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Where the simulation is off.
+
+    Attributes
+    ----------
+    channel : "drawbar_pull", "driving_torque" or "sinkage"
+    where : str
+        e.g. "slip 0.4 to 0.9, driving".
+    size : float
+        Mean residual there, N, N m or m.
+    statistic : float
+        Over its standard deviation (signed).
+    """
+
+    channel: str
+    where: str
+    size: float
+    statistic: float
+
+
+@dataclass(frozen=True)
+class Scores:
+    """R0 in the channel's unit, M0 in percent, R2; and the mean predictive log-likelihood of a run, nats."""
+
+    R0: float
+    M0_percent: float
+    R2: float
+    log_likelihood: float
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What the extension is worth on runs that neither the choice nor the fit has seen.
+
+    Attributes
+    ----------
+    base, extended : mapping channel ("dp", "t", "z") -> Scores
+    reduction_percent : of R0 of drawbar pull
+    interval95 : of it, by bootstrap over runs
+    log_likelihood_gain : nats, sum over held-out runs
+    chosen : tuple of tuple of str
+        Keys of the causes that each fold chose.
+    """
+
+    base: dict[str, Scores]
+    extended: dict[str, Scores]
+    reduction_percent: float
+    interval95: tuple[float, float]
+    log_likelihood_gain: float
+    chosen: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Inconsistent:
+    """Rows of a channel that break an exact bound: no soil can do that."""
+
+    channel: str
+    rows: int
+    why: str
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """Whether the best explanation leaves no more than noise."""
+
+    statistic: float
+    threshold: float
+    ok: bool
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A formula for what is left, offered and not named."""
+
+    formula: str
+    gain: float
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """The smallest size of a parameter that would have been found."""
+
+    parameter: str
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class NextRun:
+    """A manoeuvre that would split the candidates."""
+
+    change: str
+    separates: tuple[str, ...]
+    expected_log_bayes_factor: float
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The samples that were looked at, for figures; arrays of shape (n,).
+
+    Attributes
+    ----------
+    campaign : str
+    runs : tuple of str
+        Names; ``run`` indexes them.
+    run : int array
+    time_s, slip, ground_speed_mps, vertical_load_n, line_position : float arrays
+    measured, base, extended : mapping channel -> array
+        What was measured; what the simulation says with its re-calibrated soil; what the extended model says.
+    base_sigma : mapping channel -> array
+        One-sigma of measured less base by the noise model.
+    signatures : mapping effect key -> mapping channel -> array
+        What each candidate changes at its estimated size, less what the soil can imitate.
+    """
+
+    campaign: str
+    runs: tuple[str, ...]
+    run: NDArray[np.intp]
+    time_s: FloatArray
+    slip: FloatArray
+    ground_speed_mps: FloatArray
+    vertical_load_n: FloatArray
+    line_position: FloatArray
+    measured: dict[str, FloatArray]
+    base: dict[str, FloatArray]
+    extended: dict[str, FloatArray]
+    base_sigma: dict[str, FloatArray]
+    signatures: dict[str, dict[str, FloatArray]]
+
+
+@dataclass(frozen=True)
+class SoilEstimate:
+    """The soil as the data leave it, with the named causes (or none) in the model."""
+
+    campaign: str
+    values: dict[str, float]
+    sigmas: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The whole answer.
+
+    Attributes
+    ----------
+    verdict : see `Verdict`
+    sentence : str
+        For people: the verdict, and what to do next.
+    causes : the named ones; under "one_of" the set
+    candidates : every family, likeliest first; "none" among them
+    what_is_wrong : worst first
+    gain : Gain or None
+        None where it cannot be measured (one run).
+    inconsistent, adequacy, proposal, next_run
+    minimum_detectable : mapping effect key -> Detectable
+    cannot_tell : mapping family -> why
+        What the data do not allow to decide, for want of what.
+    notes : tuple of str
+    noise : mapping str -> float
+        Hyper-parameters of the noise model, with unit suffix.
+    soils : tuple of SoilEstimate
+    seen : tuple of Seen
+    stages_s : mapping stage -> seconds
+    """
+
+    verdict: Verdict
+    sentence: str
+    causes: tuple[Cause, ...]
+    candidates: tuple[Candidate, ...]
+    what_is_wrong: tuple[Finding, ...]
+    gain: Gain | None
+    inconsistent: tuple[Inconsistent, ...]
+    adequacy: Adequacy | None
+    proposal: Proposal | None
+    minimum_detectable: dict[str, Detectable]
+    next_run: tuple[NextRun, ...]
+    cannot_tell: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    noise: dict[str, float] = field(default_factory=dict)
+    soils: tuple[SoilEstimate, ...] = ()
+    seen: tuple[Seen, ...] = ()
+    stages_s: dict[str, float] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the contract's mapping; NaN stays NaN, for the writer to turn into null."""
+        return {
+            "schema": SCHEMA,
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "causes": [_cause(cause) for cause in self.causes],
+            "candidates": [{"name": c.name, "probability": c.probability} for c in self.candidates],
+            "what_is_wrong": [vars(finding) for finding in self.what_is_wrong],
+            "gain": None if self.gain is None else _gain(self.gain),
+            "inconsistent": [vars(item) for item in self.inconsistent],
+            "adequacy": None if self.adequacy is None else vars(self.adequacy),
+            "proposal": None if self.proposal is None else vars(self.proposal),
+            "minimum_detectable": {key: vars(found) for key, found in self.minimum_detectable.items()},
+            "next_run": [{**vars(run), "separates": list(run.separates)} for run in self.next_run],
+            "cannot_tell": self.cannot_tell,
+            "notes": list(self.notes),
+            "noise": self.noise,
+            "soils": [vars(soil) for soil in self.soils],
+            "stages_s": self.stages_s,
+        }
+
+
+def _cause(cause: Cause) -> dict[str, Any]:
+    return {
+        "name": cause.name,
+        "form": cause.form,
+        "kind": cause.kind,
+        "probability": cause.probability,
+        "form_probability": cause.form_probability,
+        "parameters": [
+            {"name": p.name, "unit": p.unit, "value": p.value, "interval95": list(p.interval95)}
+            for p in cause.parameters
+        ],
+    }
+
+
+def _gain(gain: Gain) -> dict[str, Any]:
+    def scores(found: dict[str, Scores]) -> dict[str, Any]:
+        pull = found["dp"] if "dp" in found else None
+        top = {"R0_N": pull.R0, "M0_percent": pull.M0_percent, "R2": pull.R2} if pull else {}
+        return {**top, "channels": {channel: vars(s) for channel, s in found.items()}}
+
+    return {
+        "held_out": {"base": scores(gain.base), "extended": scores(gain.extended)},
+        "reduction_percent": gain.reduction_percent,
+        "interval95": list(gain.interval95),
+        "log_likelihood_gain": gain.log_likelihood_gain,
+        "chosen": [list(keys) for keys in gain.chosen],
+    }
