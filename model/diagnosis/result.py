@@ -279,7 +279,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
 
 def _gain(gain: Gain) -> dict[str, Any]:
     def scores(found: dict[str, Scores]) -> dict[str, Any]:
-        pull = found["dp"] if "dp" in found else None
+        pull = found.get("dp")
         top = {"R0_N": pull.R0, "M0_percent": pull.M0_percent, "R2": pull.R2} if pull else {}
         return {**top, "channels": {channel: vars(s) for channel, s in found.items()}}
 
