@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -237,6 +238,11 @@ def parse_toml(text: str, kind: type[ConfigT], where: str) -> ConfigT:
         raw = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(Fault("not valid TOML", where, str(error), next_step="mend the line named above")) from None
+    return parse_mapping(raw, kind, where)
+
+
+def parse_mapping(raw: Mapping[str, Any], kind: type[ConfigT], where: str) -> ConfigT:
+    """Check what a TOML or JSON file holds; see `parse_toml`."""
     try:
         return kind.model_validate(raw)
     except ValidationError as error:

@@ -1,0 +1,301 @@
+"""The extended model as a value: the soil, the causes that were found, and where they come from.
+
+What a diagnosis leaves behind for `fit`, `simulate` and `report`. `ExtendedModel.to_mapping` holds only what TOML and
+JSON can hold; a number that is not known is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import atan, inf, isfinite, nan
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from daq.config import parse_mapping
+from daq.errors import ConfigError, Fault, nearest
+from model.conditions import Conditions
+from model.diagnosis.result import Cause, ParameterEstimate, SoilEstimate
+from model.effects import EFFECTS
+from model.soils import Soil
+from model.wheel import Wheel
+from model.wheel_soil import SOIL_PARAMETERS, Prediction, Reading, WheelSoilModel
+
+SCHEMA = "wheelsoil/model/1"
+Fact = str | float | tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ExtendedEffect:
+    """A cause in the model.
+
+    Attributes
+    ----------
+    key : str
+        Of the effect in the library.
+    parameters : tuple of ParameterEstimate
+        Every parameter of the effect; sigma and interval are NaN where there is none.
+    """
+
+    key: str
+    parameters: tuple[ParameterEstimate, ...]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameters by the names that a model takes."""
+        return EFFECTS[self.key].keyed({p.name: p.value for p in self.parameters})
+
+
+@dataclass(frozen=True)
+class ExtendedModel:
+    """A wheel on a soil with the causes that a diagnosis found; `model` makes it calculate.
+
+    Attributes
+    ----------
+    wheel : Wheel
+    tyre : "smooth", "lugged" or ""
+    soil : Soil
+        As the data leave it.
+    soil_sigmas : mapping name of `SOIL_PARAMETERS` -> one-sigma
+    effects : tuple of ExtendedEffect
+    reading : "balanced" or "literal"
+    provenance : mapping str -> str, float or tuple of str
+        Where it comes from: runs, verdict, probability, gain.
+    """
+
+    wheel: Wheel
+    soil: Soil
+    effects: tuple[ExtendedEffect, ...] = ()
+    reading: Reading = "balanced"
+    tyre: str = ""
+    soil_sigmas: dict[str, float] = field(default_factory=dict)
+    provenance: dict[str, Fact] = field(default_factory=dict)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The effects' parameters by the names that a model takes."""
+        return {name: value for effect in self.effects for name, value in effect.values.items()}
+
+    def model(self, kind: Literal["all", "physical"] = "all") -> WheelSoilModel:
+        """Return the model; "physical" leaves out what belongs to the sensors of those runs and not to the soil."""
+        return WheelSoilModel(self.wheel, self.soil, [EFFECTS[e.key] for e in self._chosen(kind)], self.reading)
+
+    def predict(self, conditions: Conditions, kind: Literal["all", "physical"] = "all") -> Prediction:
+        """Return what the model says, at its own values; see `WheelSoilModel.predict`."""
+        values = {name: value for effect in self._chosen(kind) for name, value in effect.values.items()}
+        return self.model(kind).predict(conditions, values)
+
+    def _chosen(self, kind: str) -> tuple[ExtendedEffect, ...]:
+        return tuple(e for e in self.effects if kind in ("all", EFFECTS[e.key].kind))
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return what a TOML or JSON file holds."""
+        return {
+            "schema": SCHEMA,
+            "reading": self.reading,
+            "wheel": {"radius_m": self.wheel.radius_m, "width_m": self.wheel.width_m, "tyre": self.tyre},
+            "soil": {
+                "name": self.soil.name,
+                "source": self.soil.source,
+                "unit_weight_n_m3": self.soil.unit_weight_n_m3,
+                **{name: float(getattr(self.soil, name)) for name in SOIL_PARAMETERS},
+            },
+            "soil_sigmas": _finite(self.soil_sigmas),
+            "effect": [
+                {
+                    "name": EFFECTS[e.key].name,
+                    "form": EFFECTS[e.key].form,
+                    "parameter": [_parameter(p) for p in e.parameters],
+                }
+                for e in self.effects
+            ],
+            "provenance": {k: list(v) if isinstance(v, tuple) else v for k, v in self.provenance.items()},
+        }
+
+    @staticmethod
+    def from_mapping(raw: Mapping[str, Any], where: str = "model file") -> ExtendedModel:
+        """Build the model from what a file holds.
+
+        Parameters
+        ----------
+        raw : mapping
+        where : str
+            Name of the file, for messages.
+
+        Raises
+        ------
+        ConfigError
+            Lists every fault at once: unknown keys, effects and parameters, values outside their bounds.
+        """
+        file = parse_mapping(raw, _File, where)
+        faults: list[Fault] = []
+        effects = tuple(_effect(section, where, faults) for section in file.effect)
+        keys = [e.key for e in effects if e]
+        faults += [Fault(f"{key!r} is there twice", where) for key in dict.fromkeys(keys) if keys.count(key) > 1]
+        unknown = [name for name in file.soil_sigmas if name not in SOIL_PARAMETERS]
+        faults += [
+            Fault(f"the soil has no parameter {n!r}", where, expected=nearest(n, SOIL_PARAMETERS)) for n in unknown
+        ]
+        if faults:
+            raise ConfigError(*faults)
+        return ExtendedModel(
+            wheel=Wheel(file.wheel.radius_m, file.wheel.width_m),
+            soil=file.soil.soil(),
+            effects=tuple(e for e in effects if e),
+            reading=file.reading,
+            tyre=file.wheel.tyre,
+            soil_sigmas=file.soil_sigmas,
+            provenance=file.provenance,
+        )
+
+
+def extended_model(
+    wheel: Wheel,
+    laboratory: Soil,
+    soil: SoilEstimate,
+    causes: tuple[Cause, ...],
+    reading: Reading = "balanced",
+    *,
+    tyre: str = "",
+    provenance: Mapping[str, Fact] | None = None,
+) -> ExtendedModel:
+    """Build the extended model of one campaign from what a diagnosis says.
+
+    A parameter that a cause does not state is neutral.
+    """
+    return ExtendedModel(
+        wheel=wheel,
+        soil=soil_of(laboratory, soil.values, f"re-calibrated with {soil.campaign}"),
+        effects=tuple(_extended(cause) for cause in causes),
+        reading=reading,
+        tyre=tyre,
+        soil_sigmas=_finite(soil.sigmas),
+        provenance=dict(provenance or {}),
+    )
+
+
+def soil_of(laboratory: Soil, values: Mapping[str, float], source: str) -> Soil:
+    """Return the soil with other values of `SOIL_PARAMETERS`; what is not given stays."""
+    found = {name: float(getattr(laboratory, name)) for name in SOIL_PARAMETERS} | dict(values)
+    return _soil(laboratory.name, found, laboratory.unit_weight_n_m3, source)
+
+
+def _soil(name: str, values: Mapping[str, float], unit_weight_n_m3: float, source: str) -> Soil:
+    plain = {key: value for key, value in values.items() if key != "tan_phi"}
+    angle = atan(values["tan_phi"])
+    return Soil(name, friction_angle_rad=angle, unit_weight_n_m3=unit_weight_n_m3, source=source, **plain)
+
+
+def _extended(cause: Cause) -> ExtendedEffect:
+    stated = {p.name: p for p in cause.parameters}
+    return ExtendedEffect(
+        cause.key,
+        tuple(
+            stated.get(p.name, ParameterEstimate(p.name, p.unit, p.neutral, (nan, nan), nan))
+            for p in EFFECTS[cause.key].parameters
+        ),
+    )
+
+
+def _finite(values: Mapping[str, float]) -> dict[str, float]:
+    return {name: float(value) for name, value in values.items() if isfinite(value)}
+
+
+def _parameter(estimate: ParameterEstimate) -> dict[str, Any]:
+    found: dict[str, Any] = {"name": estimate.name, "unit": estimate.unit, "value": estimate.value}
+    if isfinite(estimate.sigma):
+        found["sigma"] = estimate.sigma
+    if all(isfinite(edge) for edge in estimate.interval95):
+        found["interval95"] = list(estimate.interval95)
+    return found
+
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class _WheelSection(_Section):
+    radius_m: Positive
+    width_m: Positive
+    tyre: Literal["smooth", "lugged", ""] = ""
+
+
+class _SoilSection(_Section):
+    name: str
+    source: str = ""
+    unit_weight_n_m3: Positive = 16_500.0
+    cohesion_pa: NonNegative
+    tan_phi: NonNegative
+    shear_modulus_m: Positive
+    sinkage_exponent: Positive
+    cohesive_modulus: Finite
+    frictional_modulus: Finite
+
+    def soil(self) -> Soil:
+        values = {name: getattr(self, name) for name in SOIL_PARAMETERS}
+        return _soil(self.name, values, self.unit_weight_n_m3, self.source)
+
+
+class _ParameterSection(_Section):
+    name: str
+    unit: str = ""
+    value: Finite
+    sigma: NonNegative | None = None
+    interval95: tuple[Finite, Finite] | None = None
+
+    def estimate(self) -> ParameterEstimate:
+        return ParameterEstimate(
+            self.name,
+            self.unit,
+            self.value,
+            self.interval95 or (nan, nan),
+            nan if self.sigma is None else self.sigma,
+        )
+
+
+class _EffectSection(_Section):
+    name: str
+    form: str = ""
+    parameter: tuple[_ParameterSection, ...] = ()
+
+
+class _File(_Section):
+    schema_: Literal["wheelsoil/model/1"] = Field(alias="schema")
+    reading: Reading = "balanced"
+    wheel: _WheelSection
+    soil: _SoilSection
+    soil_sigmas: dict[str, NonNegative] = {}
+    effect: tuple[_EffectSection, ...] = ()
+    provenance: dict[str, str | float | tuple[str, ...]] = {}
+
+
+def _effect(section: _EffectSection, where: str, faults: list[Fault]) -> ExtendedEffect | None:
+    """Return the effect of a section, its missing parameters neutral; add what is wrong with it to `faults`."""
+    key = section.form or section.name
+    effect = EFFECTS.get(key)
+    if effect is None or effect.name != section.name:
+        label = f"{section.name}/{section.form}" if section.form else section.name
+        known = [f"{e.name}/{e.form}" if e.form else e.name for e in EFFECTS.values()]
+        faults.append(Fault(f"there is no effect {label!r}", where, expected=nearest(label, known)))
+        return None
+    bounds = {p.name: (p.lower, p.upper) for p in effect.parameters}
+    for given in section.parameter:
+        low, high = bounds.get(given.name, (-inf, inf))
+        if given.name not in bounds:
+            faults.append(Fault(f"{key} has no parameter {given.name!r}", where, expected=nearest(given.name, bounds)))
+        elif not low <= given.value <= high:
+            expected = f"{low:g} to {high:g}"
+            faults.append(Fault(f"{key}: {given.name} is out of bounds", where, f"{given.value:g}", expected))
+    stated = {p.name: p.estimate() for p in section.parameter}
+    return ExtendedEffect(
+        key,
+        tuple(
+            stated.get(p.name, ParameterEstimate(p.name, p.unit, p.neutral, (nan, nan), nan)) for p in effect.parameters
+        ),
+    )
