@@ -122,28 +122,31 @@ def simulated_run(options: SimulationOptions, index: int) -> VirtualRun:
     DataError
         The soil cannot carry the wheel.
     """
+    chosen = [(EFFECTS[name], values) for name, values in options.effects.items()]
+    acting = [(effect, values) for effect, values in chosen if effect.kind == "physical"]
     model = WheelSoilModel(
-        options.wheel,
-        true_soil(options),
-        tuple(EFFECTS[name] for name in options.effects),
-        options.reading,
-        TRUTH_QUADRATURE,
+        options.wheel, true_soil(options), [effect for effect, _ in acting], options.reading, TRUTH_QUADRATURE
     )
-    elapsed_s = index * (options.duration_s + _BETWEEN_RUNS_S)
+    interval_s = options.duration_s + _BETWEEN_RUNS_S
+    elapsed_s = index * interval_s
     info = RunInfo(
         id=f"run-{index + 1}",
         direction="back" if index % 2 else "out",
+        pass_number=options.pass_number[index % len(options.pass_number)],
         added_load_kg=options.added_load_kg[index % len(options.added_load_kg)],
+        inflation_kpa=options.inflation_kpa[index % len(options.inflation_kpa)] if options.inflation_kpa else None,
     )
     return virtual_run(
         simulated_setup(options),
         model,
-        {key: value for values in options.effects.values() for key, value in values.items()},
+        {key: value for effect, values in acting for key, value in effect.keyed(values).items()},
         info,
         start_ns=round((options.start.timestamp() + elapsed_s) * 1e6) * 1000,
         elapsed_s=elapsed_s,
         rng=_stream(options, 2 + index),
         ring=_stream(options, 1),
+        campaign_s=(options.runs - 1) * interval_s + options.duration_s,
+        faults=[(effect, values) for effect, values in chosen if effect.kind == "measurement"],
     )
 
 

@@ -34,7 +34,7 @@ class SimulationOptions:
     soil : str
         Name of a preset of `model.soils.SOILS`, or path of a terrain.toml.
     effects : mapping effect -> mapping parameter -> value
-        What the soil does beyond Wong's model; see `parse_effect`.
+        What wheel and soil do beyond Wong's model, and what the sensors get wrong; see `parse_effect`.
     reading : "balanced" or "literal"
     runs : int
     duration_s : float
@@ -42,6 +42,10 @@ class SimulationOptions:
     seed : int
     added_load_kg : tuple of float
         Added masses, in turn; the direction alternates from run to run.
+    pass_number : tuple of int
+        Which pass over its track each run is, in turn.
+    inflation_kpa : tuple of float
+        Tyre pressures that runs.toml states, in turn; if none is given, the vehicle's usual one acts and is not stated.
     wheel : Wheel
     draw_soil : bool
         Draw the true soil from the laboratory's uncertainty instead of taking terrain.toml at its word.
@@ -65,6 +69,8 @@ class SimulationOptions:
     duration_s: float = 40.0
     seed: int = 0
     added_load_kg: tuple[float, ...] = (0.0, 300.0, 500.0)
+    pass_number: tuple[int, ...] = (1,)
+    inflation_kpa: tuple[float, ...] = ()
     wheel: Wheel = field(default_factory=lambda: Wheel(0.47, 0.318))
     draw_soil: bool = False
     wheel_axes: bool = False
@@ -81,16 +87,20 @@ class SimulationOptions:
             faults.append(Fault("unknown reading of the sinkage laws", found=self.reading, expected=_either(Reading)))
         if not self.added_load_kg:
             faults.append(Fault("no added load is given", next_step="give at least one, e.g. 0"))
+        if not self.pass_number:
+            faults.append(Fault("no pass number is given", next_step="give at least one, e.g. 1"))
         if self.start.tzinfo is None:
             faults.append(Fault("the start has no time zone", found=str(self.start), next_step="add Z for UTC"))
         for name, values in self.effects.items():
-            faults += _effect_faults(name, values)
+            faults += _effect_faults(name, values, self.reading)
         if faults:
             raise ConfigError(*faults)
         _ = self.laboratory_soil  # an unknown soil is told now
 
     def _bounds(self) -> list[tuple[str, float, bool, str]]:
         loads = [("added load", load, -1000 <= load <= 20_000, "-1000 to 20000 kg") for load in self.added_load_kg]
+        passes = [("pass number", number, 1 <= number <= 1000, "1 to 1000") for number in self.pass_number]
+        pressures = [("inflation", p, 10 <= p <= 2000, "10 to 2000 kPa") for p in self.inflation_kpa]
         return [
             ("number of runs", self.runs, 1 <= self.runs <= 1000, "1 to 1000"),
             (
@@ -104,6 +114,8 @@ class SimulationOptions:
             ("wheel radius", self.wheel.radius_m, 0.02 <= self.wheel.radius_m <= 3, "0.02 to 3 m"),
             ("wheel width", self.wheel.width_m, 0.01 <= self.wheel.width_m <= 3, "0.01 to 3 m"),
             *loads,
+            *passes,
+            *pressures,
         ]
 
     @cached_property
@@ -140,6 +152,9 @@ class SimulationOptions:
         default = SimulationOptions()
         if self.added_load_kg != default.added_load_kg:
             words += [word for load in self.added_load_kg for word in ("--added-load", f"{load!r}")]
+        if self.pass_number != default.pass_number:
+            words += [word for number in self.pass_number for word in ("--pass-number", f"{number}")]
+        words += [word for pressure in self.inflation_kpa for word in ("--inflation", f"{pressure!r}")]
         if self.wheel != default.wheel:
             words += ["--radius", f"{self.wheel.radius_m!r}", "--width", f"{self.wheel.width_m!r}"]
         words += ["--draw-soil"] * self.draw_soil + ["--wheel-axes"] * self.wheel_axes
@@ -177,12 +192,16 @@ def parse_effect(text: str) -> tuple[str, dict[str, float]]:
     return name, values
 
 
-def _effect_faults(name: str, values: Mapping[str, float]) -> list[Fault]:
+def _effect_faults(name: str, values: Mapping[str, float], reading: Reading) -> list[Fault]:
     effect = EFFECTS.get(name)
     if effect is None:
         return [Fault(f"no effect is called {name!r}", expected=nearest(name, EFFECTS))]
     known = {p.name: p for p in effect.parameters}
-    faults = [
+    faults = []
+    if effect.reading == "literal" != reading:
+        told = f"effect {name} is one of the literal reading only"
+        faults.append(Fault(told, found=reading, next_step="add --sinkage literal, or leave the effect out"))
+    faults += [
         Fault(f"effect {name} has no parameter {key!r}", expected=nearest(key, known))
         for key in values
         if key not in known

@@ -30,6 +30,8 @@ class VehicleSetup:
         Of the quarter vehicle that rides over the road; the stiffness is that of soil and tyre in series.
     roughness_m3 : float
         ISO 8608 displacement density at 0.1 cycles/m (class C 256e-6, D 1024e-6).
+    inflation_kpa : float
+        Of the tyre, unless a run states another.
     """
 
     mass_kg: float = 3600.0
@@ -44,6 +46,7 @@ class VehicleSetup:
     damping_ratio: float = 0.35
     contact_stiffness_n_per_m: float = 70e3
     roughness_m3: float = 512e-6
+    inflation_kpa: float = 340.0
 
 
 def vertical_load_n(

@@ -124,8 +124,8 @@ def drive(
         ground_acceleration_mps2=acceleration,
         wheel_speed_radps=omega,
         wheel_acceleration_radps2=alpha,
-        wheel_angle_rad=_integrated(omega, rate_hz),
-        distance_m=_integrated(speed, rate_hz),
+        wheel_angle_rad=integrated(omega, rate_hz),
+        distance_m=integrated(speed, rate_hz),
         slip=np.where(speed > 0, slip, 0.0),
     )
 
@@ -146,7 +146,8 @@ def smooth_steps(time_s: FloatArray, knots: list[tuple[float, float]]) -> tuple[
     )
 
 
-def _integrated(rate: FloatArray, rate_hz: float) -> FloatArray:
+def integrated(rate: FloatArray, rate_hz: float) -> FloatArray:
+    """Return the integral from the first sample on, by trapezoids; shape (n,)."""
     steps = (rate[1:] + rate[:-1]) / (2 * rate_hz)
     return np.concatenate([[0.0], np.cumsum(steps)])
 

@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 from daq.channel import Channel
 from daq.config import RunInfo
+from model.effects.signals import Signals
+from model.virtual_test.circumstances import Circumstances, campaign_line_m
 from model.virtual_test.clock import HostClock
 from model.virtual_test.load import VehicleSetup, static_load_n, vertical_load_n
-from model.virtual_test.motion import DrivingStyle, Motion, drive
+from model.virtual_test.motion import DrivingStyle, Motion, drive, integrated
+from model.virtual_test.sensing import Faults, sensed
 from model.virtual_test.speed_sensors import GnssSetup, Track, WheelSpeedSetup, measure_gnss, measure_wheel_speed
 from model.virtual_test.transducer import HubLoads, Readings, TransducerSetup, measure_loads
 from model.virtual_test.truth import Truth, free_rolling_slip, soil_reaction
@@ -74,6 +77,8 @@ def virtual_run(
     elapsed_s: float,
     rng: np.random.Generator,
     ring: np.random.Generator,
+    campaign_s: float | None = None,
+    faults: Faults = (),
 ) -> VirtualRun:
     """Drive one run.
 
@@ -81,11 +86,11 @@ def virtual_run(
     ----------
     setup : VirtualSetup
     model : WheelSoilModel
-        The truth: soil, effects, reading, and a quadrature that is not the fitter's (`TRUTH_QUADRATURE`).
+        The truth: soil, physical effects, reading, and a quadrature that is not the fitter's (`TRUTH_QUADRATURE`).
     values : mapping
-        Parameters of the effects; what is left out is neutral.
+        Parameters of the effects, as the model takes them; what is left out is neutral.
     info : RunInfo
-        Direction and added load.
+        Direction, added load, pass number and inflation.
     start_ns : int
         UTC of the start of the run.
     elapsed_s : float
@@ -94,6 +99,10 @@ def virtual_run(
         Everything random of this run. Every noise has its own stream: switching one off leaves the others as they are.
     ring : numpy.random.Generator
         Draws the errors of the toothed ring; pass one in the same state for every run of a vehicle.
+    campaign_s : float, optional
+        From the start to the end of the campaign; by default it ends with this run.
+    faults : sequence of (measurement effect, its parameters)
+        What the sensors get wrong; see `sensed`.
 
     Raises
     ------
@@ -104,7 +113,14 @@ def virtual_run(
     """
     driving, road, loads, wheel, fixes, stamps = rng.spawn(6)
     radius = model.wheel.radius_m
-    coast = free_rolling_slip(model, values, static_load_n(setup.vehicle, info.added_load_kg))
+    circumstances = Circumstances(
+        info,
+        info.inflation_kpa or setup.vehicle.inflation_kpa,
+        elapsed_s,
+        elapsed_s + setup.duration_s if campaign_s is None else campaign_s,
+        campaign_line_m(setup.track.length_m, setup.duration_s),
+    )
+    coast = free_rolling_slip(model, values, static_load_n(setup.vehicle, info.added_load_kg), circumstances)
     fine = drive(setup.duration_s, radius, driving, rate_hz=_MOTION_RATE_HZ, coast_slip=coast, style=setup.style)
     coarse = _every(fine, _UPSAMPLE)
     load = vertical_load_n(
@@ -116,13 +132,13 @@ def virtual_run(
         road,
     )
     position = setup.track.position_m(coarse.distance_m, info.direction)
-    truth = soil_reaction(model, values, coarse, load, position)
-    hub = _hub_loads(setup.vehicle, truth, fine)
+    truth = soil_reaction(model, values, coarse, load, position, circumstances)
+    hub, seen = _faulty(faults, _hub_loads(setup.vehicle, truth, fine), fine, circumstances)
     day_s = (start_ns // _NS) % _SECONDS_PER_DAY + (start_ns % _NS) / _NS
     readings = {
         "transducer": measure_loads(setup.transducer, hub, radius, setup.vehicle.outboard_mass_kg, loads),
-        "wheel_speed": measure_wheel_speed(setup.wheel_speed, fine, ring, wheel),
-        "gnss": measure_gnss(setup.gnss, fine, setup.track, info.direction, day_s, fixes),
+        "wheel_speed": measure_wheel_speed(setup.wheel_speed, seen, ring, wheel),
+        "gnss": measure_gnss(setup.gnss, fine, setup.track, info.direction, day_s, fixes, seen.distance_m),
     }
     sensors = {
         name: _stamped(reading, setup.clock, start_ns, elapsed_s, stream)
@@ -147,6 +163,33 @@ def _hub_loads(vehicle: VehicleSetup, truth: Truth, motion: Motion) -> HubLoads:
         wheel_angle_rad=motion.wheel_angle_rad,
         wheel_speed_radps=motion.wheel_speed_radps,
     )
+
+
+def _faulty(faults: Faults, hub: HubLoads, motion: Motion, circumstances: Circumstances) -> tuple[HubLoads, Motion]:
+    """Return the loads and the motion that the sensors see instead of the true ones."""
+    if not faults:
+        return hub, motion
+    true = Signals(
+        time_s=motion.time_s,
+        drawbar_pull_n=hub.longitudinal_n,
+        driving_torque_nm=hub.torque_nm,
+        vertical_load_n=hub.vertical_n,
+        ground_speed_mps=motion.ground_speed_mps,
+        wheel_speed_radps=motion.wheel_speed_radps,
+        campaign_time=circumstances.campaign_time(motion.time_s),
+        direction=circumstances.direction,
+    )
+    seen = sensed(faults, true)
+    hub = replace(
+        hub, longitudinal_n=seen.drawbar_pull_n, vertical_n=seen.vertical_load_n, torque_nm=seen.driving_torque_nm
+    )
+    if seen.ground_speed_mps is not true.ground_speed_mps:
+        distance = integrated(seen.ground_speed_mps, _MOTION_RATE_HZ)
+        motion = replace(motion, ground_speed_mps=seen.ground_speed_mps, distance_m=distance)
+    if seen.wheel_speed_radps is not true.wheel_speed_radps:
+        angle = integrated(seen.wheel_speed_radps, _MOTION_RATE_HZ)
+        motion = replace(motion, wheel_speed_radps=seen.wheel_speed_radps, wheel_angle_rad=angle)
+    return hub, motion
 
 
 def _upsampled(values: FloatArray, count: int) -> FloatArray:

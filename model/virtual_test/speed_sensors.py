@@ -163,7 +163,13 @@ class Track:
 
 
 def measure_gnss(
-    setup: GnssSetup, motion: Motion, track: Track, direction: str, seconds_of_day: float, rng: np.random.Generator
+    setup: GnssSetup,
+    motion: Motion,
+    track: Track,
+    direction: str,
+    seconds_of_day: float,
+    rng: np.random.Generator,
+    speed_path_m: FloatArray | None = None,
 ) -> Readings:
     """Return the receiver's solutions.
 
@@ -176,6 +182,8 @@ def measure_gnss(
     seconds_of_day : float
         UTC time of day of the start of the run; GNSS time is that of a solution's epoch.
     rng : numpy.random.Generator
+    speed_path_m : float64 array, shape of the motion, optional
+        Integral of the speed that the receiver sees, where that is not the true one; the position stays true.
     """
     streams = rng.spawn(4)
     first = np.ceil(seconds_of_day * setup.rate_hz) / setup.rate_hz - seconds_of_day
@@ -184,9 +192,10 @@ def measure_gnss(
     count = len(at)
     window = setup.filter_window_s
     driven = np.interp(at, motion.time_s, motion.distance_m)
-    true_speed = (driven - np.interp(at - window, motion.time_s, motion.distance_m)) / window
+    path = motion.distance_m if speed_path_m is None else speed_path_m
+    mean_speed = np.interp(at, motion.time_s, path) - np.interp(at - window, motion.time_s, path)
     speed = (
-        true_speed
+        mean_speed / window
         + coloured_noise(count, setup.rate_hz, setup.speed_noise_mps, setup.speed_noise_correlation_s, streams[0])
         + setup.speed_white_noise_mps * streams[1].standard_normal(count)
     )

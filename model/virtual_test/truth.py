@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from daq.errors import DataError, Fault
 from model.conditions import Conditions
 from model.contact import Quadrature
+from model.virtual_test.circumstances import Circumstances
 from model.virtual_test.motion import Motion
 from model.wheel_soil import WheelSoilModel
 
@@ -35,6 +36,7 @@ class Truth:
     sinkage_m, static_sinkage_m
     ground_speed_mps, ground_acceleration_mps2, wheel_speed_radps, wheel_acceleration_radps2
     track_position_m : along the campaign's line, from where "out" starts
+    conditions : what the wheel was put through, in full
     """
 
     time_s: FloatArray
@@ -49,9 +51,12 @@ class Truth:
     wheel_speed_radps: FloatArray
     wheel_acceleration_radps2: FloatArray
     track_position_m: FloatArray
+    conditions: Conditions
 
 
-def free_rolling_slip(model: WheelSoilModel, values: Mapping[str, float], vertical_load_n: float) -> float:
+def free_rolling_slip(
+    model: WheelSoilModel, values: Mapping[str, float], vertical_load_n: float, circumstances: Circumstances
+) -> float:
     """Return the slip at which the wheel transmits no torque: it is towed, and skids a little.
 
     Raises
@@ -60,7 +65,8 @@ def free_rolling_slip(model: WheelSoilModel, values: Mapping[str, float], vertic
         The soil cannot carry the wheel.
     """
     slip = np.linspace(-0.6, 0.0, 121)
-    torque = model.predict(Conditions(slip, np.full(len(slip), vertical_load_n)), dict(values)).driving_torque_nm
+    conditions = circumstances.usual_conditions(model, slip, vertical_load_n)
+    torque = model.predict(conditions, dict(values)).driving_torque_nm
     if not np.isfinite(torque).all():
         raise DataError(_lost(model, "at standstill", 0.0, vertical_load_n))
     return float(np.interp(0.0, torque, slip))
@@ -72,19 +78,22 @@ def soil_reaction(
     motion: Motion,
     vertical_load_n: FloatArray,
     track_position_m: FloatArray,
+    circumstances: Circumstances,
 ) -> Truth:
     """Put a motion and a load through the wheel-soil model.
 
-    The model knows rolling wheels only: towards standstill drawbar pull and torque fade out below 0.5 m/s.
+    The model knows rolling wheels only: towards standstill drawbar pull and torque fade out below 0.5 m/s, to what
+    acts at rest too.
 
     Parameters
     ----------
     model : WheelSoilModel
-        With its effects and its quadrature.
+        With its physical effects and its quadrature.
     values : mapping
-        Parameters of the effects.
+        Parameters of the effects, as the model takes them.
     motion : Motion
     vertical_load_n, track_position_m : float64 array, shape (n,)
+    circumstances : Circumstances
 
     Raises
     ------
@@ -92,19 +101,21 @@ def soil_reaction(
         The soil cannot carry the wheel at some moment of the run.
     """
     load = np.maximum(vertical_load_n, _LEAST_LOAD_N)
-    prediction = model.predict(Conditions(slip=motion.slip, vertical_load_n=load), dict(values))
+    conditions = circumstances.conditions(model, motion, load, track_position_m)
+    prediction = model.predict(conditions, dict(values))
     lost = ~np.isfinite(prediction.drawbar_pull_n)
     if lost.any():
         i = int(np.flatnonzero(lost)[0])
         where = f"t = {motion.time_s[i]:.2f} s, {int(lost.sum())} of {len(lost)} samples"
         raise DataError(_lost(model, where, motion.slip[i], load[i]))
     rolling = -np.expm1(-((motion.ground_speed_mps / _SETTLED_SPEED_MPS) ** 2))
+    pull_at_rest, torque_at_rest = model.at_rest(conditions, dict(values))
     return Truth(
         time_s=motion.time_s,
         slip=motion.slip,
         vertical_load_n=load,
-        drawbar_pull_n=prediction.drawbar_pull_n * rolling,
-        driving_torque_nm=prediction.driving_torque_nm * rolling,
+        drawbar_pull_n=pull_at_rest + (prediction.drawbar_pull_n - pull_at_rest) * rolling,
+        driving_torque_nm=torque_at_rest + (prediction.driving_torque_nm - torque_at_rest) * rolling,
         sinkage_m=prediction.sinkage_m,
         static_sinkage_m=prediction.static_sinkage_m,
         ground_speed_mps=motion.ground_speed_mps,
@@ -112,6 +123,7 @@ def soil_reaction(
         wheel_speed_radps=motion.wheel_speed_radps,
         wheel_acceleration_radps2=motion.wheel_acceleration_radps2,
         track_position_m=track_position_m,
+        conditions=conditions,
     )
 
 

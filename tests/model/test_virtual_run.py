@@ -21,6 +21,7 @@ from model.virtual_test import (
     drawn_soil,
     virtual_run,
 )
+from model.virtual_test.circumstances import Circumstances
 from model.virtual_test.truth import free_rolling_slip
 from model.wheel_soil import WheelSoilModel
 
@@ -66,7 +67,8 @@ def test_a_standing_wheel_pulls_nothing_and_carries_its_load() -> None:
 
 
 def test_the_coasting_wheel_transmits_no_torque() -> None:
-    slip = free_rolling_slip(lyasko_model(), LYASKO["clay"], 8000.0)
+    circumstances = Circumstances(RunInfo(), 340.0, 0.0, 40.0, (0.0, 60.0))
+    slip = free_rolling_slip(lyasko_model(), LYASKO["clay"], 8000.0, circumstances)
     torque = lyasko_model().predict(Conditions(np.array([slip]), np.array([8000.0])), LYASKO["clay"])
     assert -0.3 < slip < -0.02
     assert torque.driving_torque_nm[0] == pytest.approx(0.0, abs=3.0)

@@ -39,7 +39,10 @@ def command(
     soil: Annotated[str, typer.Option(help=f"A preset ({PRESETS}) or a terrain.toml.")] = "clay",
     effect: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME[:KEY=VALUE,...]", help="What the soil does beyond Wong's model; repeatable."),
+        typer.Option(
+            metavar="NAME[:KEY=VALUE,...]",
+            help="What wheel and soil do beyond Wong's model, or what a sensor gets wrong; repeatable.",
+        ),
     ] = None,
     sinkage: Annotated[Reading, typer.Option(help="Reading of the slip-sinkage laws.")] = Reading.balanced,
     runs: Annotated[int, typer.Option(help="Number of runs.")] = 6,
@@ -47,6 +50,13 @@ def command(
     seed: Annotated[int, typer.Option(help="The same seed gives the same frames.")] = 0,
     added_load: Annotated[
         list[float] | None, typer.Option(metavar="KG", help="Added mass; repeatable, runs take turns. 0, 300, 500.")
+    ] = None,
+    pass_number: Annotated[
+        list[int] | None, typer.Option(metavar="N", help="Pass over the track; repeatable, runs take turns. 1.")
+    ] = None,
+    inflation: Annotated[
+        list[float] | None,
+        typer.Option(metavar="KPA", help="Tyre pressure that runs.toml states; repeatable, runs take turns."),
     ] = None,
     radius: Annotated[float, typer.Option(metavar="M", help="Wheel radius.")] = 0.47,
     width: Annotated[float, typer.Option(metavar="M", help="Wheel width.")] = 0.318,
@@ -89,12 +99,15 @@ def command(
         duration_s=duration,
         seed=seed,
         added_load_kg=tuple(added_load) if added_load else (0.0, 300.0, 500.0),
+        pass_number=tuple(pass_number) if pass_number else (1,),
+        inflation_kpa=tuple(inflation or ()),
         wheel=Wheel(radius, width),
         draw_soil=draw_soil,
         wheel_axes=wheel_axes,
         noise=noise,
         start=_start(start, live=live is not None),
     )
+    _say_what_cannot_show(options)
     if output is not None:
         campaign = simulate_campaign(output, options, kind=kind.value, decoded=decoded, force=force)
         say(f"{options.runs} runs, {campaign.frames} frames")
@@ -113,6 +126,15 @@ def _effects(texts: list[str]) -> dict[str, dict[str, float]]:
             raise ConfigError(Fault(f"effect {name} is given twice", next_step="give it once, with all its parameters"))
         effects[name] = values
     return effects
+
+
+def _say_what_cannot_show(options: SimulationOptions) -> None:
+    from model.effects import EFFECTS
+
+    if set(options.pass_number) == {1}:
+        for name in options.effects:
+            if "pass_number" in EFFECTS[name].needs:
+                say(f"{name} acts from the second pass on, and every run is a first one: add --pass-number 2")
 
 
 def _start(text: str | None, *, live: bool) -> datetime:
