@@ -114,26 +114,11 @@ def _fit_table(
     soil: str | None,
     choices: FitChoices,
 ) -> CampaignFit:
-    from daq.bench_tables import read_wheel_table
-    from daq.config import VehicleConfig, load_toml
-    from daq.open import Collected
-    from daq.table_options import parse_rename, parse_where
-    from wheelsoil.fitting import fit_table, known_soil, load_terrain, wheel_of
+    from wheelsoil.bench_files import read_bench
+    from wheelsoil.fitting import fit_table
 
-    if vehicle is None:
-        raise ConfigError(
-            Fault("the wheel is not known", next_step="give --vehicle FILE with [wheel] radius_m and width_m")
-        )
-    collected = Collected()
-    with collected.catch():
-        wheel = wheel_of(load_toml(vehicle, VehicleConfig), str(vehicle))
-    with collected.catch():
-        lab = load_terrain(terrain)
-        ground = known_soil(soil, lab)
-    with collected.catch():
-        rows = read_wheel_table(path, rename=parse_rename(rename or ()), where=parse_where(where or ()))
-    collected.stop_if_any()
-    return fit_table(rows, wheel, ground, choices, lab)
+    bench = read_bench(path, vehicle=vehicle, terrain=terrain, soil=soil, rename=rename, where=where)
+    return fit_table(bench.rows, bench.wheel, bench.soil, choices, bench.terrain)
 
 
 def print_fit(fit: CampaignFit) -> None:

@@ -24,15 +24,22 @@ def print_json(value: Any) -> None:
     print(to_json(value))
 
 
-def print_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> None:
-    """Print aligned columns (stdout), the first `left` of them left-aligned, the others right-aligned."""
+def table_lines(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> list[str]:
+    """Return aligned columns, the first `left` of them left-aligned, the others right-aligned."""
     lines = [list(head), *[list(row) for row in rows]]
     widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
-    for line in lines:
-        cells = (
-            text.ljust(w) if i < left else text.rjust(w) for i, (text, w) in enumerate(zip(line, widths, strict=True))
-        )
-        print("  ".join(cells).rstrip())
+    return ["  ".join(_cells(line, widths, left)).rstrip() for line in lines]
+
+
+def _cells(line: Sequence[str], widths: Sequence[int], left: int) -> Iterator[str]:
+    for i, (text, width) in enumerate(zip(line, widths, strict=True)):
+        yield text.ljust(width) if i < left else text.rjust(width)
+
+
+def print_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> None:
+    """Print aligned columns (stdout); see `table_lines`."""
+    for line in table_lines(head, rows, left=left):
+        print(line)
 
 
 def print_facts(facts: Iterable[tuple[str, str]]) -> None:

@@ -1,0 +1,117 @@
+"""Diagnoses made by hand, for what prints and draws them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from model.diagnosis.result import (
+    Adequacy,
+    Candidate,
+    Cause,
+    Detectable,
+    Diagnosis,
+    Finding,
+    Gain,
+    Inconsistent,
+    NextRun,
+    ParameterEstimate,
+    Proposal,
+    Scores,
+    Seen,
+    SoilEstimate,
+    Verdict,
+)
+
+SENTENCES: dict[Verdict, str] = {
+    "named": "The simulation lacks slip sinkage: the wheel digs in with slip, 51 mm at full slip.",
+    "one_of": "One of slip sinkage and bulldozing; a run with another load would part them.",
+    "unexplained": "Something that is not in the library: nothing known explains what is left at slips of 0.4 to 0.9.",
+    "nothing_detectable": "Nothing can be seen. A slip sinkage of 12 mm at full slip would have been.",
+}
+
+
+def seen(campaign: str = "clay", runs: tuple[str, ...] = ("run-1", "run-2"), samples: int = 120) -> Seen:
+    """Return samples of runs whose drawbar pull lacks what grows with slip."""
+    rng = np.random.default_rng(3)
+    n = samples * len(runs)
+    time_s = np.tile(np.arange(samples) / 5.0, len(runs))
+    slip = 0.35 + 0.4 * np.sin(0.6 * time_s)
+    load = 9000.0 + 300.0 * np.cos(0.8 * time_s)
+    base = {"dp": 800.0 * np.tanh(6 * slip) - 0.04 * load, "t": 0.47 * load * np.tanh(5 * slip)}
+    missing = {"dp": -220.0 * np.maximum(slip, 0), "t": 60.0 * np.maximum(slip, 0)}
+    sigma = {"dp": np.full(n, 35.0), "t": np.full(n, 12.0)}
+    measured = {c: base[c] + missing[c] + sigma[c] * rng.standard_normal(n) for c in base}
+    return Seen(
+        campaign=campaign,
+        runs=runs,
+        run=np.repeat(np.arange(len(runs)), samples),
+        time_s=time_s,
+        slip=slip,
+        ground_speed_mps=2.0 + 0.5 * np.sin(0.2 * time_s),
+        vertical_load_n=load,
+        line_position=np.linspace(-1, 1, n),
+        measured=measured,
+        base=base,
+        extended={c: base[c] + missing[c] for c in base},
+        base_sigma=sigma,
+        signatures={"vasilev": missing, "bulldozing": {c: 0.9 * x + 4 for c, x in missing.items()}},
+    )
+
+
+def cause(key: str, name: str, form: str, probability: float, *parameters: ParameterEstimate) -> Cause:
+    """Return a physical cause."""
+    return Cause(name, form, "physical", key, probability, 0.62 if form else 1.0, parameters)
+
+
+def diagnosis(verdict: Verdict = "named") -> Diagnosis:
+    """Return a diagnosis with a value in every field that its verdict may have."""
+    sinkage = cause(
+        "vasilev", "slip_sinkage", "vasilev", 0.97, ParameterEstimate("H_m", "m", 0.051, (0.04, 0.06), 5e-3)
+    )
+    pushing = cause("bulldozing", "bulldozing", "", 0.4, ParameterEstimate("fraction", "1", 0.2, (np.nan, np.nan), 0.1))
+    scores = Scores(120.0, 31.0, 0.91, -3200.0)
+    return Diagnosis(
+        verdict=verdict,
+        sentence=SENTENCES[verdict],
+        causes={"named": (sinkage,), "one_of": (replace(sinkage, probability=0.55), pushing)}.get(verdict, ()),
+        candidates=(
+            Candidate("slip_sinkage", 0.97),
+            Candidate("bulldozing", 0.03),
+            Candidate("none", 0.02),
+            Candidate("slope", 1e-5),
+        ),
+        what_is_wrong=(
+            Finding("drawbar_pull", "slip 0.4 to 0.9, driving", -122.0, -8.3),
+            Finding("driving_torque", "load above 9.2 kN, at speeds of 2.0 to 2.5 m/s, in the second half", 31.0, 4.1),
+        ),
+        gain=Gain(
+            base={"dp": scores, "t": replace(scores, R0=40.0)},
+            extended={"dp": replace(scores, R0=66.0, R2=0.97, log_likelihood=-3100.0), "t": replace(scores, R0=30.0)},
+            reduction_percent=45.0,
+            interval95=(35.0, 52.0),
+            log_likelihood_gain=211.0,
+            chosen=(("vasilev",), ()),
+        ),
+        inconsistent=(
+            Inconsistent("driving_torque", 14, "T/r - Dp exceeds W tan(theta_1): suspect the torque's gain"),
+        ),
+        adequacy=Adequacy(2.4 if verdict == "unexplained" else 1.03, 1.77, verdict != "unexplained"),
+        proposal=Proposal("dp = -130 N s^2", 12.0) if verdict == "unexplained" else None,
+        minimum_detectable={
+            "vasilev": Detectable("H_m", 0.012, "m"),
+            "bulldozing": Detectable("fraction", 0.11, "1"),
+            "drawbar_pull_zero": Detectable("offset_n", 32.0, "N"),
+            "slope": Detectable("angle_rad", np.inf, "rad"),
+        },
+        next_run=(NextRun("one run with 500 kg more", ("slip_sinkage", "bulldozing"), 6.3), NextRun("brake", (), 1.2)),
+        cannot_tell={"slope": "one direction only", "speed_bias": "one direction only"},
+        notes=("terrain.toml states no uncertainty: the usual laboratory's is taken",),
+        noise={"dp_n": 35.0, "speed_mps": 0.04, "run_scatter": float("nan")},
+        soils=(
+            SoilEstimate("clay", {"cohesion_pa": 4100.0, "tan_phi": 0.22}, {"cohesion_pa": 300.0, "tan_phi": 0.01}),
+        ),
+        seen=(seen(),),
+        stages_s={"look": 0.8, "evidence": 0.2},
+    )

@@ -1,0 +1,88 @@
+"""A diagnosis in a terminal: everything is said, nothing runs off the side."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_samples import SENTENCES, diagnosis
+from hypothesis import given
+from hypothesis import strategies as st
+
+from model.diagnosis.result import Candidate
+from wheelsoil.diagnosis_text import diagnosis_lines, stages_text
+
+VERDICTS = tuple(SENTENCES)
+
+
+def text_of(*args, **kwargs) -> str:
+    return "\n".join(diagnosis_lines(*args, **kwargs))
+
+
+def squeezed(text: str) -> str:
+    return re.sub(r"\s+", " ", text)
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+@pytest.mark.parametrize("width", [80, 100])
+def test_it_fits_and_the_sentence_comes_first(verdict, width):
+    lines = diagnosis_lines(diagnosis(verdict), width)
+    assert max(map(len, lines)) <= width
+    assert squeezed("\n".join(lines)).startswith(SENTENCES[verdict])
+
+
+def test_everything_is_said():
+    text = squeezed(text_of(diagnosis("named")))
+    for words in (
+        "slip sinkage H_m 0.970 0.051 0.04 .. 0.06 m",
+        "as vasilev, within the family 0.620",
+        "slip sinkage 0.970, bulldozing 0.030, none 0.020, 1 more below 0.01",
+        "drawbar pull -122 N -8.3 slip 0.4 to 0.9, driving",
+        "driving torque: 14 rows",
+        "R0 of the drawbar pull is 45 % smaller (95 %: 35 to 52 %)",
+        "1 of 2 folds chose a cause",
+        "Lack of fit 1.03, threshold 1.77: the best explanation leaves no more than noise",
+        "slope, speed bias: one direction only",
+        "slip sinkage (vasilev) H_m 0.012 m",
+        "at no size: slope",
+        "1. one run with 500 kg more: expected ln Bayes factor 6.3, parts slip sinkage, bulldozing",
+        "the usual laboratory's is taken",
+    ):
+        assert words in text, words
+    assert "look 0.80 s" in stages_text(diagnosis())
+
+
+def test_under_one_of_the_causes_are_a_set():
+    text = text_of(diagnosis("one_of"))
+    assert "One of, each as if it were the one" in text
+    assert re.search(r"bulldozing +fraction +0\.400 +0\.2 +-\n", text)
+
+
+def test_what_is_not_there_is_not_spoken_of():
+    bare = replace(
+        diagnosis("nothing_detectable"),
+        gain=None,
+        adequacy=None,
+        what_is_wrong=(),
+        inconsistent=(),
+        next_run=(),
+        cannot_tell={},
+        notes=(),
+        minimum_detectable={},
+        candidates=(),
+    )
+    assert squeezed(text_of(bare)) == SENTENCES["nothing_detectable"]
+
+
+@given(st.floats(0, 1) | st.just(np.nan))
+def test_no_probability_is_written_as_certain(probability):
+    text = text_of(replace(diagnosis(), candidates=(Candidate("slip_sinkage", probability),)))
+    assert not re.search(r"slip sinkage (1\.000|0\.000|nan)", text)
+
+
+@given(st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=300), st.integers(20, 200))
+def test_any_sentence_fits(sentence, width):
+    lines = diagnosis_lines(replace(diagnosis(), sentence=sentence), width)
+    assert max(map(len, lines)) <= max(80, min(width, 100))

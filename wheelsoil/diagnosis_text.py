@@ -1,0 +1,263 @@
+"""A diagnosis as lines that a person reads in a terminal without scrolling sideways."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Iterator
+from math import isfinite
+
+from model.diagnosis.result import Cause, Diagnosis, Gain, Scores
+from model.effects import EFFECTS
+from wheelsoil.cli.talk import number, table_lines
+
+CHANNEL_NAMES = {"dp": "drawbar pull", "t": "driving torque", "z": "sinkage"}
+CHANNEL_UNITS = {"dp": "N", "t": "N m", "z": "m"}
+UNITS_OF = {"drawbar_pull": "N", "driving_torque": "N m", "sinkage": "m"}
+
+_LEAST_SHOWN = 0.01
+_MOST_FINDINGS = 8
+_LEAST_WIDTH, _MOST_WIDTH = 80, 100
+
+
+def plain_name(name: str) -> str:
+    """Return the name of a family or a channel as people write it."""
+    return name.replace("_", " ")
+
+
+def effect_name(key: str) -> str:
+    """Return family and form of an effect of the library, or the key of one that is not in it."""
+    effect = EFFECTS.get(key)
+    if effect is None:
+        return plain_name(key)
+    return f"{plain_name(effect.name)} ({effect.form})" if effect.form else plain_name(effect.name)
+
+
+def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
+    """Return a diagnosis as lines of text.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    width : int
+        Of the terminal, in characters; held between 80 and 100.
+    """
+    width = min(max(width, _LEAST_WIDTH), _MOST_WIDTH)
+    parts = (
+        _wrapped(diagnosis.sentence, width),
+        _causes(diagnosis),
+        _candidates(diagnosis, width),
+        _inconsistent(diagnosis, width),
+        _what_is_wrong(diagnosis, width),
+        _gain(diagnosis, width),
+        _adequacy(diagnosis, width),
+        _proposal(diagnosis, width),
+        _told(f"Cannot tell, for want of data ({len(diagnosis.cannot_tell)})", diagnosis.cannot_tell, width),
+        _detectable(diagnosis, width),
+        _next_run(diagnosis, width),
+        _notes(diagnosis.notes, width),
+    )
+    return [line for i, part in enumerate(filter(None, parts)) for line in (("", *part) if i else part)]
+
+
+def stages_text(diagnosis: Diagnosis) -> str:
+    """Return what took how long."""
+    stages = ", ".join(f"{plain_name(name)} {seconds:.2f} s" for name, seconds in diagnosis.stages_s.items())
+    return f"diagnosis: {sum(diagnosis.stages_s.values()):.2f} s ({stages})"
+
+
+def _wrapped(text: str, width: int, first: str = "", then: str | None = None) -> list[str]:
+    after = first if then is None else then
+    return textwrap.wrap(text, width, initial_indent=first, subsequent_indent=after, break_on_hyphens=False) or [
+        first.rstrip()
+    ]
+
+
+def _probability(value: float) -> str:
+    """Return a probability; never 1 or 0, which no data give."""
+    if not isfinite(value):
+        return "-"
+    return ">0.999" if value > 0.9995 else "<0.001" if value < 0.0005 else f"{value:.3f}"
+
+
+def _causes(diagnosis: Diagnosis) -> list[str]:
+    rows = [row for cause in diagnosis.causes for row in _cause_rows(cause)]
+    if not rows:
+        return []
+    title = "One of, each as if it were the one" if diagnosis.verdict == "one_of" else "Causes"
+    head = ["cause", "parameter", "prob.", "value", "95 % interval", "unit"]
+    return [title, *_indented(table_lines(head, rows, left=2))]
+
+
+def _cause_rows(cause: Cause) -> Iterator[list[str]]:
+    name, probability = plain_name(cause.name), _probability(cause.probability)
+    for parameter in cause.parameters:
+        low, high = parameter.interval95
+        interval = f"{number(low, 3)} .. {number(high, 3)}" if isfinite(low) and isfinite(high) else "-"
+        unit = "" if parameter.unit == "1" else parameter.unit
+        yield [name, parameter.name, probability, number(parameter.value, 3), interval, unit]
+        name = probability = ""
+    if not cause.parameters:
+        yield [name, "-", probability, "-", "-", ""]
+    if cause.form and cause.form_probability < 1:
+        yield [f"  as {cause.form}, within the family", "", _probability(cause.form_probability), "", "", ""]
+
+
+def _candidates(diagnosis: Diagnosis, width: int) -> list[str]:
+    shown = [c for c in diagnosis.candidates if c.probability >= _LEAST_SHOWN]
+    rest = len(diagnosis.candidates) - len(shown)
+    words = [f"{plain_name(c.name)} {_probability(c.probability)}" for c in shown]
+    words += [f"{rest} more below {_LEAST_SHOWN:g}"] if rest else []
+    if not words:
+        return []
+    return ["Candidates (probability of being among the causes)", *_wrapped(", ".join(words), width, "  ")]
+
+
+def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
+    if not diagnosis.what_is_wrong:
+        return []
+    findings = diagnosis.what_is_wrong[:_MOST_FINDINGS]
+    rows = [
+        [
+            plain_name(found.channel),
+            f"{number(found.size, 3)} {UNITS_OF.get(found.channel, '')}",
+            number(found.statistic, 3),
+            found.where,
+        ]
+        for found in findings
+    ]
+    head = ["channel", "measured - simulated", "sigmas", "where"]
+    aligned = [[*row[:-1], ""] for row in rows]
+    lines = table_lines([*head[:-1], ""], aligned)
+    widest = max(map(len, lines)) + 2
+    texts = [head[-1], *(row[-1] for row in rows)]
+    wrapped = [
+        line
+        for start, text in zip(lines, texts, strict=True)
+        for line in _wrapped(text, width - 2, start.ljust(widest), " " * widest)
+    ]
+    more = len(diagnosis.what_is_wrong) - len(findings)
+    tail = [f"and {more} more (--json)"] if more else []
+    return ["Where the simulation is off, worst first", *_indented([*wrapped, *tail])]
+
+
+def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
+    gain = diagnosis.gain
+    if gain is None:
+        return []
+    head = ["on runs left out", "R0", "unit", "M0 %", "R2", "ln L of a run"]
+    rows = [
+        _score_row(f"{CHANNEL_NAMES.get(channel, channel)}, {which}", scores[channel], CHANNEL_UNITS.get(channel, ""))
+        for channel in gain.base
+        for which, scores in (("base", gain.base), ("extended", gain.extended))
+        if channel in scores
+    ]
+    return [
+        "Gain, on runs that neither the choice of the cause nor the fit has seen",
+        *_indented(table_lines(head, rows)),
+        *_wrapped(gain_text(gain), width, "  "),
+    ]
+
+
+def _score_row(name: str, scores: Scores, unit: str) -> list[str]:
+    return [
+        name,
+        number(scores.R0, 4),
+        unit,
+        number(scores.M0_percent, 3),
+        number(scores.R2, 4),
+        number(scores.log_likelihood, 5),
+    ]
+
+
+def gain_text(gain: Gain) -> str:
+    """Return the gain in a sentence."""
+    low, high = gain.interval95
+    within = f" (95 %: {number(low, 3)} to {number(high, 3)} %)" if isfinite(low) and isfinite(high) else ""
+    chosen = sum(bool(keys) for keys in gain.chosen)
+    folds = f"; {chosen} of {len(gain.chosen)} folds chose a cause" if gain.chosen else ""
+    return (
+        f"R0 of the drawbar pull is {number(gain.reduction_percent, 3)} % smaller{within}; "
+        f"the log likelihood gains {number(gain.log_likelihood_gain, 4)} nats{folds}."
+    )
+
+
+def _adequacy(diagnosis: Diagnosis, width: int) -> list[str]:
+    if diagnosis.adequacy is None:
+        return []
+    found = diagnosis.adequacy
+    said = "leaves no more than noise" if found.ok else "leaves more than noise can be"
+    numbers = f"Lack of fit {number(found.statistic, 3)}, threshold {number(found.threshold, 3)}"
+    return _wrapped(f"{numbers}: the best explanation {said}.", width)
+
+
+def _inconsistent(diagnosis: Diagnosis, width: int) -> list[str]:
+    lines = [
+        line
+        for item in diagnosis.inconsistent
+        for line in _wrapped(f"{plain_name(item.channel)}: {item.rows} rows: {item.why}", width, "  ", "    ")
+    ]
+    return ["Inconsistent: no soil can do this", *lines] if lines else []
+
+
+def _proposal(diagnosis: Diagnosis, width: int) -> list[str]:
+    if diagnosis.proposal is None:
+        return []
+    found = diagnosis.proposal
+    text = f"A formula for what is left, offered and not a name: {found.formula} (gain {number(found.gain, 3)} nats)"
+    return _wrapped(text, width, "", "  ")
+
+
+def _told(title: str, texts: dict[str, str], width: int) -> list[str]:
+    """Return names by what is said of them, each text once."""
+    about: dict[str, list[str]] = {}
+    for name, text in texts.items():
+        about.setdefault(text, []).append(plain_name(name))
+    lines = [
+        line for text, names in about.items() for line in _wrapped(f"{', '.join(names)}: {text}", width, "  ", "    ")
+    ]
+    return [title, *lines] if lines else []
+
+
+def _detectable(diagnosis: Diagnosis, width: int) -> list[str]:
+    found = diagnosis.minimum_detectable
+    cells = [
+        f"{effect_name(key)}  {least.parameter} {number(least.value, 2)} {'' if least.unit == '1' else least.unit}"
+        for key, least in found.items()
+        if isfinite(least.value)
+    ]
+    never = ", ".join(effect_name(key) for key, least in found.items() if not isfinite(least.value))
+    lines = _in_columns([cell.rstrip() for cell in cells], width - 2) if cells else []
+    lines += _wrapped(f"at no size: {never}", width - 2, "", "  ") if never else []
+    return ["Smallest size that would have been found", *_indented(lines)] if lines else []
+
+
+def _in_columns(cells: list[str], width: int) -> list[str]:
+    """Return the cells in as many columns as fit, read downwards."""
+    wide = max(map(len, cells)) + 3
+    columns = max(1, (width + 3) // wide)
+    height = -(-len(cells) // columns)
+    return ["".join(cell.ljust(wide) for cell in cells[row::height]).rstrip() for row in range(height)]
+
+
+def _next_run(diagnosis: Diagnosis, width: int) -> list[str]:
+    lines = [
+        line
+        for i, run in enumerate(diagnosis.next_run, 1)
+        for line in _wrapped(
+            f"{i}. {run.change}: expected ln Bayes factor {number(run.expected_log_bayes_factor, 3)}"
+            + (f", parts {', '.join(map(plain_name, run.separates))}" if run.separates else ""),
+            width,
+            "  ",
+            "     ",
+        )
+    ]
+    return ["Next run, best first", *lines] if lines else []
+
+
+def _notes(notes: Iterable[str], width: int) -> list[str]:
+    lines = [line for note in notes for line in _wrapped(note, width, "  ", "    ")]
+    return ["Notes", *lines] if lines else []
+
+
+def _indented(lines: Iterable[str]) -> list[str]:
+    return [f"  {line}" for line in lines]
