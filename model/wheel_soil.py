@@ -77,6 +77,7 @@ class WheelSoilModel:
     wheel : Wheel
     soil : Soil
     effects : sequence of Effect classes or instances
+        In any order; they are taken by their `stage`.
     reading : "balanced" or "literal"
         balanced: static sinkage from Eq. 7; where an effect moves the sinkage, the normal stress is scaled so that
         Eq. 7 returns the measured load. literal: the paper's, static sinkage from Eq. 10 and no scaling.
@@ -102,7 +103,7 @@ class WheelSoilModel:
     ) -> None:
         self.wheel = wheel
         self.soil = soil
-        self.effects = tuple(e() if isinstance(e, type) else e for e in effects)
+        self.effects = tuple(sorted((e() if isinstance(e, type) else e for e in effects), key=lambda e: e.stage))
         self.reading: Reading = reading
         self.quadrature = quadrature or Quadrature()
         names = [name for e in self.effects for name in e.parameter_keys().values()]
@@ -190,7 +191,7 @@ class WheelSoilModel:
             The static sinkage, where it is known already.
         """
         active = self._active(parameters)
-        for effect, values in active:
+        for effect, values in reversed(active):
             conditions = effect.inputs(conditions, values)
         soil, radius = self._soil(parameters), parameters["radius_m"]
         for effect, values in active:

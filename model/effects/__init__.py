@@ -3,11 +3,37 @@
 from __future__ import annotations
 
 from model.effects.base import Effect, Parameter
+from model.effects.crosstalk import Crosstalk
 from model.effects.ding import Ding
+from model.effects.drawbar_pull_gain import DrawbarPullGain
+from model.effects.drawbar_pull_zero import DrawbarPullZero
+from model.effects.load_gain import LoadGain
+from model.effects.load_zero import LoadZero
 from model.effects.lyasko import Lyasko
+from model.effects.speed_bias import SpeedBias
+from model.effects.speed_latency import SpeedLatency
+from model.effects.torque_gain import TorqueGain
+from model.effects.torque_zero import TorqueZero
 from model.effects.vasilev import Vasilev
+from model.effects.wheel_radius import WheelRadius
+from model.effects.zero_drift import ZeroDrift
 
-EFFECTS: dict[str, type[Effect]] = {effect.key(): effect for effect in (Vasilev, Lyasko, Ding)}
+PHYSICAL: tuple[type[Effect], ...] = (Vasilev, Lyasko, Ding)
+MEASUREMENT: tuple[type[Effect], ...] = (
+    WheelRadius,
+    SpeedLatency,
+    SpeedBias,
+    DrawbarPullGain,
+    TorqueGain,
+    Crosstalk,
+    LoadGain,
+    DrawbarPullZero,
+    TorqueZero,
+    LoadZero,
+    ZeroDrift,
+)
+
+EFFECTS: dict[str, type[Effect]] = {effect.key(): effect for effect in (*PHYSICAL, *MEASUREMENT)}
 """Every known effect: form where the family has several, else family."""
 
-__all__ = ["EFFECTS", "Ding", "Effect", "Lyasko", "Parameter", "Vasilev"]
+__all__ = ["EFFECTS", "MEASUREMENT", "PHYSICAL", "Effect", "Parameter"]

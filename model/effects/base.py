@@ -32,8 +32,8 @@ class Parameter:
     prior_scale : float
         One-sigma of what is plausible before any data; in wheel radii where `in_radii`.
     source : str
-    one_sided : bool
-        Only values above neutral are plausible (a half-normal prior).
+    side : 1, -1 or 0
+        The only plausible side of neutral (a half-normal prior): above or below it; 0 for both.
     in_radii : bool
         The prior scale is a share of the wheel's radius.
     """
@@ -46,8 +46,13 @@ class Parameter:
     upper: float
     prior_scale: float
     source: str = ""
-    one_sided: bool = False
+    side: Literal[-1, 0, 1] = 0
     in_radii: bool = False
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether the prior is half-normal."""
+        return self.side != 0
 
     def scale(self, wheel: Wheel) -> float:
         """Return the prior's one-sigma for a wheel, in the parameter's unit."""
@@ -80,6 +85,9 @@ class Effect:
         Whether it shows when the wheel does not turn.
     reading : "any" or "literal"
         "literal": an effect of the paper's literal reading only.
+    stage : int
+        Place in the chain from the truth to a reading: a model takes its effects in this order, whatever order they
+        are given in. Physical causes and speeds 0, gains 1, cross-talk 2, gain of the load 3, zeros 4, drift 5.
     """
 
     name: ClassVar[str]
@@ -92,9 +100,10 @@ class Effect:
     needs: ClassVar[tuple[str, ...]] = ()
     at_standstill: ClassVar[bool] = False
     reading: ClassVar[Literal["any", "literal"]] = "any"
+    stage: ClassVar[int] = 0
 
     def inputs(self, conditions: Conditions, values: Values) -> Conditions:
-        """Return the true inputs of the model from the measured ones."""
+        """Return the true inputs of the model from the measured ones; the last in the chain is undone first."""
         return conditions
 
     def contact_radius(self, radius: Number, conditions: Conditions, values: Values) -> Number:

@@ -21,9 +21,9 @@ class Lyasko(Effect):
     source = "Lyasko (2010), J. Terramechanics 47:21-31; Yang et al. (2016), Eq. 12"
     parameters = (
         Parameter(
-            "m1", "1", 0.0, 0.1, -1.0, 20.0, 0.35, "Yang Tab. 3: .1 clay, .6 sand; only m1 + m2 is well determined"
+            "m1", "1", 0.0, 0.1, -1.0, 20.0, 0.35, "Yang Tab. 3: .1 clay, .6 sand; only m1 + m2 is well known", side=1
         ),
-        Parameter("m2", "1", 0.0, 0.05, -1.0, 0.95, 0.35, "Yang Tab. 3: .05 clay, .03 sand"),
+        Parameter("m2", "1", 0.0, 0.05, -1.0, 0.95, 0.35, "Yang Tab. 3: .05 clay, .03 sand", side=1),
     )
 
     def sinkage(self, static_sinkage: Number, conditions: Conditions, values: Values) -> Number:

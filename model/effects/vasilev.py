@@ -19,7 +19,7 @@ class Vasilev(Effect):
     own_symbols = True
     summary = "The wheel digs in with slip: sinkage grows by H metres from no slip to full slip, whatever the load."
     source = "Vasil'ev, Dokycheva, Utkin-Lubovtsov (1969); Yang et al. (2016), Eq. 11"
-    parameters = (Parameter("H_m", "m", 0.0, 0.02, 0.0, 0.5, 0.05, "diagnosis table; Yang Tab. 3: .02 clay, .08 sand"),)
+    parameters = (Parameter("H_m", "m", 0.0, 0.02, 0.0, 0.5, 0.05, "Yang Tab. 3: .02 clay, .08 sand", side=1),)
 
     def sinkage(self, static_sinkage: Number, conditions: Conditions, values: Values) -> Number:
         """Return Eq. 11."""

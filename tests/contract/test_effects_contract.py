@@ -2,86 +2,121 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import fields, replace
+
 import numpy as np
 import pytest
+from effects_support import FINE, OUTPUTS, WHEEL, away, full_conditions, measured, model_with, reading_of, slopes
 
 from model.conditions import Conditions
-from model.contact import Quadrature
 from model.effects import EFFECTS
 from model.gauss_newton import gauss_newton
 from model.soils import SOILS
-from model.wheel import Wheel
 from model.wheel_soil import WheelSoilModel
 
-WHEEL = Wheel(0.47, 0.318)
-SLIP = np.concatenate([np.linspace(-0.6, -0.05, 6), np.linspace(0.02, 0.95, 15)])
-LOAD = np.where(np.arange(len(SLIP)) % 2, 8e3, 1e4)
-CONDITIONS = Conditions(SLIP, LOAD)
-OUTPUTS = ("sinkage_m", "drawbar_pull_n", "driving_torque_nm", "vertical_load_n")
+CONDITIONS = full_conditions()
+OPTIONAL = tuple(f.name for f in fields(Conditions) if f.name not in ("slip", "vertical_load_n"))
+PARAMETERS = [(key, name) for key, effect in EFFECTS.items() for name in effect.parameter_keys().values()]
 
-pytestmark = pytest.mark.parametrize("key", list(EFFECTS))
-
-
-def _model(key: str, **options: object) -> WheelSoilModel:
-    return WheelSoilModel(WHEEL, SOILS["sandy"], (EFFECTS[key],), **options)
+every_effect = pytest.mark.parametrize("key", list(EFFECTS))
+every_parameter = pytest.mark.parametrize(("key", "name"), PARAMETERS)
 
 
-def _small(key: str) -> dict[str, float]:
-    """Return a modest size of the effect: a third of the prior scale off neutral."""
-    return {p.name: p.neutral + p.prior_scale / 3 for p in EFFECTS[key].parameters}
-
-
+@every_effect
 def test_is_documented(key: str) -> None:
     effect = EFFECTS[key]
-    assert effect.name and effect.summary.endswith(".") and effect.source and effect.__doc__
+    assert effect.name and effect.summary.endswith(".") and effect.__doc__
+    assert any(c.isdigit() for c in effect.source), "a source has its year"
     assert effect.kind in ("physical", "measurement")
     for p in effect.parameters:
-        assert p.unit and p.lower <= p.neutral <= p.upper and p.lower <= p.start <= p.upper and p.prior_scale > 0
+        assert p.unit and p.source and p.prior_scale > 0
+        assert p.lower <= p.neutral <= p.upper and p.lower <= p.start <= p.upper
+        assert (p.start - p.neutral) * (p.side or 1) > 0, "an estimate starts off neutral, on the plausible side"
 
 
+@every_effect
 def test_neutral_is_the_base_model(key: str) -> None:
-    base = WheelSoilModel(WHEEL, SOILS["sandy"]).predict(CONDITIONS)
-    with_effect = _model(key).predict(CONDITIONS)
+    base = WheelSoilModel(WHEEL, SOILS["sandy"], (), reading_of(EFFECTS[key])).predict(CONDITIONS)
+    with_effect = model_with(key).predict(CONDITIONS, away(key, 0.0))
     for name in OUTPUTS:
         np.testing.assert_array_equal(getattr(base, name), getattr(with_effect, name))
 
 
-def test_derivative_at_neutral_is_there_and_finite(key: str) -> None:
-    """Gauss-Newton may start at neutral."""
-    names = tuple(p.name for p in EFFECTS[key].parameters)
-    got = _model(key).predict(CONDITIONS, wrt=names)
-    for name in names:
-        slope = got.sensitivities[name].drawbar_pull_n
-        assert np.isfinite(slope).all() and np.any(slope != 0)
+@every_parameter
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_derivative_is_that_of_small_changes(key: str, name: str, share: float) -> None:
+    """At neutral too, from the plausible side: there Gauss-Newton may start."""
+    effect, model, values = EFFECTS[key], model_with(key, quadrature=FINE), away(key, share)
+    parameter = dict(zip(effect.parameter_keys().values(), effect.parameters, strict=True))[name]
+    got = slopes(model.predict(CONDITIONS, values, wrt=(name,)), (name,))[:, 0]
+    assert np.isfinite(got).all() and np.any(got != 0)
+
+    def change(step: float) -> np.ndarray:
+        moved = [measured(model.predict(CONDITIONS, {**values, name: values[name] + k * step})) for k in (0, 1, 2)]
+        return np.asarray(-1.5 * moved[0] + 2.0 * moved[1] - 0.5 * moved[2]) / step
+
+    step = 2e-4 * (parameter.side or 1) * parameter.scale(WHEEL)
+    scale = np.abs(got).max()
+    np.testing.assert_allclose(change(step), got, rtol=0, atol=2e-4 * scale)
 
 
+@every_effect
 def test_finite_or_nan_over_the_bounds_but_never_infinite(key: str) -> None:
-    for p in EFFECTS[key].parameters:
+    effect, model = EFFECTS[key], model_with(key)
+    for name, p in zip(effect.parameter_keys().values(), effect.parameters, strict=True):
         for value in np.linspace(p.lower, p.upper, 9):
-            got = _model(key).predict(CONDITIONS, {p.name: float(value)})
-            near_neutral = abs(value - p.neutral) <= p.prior_scale
-            assert not near_neutral or np.isfinite(got.drawbar_pull_n).all(), f"no answer at {p.name} = {value}"
-            for name in OUTPUTS:
-                assert not np.isinf(getattr(got, name)).any(), f"{name} at {p.name} = {value}"
+            got = model.predict(CONDITIONS, {name: float(value)})
+            off = (value - p.neutral) * (p.side or 1)
+            plausible = abs(off) <= p.scale(WHEEL) and (off >= 0 or not p.side)
+            assert not plausible or np.isfinite(measured(got)).all(), f"no answer at {name} = {value}"
+            for output in OUTPUTS:
+                assert not np.isinf(getattr(got, output)).any(), f"{output} at {name} = {value}"
 
 
-def test_sign_round_trip(key: str) -> None:
-    """What is put in with another quadrature is found again, sign and size."""
-    values = _small(key)
-    truth = _model(key, quadrature=Quadrature(40, 4)).predict(CONDITIONS, values)
+@every_effect
+@pytest.mark.parametrize("share", [1 / 3, -1 / 3])
+def test_sign_round_trip(key: str, share: float) -> None:
+    """What is put in with another quadrature is found again from drawbar pull and torque, sign and size."""
+    effect, values = EFFECTS[key], away(key, share)
+    if share < 0 and any(p.side for p in effect.parameters):
+        values = away(key, 2 / 3)
+    truth = measured(model_with(key, quadrature=FINE).predict(CONDITIONS, values))
     names = tuple(values)
-    model = _model(key)
+    model = model_with(key)
 
     def residual(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         got = model.predict(CONDITIONS, dict(zip(names, x.tolist(), strict=True)), wrt=names)
-        slopes = np.stack([got.sensitivities[n].drawbar_pull_n for n in names], axis=1)
-        return got.drawbar_pull_n - truth.drawbar_pull_n, slopes
+        return measured(got) - truth, slopes(got, names)
 
-    parameters = EFFECTS[key].parameters
     found = gauss_newton(
         residual,
-        [p.neutral for p in parameters],
-        lower=[p.lower for p in parameters],
-        upper=[p.upper for p in parameters],
+        [p.neutral for p in effect.parameters],
+        lower=[p.lower for p in effect.parameters],
+        upper=[p.upper for p in effect.parameters],
     )
     np.testing.assert_allclose(found.estimate, list(values.values()), rtol=1e-3)
+
+
+@every_effect
+def test_survives_json(key: str) -> None:
+    values, model = away(key, 0.4), model_with(key)
+    again = json.loads(json.dumps(values))
+    before, after = (measured(model.predict(CONDITIONS, v)) for v in (values, again))
+    np.testing.assert_array_equal(before, after)
+
+
+@every_effect
+@pytest.mark.parametrize("field", OPTIONAL)
+def test_needs_what_it_says_and_nothing_else(key: str, field: str) -> None:
+    without = replace(CONDITIONS, **{field: np.full(len(CONDITIONS.slip), np.nan)})
+    missing = np.isnan(measured(model_with(key).predict(without, away(key, 0.4))))
+    assert missing.any() == (field in EFFECTS[key].needs)
+
+
+@every_effect
+def test_says_whether_it_shows_at_standstill(key: str) -> None:
+    effect, model = EFFECTS[key], model_with(key)
+    standing = replace(CONDITIONS, slip=np.zeros(len(CONDITIONS.slip)))
+    pull, torque = model.at_rest(standing, away(key, 1.0))
+    assert (np.any(pull != 0) or np.any(torque != 0)) == effect.at_standstill
