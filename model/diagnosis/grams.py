@@ -27,7 +27,8 @@ class CauseColumn:
     family, form, kind : of the effect
     parameter, unit : str
     scale : float
-        Prior one-sigma; a coefficient of 1 is this size.
+        Prior one-sigma; a coefficient of 1 is this size. Negative where only values below neutral are plausible
+        (`Parameter.towards`), so that the coefficient of a one-sided parameter is never negative.
     centre : float
         Value of the parameter at which the columns were linearised; the coefficient is (value - neutral)/scale.
     neutral : float

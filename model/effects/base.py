@@ -58,6 +58,10 @@ class Parameter:
         """Return the prior's one-sigma for a wheel, in the parameter's unit."""
         return self.prior_scale * (wheel.radius_m if self.in_radii else 1.0)
 
+    def towards(self, wheel: Wheel) -> float:
+        """Return the scale with the sign of the plausible side: a coefficient of 1 in `CauseColumn`."""
+        return self.scale(wheel) * (self.side or 1)
+
 
 Values = Mapping[str, Number]
 
