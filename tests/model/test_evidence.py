@@ -145,9 +145,16 @@ def test_estimates_stay_within_bounds_and_find_the_truth(small: World) -> None:
     assert found.columns == (1, 3, 4)
     assert np.all(found.coefficients[[0, 2, 5]] == 0.0)
     for seed in range(5):
-        best = best_set(grams_of(small, seed, 10.0, 5))
-        assert "d" in best.keys
-        assert abs(best.coefficients[5] - 10.0) < 4 * best.sigmas[best.columns.index(5)]
+        best = best_set(grams_of(small, seed, 4.0, 1))
+        assert "b" in best.keys
+        assert abs(best.coefficients[1] - 4.0) < 4 * best.sigmas[best.columns.index(1)]
+
+
+def test_a_coefficient_of_a_one_sided_cause_is_never_negative() -> None:
+    columns = (column("below", one_sided=True, scale=-0.4, lower=-2.0, upper=2.0), column("both", lower=-0.2))
+    lower, upper = box(columns)
+    np.testing.assert_allclose(lower, [0.0, -2.0])
+    np.testing.assert_allclose(upper, [5.0, 100.0])
 
 
 def calibration(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
