@@ -185,7 +185,7 @@ def least_left(
 
 
 def _length(information: FloatArray, own: Sequence[int], size: FloatArray) -> float:
-    return float(np.sqrt(max(size @ information[np.ix_(own, own)] @ size, 0.0)))
+    return float(np.sqrt(max(float(size @ information[np.ix_(own, own)] @ size), 0.0)))
 
 
 def _cosine(information: FloatArray, own: Sequence[int], other: Sequence[int]) -> float:
