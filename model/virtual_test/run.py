@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
@@ -10,18 +10,21 @@ from numpy.typing import NDArray
 
 from daq.channel import Channel
 from daq.config import RunInfo
+from model.effects.base import Effect
 from model.effects.signals import Signals
 from model.virtual_test.circumstances import Circumstances, campaign_line_m
 from model.virtual_test.clock import HostClock
 from model.virtual_test.load import VehicleSetup, static_load_n, vertical_load_n
 from model.virtual_test.motion import DrivingStyle, Motion, drive, integrated
-from model.virtual_test.sensing import Faults, sensed
 from model.virtual_test.speed_sensors import GnssSetup, Track, WheelSpeedSetup, measure_gnss, measure_wheel_speed
 from model.virtual_test.transducer import HubLoads, Readings, TransducerSetup, measure_loads
 from model.virtual_test.truth import Truth, free_rolling_slip, soil_reaction
 from model.wheel_soil import WheelSoilModel
 
 FloatArray = NDArray[np.float64]
+
+Faults = Sequence[tuple[type[Effect], Mapping[str, float]]]
+"""Measurement effects, each with its own parameters."""
 
 TRUTH_RATE_HZ = 200.0
 """The soil's reaction is calculated at this rate; a fitter works at another one (100 Hz by default)."""
@@ -102,7 +105,7 @@ def virtual_run(
     campaign_s : float, optional
         From the start to the end of the campaign; by default it ends with this run.
     faults : sequence of (measurement effect, its parameters)
-        What the sensors get wrong; see `sensed`.
+        What the sensors get wrong, in any order; they follow each other by their `stage`.
 
     Raises
     ------
@@ -179,7 +182,9 @@ def _faulty(faults: Faults, hub: HubLoads, motion: Motion, circumstances: Circum
         campaign_time=circumstances.campaign_time(motion.time_s),
         direction=circumstances.direction,
     )
-    seen = sensed(faults, true)
+    seen = true
+    for effect, values in sorted(faults, key=lambda fault: fault[0].stage):
+        seen = effect().sensed(seen, values)
     hub = replace(
         hub, longitudinal_n=seen.drawbar_pull_n, vertical_n=seen.vertical_load_n, torque_nm=seen.driving_torque_nm
     )
