@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
+import numpy as np
+
 from model.dual import Dual, Number
 
 if TYPE_CHECKING:
@@ -160,7 +162,8 @@ class Effect:
     @classmethod
     def is_active(cls, values: Values) -> bool:
         """Whether any parameter differs from neutral or is to be differentiated."""
-        return any(isinstance(values[p.name], Dual) or bool(values[p.name] != p.neutral) for p in cls.parameters)
+        own = [(values[p.name], p.neutral) for p in cls.parameters]
+        return any(isinstance(value, Dual) or bool(np.any(value != neutral)) for value, neutral in own)
 
     @classmethod
     def parameter_keys(cls) -> dict[str, str]:
