@@ -1,0 +1,284 @@
+"""What the model says of every sample, and how that changes with everything that may be otherwise.
+
+All derivatives come from one pass in duals: by ground speed and load, by the soil, by every parameter of every cause
+of the library at its current value. Everything is taken at one and the same slip, the smoothed one: columns at another
+slip than the residual's let the fit rebuild the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.conditions import Conditions, slip_of_ratio
+from model.diagnosis.samples import CHANNELS, STENCIL, Samples
+from model.diagnosis.soil_space import SoilSpace
+from model.dual import Dual, Number, column, value_of
+from model.effects.base import Effect
+from model.soils import Soil
+from model.wheel import Wheel
+from model.wheel_soil import SOIL_PARAMETERS, Reading, WheelSoilModel
+
+FloatArray = NDArray[np.float64]
+
+_SPEED, _LOAD = "measured speed", "measured load"
+_LEAST_SPEED_MPS = 0.05
+_SPEED_STEP = 0.02
+SECANT_SHARE = 0.25
+"""Of a prior's scale: where a derivative at neutral is infinite or zero, the column is a secant of this length."""
+SECANTS = frozenset({"exit_angle"})
+"""Effects whose derivative at neutral misleads: the angle behind the wheel grows with the root of its parameter."""
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """The simulation under test with every cause that is considered.
+
+    Attributes
+    ----------
+    wheel, soil, reading
+    space : SoilSpace
+    effects : tuple of Effect classes
+    """
+
+    wheel: Wheel
+    soil: Soil
+    space: SoilSpace
+    effects: tuple[type[Effect], ...]
+    reading: Reading
+
+    def model(self, values: Mapping[str, float]) -> WheelSoilModel:
+        """Return the model with only those effects that are not at their neutral."""
+        return WheelSoilModel(self.wheel, self.soil, self.active(values), self.reading)
+
+    def active(self, values: Mapping[str, float]) -> tuple[type[Effect], ...]:
+        """Return the effects that `values` moves away from neutral."""
+        return tuple(e for e in self.effects if any(key in values for key in e.parameter_keys().values()))
+
+    @property
+    def parameters(self) -> list[tuple[type[Effect], int, str]]:
+        """Effect, index of its parameter and the model's name of it, of every column."""
+        return [(e, i, key) for e in self.effects for i, key in enumerate(e.parameter_keys().values())]
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where the model is linearised.
+
+    Attributes
+    ----------
+    soil : array, shape (q,)
+    causes : mapping model's parameter name -> value
+        Without those at neutral.
+    speed_mps : array, shape (n,)
+        What is added to the measured ground speed of each sample.
+    """
+
+    soil: FloatArray
+    causes: dict[str, float]
+    speed_mps: FloatArray
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A model about a point; arrays over channels ("dp", "t", "z" as far as measured), shape (c, n) or (c, n, columns).
+
+    Attributes
+    ----------
+    channels : tuple of str
+    point : Point
+    conditions : Conditions
+        With the ground speed and the slip of the point.
+    value : array, shape (c, n)
+        The model's, averaged over each sample's instants.
+    speed, curvature, load : array, shape (c, n)
+        d/dV, d2/dV2, d/dW.
+    soil : array, shape (c, n, q)
+    causes : array, shape (c, n, k)
+        By each parameter, in its own unit.
+    stiffness, friction : array, shape (c, n)
+        By ln k and ln tan phi.
+    rest_value : array, shape (2, m); rest_causes : array, shape (2, m, k)
+        Of drawbar pull and torque at standstill.
+    usable : bool array, shape (n,)
+        Where the model has an answer.
+    """
+
+    channels: tuple[str, ...]
+    point: Point
+    conditions: Conditions
+    value: FloatArray
+    speed: FloatArray
+    curvature: FloatArray
+    load: FloatArray
+    soil: FloatArray
+    causes: FloatArray
+    stiffness: FloatArray
+    friction: FloatArray
+    rest_value: FloatArray
+    rest_causes: FloatArray
+    usable: NDArray[np.bool_] = field(repr=False)
+
+
+def at_speed(samples: Samples, speed_mps: FloatArray) -> Conditions:
+    """Return the samples' conditions with another ground speed, and the slip that belongs to it."""
+    return _moved(samples.conditions, samples.conditions.ground_speed_mps + speed_mps, samples.wheel_radius_m)
+
+
+def _moved(conditions: Conditions, ground_speed_mps: Number, radius_m: float) -> Conditions:
+    speed = np.maximum(value_of(ground_speed_mps), _LEAST_SPEED_MPS) if not isinstance(ground_speed_mps, Dual) else None
+    v = ground_speed_mps if speed is None else speed
+    return replace(conditions, ground_speed_mps=v, slip=slip_of_ratio(v / (radius_m * conditions.wheel_speed_radps)))
+
+
+def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
+    """Linearise the model about a point.
+
+    Parameters
+    ----------
+    simulation : Simulation
+    samples : Samples
+    point : Point
+    """
+    channels = tuple(c for c in CHANNELS if c in samples.measured)
+    conditions = at_speed(samples, point.speed_mps)
+    soil = simulation.space.values(point.soil)
+    found = _derivatives(simulation, samples, conditions, {**soil, **point.causes}, channels)
+    plain = simulation.model(point.causes)
+    values = {**soil, **point.causes}
+
+    def said(at: Conditions) -> FloatArray:
+        return _stacked(plain.predict(at, values), channels)
+
+    centre = found.pop("value")
+    causes = found.pop("causes")
+    for i, (effect, _, key) in enumerate(simulation.parameters):
+        if effect.key() in SECANTS and key not in point.causes:
+            causes[..., i] = _secant(simulation, conditions, values, effect, key, channels, centre)
+    v = conditions.ground_speed_mps
+    step = np.minimum(_SPEED_STEP, 0.25 * v)
+    up, down = (said(_moved(conditions, v + side * step, samples.wheel_radius_m)) for side in (1.0, -1.0))
+    value = _averaged(samples, conditions, point, said)
+    jacobian = simulation.space.jacobian(point.soil)
+    by_soil = found.pop("soil")
+    rest_value, rest_causes = _at_rest(simulation, samples, values)
+    usable = (
+        np.isfinite(value).all(axis=0) & np.isfinite(causes).all(axis=(0, 2)) & np.isfinite(by_soil).all(axis=(0, 2))
+    )
+    at = dict(zip(SOIL_PARAMETERS, np.moveaxis(by_soil, -1, 0), strict=True))
+    return Linear(
+        channels=channels,
+        point=point,
+        conditions=conditions,
+        value=value,
+        speed=found["speed"],
+        curvature=np.nan_to_num((up - 2.0 * centre + down) / step**2),
+        load=found["load"],
+        soil=by_soil @ jacobian,
+        causes=causes,
+        stiffness=at["cohesive_modulus"] * soil["cohesive_modulus"]
+        + at["frictional_modulus"] * soil["frictional_modulus"],
+        friction=at["tan_phi"] * soil["tan_phi"],
+        rest_value=rest_value,
+        rest_causes=rest_causes,
+        usable=np.logical_and.reduce(sound),
+    )
+
+
+def _derivatives(
+    simulation: Simulation,
+    samples: Samples,
+    conditions: Conditions,
+    values: Mapping[str, float],
+    channels: Sequence[str],
+) -> dict[str, FloatArray]:
+    """Return value and derivatives by speed, load, soil and causes, in one pass."""
+    model = WheelSoilModel(simulation.wheel, simulation.soil, simulation.effects, simulation.reading)
+    secants = {key for e, _, key in simulation.parameters if e.key() in SECANTS and key not in values}
+    names = [*SOIL_PARAMETERS, *(key for _, _, key in simulation.parameters if key not in secants)]
+    neutral = {key: e.parameters[i].neutral for e, i, key in simulation.parameters}
+    radius, width = simulation.wheel.radius_m, simulation.wheel.width_m
+    parameters: dict[str, Number] = {"radius_m": radius, "width_m": width, **neutral, **values}
+    parameters |= {name: Dual(parameters[name], {name: 1.0}) for name in names}
+    columns = conditions.map(column)
+    speed = Dual(columns.ground_speed_mps, {_SPEED: 1.0})
+    seeded = replace(
+        _moved(columns, speed, samples.wheel_radius_m),
+        vertical_load_n=Dual(columns.vertical_load_n, {_LOAD: 1.0}),
+    )
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore"):
+        said = model.evaluate(seeded, parameters)
+    n = len(samples)
+
+    def of(name: str, key: str) -> FloatArray:
+        x = said[name]
+        return np.broadcast_to(x.partials.get(key, 0.0) if isinstance(x, Dual) else 0.0, (n, 1))[:, 0]
+
+    def by(key: str) -> FloatArray:
+        return np.stack([of(CHANNELS[c], key) for c in channels])
+
+    return {
+        "value": np.stack([np.broadcast_to(value_of(said[CHANNELS[c]]), (n, 1))[:, 0] for c in channels]),
+        "speed": by(_SPEED),
+        "load": by(_LOAD),
+        "soil": np.stack([by(name) for name in SOIL_PARAMETERS], axis=-1),
+        "causes": np.stack([by(key) for _, _, key in simulation.parameters], axis=-1)
+        if simulation.parameters
+        else np.zeros((len(channels), n, 0)),
+    }
+
+
+def _stacked(prediction: Any, channels: Sequence[str]) -> FloatArray:
+    return np.stack([getattr(prediction, CHANNELS[c]) for c in channels])
+
+
+def _secant(
+    simulation: Simulation,
+    conditions: Conditions,
+    values: Mapping[str, float],
+    effect: type[Effect],
+    key: str,
+    channels: Sequence[str],
+    centre: FloatArray,
+) -> FloatArray:
+    """Return the mean slope of a cause between neutral and a fraction of its scale."""
+    parameter = {k: p for p, k in zip(effect.parameters, effect.parameter_keys().values(), strict=True)}[key]
+    step = SECANT_SHARE * parameter.towards(simulation.wheel)
+    moved = {**values, key: parameter.neutral + step}
+    return np.asarray((_stacked(simulation.model(moved).predict(conditions, moved), channels) - centre) / step)
+
+
+def _averaged(samples: Samples, conditions: Conditions, point: Point, said: Any) -> FloatArray:
+    """Return the model's value averaged over the three instants of every sample."""
+    total: Any = 0.0
+    instants = samples.instants
+    for weight, speed, omega, load in zip(
+        STENCIL,
+        instants.ground_speed_mps,
+        instants.wheel_speed_radps,
+        instants.vertical_load_n,
+        strict=True,
+    ):
+        at = replace(conditions, wheel_speed_radps=omega, vertical_load_n=load)
+        total = total + weight * said(_moved(at, speed + point.speed_mps, samples.wheel_radius_m))
+    return np.asarray(total)
+
+
+def _at_rest(simulation: Simulation, samples: Samples, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+    """Return what the transducer shows at standstill, shape (2, m), and its derivatives by the causes, (2, m, k)."""
+    count = len(samples.rests)
+    names = [key for _, _, key in simulation.parameters]
+    model = WheelSoilModel(simulation.wheel, simulation.soil, simulation.effects, simulation.reading)
+    reactions = model.at_rest(samples.rests.conditions, dict(values), names)
+
+    def by(x: Number, key: str) -> FloatArray:
+        return np.broadcast_to(x.partials.get(key, 0.0) if isinstance(x, Dual) else 0.0, (count,))
+
+    value = np.stack([np.broadcast_to(value_of(x), (count,)) for x in reactions])
+    if not names:
+        return value, np.zeros((2, count, 0))
+    return value, np.stack([np.stack([by(x, key) for key in names], axis=-1) for x in reactions])
