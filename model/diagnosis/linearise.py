@@ -166,9 +166,7 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
     jacobian = simulation.space.jacobian(point.soil)
     by_soil = found.pop("soil")
     rest_value, rest_causes = _at_rest(simulation, samples, values)
-    usable = (
-        np.isfinite(value).all(axis=0) & np.isfinite(causes).all(axis=(0, 2)) & np.isfinite(by_soil).all(axis=(0, 2))
-    )
+    sound = [np.isfinite(x).all(axis=axes) for x, axes in ((value, 0), (causes, (0, 2)), (by_soil, (0, 2)))]
     at = dict(zip(SOIL_PARAMETERS, np.moveaxis(by_soil, -1, 0), strict=True))
     return Linear(
         channels=channels,
