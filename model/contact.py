@@ -101,7 +101,10 @@ class Resultants:
 
 @dataclass(frozen=True)
 class _Rule:
+    """Nodes on [0, 1], what is left from them to 1 (exact also at that end), and weights."""
+
     at: NDArray[np.float64]
+    left: NDArray[np.float64]
     weights: NDArray[np.float64]
 
 
@@ -111,9 +114,9 @@ def _rule(nodes: int, power: int, vanishing: str) -> _Rule:
     x, w = np.polynomial.legendre.leggauss(nodes)
     u, w = 0.5 * (x + 1.0), 0.5 * w
     if vanishing == "none":
-        return _Rule(u, w)
+        return _Rule(u, 1.0 - u, w)
     at, weights = u**power, w * power * u ** (power - 1)
-    return _Rule(at, weights) if vanishing == "start" else _Rule(1.0 - at, weights)
+    return _Rule(at, 1.0 - at, weights) if vanishing == "start" else _Rule(1.0 - at, at, weights)
 
 
 def resultants(patch: Patch, quadrature: Quadrature | None = None) -> Resultants:
@@ -233,7 +236,7 @@ def _panel_sums(
     span = stop if start is None else stop - start
     delta = span * rule.at if start is None else start + span * rule.at
     drop, advance = stresses.geometry(patch.entry_angle, delta)
-    mirrored = _mirrored(patch, delta, rule.at) if rear else None
+    mirrored = _mirrored(patch, stop, span, rule.left) if rear else None
     depth = patch.radius * (drop if mirrored is None else stresses.geometry(patch.entry_angle, mirrored)[0])
     sigma = stresses.normal_stress(patch.stiffness, depth, patch.exponent)
     j = stresses.shear_displacement(delta, advance, patch.radius, patch.speed_ratio)
@@ -251,15 +254,17 @@ def _present(x: Number) -> bool:
     return isinstance(x, Dual) or bool(np.any(x != 0.0))
 
 
-def _mirrored(patch: Patch, delta: Number, at: NDArray[np.float64]) -> Number:
+def _mirrored(patch: Patch, stop: Number, span: Number, left: NDArray[np.float64]) -> Number:
     """Return the angle behind the entry that has the same stress in front of the peak (Wong & Reece).
 
-    A rear part of no width keeps its shape, so that its width can be differentiated by.
+    It is reckoned from the exit, where the stress vanishes, so that nothing cancels there however narrow the rear part
+    is. One of no width keeps its shape, so that its width can be differentiated by.
     """
     width = patch.peak_angle - patch.exit_angle
     some = value_of(width) != 0.0
-    share = (patch.entry_angle - delta - patch.exit_angle) / where(some, width, 1.0)
-    return where(some, share, 1.0 - at) * (patch.entry_angle - patch.peak_angle)
+    from_exit = patch.entry_angle - patch.exit_angle - stop + span * left
+    share = from_exit / where(some, width, 1.0)
+    return where(some, share, left) * (patch.entry_angle - patch.peak_angle)
 
 
 def entry_angle(sinkage: Number, radius: Number) -> Number:

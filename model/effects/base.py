@@ -91,6 +91,8 @@ class Effect:
         Whether it shows when the wheel does not turn.
     reading : "any" or "literal"
         "literal": an effect of the paper's literal reading only.
+    excluded_tyres : tuple of str
+        Declared tyres ("smooth", "lugged") on which the effect cannot be.
     stage : int
         Place in the chain from the truth to a reading: a model takes its effects in this order, whatever order they
         are given in. Physical causes and speeds 0, gains 1, cross-talk 2, gain of the load 3, zeros 4, drift 5.
@@ -106,6 +108,7 @@ class Effect:
     needs: ClassVar[tuple[str, ...]] = ()
     at_standstill: ClassVar[bool] = False
     reading: ClassVar[Literal["any", "literal"]] = "any"
+    excluded_tyres: ClassVar[tuple[str, ...]] = ()
     stage: ClassVar[int] = 0
 
     def inputs(self, conditions: Conditions, values: Values) -> Conditions:

@@ -19,7 +19,7 @@ class LoadGain(Effect):
     name = "load_gain"
     kind = "measurement"
     summary = "Vertical load is scaled by a wrong gain of the transducer."
-    source = "MTS Systems (2014), SWIFT manual; data sheets state 0.5 to 2 % of nonlinearity, hysteresis and gain"
+    source = "MTS Systems (2008), SWIFT 30 manual: gains of the bridges; data sheets usually state 0.5 to 2 %"
     parameters = (
         Parameter(
             "relative",

@@ -19,7 +19,7 @@ class LoadZero(Effect):
     name = "load_zero"
     kind = "measurement"
     summary = "Vertical load carries a constant offset."
-    source = "MTS Systems (2014), SWIFT manual; data sheets state 0.1 to 0.5 % of a range of 25 kN or 10 kN m"
+    source = "MTS Systems (2008), SWIFT 30 manual: zeros of the bridges; usually 0.1 to 0.5 % of the range"
     parameters = (
         Parameter(
             "offset_n",

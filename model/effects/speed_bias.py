@@ -23,7 +23,7 @@ class SpeedBias(Effect):
     name = "speed_bias"
     kind = "measurement"
     summary = "The ground speed is off by a constant: slip is wrong by more, the slower the vehicle goes."
-    source = "Racelogic (2020), VBOX data sheets: 0.1 km/h; more where a receiver's filter favours a moving average"
+    source = "Racelogic (2014), VBOX data sheets: 0.1 km/h as a mean of four samples"
     parameters = (Parameter("offset_mps", "m/s", 0.0, 0.05, -0.5, 0.5, 0.10, "receivers' data sheets"),)
     needs = ("ground_speed_mps",)
     stage = 4
