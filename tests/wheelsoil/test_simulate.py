@@ -98,10 +98,46 @@ def test_a_run_does_not_depend_on_the_others() -> None:
     assert frames_sha256(virtual_frames(simulated_run(few, 1))) == frames_sha256(virtual_frames(simulated_run(many, 1)))
 
 
+def test_passes_and_pressures_take_turns(tmp_path: Path) -> None:
+    text = "simulate --runs 3 --duration 15 --pass-number 1 --pass-number 2 --inflation 340 --inflation 180 -o"
+    assert wheelsoil([*shlex.split(text), str(tmp_path / "a")]) == 0
+    runs = open_runs([tmp_path / "a"])
+    assert [run.info.pass_number for run in runs] == [1, 2, 1]
+    assert [run.info.inflation_kpa for run in runs] == [340, 180, 340]
+    assert load_toml(tmp_path / "a/runs.toml", RunsConfig).run == tuple(run.info for run in runs)
+
+
+def test_several_effects_of_both_kinds(tmp_path: Path) -> None:
+    text = "simulate --runs 1 --duration 15 --effect vasilev --effect torque_gain:relative=0.1 --effect torque_zero -o"
+    assert wheelsoil([*shlex.split(text), str(tmp_path / "a")]) == 0
+    effects = tomllib.loads((tmp_path / "a/manifest.toml").read_text())["truth"]["effect"]
+    assert [effect["name"] for effect in effects] == ["vasilev", "torque_gain", "torque_zero"]
+
+
+def test_faults_follow_each_other_by_their_stage() -> None:
+    """A zero comes after the gain, in whatever order they are given."""
+    gain, zero = {"torque_gain": {"relative": 0.1}}, {"torque_zero": {"offset_nm": 40.0}}
+    none, scaled, one, other = (
+        simulated_run(SimulationOptions(effects=e, runs=1, duration_s=15.0, noise=0.0), 0)
+        .sensors["transducer"]["driving_torque"]
+        .values
+        for e in ({}, gain, gain | zero, zero | gain)
+    )
+    assert scaled == pytest.approx(1.1 * none)
+    assert one == pytest.approx(1.1 * none + 40.0)
+    assert np.array_equal(one, other)
+
+
+def test_the_owner_is_not_told_of_a_pressure_that_nobody_stated(tmp_path: Path) -> None:
+    simulate_campaign(tmp_path / "a", SimulationOptions(runs=1, duration_s=15.0))
+    assert b"inflation" not in (tmp_path / "a/runs.toml").read_bytes()
+
+
 def test_the_command_line_of_all_options_is_read_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = (
         "simulate --soil sandy --effect vasilev:H_m=0.08 --runs 1 --duration 20 --seed 9 --sinkage literal "
-        "--added-load 120 --radius 0.5 --width 0.3 --draw-soil --wheel-axes --noise 0.5 --start 2026-01-02T03:04:05Z"
+        "--added-load 120 --pass-number 3 --inflation 260.5 "
+        "--radius 0.5 --width 0.3 --draw-soil --wheel-axes --noise 0.5 --start 2026-01-02T03:04:05Z"
     )
     assert wheelsoil([*shlex.split(text), "-o", str(tmp_path / "a")]) == 0
     command = tomllib.loads((tmp_path / "a/manifest.toml").read_text())["command"]
@@ -266,6 +302,8 @@ def test_what_is_no_covariance_is_refused(tmp_path: Path) -> None:
         ("--seed -1 -o OUT", "seed is out of range"),
         ("--noise -1 -o OUT", "noise is out of range"),
         ("--added-load 1e9 -o OUT", "added load is out of range"),
+        ("--pass-number 0 -o OUT", "pass number is out of range"),
+        ("--inflation 5 -o OUT", "inflation is out of range"),
         ("--radius 0 -o OUT", "wheel radius is out of range"),
         ("--start yesterday -o OUT", "the start is no time"),
         ("-o OUT/deeper/down", "no such folder"),
