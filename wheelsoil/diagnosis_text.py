@@ -7,29 +7,13 @@ from collections.abc import Iterable, Iterator
 from math import isfinite
 
 from model.diagnosis.result import Cause, Diagnosis, Gain, Scores
-from model.effects import EFFECTS
 from wheelsoil.cli.talk import number, table_lines
-
-CHANNEL_NAMES = {"dp": "drawbar pull", "t": "driving torque", "z": "sinkage"}
-CHANNEL_UNITS = {"dp": "N", "t": "N m", "z": "m"}
-UNITS_OF = {"drawbar_pull": "N", "driving_torque": "N m", "sinkage": "m"}
+from wheelsoil.diagnosis_words import CHANNEL_NAMES, CHANNEL_UNITS, FINDING_UNITS, effect_name, plain_name
+from wheelsoil.diagnosis_words import probability as as_probability
 
 _LEAST_SHOWN = 0.01
 _MOST_FINDINGS = 8
 _LEAST_WIDTH, _MOST_WIDTH = 80, 100
-
-
-def plain_name(name: str) -> str:
-    """Return the name of a family or a channel as people write it."""
-    return name.replace("_", " ")
-
-
-def effect_name(key: str) -> str:
-    """Return family and form of an effect of the library, or the key of one that is not in it."""
-    effect = EFFECTS.get(key)
-    if effect is None:
-        return plain_name(key)
-    return f"{plain_name(effect.name)} ({effect.form})" if effect.form else plain_name(effect.name)
 
 
 def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
@@ -72,13 +56,6 @@ def _wrapped(text: str, width: int, first: str = "", then: str | None = None) ->
     ]
 
 
-def _probability(value: float) -> str:
-    """Return a probability; never 1 or 0, which no data give."""
-    if not isfinite(value):
-        return "-"
-    return ">0.999" if value > 0.9995 else "<0.001" if value < 0.0005 else f"{value:.3f}"
-
-
 def _causes(diagnosis: Diagnosis) -> list[str]:
     rows = [row for cause in diagnosis.causes for row in _cause_rows(cause)]
     if not rows:
@@ -89,7 +66,7 @@ def _causes(diagnosis: Diagnosis) -> list[str]:
 
 
 def _cause_rows(cause: Cause) -> Iterator[list[str]]:
-    name, probability = plain_name(cause.name), _probability(cause.probability)
+    name, probability = plain_name(cause.name), as_probability(cause.probability)
     for parameter in cause.parameters:
         low, high = parameter.interval95
         interval = f"{number(low, 3)} .. {number(high, 3)}" if isfinite(low) and isfinite(high) else "-"
@@ -99,13 +76,13 @@ def _cause_rows(cause: Cause) -> Iterator[list[str]]:
     if not cause.parameters:
         yield [name, "-", probability, "-", "-", ""]
     if cause.form and cause.form_probability < 1:
-        yield [f"  as {cause.form}, within the family", "", _probability(cause.form_probability), "", "", ""]
+        yield [f"  as {cause.form}, within the family", "", as_probability(cause.form_probability), "", "", ""]
 
 
 def _candidates(diagnosis: Diagnosis, width: int) -> list[str]:
     shown = [c for c in diagnosis.candidates if c.probability >= _LEAST_SHOWN]
     rest = len(diagnosis.candidates) - len(shown)
-    words = [f"{plain_name(c.name)} {_probability(c.probability)}" for c in shown]
+    words = [f"{plain_name(c.name)} {as_probability(c.probability)}" for c in shown]
     words += [f"{rest} more below {_LEAST_SHOWN:g}"] if rest else []
     if not words:
         return []
@@ -119,7 +96,7 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
     rows = [
         [
             plain_name(found.channel),
-            f"{number(found.size, 3)} {UNITS_OF.get(found.channel, '')}",
+            f"{number(found.size, 3)} {FINDING_UNITS.get(found.channel, '')}",
             number(found.statistic, 3),
             found.where,
         ]

@@ -6,6 +6,7 @@ import logging
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from daq.errors import WheelsoilError
@@ -13,7 +14,7 @@ from wheelsoil.plain import plain, to_json
 from wheelsoil.report.content import Section, Text
 from wheelsoil.report.material import Material
 from wheelsoil.report.page import render
-from wheelsoil.report.sections import SECTIONS
+from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
 
 SCHEMA = "wheelsoil/report/1"
 
@@ -72,7 +73,7 @@ def build_report(material: Material) -> Report:
     """Build every section; one that cannot be built costs itself, with the reason, and nothing else."""
     left_out: dict[str, str] = {}
     sections = []
-    for module in SECTIONS:
+    for module in _asked_for(material):
         key = module.KEY
         try:
             section = module.build(material)
@@ -92,6 +93,12 @@ def build_report(material: Material) -> Report:
         left_out=left_out,
         made_at=datetime.now(UTC),
     )
+
+
+def _asked_for(material: Material) -> list[ModuleType]:
+    """Return the sections of the page."""
+    diagnosed = material.diagnosed is not None or bool(material.no_diagnosis)
+    return [module for module in SECTIONS if diagnosed or module not in OF_THE_DIAGNOSIS]
 
 
 def _subtitle(material: Material) -> str:

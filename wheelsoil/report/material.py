@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from daq.config import VehicleConfig
 from daq.errors import DataError, Fault
 from daq.run import Run
+from model.diagnosis.result import Diagnosis
 from model.fit_result import CampaignFit, ModelFit
 from model.observations import CHANNELS
 from processing.processed_run import ProcessedRun
@@ -57,6 +58,9 @@ class Material:
     options : mapping
         How it was made.
     versions : mapping program -> version
+    diagnosed : Diagnosis or None
+    no_diagnosis : str
+        Why there is none; empty where none was asked for, and then the page says nothing of it.
     """
 
     runs: tuple[ProcessedRun, ...]
@@ -68,6 +72,21 @@ class Material:
     command: str = ""
     options: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
+    diagnosed: Diagnosis | None = None
+    no_diagnosis: str = ""
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """The diagnosis; a section that needs one is left out with the reason when there is none.
+
+        Raises
+        ------
+        DataError
+            There is no diagnosis.
+        """
+        if self.diagnosed is None:
+            raise DataError(self.no_diagnosis)
+        return self.diagnosed
 
     @property
     def fit(self) -> CampaignFit:

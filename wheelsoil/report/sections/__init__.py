@@ -10,19 +10,32 @@ from types import ModuleType
 from wheelsoil.report.sections import (
     against_slip,
     against_time,
+    candidates,
     coefficients,
     criteria,
+    detectable,
     drive,
+    evidence,
+    gain,
     load,
+    misfit,
+    next_run,
     provenance,
     quality,
     sinkage,
     torque,
     verdict,
+    workings,
 )
 
 SECTIONS: tuple[ModuleType, ...] = (
     verdict,
+    misfit,
+    candidates,
+    evidence,
+    gain,
+    next_run,
+    detectable,
     coefficients,
     criteria,
     against_time,
@@ -32,6 +45,10 @@ SECTIONS: tuple[ModuleType, ...] = (
     load,
     drive,
     quality,
+    workings,
     provenance,
 )
 """In the order of the page."""
+
+OF_THE_DIAGNOSIS = (misfit, candidates, evidence, gain, next_run, detectable, workings)
+"""Sections that are not on the page where no diagnosis was asked for."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
 import numpy as np
 
@@ -37,13 +38,37 @@ _STOPS = {
 
 
 def build(material: Material) -> Section:
-    """Build the section."""
+    """Build the section: what the diagnosis says leads, then what the four models say.
+
+    Raises
+    ------
+    DataError
+        There is neither a diagnosis nor a fit that could be judged.
+    """
+    found = material.diagnosed
+    if found is None:
+        blocks, numbers = _of_the_fit(material, "lead")
+        if material.no_diagnosis:
+            blocks.insert(1, Text(f"No diagnosis: {material.no_diagnosis}.", "warning"))
+        return Section(KEY, TITLE, blocks, numbers)
+    lead = Text(found.sentence, "lead")
+    try:
+        blocks, numbers = _of_the_fit(material, "text")
+    except DataError as error:
+        why = "; ".join(fault.what for fault in error.faults)
+        blocks, numbers = [Text(f"The four models could not be judged: {why}.", "warning")], {}
+    both = {"sentence": found.sentence, "verdict": found.verdict, "fit": numbers}
+    return Section(KEY, TITLE, [lead, *blocks], both)
+
+
+def _of_the_fit(material: Material, kind: str) -> tuple[list[Block], dict[str, Any]]:
+    """Return which of the four models predicts best, and whether to trust it."""
     ranking = rank(material)
     checks = [check for check in _checks(material, ranking) if check.text]
     concerns = sum(check.kind == "warning" for check in checks)
     sentence = _sentence(material, ranking)
     trust = _trust(concerns)
-    blocks: list[Block] = [Text(f"{sentence} {trust}", "lead"), *sorted(checks, key=lambda check: check.kind == "good")]
+    blocks: list[Block] = [Text(f"{sentence} {trust}", kind), *sorted(checks, key=lambda check: check.kind == "good")]
     numbers = {
         "sentence": sentence,
         "trust": trust,
@@ -52,7 +77,7 @@ def build(material: Material) -> Section:
         "rivals": ranking.rivals,
         "checks": [{"good": check.kind == "good", "text": check.text} for check in checks],
     }
-    return Section(KEY, TITLE, blocks, numbers)
+    return blocks, numbers
 
 
 def _sentence(material: Material, ranking: Ranking) -> str:

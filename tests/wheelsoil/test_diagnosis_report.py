@@ -1,0 +1,171 @@
+"""The report's sections of the diagnosis: complete, honest about what is not there, robust against hostile names."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_samples import SENTENCES, diagnosis, seen
+
+from daq.open import open_runs
+from model.diagnosis.result import Candidate, Diagnosis, Seen
+from processing.options import ProcessOptions
+from wheelsoil.fitting import FitChoices, fit_runs
+from wheelsoil.plain import to_json
+from wheelsoil.report.build import Report, build_report
+from wheelsoil.report.content import Figure, Panels, Section, Table, Text
+from wheelsoil.report.material import Material, versions
+from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
+from wheelsoil.runs import process_runs
+
+EVIL = "<img src=x onerror=alert(1)>&{{7*7}}"
+KEYS = [module.KEY for module in OF_THE_DIAGNOSIS]
+
+
+@pytest.fixture(scope="module")
+def plain_material(campaign) -> Material:
+    processed = process_runs(open_runs([campaign]), ProcessOptions())
+    fit = fit_runs(processed, FitChoices(), None)
+    runs = tuple(run for _, run in processed)
+    return Material(runs, fit, "", processed[0][0].vehicle, fit.soil.name, versions=versions())
+
+
+def built(material: Material, found: Diagnosis) -> Report:
+    report = build_report(replace(material, diagnosed=found))
+    assert report.left_out == {}
+    return report
+
+
+def section(report: Report, key: str) -> Section:
+    return next(section for section in report.sections if section.key == key)
+
+
+def figures(report: Report, key: str) -> list[Figure]:
+    return [figure for block in section(report, key).blocks if isinstance(block, Panels) for figure in block.figures]
+
+
+def text(report: Report, key: str) -> str:
+    blocks = section(report, key).blocks
+    cells = [cell for block in blocks if isinstance(block, Table) for row in block.rows for cell in row]
+    return " ".join([*(block.text for block in blocks if isinstance(block, Text)), *cells])
+
+
+@pytest.mark.parametrize("verdict", SENTENCES)
+def test_every_section_is_there_and_its_sentence_leads(plain_material, verdict):
+    import plotly.graph_objects as go
+
+    report = built(plain_material, diagnosis(verdict))
+    assert [section.key for section in report.sections] == [module.KEY for module in SECTIONS]
+    lead = section(report, "verdict").blocks[0]
+    assert isinstance(lead, Text) and lead.kind == "lead" and lead.text == SENTENCES[verdict]
+    assert report.sentence == SENTENCES[verdict]
+    for key in KEYS:
+        for figure in figures(report, key):
+            go.Figure(data=figure.data, layout=figure.layout)
+            assert figure.layout["xaxis"]["title"]["text"], figure.key
+        for block in section(report, key).blocks:
+            if isinstance(block, Panels):
+                assert len(block.reading) < 330, "two lines on how to read it"
+    html = report.html("x.json")  # plotly.js holds ids of its own
+    ids = re.findall(r'id="((?:plot|data)-[^"]+)"', html)
+    assert len(ids) == len(set(ids))
+
+
+def test_every_number_is_in_the_json(plain_material):
+    found = diagnosis("named")
+    numbers = json.loads(to_json(built(plain_material, found).numbers()))["sections"]
+    assert numbers["verdict"]["verdict"] == "named"
+    assert numbers["verdict"]["fit"]["best"] in ("lyasko", "vasilev", "ding")
+    assert numbers["candidates"]["causes"][0]["parameters"][0]["interval95"] == [0.04, 0.06]
+    assert numbers["gain"]["gain"]["base"]["dp"]["R0"] == 120.0
+    assert numbers["detectable"]["share"]["vasilev"] == pytest.approx(0.012 / 0.05)
+    assert numbers["next_run"]["next_run"][0]["separates"] == ["slip_sinkage", "bulldozing"]
+    assert numbers["workings"]["noise"]["run_scatter"] is None
+    left = np.array(numbers["misfit"]["dp"]["clay: against slip"]["median"]["median"])
+    assert left[-1] < -100 < left[0]
+    after = np.array(numbers["evidence"]["dp"]["clay"]["after"]["median"])
+    assert np.abs(after).max() < 60
+
+
+def test_residuals_are_drawn_against_everything_that_tells(plain_material):
+    drawn = {figure.key for figure in figures(built(plain_material, diagnosis()), "misfit")}
+    against = ("slip", "vertical_load_n", "ground_speed_mps", "time_s", "line_position", "run")
+    assert drawn == {f"misfit-{channel}-{key}" for channel in ("dp", "t") for key in against}
+
+
+def test_without_a_torque_channel_there_are_no_empty_panels(plain_material):
+    def pull_only(one: Seen) -> Seen:
+        fields = ("measured", "base", "extended", "base_sigma")
+        return replace(one, **{name: {"dp": getattr(one, name)["dp"]} for name in fields})
+
+    found = diagnosis()
+    report = built(plain_material, replace(found, seen=tuple(map(pull_only, found.seen))))
+    keys = [figure.key for name in ("misfit", "evidence") for figure in figures(report, name)]
+    assert keys and not [key for key in keys if key.endswith("-t") or "-t-" in key]
+
+
+def test_several_campaigns_are_a_choice(plain_material):
+    found = replace(diagnosis(), seen=(seen("clay"), seen("sand")))
+    for key in ("misfit", "evidence"):
+        for block in section(built(plain_material, found), key).blocks:
+            if isinstance(block, Panels):
+                assert block.choices == ["clay", "sand"]
+                assert all(set(figure.groups) == {"clay", "sand"} for figure in block.figures)
+
+
+def test_what_cannot_be_shown_is_said(plain_material):
+    unexplained = built(plain_material, diagnosis("unexplained"))
+    assert "No cause of the library" in text(unexplained, "evidence")
+    assert "offered and not a name" in text(unexplained, "candidates")
+    assert "so no probability is to be trusted" in text(unexplained, "candidates")
+    nothing = built(plain_material, replace(diagnosis("nothing_detectable"), gain=None, next_run=(), seen=()))
+    assert "No cause can be seen" in text(nothing, "evidence")
+    assert "at least two runs" in text(nothing, "gain")
+    assert "asks for no further run" in text(nothing, "next_run")
+    assert "at no size" in text(nothing, "detectable")
+    assert figures(nothing, "misfit") == []
+
+
+def test_a_few_samples_do_not_break_a_figure(plain_material):
+    found = replace(diagnosis(), seen=(seen(runs=("one",), samples=2),))
+    built(plain_material, found).html("x.json")
+
+
+def test_a_failed_diagnosis_costs_its_sections_and_nothing_else(plain_material):
+    report = build_report(replace(plain_material, no_diagnosis="too few samples"))
+    assert sorted(report.left_out) == sorted(KEYS)
+    assert set(report.left_out.values()) == {"too few samples"}
+    assert "No diagnosis: too few samples" in text(report, "verdict")
+    assert "model follows the drawbar pull best" in report.sentence
+
+
+def test_where_none_was_asked_for_the_page_is_silent(plain_material):
+    report = build_report(plain_material)
+    assert not {section.key for section in report.sections} & set(KEYS)
+    assert report.left_out == {}
+
+
+def test_a_diagnosis_leads_even_where_there_is_no_fit(plain_material):
+    report = build_report(replace(plain_material, campaign=None, no_fit="no", diagnosed=diagnosis()))
+    assert report.sentence == SENTENCES["named"]
+    assert "could not be judged" in text(report, "verdict")
+
+
+def test_names_stay_data(plain_material):
+    found = replace(
+        diagnosis("one_of"),
+        sentence=EVIL,
+        candidates=(Candidate(EVIL, 0.5),),
+        cannot_tell={EVIL: EVIL},
+        notes=(EVIL,),
+        seen=(seen(campaign=EVIL, runs=(EVIL, "b")),),
+    )
+    page = built(plain_material, found).html("x.json")
+    assert "<img" not in page
+    for _, figure in re.findall(r'id="data-([^"]+)">(.*?)</script>', page, re.DOTALL):
+        for trace in json.loads(figure)["data"]:
+            shown = [trace["name"], *(x for axis in "xy" for x in trace.get(axis, []) if isinstance(x, str))]
+            assert not any("<" in name for name in shown), "plotly reads HTML"

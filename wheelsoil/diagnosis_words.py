@@ -1,0 +1,31 @@
+"""Names and numbers of a diagnosis as the terminal and the report write them."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from model.effects import EFFECTS
+
+CHANNEL_NAMES = {"dp": "drawbar pull", "t": "driving torque", "z": "sinkage"}
+CHANNEL_UNITS = {"dp": "N", "t": "N m", "z": "m"}
+FINDING_UNITS = {"drawbar_pull": "N", "driving_torque": "N m", "sinkage": "m"}
+
+
+def plain_name(name: str) -> str:
+    """Return the name of a family or a channel as people write it."""
+    return name.replace("_", " ")
+
+
+def effect_name(key: str) -> str:
+    """Return family and form of an effect of the library, or the key of one that is not in it."""
+    effect = EFFECTS.get(key)
+    if effect is None:
+        return plain_name(key)
+    return f"{plain_name(effect.name)} ({effect.form})" if effect.form else plain_name(effect.name)
+
+
+def probability(value: float) -> str:
+    """Return a probability; never 1 or 0, which no data give."""
+    if not isfinite(value):
+        return "-"
+    return ">0.999" if value > 0.9995 else "<0.001" if value < 0.0005 else f"{value:.3f}"

@@ -1,0 +1,123 @@
+"""The candidates: how probable each cause is, what it would be worth, and what the data cannot tell."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from model.diagnosis.result import Candidate, Cause, Diagnosis
+from model.effects import EFFECTS
+from wheelsoil.diagnosis_words import plain_name, probability
+from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
+from wheelsoil.report.figures import Trace, axes, bars
+from wheelsoil.report.material import Material
+from wheelsoil.report.words import interval, number, unit
+
+KEY = "candidates"
+TITLE = "Candidates"
+
+_SHOWN = 10
+_LOOKS = (("named", "#0072B2", ""), ("not named", "#E69F00", "/"), ("no cause at all", "#bdbdbd", "."))
+_READING = (
+    "the length of a bar is the probability that the cause is among those at work. Causes may act together, so the "
+    "bars need not add up to 1. A name is stated from 0.9 on, and only if it is worth something on runs left out."
+)
+
+
+def build(material: Material) -> Section:
+    """Build the section."""
+    found = material.diagnosis
+    blocks: list[Block] = []
+    if found.candidates:
+        blocks.append(Panels([_figure(found)], _READING))
+    if found.causes:
+        blocks += [_table(found), *(Text(text) for text in dict.fromkeys(map(_meaning, found.causes)))]
+    blocks += _adequacy(found)
+    if found.cannot_tell:
+        rows = [[plain_name(name), why] for name, why in found.cannot_tell.items()]
+        blocks.append(Table("What these data cannot decide", ["cause", "for want of"], rows, left=2))
+    numbers = {
+        "verdict": found.verdict,
+        "candidates": found.candidates,
+        "causes": found.causes,
+        "adequacy": found.adequacy,
+        "proposal": found.proposal,
+        "cannot_tell": found.cannot_tell,
+    }
+    return Section(KEY, TITLE, blocks, numbers)
+
+
+def _figure(found: Diagnosis) -> Figure:
+    shown = found.candidates[:_SHOWN]
+    named = {cause.name for cause in found.causes} if found.verdict == "named" else set()
+    parts: tuple[list[Candidate], ...] = (
+        [c for c in shown if c.name in named],
+        [c for c in shown if c.name not in named and c.name != "none"],
+        [c for c in shown if c.name == "none"],
+    )
+    data: list[Trace] = [
+        bars([plain_name(c.name) for c in part], [c.probability for c in part], name, colour, pattern)
+        for part, (name, colour, pattern) in zip(parts, _LOOKS, strict=True)
+        if part
+    ]
+    layout = axes("probability of being among the causes", "", height=120 + 26 * len(shown), barmode="stack")
+    layout["xaxis"] |= {"range": [0, 1]}
+    order = [plain_name(c.name) for c in shown]
+    layout["yaxis"] |= {
+        "autorange": "reversed",
+        "type": "category",
+        "categoryorder": "array",
+        "categoryarray": order,
+    }
+    return Figure("candidates", "How probable each cause is", data, layout)
+
+
+def _table(found: Diagnosis) -> Table:
+    head = ["cause", "form", "kind", "parameter", "probability", "value", "95 % interval", "unit"]
+    rows = [row for cause in found.causes for row in _rows(cause)]
+    title = "The set: each as if it were the one" if found.verdict == "one_of" else "What was found"
+    note = (
+        "The family is named first; the form within it only conditionally, with its probability given the family in "
+        "brackets. Intervals allow for the noise, for the errors of speed and load, and for the soil."
+    )
+    return Table(title, head, rows, note, left=4)
+
+
+def _rows(cause: Cause) -> list[list[str]]:
+    form = f"{cause.form} ({probability(cause.form_probability)})" if cause.form else ""
+    names = [plain_name(cause.name), form, cause.kind]
+    rows = []
+    for i, parameter in enumerate(cause.parameters):
+        rows.append(
+            [
+                *(names if i == 0 else [""] * 3),
+                parameter.name,
+                probability(cause.probability) if i == 0 else "",
+                number(parameter.value, 4),
+                interval(*parameter.interval95),
+                unit(parameter.unit),
+            ]
+        )
+    return rows
+
+
+def _meaning(cause: Cause) -> str:
+    effect = EFFECTS.get(cause.key)
+    return f"{plain_name(cause.name).capitalize()}: {effect.summary} ({effect.source})" if effect else cause.key
+
+
+def _adequacy(found: Diagnosis) -> list[Block]:
+    blocks: list[Block] = []
+    if found.adequacy and isfinite(found.adequacy.statistic):
+        numbers = f"Lack of fit {number(found.adequacy.statistic)}, threshold {number(found.adequacy.threshold)}"
+        if found.adequacy.ok:
+            blocks.append(Text(f"{numbers}: the best explanation leaves no more than noise.", "good"))
+        else:
+            text = f"{numbers}: the best explanation leaves more than noise can be, so no probability is to be trusted."
+            blocks.append(Text(text, "warning"))
+    if found.proposal:
+        text = (
+            f"A formula for what is left, offered and not a name: {found.proposal.formula}, worth "
+            f"{number(found.proposal.gain)} nats on runs left out."
+        )
+        blocks.append(Text(text))
+    return blocks

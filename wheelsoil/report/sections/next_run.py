@@ -1,0 +1,44 @@
+"""The next run: which manoeuvre would part the candidates best."""
+
+from __future__ import annotations
+
+from math import exp
+
+from wheelsoil.diagnosis_words import plain_name
+from wheelsoil.report.content import Section, Table, Text
+from wheelsoil.report.material import Material
+from wheelsoil.report.words import listed, number
+
+KEY = "next_run"
+TITLE = "Next run"
+
+_NOTE = (
+    "Expected ln Bayes factor: by how many nats one such run is expected to favour the true candidate over the one "
+    "that looks most like it. 1 is hardly anything, 3 is 20 to 1, 5 is 150 to 1."
+)
+_MOST = 1e6
+
+
+def build(material: Material) -> Section:
+    """Build the section."""
+    runs = material.diagnosis.next_run
+    if not runs:
+        return Section(
+            KEY, TITLE, [Text("The verdict asks for no further run; --next-run ranks them all the same.")], {}
+        )
+    rows = [
+        [
+            run.change,
+            listed([plain_name(name) for name in run.separates]),
+            number(run.expected_log_bayes_factor),
+            _odds(run.expected_log_bayes_factor),
+        ]
+        for run in runs
+    ]
+    head = ["what to do", "parts", "expected ln Bayes factor", "odds"]
+    return Section(KEY, TITLE, [Table("Best first", head, rows, _NOTE, left=2)], {"next_run": runs})
+
+
+def _odds(nats: float) -> str:
+    odds = exp(min(max(nats, 0.0), 50.0))
+    return f"{number(odds, 2)} to 1" if odds < _MOST else "over a million to 1"
