@@ -1,0 +1,186 @@
+"""What separates a bench's rows from a model: scatter of repeats, and an error of form that repeats share.
+
+A row of a group (one preparation, one speed) is ``y = f + d_group + e`` with e the scatter of repeats, d an error of
+the model's form that all rows of the group share: no such model is right to the scatter of a good laboratory, and a
+cause must not be named because another explains the last tenth of a newton better. Both one-sigmas are unknown and
+integrated over: the scatter with a prior even in its logarithm (or given), the error of form with a half-Cauchy one of
+`FORM_SHARES` of the load, of the load times the radius, or of the radius (Gelman 2006, Bayesian Analysis 1:515). Slip's
+and load's own errors are carried through the model's slopes where the table states them.
+
+Given the model's values the integral is a finite sum over a grid, channel by channel; its gradient is that of one
+Gaussian with the mean precision, so that a search needs no grid of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+FORM_SHARES = {"dp": 0.03, "t": 0.03, "z": 0.03}
+"""Error of form that a right model may well have: of W, of W r, of r."""
+_SCATTER_NODES = 9
+_FORM_NODES = 13
+
+
+@dataclass(frozen=True)
+class ChannelNoise:
+    """The noise of one channel.
+
+    Attributes
+    ----------
+    channel : "dp", "t" or "z"
+    measured : array, shape (m,)
+        Of the m rows that have it.
+    groups : int array, shape (m,)
+        From 0 to g - 1; rows of one group share the error of form.
+    carried : array, shape (m,)
+        Variance from the errors of slip and load.
+    form_scale : float
+        Of the half-Cauchy prior.
+    scatter, form : arrays, shape (nodes,)
+        One-sigmas.
+    log_weight : array, shape (nodes,)
+        Of each node; sums to 1.
+    """
+
+    channel: str
+    measured: FloatArray
+    groups: NDArray[np.intp]
+    carried: FloatArray
+    form_scale: float
+    scatter: FloatArray
+    form: FloatArray
+    log_weight: FloatArray
+
+    @staticmethod
+    def of(
+        channel: str,
+        measured: FloatArray,
+        groups: NDArray[np.intp],
+        carried: FloatArray,
+        form_scale: float,
+        sigma: float | None,
+    ) -> ChannelNoise:
+        """Return the noise of a channel; `sigma` is the scatter of repeats where it is known."""
+        if sigma is not None:
+            scatter, scatter_weight = np.array([sigma]), np.ones(1)
+        else:
+            seen = scatter_of_repeats(measured, groups)
+            middle = seen if seen > 0 else form_scale / 3
+            scatter = middle * np.geomspace(0.4, 4.0, _SCATTER_NODES)
+            scatter_weight = np.full(_SCATTER_NODES, 1.0 / _SCATTER_NODES)
+        form = form_scale * np.geomspace(0.03, 100.0, _FORM_NODES)
+        edges = np.concatenate([[0.0], np.sqrt(form[1:] * form[:-1]), [np.inf]])
+        form_weight = np.diff(2.0 / np.pi * np.arctan(edges / form_scale))
+        return ChannelNoise(
+            channel,
+            measured,
+            groups,
+            carried,
+            form_scale,
+            np.repeat(scatter, _FORM_NODES),
+            np.tile(form, len(scatter)),
+            np.log(np.outer(scatter_weight, form_weight)).ravel(),
+        )
+
+    @cached_property
+    def members(self) -> FloatArray:
+        """Which row is of which group, shape (m, g)."""
+        return np.eye(int(self.groups.max()) + 1)[self.groups]
+
+    @cached_property
+    def _row_precision(self) -> FloatArray:
+        """Shape (nodes, m)."""
+        return 1.0 / (self.scatter[:, None] ** 2 + self.carried)
+
+    @cached_property
+    def _group_precision(self) -> FloatArray:
+        """Sum over a group's rows, shape (nodes, g)."""
+        return self._row_precision @ self.members
+
+    def log_likelihoods(self, error: FloatArray, rows: FloatArray | None = None) -> FloatArray:
+        """Return ln p of measured minus model for every node.
+
+        Parameters
+        ----------
+        error : array, shape (..., m)
+        rows : array, shape (m,), optional
+            1 for rows that count, 0 for rows that are left out; of a group all or none.
+
+        Returns
+        -------
+        array, shape (..., nodes)
+        """
+        counted = np.ones(error.shape[-1]) if rows is None else rows
+        weight = self._row_precision * counted  # (nodes, m)
+        precision = weight @ self.members
+        squares = (error**2) @ weight.T
+        sums = np.einsum("...m,km,mg->...kg", error, weight, self.members, optimize=True)
+        shared = 1.0 + self.form[:, None] ** 2 * precision
+        determinant = (np.log(2 * np.pi / self._row_precision) @ counted) + np.log(shared).sum(axis=1)
+        explained = (sums**2 * (self.form[:, None] ** 2 / shared)).sum(axis=-1)
+        return np.asarray(-0.5 * (determinant + squares - explained))
+
+    def log_likelihood(self, error: FloatArray, rows: FloatArray | None = None) -> FloatArray:
+        """Return ln p of measured minus model, shape (...); see `log_likelihoods`."""
+        return np.asarray(_log_sum(self.log_likelihoods(error, rows) + self.log_weight))
+
+    def node_shares(self, error: FloatArray, rows: FloatArray | None = None) -> FloatArray:
+        """Return the probability of every node given the errors, shape (..., nodes)."""
+        each = self.log_likelihoods(error, rows) + self.log_weight
+        return np.asarray(np.exp(each - _log_sum(each)[..., None]))
+
+    def precision(self, shares: FloatArray, rows: FloatArray | None = None) -> FloatArray:
+        """Return the mean precision matrix under the nodes' probabilities, shape (..., m, m)."""
+        counted = np.ones(len(self.measured)) if rows is None else rows
+        weight = self._row_precision * counted
+        shared = 1.0 + self.form[:, None] ** 2 * (weight @ self.members)
+        factor = (self.form[:, None] ** 2 / shared) @ self.members.T  # (nodes, m)
+        together = self.members @ self.members.T
+        diagonal = (shares @ weight)[..., None] * np.eye(len(counted))
+        block = np.einsum("...k,ki,kj->...ij", shares, weight * factor, weight, optimize=True) * together
+        return np.asarray(diagonal - block)
+
+    def means(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the mean one-sigmas of scatter and error of form under the nodes' probabilities."""
+        return shares @ self.scatter, shares @ self.form
+
+
+def scatter_of_repeats(measured: FloatArray, groups: NDArray[np.intp]) -> float:
+    """Return the pooled one-sigma within groups; 0 where no group has two rows."""
+    counts = np.bincount(groups)
+    freedom = int((counts - 1)[counts > 0].sum())
+    if freedom <= 0:
+        return 0.0
+    means = np.bincount(groups, measured) / np.maximum(counts, 1)
+    return float(np.sqrt(((measured - means[groups]) ** 2).sum() / freedom))
+
+
+def groups_of_rows(group: NDArray[np.intp], slip: FloatArray, load_n: FloatArray) -> NDArray[np.intp]:
+    """Return which rows are repeats of each other, from 0 on.
+
+    The table's own groups where it parts rows; else rows of like slip (closer than 0.03 to the next) and load (closer
+    than 30 % to the next).
+    """
+    if len(np.unique(group)) > 1:
+        return np.asarray(np.unique(group, return_inverse=True)[1])
+    by_slip, by_load = (_steps(x, gap) for x, gap in ((slip, 0.03), (np.log(load_n), 0.3)))
+    return np.asarray(np.unique(by_slip * (len(slip) + 1) + by_load, return_inverse=True)[1])
+
+
+def _steps(values: FloatArray, gap: float) -> NDArray[np.intp]:
+    order = np.argsort(values)
+    step = np.concatenate([[0], np.cumsum(np.diff(values[order]) > gap)])
+    out = np.empty(len(values), np.intp)
+    out[order] = step
+    return out
+
+
+def _log_sum(x: FloatArray) -> FloatArray:
+    top = x.max(axis=-1)
+    return np.asarray(top + np.log(np.exp(x - top[..., None]).sum(axis=-1)))
