@@ -1,8 +1,11 @@
-"""The library of effects: one hypothesis a file; `EFFECTS` lists them by their short name."""
+"""The library of effects: one hypothesis a file; `EFFECTS` lists them by their short name.
+
+Installed packages add theirs by an entry point (`model.effects.library`).
+"""
 
 from __future__ import annotations
 
-from model.effects.base import Effect, Parameter
+from model.effects.base import Effect, Parameter, Values
 from model.effects.bulldozing import Bulldozing
 from model.effects.closed_form_sinkage import ClosedFormSinkage
 from model.effects.crosstalk import Crosstalk
@@ -12,6 +15,7 @@ from model.effects.drawbar_pull_zero import DrawbarPullZero
 from model.effects.exit_angle import ExitAngle
 from model.effects.grouser import Grouser
 from model.effects.interface_friction import InterfaceFriction
+from model.effects.library import Library
 from model.effects.load_gain import LoadGain
 from model.effects.load_zero import LoadZero
 from model.effects.lyasko import Lyasko
@@ -65,7 +69,7 @@ MEASUREMENT: tuple[type[Effect], ...] = (
     ZeroDrift,
 )
 
-EFFECTS: dict[str, type[Effect]] = {effect.key(): effect for effect in (*PHYSICAL, *MEASUREMENT)}
+EFFECTS = Library((*PHYSICAL, *MEASUREMENT))
 """Every known effect: form where the family has several, else family."""
 
-__all__ = ["EFFECTS", "MEASUREMENT", "PHYSICAL", "Effect", "Parameter"]
+__all__ = ["EFFECTS", "MEASUREMENT", "PHYSICAL", "Effect", "Parameter", "Values"]

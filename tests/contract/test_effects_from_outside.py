@@ -1,0 +1,105 @@
+"""Effects that another package brings: found, simulated, held to the contract; a broken one is told by its name."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+HEADWIND = '''
+"""A wind from ahead."""
+from dataclasses import replace
+
+from model.effects import Effect, Parameter
+
+
+class Headwind(Effect):
+    """Dp -= q V^2: what the wind takes is taken from the wheel."""
+
+    name = "headwind"
+    summary = "The wind takes part of the drawbar pull."
+    source = "Newton (1687)"
+    parameters = (Parameter("drag", "N s2/m2", 0.0, 5.0, -50.0, 50.0, 5.0, "a van"),)
+    needs = ("ground_speed_mps",)
+
+    def resultants(self, reaction, state, values):
+        """Return the forces less the drag."""
+        v = state.conditions.ground_speed_mps
+        return replace(reaction, drawbar_pull=reaction.drawbar_pull - values["drag"] * v * v)
+'''
+COMMAND = ("-c", "import sys; from wheelsoil.cli.app import main; sys.exit(main())")
+Install = Callable[..., dict[str, str]]
+
+
+@pytest.fixture
+def install(tmp_path: Path) -> Install:
+    """Return a function that puts a distribution where Python finds it, and returns the environment to run in."""
+
+    def put(package: str, code: str, target: str) -> dict[str, str]:
+        folder = tmp_path / "site"
+        info = folder / f"{package}-1.0.dist-info"
+        info.mkdir(parents=True)
+        (folder / f"{package}.py").write_text(code)
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(f"[wheelsoil.effects]\nmine = {target}\n")
+        return os.environ | {"PYTHONPATH": f"{folder}{os.pathsep}{ROOT}"}
+
+    return put
+
+
+def python(env: dict[str, str], *args: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *map(str, args)], cwd=ROOT, env=env, capture_output=True, text=True, check=False, timeout=300
+    )
+
+
+def test_a_package_adds_an_effect(install: Install, tmp_path: Path) -> None:
+    env = install("my_wind", HEADWIND, "my_wind:Headwind")
+    out = tmp_path / "campaign"
+    done = python(env, *COMMAND, "simulate", "-o", out, "--runs", 1, "--duration", 15, "--effect", "headwind:drag=7")
+    assert done.returncode == 0, done.stderr
+    truth = tomllib.loads((out / "manifest.toml").read_text())["truth"]
+    assert truth["effect"] == [{"name": "headwind", "parameters": {"drag": 7.0}}]
+    seen = python(env, "-c", "import my_wind; from model.effects import EFFECTS; print(EFFECTS['headwind'].summary)")
+    assert seen.stdout == "The wind takes part of the drawbar pull.\n", seen.stderr
+
+
+def test_the_contract_suite_takes_it_up(install: Install) -> None:
+    env = install("my_wind", HEADWIND, "my_wind:Headwind")
+    suite = "tests/contract/test_effects_contract.py"
+    done = python(env, "-m", "pytest", "-q", "-p", "no:cacheprovider", suite, "-k", "headwind")
+    assert done.returncode == 0, done.stdout
+    assert " passed" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("code", "target", "said"),
+    [
+        ("1 / 0", "my_wind:Headwind", "cannot be loaded"),
+        ("def (", "my_wind:Headwind", "cannot be loaded"),
+        (HEADWIND, "my_wind:Tailwind", "cannot be loaded"),
+        ("Headwind = 3", "my_wind:Headwind", "is no effect"),
+        (HEADWIND.replace('name = "headwind"', 'name = "slope"'), "my_wind:Headwind", "takes the name 'slope'"),
+        (HEADWIND.replace("source =", "sauce ="), "my_wind:Headwind", "no source"),
+        (HEADWIND.replace("5.0, -50.0", "5.0, 1.0"), "my_wind:Headwind", "out of order"),
+        (HEADWIND.replace('"a van"),)', '"a van"))'), "my_wind:Headwind", "no tuple"),
+        (HEADWIND.replace('name = "headwind"', 'name = "head wind"'), "my_wind:Headwind", "cannot be typed"),
+    ],
+)
+def test_a_broken_one_is_told_by_name(install: Install, tmp_path: Path, code: str, target: str, said: str) -> None:
+    env = install("my_wind", code, target)
+    done = python(env, *COMMAND, "simulate", "-o", tmp_path / "campaign", "--effect", "slope")
+    assert done.returncode == 2
+    assert said in done.stderr and "my_wind" in done.stderr and "Traceback" not in done.stderr
+    assert not (tmp_path / "campaign").exists()
+
+
+def test_a_broken_one_leaves_help_alone(install: Install) -> None:
+    done = python(install("my_wind", "1 / 0", "my_wind:Headwind"), *COMMAND, "--help")
+    assert done.returncode == 0 and "simulate" in done.stdout
