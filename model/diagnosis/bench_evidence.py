@@ -23,10 +23,14 @@ from model.diagnosis.bench_search import Optimum, log_likelihood
 FloatArray = NDArray[np.float64]
 
 _FREEDOM = 5.0
-_STRETCHES = (1.0, 3.0)
+_STRETCHES = (1.0, 3.0, 10.0)
 """Of the first proposals: the noise is a mixture, and so the posterior narrow and wide at once."""
-_STAGES = (160, 240, 400)
+_FIRST, _ROUND = 180, 240
 """Draws around the optima, and from each proposal that the draws so far ask for."""
+_ENOUGH = 80.0
+"""Independent draws after which there are no more rounds."""
+_ROUNDS = (2, 6)
+"""Least and most."""
 _MODE_GAP = 6.0
 """Nats by which another optimum may be less likely and still counts as one."""
 
@@ -59,14 +63,12 @@ class Posterior:
     @property
     def weights(self) -> FloatArray:
         """Weights of the draws, shape (draws,); they sum to 1."""
-        each = self.log_weight + self.log_likelihood
-        share = np.exp(each - each.max())
-        return np.asarray(share / share.sum())
+        return _shares(self.log_weight + self.log_likelihood)
 
     @property
     def effective(self) -> float:
         """How many independent draws they are worth."""
-        return float(1.0 / (self.weights**2).sum())
+        return _effective(self.log_weight + self.log_likelihood)
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,9 @@ class _Proposal:
         return np.asarray(constant - determinant - (_FREEDOM + p) / 2 * np.log1p((z**2).sum(axis=0) / _FREEDOM))
 
 
-def posterior_of(problem: BenchProblem, optima: Sequence[Optimum], rng: np.random.Generator) -> Posterior:
+def posterior_of(
+    problem: BenchProblem, optima: Sequence[Optimum], rng: np.random.Generator, rows: FloatArray | None = None
+) -> Posterior:
     """Return the corrected evidence and the posterior of a hypothesis.
 
     Parameters
@@ -102,19 +106,24 @@ def posterior_of(problem: BenchProblem, optima: Sequence[Optimum], rng: np.rando
     optima : sequence of Optimum
         Of one hypothesis, from several starts; at least one with a finite likelihood.
     rng : Generator
+    rows : array, shape (n,), optional
+        1 for rows that count, 0 for rows that are left out.
     """
     modes = _distinct(optima)
     hypothesis = modes[0].hypothesis
     proposals, counts = _around(modes)
     draws = np.concatenate([p.draw(n, rng) for p, n in zip(proposals, counts, strict=True)])
-    said, seen = _evaluated(problem, hypothesis, draws)
-    for count in _STAGES[1:]:
-        wide = _widened(draws, _log_weight(draws, proposals, counts) + seen)
-        new = wide.draw(count, rng)
-        said_new, seen_new = _evaluated(problem, hypothesis, new)
+    said, seen = _evaluated(problem, hypothesis, draws, rows)
+    for done in range(_ROUNDS[1]):
+        weight = _log_weight(draws, proposals, counts) + seen
+        if done >= _ROUNDS[0] and _effective(weight) > _ENOUGH:
+            break
+        wide = _widened(draws, weight)
+        new = wide.draw(_ROUND, rng)
+        said_new, seen_new = _evaluated(problem, hypothesis, new, rows)
         draws, seen = np.concatenate([draws, new]), np.concatenate([seen, seen_new])
         said = {channel: np.concatenate([said[channel], said_new[channel]]) for channel in said}
-        proposals, counts = [*proposals, wide], [*counts, count]
+        proposals, counts = [*proposals, wide], [*counts, _ROUND]
     return _summed(hypothesis, draws, _log_weight(draws, proposals, counts), said, seen)
 
 
@@ -128,14 +137,14 @@ def _around(modes: Sequence[Optimum]) -> tuple[list[_Proposal], list[int]]:
         for mode, covariance in zip(modes, covariances, strict=True)
         for stretch in _STRETCHES
     ]
-    return proposals, [int(_STAGES[0] * s) for s in share for _ in _STRETCHES]
+    return proposals, [int(_FIRST * s) for s in share for _ in _STRETCHES]
 
 
 def _evaluated(
-    problem: BenchProblem, hypothesis: Hypothesis, draws: FloatArray
+    problem: BenchProblem, hypothesis: Hypothesis, draws: FloatArray, rows: FloatArray | None
 ) -> tuple[dict[str, FloatArray], FloatArray]:
     said, _ = problem.evaluate([hypothesis] * len(draws), draws)
-    return said, log_likelihood(problem, said)
+    return said, log_likelihood(problem, said, rows)
 
 
 def _distinct(optima: Sequence[Optimum]) -> list[Optimum]:
@@ -152,8 +161,7 @@ def _distinct(optima: Sequence[Optimum]) -> list[Optimum]:
 
 def _widened(draws: FloatArray, log_weight: FloatArray) -> _Proposal:
     """Return a proposal with the mean and the covariance that weighted draws have; few draws are not believed fully."""
-    share = np.exp(log_weight - log_weight.max())
-    share = np.minimum(share / share.sum(), 0.1)
+    share = np.minimum(_shares(log_weight), 0.1)
     share /= share.sum()
     mean = share @ draws
     covariance = (draws - mean).T @ ((draws - mean) * share[:, None])
@@ -186,3 +194,13 @@ def _summed(
     mean = float(share.mean())
     error = float(share.std() / np.sqrt(len(share)) / mean)
     return Posterior(hypothesis, top + log(mean), error, draws, log_weight, said, seen)
+
+
+def _shares(log_weight: FloatArray) -> FloatArray:
+    share = np.exp(log_weight - log_weight.max())
+    return np.asarray(share / share.sum())
+
+
+def _effective(log_weight: FloatArray) -> float:
+    """Return how many independent draws weighted ones are worth (Kong 1992)."""
+    return float(1.0 / (_shares(log_weight) ** 2).sum())

@@ -1,11 +1,11 @@
 """What separates a bench's rows from a model: scatter of repeats, and an error of form that repeats share.
 
 A row of a group (one preparation, one speed) is ``y = f + d_group + e`` with e the scatter of repeats, d an error of
-the model's form that all rows of the group share: no such model is right to the scatter of a good laboratory, and a
-cause must not be named because another explains the last tenth of a newton better. Both one-sigmas are unknown and
-integrated over: the scatter with a prior even in its logarithm (or given), the error of form with a half-Cauchy one of
-`FORM_SHARES` of the load, of the load times the radius, or of the radius (Gelman 2006, Bayesian Analysis 1:515). Slip's
-and load's own errors are carried through the model's slopes where the table states them.
+the model's form that all rows of the group share: no such model is right to the last digit, and a cause must not be
+named because another explains the last tenth of a newton better. Both one-sigmas are unknown and integrated over: the
+scatter with a prior even in its logarithm (or given), the error of form with a half-Cauchy one (Gelman 2006, Bayesian
+Analysis 1:515) of `FORM_PER_SCATTER` times the scatter of single rows: what a laboratory cannot repeat, a right model
+may miss. Slip's and load's own errors are carried through the model's slopes where the table states them.
 
 Given the model's values the integral is a finite sum over a grid, channel by channel; its gradient is that of one
 Gaussian with the mean precision, so that a search needs no grid of its own.
@@ -21,8 +21,12 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-FORM_SHARES = {"dp": 0.03, "t": 0.03, "z": 0.03}
-"""Error of form that a right model may well have: of W, of W r, of r."""
+FORM_PER_SCATTER = 2.0
+"""Error of form that a right model may well have, in one-sigmas of a single row."""
+FORM_SHARE = 0.025
+"""The same where there are no repeats: of W, of W r, of r."""
+_LEAST_SHARE = 0.005
+"""And at least: repeats that agree better are of a simulation."""
 _SCATTER_NODES = 9
 _FORM_NODES = 13
 
@@ -87,6 +91,12 @@ class ChannelNoise:
             np.tile(form, len(scatter)),
             np.log(np.outer(scatter_weight, form_weight)).ravel(),
         )
+
+    @staticmethod
+    def usual_form(measured: FloatArray, groups: NDArray[np.intp], sigma: float | None, size: float) -> float:
+        """Return the error of form that a right model may well have; `size` is W, W r or r."""
+        scatter = scatter_of_repeats(measured, groups) if sigma is None else sigma
+        return max(FORM_PER_SCATTER * scatter, _LEAST_SHARE * size) if scatter > 0 else FORM_SHARE * size
 
     @cached_property
     def members(self) -> FloatArray:

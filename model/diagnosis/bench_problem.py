@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from model.conditions import Conditions
 from model.diagnosis.bench_columns import CauseUse, Columns, Hypothesis
 from model.diagnosis.bench_coordinates import CauseCoordinate, SoilCoordinates
-from model.diagnosis.bench_noise import FORM_SHARES, ChannelNoise, groups_of_rows
+from model.diagnosis.bench_noise import ChannelNoise, groups_of_rows
 from model.diagnosis.campaign import Bench, DiagnosisOptions
 from model.effects import EFFECTS
 from model.wheel_soil import Reading, WheelSoilModel
@@ -110,7 +110,8 @@ class BenchProblem:
             known = [b.sigmas.get(channel) for b in self.benches]
             sigma = None if any(s is None for s in known) else float(np.mean([s for s in known if s is not None]))
             group = np.unique(self.group[chosen], return_inverse=True)[1]
-            noises.append(ChannelNoise.of(channel, measured[chosen], group, carried, self.form_scale(channel), sigma))
+            form = ChannelNoise.usual_form(measured[chosen], group, sigma, self._size(channel))
+            noises.append(ChannelNoise.of(channel, measured[chosen], group, carried, form, sigma))
             rows.append(chosen)
         return replace(self, noises=tuple(noises), rows=tuple(rows))
 
@@ -118,11 +119,10 @@ class BenchProblem:
         """Return the measured values of a channel in all rows, NaN where not measured."""
         return np.concatenate([getattr(b.rows, FIELDS[channel]) for b in self.benches])
 
-    def form_scale(self, channel: str) -> float:
-        """Return the error of form that a right model may well have, in the channel's unit."""
+    def _size(self, channel: str) -> float:
+        """Return W, W r or r."""
         radius = float(np.mean([b.wheel.radius_m for b in self.benches]))
-        size = {"dp": self.typical_load_n, "t": self.typical_load_n * radius, "z": radius}[channel]
-        return FORM_SHARES[channel] * size
+        return {"dp": self.typical_load_n, "t": self.typical_load_n * radius, "z": radius}[channel]
 
     @cached_property
     def typical_load_n(self) -> float:
@@ -150,6 +150,14 @@ class BenchProblem:
     @cached_property
     def _coordinates(self) -> dict[CauseUse, tuple[CauseCoordinate, ...]]:
         return {}
+
+    def positions(self, hypothesis: Hypothesis) -> dict[CauseUse, slice]:
+        """Return where the coordinates of each cause of a hypothesis are."""
+        found, first = {}, self.soil_offsets[-1]
+        for use in hypothesis:
+            last = first + len(EFFECTS[use.key].parameters)
+            found[use], first = slice(first, last), last
+        return found
 
     def size(self, hypothesis: Hypothesis) -> int:
         """Return the number of coordinates."""

@@ -1,0 +1,227 @@
+"""Every set of causes of a bench, weighed: searched, corrected, gated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.bench_adequacy import misfits, threshold
+from model.diagnosis.bench_columns import CauseUse, Hypothesis
+from model.diagnosis.bench_evidence import Posterior, posterior_of
+from model.diagnosis.bench_problem import BenchProblem
+from model.diagnosis.bench_search import Optimum, search
+from model.diagnosis.bench_sets import Sets, family_of
+
+FloatArray = NDArray[np.float64]
+
+_PARENTS = 2
+"""Sets with a cause less that a search starts from."""
+_PROMISING = 7.0
+"""Nats below the best within which a pair gets a third cause."""
+_MOST_PAIRS = 10
+_GATED = 10.0
+"""Nats below the best within which a set is put to the gate; the others do not count anyway."""
+_CORRECTED = 5.0
+"""Nats below the best within which an evidence is corrected by importance sampling."""
+_MOST_CORRECTED = 24
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """One set of causes.
+
+    Attributes
+    ----------
+    hypothesis : Hypothesis
+    log_prior, log_evidence : float
+        The evidence is corrected where there is a posterior, else Laplace's shifted by what the corrections show.
+    optima : tuple of Optimum
+        From several starts, best first.
+    misfit : float
+        `model.diagnosis.bench_adequacy.misfits`.
+    posterior : Posterior or None
+    """
+
+    hypothesis: Hypothesis
+    log_prior: float
+    log_evidence: float
+    optima: tuple[Optimum, ...]
+    misfit: float
+    posterior: Posterior | None = None
+
+    @property
+    def score(self) -> float:
+        """Ln (prior times evidence)."""
+        return self.log_prior + self.log_evidence
+
+    @property
+    def families(self) -> frozenset[str]:
+        """Families in the set."""
+        return frozenset(family_of(use) for use in self.hypothesis)
+
+
+@dataclass(frozen=True)
+class Weighing:
+    """All sets.
+
+    Attributes
+    ----------
+    problem : BenchProblem
+    sets : tuple of Weighed
+        Likeliest first among the adequate ones, then the others.
+    threshold : float
+        Misfit above which a set is not right enough.
+    """
+
+    problem: BenchProblem
+    sets: tuple[Weighed, ...]
+    threshold: float
+
+    def adequate(self, weighed: Weighed) -> bool:
+        """Whether a set is right enough to be weighed."""
+        return weighed.misfit <= self.threshold
+
+    @property
+    def any_adequate(self) -> bool:
+        """Whether there is an explanation at all."""
+        return any(self.adequate(w) for w in self.sets)
+
+    @cached_property
+    def probabilities(self) -> FloatArray:
+        """Of each set, among the adequate ones where there are any, else among all."""
+        gated = self.any_adequate
+        score = np.array([w.score if self.adequate(w) or not gated else -np.inf for w in self.sets])
+        share = np.exp(score - score.max())
+        return np.asarray(share / share.sum())
+
+    @cached_property
+    def ungated(self) -> FloatArray:
+        """Probability of each set without the gate."""
+        score = np.array([w.score for w in self.sets])
+        share = np.exp(score - score.max())
+        return np.asarray(share / share.sum())
+
+    def of_family(self, family: str, probabilities: FloatArray | None = None) -> float:
+        """Return the probability that a family is among the causes."""
+        p = self.probabilities if probabilities is None else probabilities
+        return float(sum(x for x, w in zip(p, self.sets, strict=True) if family in w.families))
+
+    def of_set(self, hypothesis: Hypothesis) -> Weighed:
+        """Return a set."""
+        return next(w for w in self.sets if w.hypothesis == hypothesis)
+
+
+def weigh(problem: BenchProblem, uses: Sequence[CauseUse], most: int, rng: np.random.Generator) -> Weighing:
+    """Weigh every set of up to `most` causes.
+
+    Parameters
+    ----------
+    problem : BenchProblem
+    uses : sequence of CauseUse
+    most : int
+        0 to 3; sets of three are made of promising pairs.
+    rng : Generator
+    """
+    sets = Sets.of(uses, most)
+    found = _Optima(problem)
+    for size in range(min(most, 2) + 1):
+        found.add_all(h for h in sets.log_prior if len(h) == size)
+    score = {h: found.best(h).log_evidence + prior for h, prior in sets.log_prior.items()}
+    if most > 2:
+        ranked = sorted((h for h in score if len(h) == 2), key=lambda h: -score[h])[:_MOST_PAIRS]
+        sets = sets.with_thirds(h for h in ranked if score[h] > max(score.values()) - _PROMISING)
+        found.add_all(h for h in sets.log_prior if len(h) == 3)
+    weighed = [
+        Weighed(h, prior, found.best(h).log_evidence, found.ranked(h), np.inf) for h, prior in sets.log_prior.items()
+    ]
+    return _corrected(_gated(Weighing(problem, tuple(weighed), threshold(problem, rng))), rng)
+
+
+def _gated(weighing: Weighing) -> Weighing:
+    """Put the sets that count to the gate; all of them where none of those passes."""
+    top = max(w.score for w in weighing.sets)
+    done = weighing
+    for depth in (_GATED, np.inf):
+        chosen = [w for w in weighing.sets if w.score > top - depth or not w.hypothesis]
+        missed = misfits(weighing.problem, [w.optima[0] for w in chosen])
+        misfit_of = dict(zip((w.hypothesis for w in chosen), missed.tolist(), strict=True))
+        done = replace(
+            weighing, sets=tuple(replace(w, misfit=misfit_of.get(w.hypothesis, np.inf)) for w in weighing.sets)
+        )
+        if done.any_adequate:
+            break
+    return done
+
+
+def _corrected(weighing: Weighing, rng: np.random.Generator) -> Weighing:
+    """Correct the evidence of the sets that count by importance sampling, and order the sets."""
+    gated = [w for w in weighing.sets if weighing.adequate(w)] or list(weighing.sets)
+    top = max(w.score for w in gated)
+    chosen = sorted((w for w in gated if w.score > top - _CORRECTED), key=lambda w: -w.score)[:_MOST_CORRECTED]
+    plain = [w for w in weighing.sets if not w.hypothesis and w not in chosen]
+    posteriors = {w.hypothesis: posterior_of(weighing.problem, w.optima, rng) for w in (*chosen, *plain)}
+    shifts = [posteriors[w.hypothesis].log_evidence - w.log_evidence for w in chosen]
+    shift = float(np.median(shifts))
+    done = [
+        replace(w, log_evidence=posteriors[w.hypothesis].log_evidence, posterior=posteriors[w.hypothesis])
+        if w.hypothesis in posteriors
+        else replace(w, log_evidence=w.log_evidence + shift)
+        for w in weighing.sets
+    ]
+    done.sort(key=lambda w: (not weighing.adequate(w), -w.score))
+    return replace(weighing, sets=tuple(done))
+
+
+class _Optima:
+    """Where hypotheses fit best, from starts at what fits best with a cause less."""
+
+    def __init__(self, problem: BenchProblem) -> None:
+        self._problem = problem
+        self._found: dict[Hypothesis, tuple[Optimum, ...]] = {}
+
+    def ranked(self, hypothesis: Hypothesis) -> tuple[Optimum, ...]:
+        """Return the optima of a hypothesis, best first."""
+        return self._found[hypothesis]
+
+    def best(self, hypothesis: Hypothesis) -> Optimum:
+        """Return the best optimum of a hypothesis."""
+        return self._found[hypothesis][0]
+
+    def add_all(self, hypotheses: Iterable[Hypothesis]) -> None:
+        """Search for hypotheses that have not been searched for; those with a cause less come first."""
+        new = [h for h in hypotheses if h not in self._found]
+        starts = [(h, start) for h in new for start in self._starts(h)]
+        found: dict[Hypothesis, list[Optimum]] = {h: [] for h in new}
+        for optimum in search(self._problem, [h for h, _ in starts], [start for _, start in starts]):
+            found[optimum.hypothesis].append(optimum)
+        for hypothesis, optima in found.items():
+            self._found[hypothesis] = tuple(sorted(optima, key=lambda o: -o.log_evidence))
+
+    def _starts(self, hypothesis: Hypothesis) -> list[FloatArray]:
+        size, soil = self._problem.size(hypothesis), self._problem.soil_offsets[-1]
+        parents = [
+            self.best(parent)
+            for left_out in range(len(hypothesis))
+            if (parent := hypothesis[:left_out] + hypothesis[left_out + 1 :]) in self._found
+        ]
+        parents.sort(key=lambda o: -o.log_evidence)
+        starts = [self._extended(parent, hypothesis) for parent in parents[:_PARENTS]]
+        if len(hypothesis) < 2:
+            plain = np.zeros(size)
+            plain[soil:] = 1.0
+            starts.append(plain)
+        return starts
+
+    def _extended(self, parent: Optimum, hypothesis: Hypothesis) -> FloatArray:
+        """Return the coordinates of the parent with the new cause at its median."""
+        start = np.zeros(self._problem.size(hypothesis))
+        soil = self._problem.soil_offsets[-1]
+        start[:soil] = parent.standard[:soil]
+        own = self._problem.positions(hypothesis)
+        for use, where in self._problem.positions(parent.hypothesis).items():
+            start[own[use]] = parent.standard[where]
+        return start
