@@ -4,23 +4,31 @@ from __future__ import annotations
 
 import json
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from effects_support import FINE, OUTPUTS, WHEEL, away, full_conditions, measured, model_with, reading_of, slopes
 
 from model.conditions import Conditions
-from model.effects import EFFECTS
+from model.dual import column
+from model.effects import EFFECTS, MEASUREMENT, PHYSICAL, Parameter
 from model.gauss_newton import gauss_newton
 from model.soils import SOILS
-from model.wheel_soil import WheelSoilModel
+from model.wheel_soil import SOIL_PARAMETERS, WheelSoilModel
 
+DOCS = Path(__file__).parents[2] / "docs" / "effects"
 CONDITIONS = full_conditions()
 OPTIONAL = tuple(f.name for f in fields(Conditions) if f.name not in ("slip", "vertical_load_n"))
 PARAMETERS = [(key, name) for key, effect in EFFECTS.items() for name in effect.parameter_keys().values()]
 
 every_effect = pytest.mark.parametrize("key", list(EFFECTS))
 every_parameter = pytest.mark.parametrize(("key", "name"), PARAMETERS)
+
+
+def _parameter(key: str, name: str) -> Parameter:
+    effect = EFFECTS[key]
+    return dict(zip(effect.parameter_keys().values(), effect.parameters, strict=True))[name]
 
 
 @every_effect
@@ -47,8 +55,8 @@ def test_neutral_is_the_base_model(key: str) -> None:
 @pytest.mark.parametrize("share", [0.0, 0.5])
 def test_derivative_is_that_of_small_changes(key: str, name: str, share: float) -> None:
     """At neutral too, from the plausible side: there Gauss-Newton may start."""
-    effect, model, values = EFFECTS[key], model_with(key, quadrature=FINE), away(key, share)
-    parameter = dict(zip(effect.parameter_keys().values(), effect.parameters, strict=True))[name]
+    model, values = model_with(key, quadrature=FINE), away(key, share)
+    parameter = _parameter(key, name)
     got = slopes(model.predict(CONDITIONS, values, wrt=(name,)), (name,))[:, 0]
     assert np.isfinite(got).all() and np.any(got != 0)
 
@@ -59,6 +67,34 @@ def test_derivative_is_that_of_small_changes(key: str, name: str, share: float) 
     step = 2e-4 * (parameter.side or 1) * parameter.scale(WHEEL)
     scale = np.abs(got).max()
     np.testing.assert_allclose(change(step), got, rtol=0, atol=2e-4 * scale)
+
+
+@every_parameter
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_derivative_is_that_of_the_complex_step(key: str, name: str, share: float) -> None:
+    model, values = model_with(key), away(key, share)
+    analytic = model.predict(CONDITIONS, values, wrt=(name,)).sensitivities[name]
+    soil, h = SOILS["sandy"], 1e-30
+    known = {n: getattr(soil, n) for n in SOIL_PARAMETERS} | {"radius_m": WHEEL.radius_m, "width_m": WHEEL.width_m}
+    stepped = model.evaluate(CONDITIONS.map(column), known | values | {name: values[name] + 1j * h})
+    plain, scale = model.predict(CONDITIONS, values), _parameter(key, name).scale(WHEEL)
+    for output in OUTPUTS:
+        found = getattr(analytic, output)
+        expected = np.broadcast_to(np.imag(stepped[output]) / h, (len(found), 1))[:, 0]
+        size = np.abs(getattr(plain, output)).max() / scale
+        np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-6 * size, err_msg=output)
+
+
+@every_effect
+def test_the_balance_is_found_again(key: str) -> None:
+    """In the balanced reading Eq. 7 gives back the true load, whatever the effect changes."""
+    effect, values = (
+        EFFECTS[key],
+        {p.name: p.neutral + 0.5 * (p.side or 1) * p.scale(WHEEL) for p in EFFECTS[key].parameters},
+    )
+    model = WheelSoilModel(WHEEL, SOILS["sandy"], (effect,))
+    got = model.predict(CONDITIONS, effect.keyed(values))
+    np.testing.assert_allclose(got.vertical_load_n, effect().inputs(CONDITIONS, values).vertical_load_n, rtol=1e-9)
 
 
 @every_effect
@@ -120,3 +156,12 @@ def test_says_whether_it_shows_at_standstill(key: str) -> None:
     standing = replace(CONDITIONS, slip=np.zeros(len(CONDITIONS.slip)))
     pull, torque = model.at_rest(standing, away(key, 1.0))
     assert (np.any(pull != 0) or np.any(torque != 0)) == effect.at_standstill
+
+
+@pytest.mark.parametrize("key", [effect.key() for effect in (*PHYSICAL, *MEASUREMENT)])
+def test_has_a_page(key: str) -> None:
+    effect = EFFECTS[key]
+    page = (DOCS / f"{effect.name}.md").read_text()
+    assert page.startswith(f"# {effect.name}\n")
+    assert all(f"`{p.name}`" in page and f"{p.prior_scale:g}" in page for p in effect.parameters)
+    assert f"[{effect.name}]({effect.name}.md)" in (DOCS / "README.md").read_text()

@@ -12,27 +12,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-HEADWIND = '''
-"""A wind from ahead."""
-from dataclasses import replace
-
-from model.effects import Effect, Parameter
-
-
-class Headwind(Effect):
-    """Dp -= q V^2: what the wind takes is taken from the wheel."""
-
-    name = "headwind"
-    summary = "The wind takes part of the drawbar pull."
-    source = "Newton (1687)"
-    parameters = (Parameter("drag", "N s2/m2", 0.0, 5.0, -50.0, 50.0, 5.0, "a van"),)
-    needs = ("ground_speed_mps",)
-
-    def resultants(self, reaction, state, values):
-        """Return the forces less the drag."""
-        v = state.conditions.ground_speed_mps
-        return replace(reaction, drawbar_pull=reaction.drawbar_pull - values["drag"] * v * v)
-'''
+README = (ROOT / "docs" / "effects" / "README.md").read_text()
+HEADWIND, ENTRY = (README.split(f"```{language}\n")[1].split("```")[0] for language in ("python", "toml"))
 COMMAND = ("-c", "import sys; from wheelsoil.cli.app import main; sys.exit(main())")
 Install = Callable[..., dict[str, str]]
 
@@ -59,8 +40,9 @@ def python(env: dict[str, str], *args: object) -> subprocess.CompletedProcess[st
     )
 
 
-def test_a_package_adds_an_effect(install: Install, tmp_path: Path) -> None:
+def test_a_package_adds_an_effect_as_the_page_says(install: Install, tmp_path: Path) -> None:
     env = install("my_wind", HEADWIND, "my_wind:Headwind")
+    assert tomllib.loads(ENTRY)["project"]["entry-points"]["wheelsoil.effects"] == {"headwind": "my_wind:Headwind"}
     out = tmp_path / "campaign"
     done = python(env, *COMMAND, "simulate", "-o", out, "--runs", 1, "--duration", 15, "--effect", "headwind:drag=7")
     assert done.returncode == 0, done.stderr
@@ -87,8 +69,8 @@ def test_the_contract_suite_takes_it_up(install: Install) -> None:
         ("Headwind = 3", "my_wind:Headwind", "is no effect"),
         (HEADWIND.replace('name = "headwind"', 'name = "slope"'), "my_wind:Headwind", "takes the name 'slope'"),
         (HEADWIND.replace("source =", "sauce ="), "my_wind:Headwind", "no source"),
-        (HEADWIND.replace("5.0, -50.0", "5.0, 1.0"), "my_wind:Headwind", "out of order"),
-        (HEADWIND.replace('"a van"),)', '"a van"))'), "my_wind:Headwind", "no tuple"),
+        (HEADWIND.replace("lower=-50.0", "lower=1.0"), "my_wind:Headwind", "out of order"),
+        (HEADWIND.replace('"a van"),\n', '"a van")\n'), "my_wind:Headwind", "no tuple"),
         (HEADWIND.replace('name = "headwind"', 'name = "head wind"'), "my_wind:Headwind", "cannot be typed"),
     ],
 )
