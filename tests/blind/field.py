@@ -1,0 +1,125 @@
+"""A campaign in the field: soil drawn, six runs driven, something hidden or nothing; channels or frames out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from blind.causes import ALL
+from blind.driving import DURATION_S, RATE_HZ, Motion, Plan, load_history, moments_of, motion, plans
+from blind.ground import Ground, Patchiness, drawn_field, run_scatter
+from blind.rim import FloatArray
+from blind.sensors import Suite, measured
+from blind.vendors import VENDORS, Vendor
+from blind.wheel import RADIUS_M, Care, Moments, Physics, Reading, readings, soil_forces
+
+from daq.channel import Channel
+
+_SOLVE_EVERY = 4
+
+
+@dataclass(frozen=True)
+class FieldDay:
+    """Everything about a campaign that does not depend on what is hidden.
+
+    Attributes
+    ----------
+    soil : "clay" or "sandy"
+    ground : Ground
+        Of the field, without scatter from run to run.
+    plans, motions, moments : tuples, one entry a run
+        At `RATE_HZ`.
+    scatter : tuple of mapping
+        Of each run's soil.
+    patchiness, suite, vendor
+    seed : tuple of int
+        Of what is drawn while the runs are driven: the same whatever is hidden.
+    """
+
+    soil: str
+    ground: Ground
+    plans: tuple[Plan, ...]
+    motions: tuple[Motion, ...]
+    moments: tuple[Moments, ...]
+    along_m: tuple[FloatArray, ...] = field(repr=False)
+    scatter: tuple[dict[str, float], ...] = field(repr=False)
+    patchiness: Patchiness
+    suite: Suite
+    vendor: Vendor
+    seed: tuple[int, ...]
+
+
+def free_slip(ground: Ground, load_n: float) -> float:
+    """Return the slip at which the wheel passes no torque."""
+    slip = np.linspace(-0.35, 0.0, 36)
+    ones = np.ones(len(slip))
+    m = Moments(*(ones,) * 12)
+    m = replace(m, omega=(1 + slip) / RADIUS_M, load=load_n * ones)
+    torque = soil_forces(Physics(), ground, m)[1]
+    return float(np.interp(0.0, torque, slip))
+
+
+def field_day(soil: str, seed: Sequence[int], vendor: str | None = None) -> FieldDay:
+    """Draw a campaign."""
+    sequence = np.random.SeedSequence(list(seed))
+    drawing, driving = sequence.spawn(2)
+    rng = np.random.default_rng(drawing)
+    ground = drawn_field(soil, rng)
+    chosen = VENDORS[vendor] if vendor else list(VENDORS.values())[rng.integers(len(VENDORS))]
+    suite = chosen.suite.louder(float(np.exp(0.15 * rng.standard_normal())))
+    patchiness = Patchiness.drawn(rng)
+    planned = plans(rng)
+    streams = [np.random.default_rng(s) for s in driving.spawn(len(planned))]
+    driven = [motion(r, free_slip(ground, p.load_n)) for r, p in zip(streams, planned, strict=True)]
+    length = max(float(m.distance_m[-1]) for m in driven)
+    line, span = (0.0, length), planned[-1].start_s + DURATION_S
+    loads = [load_history(p, m, r) for p, m, r in zip(planned, driven, streams, strict=True)]
+    moments = [moments_of(p, m, w, line, span) for p, m, w in zip(planned, driven, loads, strict=True)]
+    along = [m.distance_m if p.direction > 0 else length - m.distance_m for p, m in zip(planned, driven, strict=True)]
+    scatter = [run_scatter(rng) for _ in planned]
+    return FieldDay(
+        soil,
+        ground,
+        tuple(planned),
+        tuple(driven),
+        tuple(moments),
+        tuple(along),
+        tuple(scatter),
+        patchiness,
+        suite,
+        chosen,
+        (*seed, 7),
+    )
+
+
+def physics_of(hidden: Sequence[tuple[str, float]]) -> Physics:
+    """Return Wong's wheel with causes put in."""
+    physics = Physics()
+    for key, size in hidden:
+        physics = ALL[key].put(physics, size)
+    return physics
+
+
+def driven(day: FieldDay, hidden: Sequence[tuple[str, float]]) -> list[dict[str, Channel]]:
+    """Drive every run and return its channels by role."""
+    physics = physics_of(hidden)
+    out = []
+    for index in range(len(day.plans)):
+        patches, sensing = (
+            np.random.default_rng(np.random.SeedSequence(day.seed, spawn_key=(index, which))) for which in (0, 1)
+        )
+        reading = true_reading(day, index, physics, patches)
+        out.append(measured(day.suite, day.plans[index], day.motions[index], reading, day.along_m[index], sensing))
+    return out
+
+
+def true_reading(day: FieldDay, index: int, physics: Physics, rng: np.random.Generator) -> Reading:
+    """Return what perfect sensors would say of a run over soil that varies along it, at `RATE_HZ`."""
+    moments = day.moments[index]
+    patchy = day.patchiness.along(moments.distance_m, rng)
+    soil = day.ground.changed(day.scatter[index]).changed(patchy)
+    return readings(physics, soil, moments, Care(every=_SOLVE_EVERY))[0]
+
+
+__all__ = ["RATE_HZ", "FieldDay", "driven", "field_day", "physics_of"]

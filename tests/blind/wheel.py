@@ -1,0 +1,173 @@
+"""A wheel driven over the ground: drawbar pull and torque at each moment, with whatever is hidden in the physics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from blind.ground import Ground
+from blind.rim import NODES, Column, FloatArray, Rim, Shear, janosi, settled, sums
+from numpy.typing import NDArray
+
+RADIUS_M, WIDTH_M = 0.47, 0.318
+OUTBOARD_KG, OUTBOARD_KGM2 = 75.0, 8.0
+"""On the soil's side of the transducer; vehicle.toml declares them."""
+REST_MPS = 0.1
+
+
+@dataclass(frozen=True)
+class Moments:
+    """What happens to the wheel, shape (n,) each; `later(dt)` is the ground speed dt seconds later.
+
+    `line` runs from -1 to 1 along the campaign's line, `clock` from -1/2 to 1/2 over its time.
+    """
+
+    time_s: FloatArray
+    speed: FloatArray
+    omega: FloatArray
+    acceleration: FloatArray
+    alpha: FloatArray
+    load: FloatArray
+    distance_m: FloatArray
+    line: FloatArray
+    clock: FloatArray
+    direction: FloatArray
+    passes: FloatArray
+    inflation: FloatArray
+    later: Callable[[float], FloatArray] = field(repr=False, default=lambda dt: np.zeros(0))
+
+    @property
+    def slip(self) -> FloatArray:
+        """Both branches: (r omega - V) over the larger; 0 at rest."""
+        return slip_of(RADIUS_M * self.omega, self.speed)
+
+    @property
+    def rolls(self) -> FloatArray:
+        """1 where the wheel rolls, 0 at rest."""
+        return np.tanh((self.speed / REST_MPS) ** 2)
+
+    def at(self, rows: slice | NDArray[np.intp]) -> Moments:
+        """Return some of the moments (without `later`)."""
+        names = [name for name in self.__dataclass_fields__ if name != "later"]
+        return Moments(**{name: getattr(self, name)[rows] for name in names})
+
+
+def slip_of(rim_speed: FloatArray, speed: FloatArray) -> FloatArray:
+    """(r omega - V)/max of both; 0 where both are small."""
+    larger = np.maximum(rim_speed, speed)
+    return np.where(larger > 1e-3, (rim_speed - speed) / np.maximum(larger, 1e-3), 0.0)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What perfect sensors would say, shape (n,): N, N m, m/s, rad/s, N."""
+
+    pull: FloatArray
+    torque: FloatArray
+    speed: FloatArray
+    omega: FloatArray
+    load: FloatArray
+
+
+@dataclass(frozen=True)
+class Physics:
+    """Wong's wheel, and what a hidden cause makes of it. Hooks get `Moments` and give columns (n,)."""
+
+    ground: Callable[[Ground, Moments], Ground] = lambda ground, moments: ground
+    slip: Callable[[Moments], FloatArray] = lambda moments: moments.slip
+    radius: Callable[[Moments], Column] = lambda moments: RADIUS_M
+    sinkage: Callable[[FloatArray, FloatArray], FloatArray] | None = None
+    peak: Callable[[FloatArray], Column] = lambda slip: 0.0
+    exit_share: float = 0.0
+    exit_angle: float = 0.0
+    interface: float = 1.0
+    lug: float = 0.0
+    lug_arm: float = 0.0
+    shear: Shear = janosi
+    hub: Callable[[Moments, FloatArray, Ground], tuple[Column, Column]] | None = None
+    read: Callable[[Reading, Moments], Reading] = lambda reading, moments: reading
+
+
+def _column(value: Column) -> Column:
+    return value[:, None] if isinstance(value, np.ndarray) and value.ndim == 1 else value
+
+
+def _rim(physics: Physics, ground: Ground, moments: Moments, slip: FloatArray) -> Rim:
+    soil = physics.ground(ground, moments)
+    slow = np.clip(slip, -0.995, 0.995)
+    return Rim(
+        ratio=_column(np.where(slow < 0, 1 / (1 + slow), 1 - slow)),
+        radius=_column(physics.radius(moments)),
+        width=WIDTH_M,
+        cohesion=_column(soil.cohesion),
+        friction=_column(soil.friction * physics.interface),
+        shear_modulus=_column(soil.shear_modulus),
+        stiffness=_column(soil.stiffness(WIDTH_M)),
+        exponent=_column(soil.exponent),
+        peak=_column(physics.peak(slip)),
+        exit_share=physics.exit_share,
+        exit_angle=physics.exit_angle,
+        lug=physics.lug,
+        lug_arm=physics.lug_arm,
+        shear=physics.shear,
+    )
+
+
+@dataclass(frozen=True)
+class Care:
+    """How the forces are found: nodes, every how many moments the balance is solved, and from where (n,)."""
+
+    nodes: int = NODES
+    every: int = 1
+    start: FloatArray | None = None
+
+
+FULL = Care()
+
+
+def soil_forces(
+    physics: Physics, ground: Ground, moments: Moments, care: Care = FULL
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return drawbar pull, torque and sinkage (n,) of the wheel; 0 at rest. Eq. 7 returns the load exactly.
+
+    Where the balance is not solved at every moment, the normal stress makes up for the interpolation.
+    """
+    slip = physics.slip(moments)
+    turning = np.flatnonzero((moments.speed > 0) | (moments.omega > 0))
+    rim, slip = _rim(physics, ground, moments, slip).rows(turning), slip[turning, None]
+    load = moments.load[turning, None]
+    coarse = np.arange(0, len(turning), care.every)
+    start = None if care.start is None else care.start[turning[coarse], None]
+    static = settled(rim.rows(coarse), load[coarse], start, care.nodes)
+    if care.every > 1:
+        static = np.exp(np.interp(np.arange(len(turning)), coarse, np.log(static[:, 0])))[:, None]
+    total = static if physics.sinkage is None else physics.sinkage(static, slip)
+    found = sums(rim, total, care.nodes)
+    scale = (load - found.load_cohesion) / found.load
+    out = []
+    for values in (found.pull * scale + found.pull_cohesion, found.torque * scale + found.torque_cohesion, total):
+        whole = np.zeros(len(moments.speed))
+        whole[turning] = values[:, 0]
+        out.append(whole)
+    return out[0], out[1], out[2]
+
+
+def readings(physics: Physics, ground: Ground, moments: Moments, care: Care = FULL) -> tuple[Reading, FloatArray]:
+    """Return what perfect sensors say at the hub, and the sinkage."""
+    pull, torque, sinkage = soil_forces(physics, ground, moments, care)
+    pull, torque = pull * moments.rolls, torque * moments.rolls
+    if physics.hub is not None:
+        more_pull, more_torque = physics.hub(moments, sinkage, physics.ground(ground, moments))
+        pull, torque = pull + more_pull, torque + more_torque
+    pull, torque = pull - OUTBOARD_KG * moments.acceleration, torque + OUTBOARD_KGM2 * moments.alpha
+    plain = Reading(pull, torque, moments.speed, moments.omega, moments.load)
+    return physics.read(plain, moments), sinkage
+
+
+def simulated(ground: Ground, moments: Moments, reading: Reading, care: Care = FULL) -> tuple[FloatArray, FloatArray]:
+    """Return drawbar pull and torque that Wong's wheel would have at what the sensors say of speed and load."""
+    load = np.maximum(reading.load, 200.0)
+    believed = replace(moments, speed=reading.speed, omega=reading.omega, load=load)
+    pull, torque, _ = soil_forces(Physics(), ground, believed, care)
+    return pull * moments.rolls, torque * moments.rolls
