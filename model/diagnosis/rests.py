@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from model.conditions import Conditions
 from model.diagnosis.campaign import Campaign
+from model.effects.tyre_flattening import REFERENCE_KPA
 
 FloatArray = NDArray[np.float64]
 
@@ -68,7 +69,7 @@ def rests_of(
                 "x": float(x[i]),
                 "direction": -1.0 if run.run.direction == "back" else 1.0,
                 "pass": float(run.run.pass_number),
-                "kpa": run.run.inflation_kpa or np.nan,
+                "kpa": run.run.inflation_kpa or REFERENCE_KPA,
                 "duration": rest.duration_s,
                 "angle": float(angle[i]),
             }

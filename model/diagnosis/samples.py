@@ -21,6 +21,7 @@ from model.conditions import Conditions
 from model.diagnosis.campaign import Campaign
 from model.diagnosis.positions import campaign_times, line_positions
 from model.diagnosis.rests import Rests, rests_of
+from model.effects.tyre_flattening import REFERENCE_KPA
 from processing.filters import kernel_sigma_s
 from processing.processed_run import ProcessedRun, Reason
 from processing.slip import slip_of
@@ -64,7 +65,7 @@ class Samples:
     run_names : tuple of str
     time_s : within the run
     conditions : Conditions
-        Means, with every field an array.
+        Means, with every field an array; an unknown inflation pressure is 340 kPa.
     measured : mapping "dp", "t", "z" -> array
         Only channels that were measured; NaN where not.
     sigma : mapping "dp", "t", "z" -> float
@@ -210,7 +211,7 @@ def _blocks(
     for name, value in (
         ("direction", -1.0 if info.direction == "back" else 1.0),
         ("pass_number", float(info.pass_number)),
-        ("inflation_kpa", info.inflation_kpa or np.nan),
+        ("inflation_kpa", info.inflation_kpa or REFERENCE_KPA),
         ("unit_weight_n_m3", unit_weight),
     ):
         found[name] = np.full(len(starts), value)

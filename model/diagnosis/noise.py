@@ -1,0 +1,167 @@
+r"""The statistical model of the measurement: which processes disturb the channels, and how each is seen.
+
+=================  ========================================================  =============================
+process            is                                                        is seen in
+=================  ========================================================  =============================
+channel noise      coloured, one for each channel                            its channel
+speed error        coloured, and white: slip is measured                     all channels, by d/dV
+load error         coloured: the load is measured                            all channels, by d/dW
+soil in the run    coloured over the distance, in ln k and ln tan phi        all channels, by d/d ln k ...
+soil of the run    one value a run, in ln k and ln tan phi                   the same
+wheel order        a zero that turns with the wheel: two amplitudes a run    its channel, by cos, sin
+remainder          white                                                     its channel
+=================  ========================================================  =============================
+
+A coloured process has the autocorrelation sigma^2 exp(-|lag|/time).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.linearise import Linear
+from model.diagnosis.samples import Samples
+
+FloatArray = NDArray[np.float64]
+
+UNITS = {"dp": ("drawbar_pull", "n"), "t": ("driving_torque", "nm"), "z": ("sinkage", "m")}
+"""Name and unit of a channel in the names of hyper-parameters."""
+
+
+@dataclass(frozen=True)
+class Process:
+    """A coloured process: names of its deviation and time (None: white), whether over distance, what it is seen by."""
+
+    deviation: str
+    time: str | None
+    over_distance: bool
+    loading: str
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is thought of a positive hyper-parameter before any data: log-normal."""
+
+    centre: float
+    log_sigma: float
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Hyper-parameters of one campaign.
+
+    Attributes
+    ----------
+    values : mapping name -> float
+        With their unit at the end of the name.
+    log_sigmas : mapping name -> float
+        One-sigma of the logarithm of each, data and belief together.
+    """
+
+    values: dict[str, float]
+    log_sigmas: dict[str, float] = field(default_factory=dict)
+
+
+def processes(channels: tuple[str, ...]) -> tuple[Process, ...]:
+    """Return the processes that go on within a run."""
+    own = [Process(named(c, "noise"), f"{UNITS[c][0]}_noise_time_s", over_distance=False, loading=c) for c in channels]
+    return (
+        *own,
+        Process("speed_noise_mps", "speed_noise_time_s", over_distance=False, loading="speed"),
+        Process("speed_white_mps", None, over_distance=False, loading="speed"),
+        Process("load_noise_n", "load_noise_time_s", over_distance=False, loading="load"),
+        Process("stiffness_in_run", "soil_length_m", over_distance=True, loading="stiffness"),
+        Process("friction_in_run", "soil_length_m", over_distance=True, loading="friction"),
+    )
+
+
+def constants(channels: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+    """Return deviation and loading of what is one value a run."""
+    turning = [(named(c, "wheel_order"), f"{side} {c}") for c in channels if c != "z" for side in ("cos", "sin")]
+    return (("stiffness_run_to_run", "stiffness"), ("friction_run_to_run", "friction"), *turning)
+
+
+def beliefs(samples: Samples) -> dict[str, Belief]:
+    """Return what is thought of every hyper-parameter beforehand, from the sensors' declared or estimated sigmas."""
+    load = float(np.median(samples.conditions.vertical_load_n)) if len(samples) else 1e4
+    typical = {"dp": 4e-3 * load, "t": 4e-3 * load * samples.wheel_radius_m, "z": 2e-3}
+    found: dict[str, Belief] = {}
+    for c in samples.measured:
+        sigma = _positive(samples.sigma[c], typical[c])
+        found |= {
+            named(c, "noise"): Belief(0.7 * sigma, 0.7),
+            f"{UNITS[c][0]}_noise_time_s": Belief(0.15, 0.7),
+            named(c, "white"): Belief(0.3 * sigma, 0.8),
+        }
+        if c != "z":
+            found[named(c, "wheel_order")] = Belief(0.3 * sigma, 0.8)
+            found[named(c, "at_rest")] = Belief(0.2 * sigma, 0.8)
+    speed, weight = _positive(samples.speed_sigma_mps, 0.04), _positive(samples.load_sigma_n, 6e-3 * load)
+    return found | {
+        "speed_noise_mps": Belief(0.9 * speed, 0.5),
+        "speed_noise_time_s": Belief(1.0, 0.8),
+        "speed_white_mps": Belief(0.3 * speed, 0.7),
+        "load_noise_n": Belief(0.7 * weight, 0.5),
+        "load_noise_time_s": Belief(0.15, 0.7),
+        "stiffness_in_run": Belief(0.01, 0.8),
+        "friction_in_run": Belief(0.006, 0.8),
+        "soil_length_m": Belief(3.0, 0.7),
+        "stiffness_run_to_run": Belief(0.015, 0.8),
+        "friction_run_to_run": Belief(0.008, 0.8),
+    }
+
+
+def named(channel: str, what: str) -> str:
+    """Return the name of a hyper-parameter of one channel."""
+    name, unit = UNITS[channel]
+    return f"{name}_{what}_{unit}"
+
+
+def _positive(sigma: float, otherwise: float) -> float:
+    return sigma if np.isfinite(sigma) and sigma > 0 else otherwise
+
+
+def loading(linear: Linear, samples: Samples, name: str) -> FloatArray:
+    """Return how a process of the given loading is seen, shape (c, n)."""
+    if name in ("speed", "load", "stiffness", "friction"):
+        return np.asarray(getattr(linear, name))
+    out = np.zeros(linear.value.shape)
+    side, _, channel = name.rpartition(" ")
+    angle = samples.wheel_angle_rad
+    out[linear.channels.index(channel)] = {"cos": np.cos(angle), "sin": np.sin(angle)}.get(side, 1.0)
+    return out
+
+
+def white_variance(linear: Linear, values: Mapping[str, float], speed_variance: FloatArray) -> FloatArray:
+    """Return the variance of the white remainder of each sample, shape (c, n).
+
+    The channel's own, and (f'' P)^2 / 2 of what the speed's error leaves where the channel bends.
+    """
+    own = np.array([values[named(c, "white")] ** 2 for c in linear.channels])
+    return np.asarray(own[:, None] + second_order_variance(linear, speed_variance))
+
+
+def second_order_variance(linear: Linear, speed_variance: FloatArray) -> FloatArray:
+    """Return the variance that the speed's error leaves where a channel bends in the speed, shape (c, n)."""
+    return np.asarray(0.5 * (linear.curvature * speed_variance) ** 2)
+
+
+def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float]) -> FloatArray:
+    """Return the variance of each standstill's level, shape (2, m) for drawbar pull and torque.
+
+    The channel's own coloured noise averaged over the standstill, or its scatter there where that is more; and what
+    differs from one standstill to the next.
+    """
+    found = np.ones((2, len(samples.rests)))
+    for row, c in enumerate(("dp", "t")):
+        if c not in linear.channels:
+            continue
+        length = np.maximum(samples.rests.duration_s, 0.1) / values[f"{UNITS[c][0]}_noise_time_s"]
+        averaged = values[named(c, "noise")] ** 2 * 2.0 * (length - 1.0 + np.exp(-length)) / length**2
+        seen = np.nan_to_num(samples.rests.sigma[c]) ** 2
+        found[row] = np.maximum(averaged, seen) + values[named(c, "at_rest")] ** 2
+    return found

@@ -1,0 +1,92 @@
+"""The noise model: one likelihood by two ways, its gradient, and hyper-parameters found again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_support import simulated_campaign
+
+from model.diagnosis.campaign import DiagnosisOptions
+from model.diagnosis.columns import Columns, columns_of
+from model.diagnosis.hyper import estimated, likelihood
+from model.diagnosis.linearise import Linear, Point, Simulation, linearise
+from model.diagnosis.noise import beliefs, constants, loading, processes
+from model.diagnosis.noise_blocks import blocks_of, derivatives
+from model.diagnosis.samples import Samples, samples_of
+from model.diagnosis.soil_space import soil_space
+from model.diagnosis.tellable import considered
+from model.diagnosis.whitening import run_grams
+
+
+@pytest.fixture(scope="module")
+def seen() -> tuple[Samples, Linear, Columns]:
+    campaign = simulated_campaign()
+    samples = samples_of(campaign)
+    simulation = Simulation(
+        campaign.wheel,
+        campaign.soil,
+        soil_space(campaign.soil_prior),
+        considered(campaign, samples, DiagnosisOptions()),
+        "balanced",
+    )
+    linear = linearise(simulation, samples, Point(np.zeros(6), {}, np.zeros(len(samples))))
+    return samples, linear, columns_of(simulation, samples, linear, np.zeros_like(linear.value))
+
+
+def test_blocks_and_the_filter_agree(seen: tuple[Samples, Linear, Columns]) -> None:
+    samples, linear, columns = seen
+    values = {name: b.centre for name, b in beliefs(samples).items()}
+    variance = np.full(len(samples), 9e-4)
+    found = likelihood(blocks_of(samples, linear, columns, variance, values), values, list(values))
+    grams = run_grams(samples, linear, columns, values, variance)
+    total = grams.matrices.sum(axis=0)
+    inner = np.eye(len(total) - 1) + total[1:, 1:]
+    square = total[0, 0] - total[1:, 0] @ np.linalg.solve(inner, total[1:, 0])
+    expected = 0.5 * (grams.log_determinants.sum() + np.linalg.slogdet(inner)[1] + square)
+    assert found.value == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_gradient_is_that_of_the_likelihood(seen: tuple[Samples, Linear, Columns]) -> None:
+    samples, linear, columns = seen
+    values = {name: b.centre for name, b in beliefs(samples).items()}
+    blocks = blocks_of(samples, linear, columns, np.full(len(samples), 9e-4), values)[:1]
+    names = list(values)
+    found = likelihood(blocks, values, names)
+    for i, name in enumerate(names):
+        up, down = ({**values, name: values[name] * np.exp(side * 1e-4)} for side in (1, -1))
+        slope = (likelihood(blocks, up, names).value - likelihood(blocks, down, names).value) / 2e-4
+        assert found.gradient[i] == pytest.approx(slope, rel=1e-4, abs=1e-4), name
+
+
+def test_hyper_parameters_are_found_again(seen: tuple[Samples, Linear, Columns]) -> None:
+    """Noise drawn from the model itself, with hyper-parameters that are not what is believed beforehand."""
+    samples, linear, columns = seen
+    belief = beliefs(samples)
+    rng = np.random.default_rng(5)
+    names = list(belief)
+    truth = {name: b.centre * np.exp(0.7 * b.log_sigma * rng.standard_normal()) for name, b in belief.items()}
+    blocks = blocks_of(samples, linear, columns, np.zeros(len(samples)), truth)
+    drawn = []
+    for block in blocks:
+        root = np.linalg.cholesky(derivatives(block, truth, names)[0])
+        residual = root @ rng.standard_normal(len(root))
+        drawn.append(replace(block, columns=np.concatenate([residual[:, None], block.columns[:, 1:]], axis=1)))
+    found = estimated(drawn, belief)
+    off = {name: np.log(found.values[name] / truth[name]) / found.log_sigmas[name] for name in names}
+    assert max(abs(x) for x in off.values()) < 3.5, off
+    assert np.mean(np.square(list(off.values()))) < 2.0
+    sharp = [name for name in names if found.log_sigmas[name] < 0.5 * belief[name].log_sigma]
+    assert len(sharp) >= 5, sharp
+
+
+def test_every_hyper_parameter_is_used(seen: tuple[Samples, Linear, Columns]) -> None:
+    samples, linear, _ = seen
+    listed = processes(linear.channels)
+    used = (
+        {p.deviation for p in listed} | {p.time for p in listed if p.time} | {n for n, _ in constants(linear.channels)}
+    )
+    left = set(beliefs(samples)) - used
+    assert all("white" in name or "at_rest" in name for name in left)
+    assert all(loading(linear, samples, p.loading).shape == linear.value.shape for p in listed)
