@@ -95,6 +95,8 @@ class Linear:
         With the ground speed and the slip of the point.
     value : array, shape (c, n)
         The model's, averaged over each sample's instants.
+    centre : array, shape (c, n)
+        The model's at each sample's mean.
     speed, curvature, load : array, shape (c, n)
         d/dV, d2/dV2, d/dW.
     soil : array, shape (c, n, q)
@@ -112,6 +114,7 @@ class Linear:
     point: Point
     conditions: Conditions
     value: FloatArray
+    centre: FloatArray
     speed: FloatArray
     curvature: FloatArray
     load: FloatArray
@@ -147,7 +150,7 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
     channels = tuple(c for c in CHANNELS if c in samples.measured)
     conditions = at_speed(samples, point.speed_mps)
     soil = simulation.space.values(point.soil)
-    found = _derivatives(simulation, samples, conditions, {**soil, **point.causes}, channels)
+    found = derivatives(simulation, samples, conditions, {**soil, **point.causes}, channels)
     plain = simulation.model(point.causes)
     values = {**soil, **point.causes}
 
@@ -165,7 +168,7 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
     value = _averaged(samples, conditions, point, said)
     jacobian = simulation.space.jacobian(point.soil)
     by_soil = found.pop("soil")
-    rest_value, rest_causes = _at_rest(simulation, samples, values)
+    rest_value, rest_causes = at_rest(simulation, samples, values)
     sound = [np.isfinite(x).all(axis=axes) for x, axes in ((value, 0), (causes, (0, 2)), (by_soil, (0, 2)))]
     at = dict(zip(SOIL_PARAMETERS, np.moveaxis(by_soil, -1, 0), strict=True))
     return Linear(
@@ -173,6 +176,7 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
         point=point,
         conditions=conditions,
         value=value,
+        centre=centre,
         speed=found["speed"],
         curvature=np.nan_to_num((up - 2.0 * centre + down) / step**2),
         load=found["load"],
@@ -187,14 +191,30 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
     )
 
 
-def _derivatives(
+def derivatives(
     simulation: Simulation,
     samples: Samples,
     conditions: Conditions,
     values: Mapping[str, float],
     channels: Sequence[str],
 ) -> dict[str, FloatArray]:
-    """Return value and derivatives by speed, load, soil and causes, in one pass."""
+    """Return value and derivatives by speed, load, soil and causes at the samples' means, in one pass.
+
+    Parameters
+    ----------
+    simulation : Simulation
+    samples : Samples
+    conditions : Conditions
+        Of the samples, perhaps at another speed.
+    values : mapping
+        Parameters of the soil, and those of causes that are not at neutral.
+    channels : of "dp", "t", "z"
+
+    Returns
+    -------
+    mapping
+        "value", "speed" and "load" of shape (c, n); "soil", by the parameters themselves, and "causes" (c, n, ...).
+    """
     model = WheelSoilModel(simulation.wheel, simulation.soil, simulation.effects, simulation.reading)
     secants = {key for e, _, key in simulation.parameters if e.key() in SECANTS and key not in values}
     names = [*SOIL_PARAMETERS, *(key for _, _, key in simulation.parameters if key not in secants)]
@@ -266,8 +286,16 @@ def _averaged(samples: Samples, conditions: Conditions, point: Point, said: Any)
     return np.asarray(total)
 
 
-def _at_rest(simulation: Simulation, samples: Samples, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
-    """Return what the transducer shows at standstill, shape (2, m), and its derivatives by the causes, (2, m, k)."""
+def at_rest(simulation: Simulation, samples: Samples, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+    """Return what the transducer shows at standstill, shape (2, m), and its derivatives by the causes, (2, m, k).
+
+    Parameters
+    ----------
+    simulation : Simulation
+    samples : Samples
+    values : mapping
+        Parameters that are not at neutral.
+    """
     count = len(samples.rests)
     names = [key for _, _, key in simulation.parameters]
     model = WheelSoilModel(simulation.wheel, simulation.soil, simulation.effects, simulation.reading)
