@@ -10,7 +10,7 @@ shear stress builds up (docs/decisions/quadrature.md).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
 
@@ -138,6 +138,25 @@ def resultants(patch: Patch, quadrature: Quadrature | None = None) -> Resultants
     Source: Yang et al. (2016), Eq. 7-9; peak and exit angle after Wong & Reece (1967).
     """
     rule = quadrature or Quadrature()
+    own = {name: x for name in patch.__dataclass_fields__ if isinstance(x := getattr(patch, name), Dual)}
+    if len({key for x in own.values() for key in x.partials}) <= len(own):
+        return _resultants(patch, rule)
+    seeded = replace(patch, **{name: Dual(x.value, {name: 1.0}) for name, x in own.items()})
+    found = _resultants(seeded, rule)
+    return Resultants(*(_chained(getattr(found, name), own) for name in Resultants.__dataclass_fields__))
+
+
+def _chained(x: Number, inner: dict[str, Dual]) -> Number:
+    """Replace derivatives by entries of a patch with those by what the entries depend on."""
+    partials: dict[str, Any] = {}
+    for name, slope in x.partials.items():
+        for key, d in inner[name].partials.items():
+            partials[key] = partials[key] + slope * d if key in partials else slope * d
+    return Dual(x.value, partials)
+
+
+def _resultants(patch: Patch, rule: Quadrature) -> Resultants:
+    """Integrate the stresses, with the derivatives that the entries of the patch carry."""
     shape = np.broadcast_shapes(*(np.shape(value_of(getattr(patch, name))) for name in patch.__dataclass_fields__))
     n = shape[0] if shape else 1
     braking = np.broadcast_to(np.reshape(value_of(patch.speed_ratio) > 1.0, (-1,)), (n,))
