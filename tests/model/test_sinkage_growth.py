@@ -1,0 +1,154 @@
+"""Cells of runs and tables, their sinkage with its band, and its growth with slip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from stressed_wheel import StressedWheel
+
+from daq.bench_tables import WheelTable
+from daq.channel import Channel
+from model.bound import bound_rows_of_runs, bound_rows_of_table, inconsistent
+from model.force_cells import ForceCells, cells_of_runs, cells_of_table
+from model.sinkage_from_forces import ShapeRanges
+from model.sinkage_growth import Growth, sinkage_from_forces
+from processing.pipeline import process
+from processing.processed_run import ProcessedRun
+from wheelsoil.virtual_campaign import simulated_roles, simulated_run
+from wheelsoil.virtual_options import SimulationOptions
+
+SLIPS = np.linspace(0.1, 0.9, 9)
+
+
+def table(sinkages: Sequence[float], peaks: Sequence[float], sigma: float = 0.0, **more: object) -> WheelTable:
+    """Return a wheel of 0.47 m at nine slips, in to a sinkage and with a stress peak each."""
+    wheels = [
+        StressedWheel(entry=float(np.arccos(1 - z / 0.47)), slip=s, peak=peak, exponent=1.0, **more)  # type: ignore[arg-type]
+        for s, z, peak in zip(SLIPS, sinkages, peaks, strict=True)
+    ]
+    load, pull, torque = np.array([wheel.forces() for wheel in wheels]).T
+    sigmas = {"drawbar_pull_n": np.full(9, sigma), "driving_torque_nm": np.full(9, 0.47 * sigma)} if sigma else {}
+    return WheelTable("bench.csv", SLIPS, load, pull, torque, np.array(sinkages), np.zeros(9, np.intp), ("",), sigmas)
+
+
+def growth_of(cells: ForceCells, ranges: ShapeRanges | None = None) -> Growth:
+    return sinkage_from_forces(cells, np.random.default_rng(0), ranges).growth()
+
+
+@pytest.mark.parametrize("grows_m", [0.0, 0.03, 0.08])
+def test_growth_is_found_where_the_peak_stays(grows_m: float) -> None:
+    found = growth_of(cells_of_table(table(0.1 + grows_m * SLIPS, np.zeros(9)), 0.47))
+    low, high = found.if_peak_stays.interval95
+    assert low - 1e-3 <= grows_m <= high + 1e-3
+    assert found.measured.value == pytest.approx(grows_m, abs=1e-9)
+    assert found.if_peak_moves.value < found.if_peak_stays.value
+
+
+@pytest.mark.parametrize("grows_m", [0.0, 0.03, 0.08])
+def test_growth_is_found_where_the_peak_moves(grows_m: float) -> None:
+    found = growth_of(cells_of_table(table(0.1 + grows_m * SLIPS, 0.3 + 0.32 * SLIPS), 0.47))
+    low, high = found.if_peak_moves.interval95
+    assert low <= grows_m <= high
+    low, high = found.from_forces.interval95
+    assert low <= grows_m <= high
+
+
+def test_noise_widens_the_band() -> None:
+    quiet, noisy = (table(np.full(9, 0.12), np.zeros(9), sigma) for sigma in (0.0, 300.0))
+    one = ShapeRanges((0.3, 0.3), 0.32, 1.0, (1.0, 1.0), (0.0, 0.0), 1.0, 0.0, 0.0)
+    widths = []
+    for rows in (quiet, noisy):
+        bins = sinkage_from_forces(cells_of_table(rows, 0.47), np.random.default_rng(0), one).bins()
+        assert len(bins) == 9
+        low, high = bins[4].sinkage_m.interval95
+        widths.append(high - low)
+        assert low - 2e-3 <= 0.12 <= high + 2e-3
+    assert widths[0] < 1e-6
+    assert widths[1] > 0.01
+
+
+def test_too_little_slip_says_so() -> None:
+    short = table(np.full(9, 0.1), np.zeros(9))
+    cells = cells_of_table(replace(short, slip=0.4 + 0.001 * SLIPS), 0.47)
+    found = growth_of(cells)
+    assert "0.2 of slip" in found.reason
+    assert np.isnan(found.from_forces.value)
+
+
+def test_groups_at_one_slip_each_share_a_level() -> None:
+    rows = replace(table(0.1 + 0.05 * SLIPS, np.zeros(9)), group=np.arange(9), group_names=tuple("abcdefghi"))
+    found = growth_of(cells_of_table(rows, 0.47))
+    assert not found.reason
+    assert found.measured.value == pytest.approx(0.05)
+
+
+def test_braked_rows_and_rows_without_torque_are_left_out() -> None:
+    rows = table(np.full(9, 0.1), np.zeros(9))
+    torque = rows.driving_torque_nm.copy()
+    torque[3] = np.nan
+    cells = cells_of_table(replace(rows, slip=SLIPS - 0.25, driving_torque_nm=torque), 0.47)
+    assert len(cells) == 6
+    assert len(bound_rows_of_table(replace(rows, slip=SLIPS - 0.25, driving_torque_nm=torque), 0.47)) == 6
+
+
+@cache
+def runs(H_m: float) -> tuple[list[ProcessedRun], np.ndarray, np.ndarray]:
+    """Return two runs of the virtual test with slip sinkage, their true slip and sinkage."""
+    effects = {"vasilev": {"H_m": H_m}} if H_m else {}
+    options = SimulationOptions(soil="sandy", effects=effects, runs=2, duration_s=40.0, seed=2)
+    processed, slip, sinkage = [], [], []
+    for index in range(options.runs):
+        channels, vehicle, info = simulated_roles(options, index)
+        truth = simulated_run(options, index).truth
+        start = simulated_run(options, index).start_ns
+        stamps = start + ((truth.time_s + 0.25) * 1e9).astype(np.int64)
+        deep = Channel("sinkage", "m", stamps[::20], truth.sinkage_m[::20])
+        processed.append(process({**channels, "sinkage": deep}, vehicle, info))
+        slip.append(truth.slip)
+        sinkage.append(truth.sinkage_m)
+    return processed, np.concatenate(slip), np.concatenate(sinkage)
+
+
+@pytest.mark.parametrize("H_m", [0.0, 0.08])
+def test_runs_of_the_virtual_test(H_m: float) -> None:
+    processed, slip, sinkage = runs(H_m)
+    cells = cells_of_runs(processed)
+    found = sinkage_from_forces(cells, np.random.default_rng(0))
+    bins = found.bins()
+    assert len(bins) >= 8
+    assert [one.slip for one in bins] == sorted(one.slip for one in bins)
+    for one in bins:
+        true = sinkage[np.abs(slip - one.slip) < 0.05].mean()
+        assert one.sinkage_m.interval95[0] < true < one.sinkage_m.interval95[1]
+        assert one.measured_m == pytest.approx(true, rel=0.08)
+        assert 0 < one.noise_m < 0.005
+    growth = found.growth()
+    low, high = growth.if_peak_stays.interval95
+    assert low - 0.005 < growth.measured.value < high + 0.005
+    assert growth.measured.value == pytest.approx(H_m, abs=0.015)
+
+
+def test_good_runs_keep_the_bound_and_bad_ones_do_not() -> None:
+    processed, _, _ = runs(0.08)
+    rows = bound_rows_of_runs(processed)
+    assert len(rows) > 1000
+    assert np.isfinite(rows.torque_at_rest_nm).all()
+    assert inconsistent(rows) == ()
+    shallow = [replace(run, sinkage_m=0.02 * run.sinkage_m) for run in processed]
+    (found,) = inconsistent(bound_rows_of_runs(shallow))
+    assert found.channel == "sinkage"
+    assert found.rows > 500
+
+
+def test_runs_without_sinkage_have_no_bound_to_keep() -> None:
+    processed, _, _ = runs(0.08)
+    bare = [replace(run, sinkage_m=np.full(len(run), np.nan)) for run in processed]
+    assert len(bound_rows_of_runs(bare)) == 0
+    assert inconsistent(bound_rows_of_runs(bare)) == ()
+    growth = growth_of(cells_of_runs(bare))
+    assert np.isnan(growth.measured.value)
+    assert np.isfinite(growth.from_forces.value)
