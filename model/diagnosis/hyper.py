@@ -97,32 +97,44 @@ def likelihood(blocks: Sequence[Block], values: Mapping[str, float], names: list
     side, square, log_determinant = np.zeros(width - 1), 0.0, 0.0
     parts = []
     for block in blocks:
-        covariance, slopes = derivatives(block, values, names)
-        root = np.linalg.cholesky(covariance)
-        inverse = np.linalg.inv(covariance)
+        covariance, slopes = derivatives(block, values)
+        inverse, own = _inverse(covariance)
         solved = inverse @ block.columns
         inner += block.columns[:, 1:].T @ solved[:, 1:]
         side += block.columns[:, 1:].T @ solved[:, 0]
         square += float(block.columns[:, 0] @ solved[:, 0])
-        log_determinant += 2.0 * float(np.log(np.diag(root)).sum())
+        log_determinant += own
         parts.append((slopes, inverse, solved))
     root = np.linalg.cholesky(inner)
     best = np.linalg.solve(inner, side)
+    back = np.linalg.inv(root).T
+    place = {name: i for i, name in enumerate(names)}
     gradient, information = np.zeros(len(names)), np.zeros((len(names), len(names)))
     across = np.zeros((width - 1, len(names)))
     for slopes, inverse, solved in parts:
         left = solved[:, 0] - solved[:, 1:] @ best
-        shared = np.linalg.solve(root, solved[:, 1:].T)
-        inverse -= shared.T @ shared
-        inverse -= np.outer(left, left)
+        shared = solved[:, 1:] @ back
         moved = np.zeros((len(left), len(names)))
-        for i, slope in slopes.items():
-            gradient[i] += 0.5 * float(np.vdot(inverse, slope))
-            moved[:, i] = slope @ left
-        inverse += np.outer(left, left)
-        inverse += shared.T @ shared
+        for slope in slopes:
+            moved[:, place[slope.name]] += slope.times(left)
         information += 0.5 * moved.T @ inverse @ moved
         across += solved[:, 1:].T @ moved
+        inverse -= shared @ shared.T
+        inverse -= np.outer(left, left)
+        for slope in slopes:
+            gradient[place[slope.name]] += 0.5 * slope.trace_with(inverse)
     information -= 0.5 * across.T @ np.linalg.solve(inner, across)
     value = 0.5 * (log_determinant + 2.0 * float(np.log(np.diag(root)).sum()) + square - float(side @ best))
     return Found(value, gradient, information)
+
+
+def _inverse(covariance: FloatArray) -> tuple[FloatArray, float]:
+    """Return the inverse of a covariance, and its log determinant."""
+    from scipy.linalg.lapack import dpotrf, dpotri
+
+    root, failed = dpotrf(covariance.T, lower=1)
+    if failed:
+        raise np.linalg.LinAlgError("a covariance of the noise is not positive definite")
+    inverse, _ = dpotri(root, lower=1)
+    lower = np.tril(inverse, -1)
+    return lower + lower.T + np.diag(np.diag(inverse)), 2.0 * float(np.log(np.diag(root)).sum())

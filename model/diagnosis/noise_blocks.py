@@ -119,38 +119,75 @@ def _block(
     )
 
 
-def derivatives(
-    block: Block, values: Mapping[str, float], names: list[str]
-) -> tuple[FloatArray, dict[int, FloatArray]]:
-    """Return the covariance, shape (m, m), and its derivative by the logarithm of each hyper-parameter."""
-    place = {name: i for i, name in enumerate(names)}
-    count, drives = len(block.fixed), len(block.sample)
-    covariance = np.diag(block.fixed)
-    slopes: dict[int, FloatArray] = {}
+@dataclass(frozen=True)
+class Slope:
+    """Derivative of a covariance by the logarithm of a hyper-parameter.
 
-    def add(name: str, part: FloatArray, rows: int) -> None:
-        slope = slopes.setdefault(place[name], np.zeros((count, count)))
-        slope[:rows, :rows] += part
+    Attributes
+    ----------
+    name : str
+    rows : int array
+        To which it is confined.
+    part : array
+        Of shape (rows, rows); or of shape (rows,): its diagonal, or where `outer` what it is the outer product of.
+    outer : bool
+    """
 
-    pick = np.ix_(block.sample, block.sample)
-    for process, seen in block.processes:
-        if process.time is None:
-            lag, of_lag = None, np.eye(len(block.seconds))
+    name: str
+    rows: NDArray[np.intp]
+    part: FloatArray
+    outer: bool = False
+
+    def trace_with(self, other: FloatArray) -> float:
+        """Return the trace of its product with a symmetric matrix."""
+        if self.part.ndim == 1 and not self.outer:
+            return float(other[self.rows, self.rows] @ self.part)
+        own = other if len(self.rows) == len(other) else other[np.ix_(self.rows, self.rows)]
+        if self.outer:
+            return float(self.part @ own @ self.part)
+        return float(own.ravel() @ self.part.ravel())
+
+    def times(self, x: FloatArray) -> FloatArray:
+        """Return its product with a vector."""
+        own = x[self.rows]
+        out = np.zeros(len(x))
+        if self.outer:
+            out[self.rows] = self.part * float(self.part @ own)
         else:
-            lag = (block.metres if process.over_distance else block.seconds) / values[process.time]
-            of_lag = np.exp(-lag)
-        part = of_lag[pick] * (values[process.deviation] * seen)
-        part *= (values[process.deviation] * seen)[:, None]
-        covariance[:drives, :drives] += part
-        add(process.deviation, 2.0 * part, drives)
+            out[self.rows] = self.part * own if self.part.ndim == 1 else self.part @ own
+        return out
+
+
+def derivatives(block: Block, values: Mapping[str, float]) -> tuple[FloatArray, list[Slope]]:
+    """Return the covariance, shape (m, m), and its derivatives."""
+    covariance = np.diag(block.fixed)
+    slopes: list[Slope] = []
+    for process, seen in block.processes:
+        rows = np.flatnonzero(seen)
+        at = block.sample[rows]
+        lag: FloatArray | None = None
+        if process.time is None:
+            part = (at[:, None] == at).astype(float)
+        else:
+            lag = (block.metres if process.over_distance else block.seconds).take(at, 0).take(at, 1)
+            lag /= values[process.time]
+            part = np.exp(-lag)
+        scaled = values[process.deviation] * seen[rows]
+        part *= scaled
+        part *= scaled[:, None]
+        covariance[np.ix_(rows, rows)] += part
         if lag is not None and process.time is not None:
-            add(process.time, part * lag[pick], drives)
+            lag *= part
+            slopes.append(Slope(process.time, rows, lag))
+        part *= 2.0
+        slopes.append(Slope(process.deviation, rows, part))
     for name, seen in block.constants:
-        part = np.outer(values[name] * seen, values[name] * seen)
-        covariance += part
-        add(name, 2.0 * part, count)
-    for name, rows in block.white:
-        part = np.diag(values[name] ** 2 * rows)
-        covariance += part
-        add(name, 2.0 * part, count)
+        rows = np.flatnonzero(seen)
+        scaled = values[name] * seen[rows]
+        covariance[np.ix_(rows, rows)] += np.outer(scaled, scaled)
+        slopes.append(Slope(name, rows, np.sqrt(2.0) * scaled, outer=True))
+    for name, chosen in block.white:
+        rows = np.flatnonzero(chosen)
+        covariance[rows, rows] += values[name] ** 2
+        slopes.append(Slope(name, rows, np.full(len(rows), 2.0 * values[name] ** 2)))
     return covariance, slopes

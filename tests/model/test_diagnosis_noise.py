@@ -70,7 +70,7 @@ def test_hyper_parameters_are_found_again(seen: tuple[Samples, Linear, Columns])
     blocks = blocks_of(samples, linear, columns, np.zeros(len(samples)), truth)
     drawn = []
     for block in blocks:
-        root = np.linalg.cholesky(derivatives(block, truth, names)[0])
+        root = np.linalg.cholesky(derivatives(block, truth)[0])
         residual = root @ rng.standard_normal(len(root))
         drawn.append(replace(block, columns=np.concatenate([residual[:, None], block.columns[:, 1:]], axis=1)))
     found = estimated(drawn, belief)
