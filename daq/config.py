@@ -234,11 +234,14 @@ def parse_toml(text: str, kind: type[ConfigT], where: str) -> ConfigT:
     ConfigError
         Lists every fault at once, each with the key it is at.
     """
+    return parse_mapping(_toml_mapping(text, where), kind, where)
+
+
+def _toml_mapping(text: str, where: str) -> dict[str, Any]:
     try:
-        raw = tomllib.loads(text)
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(Fault("not valid TOML", where, str(error), next_step="mend the line named above")) from None
-    return parse_mapping(raw, kind, where)
 
 
 def parse_mapping(raw: Mapping[str, Any], kind: type[ConfigT], where: str) -> ConfigT:
@@ -251,13 +254,24 @@ def parse_mapping(raw: Mapping[str, Any], kind: type[ConfigT], where: str) -> Co
 
 def load_toml(path: Path, kind: type[ConfigT]) -> ConfigT:
     """Read a TOML file; see `parse_toml`."""
+    return parse_mapping(read_toml(path), kind, str(path))
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return what a TOML file holds, unchecked.
+
+    Raises
+    ------
+    ConfigError
+        There is no such file, or it is no TOML.
+    """
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ConfigError(Fault("no such file", str(path), next_step="check the path")) from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(Fault("the file cannot be read", str(path), str(error))) from None
-    return parse_toml(text, kind, str(path))
+    return _toml_mapping(text, str(path))
 
 
 def _faults(error: ValidationError, kind: type[BaseModel], where: str) -> list[Fault]:

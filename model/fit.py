@@ -8,25 +8,23 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.errors import ConfigError, DataError, Fault, nearest
-from model.conditions import Conditions
 from model.criteria import criteria
 from model.effects import EFFECTS
 from model.estimates import correlations, estimates_of, spread_of, warnings_of
+from model.fit_checks import answered_by_extended, check_enough, check_options, check_stiffness, driven_samples
 from model.fit_problem import FitProblem, free_parameters
-from model.fit_result import MODELS, CampaignFit, FitOptions, LoadRatio, ModelFit
+from model.fit_result import EXTENDED, CampaignFit, FitOptions, LoadRatio, ModelFit
 from model.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
 from model.intervals import Blocks, blocks_of
 from model.observations import CHANNELS, Observations, observations_of
+from model.run_conditions import conditions_of
 from model.soils import Soil
 from model.wheel import Wheel
-from model.wheel_soil import SOIL_PARAMETERS, Prediction, WheelSoilModel
+from model.wheel_soil import Prediction, WheelSoilModel
 from processing.processed_run import ProcessedRun
 
 FloatArray = NDArray[np.float64]
 
-MIN_SAMPLES = 20
-"""Driven samples of a time series below which nothing is fitted."""
 _RENEWALS = 2
 
 
@@ -53,12 +51,14 @@ def fit_models(
     ------
     Yang et al. (2016), sections 1.2, 1.3 and 3.
     """
-    fitted = fit_observations(observations_of(runs), wheel, soil, options)
+    conditions = conditions_of(runs, soil.unit_weight_n_m3)
+    asked = conditions if options and options.extended else ()
+    fitted = fit_observations(observations_of(runs, conditions=asked), wheel, soil, options)
     everything = observations_of(runs, thinned=False)
     models, predicted = [], []
     for fit in fitted.models:
         model = _model(wheel, soil, fit.name, fitted.options)
-        predictions = tuple(_predict_run(model, fit, run) for run in runs)
+        predictions = tuple(model.predict(condition, fit.values) for condition in conditions)
         models.append(replace(fit, predictions=predictions))
         predicted.append(
             {
@@ -91,17 +91,17 @@ def fit_observations(
         As `fit_models`.
     """
     chosen = options or FitOptions()
-    _check_options(chosen)
-    _check_stiffness(soil, wheel)
-    driven = _driven(observations, chosen)
-    base = _model(wheel, soil, "wong", chosen).predict(Conditions(driven.slip, driven.vertical_load_n))
-    answered = np.isfinite(base.drawbar_pull_n)
+    check_options(chosen)
+    check_stiffness(soil, wheel)
+    driven = driven_samples(observations, chosen)
+    answered = np.isfinite(_model(wheel, soil, "wong", chosen).predict(driven.conditions).drawbar_pull_n)
+    if chosen.extended is not None:
+        answered &= answered_by_extended(wheel, driven, chosen.extended, answered)
     driven, lost = driven[answered], int((~answered).sum())
-    _check_enough(driven, lost, chosen)
+    check_enough(driven, lost, chosen)
     threshold = default_slip_threshold(soil) if chosen.slip_threshold is None else chosen.slip_threshold
-    fits = [_fit_one(name, driven, wheel, soil, chosen) for name in chosen.models]
-    conditions = Conditions(observations.slip, observations.vertical_load_n)
-    predictions = [_model(wheel, soil, fit.name, chosen).predict(conditions, fit.values) for fit in fits]
+    fits = [_fit_one(name, driven, wheel, soil, chosen) for name in chosen.names]
+    predictions = [_model(wheel, soil, fit.name, chosen).predict(observations.conditions, fit.values) for fit in fits]
     predicted = [{c: getattr(p, CHANNELS[c]) for c in CHANNELS} for p in predictions]
     models = judge_alike(fits, observations, predicted, threshold)
     notes = (f"{lost} driven samples left out: the soil does not carry their load above the axle",) if lost else ()
@@ -114,78 +114,13 @@ def default_slip_threshold(soil: Soil) -> float:
 
 
 def _model(wheel: Wheel, soil: Soil, name: str, options: FitOptions) -> WheelSoilModel:
-    return WheelSoilModel(wheel, soil, [EFFECTS[effect] for effect in MODELS[name]], options.reading)
-
-
-def _check_options(options: FitOptions) -> None:
-    faults = [Fault(f"there is no model {m!r}", expected=nearest(m, MODELS)) for m in options.models if m not in MODELS]
-    faults += [
-        Fault(f"there is no channel {c!r} to fit", expected="dp, t", next_step="use --channels dp,t")
-        for c in options.channels or ("",)
-        if c not in CHANNELS
-    ]
-    if faults:
-        raise ConfigError(*faults)
-
-
-def _driven(observations: Observations, options: FitOptions) -> Observations:
-    """Return the samples that can be fitted: 0 < s <= 1, W > 0, every fitted channel measured."""
-    missing = [c for c in options.channels if not np.isfinite(observations.measured(c)).any()]
-    if missing and len(observations):
-        raise DataError(
-            *(
-                Fault(
-                    f"{CHANNELS[c]} was not measured",
-                    next_step=f"leave {c!r} out of --channels, or give the signal a role under [signals]",
-                )
-                for c in missing
-            )
-        )
-    good = (observations.slip > 0) & (observations.slip <= 1) & (observations.vertical_load_n > 0)
-    for channel in options.channels:
-        good &= np.isfinite(observations.measured(channel))
-    return observations[good]
-
-
-def _check_stiffness(soil: Soil, wheel: Wheel) -> None:
-    stiffness = soil.stiffness(wheel.width_m)
-    if not stiffness > 0:
-        raise ConfigError(
-            Fault(
-                "this soil does not resist a wheel of this width: k_c/b + k_phi is not positive",
-                where=f"soil {soil.name}",
-                found=f"k_c {soil.cohesive_modulus:g} N/m^(n+1), k_phi {soil.frictional_modulus:g} N/m^(n+2), "
-                f"b {wheel.width_m:g} m: {stiffness:g} Pa/m^n",
-                next_step="check cohesive_modulus_kn, frictional_modulus_kn and width_m",
-            )
-        )
-
-
-def _check_enough(driven: Observations, lost: int, options: FitOptions) -> None:
-    most = max(sum(len(EFFECTS[e].parameters) for e in MODELS[m]) for m in options.models)
-    most += len(SOIL_PARAMETERS) if options.soil_prior else 0
-    needed = max(4, most + 3) if driven.independent else MIN_SAMPLES
-    if len(driven) >= needed:
-        return
-    found = f"{len(driven)} usable samples with s > 0"
-    if lost:
-        found += f"; {lost} more whose load this soil and wheel do not carry above the axle"
-    raise DataError(
-        Fault(
-            "too few driven samples to fit",
-            found=found,
-            expected=f"at least {needed}",
-            next_step="check wheel, soil and units" if lost else "see `wheelsoil process` for why samples are left out",
-        )
-    )
+    ground = options.extended.soil if name == EXTENDED and options.extended else soil
+    return WheelSoilModel(wheel, ground, [EFFECTS[effect] for effect in options.effects_of(name)], options.reading)
 
 
 def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options: FitOptions) -> ModelFit:
-    model = _model(wheel, soil, name, options)
-    free = free_parameters(model, options.soil_prior)
-    ones = {c: np.ones(len(driven)) for c in options.channels}
-    problem = FitProblem(model, driven, options.channels, free, options.soil_prior, ones)
-    problem = problem.with_static_sinkage()
+    problem = _problem(name, driven, wheel, soil, options)
+    free = problem.free
     x = problem.answered_start()
     problem, floor = problem.renewed(x)
     result: GaussNewtonResult | None = None
@@ -202,7 +137,7 @@ def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options:
     estimates = estimates_of(problem, x, result, found, blocks, options.confidence) if result and found else ()
     return ModelFit(
         name=name,
-        effects=MODELS[name],
+        effects=options.effects_of(name),
         estimates=estimates,
         correlation=correlations(problem.names, found.covariance) if found else {},
         warnings=warnings_of(problem, result, found, estimates) if result and found else (),
@@ -213,7 +148,19 @@ def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options:
         samples=len(driven),
         blocks=blocks,
         residual_floor=floor,
+        fixed=dict(problem.fixed),
     )
+
+
+def _problem(name: str, driven: Observations, wheel: Wheel, soil: Soil, options: FitOptions) -> FitProblem:
+    model = _model(wheel, soil, name, options)
+    starts = options.extended.values if name == EXTENDED and options.extended else None
+    free = free_parameters(model, options.soil_prior, starts)
+    ones = {c: np.ones(len(driven)) for c in options.channels}
+    problem = FitProblem(model, driven, options.channels, free, options.soil_prior, ones)
+    if name == EXTENDED:
+        problem = problem.without_idle_parameters()
+    return problem.with_static_sinkage()
 
 
 def _solve(problem: FitProblem, start: FloatArray) -> GaussNewtonResult:
@@ -280,8 +227,3 @@ def judge_alike(
         }
         judged.append(replace(fit, criteria=found))
     return tuple(judged)
-
-
-def _predict_run(model: WheelSoilModel, fit: ModelFit, run: ProcessedRun) -> Prediction:
-    slip = np.where(run.used, run.slip, np.nan)
-    return model.predict(Conditions(slip, run.vertical_load_n), fit.values)

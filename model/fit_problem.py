@@ -10,12 +10,12 @@ Source: Orear (1982), Am. J. Phys. 50:912 (least squares when both variables hav
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.conditions import Conditions
 from model.observations import CHANNELS, Observations
 from model.soil_prior import SoilPrior
 from model.wheel_soil import SOIL_PARAMETERS, Prediction, WheelSoilModel
@@ -49,10 +49,13 @@ class Free:
 _SOIL_UNITS = dict(zip(SOIL_PARAMETERS, ("Pa", "1", "m", "1", "N/m^(n+1)", "N/m^(n+2)"), strict=True))
 
 
-def free_parameters(model: WheelSoilModel, prior: SoilPrior | None) -> tuple[Free, ...]:
-    """Return the effects' parameters and, with a prior, the soil's."""
+def free_parameters(
+    model: WheelSoilModel, prior: SoilPrior | None, starts: Mapping[str, float] | None = None
+) -> tuple[Free, ...]:
+    """Return the effects' parameters and, with a prior, the soil's; `starts` are other starts than the effects' own."""
+    given = starts or {}
     effects = [
-        Free(key, p.unit, p.start, p.lower, p.upper, p.scale(model.wheel), p.neutral)
+        Free(key, p.unit, given.get(key, p.start), p.lower, p.upper, p.scale(model.wheel), p.neutral)
         for e in model.effects
         for key, p in zip(e.parameter_keys().values(), e.parameters, strict=True)
     ]
@@ -83,6 +86,8 @@ class FitProblem:
         Share of the data's information that counts against the prior: 1 / (samples per independent sample).
     static_sinkage_m : array (n,), optional
         Z0 where no free parameter moves it, so that it is solved for once.
+    fixed : mapping name -> value
+        Parameters that are not fitted and not at their neutral value.
     """
 
     model: WheelSoilModel
@@ -93,6 +98,7 @@ class FitProblem:
     variance: dict[str, FloatArray]
     tempering: float = 1.0
     static_sinkage_m: FloatArray | None = None
+    fixed: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -103,13 +109,24 @@ class FitProblem:
         """Return the problem with Z0 solved once, where no free parameter moves it."""
         if self.prior is not None or any(e.moves_static_sinkage() for e in self.model.effects):
             return self
-        neutral = np.array([p.neutral for e in self.model.effects for p in e.parameters])
+        neutral = np.array([f.neutral for f in self.free])
         return replace(self, static_sinkage_m=self.predict(neutral).static_sinkage_m)
 
     def predict(self, x: FloatArray, wrt: tuple[str, ...] = ()) -> Prediction:
         """Return the model's answer at the estimate `x`, shape (p,)."""
-        values = dict(zip(self.names, x.tolist(), strict=True))
-        return self.model.predict(Conditions(self.driven.slip, self.driven.vertical_load_n), values, wrt=wrt)
+        return self.model.predict(self.driven.conditions, self._values(x), wrt=wrt)
+
+    def _values(self, x: FloatArray) -> dict[str, float]:
+        return {**self.fixed, **dict(zip(self.names, x.tolist(), strict=True))}
+
+    def without_idle_parameters(self) -> FitProblem:
+        """Return the problem with those parameters fixed at their starts that nothing that is fitted shows."""
+        x = self.answered_start()
+        slopes = self.predict(x, self.names).sensitivities
+        shown = [any(np.any(getattr(slopes[name], CHANNELS[c]) != 0.0) for c in self.channels) for name in self.names]
+        kept = tuple(f for f, seen in zip(self.free, shown, strict=True) if seen or f.name in SOIL_PARAMETERS)
+        idle = {f.name: f.start for f in self.free if f not in kept}
+        return replace(self, free=kept, fixed={**self.fixed, **idle})
 
     def answered_start(self) -> FloatArray:
         """Return the starts, shape (p,), brought as near to neutral as it takes for the model to answer every sample.
@@ -124,9 +141,9 @@ class FitProblem:
 
     def residual_and_jacobian(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return whitened residuals (model - measured; prior rows last), and their derivatives."""
-        values = dict(zip(self.names, x.tolist(), strict=True))
-        conditions = Conditions(self.driven.slip, self.driven.vertical_load_n)
-        prediction = self.model.predict(conditions, values, wrt=self.names, static_sinkage_m=self.static_sinkage_m)
+        prediction = self.model.predict(
+            self.driven.conditions, self._values(x), wrt=self.names, static_sinkage_m=self.static_sinkage_m
+        )
         residual, jacobian = [], []
         for channel in self.channels:
             weight = np.sqrt(self.tempering / self.variance[channel])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.criteria import Criteria
+from model.extended import ExtendedModel
 from model.intervals import Blocks
 from model.observations import Observations
 from model.soil_prior import SoilPrior
@@ -19,6 +20,8 @@ FloatArray = NDArray[np.float64]
 
 MODELS: dict[str, tuple[str, ...]] = {"wong": (), "vasilev": ("vasilev",), "lyasko": ("lyasko",), "ding": ("ding",)}
 """The paper's four models by the effects they add to Wong's."""
+EXTENDED = "extended"
+"""Name of the model that a diagnosis left behind, in a fit beside the four."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,8 @@ class FitOptions:
         For the criteria only; default 0.2 on clay, else 0.1, as in the paper.
     models : of `MODELS`
     confidence : of the intervals
+    extended : ExtendedModel, optional
+        Fitted beside the others: its soil, and its effects from the values they have.
     """
 
     reading: Reading = "balanced"
@@ -43,6 +48,18 @@ class FitOptions:
     slip_threshold: float | None = None
     models: tuple[str, ...] = tuple(MODELS)
     confidence: float = 0.95
+    extended: ExtendedModel | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all models that are fitted."""
+        return self.models if self.extended is None else (*self.models, EXTENDED)
+
+    def effects_of(self, name: str) -> tuple[str, ...]:
+        """Return the short names of a model's effects."""
+        if name == EXTENDED and self.extended is not None:
+            return tuple(effect.key for effect in self.extended.effects)
+        return MODELS[name]
 
 
 @dataclass(frozen=True)
@@ -76,7 +93,7 @@ class ModelFit:
 
     Attributes
     ----------
-    name : of `MODELS`
+    name : of `MODELS`, or `EXTENDED`
     effects : short names of the effects on top of Wong's model
     estimates : tuple of Estimate, empty for Wong's model with a fixed soil
     correlation : mapping (name, name) -> float, each pair once
@@ -88,6 +105,7 @@ class ModelFit:
     blocks : what the intervals took as independent
     residual_floor : mapping channel -> a of the effective variance, N or N m
     predictions : one for each run, on all its samples (NaN where not usable); empty for a bench table
+    fixed : mapping name -> value of effects' parameters that nothing fitted shows
     """
 
     name: str
@@ -103,11 +121,12 @@ class ModelFit:
     blocks: Blocks
     residual_floor: dict[str, float]
     predictions: tuple[Prediction, ...] = ()
+    fixed: dict[str, float] = field(default_factory=dict)
 
     @property
     def values(self) -> dict[str, float]:
-        """Fitted parameters by name, as `WheelSoilModel.predict` takes them."""
-        return {e.name: e.value for e in self.estimates if not e.derived}
+        """Parameters by name, as `WheelSoilModel.predict` takes them: the fitted ones and those that are held."""
+        return self.fixed | {e.name: e.value for e in self.estimates if not e.derived}
 
     def estimate(self, name: str) -> Estimate:
         """Return an estimate by name."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.conditions import Conditions
 from processing.processed_run import ProcessedRun
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +29,8 @@ class Observations:
     run : index of the run a sample is from.
     names : of the runs.
     independent : whether samples are independent of each other (rows of a bench table), or a time series.
+    more : mapping name -> array
+        Further fields of `Conditions`, for effects that ask for them.
     """
 
     slip: FloatArray
@@ -41,6 +44,7 @@ class Observations:
     run: NDArray[np.intp]
     names: tuple[str, ...]
     independent: bool = False
+    more: dict[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.slip)
@@ -49,9 +53,15 @@ class Observations:
         arrays = {
             name: getattr(self, name)[rows]
             for name in self.__dataclass_fields__
-            if name not in ("names", "independent")
+            if name not in ("names", "independent", "more")
         }
-        return Observations(**arrays, names=self.names, independent=self.independent)
+        more = {name: values[rows] for name, values in self.more.items()}
+        return Observations(**arrays, names=self.names, independent=self.independent, more=more)
+
+    @property
+    def conditions(self) -> Conditions:
+        """What the wheel was put through, as a model takes it."""
+        return Conditions(self.slip, self.vertical_load_n, **self.more)
 
     def measured(self, channel: str) -> FloatArray:
         """Return the measured values of "dp" or "t"."""
@@ -59,7 +69,9 @@ class Observations:
         return values
 
 
-def observations_of(runs: Sequence[ProcessedRun], *, thinned: bool = True) -> Observations:
+def observations_of(
+    runs: Sequence[ProcessedRun], *, thinned: bool = True, conditions: Sequence[Conditions] = ()
+) -> Observations:
     """Collect the usable samples of processed runs.
 
     Parameters
@@ -68,12 +80,20 @@ def observations_of(runs: Sequence[ProcessedRun], *, thinned: bool = True) -> Ob
     thinned : bool
         Keep only every k-th sample, so that the rate is still 2.5 times the filter's cutoff: what is left out
         holds no information that its neighbours do not have.
+    conditions : sequence of Conditions, optional
+        Of every sample of each run (`model.run_conditions.conditions_of`), for effects that ask for more than slip
+        and load.
     """
     chosen = [_rows(run, _step(run) if thinned else 1) for run in runs]
 
     def joined(name: str) -> FloatArray:
         return np.concatenate([getattr(run, name)[rows] for run, rows in zip(runs, chosen, strict=True)])
 
+    more = {
+        name: np.concatenate([getattr(c, name)[rows] for c, rows in zip(conditions, chosen, strict=True)])
+        for name in (Conditions.__dataclass_fields__ if conditions else ())
+        if name not in ("slip", "vertical_load_n")
+    }
     return Observations(
         slip=joined("slip"),
         vertical_load_n=joined("vertical_load_n"),
@@ -85,6 +105,7 @@ def observations_of(runs: Sequence[ProcessedRun], *, thinned: bool = True) -> Ob
         time_s=joined("time_s"),
         run=np.repeat(np.arange(len(runs)), [len(rows) for rows in chosen]),
         names=tuple(run.run.id or f"run {i + 1}" for i, run in enumerate(runs)),
+        more=more,
     )
 
 

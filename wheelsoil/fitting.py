@@ -13,9 +13,9 @@ from daq.bench_tables import WheelTable
 from daq.config import TerrainConfig, VehicleConfig, load_toml
 from daq.errors import ConfigError, Fault, nearest
 from daq.run import Run
-from model.conditions import Conditions
 from model.effects import EFFECTS
-from model.fit_result import MODELS, CampaignFit, FitOptions, ModelFit
+from model.extended import ExtendedModel
+from model.fit_result import EXTENDED, CampaignFit, FitOptions, ModelFit
 from model.observations import Observations
 from model.soil_prior import prior_of
 from model.soils import SOILS, Soil, soil_from_terrain
@@ -40,6 +40,7 @@ class FitChoices:
     channels: tuple[str, ...] = ("dp",)
     soil_prior: bool = False
     slip_threshold: float | None = None
+    extended: ExtendedModel | None = None
 
     def options(self, soil: Soil, terrain: TerrainConfig | None) -> FitOptions:
         """Return the options of the fit.
@@ -53,7 +54,7 @@ class FitChoices:
         if threshold is not None and not 0 <= threshold < 1:
             raise ConfigError(Fault("--slip-threshold is no slip", found=f"{threshold:g}", expected="0 to 1"))
         prior = prior_of(soil, terrain) if self.soil_prior else None
-        return FitOptions(self.reading, self.channels, prior, threshold)
+        return FitOptions(self.reading, self.channels, prior, threshold, extended=self.extended)
 
 
 def parse_channels(text: str) -> tuple[str, ...]:
@@ -197,10 +198,10 @@ def load_terrain(path: Path | None) -> TerrainConfig | None:
 
 def predicted(fit: CampaignFit, model: ModelFit) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
     """Return what a fitted model says of each row of the observations: sinkage, load, drawbar pull and torque."""
-    effects = [EFFECTS[name] for name in MODELS[model.name]]
-    seen = fit.observations
-    said = WheelSoilModel(fit.wheel, fit.soil, effects, fit.options.reading).predict(
-        Conditions(seen.slip, seen.vertical_load_n), model.values
+    effects = [EFFECTS[name] for name in model.effects]
+    ground = fit.options.extended.soil if model.name == EXTENDED and fit.options.extended else fit.soil
+    said = WheelSoilModel(fit.wheel, ground, effects, fit.options.reading).predict(
+        fit.observations.conditions, model.values
     )
     return {
         name: getattr(said, name) for name in ("sinkage_m", "vertical_load_n", "drawbar_pull_n", "driving_torque_nm")
@@ -220,6 +221,7 @@ def fit_as_json(fit: CampaignFit) -> dict[str, Any]:
         "slip_threshold": fit.slip_threshold,
         "notes": fit.notes,
         "models": {model.name: model_as_json(model) for model in fit.models},
+        "extended": fit.options.extended.to_mapping() if fit.options.extended else None,
     }
 
 
@@ -227,6 +229,8 @@ def model_as_json(model: ModelFit) -> dict[str, Any]:
     """Return one fitted model as plain values."""
     return {
         "estimates": {estimate.name: estimate for estimate in model.estimates},
+        "effects": model.effects,
+        "held": model.fixed,
         "correlation": {" ".join(pair): value for pair, value in model.correlation.items()},
         "warnings": model.warnings,
         "stop_reason": model.stop_reason,

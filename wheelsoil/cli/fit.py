@@ -13,6 +13,7 @@ from wheelsoil.cli.options import (
     Json,
     LenientDbc,
     MinSpeed,
+    ModelFile,
     Reading,
     Rename,
     RunsFile,
@@ -50,6 +51,7 @@ def command(
     channels: Channels = "dp",
     soil_prior: SoilPrior = False,
     slip_threshold: SlipThreshold = None,
+    model: ModelFile = None,
     min_speed: MinSpeed = 0.5,
     lenient_dbc: LenientDbc = False,
     json: Json = False,
@@ -60,8 +62,10 @@ def command(
     gives for each model's sinkage over the measured one.
     """
     from wheelsoil.fitting import FitChoices, fit_as_json, parse_channels
+    from wheelsoil.model_files import load_model
 
-    choices = FitChoices(sinkage.value, parse_channels(channels), soil_prior, slip_threshold)
+    extended = load_model(model) if model else None
+    choices = FitChoices(sinkage.value, parse_channels(channels), soil_prior, slip_threshold, extended)
     if table is not None:
         if runs:
             raise ConfigError(Fault("RUN and --table exclude each other", next_step="fit one, then the other"))
@@ -141,9 +145,10 @@ def print_fit(fit: CampaignFit) -> None:
 
 
 def _estimates(model: ModelFit) -> list[list[str]]:
+    held = [[model.name, name, f"{number(value)} (held)", "-", "-", ""] for name, value in model.fixed.items()]
     if not model.estimates:
-        return [[model.name, "-", "-", "-", "-", ""]]
-    return [
+        return held or [[model.name, "-", "-", "-", "-", ""]]
+    return held + [
         [
             model.name,
             estimate.name,

@@ -44,6 +44,10 @@ SlipThreshold = Annotated[
     float | None,
     typer.Option("--slip-threshold", metavar="SLIP", help="For M0, R0, R2 only (default: 0.2 on clay, else 0.1)."),
 ]
+ModelFile = Annotated[
+    Path | None,
+    typer.Option("--model", metavar="FILE", help="A model that `diagnose -o` left: fitted beside the four, too."),
+]
 MinSpeed = Annotated[float, typer.Option("--min-speed", metavar="M/S", help="Below this there is no slip.")]
 
 

@@ -1,0 +1,132 @@
+"""The extended model as a file: written by a diagnosis, read by `fit`; a person can read it, too."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from cli_support import invoke, ok
+from diagnosis_samples import diagnosis
+
+from daq.errors import ConfigError
+from model.diagnosis.campaign import Campaign
+from model.diagnosis.result import ParameterEstimate
+from model.extended import ExtendedEffect, ExtendedModel
+from model.soil_prior import prior_of
+from model.soils import SOILS
+from model.wheel import Wheel
+from wheelsoil.model_files import load_model, model_targets, model_toml, models_of
+
+CLAY = SOILS["clay"]
+CAMPAIGN = Campaign("clay", (), Wheel(0.47, 0.318), CLAY, prior_of(CLAY))
+
+
+def effect(key: str, **values: float) -> ExtendedEffect:
+    nan = float("nan")
+    return ExtendedEffect(key, tuple(ParameterEstimate(n, "", v, (nan, nan), nan) for n, v in values.items()))
+
+
+def written(folder: Path, *effects: ExtendedEffect, **changes: object) -> Path:
+    model = replace(ExtendedModel(CAMPAIGN.wheel, CLAY, effects), **changes)
+    path = folder / "model.toml"
+    path.write_text(model_toml(model), encoding="utf-8")
+    return path
+
+
+def test_what_a_diagnosis_leaves_is_read_again_and_says_what_it_is(tmp_path):
+    (model,) = models_of(diagnosis("named"), [CAMPAIGN], "balanced", "wheelsoil diagnose clay")
+    path = tmp_path / "model.toml"
+    path.write_text(model_toml(model), encoding="utf-8")
+    again = load_model(path)
+    assert again.values == {"H_m": 0.051}
+    assert again.soil.cohesion_pa == 4100.0
+    assert again.soil.shear_modulus_m == CLAY.shear_modulus_m, "what the data say nothing of stays the laboratory's"
+    facts = tomllib.loads(path.read_text(encoding="utf-8"))["provenance"]
+    assert facts["verdict"] == "named"
+    assert facts["held_out_R0_reduction_percent"] == 45.0
+    assert facts["command"] == "wheelsoil diagnose clay"
+    head = path.read_text(encoding="utf-8").split("schema")[0]
+    assert "slip sinkage (vasilev): H_m = 0.051 m" in head
+    assert diagnosis("named").sentence in head.replace("\n# ", " ")
+
+
+@pytest.mark.parametrize("verdict", ["one_of", "unexplained", "nothing_detectable"])
+def test_only_a_named_cause_is_put_into_it(verdict):
+    (model,) = models_of(diagnosis(verdict), [CAMPAIGN], "balanced", "")
+    assert model.effects == ()
+    assert "No cause is named" in model_toml(model)
+
+
+def test_several_campaigns_get_a_file_each(tmp_path):
+    output = tmp_path / "model.toml"
+    names = [path.name for path in model_targets(output, ["clay", "../sand (2)"], force=False)]
+    assert names == ["model-clay.toml", "model-sand-2.toml"]
+    alike = [path.name for path in model_targets(output, ["a b", "a-b"], force=False)]
+    assert len(set(alike)) == 2
+    (tmp_path / "model-clay.toml").touch()
+    with pytest.raises(ConfigError, match="exists already"):
+        model_targets(output, ["clay", "sand"], force=False)
+
+
+def test_fit_takes_it_as_a_fifth_model_and_refits_its_cause(campaign, tmp_path):
+    path = written(tmp_path, effect("lyasko", m1=0.3, m2=0.0), effect("torque_zero", offset_nm=25.0))
+    fit = ok("fit", campaign, "--model", path, "--json").json
+    assert list(fit["models"]) == ["wong", "vasilev", "lyasko", "ding", "extended"]
+    extended, lyasko = fit["models"]["extended"], fit["models"]["lyasko"]
+    p = lyasko["estimates"]["p"]
+    assert extended["estimates"]["p"]["value"] == pytest.approx(p["value"], abs=0.02 * p["sigma"])
+    assert extended["held"] == {"torque_zero.offset_nm": 25.0}, "the drawbar pull shows nothing of it"
+    assert fit["models"]["wong"] == ok("fit", campaign, "--json").json["models"]["wong"]
+    text = ok("fit", campaign, "--model", path).out
+    assert "25 (held)" in text
+
+
+def test_fit_needs_what_its_causes_need(campaign, tmp_path):
+    flat = written(tmp_path, effect("tyre_flattening", radius_gain=0.1))
+    result = invoke("fit", campaign, "--model", flat)
+    assert result.code == 1
+    assert "needs inflation_kpa, which these data do not have" in result.err
+    drifting = written(tmp_path, effect("zero_drift", campaign_span_n=100.0))
+    extended = ok("fit", campaign, "--model", drifting, "--json").json["models"]["extended"]
+    assert abs(extended["estimates"]["zero_drift.campaign_span_n"]["value"]) < 400
+
+
+def test_a_bench_table_has_no_clock(tmp_path):
+    (tmp_path / "wheel.toml").write_text("[wheel]\nradius_m = 0.47\nwidth_m = 0.318\n")
+    rows = [f"{s / 10},8000,{100 + 300 * s / 10}" for s in range(1, 10)]
+    (tmp_path / "rows.csv").write_text("\n".join(["slip,vertical_load_n,drawbar_pull_n", *rows]))
+    table = ["fit", "--table", tmp_path / "rows.csv", "--vehicle", tmp_path / "wheel.toml", "--soil", "clay"]
+    result = invoke(*table, "--model", written(tmp_path, effect("zero_drift", campaign_span_n=100.0)))
+    assert result.code == 1
+    assert "needs campaign_time" in result.err
+    known = ok(*table, "--model", written(tmp_path, effect("vasilev", H_m=0.01)), "--json").json
+    assert known["models"]["extended"]["estimates"]["H_m"]["value"] == pytest.approx(
+        known["models"]["vasilev"]["estimates"]["H_m"]["value"], rel=1e-3, abs=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("schema = 'wheelsoil/model/1'\n", ("key 'wheel' is missing", "key 'soil' is missing")),
+        ("not toml", ("not valid TOML",)),
+        ("schema = 'wheelsoil/model/9'\n", ("schema",)),
+    ],
+)
+def test_a_wrong_file_says_everything_that_is_wrong(text, said, campaign, tmp_path):
+    path = tmp_path / "model.toml"
+    path.write_text(text)
+    result = invoke("fit", campaign, "--model", path)
+    assert result.code == 2
+    assert "Traceback" not in result.err
+    for words in said:
+        assert words in result.err
+
+
+def test_readings_do_not_mix(campaign, tmp_path):
+    path = written(tmp_path, effect("vasilev", H_m=0.01), reading="literal")
+    result = invoke("fit", campaign, "--model", path)
+    assert result.code == 2
+    assert "add --sinkage literal" in result.err
