@@ -10,29 +10,64 @@ Source: Venzon & Moolgavkar (1988), Appl. Stat. 37:87; Rotnitzky & Jewell (1990)
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.fit_problem import FitProblem
 from model.gauss_newton import GaussNewtonOptions, gauss_newton
 
 FloatArray = NDArray[np.float64]
 _OPTIONS = GaussNewtonOptions(epsilon=1e-4, cost_tolerance=1e-6, max_iterations=30)
 
 
-def profile_of_sum(problem: FitProblem, x: FloatArray, pair: tuple[int, int], allowed: float) -> tuple[float, float]:
+class Bounded(Protocol):
+    """A parameter with its bounds."""
+
+    @property
+    def lower(self) -> float:
+        """Least value."""
+
+    @property
+    def upper(self) -> float:
+        """Largest value."""
+
+
+class Problem(Protocol):
+    """A least-squares problem with bounds on each of its p parameters."""
+
+    @property
+    def free(self) -> Sequence[Bounded]:
+        """The parameters."""
+
+    def residual_and_jacobian(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the whitened residual (m,) and its derivatives (m, p)."""
+
+
+def profile_of_sum(
+    problem: Problem,
+    x: FloatArray,
+    pair: tuple[int, int],
+    allowed: float,
+    *,
+    span: float | None = None,
+    precision: float = 2e-3,
+) -> tuple[float, float]:
     """Return the interval of x[i] + x[j] within which the refitted cost rises by at most `allowed`.
 
     Parameters
     ----------
-    problem : FitProblem
+    problem : Problem
     x : array, shape (p,)
         The minimum.
     pair : (i, j)
     allowed : float
         In units of the whitened cost.
+    span : float, optional
+        About how far from the minimum to expect the ends; the default is a quarter of the sum.
+    precision : float
+        Of the distance of an end from the minimum, relative.
 
     Returns
     -------
@@ -48,19 +83,23 @@ def profile_of_sum(problem: FitProblem, x: FloatArray, pair: tuple[int, int], al
         cost = _refitted(problem, x, pair, total, lower, upper)
         return float(np.sqrt(max(cost - least, 0.0))) if np.isfinite(cost) else np.inf  # a wheel sunk to its axle
 
-    span = max(0.25 * abs(centre), 0.05)
+    reach = max(0.25 * abs(centre), 0.05) if span is None else span
     edges = (float(lower[i] + lower[j]), float(upper[i] + upper[j]))
     target = float(np.sqrt(allowed))
-    return _edge(excess, centre, -span, edges[0], target), _edge(excess, centre, span, edges[1], target)
+    low, high = (
+        _edge(excess, centre, side * reach, edge, target, precision)
+        for side, edge in zip((-1.0, 1.0), edges, strict=True)
+    )
+    return low, high
 
 
-def _cost(problem: FitProblem, x: FloatArray) -> float:
+def _cost(problem: Problem, x: FloatArray) -> float:
     residual, _ = problem.residual_and_jacobian(x)
     return float(residual @ residual)
 
 
 def _refitted(
-    problem: FitProblem, x: FloatArray, pair: tuple[int, int], total: float, lower: FloatArray, upper: FloatArray
+    problem: Problem, x: FloatArray, pair: tuple[int, int], total: float, lower: FloatArray, upper: FloatArray
 ) -> float:
     """Return the least cost with x[i] = total - x[j]."""
     i, j = pair
@@ -85,7 +124,9 @@ def _refitted(
     return result.cost
 
 
-def _edge(excess: Callable[[float], float], centre: float, span: float, limit: float, target: float) -> float:
+def _edge(
+    excess: Callable[[float], float], centre: float, span: float, limit: float, target: float, precision: float
+) -> float:
     """Return where `excess` reaches `target`, walking from `centre` in the direction of `span`, at most to `limit`."""
     inside, outside = centre, centre + span
     at_inside, at_outside = 0.0, excess(_within(outside, span, limit))
@@ -99,7 +140,7 @@ def _edge(excess: Callable[[float], float], centre: float, span: float, limit: f
         at_outside = excess(_within(outside, span, limit))
     outside = _within(outside, span, limit)
     for _ in range(12):
-        if abs(outside - inside) < 2e-3 * max(abs(outside - centre), 1e-6):
+        if abs(outside - inside) < precision * max(abs(outside - centre), 1e-6):
             break
         share = np.clip((target - at_inside) / max(at_outside - at_inside, 1e-300), 0.1, 0.9)
         middle = inside + float(share) * (outside - inside)
