@@ -56,6 +56,11 @@ class SimulationOptions:
     start : datetime
         Of the first run.
 
+    known_terrain : TerrainConfig, optional
+        The soil, where it is neither a preset nor in a file of its own; see `wheelsoil.virtual_model`.
+    model_file : str
+        Where that soil is from, for the command line that makes the same frames.
+
     Raises
     ------
     ConfigError
@@ -76,6 +81,8 @@ class SimulationOptions:
     wheel_axes: bool = False
     noise: float = 1.0
     start: datetime = DEFAULT_START
+    known_terrain: TerrainConfig | None = None
+    model_file: str = ""
 
     def __post_init__(self) -> None:
         faults = [
@@ -120,6 +127,8 @@ class SimulationOptions:
 
     @cached_property
     def _terrain(self) -> TerrainConfig | None:
+        if self.known_terrain is not None:
+            return self.known_terrain
         if self.soil in SOILS:
             return None
         if not self.soil.endswith(".toml"):
@@ -135,7 +144,7 @@ class SimulationOptions:
     @cached_property
     def laboratory_soil(self) -> Soil:
         """The soil as terrain.toml states it."""
-        return SOILS[self.soil] if self._terrain is None else soil_from_terrain(self._terrain)
+        return soil_from_terrain(self._terrain) if self._terrain else SOILS[self.soil]
 
     @cached_property
     def terrain(self) -> TerrainConfig:
@@ -145,8 +154,9 @@ class SimulationOptions:
     @property
     def command(self) -> str:
         """The command line that makes the same frames, without its output."""
-        words = ["wheelsoil", "simulate", "--soil", self.soil, "--runs", str(self.runs)]
-        words += ["--duration", f"{self.duration_s:g}", "--seed", str(self.seed), "--sinkage", self.reading]
+        words = ["wheelsoil", "simulate", *(("--model", self.model_file) if self.model_file else ("--soil", self.soil))]
+        words += ["--runs", str(self.runs), "--duration", f"{self.duration_s:g}", "--seed", str(self.seed)]
+        words += [] if self.model_file else ["--sinkage", self.reading]
         for name, values in self.effects.items():
             words += ["--effect", f"{name}:" + ",".join(f"{key}={value!r}" for key, value in values.items())]
         default = SimulationOptions()
@@ -155,7 +165,7 @@ class SimulationOptions:
         if self.pass_number != default.pass_number:
             words += [word for number in self.pass_number for word in ("--pass-number", f"{number}")]
         words += [word for pressure in self.inflation_kpa for word in ("--inflation", f"{pressure!r}")]
-        if self.wheel != default.wheel:
+        if self.wheel != default.wheel and not self.model_file:
             words += ["--radius", f"{self.wheel.radius_m!r}", "--width", f"{self.wheel.width_m!r}"]
         words += ["--draw-soil"] * self.draw_soil + ["--wheel-axes"] * self.wheel_axes
         if self.noise != default.noise:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -130,3 +131,49 @@ def test_readings_do_not_mix(campaign, tmp_path):
     result = invoke("fit", campaign, "--model", path)
     assert result.code == 2
     assert "add --sinkage literal" in result.err
+
+
+def test_simulate_drives_over_it(tmp_path):
+    soil = replace(CLAY, name="re-calibrated clay", cohesion_pa=3900.0)
+    model = written(
+        tmp_path,
+        effect("vasilev", H_m=0.02),
+        effect("drawbar_pull_zero", offset_n=80.0),
+        wheel=Wheel(0.4, 0.25),
+        soil=soil,
+        soil_sigmas={"cohesion_pa": 390.0},
+    )
+    ok(
+        "simulate",
+        "--model",
+        model,
+        "-o",
+        tmp_path / "a",
+        "--runs",
+        1,
+        "--duration",
+        15,
+        "--effect",
+        "vasilev:H_m=0.03",
+    )
+    manifest = tomllib.loads((tmp_path / "a" / "manifest.toml").read_text())
+    truth = manifest["truth"]
+    assert truth["wheel"] == {"radius_m": 0.4, "width_m": 0.25}
+    assert truth["soil"]["cohesion_pa"] == pytest.approx(3900.0)
+    assert {e["name"]: e["parameters"] for e in truth["effect"]} == {
+        "vasilev": {"H_m": 0.03},
+        "drawbar_pull_zero": {"offset_n": 80.0},
+    }
+    terrain = tomllib.loads((tmp_path / "a" / "terrain.toml").read_text())
+    assert terrain["soil"]["name"] == "re-calibrated clay"
+    assert terrain["uncertainty"]["cohesion_kpa"] == pytest.approx(0.1)
+    ok(*shlex.split(manifest["command"])[1:], "-o", tmp_path / "b")
+    again = tomllib.loads((tmp_path / "b" / "manifest.toml").read_text())
+    assert [run["frames_sha256"] for run in again["run"]] == [run["frames_sha256"] for run in manifest["run"]]
+
+
+def test_simulate_takes_soil_and_wheel_from_one_place(tmp_path):
+    model = written(tmp_path)
+    result = invoke("simulate", "--model", model, "-o", tmp_path / "x", "--soil", "sandy", "--radius", 0.4)
+    assert result.code == 2
+    assert "--soil, --radius" in result.err

@@ -33,6 +33,7 @@ class Reading(StrEnum):
 
 
 def command(
+    ctx: typer.Context,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FOLDER", help="Campaign folder to write.")
     ] = None,
@@ -43,6 +44,10 @@ def command(
             metavar="NAME[:KEY=VALUE,...]",
             help="What wheel and soil do beyond Wong's model, or what a sensor gets wrong; repeatable.",
         ),
+    ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", metavar="FILE", help="Soil, wheel, reading and effects of a model by `diagnose -o`."),
     ] = None,
     sinkage: Annotated[Reading, typer.Option(help="Reading of the slip-sinkage laws.")] = Reading.balanced,
     runs: Annotated[int, typer.Option(help="Number of runs.")] = 6,
@@ -107,6 +112,10 @@ def command(
         noise=noise,
         start=_start(start, live=live is not None),
     )
+    if model is not None:
+        from wheelsoil.virtual_model import with_model
+
+        options = with_model(options, model, _given(ctx))
     _say_what_cannot_show(options)
     if output is not None:
         campaign = simulate_campaign(output, options, kind=kind.value, decoded=decoded, force=force)
@@ -114,6 +123,11 @@ def command(
         print(campaign.folder)
     if live is not None:
         _send(options, live, channel, speed)
+
+
+def _given(ctx: typer.Context) -> list[str]:
+    """Return the names of the options that stand on the command line."""
+    return [name for name in ctx.params if getattr(ctx.get_parameter_source(name), "name", "") == "COMMANDLINE"]
 
 
 def _effects(texts: list[str]) -> dict[str, dict[str, float]]:
