@@ -70,9 +70,7 @@ class Part:
             causes=found["causes"],
             rest_value=rest_value,
             rest_causes=rest_causes,
-            usable=np.isfinite(value).all(axis=0)
-            & np.isfinite(found["causes"]).all(axis=(0, 2))
-            & np.isfinite(by_soil).all(axis=(0, 2)),
+            usable=np.isfinite(np.concatenate([value[..., None], by_soil, found["causes"]], axis=2)).all(axis=(0, 2)),
         )
 
 
