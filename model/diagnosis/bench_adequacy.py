@@ -39,9 +39,14 @@ def misfits(problem: BenchProblem, optima: Sequence[Optimum], rows: FloatArray |
     rows : array, shape (n,), optional
         1 for rows that count, 0 for rows that are left out.
     """
-    fixed = replace(problem, noises=tuple(_fixed(noise) for noise in problem.noises))
+    fixed = with_usual_form(problem)
     found = search(fixed, [o.hypothesis for o in optima], [o.standard for o in optima], rows)
     return np.array([_misfit(fixed, optimum, rows) for optimum in found])
+
+
+def with_usual_form(problem: BenchProblem) -> BenchProblem:
+    """Return the problem with fixed noise: the scatter of repeats, and the error of form of a right model."""
+    return replace(problem, noises=tuple(_fixed(noise) for noise in problem.noises))
 
 
 def threshold(problem: BenchProblem, rng: np.random.Generator, rows: FloatArray | None = None) -> float:
@@ -67,7 +72,6 @@ def _scatter(noise: ChannelNoise) -> float:
 
 
 def _fixed(noise: ChannelNoise) -> ChannelNoise:
-    """Return the noise with one node: the scatter of repeats, and the error of form of a right model."""
     scatter = max(_scatter(noise), 1e-3 * noise.form_scale)
     return replace(noise, scatter=np.array([scatter]), form=np.array([noise.form_scale]), log_weight=np.zeros(1))
 

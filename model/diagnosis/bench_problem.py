@@ -110,7 +110,7 @@ class BenchProblem:
             known = [b.sigmas.get(channel) for b in self.benches]
             sigma = None if any(s is None for s in known) else float(np.mean([s for s in known if s is not None]))
             group = np.unique(self.group[chosen], return_inverse=True)[1]
-            form = ChannelNoise.usual_form(measured[chosen], group, sigma, self._size(channel))
+            form = ChannelNoise.usual_form(measured[chosen], group, sigma, self.size_of(channel))
             noises.append(ChannelNoise.of(channel, measured[chosen], group, carried, form, sigma))
             rows.append(chosen)
         return replace(self, noises=tuple(noises), rows=tuple(rows))
@@ -119,8 +119,8 @@ class BenchProblem:
         """Return the measured values of a channel in all rows, NaN where not measured."""
         return np.concatenate([getattr(b.rows, FIELDS[channel]) for b in self.benches])
 
-    def _size(self, channel: str) -> float:
-        """Return W, W r or r."""
+    def size_of(self, channel: str) -> float:
+        """Return what a channel is measured against: W, W r or r."""
         radius = float(np.mean([b.wheel.radius_m for b in self.benches]))
         return {"dp": self.typical_load_n, "t": self.typical_load_n * radius, "z": radius}[channel]
 

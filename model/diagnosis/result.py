@@ -170,6 +170,10 @@ class Seen:
         One-sigma of measured less base by the noise model.
     signatures : mapping effect key -> mapping channel -> array
         What each candidate changes at its estimated size, less what the soil can imitate.
+    implied : mapping effect key -> mapping channel -> array
+        What each candidate says as if it were the one, of channels that were not looked at too.
+    unseen : tuple of str
+        Channels that were measured and not looked at: nothing was chosen or fitted by them.
     """
 
     campaign: str
@@ -185,6 +189,8 @@ class Seen:
     extended: dict[str, FloatArray]
     base_sigma: dict[str, FloatArray]
     signatures: dict[str, dict[str, FloatArray]]
+    implied: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
+    unseen: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
