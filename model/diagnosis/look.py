@@ -127,6 +127,15 @@ class _Start:
     noise: Noise | None
 
 
+@dataclass(frozen=True)
+class _Aim:
+    """Where to linearise, by which noise, and how well the ground speed is known there."""
+
+    point: Point
+    noise: Noise
+    speed_variance: FloatArray
+
+
 def look(
     campaigns: Sequence[Campaign],
     options: DiagnosisOptions | None = None,
@@ -151,14 +160,13 @@ def look(
     clock = Clock()
     with clock.stage("samples"):
         starts = [_begin(c, options, noises[i] if noises else None) for i, c in enumerate(campaigns)]
-    points = [Point(np.zeros(len(s.simulation.space)), {}, np.zeros(len(s.samples))) for s in starts]
+    aims = [_first_aim(s) for s in starts]
     views: list[View] = []
     best: SetEstimate | None = None
     settled = False
     rounds = 0
     while rounds < MOST_ROUNDS and not settled:
-        last: Sequence[View | None] = views or [None] * len(starts)
-        views = [_viewed(s, p, v, rounds, clock) for s, p, v in zip(starts, points, last, strict=True)]
+        views = [_viewed(s, aim, rounds, clock) for s, aim in zip(starts, aims, strict=True)]
         rounds += 1
         grams = _joined(views)
         with clock.stage("evidence"):
@@ -167,7 +175,7 @@ def look(
         settled = best is not None and _same(best, found)
         best = found
         with clock.stage("smoothing"):
-            points = _points(views, grams, best)
+            aims = _aims(views, grams, best)
     assert best is not None
     return Look(
         grams=grams,
@@ -216,18 +224,20 @@ def _too_few(campaign: Campaign, samples: Samples) -> Fault:
     )
 
 
-def _viewed(start: _Start, point: Point, last: View | None, rounds: int, clock: Clock) -> View:
-    """Linearise a campaign about a point and whiten it."""
+def _first_aim(start: _Start) -> _Aim:
+    """Return the laboratory's soil without any cause, and the noise as it is thought of beforehand."""
     samples = start.samples
+    noise = start.noise or Noise({name: b.centre for name, b in beliefs(samples).items()})
+    variance = noise.values["speed_noise_mps"] ** 2 + noise.values["speed_white_mps"] ** 2
+    point = Point(np.zeros(len(start.simulation.space)), {}, np.zeros(len(samples)))
+    return _Aim(point, noise, np.full(len(samples), variance))
+
+
+def _viewed(start: _Start, aim: _Aim, rounds: int, clock: Clock) -> View:
+    """Linearise a campaign about a point and whiten it."""
+    samples, variance, noise = start.samples, aim.speed_variance, aim.noise
     with clock.stage("linearise"):
-        linear = linearise(start.simulation, samples, point)
-    values = last.noise.values if last else {name: b.centre for name, b in beliefs(samples).items()}
-    noise = start.noise or Noise(values)
-    variance = (
-        last.speed_variance
-        if last
-        else np.full(len(samples), noise.values["speed_noise_mps"] ** 2 + noise.values["speed_white_mps"] ** 2)
-    )
+        linear = linearise(start.simulation, samples, aim.point)
     with clock.stage("columns"):
         columns = columns_of(start.simulation, samples, linear, np.zeros_like(linear.value))
     if start.noise is None and 0 < rounds < 3:
@@ -258,9 +268,9 @@ def _same(one: SetEstimate, other: SetEstimate) -> bool:
     return bool(np.abs(change).max(initial=0.0) < _STILL)
 
 
-def _points(views: Sequence[View], grams: Grams, best: SetEstimate) -> list[Point]:
+def _aims(views: Sequence[View], grams: Grams, best: SetEstimate) -> list[_Aim]:
     """Return where to linearise next: the best soil and causes, and the ground speed that goes with them."""
-    points = []
+    aims = []
     soil_at = 0
     for view in views:
         own = len(view.columns.soil)
@@ -277,9 +287,9 @@ def _points(views: Sequence[View], grams: Grams, best: SetEstimate) -> list[Poin
                 causes[name] = float(np.clip(c.neutral + size, c.lower, c.upper))
                 at[i] = size / c.scale
         soil = view.linear.point.soil + np.clip(soil - view.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
-        speed, _ = _speed(view, soil, at)
-        points.append(Point(soil, causes, speed))
-    return points
+        speed, variance = _speed(view, soil, at)
+        aims.append(_Aim(Point(soil, causes, speed), view.noise, variance))
+    return aims
 
 
 def _speed(view: View, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -205,14 +205,12 @@ def with_standstills(run: Samples) -> Samples:
         ground_jerk_mps3=nothing,
         wheel_acceleration_radps2=nothing,
     )
-    sigma = {c: np.full(count, np.nanmedian(now.sigma[c]) if len(now) else run.sigma[c]) for c in now.sigma}
     return replace(
         run,
         rests=Rests(
             run=np.zeros(count, np.intp),
             conditions=conditions,
             measured=dict.fromkeys(now.measured, nothing),
-            sigma=sigma,
             duration_s=np.full(count, _STANDSTILL_S),
             wheel_angle_rad=run.wheel_angle_rad[rows],
         ),
@@ -224,8 +222,7 @@ def with_channel(run: Samples, channel: str, sigma: float) -> Samples:
     rests = run.rests
     if channel != "z":
         known = {c: np.zeros(len(rests)) for c in (channel,)}
-        spread = {channel: np.full(len(rests), sigma / 10.0)}
-        rests = replace(rests, measured=rests.measured | known, sigma=rests.sigma | spread)
+        rests = replace(rests, measured=rests.measured | known)
     return replace(
         run,
         measured=run.measured | {channel: np.zeros(len(run))},
@@ -247,7 +244,6 @@ def _some_rests(rests: Rests, rows: NDArray[np.bool_]) -> Rests:
         run=rests.run[rows],
         conditions=rests.conditions.map(lambda x: np.asarray(x)[rows]),
         measured={c: x[rows] for c, x in rests.measured.items()},
-        sigma={c: x[rows] for c, x in rests.sigma.items()},
         duration_s=rests.duration_s[rows],
         wheel_angle_rad=rests.wheel_angle_rad[rows],
     )

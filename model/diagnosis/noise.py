@@ -153,8 +153,7 @@ def second_order_variance(linear: Linear, speed_variance: FloatArray) -> FloatAr
 def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float]) -> FloatArray:
     """Return the variance of each standstill's level, shape (2, m) for drawbar pull and torque.
 
-    The channel's own coloured noise averaged over the standstill, or its scatter there where that is more; and what
-    differs from one standstill to the next.
+    The channel's own coloured noise averaged over the standstill, and what differs from one standstill to the next.
     """
     found = np.ones((2, len(samples.rests)))
     for row, c in enumerate(("dp", "t")):
@@ -162,6 +161,5 @@ def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float])
             continue
         length = np.maximum(samples.rests.duration_s, 0.1) / values[f"{UNITS[c][0]}_noise_time_s"]
         averaged = values[named(c, "noise")] ** 2 * 2.0 * (length - 1.0 + np.exp(-length)) / length**2
-        seen = np.nan_to_num(samples.rests.sigma[c]) ** 2
-        found[row] = np.maximum(averaged, seen) + values[named(c, "at_rest")] ** 2
+        found[row] = averaged + values[named(c, "at_rest")] ** 2
     return found

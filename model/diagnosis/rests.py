@@ -10,10 +10,15 @@ from numpy.typing import NDArray
 from model.conditions import Conditions
 from model.diagnosis.campaign import Campaign
 from model.effects.tyre_flattening import REFERENCE_KPA
+from processing.processed_run import ProcessedRun, Standstill
 
 FloatArray = NDArray[np.float64]
 
-_ROLES = {"dp": "drawbar_pull", "t": "driving_torque"}
+_FIELDS = {"dp": "drawbar_pull_n", "t": "driving_torque_nm"}
+_CUT_S = 0.8
+"""Left out at an end of a standstill that a motion follows or precedes: the wheel is seen to turn only after the first
+tooth of its ring, and forces are there before."""
+_AT_AN_END_S = 0.3
 
 
 @dataclass(frozen=True)
@@ -25,9 +30,10 @@ class Rests:
     run : int array
     conditions : Conditions
         Load, direction, time and place; slip and speeds are 0.
-    measured, sigma : mapping "dp", "t" -> array
-        Median over the standstill and its one-sigma; NaN where not measured.
+    measured : mapping "dp", "t" -> array
+        Mean over the standstill without its ends; NaN where not measured.
     duration_s : array
+        Of what the mean is over.
     wheel_angle_rad : array
         Rolled since the start of the run.
     """
@@ -35,7 +41,6 @@ class Rests:
     run: NDArray[np.intp]
     conditions: Conditions
     measured: dict[str, FloatArray]
-    sigma: dict[str, FloatArray]
     duration_s: FloatArray
     wheel_angle_rad: FloatArray
 
@@ -59,22 +64,23 @@ def rests_of(
     for index, (run, clock, x) in enumerate(zip(campaign.runs, clocks, positions, strict=True)):
         angle = np.cumsum(np.nan_to_num(run.wheel_speed_radps)) / run.rate_hz
         for rest in run.quality.standstills:
-            if not rest.levels.get("vertical_load", 0.0) > 0:
+            inside = _inside(run, rest)
+            load = _mean(run.vertical_load_n[inside])
+            if not load > 0:
                 continue
-            i = min(round((rest.start_s + 0.5 * rest.duration_s) * run.rate_hz), len(run) - 1)
+            i = (inside.start + inside.stop) // 2
             row = {
                 "run": float(index),
-                "load": rest.levels["vertical_load"],
+                "load": load,
                 "clock": float(clock[i]),
                 "x": float(x[i]),
                 "direction": -1.0 if run.run.direction == "back" else 1.0,
                 "pass": float(run.run.pass_number),
                 "kpa": run.run.inflation_kpa or REFERENCE_KPA,
-                "duration": rest.duration_s,
+                "duration": (inside.stop - inside.start) / run.rate_hz,
                 "angle": float(angle[i]),
             }
-            for c in channels:
-                row[c], row[f"{c} sigma"] = (kind.get(_ROLES[c], np.nan) for kind in (rest.levels, rest.sigmas))
+            row |= {c: _mean(getattr(run, _FIELDS[c])[inside]) for c in channels}
             rows.append(row)
     table = {key: np.array([row[key] for row in rows], float) for key in (rows[0] if rows else _empty(channels))}
     nothing = np.zeros(len(rows))
@@ -97,12 +103,24 @@ def rests_of(
         run=table["run"].astype(np.intp),
         conditions=conditions,
         measured={c: table[c] for c in channels},
-        sigma={c: table[f"{c} sigma"] for c in channels},
         duration_s=table["duration"],
         wheel_angle_rad=table["angle"],
     )
 
 
+def _inside(run: ProcessedRun, rest: Standstill) -> slice:
+    """Return the rows of a standstill without its ends: torque builds up before a wheel is seen to move."""
+    first, last = (round(at * run.rate_hz) for at in (rest.start_s, rest.start_s + rest.duration_s))
+    cut = min(round(_CUT_S * run.rate_hz), (last - first) // 3)
+    moved_before = first > _AT_AN_END_S * run.rate_hz
+    moves_after = last < len(run) - _AT_AN_END_S * run.rate_hz
+    return slice(first + cut * moved_before, last + 1 - cut * moves_after)
+
+
+def _mean(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else float("nan")
+
+
 def _empty(channels: tuple[str, ...]) -> list[str]:
-    own = ["run", "load", "clock", "x", "direction", "pass", "kpa", "duration", "angle"]
-    return own + [name for c in channels for name in (c, f"{c} sigma")]
+    return ["run", "load", "clock", "x", "direction", "pass", "kpa", "duration", "angle", *channels]
