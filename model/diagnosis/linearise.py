@@ -165,7 +165,7 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
     v = conditions.ground_speed_mps
     step = np.minimum(_SPEED_STEP, 0.25 * v)
     up, down = (said(_moved(conditions, v + side * step, samples.wheel_radius_m)) for side in (1.0, -1.0))
-    value = _averaged(samples, conditions, point, said)
+    value = simulated(simulation, samples, point)
     jacobian = simulation.space.jacobian(point.soil)
     by_soil = found.pop("soil")
     rest_value, rest_causes = at_rest(simulation, samples, values)
@@ -270,10 +270,20 @@ def _secant(
     return np.asarray((_stacked(simulation.model(moved).predict(conditions, moved), channels) - centre) / step)
 
 
-def _averaged(samples: Samples, conditions: Conditions, point: Point, said: Any) -> FloatArray:
-    """Return the model's value averaged over the three instants of every sample."""
-    total: Any = 0.0
+def simulated(simulation: Simulation, samples: Samples, point: Point) -> FloatArray:
+    """Return what the model says of each sample, averaged over its three instants; shape (c, n), NaN without an answer.
+
+    Parameters
+    ----------
+    simulation : Simulation
+    samples : Samples
+    point : Point
+    """
+    channels = tuple(c for c in CHANNELS if c in samples.measured)
+    values = {**simulation.space.values(point.soil), **point.causes}
+    model = simulation.model(point.causes)
     instants = samples.instants
+    total = np.zeros((len(channels), len(samples)))
     for weight, speed, omega, load in zip(
         STENCIL,
         instants.ground_speed_mps,
@@ -281,9 +291,10 @@ def _averaged(samples: Samples, conditions: Conditions, point: Point, said: Any)
         instants.vertical_load_n,
         strict=True,
     ):
-        at = replace(conditions, wheel_speed_radps=omega, vertical_load_n=load)
-        total = total + weight * said(_moved(at, speed + point.speed_mps, samples.wheel_radius_m))
-    return np.asarray(total)
+        at = replace(samples.conditions, wheel_speed_radps=omega, vertical_load_n=load)
+        moved = _moved(at, speed + point.speed_mps, samples.wheel_radius_m)
+        total += weight * _stacked(model.predict(moved, values), channels)
+    return total
 
 
 def at_rest(simulation: Simulation, samples: Samples, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
