@@ -60,6 +60,8 @@ class SlipBin:
         Means.
     sinkage_m : Estimate
         From forces.
+    if_peak_stays_m, if_peak_moves_m : float
+        Medians, given where the stress peaks; see `Growth`.
     noise_m : float
         One-sigma from noise of the channels alone.
     measured_m : float
@@ -69,6 +71,8 @@ class SlipBin:
     slip: float
     vertical_load_n: float
     sinkage_m: Estimate
+    if_peak_stays_m: float
+    if_peak_moves_m: float
     noise_m: float
     measured_m: float
     samples: int
@@ -98,10 +102,13 @@ class ForceSinkage:
     def _bin(self, inside: NDArray[np.bool_]) -> SlipBin:
         cells, weights = self.cells, self.cells.samples[inside].astype(np.float64)
         share = weights / weights.sum()
+        draws, stays = self.draws_m[:, inside] @ share, self.shapes.peak_stays
         return SlipBin(
             slip=float(cells.forces.slip[inside] @ share),
             vertical_load_n=float(cells.forces.vertical_load_n[inside] @ share),
-            sinkage_m=estimate(self.draws_m[:, inside] @ share),
+            sinkage_m=estimate(draws),
+            if_peak_stays_m=estimate(draws[stays]).value,
+            if_peak_moves_m=estimate(draws[~stays]).value,
             noise_m=float(np.sqrt(np.sum((share * cells.noise_m[inside]) ** 2))),
             measured_m=float(cells.measured_m[inside] @ share),
             samples=int(weights.sum()),

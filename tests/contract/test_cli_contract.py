@@ -92,6 +92,7 @@ def _json_runs(campaign: Path, folder: Path) -> dict[str, list[object]]:
         "info": [campaign],
         "process": [first],
         "fit": [campaign],
+        "sinkage": [campaign],
         "report": [campaign, "-o", folder / "r.html"],
         "import": [log, "--vehicle", campaign / "vehicle.toml", "-o", folder / "imported.mcap"],
         "export": [first, "-o", folder / "tables"],

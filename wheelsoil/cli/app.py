@@ -37,6 +37,7 @@ COMMANDS: dict[str, Entry] = {
     "process": Entry("process", "Bring a run onto one time base: slip, forces, quality."),
     "soil": Entry("soil", "Find terrain parameters from plate and shear tests."),
     "fit": Entry("fit", "Fit Wong's model and three slip-sinkage laws."),
+    "sinkage": Entry("sinkage", "Find the sinkage of a driven wheel from its forces alone."),
     "report": Entry("report", "Write the fitted-model report of a terrain's runs."),
 }
 """Every subcommand, in the order of a test's life."""
