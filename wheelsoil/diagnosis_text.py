@@ -121,7 +121,7 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
     gain = diagnosis.gain
     if gain is None:
         return []
-    head = ["on runs left out", "R0", "unit", "M0 %", "R2", "ln L of a run"]
+    head = ["left out", "R0", "unit", "M0 %", "R2", "ln L of a run"]
     rows = [
         _score_row(f"{CHANNEL_NAMES.get(channel, channel)}, {which}", scores[channel], CHANNEL_UNITS.get(channel, ""))
         for channel in gain.base
@@ -129,7 +129,7 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
         if channel in scores
     ]
     return [
-        "Gain, on runs that neither the choice of the cause nor the fit has seen",
+        "Gain, on what neither the choice of the cause nor the fit has seen",
         *_indented(table_lines(head, rows)),
         *_wrapped(gain_text(gain), width, "  "),
     ]

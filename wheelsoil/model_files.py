@@ -88,7 +88,7 @@ def model_toml(model: ExtendedModel) -> str:
     sentence = " ".join(str(model.provenance.get("sentence", "")).split())
     head = ["The model that `wheelsoil diagnose` left, for `fit`, `simulate` and `report` with --model.", sentence]
     for effect in model.effects:
-        said = "; ".join(f"{p.name} = {p.value:.4g} {p.unit}".rstrip(" 1") for p in effect.parameters)
+        said = "; ".join(f"{p.name} = {p.value:.4g}{'' if p.unit == '1' else f' {p.unit}'}" for p in effect.parameters)
         head.append(f"{effect_name(effect.key)}: {said}")
     if not model.effects:
         head.append("No cause is named, so that none is in it: only the soil is re-calibrated.")

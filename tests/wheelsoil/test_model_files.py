@@ -53,6 +53,12 @@ def test_what_a_diagnosis_leaves_is_read_again_and_says_what_it_is(tmp_path):
     assert diagnosis("named").sentence in head.replace("\n# ", " ")
 
 
+def test_a_plain_number_keeps_its_digits():
+    (share,) = effect("bulldozing", fraction=0.11).parameters
+    model = ExtendedModel(CAMPAIGN.wheel, CLAY, (ExtendedEffect("bulldozing", (replace(share, unit="1"),)),))
+    assert "bulldozing: fraction = 0.11\n" in model_toml(model)
+
+
 @pytest.mark.parametrize("verdict", ["one_of", "unexplained", "nothing_detectable"])
 def test_only_a_named_cause_is_put_into_it(verdict):
     (model,) = models_of(diagnosis(verdict), [CAMPAIGN], "balanced", "")
