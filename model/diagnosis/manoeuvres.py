@@ -14,6 +14,7 @@ from model.diagnosis.samples import Instants, Samples
 
 FloatArray = NDArray[np.float64]
 
+LIKE_OTHERS = "one more run like the others"
 _HEAVIER, _LIGHTER = 1.3, 0.75
 _BRAKE_SHARE, _MOST_BRAKING = 0.7, 0.6
 _STANDSTILLS, _STANDSTILL_S = 4, 10.0
@@ -76,7 +77,7 @@ def _variants(run: Samples, all_runs: Samples) -> Iterator[tuple[str, Samples]]:
         float(np.mean(all_runs.conditions.vertical_load_n[all_runs.run == r])) for r in np.unique(all_runs.run)
     ] or [load]
     heavy, light = _HEAVIER * max(means), _LIGHTER * min(means)
-    yield "one more run like the others", run
+    yield LIKE_OTHERS, run
     yield f"a run with more load: about {heavy / 1e3:.1f} kN on the wheel", with_load_times(run, heavy / load)
     yield f"a run with less load: about {light / 1e3:.1f} kN on the wheel", with_load_times(run, light / load)
     pressure = float(np.median(run.conditions.inflation_kpa)) if len(run) else float("nan")

@@ -1,0 +1,123 @@
+"""Manoeuvres are ranked, and what is ranked first does what was expected once it is driven."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from model.diagnosis.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.isolability import least_left, own_columns, without_soil
+from model.diagnosis.look import Look, look
+from model.diagnosis.manoeuvres import LIKE_OTHERS, braked, manoeuvres, only_run, slower_ramps, turned, with_load_times
+from model.diagnosis.next_run import next_runs
+from model.diagnosis.noise import Noise, beliefs
+from model.diagnosis.samples import Samples, samples_of
+from model.diagnosis.split import Member
+from model.soil_prior import prior_of
+from processing.pipeline import process
+from wheelsoil.virtual_campaign import simulated_roles
+from wheelsoil.virtual_options import SimulationOptions
+
+EFFECTS = ("slope", "drawbar_pull_zero", "crosstalk", "torque_zero", "bulldozing")
+
+
+@lru_cache(maxsize=1)
+def driven() -> Campaign:
+    """Return four runs on clay at three loads; the first and third go out, the others back."""
+    options = SimulationOptions(runs=4, duration_s=20.0, seed=3)
+    runs = tuple(process(*simulated_roles(options, index)) for index in range(4))
+    return Campaign("clay", runs, options.wheel, options.laboratory_soil, prior_of(options.laboratory_soil))
+
+
+def some(*indices: int) -> Campaign:
+    return replace(driven(), runs=tuple(driven().runs[i] for i in indices))
+
+
+def noise_of(campaign: Campaign) -> Noise:
+    return Noise({name: belief.centre for name, belief in beliefs(samples_of(campaign)).items()})
+
+
+@lru_cache(maxsize=4)
+def looked(*indices: int) -> Look:
+    campaign = some(*indices)
+    return look([campaign], DiagnosisOptions(effects=EFFECTS), [noise_of(driven())])
+
+
+def run_of_samples() -> Samples:
+    return only_run(samples_of(driven()), 0)
+
+
+def members(**sizes: float) -> tuple[Member, ...]:
+    return tuple(Member(key, np.array([size])) for key, size in sizes.items())
+
+
+def parted(seen: Look, one: Member, other: Member) -> float:
+    """Return half of d^2 that `other` leaves of `one`."""
+    columns = own_columns(seen.grams, other.key)
+    sided = np.array([seen.grams.causes[i].one_sided for i in columns])
+    information = without_soil(seen.grams).information
+    return 0.5 * least_left(information, own_columns(seen.grams, one.key), one.size, columns, sided) ** 2
+
+
+def test_the_other_direction_parts_slope_from_a_zero_and_does_so_when_driven() -> None:
+    seen = looked(0, 2)
+    pair = members(slope=0.3, drawbar_pull_zero=0.4)
+    ranked = next_runs(seen, pair, most=20)
+    worth = {run.change: run.expected_log_bayes_factor for run in ranked}
+    back = next(change for change in worth if "the other direction" in change)
+    assert worth[back] > 2 * worth[LIKE_OTHERS]
+    assert set(ranked[[r.change for r in ranked].index(back)].separates) == {"slope", "drawbar_pull_zero"}
+    gained = {
+        runs: parted(looked(0, 2, runs), *pair) - parted(seen, *pair)
+        for runs in (1, 2)  # a run back, and the same run out once more
+    }
+    assert gained[1] > 2 * gained[2]
+    assert gained[1] == pytest.approx(worth[back], rel=0.6)
+
+
+def test_a_lifted_wheel_parts_a_zero_from_cross_talk() -> None:
+    seen = looked(0, 1, 2, 3)
+    ranked = next_runs(seen, members(drawbar_pull_zero=0.2, crosstalk=0.3))
+    assert "wheel lifted" in ranked[0].change
+    assert list(ranked) == sorted(ranked, key=lambda run: -run.expected_log_bayes_factor)
+    assert sum(LIKE_OTHERS in run.change for run in ranked) <= 1
+
+
+def test_one_member_needs_no_run() -> None:
+    seen = looked(0, 2)
+    assert next_runs(seen, members(slope=1.0)) == ()
+    assert next_runs(seen, members(slope=1.0, unheard_of=1.0)) == ()
+
+
+def test_manoeuvres_keep_what_they_do_not_change() -> None:
+    run = run_of_samples()
+    slip = np.asarray(run.conditions.slip)
+    back = turned(run)
+    np.testing.assert_array_equal(back.conditions.direction, -np.asarray(run.conditions.direction))
+    np.testing.assert_array_equal(turned(back).conditions.line_position, run.conditions.line_position)
+    heavier = with_load_times(run, 1.5)
+    np.testing.assert_allclose(heavier.instants.vertical_load_n.mean(), 1.5 * run.instants.vertical_load_n.mean())
+    np.testing.assert_array_equal(heavier.conditions.slip, slip)
+    slow = slower_ramps(run)
+    assert len(slow) == 2 * len(run) and np.ptp(slow.time_s) > 1.9 * np.ptp(run.time_s)
+    assert (np.diff(slow.time_s) > 0).all()
+
+
+def test_a_braked_run_brakes_with_slip_that_belongs_to_its_speeds() -> None:
+    run = braked(run_of_samples())
+    c = run.conditions
+    slip = np.asarray(c.slip)
+    assert (slip < 0).all() and slip.min() >= -0.61
+    ratio = run.wheel_radius_m * np.asarray(c.wheel_speed_radps) / np.asarray(c.ground_speed_mps)
+    np.testing.assert_allclose(slip, ratio - 1.0, atol=1e-12)
+
+
+def test_a_sinkage_sensor_is_offered_where_there_is_none() -> None:
+    changes = [m.change for m in manoeuvres(samples_of(driven()))]
+    assert any("sinkage sensor" in change for change in changes)
+    assert not any("torque channel" in change for change in changes)
+    without = samples_of(driven(), ("dp",))
+    assert any("torque channel" in m.change for m in manoeuvres(without))
