@@ -16,7 +16,7 @@ KEY = "candidates"
 TITLE = "Candidates"
 
 _SHOWN = 10
-_LOOKS = (("named", "#0072B2", ""), ("not named", "#E69F00", "/"), ("no cause at all", "#bdbdbd", "."))
+_LOOKS = (("#0072B2", ""), ("#E69F00", "/"), ("#bdbdbd", "."))
 _READING = (
     "the length of a bar is the probability that the cause is among those at work. Causes may act together, so the "
     "bars need not add up to 1. A name is stated from 0.9 on, and only if it is worth something on runs left out."
@@ -48,7 +48,8 @@ def build(material: Material) -> Section:
 
 def _figure(found: Diagnosis) -> Figure:
     shown = found.candidates[:_SHOWN]
-    named = {cause.name for cause in found.causes} if found.verdict == "named" else set()
+    named = {cause.name for cause in found.causes}
+    labels = ("in the set", "not in it") if found.verdict == "one_of" else ("named", "not named")
     parts: tuple[list[Candidate], ...] = (
         [c for c in shown if c.name in named],
         [c for c in shown if c.name not in named and c.name != "none"],
@@ -56,7 +57,7 @@ def _figure(found: Diagnosis) -> Figure:
     )
     data: list[Trace] = [
         bars([plain_name(c.name) for c in part], [c.probability for c in part], name, colour, pattern)
-        for part, (name, colour, pattern) in zip(parts, _LOOKS, strict=True)
+        for part, name, (colour, pattern) in zip(parts, (*labels, "no cause at all"), _LOOKS, strict=True)
         if part
     ]
     layout = axes("probability of being among the causes", "", height=120 + 26 * len(shown), barmode="stack")
