@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from daq.bench_tables import WheelTable
 from model.diagnosis.result import Inconsistent
 from model.force_cells import driven_samples
+from model.observations import Observations
 from model.sinkage_from_forces import shear_share
 from processing.processed_run import ProcessedRun
 
@@ -35,6 +36,8 @@ _STEEPEST = 1.0
 """Mean of shear over normal stress that no natural soil exceeds by much: a friction angle of 45 degrees."""
 _SCALE_OFF = 0.05
 """Share by which the rim's speed of a hardly slipping wheel must be off for its radius to be suspected."""
+_HIGHEST_LUG = 0.1
+"""In radii."""
 _LOOKED_AT = 500
 """Rows, the worst ones, from which changes are reckoned."""
 
@@ -48,6 +51,8 @@ class BoundRows:
     torque_at_rest_nm : float array, shape (n,)
         What the torque of the row's run reads at standstill; NaN where that is not known.
     radius_m : float
+    lugged : bool
+        The rim has lugs: torque may act a tenth of the radius further out.
     speed_scale : float
         Ground speed over rim speed where the wheel hardly slips; NaN where that is not known.
     """
@@ -62,6 +67,7 @@ class BoundRows:
     sinkage_sigma_m: FloatArray
     torque_at_rest_nm: FloatArray
     radius_m: float
+    lugged: bool = False
     speed_scale: float = np.nan
 
     def __len__(self) -> int:
@@ -77,7 +83,8 @@ class BoundRows:
     @property
     def excess_n(self) -> FloatArray:
         """T/r - Dp - W tan(theta_1): what is left over."""
-        resistance = self.driving_torque_nm / self.radius_m - self.drawbar_pull_n
+        arm_m = self.radius_m * (1.0 + _HIGHEST_LUG * self.lugged)
+        resistance = self.driving_torque_nm / arm_m - self.drawbar_pull_n
         return resistance - self.vertical_load_n * _tangent(self.sinkage_m, self.radius_m)
 
     @property
@@ -95,7 +102,7 @@ class BoundRows:
         return np.sqrt(sum((part**2 for part in parts), np.zeros(len(self))))
 
 
-def bound_rows_of_runs(runs: Sequence[ProcessedRun]) -> BoundRows:
+def bound_rows_of_runs(runs: Sequence[ProcessedRun], *, lugged: bool = False) -> BoundRows:
     """Return the driven samples of runs of one wheel that carry torque and sinkage; at least one run."""
     rows = [driven_samples(run) & np.isfinite(run.sinkage_m) for run in runs]
 
@@ -108,19 +115,23 @@ def bound_rows_of_runs(runs: Sequence[ProcessedRun]) -> BoundRows:
         **{name: np.nan_to_num(joined(name)) for name in _MEASURED},
         torque_at_rest_nm=np.concatenate(rests),
         radius_m=runs[0].wheel_radius_m,
+        lugged=lugged,
         speed_scale=float(np.median(scales)) if scales else np.nan,
     )
 
 
-def bound_rows_of_table(table: WheelTable, radius_m: float) -> BoundRows:
-    """Return the driven rows of a bench table that hold torque and sinkage."""
+def bound_rows_of_table(table: WheelTable | Observations, radius_m: float, *, lugged: bool = False) -> BoundRows:
+    """Return the driven rows of a bench table that hold torque and sinkage.
+
+    Sigmas are those that a `WheelTable` states; of `Observations` only that of the load is known.
+    """
     rows = (table.slip > 0.0) & np.isfinite(table.driving_torque_nm + table.sinkage_m)
-    count = int(rows.sum())
+    stated = table.sigma if isinstance(table, WheelTable) else {"vertical_load_n": table.vertical_load_sigma_n}
     columns = {name: getattr(table, name)[rows] for name in _SIGMA_OF}
     for name, sigma in _SIGMA_OF.items():
-        stated = table.sigma.get(name)
-        columns[sigma] = np.zeros(count) if stated is None else np.nan_to_num(stated[rows])
-    return BoundRows(**columns, torque_at_rest_nm=np.full(count, np.nan), radius_m=radius_m)
+        columns[sigma] = np.nan_to_num(stated[name][rows]) if name in stated else np.zeros(int(rows.sum()))
+    at_rest = np.full(int(rows.sum()), np.nan)
+    return BoundRows(**columns, torque_at_rest_nm=at_rest, radius_m=radius_m, lugged=lugged)
 
 
 _SIGMA_OF = {
@@ -179,7 +190,8 @@ class _Change:
         self.sinkage_m = float((rows.radius_m * (1.0 - np.cos(np.arctan(tangent))) - rows.sinkage_m).max())
         shares = np.linspace(-0.6, 2.0, 521)
         radii = rows.radius_m * (1.0 + shares[:, None])
-        resistance = rows.driving_torque_nm / radii - rows.drawbar_pull_n
+        arms = radii * (1.0 + _HIGHEST_LUG * rows.lugged)
+        resistance = rows.driving_torque_nm / arms - rows.drawbar_pull_n
         fine = (resistance - rows.vertical_load_n * _tangent(rows.sinkage_m, radii) <= 0.0).all(axis=1)
         self.radius = float(min(shares[fine], key=abs)) if fine.any() else np.inf
 

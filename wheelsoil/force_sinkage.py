@@ -78,10 +78,10 @@ def sinkage_of_runs(processed: Sequence[tuple[Run, ProcessedRun]]) -> SinkageFac
         )
     runs = [run for _, run in processed]
     wheel = first.vehicle.wheel
-    return facts_of_runs(runs, _lugs(wheel) if wheel else ())
+    return facts_of_runs(runs, wheel)
 
 
-def facts_of_runs(runs: Sequence[ProcessedRun], notes: tuple[str, ...] = ()) -> SinkageFacts:
+def facts_of_runs(runs: Sequence[ProcessedRun], wheel: WheelSection | None) -> SinkageFacts:
     """Return the sinkage of processed runs of one wheel that carry a torque.
 
     Raises
@@ -92,10 +92,12 @@ def facts_of_runs(runs: Sequence[ProcessedRun], notes: tuple[str, ...] = ()) -> 
     cells = cells_of_runs(runs)
     if not len(cells):
         raise DataError(_not_driven(runs))
+    notes = _lugs(wheel)
     zeroless = [run.run.id for run in runs if not {"drawbar_pull", "driving_torque"} <= run.quality.zeros.keys()]
     if zeroless:
         notes = (*notes, "the zeros of drawbar pull and torque were taken as they are: no zero file says how sure")
-    return _facts(", ".join(cells.names), cells, bound_rows_of_runs(runs), notes)
+    rows = bound_rows_of_runs(runs, lugged=_lugged(wheel))
+    return _facts(", ".join(cells.names), cells, rows, notes)
 
 
 def sinkage_of_table(table: WheelTable, wheel: WheelSection) -> SinkageFacts:
@@ -127,7 +129,8 @@ def sinkage_of_table(table: WheelTable, wheel: WheelSection) -> SinkageFacts:
     left_out = len(table) - len(cells)
     if left_out:
         notes = (*notes, f"{len(cells)} of {len(table)} rows used: {left_out} are not driven or have no torque")
-    return _facts(table.name, cells, bound_rows_of_table(table, wheel.radius_m), notes)
+    rows = bound_rows_of_table(table, wheel.radius_m, lugged=_lugged(wheel))
+    return _facts(table.name, cells, rows, notes)
 
 
 def _facts(source: str, cells: ForceCells, rows: BoundRows, notes: tuple[str, ...]) -> SinkageFacts:
@@ -135,8 +138,12 @@ def _facts(source: str, cells: ForceCells, rows: BoundRows, notes: tuple[str, ..
     return SinkageFacts(source, cells.radius_m, found.bins(), found.growth(), len(rows), inconsistent(rows), notes)
 
 
-def _lugs(wheel: WheelSection) -> tuple[str, ...]:
-    if wheel.tyre != "lugged":
+def _lugged(wheel: WheelSection | None) -> bool:
+    return wheel is not None and wheel.tyre == "lugged"
+
+
+def _lugs(wheel: WheelSection | None) -> tuple[str, ...]:
+    if not _lugged(wheel):
         return ()
     return ("the tyre has lugs: torque acts beyond the radius, so that the sinkage comes out somewhat too large",)
 

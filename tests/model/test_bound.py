@@ -30,7 +30,7 @@ def rows(wheel: StressedWheel, slips: tuple[float, ...] = (0.1, 0.3, 0.5, 0.7, 0
         np.full(n, 1e-3 * sigma),
         np.zeros(n),
         wheel.radius,
-        1.0,
+        speed_scale=1.0,
     )
 
 
@@ -83,12 +83,15 @@ def test_behind_the_bottom_it_takes_more_shear_than_friction_gives(entry: float,
 
 
 def test_lugs_are_allowed_what_their_arm_adds() -> None:
-    wheel = StressedWheel(entry=0.7, slip=0.8, peak=0.6)
-    load, pull, torque = wheel.forces()
-    height = 0.03
-    on_lugs = torque * (wheel.radius + height) / wheel.radius
-    allowed = load * np.tan(0.7) + height / (wheel.radius + height) * on_lugs / wheel.radius
-    assert on_lugs / wheel.radius - pull <= allowed
+    """Stress at the entry alone is as far as soil can go; lugs take T/r beyond it, but not T/(r + h)."""
+    good, angle = rows(WHEEL, sigma=1e-3), 0.98 * WHEEL.entry
+    load = 1e3 * (np.cos(angle) + 0.9 * np.sin(angle)) * np.ones(5)
+    pull, torque = 1e3 * (0.9 * np.cos(angle) - np.sin(angle)) * np.ones(5), 900.0 * WHEEL.radius * np.ones(5)
+    edge = replace(good, vertical_load_n=load, drawbar_pull_n=pull, driving_torque_nm=torque)
+    on_lugs = replace(edge, driving_torque_nm=1.08 * torque)
+    assert inconsistent(edge) == ()
+    assert (on_lugs.excess_n > 0).all()
+    assert inconsistent(replace(on_lugs, lugged=True)) == ()
 
 
 @settings(max_examples=30, deadline=None)

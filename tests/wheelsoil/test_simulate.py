@@ -107,6 +107,14 @@ def test_passes_and_pressures_take_turns(tmp_path: Path) -> None:
     assert load_toml(tmp_path / "a/runs.toml", RunsConfig).run == tuple(run.info for run in runs)
 
 
+def test_an_effect_that_cannot_show_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = "simulate --runs 1 --duration 15 --effect multi_pass"
+    assert wheelsoil([*shlex.split(text), "-o", str(tmp_path / "a")]) == 0
+    assert "acts from the second pass on" in capsys.readouterr().err
+    assert wheelsoil([*shlex.split(text), "--pass-number", "2", "-o", str(tmp_path / "b")]) == 0
+    assert "second pass" not in capsys.readouterr().err
+
+
 def test_several_effects_of_both_kinds(tmp_path: Path) -> None:
     text = "simulate --runs 1 --duration 15 --effect vasilev --effect torque_gain:relative=0.1 --effect torque_zero -o"
     assert wheelsoil([*shlex.split(text), str(tmp_path / "a")]) == 0
@@ -302,6 +310,7 @@ def test_what_is_no_covariance_is_refused(tmp_path: Path) -> None:
         ("--seed -1 -o OUT", "seed is out of range"),
         ("--noise -1 -o OUT", "noise is out of range"),
         ("--added-load 1e9 -o OUT", "added load is out of range"),
+        ("--effect closed_form_sinkage -o OUT", "one of the literal reading only"),
         ("--pass-number 0 -o OUT", "pass number is out of range"),
         ("--inflation 5 -o OUT", "inflation is out of range"),
         ("--radius 0 -o OUT", "wheel radius is out of range"),
