@@ -6,7 +6,7 @@ wheel, whose laws say nothing of them: a locked wheel ploughs, and pulls back wi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,12 @@ class SkidLaw:
     H2_sigma_m: float
     left_out_rms_m: float
     rows: int
+
+
+def driven_rows(bench: Bench) -> Bench:
+    """Return a bench with the rows of its driven wheel; a slip just below 0 counts as 0."""
+    rows = bench.rows[bench.rows.slip > -NO_SLIP]
+    return replace(bench, rows=replace(rows, slip=np.maximum(rows.slip, 0.0)))
 
 
 def skid_law(bench: Bench) -> SkidLaw | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -127,7 +127,7 @@ def weigh(problem: BenchProblem, uses: Sequence[CauseUse], most: int, rng: np.ra
     rng : Generator
     """
     sets = Sets.of(uses, most)
-    found = _Optima(problem)
+    found = Optima(problem)
     for size in range(min(most, 2) + 1):
         found.add_all(h for h in sets.log_prior if len(h) == size)
     score = {h: found.best(h).log_evidence + prior for h, prior in sets.log_prior.items()}
@@ -135,10 +135,21 @@ def weigh(problem: BenchProblem, uses: Sequence[CauseUse], most: int, rng: np.ra
         ranked = sorted((h for h in score if len(h) == 2), key=lambda h: -score[h])[:_MOST_PAIRS]
         sets = sets.with_thirds(h for h in ranked if score[h] > max(score.values()) - _PROMISING)
         found.add_all(h for h in sets.log_prior if len(h) == 3)
-    weighed = [
-        Weighed(h, prior, found.best(h).log_evidence, found.ranked(h), np.inf) for h, prior in sets.log_prior.items()
-    ]
-    return _corrected(_gated(Weighing(problem, tuple(weighed), threshold(problem, rng))), rng)
+    return weighed(found, sets.log_prior, rng)
+
+
+def weighed(found: Optima, log_prior: Mapping[Hypothesis, float], rng: np.random.Generator) -> Weighing:
+    """Weigh sets that were searched for: put them to the gate, correct the evidence of those that count.
+
+    Parameters
+    ----------
+    found : Optima
+        With every set of `log_prior`.
+    log_prior : mapping Hypothesis -> float
+    rng : Generator
+    """
+    sets = tuple(Weighed(h, p, found.best(h).log_evidence, found.ranked(h), np.inf) for h, p in log_prior.items())
+    return _corrected(_gated(Weighing(found.problem, sets, threshold(found.problem, rng))), rng)
 
 
 def _gated(weighing: Weighing) -> Weighing:
@@ -176,11 +187,11 @@ def _corrected(weighing: Weighing, rng: np.random.Generator) -> Weighing:
     return replace(weighing, sets=tuple(done))
 
 
-class _Optima:
+class Optima:
     """Where hypotheses fit best, from starts at what fits best with a cause less."""
 
     def __init__(self, problem: BenchProblem) -> None:
-        self._problem = problem
+        self.problem = problem
         self._found: dict[Hypothesis, tuple[Optimum, ...]] = {}
 
     def ranked(self, hypothesis: Hypothesis) -> tuple[Optimum, ...]:
@@ -194,15 +205,18 @@ class _Optima:
     def add_all(self, hypotheses: Iterable[Hypothesis]) -> None:
         """Search for hypotheses that have not been searched for; those with a cause less come first."""
         new = [h for h in hypotheses if h not in self._found]
-        starts = [(h, start) for h in new for start in self._starts(h)]
-        found: dict[Hypothesis, list[Optimum]] = {h: [] for h in new}
-        for optimum in search(self._problem, [h for h, _ in starts], [start for _, start in starts]):
-            found[optimum.hypothesis].append(optimum)
+        self.add_from([(h, start) for h in new for start in self._starts(h)])
+
+    def add_from(self, starts: Sequence[tuple[Hypothesis, FloatArray]]) -> None:
+        """Search for hypotheses from given starts; each may come several times."""
+        found: dict[Hypothesis, list[Optimum]] = {}
+        for optimum in search(self.problem, [h for h, _ in starts], [start for _, start in starts]) if starts else ():
+            found.setdefault(optimum.hypothesis, []).append(optimum)
         for hypothesis, optima in found.items():
             self._found[hypothesis] = tuple(sorted(optima, key=lambda o: -o.log_evidence))
 
     def _starts(self, hypothesis: Hypothesis) -> list[FloatArray]:
-        size, soil = self._problem.size(hypothesis), self._problem.soil_offsets[-1]
+        size, soil = self.problem.size(hypothesis), self.problem.soil_offsets[-1]
         parents = [
             self.best(parent)
             for left_out in range(len(hypothesis))
@@ -218,10 +232,10 @@ class _Optima:
 
     def _extended(self, parent: Optimum, hypothesis: Hypothesis) -> FloatArray:
         """Return the coordinates of the parent with the new cause at its median."""
-        start = np.zeros(self._problem.size(hypothesis))
-        soil = self._problem.soil_offsets[-1]
+        start = np.zeros(self.problem.size(hypothesis))
+        soil = self.problem.soil_offsets[-1]
         start[:soil] = parent.standard[:soil]
-        own = self._problem.positions(hypothesis)
-        for use, where in self._problem.positions(parent.hypothesis).items():
+        own = self.problem.positions(hypothesis)
+        for use, where in self.problem.positions(parent.hypothesis).items():
             start[own[use]] = parent.standard[where]
         return start
