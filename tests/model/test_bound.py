@@ -84,7 +84,8 @@ def test_behind_the_bottom_it_takes_more_shear_than_friction_gives(entry: float,
 
 def test_lugs_are_allowed_what_their_arm_adds() -> None:
     """Stress at the entry alone is as far as soil can go; lugs take T/r beyond it, but not T/(r + h)."""
-    good, angle = rows(WHEEL, sigma=1e-3), 0.98 * WHEEL.entry
+    shallow = replace(WHEEL, entry=0.3)
+    good, angle = rows(shallow, sigma=1e-3), 0.99 * shallow.entry
     load = 1e3 * (np.cos(angle) + 0.9 * np.sin(angle)) * np.ones(5)
     pull, torque = 1e3 * (0.9 * np.cos(angle) - np.sin(angle)) * np.ones(5), 900.0 * WHEEL.radius * np.ones(5)
     edge = replace(good, vertical_load_n=load, drawbar_pull_n=pull, driving_torque_nm=torque)
