@@ -1,0 +1,90 @@
+"""Where the simulation is off: in which channel, at which slip, load, speed, place, time and direction.
+
+The catch-all's shapes are asked one after the other: the one that stands out most is said, taken out, and the rest
+asked again, so that one misfit is not said five times. A statistic is the shape's height over its one-sigma by the
+noise model, the soil re-calibrated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.adequacy import LeftOver, left_over
+from model.diagnosis.grams import Grams
+from model.diagnosis.look import View
+from model.diagnosis.result import Finding
+
+FloatArray = NDArray[np.float64]
+
+CHANNEL_WORDS = {"dp": "drawbar_pull", "t": "driving_torque", "z": "sinkage"}
+LEAST = 3.5
+"""Size of a statistic from which on a shape is said: one of 80 shapes exceeds it by chance in one of 30 campaigns."""
+MOST = 8
+_SEEN = 0.05
+"""Share of a shape's information that soil and earlier findings must have left."""
+
+
+def findings(grams: Grams, views: tuple[View, ...], keys: tuple[str, ...] = (), excess: float = 1.0) -> list[Finding]:
+    """Return where the simulation with a set of causes is off, worst first.
+
+    Parameters
+    ----------
+    grams : Grams
+    views : tuple of View
+        For the shapes' heights in N, N m and m.
+    keys : tuple of str
+        Causes that the simulation has.
+    excess : float
+        Factor on the noise's variance.
+    """
+    return found_in(left_over(grams, keys), grams.basis, heights(views), excess)
+
+
+def found_in(left: LeftOver, labels: tuple[str, ...], height: FloatArray, excess: float = 1.0) -> list[Finding]:
+    """Return the shapes that stand out, one after the other.
+
+    Parameters
+    ----------
+    left : LeftOver
+    labels : tuple of str
+        "channel|where"
+    height : array, shape (b,)
+        Of each shape with a coefficient of 1, in the channel's unit.
+    excess : float
+        Factor on the noise's variance.
+    """
+    score, information = left.score.copy(), left.information.copy()
+    whole = np.maximum(np.diag(information), 1e-12)
+    found: list[Finding] = []
+    for _ in range(min(MOST, len(labels))):
+        own = np.diag(information)
+        known = own > _SEEN * whole
+        z = np.where(known, score / np.sqrt(np.where(known, own * excess, 1.0)), 0.0)
+        worst = int(np.argmax(np.abs(z)))
+        if abs(z[worst]) < LEAST:
+            break
+        channel, _, where = labels[worst].partition("|")
+        size = float(score[worst] / own[worst] * height[worst])
+        found.append(Finding(CHANNEL_WORDS.get(channel, channel), where, size, float(z[worst])))
+        column = information[:, worst] / own[worst]
+        score = score - column * score[worst]
+        information = information - np.outer(column, information[worst])
+    return sorted(found, key=lambda f: -abs(f.statistic))
+
+
+def heights(views: tuple[View, ...]) -> FloatArray:
+    """Return the height of every catch-all shape, campaign after campaign, as in the Grams."""
+    found: list[float] = []
+    for view in views:
+        start = view.columns.shared - len(view.columns.basis)
+        rows = view.columns.rows[:, :, start : view.columns.shared]
+        found += np.abs(rows).max(axis=(0, 1), initial=0.0).tolist()
+    return np.array(found)
+
+
+def in_words(found: list[Finding], names: Mapping[str, str]) -> str:
+    """Return the worst findings in a few words."""
+    return "; ".join(f"{names.get(f.channel, f.channel)} at {f.where} ({f.statistic:+.1f} sigma)" for f in found[:3])
