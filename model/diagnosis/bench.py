@@ -22,6 +22,7 @@ from model.diagnosis.bench_skid import NO_SLIP, skid_law
 from model.diagnosis.bench_weigh import Weighing, weigh
 from model.diagnosis.bench_words import beside_of, notes_of, sentence_of
 from model.diagnosis.campaign import Bench, DiagnosisOptions
+from model.diagnosis.consistency import inconsistencies
 from model.diagnosis.result import Adequacy, Candidate, Cause, Diagnosis, Gain, Verdict
 
 FloatArray = NDArray[np.float64]
@@ -159,7 +160,7 @@ def _diagnosis(
         candidates=candidates_of(weighing, known),
         what_is_wrong=findings_of(weighing),
         gain=gain,
-        inconsistent=(),
+        inconsistent=inconsistencies(benches),
         adequacy=Adequacy(_least_misfit(weighing), weighing.threshold, weighing.any_adequate),
         proposal=None,
         minimum_detectable=detectable(problem, known, null.optima[0], options.name_at),

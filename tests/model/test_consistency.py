@@ -1,0 +1,70 @@
+"""The bound before a diagnosis: campaigns and tables, with and without what it needs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from stressed_wheel import StressedWheel
+
+from model.diagnosis.campaign import Bench, Campaign
+from model.diagnosis.consistency import inconsistencies
+from model.observations import Observations
+from model.soil_prior import prior_of
+from model.soils import SOILS
+from model.wheel import Wheel
+from processing.pipeline import process
+from wheelsoil.virtual_campaign import simulated_roles
+from wheelsoil.virtual_options import SimulationOptions
+
+SLIP = np.linspace(0.1, 0.9, 9)
+WHEEL = Wheel(0.47, 0.3)
+
+
+def bench(name: str, sinkage_share: float = 1.0, tyre: str = "smooth") -> Bench:
+    wheel = StressedWheel(entry=0.7, slip=0.5)
+    load, pull, torque = np.array([replace(wheel, slip=s).forces() for s in SLIP]).T
+    nothing = np.zeros(9)
+    rows = Observations(
+        SLIP,
+        load,
+        pull,
+        torque,
+        np.full(9, sinkage_share * wheel.sinkage),
+        nothing,
+        nothing,
+        nothing,
+        np.zeros(9, np.intp),
+        ("",),
+        independent=True,
+    )
+    sigmas = {"dp": 5.0, "t": 2.0, "z": 1e-3}
+    return Bench(name, rows, WHEEL, SOILS["sandy"], prior_of(SOILS["sandy"]), sigmas, tyre)
+
+
+def campaign(sinkage_m: float | None) -> Campaign:
+    channels, vehicle, info = simulated_roles(SimulationOptions(soil="sandy", runs=1, duration_s=20.0), 0)
+    run = process(channels, vehicle, info)
+    if sinkage_m is not None:
+        run = replace(run, sinkage_m=np.full(len(run), sinkage_m))
+    return Campaign("field", (run,), Wheel(0.47, 0.318), SOILS["sandy"], prior_of(SOILS["sandy"]))
+
+
+def test_what_is_right_is_consistent() -> None:
+    assert inconsistencies([bench("a"), bench("b", tyre="lugged"), campaign(0.18)]) == ()
+
+
+def test_without_sinkage_or_torque_nothing_is_said() -> None:
+    rows = bench("a").rows
+    bare = replace(bench("a"), rows=replace(rows, driving_torque_nm=np.full(9, np.nan)))
+    assert inconsistencies([bare, campaign(None)]) == ()
+
+
+def test_each_part_says_its_own() -> None:
+    (alone,) = inconsistencies([bench("a", 0.02)])
+    assert (alone.channel, alone.rows) == ("sinkage", 9)
+    assert alone.why.startswith("T/r - Dp")
+    first, second = inconsistencies([bench("a", 0.02), bench("b"), campaign(0.001)])
+    assert first.why == f"a: {alone.why}"
+    assert second.why.startswith("field: ")
+    assert second.rows > 100
