@@ -157,6 +157,22 @@ def _root(x: float) -> float:
     return float(np.sqrt(max(x, 0.0)))
 
 
+def forms_apart(yardstick: Yardstick, hidden: Sequence[tuple[str, float]], member: int = 0) -> float:
+    """Return what is left of one member when the best other form of its family explains it; 0 without such."""
+    key = hidden[member][0]
+    change = yardstick.sight.change([hidden[member]])
+    others = [
+        other
+        for other, known in KNOWN.items()
+        if known.family == ALL[key].family and other != key and not known.variant
+    ]
+    if not others or ALL[key].variant:
+        return 0.0
+    columns = np.stack([yardstick.whitened(change), *(yardstick.signatures[other] for other in others)], axis=1)
+    gram = yardstick.gram(columns)
+    return min(_root(gram[0, 0] - _explained(gram, [i], [other])) for i, other in enumerate(others, 1))
+
+
 def left_by_three(yardstick: Yardstick, hidden: Sequence[tuple[str, float]]) -> float:
     """Return what is left of a change when up to three listed causes, the best ones in turn, may explain it."""
     columns = np.stack([yardstick.whitened(yardstick.sight.change(hidden)), *yardstick.signatures.values()], axis=1)

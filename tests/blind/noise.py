@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import log, pi, sqrt
 
 import numpy as np
+from blind.driving import RATE_HZ
 from blind.field import FieldDay
 from blind.ground import RUN_SCATTER
 from blind.rim import FloatArray
@@ -71,6 +72,12 @@ def instrument_covariance(day: FieldDay, sight: Sight) -> FloatArray:
     return np.asarray(c)
 
 
+def _angle(day: FieldDay, index: int, time_s: FloatArray) -> FloatArray:
+    """Return how far the wheel has turned."""
+    motion = day.motions[index]
+    return np.interp(time_s - day.plans[index].start_s, motion.time_s, np.cumsum(motion.omega) / RATE_HZ)
+
+
 def run_covariance(day: FieldDay, sight: Sight, index: int) -> tuple[FloatArray, np.ndarray]:
     """Return a run's covariance, shape (2 k, 2 k) with pull first, and its k rows."""
     rows = np.flatnonzero((sight.run == index) & sight.rows)
@@ -82,7 +89,7 @@ def run_covariance(day: FieldDay, sight: Sight, index: int) -> tuple[FloatArray,
     second = m.time_s > 0.5 * (m.time_s[0] + m.time_s[-1])
     same_rest = (second[:, None] == second) * np.outer(1 - moving, 1 - moving)
     blocks = np.zeros((2, len(rows), 2, len(rows)))
-    ripple = f.ripple(m.omega) * np.exp(1j * np.cumsum(np.gradient(m.time_s) * m.omega))
+    ripple = f.ripple(m.omega) * np.exp(1j * _angle(day, index, m.time_s))
     turning = np.real(np.outer(ripple, np.conj(ripple)))
     white = 1e-2 * np.eye(len(rows))
     blocks[0, :, 0] = suite.pull_n**2 * (force * share + white) + suite.rest_pull_n**2 * same_rest

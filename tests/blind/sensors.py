@@ -66,7 +66,9 @@ class Suite:
     @property
     def gnss_latency_s(self) -> float:
         """Whole delay of the ground speed."""
-        return self.gnss_transport_s + self.receiver_s * (0.5 if self.receiver == "boxcar" else 1.0)
+        return self.gnss_transport_s + (
+            0.5 * self.receiver_s if self.receiver == "boxcar" else self.receiver_s - 0.5 / RATE_HZ
+        )
 
     @property
     def wheel_latency_s(self) -> float:

@@ -1,0 +1,85 @@
+"""Where a blind campaign meets the engine: recordings in, what it says out."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from blind.field import FieldDay, driven
+from blind.folders import run_info, terrain_config, vehicle_config, write_campaign
+from blind.mix import Case
+
+from daq.config import TerrainConfig
+from daq.open import open_runs
+from model.diagnosis.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.result import Diagnosis
+from model.effects import EFFECTS
+from model.soil_prior import prior_of
+from model.soils import soil_from_terrain
+from model.wheel import Wheel
+from processing.options import ProcessOptions
+from processing.pipeline import process
+from processing.processed_run import ProcessedRun
+from wheelsoil.diagnosing import campaigns_of
+from wheelsoil.runs import process_runs
+
+OPTIONS = ProcessOptions(purpose="diagnose")
+
+
+def campaign_from_channels(day: FieldDay, hidden: Sequence[tuple[str, float]]) -> Campaign:
+    """Process the channels without frames between."""
+    vehicle = vehicle_config(day.suite, day.vendor)
+    runs = tuple(
+        process(channels, vehicle, run_info(plan), OPTIONS)
+        for plan, channels in zip(day.plans, driven(day, hidden), strict=True)
+    )
+    return _campaign(runs, terrain_config(day.soil), vehicle.wheel)
+
+
+def campaign_from_frames(day: FieldDay, hidden: Sequence[tuple[str, float]]) -> Campaign:
+    """Write a campaign folder and read it as `wheelsoil diagnose FOLDER` does."""
+    with TemporaryDirectory(prefix="blind-") as name:
+        folder = Path(name) / "campaign"
+        write_campaign(folder, day, hidden)
+        opened = process_runs(open_runs([folder]), OPTIONS)
+        [campaign] = campaigns_of([folder], opened)
+    return campaign
+
+
+def _campaign(runs: tuple[ProcessedRun, ...], terrain: TerrainConfig, wheel: object) -> Campaign:
+    soil = soil_from_terrain(terrain)
+    assert wheel is not None
+    return Campaign("blind", runs, Wheel(wheel.radius_m, wheel.width_m), soil, prior_of(soil, terrain))  # type: ignore[attr-defined]
+
+
+def asked(campaign: Campaign, case: Case, truth: dict[str, Any]) -> dict[str, Any]:
+    """Diagnose a campaign; where something listed is hidden, once more with nothing else in the library."""
+    from model.diagnosis.diagnose import diagnose
+
+    options = DiagnosisOptions(
+        reading="literal" if case.kind == "literal" else "balanced",
+        effects=tuple(
+            key
+            for key, effect in EFFECTS.items()
+            if effect.name != case.without and effect.reading in ("any", "literal" if case.kind == "literal" else "any")
+        ),
+    )
+    begin = time.perf_counter()
+    said = diagnose([campaign], options)
+    seconds = time.perf_counter() - begin
+    out = {**_told(said), "engine_s": seconds}
+    if case.kind == "single" and not truth["members"][0]["variant"] and truth["members"][0]["L"] > 1.5:
+        own = tuple(key for key, effect in EFFECTS.items() if effect.name == truth["members"][0]["family"])
+        out["given_truth"] = _told(diagnose([campaign], replace(options, effects=own, most_causes=1)))
+    return out
+
+
+def _told(said: Diagnosis) -> dict[str, Any]:
+    full = said.as_json()
+    kept = ("verdict", "sentence", "causes", "candidates", "what_is_wrong", "gain", "adequacy", "noise", "stages_s")
+    return json.loads(json.dumps({key: full[key] for key in kept}, default=float))
