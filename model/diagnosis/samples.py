@@ -38,6 +38,8 @@ BLOCK_S = 0.2
 LITTLE_SLIP = 0.05
 """Below this size of slip forces are steep in it, and a false latency confirms itself."""
 _QUICK_SLIP = 0.25
+_CALMING_S = 0.1
+"""One-sigma of the kernel that the acceleration passes: its noise makes what goes with it look smaller than it is."""
 STENCIL = (1 / 6, 2 / 3, 1 / 6)
 """Weights of the three instants of a sample."""
 
@@ -189,12 +191,13 @@ def _blocks(
     left_out.update({why.name.lower(): int(n) for why, n in _unused(run, step)})
     rows = starts[:, None] + np.arange(step)
     angle = np.cumsum(np.nan_to_num(run.wheel_speed_radps)) / run.rate_hz
-    jerk = np.gradient(run.ground_acceleration_mps2) * run.rate_hz if len(run) > 1 else np.zeros(len(run))
+    acceleration = _calmed(run.ground_acceleration_mps2, _CALMING_S * run.rate_hz)
+    jerk = np.gradient(acceleration) * run.rate_hz if len(run) > 1 else np.zeros(len(run))
     of_run = {
         "vertical_load_n": run.vertical_load_n,
         "ground_speed_mps": run.ground_speed_mps,
         "wheel_speed_radps": run.wheel_speed_radps,
-        "ground_acceleration_mps2": run.ground_acceleration_mps2,
+        "ground_acceleration_mps2": acceleration,
         "ground_jerk_mps3": jerk,
         "wheel_acceleration_radps2": run.wheel_acceleration_radps2,
         "line_position": position,
@@ -219,6 +222,16 @@ def _blocks(
     found["slip"] = slip_of(run.wheel_radius_m * found["wheel_speed_radps"], found["ground_speed_mps"], 0.0)
     keep = _kept(run, found, left_out)
     return {name: x[..., keep] for name, x in found.items()}
+
+
+def _calmed(x: FloatArray, sigma: float) -> FloatArray:
+    """Return a smoothed history, NaN where it was; `sigma` in samples."""
+    from scipy.ndimage import gaussian_filter1d
+
+    known = np.isfinite(x)
+    weight = gaussian_filter1d(known.astype(float), sigma, mode="nearest")
+    smooth = gaussian_filter1d(np.where(known, x, 0.0), sigma, mode="nearest")
+    return np.where(known, smooth / np.maximum(weight, 1e-9), np.nan)
 
 
 def _starts(used: NDArray[np.bool_], step: int) -> IntArray:
