@@ -193,16 +193,9 @@ def look(
 def _begin(campaign: Campaign, options: DiagnosisOptions, noise: Noise | None) -> _Start:
     """Collect the samples that the laboratory's soil has an answer for."""
     samples = samples_of(campaign, options.channels)
-    if not set(samples.measured) & {"dp", "t"}:
-        raise DataError(
-            Fault(
-                "neither drawbar pull nor torque was measured",
-                campaign.name,
-                next_step="name their signals under [signals] of vehicle.toml",
-            )
-        )
-    if len(samples) < FEWEST:
-        raise DataError(_too_few(campaign, samples))
+    fault = unfit(campaign, samples)
+    if fault:
+        raise DataError(fault)
     simulation = Simulation(
         campaign.wheel,
         campaign.soil,
@@ -211,6 +204,24 @@ def _begin(campaign: Campaign, options: DiagnosisOptions, noise: Noise | None) -
         options.reading,
     )
     return _Start(campaign, samples, simulation, noise)
+
+
+def unfit(campaign: Campaign, samples: Samples) -> Fault | None:
+    """Return why a campaign cannot be looked at; None where it can.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    samples : Samples
+        Of it.
+    """
+    if not set(samples.measured) & {"dp", "t"}:
+        return Fault(
+            "neither drawbar pull nor torque was measured",
+            campaign.name,
+            next_step="name their signals under [signals] of vehicle.toml",
+        )
+    return _too_few(campaign, samples) if len(samples) < FEWEST else None
 
 
 def _too_few(campaign: Campaign, samples: Samples) -> Fault:
