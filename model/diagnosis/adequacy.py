@@ -25,7 +25,7 @@ LEVEL = 0.995
 """Quantile of the statistic where the noise model is exact."""
 SLACK = 1.25
 """Factor on that quantile."""
-_DRAWS = 4000
+_DRAWS = 2000
 
 
 @dataclass(frozen=True)

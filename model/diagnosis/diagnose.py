@@ -1,0 +1,204 @@
+"""The diagnosis: all its parts in their order.
+
+Look (samples, noise model, whitening, linearising again at the best) -> adequacy -> probabilities over resampled runs
+-> gain on left-out runs -> verdict -> final parameters with the whole model -> next run -> what is seen, and said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from daq.errors import Fault
+from model.bound import bound_rows_of_runs, inconsistent
+from model.diagnosis.adequacy import adequacy, excess
+from model.diagnosis.bagging import bagged
+from model.diagnosis.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.detectable import minimum_detectable
+from model.diagnosis.evidence import Posterior
+from model.diagnosis.explained import Explained, Fits, explain, likeliest_form
+from model.diagnosis.held_out import held_out
+from model.diagnosis.isolability import isolability
+from model.diagnosis.look import Clock, Look, look, unfit
+from model.diagnosis.next_run import next_runs
+from model.diagnosis.noise import Noise
+from model.diagnosis.result import Adequacy, Candidate, Detectable, Diagnosis, Finding, Gain, NextRun
+from model.diagnosis.samples import samples_of
+from model.diagnosis.seen import seen_of
+from model.diagnosis.split import members_of
+from model.diagnosis.verdict import Judgement, candidates, judgement
+from model.diagnosis.verdict_words import named_words, nothing_words, one_of_words, unexplained_words, want_words
+from model.diagnosis.where_wrong import findings
+from model.effects import EFFECTS
+
+ALIKE = 0.95
+"""Cosine of two signatures, the soil projected out, from which on they look almost the same."""
+FEW_RUNS = "fewer than three runs: probabilities could not be calibrated by drawing runs anew"
+
+
+def diagnose(
+    campaigns: Sequence[Campaign], options: DiagnosisOptions | None = None, noises: Sequence[Noise] | None = None
+) -> Diagnosis:
+    """Diagnose one or several campaigns: what the simulation gets wrong, its cause, what the extension is worth.
+
+    Parameters
+    ----------
+    campaigns : sequence of Campaign
+        Causes are shared, soils are not. One with too little in it is left out, and said to be.
+    options : DiagnosisOptions, optional
+    noises : sequence of Noise, optional
+        The noise model of each campaign; estimated where it is not given.
+
+    Returns
+    -------
+    Diagnosis
+        Where nothing can be decided, its verdict is "nothing_detectable" and its sentence says for want of what.
+    """
+    options = options or DiagnosisOptions()
+    faults = [unfit(c, samples_of(c, options.channels)) for c in campaigns]
+    refused = [fault for fault in faults if fault is not None]
+    kept = [i for i, fault in enumerate(faults) if fault is None]
+    if not kept:
+        return _undecided(refused, options)
+    seen = look([campaigns[i] for i in kept], options, [noises[i] for i in kept] if noises else None)
+    return _diagnosis(seen, options, tuple(_said(fault) for fault in refused))
+
+
+def _said(fault: Fault) -> str:
+    return f"{fault.where}: {fault.what}" + (f", {fault.found}" if fault.found else "") + "; left out"
+
+
+def _undecided(faults: Sequence[Fault], options: DiagnosisOptions) -> Diagnosis:
+    """Return a diagnosis that says what was wanting."""
+    families = dict.fromkeys(EFFECTS[key].name for key in options.effects if key in EFFECTS)
+    why = "; ".join(dict.fromkeys(f"{f.what} ({f.found})" if f.found else f.what for f in faults)) or "there is no run"
+    onward = "; ".join(dict.fromkeys(fault.next_step for fault in faults if fault.next_step))
+    return Diagnosis(
+        verdict="nothing_detectable",
+        sentence=f"Nothing can be decided: {why}." + (f" Next: {onward}." if onward else ""),
+        causes=(),
+        candidates=(),
+        what_is_wrong=(),
+        gain=None,
+        inconsistent=(),
+        adequacy=None,
+        proposal=None,
+        minimum_detectable={},
+        next_run=(),
+        cannot_tell=dict.fromkeys(families, why),
+        notes=tuple(_said(fault) for fault in faults),
+    )
+
+
+@dataclass(frozen=True)
+class _Weighed:
+    """What the numbers say, before words."""
+
+    judged: Adequacy
+    found: Posterior
+    sizes: dict[str, Detectable]
+    gain: Gain | None
+    verdict: Judgement
+    wrong: list[Finding]
+
+
+def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) -> Diagnosis:
+    clock, fits = Clock(), Fits(seen)
+    weighed, remark = _weighed(seen, options, fits, clock)
+    verdict, found = weighed.verdict, weighed.found
+    with clock.stage("final"):
+        explained = explain(fits, verdict, found)
+    with clock.stage("next_run"):
+        onward = _onward(seen, options, verdict, found, explained)
+    with clock.stage("figures"):
+        shown = seen_of(seen, fits[()], fits[explained.extended], explained.sizes)
+        sentence = _sentence(seen, weighed, explained, onward)
+    few = (FEW_RUNS,) if not found.resampled else ()
+    return Diagnosis(
+        verdict=verdict.verdict,
+        sentence=sentence,
+        causes=explained.causes,
+        candidates=tuple(Candidate(name, p) for name, p in candidates(found).items()),
+        what_is_wrong=tuple(weighed.wrong),
+        gain=weighed.gain,
+        inconsistent=tuple(x for v in seen.views for x in inconsistent(bound_rows_of_runs(v.campaign.runs))),
+        adequacy=weighed.judged,
+        proposal=None,
+        minimum_detectable=weighed.sizes,
+        next_run=onward,
+        cannot_tell=seen.cannot_tell,
+        notes=tuple(dict.fromkeys((*notes, *seen.notes, *few, *([remark] if remark else [])))),
+        noise=_noise(seen),
+        soils=explained.soils,
+        seen=shown,
+        stages_s={**seen.stages_s, **clock.stages_s},
+    )
+
+
+def _weighed(seen: Look, options: DiagnosisOptions, fits: Fits, clock: Clock) -> tuple[_Weighed, str]:
+    """Judge, weigh, test on left-out runs; return also what is to be remarked of the gain."""
+    rng = np.random.default_rng(options.seed)
+    with clock.stage("adequacy"):
+        judged = adequacy(seen.grams, seen.best.keys, rng)
+        factor = excess(judged)
+    with clock.stage("bagging"):
+        found = bagged(seen.grams, rng, seen.excluded, options.most_causes, factor)
+        sizes = minimum_detectable(seen.grams, seen.excluded, options.name_at, factor)
+    with clock.stage("held_out"):
+        gain, remark = held_out(seen, options, fits=fits.known)
+    verdict = judgement(found, judged, gain, seen.cannot_tell, options.name_at)
+    with clock.stage("where"):
+        left_by = seen.best.keys if verdict.verdict == "unexplained" else ()
+        wrong = findings(seen.grams, seen.views, left_by, factor)
+    return _Weighed(judged, found, sizes, gain, verdict, wrong), remark
+
+
+def _onward(
+    seen: Look, options: DiagnosisOptions, verdict: Judgement, found: Posterior, explained: Explained
+) -> tuple[NextRun, ...]:
+    """Return what to drive next: to split a set, or on request the likeliest candidates."""
+    if verdict.verdict != "one_of" and not options.next_run:
+        return ()
+    chances = {key: found.families()[EFFECTS[key].name] for key in explained.sizes}
+    own = [cause.key for cause in explained.causes] if verdict.verdict == "one_of" else list(explained.sizes)
+    sizes = {key: explained.sizes[key] for key in own if key in explained.sizes}
+    return next_runs(seen, members_of(sizes, chances))
+
+
+def _sentence(seen: Look, weighed: _Weighed, explained: Explained, onward: tuple[NextRun, ...]) -> str:
+    verdict, found = weighed.verdict, weighed.found
+    chances = found.families()
+    alike = _alike(seen, found, verdict)
+    if verdict.verdict == "named":
+        said = named_words(verdict, explained.causes, chances, weighed.gain, alike)
+    elif verdict.verdict == "one_of":
+        said = one_of_words(verdict, chances, found.none, alike, onward)
+    elif verdict.verdict == "unexplained":
+        best = tuple(EFFECTS[key].name for key in seen.best.keys)
+        said = unexplained_words(weighed.judged, weighed.wrong, best)
+    else:
+        said = nothing_words(found.none, weighed.sizes, weighed.wrong)
+    return said + want_words(seen.cannot_tell)
+
+
+def _alike(seen: Look, found: Posterior, verdict: Judgement) -> tuple[str, ...]:
+    """Return the families whose signatures are almost those of the verdict's first ones."""
+    own = verdict.families if verdict.verdict == "named" else verdict.families[:1]
+    apart = isolability(seen.grams)
+    alike = [
+        apart.families[j]
+        for family in own
+        for j in range(len(apart.keys))
+        if apart.families[j] not in verdict.families
+        and apart.cosine[apart.keys.index(likeliest_form(found, family)), j] > ALIKE
+    ]
+    return tuple(dict.fromkeys(alike))
+
+
+def _noise(seen: Look) -> dict[str, float]:
+    """Return the hyper-parameters; with several campaigns behind each one's name."""
+    if len(seen.views) == 1:
+        return dict(seen.views[0].noise.values)
+    return {f"{v.campaign.name}: {name}": x for v in seen.views for name, x in v.noise.values.items()}

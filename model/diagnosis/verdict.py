@@ -1,0 +1,120 @@
+"""The verdict, in the published order.
+
+1. Lack of fit above its threshold: `unexplained`.
+2. "None" at least as likely as everything else together: `nothing_detectable`.
+3. A family above `name_at` that foretells left-out runs better than no cause: `named`.
+4. Else `one_of`: the shortest set of families of which one is at work with 95 % if anything is.
+
+A name needs three runs or more, since its probability is calibrated by drawing runs anew, and data that can tell the
+family: what stands in ``cannot_tell`` is never named, however likely, but may be a member of a set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.diagnosis.evidence import Posterior
+from model.diagnosis.result import Adequacy, Gain, Verdict
+
+LEVEL = 0.95
+"""Of a set."""
+NOTHING_AT = 0.5
+"""Probability of "none" from which on nothing is said to be seen."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A verdict and what it is about.
+
+    Attributes
+    ----------
+    verdict : see `Verdict`
+    families : tuple of str
+        The named ones; under "one_of" the set.
+    beside : tuple of str
+        Beside named ones: the families of which one more is likely at work; empty where nothing more need be.
+    barred : str
+        Why a family that is likely enough is not named; else empty.
+    """
+
+    verdict: Verdict
+    families: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
+    barred: str = ""
+
+
+def judgement(
+    found: Posterior,
+    judged: Adequacy,
+    gain: Gain | None,
+    cannot_tell: Mapping[str, str] | None = None,
+    name_at: float = 0.9,
+) -> Judgement:
+    """Return the verdict.
+
+    Parameters
+    ----------
+    found : Posterior
+        Averaged over resampled runs.
+    judged : Adequacy
+        Of the likeliest set.
+    gain : Gain or None
+        On left-out runs, the causes chosen anew in each fold.
+    cannot_tell : mapping family -> why
+    name_at : float
+    """
+    if not judged.ok:
+        return Judgement("unexplained")
+    if found.none >= NOTHING_AT:
+        return Judgement("nothing_detectable")
+    sure = [family for family, p in found.families().items() if p > name_at]
+    barred = _barred(found, gain)
+    if sure and not barred:
+        named = tuple(family for family in sure if family not in (cannot_tell or {}))
+        if named:
+            return Judgement("named", named, short_set(found, named))
+        barred = (cannot_tell or {})[sure[0]]
+    return Judgement("one_of", short_set(found), barred=barred if sure else "")
+
+
+def _barred(found: Posterior, gain: Gain | None) -> str:
+    if not found.resampled or gain is None:
+        return "with fewer than three runs no name can be checked against other runs"
+    if not gain.log_likelihood_gain > 0:
+        return "it does not foretell runs that were left out any better"
+    return ""
+
+
+def short_set(found: Posterior, given: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """Return the shortest set of families of which one is at work with `LEVEL`, if anything is; likeliest first.
+
+    Parameters
+    ----------
+    found : Posterior
+    given : tuple of str
+        Families that are at work anyway; the set is of what is at work beside them. It is empty where nothing more
+        is at least as likely as any one thing more.
+    """
+    h = found.hypotheses
+    known = np.isin(h.families, given)
+    holds = h.has_family[:, known].all(axis=1)
+    others = h.has_family & ~known
+    mass = np.where(holds & others.any(axis=1), found.probability, 0.0)
+    if mass.sum() <= 0 or (given and mass.sum() < 0.5 * found.probability[holds].sum()):
+        return ()
+    whole, chosen = mass.sum(), []
+    while mass.sum() > (1.0 - LEVEL) * whole:
+        best = int(np.argmax(mass @ others))
+        chosen.append(best)
+        mass = np.where(others[:, best], 0.0, mass)
+    order = found.families()
+    return tuple(sorted((h.families[i] for i in chosen), key=lambda family: -order[family]))
+
+
+def candidates(found: Posterior) -> dict[str, float]:
+    """Return every family's probability of being among the causes, and that of "none", likeliest first."""
+    chances = {**found.families(), "none": found.none}
+    return dict(sorted(chances.items(), key=lambda item: -item[1]))

@@ -1,0 +1,147 @@
+"""A verdict in a sentence or a few, for people: what it is, how large, how sure, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+
+from model.diagnosis.result import Adequacy, Cause, Detectable, Finding, Gain, NextRun, ParameterEstimate
+from model.diagnosis.verdict import Judgement
+
+CHANNELS = {"drawbar_pull": "drawbar pull", "driving_torque": "driving torque", "sinkage": "sinkage"}
+_UNITS = {"drawbar_pull": "N", "driving_torque": "N m", "sinkage": "m"}
+_MOST_EXAMPLES = 3
+
+
+def named_words(
+    judged: Judgement, causes: Sequence[Cause], chances: Mapping[str, float], gain: Gain | None, alike: Sequence[str]
+) -> str:
+    """Return the sentence of "named".
+
+    Parameters
+    ----------
+    judged : Judgement
+    causes : sequence of Cause
+        The named ones.
+    chances : mapping family -> probability
+    gain : Gain or None
+    alike : sequence of str
+        Families whose signatures are almost those of the named ones.
+    """
+    said = [" and ".join(_cause(cause) for cause in causes)]
+    if gain is not None and isfinite(gain.reduction_percent):
+        low, high = gain.interval95
+        band = f" ({low:.0f} to {high:.0f})" if isfinite(low) and isfinite(high) else ""
+        said.append(f"On runs left out the error falls by {gain.reduction_percent:.0f}{band} %")
+    if judged.beside:
+        said.append(f"Something more is at work: {_one_of(judged.beside, chances)}")
+    if alike:
+        said.append(
+            f"{_listed([plain(f) for f in alike]).capitalize()} would look almost the same in these runs; "
+            "that it is not has been weighed, and rests on small differences"
+        )
+    return _sentences(said)
+
+
+def one_of_words(
+    judged: Judgement, chances: Mapping[str, float], none: float, alike: Sequence[str], runs: Sequence[NextRun]
+) -> str:
+    """Return the sentence of "one_of"."""
+    likely = f"with probability {probability(1.0 - none)}"
+    if len(judged.families) == 1:
+        family = judged.families[0]
+        said = [f"Something is at work ({likely}), and {plain(family)} ({probability(chances[family])}) covers it"]
+    else:
+        said = [f"Something is at work ({likely}): {_one_of(judged.families, chances)}"]
+    if judged.barred:
+        said.append(f"{plain(judged.families[0]).capitalize()} is not named: {judged.barred}")
+    others = [family for family in alike if family not in judged.families]
+    if others:
+        said.append(f"{_listed([plain(f) for f in others]).capitalize()} would look almost the same")
+    if runs:
+        said.append(f"Next: {runs[0].change}")
+    return _sentences(said)
+
+
+def unexplained_words(judged: Adequacy, left: Sequence[Finding], best: Sequence[str]) -> str:
+    """Return the sentence of "unexplained"; `best` are the families of the likeliest set."""
+    tried = f", not even {_listed([plain(f) for f in best])}," if best else ""
+    said = [
+        f"Neither the soil nor any set of causes in the library{tried} explains these runs: what is left is "
+        f"{judged.statistic:.1f} times what noise leaves (up to {judged.threshold:.1f} is taken as noise)"
+    ]
+    if left:
+        said.append(f"It shows in {_findings(left)}")
+    return _sentences(said)
+
+
+def nothing_words(none: float, sizes: Mapping[str, Detectable], wrong: Sequence[Finding]) -> str:
+    """Return the sentence of "nothing_detectable"."""
+    said = [f"No cause is seen (none: {probability(none)}): soil and noise explain these runs"]
+    shown = [f"{plain(key)} from {d.parameter} = {_number(d.value)}{_unit(d.unit)} on" for key, d in sizes.items()]
+    if shown:
+        said.append(f"That does not mean there is none: {_listed(shown[:_MOST_EXAMPLES])} would have been seen")
+    if wrong:
+        said.append(f"Most suspicious is {_findings(wrong[:1])}")
+    return _sentences(said)
+
+
+def want_words(cannot_tell: Mapping[str, str]) -> str:
+    """Return what cannot be decided, for want of what; empty where everything can."""
+    by_reason: dict[str, list[str]] = {}
+    for family, why in cannot_tell.items():
+        by_reason.setdefault(why, []).append(plain(family))
+    said = [f"{_listed(families)} ({why})" for why, families in by_reason.items()]
+    return f" What these runs cannot decide: {'; '.join(said)}." if said else ""
+
+
+def plain(name: str) -> str:
+    """Return a name as people write it."""
+    return name.replace("_", " ")
+
+
+def probability(p: float) -> str:
+    """Return a probability; never 1 or 0, which no data give."""
+    return "> .999" if p > 0.9995 else "< .001" if p < 0.0005 else f"{p:.3f}".lstrip("0")
+
+
+def _cause(cause: Cause) -> str:
+    form = f", likeliest as {cause.form} ({probability(cause.form_probability)})" if cause.form else ""
+    sizes = ", ".join(_estimate(p) for p in cause.parameters)
+    return f"{plain(cause.name)} is at work (probability {probability(cause.probability)}{form}): {sizes}"
+
+
+def _estimate(p: ParameterEstimate) -> str:
+    low, high = p.interval95
+    known = isfinite(low) and isfinite(high)
+    band = f" ({_number(low)} to {_number(high)})" if known else ""
+    return f"{p.name} = {_number(p.value)}{band}{_unit(p.unit)}"
+
+
+def _one_of(families: Sequence[str], chances: Mapping[str, float]) -> str:
+    each = [f"{plain(family)} ({probability(chances[family])})" for family in families]
+    return each[0] if len(each) == 1 else f"one of {', '.join(each)}"
+
+
+def _findings(found: Sequence[Finding]) -> str:
+    return "; ".join(
+        f"{CHANNELS.get(f.channel, f.channel)}, {f.where}: {f.size:+.3g} {_UNITS.get(f.channel, '')} "
+        f"({abs(f.statistic):.1f} sigma)"
+        for f in found[:_MOST_EXAMPLES]
+    )
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
+
+
+def _number(x: float) -> str:
+    return f"{x:.3g}"
+
+
+def _unit(unit: str) -> str:
+    return "" if unit in ("", "1") else f" {unit}"
+
+
+def _sentences(said: Sequence[str]) -> str:
+    return " ".join(f"{text[0].upper()}{text[1:]}." for text in said if text)
