@@ -27,6 +27,7 @@ FloatArray = NDArray[np.float64]
 SOIL_COORDINATES = ("cohesion_pa", "tan_phi", "ln_shear_modulus", "sinkage_exponent", "ln_stiffness")
 _TYPICAL_LOAD_N = 10_000.0
 _LOAD_UNITS = ("N", "N m", "Nm")
+_FAR = 30.0
 
 
 @dataclass(frozen=True)
@@ -179,6 +180,7 @@ def cut_off(standard: FloatArray, lower: float, upper: float) -> tuple[FloatArra
     if np.isneginf(lower):
         x, slope = cut_off(-standard, -upper, np.inf)
         return -x, slope
+    standard = np.clip(standard, -_FAR, _FAR)
     above, below = ndtr(-lower), ndtr(-upper)
     x = np.clip(-ndtri(below + (above - below) * ndtr(-standard)), lower, upper)
     return x, (above - below) * np.exp(0.5 * (x * x - standard * standard))

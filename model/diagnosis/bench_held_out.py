@@ -23,9 +23,11 @@ from model.diagnosis.result import Gain, Scores
 
 FloatArray = NDArray[np.float64]
 
-_COUNTED = 8.0
+_COUNTED = 6.0
 """Nats below the best on all rows within which a set is a candidate in every fold."""
-_MOST = 40
+_MOST = 30
+_GATED = 8
+"""Likeliest sets of a fold that are put to the gate; the likeliest is taken where none of them passes."""
 _RESAMPLES = 2000
 _LEAST_GROUPS = 3
 
@@ -110,9 +112,9 @@ def _best_in(weighing: Weighing, fold: _Fold, rng: np.random.Generator) -> tuple
     problem = weighing.problem
     found = search(problem, [w.hypothesis for w in counted], [w.optima[0].standard for w in counted], fold.kept)
     score = np.array([o.log_evidence + w.log_prior for o, w in zip(found, counted, strict=True)])
-    adequate = misfits(problem, found, fold.kept) <= threshold(problem, rng, fold.kept)
-    best = int(np.argmax(np.where(adequate, score, -np.inf) if adequate.any() else score))
-    return (found[best],)
+    ranked = [found[i] for i in np.argsort(-score)]
+    adequate = misfits(problem, ranked[:_GATED], fold.kept) <= threshold(problem, rng, fold.kept)
+    return (ranked[int(np.argmax(adequate))],)
 
 
 def _foretold(

@@ -22,12 +22,12 @@ _PARENTS = 2
 """Sets with a cause less that a search starts from."""
 _PROMISING = 7.0
 """Nats below the best within which a pair gets a third cause."""
-_MOST_PAIRS = 10
+_MOST_PAIRS = 6
 _GATED = 10.0
 """Nats below the best within which a set is put to the gate; the others do not count anyway."""
-_CORRECTED = 5.0
+_CORRECTED = 4.5
 """Nats below the best within which an evidence is corrected by importance sampling."""
-_MOST_CORRECTED = 24
+_MOST_CORRECTED = 16
 
 
 @dataclass(frozen=True)
