@@ -21,13 +21,14 @@ from model.diagnosis.evidence import Posterior
 from model.diagnosis.explained import Explained, Fits, explain, likeliest_form
 from model.diagnosis.held_out import held_out
 from model.diagnosis.isolability import isolability
-from model.diagnosis.look import Clock, Look, look, unfit
+from model.diagnosis.look import Clock, Look, look
 from model.diagnosis.next_run import next_runs
 from model.diagnosis.noise import Noise
 from model.diagnosis.result import Adequacy, Candidate, Detectable, Diagnosis, Finding, Gain, NextRun
 from model.diagnosis.samples import samples_of
 from model.diagnosis.seen import seen_of
 from model.diagnosis.split import members_of
+from model.diagnosis.start import unfit
 from model.diagnosis.verdict import Judgement, candidates, judgement
 from model.diagnosis.verdict_words import named_words, nothing_words, one_of_words, unexplained_words, want_words
 from model.diagnosis.where_wrong import findings

@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 
 _MOST_STEPS = 12
 _LARGEST_STEP = 1.0
-_ENOUGH = 0.03
+_ENOUGH = 0.1
 """Step, in one-sigmas of each logarithm, below which nothing is gained."""
 
 

@@ -1,0 +1,95 @@
+"""What a look starts from: samples, the simulation under test, and why a campaign may be unfit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from daq.errors import DataError, Fault
+from model.diagnosis.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.linearise import Simulation
+from model.diagnosis.noise import Noise
+from model.diagnosis.samples import FEWEST, Samples, samples_of
+from model.diagnosis.soil_space import soil_space
+from model.diagnosis.tellable import cannot_tell, considered
+
+LATENCY = "speed_latency"
+_NOTABLE_DELAY_S = 0.06
+"""Delay between the speeds from which on it is tried as a start."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """A campaign before it was looked at."""
+
+    campaign: Campaign
+    samples: Samples
+    simulation: Simulation
+    noise: Noise | None
+
+
+def begin(campaign: Campaign, options: DiagnosisOptions, noise: Noise | None) -> Start:
+    """Collect the samples that the laboratory's soil has an answer for."""
+    samples = samples_of(campaign, options.channels)
+    fault = unfit(campaign, samples)
+    if fault:
+        raise DataError(fault)
+    simulation = Simulation(
+        campaign.wheel,
+        campaign.soil,
+        soil_space(campaign.soil_prior),
+        considered(campaign, samples, options),
+        options.reading,
+    )
+    return Start(campaign, samples, simulation, noise)
+
+
+def unfit(campaign: Campaign, samples: Samples) -> Fault | None:
+    """Return why a campaign cannot be looked at; None where it can.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    samples : Samples
+        Of it.
+    """
+    if not set(samples.measured) & {"dp", "t"}:
+        return Fault(
+            "neither drawbar pull nor torque was measured",
+            campaign.name,
+            next_step="name their signals under [signals] of vehicle.toml",
+        )
+    return _too_few(campaign, samples) if len(samples) < FEWEST else None
+
+
+def _too_few(campaign: Campaign, samples: Samples) -> Fault:
+    left_out = ", ".join(f"{why.replace('_', ' ')} {n}" for why, n in samples.left_out.items() if n)
+    return Fault(
+        "too few usable samples for a diagnosis",
+        campaign.name,
+        found=f"{len(samples)} samples of {samples.block_s:g} s (left out: {left_out or 'nothing'})",
+        expected=f"at least {FEWEST}",
+        next_step="drive longer, with more slip, above 0.5 m/s",
+    )
+
+
+def delays_s(starts: Sequence[Start]) -> tuple[float, ...]:
+    """Return the delays of ground speed to start from: none, and what the two speeds say of it themselves.
+
+    Near s = 0 forces are so steep in the ground speed that a wrong delay confirms itself once it is linearised about;
+    and from none a large one is not found.
+    """
+    known = all(any(e.key() == LATENCY for e in s.simulation.effects) for s in starts)
+    seen = [run.quality.residual_latency_s for s in starts for run in s.campaign.runs]
+    seen = [delay for delay in seen if np.isfinite(delay)]
+    middle = float(np.median(seen)) if seen else 0.0
+    return (0.0, middle) if known and abs(middle) > _NOTABLE_DELAY_S else (0.0,)
+
+
+def never_told(starts: Sequence[Start]) -> dict[str, str]:
+    """Return what no campaign can tell."""
+    each = [cannot_tell(s.campaign, s.samples, s.simulation.effects) for s in starts]
+    shared = set.intersection(*(set(found) for found in each)) if each else set()
+    return {family: why for family, why in each[0].items() if family in shared} if each else {}
