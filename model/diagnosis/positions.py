@@ -19,9 +19,9 @@ _LEAST_LENGTH_M = 5.0
 def line_positions(runs: Sequence[ProcessedRun]) -> tuple[list[FloatArray], str]:
     """Return x of every sample of every run, from -1 to 1 along the campaign's line.
 
-    "out" starts at -1, and 1 is the far end of all that was driven. The shape of a run is its distance, which is
-    smooth; where it lies comes from the positions of the whole run, whose noise that averages out. Without positions
-    "out" starts at -1 and "back" at 1.
+    "out" starts at -1 and "back" at 1; where all runs go one way, the ends are those of what was driven. The shape of a
+    run is its distance, which is smooth; where it lies comes from the positions of the whole run, whose noise that
+    averages out. Without positions the line is as long as the longest run.
 
     Parameters
     ----------
@@ -40,9 +40,21 @@ def line_positions(runs: Sequence[ProcessedRun]) -> tuple[list[FloatArray], str]
         length = max((_length(run) for run in runs), default=0.0)
         starts = [0.0 if side > 0 else length for side in sides]
     along = [start + side * run.distance_m for start, side, run in zip(starts, sides, runs, strict=True)]
-    ends = [(np.nanmin(x), np.nanmax(x)) for x in along if np.isfinite(x).any()]
-    low, high = min((a for a, _ in ends), default=0.0), max((b for _, b in ends), default=1.0)
+    low, high = _ends(starts, sides, along)
     return [2.0 * (x - low) / max(high - low, 1e-9) - 1.0 for x in along], note
+
+
+def _ends(starts: list[float], sides: list[float], along: list[FloatArray]) -> tuple[float, float]:
+    """Return where the line starts and ends, m."""
+    known = [x[np.isfinite(x)] for x in along]
+    driven = np.concatenate([*known, np.zeros(0)])
+    if not len(driven):
+        return 0.0, 1.0
+    out, back = ([at for at, side in zip(starts, sides, strict=True) if side == way] for way in (1.0, -1.0))
+    low, high = (float(np.median(at)) if at else None for at in (out, back))
+    if low is not None and high is not None and high > low:
+        return low, high
+    return float(driven.min()), float(driven.max())
 
 
 def campaign_times(runs: Sequence[ProcessedRun]) -> list[FloatArray]:
