@@ -125,10 +125,14 @@ class SetProblem:
         found = []
         for part in self.parts:
             view = part.view
-            columns = self._columns(part, part.frozen)
+            columns = self.columns(part)
             matrices = run_grams(view.samples, part.frozen, columns, view.noise.values, view.speed_variance)
             found.append((view.campaign.name, view.samples.run_names, columns, matrices))
         return joined(found)
+
+    def columns(self, part: Part) -> Columns:
+        """Return the columns of a campaign about the point whose slopes whiten, without catch-all."""
+        return self._columns(part, part.frozen)
 
     def _point(self, part: Part, x: FloatArray) -> Point:
         moved = {}

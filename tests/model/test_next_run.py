@@ -7,42 +7,23 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from short_campaign import driven, noise_of
 
-from model.diagnosis.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.campaign import DiagnosisOptions
 from model.diagnosis.isolability import least_left, own_columns, without_soil
 from model.diagnosis.look import Look, look
 from model.diagnosis.manoeuvres import LIKE_OTHERS, braked, manoeuvres, only_run, slower_ramps, turned, with_load_times
 from model.diagnosis.next_run import next_runs
-from model.diagnosis.noise import Noise, beliefs
 from model.diagnosis.samples import Samples, samples_of
 from model.diagnosis.split import Member
-from model.soil_prior import prior_of
-from processing.pipeline import process
-from wheelsoil.virtual_campaign import simulated_roles
-from wheelsoil.virtual_options import SimulationOptions
 
 EFFECTS = ("slope", "drawbar_pull_zero", "crosstalk", "torque_zero", "bulldozing")
 
 
-@lru_cache(maxsize=1)
-def driven() -> Campaign:
-    """Return four runs on clay at three loads; the first and third go out, the others back."""
-    options = SimulationOptions(runs=4, duration_s=20.0, seed=3)
-    runs = tuple(process(*simulated_roles(options, index)) for index in range(4))
-    return Campaign("clay", runs, options.wheel, options.laboratory_soil, prior_of(options.laboratory_soil))
-
-
-def some(*indices: int) -> Campaign:
-    return replace(driven(), runs=tuple(driven().runs[i] for i in indices))
-
-
-def noise_of(campaign: Campaign) -> Noise:
-    return Noise({name: belief.centre for name, belief in beliefs(samples_of(campaign)).items()})
-
-
 @lru_cache(maxsize=4)
-def looked(*indices: int) -> Look:
-    campaign = some(*indices)
+def seen_of(*indices: int) -> Look:
+    """Look at some of four runs; the first and third go out, the others back."""
+    campaign = replace(driven(), runs=tuple(driven().runs[i] for i in indices))
     return look([campaign], DiagnosisOptions(effects=EFFECTS), [noise_of(driven())])
 
 
@@ -63,7 +44,7 @@ def parted(seen: Look, one: Member, other: Member) -> float:
 
 
 def test_the_other_direction_parts_slope_from_a_zero_and_does_so_when_driven() -> None:
-    seen = looked(0, 2)
+    seen = seen_of(0, 2)
     pair = members(slope=0.3, drawbar_pull_zero=0.4)
     ranked = next_runs(seen, pair, most=20)
     worth = {run.change: run.expected_log_bayes_factor for run in ranked}
@@ -71,7 +52,7 @@ def test_the_other_direction_parts_slope_from_a_zero_and_does_so_when_driven() -
     assert worth[back] > 2 * worth[LIKE_OTHERS]
     assert set(ranked[[r.change for r in ranked].index(back)].separates) == {"slope", "drawbar_pull_zero"}
     gained = {
-        runs: parted(looked(0, 2, runs), *pair) - parted(seen, *pair)
+        runs: parted(seen_of(0, 2, runs), *pair) - parted(seen, *pair)
         for runs in (1, 2)  # a run back, and the same run out once more
     }
     assert gained[1] > 2 * gained[2]
@@ -79,7 +60,7 @@ def test_the_other_direction_parts_slope_from_a_zero_and_does_so_when_driven() -
 
 
 def test_a_lifted_wheel_parts_a_zero_from_cross_talk() -> None:
-    seen = looked(0, 1, 2, 3)
+    seen = seen_of(0, 1, 2, 3)
     ranked = next_runs(seen, members(drawbar_pull_zero=0.2, crosstalk=0.3))
     assert "wheel lifted" in ranked[0].change
     assert list(ranked) == sorted(ranked, key=lambda run: -run.expected_log_bayes_factor)
@@ -87,7 +68,7 @@ def test_a_lifted_wheel_parts_a_zero_from_cross_talk() -> None:
 
 
 def test_one_member_needs_no_run() -> None:
-    seen = looked(0, 2)
+    seen = seen_of(0, 2)
     assert next_runs(seen, members(slope=1.0)) == ()
     assert next_runs(seen, members(slope=1.0, unheard_of=1.0)) == ()
 

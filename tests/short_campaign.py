@@ -1,0 +1,34 @@
+"""A short simulated campaign with its noise model given: quick to look at."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from model.diagnosis.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.look import Look, look
+from model.diagnosis.noise import Noise, beliefs
+from model.diagnosis.samples import samples_of
+from model.soil_prior import prior_of
+from processing.pipeline import process
+from wheelsoil.virtual_campaign import simulated_roles
+from wheelsoil.virtual_options import SimulationOptions, parse_effect
+
+
+@lru_cache(maxsize=4)
+def driven(effect: str = "", soil: str = "clay", runs: int = 4, seed: int = 3) -> Campaign:
+    """Return runs of 20 s at three loads, every second one back, with an effect as ``--effect`` takes it."""
+    effects = dict([parse_effect(effect)] if effect else [])
+    options = SimulationOptions(soil=soil, runs=runs, duration_s=20.0, seed=seed, effects=effects)
+    processed = tuple(process(*simulated_roles(options, index)) for index in range(runs))
+    return Campaign(soil, processed, options.wheel, options.laboratory_soil, prior_of(options.laboratory_soil))
+
+
+def noise_of(campaign: Campaign) -> Noise:
+    """Return the noise as it is thought of beforehand."""
+    found = beliefs(samples_of(campaign))
+    return Noise({n: b.centre for n, b in found.items()}, {n: 0.3 * b.log_sigma for n, b in found.items()})
+
+
+def looked(campaign: Campaign, *effects: str) -> Look:
+    """Look with a given noise model."""
+    return look([campaign], DiagnosisOptions(effects=effects), [noise_of(campaign)])
