@@ -29,6 +29,7 @@ from model.diagnosis.samples import samples_of
 from model.diagnosis.seen import seen_of
 from model.diagnosis.split import members_of
 from model.diagnosis.start import unfit
+from model.diagnosis.two_soils import two_soils
 from model.diagnosis.verdict import Judgement, candidates, judgement
 from model.diagnosis.verdict_words import named_words, nothing_words, one_of_words, unexplained_words, want_words
 from model.diagnosis.where_wrong import findings
@@ -36,6 +37,7 @@ from model.effects import EFFECTS
 
 ALIKE = 0.95
 """Cosine of two signatures, the soil projected out, from which on they look almost the same."""
+NOTHING_TO_TEST = "nothing explains these runs: there is no extension whose gain could be measured"
 FEW_RUNS = "fewer than three runs: probabilities could not be calibrated by drawing runs anew"
 
 
@@ -58,13 +60,19 @@ def diagnose(
         Where nothing can be decided, its verdict is "nothing_detectable" and its sentence says for want of what.
     """
     options = options or DiagnosisOptions()
-    faults = [unfit(c, samples_of(c, options.channels)) for c in campaigns]
+    faults = [_unfit(c, options) for c in campaigns]
     refused = [fault for fault in faults if fault is not None]
     kept = [i for i, fault in enumerate(faults) if fault is None]
     if not kept:
         return _undecided(refused, options)
     seen = look([campaigns[i] for i in kept], options, [noises[i] for i in kept] if noises else None)
     return _diagnosis(seen, options, tuple(_said(fault) for fault in refused))
+
+
+def _unfit(campaign: Campaign, options: DiagnosisOptions) -> Fault | None:
+    if not campaign.runs:
+        return Fault("there is no run", campaign.name, next_step="give recordings of driven runs")
+    return unfit(campaign, samples_of(campaign, options.channels))
 
 
 def _said(fault: Fault) -> str:
@@ -74,7 +82,7 @@ def _said(fault: Fault) -> str:
 def _undecided(faults: Sequence[Fault], options: DiagnosisOptions) -> Diagnosis:
     """Return a diagnosis that says what was wanting."""
     families = dict.fromkeys(EFFECTS[key].name for key in options.effects if key in EFFECTS)
-    why = "; ".join(dict.fromkeys(f"{f.what} ({f.found})" if f.found else f.what for f in faults)) or "there is no run"
+    why = "; ".join(dict.fromkeys(f"{f.what} ({f.found})" if f.found else f.what for f in faults)) or "no campaign"
     onward = "; ".join(dict.fromkeys(fault.next_step for fault in faults if fault.next_step))
     return Diagnosis(
         verdict="nothing_detectable",
@@ -147,8 +155,10 @@ def _weighed(seen: Look, options: DiagnosisOptions, fits: Fits, clock: Clock) ->
     with clock.stage("bagging"):
         found = bagged(seen.grams, rng, seen.excluded, options.most_causes, factor)
         sizes = minimum_detectable(seen.grams, seen.excluded, options.name_at, factor)
-    with clock.stage("held_out"):
-        gain, remark = held_out(seen, options, fits=fits.known)
+    gain, remark = None, NOTHING_TO_TEST
+    if judged.ok:
+        with clock.stage("held_out"):
+            gain, remark = held_out(seen, options, fits=fits.known)
     verdict = judgement(found, judged, gain, seen.cannot_tell, options.name_at)
     with clock.stage("where"):
         left_by = seen.best.keys if verdict.verdict == "unexplained" else ()
@@ -178,10 +188,19 @@ def _sentence(seen: Look, weighed: _Weighed, explained: Explained, onward: tuple
         said = one_of_words(verdict, chances, found.none, alike, onward)
     elif verdict.verdict == "unexplained":
         best = tuple(EFFECTS[key].name for key in seen.best.keys)
-        said = unexplained_words(weighed.judged, weighed.wrong, best)
+        soils = two_soils(seen.grams) if len(seen.views) == 1 else None
+        said = unexplained_words(weighed.judged, weighed.wrong, best, soils)
     else:
-        said = nothing_words(found.none, weighed.sizes, weighed.wrong)
+        said = nothing_words(found.none, _by_family(weighed.sizes), weighed.wrong)
     return said + want_words(seen.cannot_tell)
+
+
+def _by_family(sizes: dict[str, Detectable]) -> dict[str, Detectable]:
+    """Return the size of each family's first form."""
+    first: dict[str, Detectable] = {}
+    for key, size in sizes.items():
+        first.setdefault(EFFECTS[key].name, size)
+    return first
 
 
 def _alike(seen: Look, found: Posterior, verdict: Judgement) -> tuple[str, ...]:

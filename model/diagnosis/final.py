@@ -109,6 +109,8 @@ def fit_set(look: Look, keys: tuple[str, ...]) -> SetFit:
     start = np.clip(np.r_[linear.soil, linear.coefficients[list(linear.columns)]], lower, upper)
     if set(keys) != set(look.best.keys):
         problem = problem.refrozen(start)
+    if not start.size:
+        return SetFit(keys, problem, start, np.zeros(0, bool), float("nan"), "nothing to fit", 0)
     tried = [_solved(problem, x) for x in _starts(problem, start)]
     found = min(tried, key=lambda result: result.cost if np.isfinite(result.cost) else np.inf)
     problem = problem.refrozen(found.estimate)

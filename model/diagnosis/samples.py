@@ -269,5 +269,12 @@ def _kept(run: ProcessedRun, found: dict[str, FloatArray], left_out: Counter[str
         small = size < LITTLE_SLIP
         quick = (np.ptp(at, axis=0) > _QUICK_SLIP) | ~(found["instants.ground_speed_mps"] > 0).all(axis=0)
         odd = ~(size <= 1.0) | ~(found["vertical_load_n"] > 0)
+    odd |= _at_a_hole(found["ground_jerk_mps3"])
     left_out.update({"little_slip": int(small.sum()), "slip_changes_fast": int((quick & ~small).sum())})
     return np.asarray(~(small | quick | odd))
+
+
+def _at_a_hole(derivative: FloatArray) -> NDArray[np.bool_]:
+    """Return the blocks whose derivative looks into a hole; none where the derivative is not known anywhere."""
+    known = np.isfinite(derivative)
+    return np.asarray(~known & known.any())

@@ -92,8 +92,11 @@ def spread_of(problem: SetProblem, x: FloatArray, look: Look, keys: tuple[str, .
     keys : tuple of str
         Effects of the set.
     """
-    rows = problem.runs(x)
     count = len(x)
+    if not count:
+        nothing = np.zeros((0, 0))
+        return Spread(nothing, nothing, nothing, np.zeros(0), np.zeros(0), np.zeros(0))
+    rows = problem.runs(x)
     everything = np.concatenate(rows)
     run = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
     jacobian, scores = everything[:, 1:], everything[:, 1:] * everything[:, :1]

@@ -1,7 +1,8 @@
 """The verdict, in the published order.
 
 1. Lack of fit above its threshold: `unexplained`.
-2. "None" at least as likely as everything else together: `nothing_detectable`.
+2. "None" at least as likely as everything else together, or not unlikely (.05) while the likeliest causes do not
+   foretell left-out runs any better: `nothing_detectable`.
 3. A family above `name_at` that foretells left-out runs better than no cause: `named`.
 4. Else `one_of`: the shortest set of families of which one is at work with 95 % if anything is.
 
@@ -23,6 +24,10 @@ LEVEL = 0.95
 """Of a set."""
 NOTHING_AT = 0.5
 """Probability of "none" from which on nothing is said to be seen."""
+IDLE_AT = 0.05
+"""The same where the causes that are chosen are of no use on left-out runs."""
+MORE_AT = 0.8
+"""Probability from which on something is said to be at work beside a named cause."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +73,8 @@ def judgement(
     """
     if not judged.ok:
         return Judgement("unexplained")
-    if found.none >= NOTHING_AT:
+    idle = gain is not None and not gain.log_likelihood_gain > 0
+    if found.none >= (IDLE_AT if idle else NOTHING_AT):
         return Judgement("nothing_detectable")
     sure = [family for family, p in found.families().items() if p > name_at]
     barred = _barred(found, gain)
@@ -95,15 +101,15 @@ def short_set(found: Posterior, given: tuple[str, ...] = ()) -> tuple[str, ...]:
     ----------
     found : Posterior
     given : tuple of str
-        Families that are at work anyway; the set is of what is at work beside them. It is empty where nothing more
-        is at least as likely as any one thing more.
+        Families that are at work anyway; the set is of what is at work beside them. It is empty where that is less
+        likely than `MORE_AT`.
     """
     h = found.hypotheses
     known = np.isin(h.families, given)
     holds = h.has_family[:, known].all(axis=1)
     others = h.has_family & ~known
     mass = np.where(holds & others.any(axis=1), found.probability, 0.0)
-    if mass.sum() <= 0 or (given and mass.sum() < 0.5 * found.probability[holds].sum()):
+    if mass.sum() <= 0 or (given and mass.sum() < MORE_AT * found.probability[holds].sum()):
         return ()
     whole, chosen = mass.sum(), []
     while mass.sum() > (1.0 - LEVEL) * whole:

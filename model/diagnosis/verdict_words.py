@@ -10,6 +10,7 @@ from model.diagnosis.verdict import Judgement
 
 CHANNELS = {"drawbar_pull": "drawbar pull", "driving_torque": "driving torque", "sinkage": "sinkage"}
 _UNITS = {"drawbar_pull": "N", "driving_torque": "N m", "sinkage": "m"}
+_CHANNELS = {"dp": "drawbar pull", "t": "torque", "z": "sinkage"}
 _MOST_EXAMPLES = 3
 
 
@@ -30,9 +31,7 @@ def named_words(
     """
     said = [" and ".join(_cause(cause) for cause in causes)]
     if gain is not None and isfinite(gain.reduction_percent):
-        low, high = gain.interval95
-        band = f" ({low:.0f} to {high:.0f})" if isfinite(low) and isfinite(high) else ""
-        said.append(f"On runs left out the error falls by {gain.reduction_percent:.0f}{band} %")
+        said.append(f"On runs left out {_gain(gain)}")
     if judged.beside:
         said.append(f"Something more is at work: {_one_of(judged.beside, chances)}")
     if alike:
@@ -50,7 +49,9 @@ def one_of_words(
     likely = f"with probability {probability(1.0 - none)}"
     if len(judged.families) == 1:
         family = judged.families[0]
-        said = [f"Something is at work ({likely}), and {plain(family)} ({probability(chances[family])}) covers it"]
+        said = [f"Something is at work ({likely}), most likely {plain(family)} ({probability(chances[family])})"]
+        if not judged.barred:
+            said.append("That is not sure enough for a name")
     else:
         said = [f"Something is at work ({likely}): {_one_of(judged.families, chances)}"]
     if judged.barred:
@@ -63,8 +64,21 @@ def one_of_words(
     return _sentences(said)
 
 
-def unexplained_words(judged: Adequacy, left: Sequence[Finding], best: Sequence[str]) -> str:
-    """Return the sentence of "unexplained"; `best` are the families of the likeliest set."""
+def unexplained_words(
+    judged: Adequacy, left: Sequence[Finding], best: Sequence[str], soils: tuple[Sequence[str], Sequence[str]] | None
+) -> str:
+    """Return the sentence of "unexplained".
+
+    Parameters
+    ----------
+    judged : Adequacy
+    left : sequence of Finding
+        Where the likeliest set leaves something.
+    best : sequence of str
+        Families of that set.
+    soils : two sequences of str, optional
+        Runs that ask for one soil, and those that ask for another.
+    """
     tried = f", not even {_listed([plain(f) for f in best])}," if best else ""
     said = [
         f"Neither the soil nor any set of causes in the library{tried} explains these runs: what is left is "
@@ -72,13 +86,18 @@ def unexplained_words(judged: Adequacy, left: Sequence[Finding], best: Sequence[
     ]
     if left:
         said.append(f"It shows in {_findings(left)}")
+    if soils:
+        one, other = (_listed(runs) for runs in soils)
+        said.append(
+            f"{one} ask for another soil than {other}: if these are two terrains, diagnose them as two campaigns"
+        )
     return _sentences(said)
 
 
 def nothing_words(none: float, sizes: Mapping[str, Detectable], wrong: Sequence[Finding]) -> str:
-    """Return the sentence of "nothing_detectable"."""
+    """Return the sentence of "nothing_detectable"; `sizes` by family."""
     said = [f"No cause is seen (none: {probability(none)}): soil and noise explain these runs"]
-    shown = [f"{plain(key)} from {d.parameter} = {_number(d.value)}{_unit(d.unit)} on" for key, d in sizes.items()]
+    shown = [f"{plain(name)} from {d.parameter} = {_number(d.value)}{_unit(d.unit)} on" for name, d in sizes.items()]
     if shown:
         said.append(f"That does not mean there is none: {_listed(shown[:_MOST_EXAMPLES])} would have been seen")
     if wrong:
@@ -116,6 +135,18 @@ def _estimate(p: ParameterEstimate) -> str:
     known = isfinite(low) and isfinite(high)
     band = f" ({_number(low)} to {_number(high)})" if known else ""
     return f"{p.name} = {_number(p.value)}{band}{_unit(p.unit)}"
+
+
+def _gain(gain: Gain) -> str:
+    low, high = gain.interval95
+    band = f" ({low:.0f} to {high:.0f})" if isfinite(low) and isfinite(high) else ""
+    first, *others = gain.base
+    said = [f"the error of {_CHANNELS[first]} falls by {gain.reduction_percent:.0f}{band} %"]
+    for channel in others:
+        before, after = gain.base[channel].R0, gain.extended[channel].R0
+        if before > 0:
+            said.append(f"of {_CHANNELS[channel]} by {100 * (1 - after / before):.0f} %")
+    return _listed(said)
 
 
 def _one_of(families: Sequence[str], chances: Mapping[str, float]) -> str:
