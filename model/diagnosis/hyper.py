@@ -28,8 +28,8 @@ FloatArray = NDArray[np.float64]
 
 _MOST_STEPS = 12
 _LARGEST_STEP = 1.0
-_ENOUGH = 0.1
-"""Step, in one-sigmas of each logarithm, below which nothing is gained."""
+_ENOUGH = 0.05
+"""Gain of log likelihood by a step, nats, that is not worth it."""
 
 
 @dataclass(frozen=True)
@@ -62,16 +62,14 @@ def estimated(
     damping = 0.0
     for _ in range(_MOST_STEPS):
         step = -np.linalg.solve(found.information + damping * np.diag(np.diag(found.information)), found.gradient)
+        if -0.5 * float(step @ found.gradient) < _ENOUGH:
+            break
         step *= min(1.0, _LARGEST_STEP / max(float(np.abs(step).max()), 1e-300))
         tried = _posterior(blocks, names, at + step, centre, weight)
-        if tried.value <= found.value + 1e-9:
+        if tried.value <= found.value:
             at, found, damping = at + step, tried, damping / 4.0
-            if float(np.abs(step * np.sqrt(np.diag(found.information))).max()) < _ENOUGH:
-                break
-        elif damping > 1e3:
-            break
         else:
-            damping = max(4.0 * damping, 0.25)
+            damping = max(4.0 * damping, 0.5)
     spread = np.sqrt(np.diag(np.linalg.inv(found.information)))
     values = {name: float(np.exp(x)) for name, x in zip(names, at, strict=True)}
     return Noise(values, {name: float(s) for name, s in zip(names, spread, strict=True)})
