@@ -14,7 +14,7 @@ from wheelsoil.virtual_campaign import simulated_roles
 from wheelsoil.virtual_options import SimulationOptions, parse_effect
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=12)
 def driven(effect: str = "", soil: str = "clay", runs: int = 4, seed: int = 3) -> Campaign:
     """Return runs of 20 s at three loads, every second one back, with an effect as ``--effect`` takes it."""
     effects = dict([parse_effect(effect)] if effect else [])

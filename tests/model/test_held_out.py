@@ -1,0 +1,63 @@
+"""The gain on left-out runs, on short simulated campaigns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from short_campaign import driven, looked
+
+from model.diagnosis.final import SetFit, fit_set
+from model.diagnosis.held_out import ONE_RUN, TWO_RUNS, foretold, held_out
+from model.diagnosis.predictive import log_likelihood_of_run
+
+DIGGING = "vasilev:H_m=0.04"
+
+
+def test_a_cause_that_is_there_gains_and_every_fold_chooses_it() -> None:
+    seen = looked(driven(DIGGING), "vasilev", "torque_zero")
+    gain, note = held_out(seen)
+    assert gain is not None and note == ""
+    assert all("vasilev" in keys for keys in gain.chosen) and len(gain.chosen) == 4
+    assert gain.log_likelihood_gain > 20
+    assert gain.extended["dp"].R0 < 0.8 * gain.base["dp"].R0
+    low, high = gain.interval95
+    assert 0 < low <= gain.reduction_percent <= high < 100
+
+
+def test_nothing_there_gains_nothing() -> None:
+    gain, _ = held_out(looked(driven(), "vasilev", "torque_zero"))
+    assert gain is not None and gain.log_likelihood_gain <= 1.0
+
+
+def test_a_wrong_cause_that_is_forced_does_not_gain_what_the_right_one_does() -> None:
+    seen = looked(driven(DIGGING), "vasilev", "torque_zero")
+    fits: dict[tuple[str, ...], SetFit] = {}
+    right, _ = held_out(seen, given=("vasilev",), fits=fits)
+    wrong, _ = held_out(seen, given=("torque_zero",), fits=fits)
+    assert right is not None and wrong is not None
+    assert right.log_likelihood_gain > wrong.log_likelihood_gain + 20
+    assert set(fits) == {(), ("vasilev",), ("torque_zero",)}
+
+
+def test_a_left_out_run_does_not_teach_how_it_is_foretold() -> None:
+    """Spoiling a run's measured values leaves what the others foretell of it as it is."""
+    seen = looked(driven(DIGGING), "vasilev")
+    fit = fit_set(seen, ("vasilev",))
+    grams = fit.grams()
+    spoilt = grams.matrices.copy()
+    spoilt[2, 0, :] *= 3.0
+    spoilt[2, :, 0] *= 3.0
+    one, other = foretold(seen, fit, 2, grams), foretold(seen, fit, 2, replace(grams, matrices=spoilt))
+    np.testing.assert_array_equal(one.predicted["dp"], other.predicted["dp"])
+    assert one.log_likelihood > other.log_likelihood
+    assert one.log_likelihood == pytest.approx(log_likelihood_of_run(grams, 2, ("vasilev",)))
+
+
+def test_few_runs_are_said() -> None:
+    campaign = driven(DIGGING)
+    one = looked(replace(campaign, runs=campaign.runs[:1]), "vasilev")
+    assert held_out(one) == (None, ONE_RUN)
+    gain, note = held_out(looked(replace(campaign, runs=campaign.runs[:2]), "vasilev"))
+    assert gain is not None and note == TWO_RUNS and np.isnan(gain.interval95).all()
