@@ -43,10 +43,11 @@ def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
     return [line for i, part in enumerate(filter(None, parts)) for line in (("", *part) if i else part)]
 
 
-def stages_text(diagnosis: Diagnosis) -> str:
+def stages_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
     """Return what took how long."""
-    stages = ", ".join(f"{plain_name(name)} {seconds:.2f} s" for name, seconds in diagnosis.stages_s.items())
-    return f"diagnosis: {sum(diagnosis.stages_s.values()):.2f} s ({stages})"
+    stages = ", ".join(f"{plain_name(name)} {seconds:.2f}" for name, seconds in diagnosis.stages_s.items())
+    text = f"diagnosis: {sum(diagnosis.stages_s.values()):.1f} s" + (f" ({stages})" if stages else "")
+    return _wrapped(text, min(max(width, _LEAST_WIDTH), _MOST_WIDTH), "", "  ")
 
 
 def _wrapped(text: str, width: int, first: str = "", then: str | None = None) -> list[str]:

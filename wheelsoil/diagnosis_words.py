@@ -28,4 +28,5 @@ def probability(value: float) -> str:
     """Return a probability; never 1 or 0, which no data give."""
     if not isfinite(value):
         return "-"
-    return ">0.999" if value > 0.9995 else "<0.001" if value < 0.0005 else f"{value:.3f}"
+    text = f"{value:.3f}"
+    return {"1.000": ">0.999", "0.000": "<0.001"}.get(text, text)

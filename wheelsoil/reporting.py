@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from daq.errors import DataError
-from daq.run import Run
+from daq.errors import DataError, WheelsoilError
+from model.diagnosis.result import Diagnosis
 from model.fit_result import CampaignFit
 from processing.options import ProcessOptions
-from processing.processed_run import ProcessedRun
+from wheelsoil.diagnosing import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
 from wheelsoil.fitting import FitChoices, fit_runs, one_terrain
 from wheelsoil.report.build import Report, build_report
 from wheelsoil.report.material import Material, command_line, source_of, versions
 from wheelsoil.runs import open_and_process
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """A diagnosis, or why there is none; neither where none was asked for."""
+
+    diagnosis: Diagnosis | None = None
+    why_not: str = ""
+
+
+NOT_DIAGNOSED = Diagnosed()
+_log = logging.getLogger(__name__)
 
 
 def report_of(
@@ -22,6 +35,7 @@ def report_of(
     choices: FitChoices,
     *,
     soil: str | None = None,
+    diagnose: bool = True,
     min_speed_mps: float = 0.5,
     vehicle: Path | None = None,
     terrain: Path | None = None,
@@ -37,6 +51,8 @@ def report_of(
     choices : FitChoices
     soil : str, optional
         A preset instead of terrain.toml.
+    diagnose : bool
+        Whether to diagnose the runs, too.
     min_speed_mps : float
     vehicle, terrain, runs_file : Path, optional
         See `daq.open.open_runs`.
@@ -54,16 +70,18 @@ def report_of(
     processed = open_and_process(
         paths, options, vehicle=vehicle, terrain=terrain, runs_file=runs_file, zero=zero, lenient_dbc=lenient_dbc
     )
-    return report_of_processed(processed, choices, options, soil=soil)
+    found = diagnosed_runs(paths, processed, choices, soil) if diagnose else NOT_DIAGNOSED
+    return report_of_processed(processed, choices, options, soil=soil, diagnosed=found)
 
 
 def report_of_processed(
-    processed: Sequence[tuple[Run, ProcessedRun]],
+    processed: Processed,
     choices: FitChoices,
     options: ProcessOptions,
     *,
     soil: str | None = None,
     campaign: CampaignFit | None = None,
+    diagnosed: Diagnosed = NOT_DIAGNOSED,
 ) -> Report:
     """Fit processed runs, unless they are already, and build the report; see `report_of`."""
     first = one_terrain([run for run, _ in processed])
@@ -81,7 +99,29 @@ def report_of_processed(
         terrain=campaign.soil.name if campaign else first.terrain.soil.name if first.terrain else "",
         sources=tuple(source_of(run) for run, _ in processed),
         command=command_line(),
-        options={**asdict(choices), **asdict(options), **({"soil": soil} if soil else {})},
+        options={**_plain(choices), **asdict(options), **({"soil": soil} if soil else {})},
         versions=versions(),
+        diagnosed=diagnosed.diagnosis,
+        no_diagnosis=diagnosed.why_not,
     )
     return build_report(material)
+
+
+def _plain(choices: FitChoices) -> dict[str, object]:
+    extended = choices.extended.provenance.get("sentence", "yes") if choices.extended else None
+    return {**asdict(replace(choices, extended=None)), "extended": extended}
+
+
+def diagnosed_runs(paths: Sequence[Path], processed: Processed, choices: FitChoices, soil: str | None) -> Diagnosed:
+    """Diagnose the runs of a report; what goes wrong is told on the page and costs nothing else.
+
+    Runs that are too poor get a verdict that says so; an error is a file that is wrong, or a fault of ours.
+    """
+    try:
+        options = diagnosis_options(choices.reading)
+        return Diagnosed(diagnose_campaigns(campaigns_of(paths, processed, soil), options))
+    except WheelsoilError as error:
+        return Diagnosed(why_not="; ".join(fault.what for fault in error.faults))
+    except Exception as error:  # noqa: BLE001 - the boundary of the report's sections: it must not take the report
+        _log.debug("diagnosis", exc_info=True)
+        return Diagnosed(why_not=f"a fault in the diagnosis ({type(error).__name__}: {error}); please report it")

@@ -93,6 +93,7 @@ def _json_runs(campaign: Path, folder: Path) -> dict[str, list[object]]:
         "process": [first],
         "fit": [campaign],
         "sinkage": [campaign],
+        "diagnose": [campaign, "--without", "measurement"],
         "report": [campaign, "-o", folder / "r.html"],
         "import": [log, "--vehicle", campaign / "vehicle.toml", "-o", folder / "imported.mcap"],
         "export": [first, "-o", folder / "tables"],

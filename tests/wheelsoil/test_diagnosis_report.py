@@ -78,7 +78,7 @@ def test_every_number_is_in_the_json(plain_material):
     found = diagnosis("named")
     numbers = json.loads(to_json(built(plain_material, found).numbers()))["sections"]
     assert numbers["verdict"]["verdict"] == "named"
-    assert numbers["verdict"]["fit"]["best"] in ("lyasko", "vasilev", "ding")
+    assert numbers["verdict"]["best"] in ("lyasko", "vasilev", "ding")
     assert numbers["candidates"]["causes"][0]["parameters"][0]["interval95"] == [0.04, 0.06]
     assert numbers["gain"]["gain"]["base"]["dp"]["R0"] == 120.0
     assert numbers["detectable"]["share"]["vasilev"] == pytest.approx(0.012 / 0.05)

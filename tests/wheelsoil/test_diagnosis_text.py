@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from model.diagnosis.result import Candidate
-from wheelsoil.diagnosis_text import diagnosis_lines, stages_text
+from wheelsoil.diagnosis_text import diagnosis_lines, stages_lines
 
 VERDICTS = tuple(SENTENCES)
 
@@ -51,7 +51,7 @@ def test_everything_is_said():
         "the usual laboratory's is taken",
     ):
         assert words in text, words
-    assert "look 0.80 s" in stages_text(diagnosis())
+    assert stages_lines(diagnosis()) == ["diagnosis: 1.0 s (look 0.80, evidence 0.20)"]
 
 
 def test_under_one_of_the_causes_are_a_set():

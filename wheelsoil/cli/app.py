@@ -38,6 +38,7 @@ COMMANDS: dict[str, Entry] = {
     "soil": Entry("soil", "Find terrain parameters from plate and shear tests."),
     "fit": Entry("fit", "Fit Wong's model and three slip-sinkage laws."),
     "sinkage": Entry("sinkage", "Find the sinkage of a driven wheel from its forces alone."),
+    "diagnose": Entry("diagnose", "Name what the simulation gets wrong, or say why it cannot be named."),
     "report": Entry("report", "Write the fitted-model report of a terrain's runs."),
 }
 """Every subcommand, in the order of a test's life."""

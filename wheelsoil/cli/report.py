@@ -13,6 +13,7 @@ from wheelsoil.cli.options import (
     Json,
     LenientDbc,
     MinSpeed,
+    ModelFile,
     Reading,
     Runs,
     RunsFile,
@@ -41,6 +42,10 @@ def command(
     channels: Channels = "dp",
     soil_prior: SoilPrior = False,
     slip_threshold: SlipThreshold = None,
+    model: ModelFile = None,
+    diagnose: Annotated[
+        bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs, too.")
+    ] = True,
     min_speed: MinSpeed = 0.5,
     lenient_dbc: LenientDbc = False,
     force: Force = False,
@@ -51,14 +56,17 @@ def command(
     A section whose channel is missing is left out with the reason; everything else is there.
     """
     from wheelsoil.fitting import FitChoices, parse_channels
+    from wheelsoil.model_files import load_model
     from wheelsoil.reporting import report_of
 
     target = check_output(output, force=force)
-    choices = FitChoices(sinkage.value, parse_channels(channels), soil_prior, slip_threshold)
+    extended = load_model(model) if model else None
+    choices = FitChoices(sinkage.value, parse_channels(channels), soil_prior, slip_threshold, extended)
     report = report_of(
         runs,
         choices,
         soil=soil,
+        diagnose=diagnose,
         min_speed_mps=min_speed,
         vehicle=vehicle,
         terrain=terrain,

@@ -57,8 +57,8 @@ def build(material: Material) -> Section:
     except DataError as error:
         why = "; ".join(fault.what for fault in error.faults)
         blocks, numbers = [Text(f"The four models could not be judged: {why}.", "warning")], {}
-    both = {"sentence": found.sentence, "verdict": found.verdict, "fit": numbers}
-    return Section(KEY, TITLE, [lead, *blocks], both)
+    of_both = {**numbers, "fit_sentence": numbers.get("sentence"), "sentence": found.sentence, "verdict": found.verdict}
+    return Section(KEY, TITLE, [lead, *blocks], of_both)
 
 
 def _of_the_fit(material: Material, kind: str) -> tuple[list[Block], dict[str, Any]]:

@@ -1,0 +1,161 @@
+"""``wheelsoil diagnose``."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from daq.errors import ConfigError, Fault
+from wheelsoil.cli.options import (
+    Force,
+    Json,
+    LenientDbc,
+    MinSpeed,
+    Reading,
+    Rename,
+    RunsFile,
+    Sinkage,
+    SoilPreset,
+    Terrain,
+    Vehicle,
+    Where,
+    ZeroFile,
+)
+from wheelsoil.cli.talk import print_json, say
+
+if TYPE_CHECKING:
+    from model.diagnosis.campaign import Bench, Campaign
+    from model.diagnosis.result import Diagnosis
+    from wheelsoil.diagnosing import Given
+
+
+def command(
+    runs: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders; each folder is a campaign."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE.toml", help="Write the extended model, for --model elsewhere."),
+    ] = None,
+    table: Annotated[
+        Path | None, typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, ...")
+    ] = None,
+    rename: Rename = None,
+    where: Where = None,
+    vehicle: Vehicle = None,
+    terrain: Terrain = None,
+    runs_file: RunsFile = None,
+    zero: ZeroFile = None,
+    soil: SoilPreset = None,
+    sinkage: Sinkage = Reading.balanced,
+    channels: Annotated[
+        str, typer.Option("--channels", help="What is looked at where it was measured: dp, t (torque), z (sinkage).")
+    ] = "dp,t,z",
+    effects: Annotated[
+        list[str] | None,
+        typer.Option("--effects", metavar="NAME,...", help="Consider only these effects, families, or kinds."),
+    ] = None,
+    without: Annotated[
+        list[str] | None, typer.Option("--without", metavar="NAME,...", help="Leave these out; a kind: measurement.")
+    ] = None,
+    most_causes: Annotated[int, typer.Option(metavar="N", help="Largest set of causes that is weighed, 1 to 3.")] = 3,
+    next_run: Annotated[bool, typer.Option("--next-run", help="Rank next runs whatever the verdict.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Of the resampling of runs.")] = 0,
+    min_speed: MinSpeed = 0.5,
+    lenient_dbc: LenientDbc = False,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Say what the simulation gets wrong, why, and how much better it is once extended by that.
+
+    Several campaigns are diagnosed jointly: causes are shared, soils are not. The verdict is a named cause, one of a
+    few, something unexplained, or nothing detectable with the smallest size that would have been; each of them ends
+    with exit code 0.
+    """
+    from wheelsoil.diagnosing import diagnose_given, diagnosis_options
+    from wheelsoil.model_files import model_targets, model_toml, models_of
+    from wheelsoil.report.material import command_line
+
+    options = diagnosis_options(
+        sinkage.value,
+        effects=_split(effects),
+        without=_split(without),
+        channels=_split([channels]),
+        most_causes=most_causes,
+        seed=seed,
+        next_run=next_run,
+    )
+    if table is not None:
+        if runs:
+            raise ConfigError(Fault("RUN and --table exclude each other", next_step="diagnose one, then the other"))
+        given: Given = _benches(table, rename, where, vehicle, terrain, soil)
+    else:
+        if rename or where:
+            raise ConfigError(Fault("--rename and --where choose from a table", next_step="give --table FILE.csv"))
+        files = (vehicle, terrain, runs_file, zero)
+        given = _campaigns(runs or [], files, soil, min_speed, lenient_dbc)
+    targets = model_targets(output, [one.name for one in given], force=force) if output else []
+    diagnosis = diagnose_given(given, options)
+    _print(diagnosis, json=json)
+    for path, model in zip(targets, models_of(diagnosis, given, options.reading, command_line()), strict=False):
+        path.write_text(model_toml(model), encoding="utf-8")
+        say(f"wrote {path}" + ("" if model.effects else ": no cause is named, so only the soil is re-calibrated in it"))
+
+
+def _split(texts: list[str] | None) -> list[str]:
+    return [part.strip() for text in texts or () for part in text.split(",") if part.strip()]
+
+
+def _campaigns(
+    runs: list[Path],
+    files: tuple[Path | None, Path | None, Path | None, Path | None],
+    soil: str | None,
+    min_speed: float,
+    lenient_dbc: bool,
+) -> tuple[Campaign, ...]:
+    from processing.options import ProcessOptions
+    from wheelsoil.diagnosing import campaigns_of
+    from wheelsoil.runs import open_and_process
+
+    vehicle, terrain, runs_file, zero = files
+    processed = open_and_process(
+        runs,
+        ProcessOptions(min_speed_mps=min_speed, purpose="diagnose"),
+        vehicle=vehicle,
+        terrain=terrain,
+        runs_file=runs_file,
+        zero=zero,
+        lenient_dbc=lenient_dbc,
+    )
+    return campaigns_of(runs, processed, soil)
+
+
+def _benches(
+    path: Path,
+    rename: list[str] | None,
+    where: list[str] | None,
+    vehicle: Path | None,
+    terrain: Path | None,
+    soil: str | None,
+) -> tuple[Bench, ...]:
+    from wheelsoil.bench_files import read_bench
+    from wheelsoil.diagnosing import bench_of
+
+    return (bench_of(read_bench(path, vehicle=vehicle, terrain=terrain, soil=soil, rename=rename, where=where)),)
+
+
+def _print(diagnosis: Diagnosis, *, json: bool) -> None:
+    from wheelsoil.diagnosis_text import diagnosis_lines, stages_lines
+
+    width = shutil.get_terminal_size((96, 24)).columns
+    if json:
+        print_json(diagnosis.as_json())
+    else:
+        for line in diagnosis_lines(diagnosis, width):
+            print(line)
+    for line in stages_lines(diagnosis, width):
+        say(line)
