@@ -24,6 +24,7 @@ from model.diagnosis.isolability import isolability
 from model.diagnosis.look import Clock, Look, look
 from model.diagnosis.next_run import next_runs
 from model.diagnosis.noise import Noise
+from model.diagnosis.proposal import propose_for
 from model.diagnosis.result import Adequacy, Candidate, Detectable, Diagnosis, Finding, Gain, NextRun
 from model.diagnosis.samples import samples_of
 from model.diagnosis.seen import seen_of
@@ -121,6 +122,8 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) ->
         explained = explain(fits, verdict, found)
     with clock.stage("next_run"):
         onward = _onward(seen, options, verdict, found, explained)
+    with clock.stage("proposal"):
+        offered = propose_for(fits[seen.best.keys]) if verdict.verdict == "unexplained" else None
     with clock.stage("figures"):
         shown = seen_of(seen, fits[()], fits[explained.extended], explained.sizes)
         sentence = _sentence(seen, weighed, explained, onward)
@@ -134,7 +137,7 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) ->
         gain=weighed.gain,
         inconsistent=tuple(x for v in seen.views for x in inconsistent(bound_rows_of_runs(v.campaign.runs))),
         adequacy=weighed.judged,
-        proposal=None,
+        proposal=offered,
         minimum_detectable=weighed.sizes,
         next_run=onward,
         cannot_tell=seen.cannot_tell,

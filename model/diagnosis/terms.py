@@ -63,6 +63,7 @@ def _simple(c: Conditions, sinkage_m: FloatArray) -> list[list[Term]]:
         [
             Term("s", "", s),
             Term("|s|", "", np.abs(s)),
+            Term("max(s,0)", "", np.maximum(s, 0.0)),
             Term("s^2", "", s * s),
             Term("sign(s)", "", np.sign(s)),
             Term(f"exp(-|s|/{SLIP_SCALE:g})", "", np.exp(-np.abs(s) / SLIP_SCALE)),
