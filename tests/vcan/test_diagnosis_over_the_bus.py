@@ -1,0 +1,108 @@
+"""The whole way: something is hidden, frames go over a real bus into the logger, the recordings are diagnosed."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from blind.field import FieldDay, field_day
+from blind.folders import write_campaign
+from cli_support import ok
+from vcan.guest import GuestResult
+from vcan.session import ADD_BUS, TERMINATED, WHEELSOIL
+
+RUNS = 3
+HIDDEN = {"slip_sinkage": [("vasilev", 0.10)], "torque_zero": [("torque_zero", 150.0)]}
+
+
+def hidden_campaign(folder: Path, cause: str) -> FieldDay:
+    """Write recordings of a campaign in which a cause is hidden."""
+    day = field_day("clay", (11, list(HIDDEN).index(cause)), "fjord")
+    quiet = replace(day.suite, force_hz=100.0, wheel_hz=50.0, gnss_hz=20.0)  # three loggers share a guest's processor
+    day = replace(day, suite=quiet, vendor=replace(day.vendor, log="mcap"))
+    write_campaign(folder, day, HIDDEN[cause], runs=RUNS)
+    return day
+
+
+def prepare(root: Path, cause: str) -> list[str]:
+    """Give every run a bus and a logger of its own; return the lines of a script that start them."""
+    sent, received = root / f"{cause}-sent", root / cause
+    hidden_campaign(sent, cause)
+    received.mkdir()
+    (received / "terrain.toml").write_bytes((sent / "terrain.toml").read_bytes())
+    (received / "runs.toml").write_bytes((sent / "runs.toml").read_bytes())
+    lines = []
+    for index in range(RUNS):
+        bus, place = f"vcan{index}", root / f"{cause}-{index}"
+        place.mkdir()
+        (place / "fjord.dbc").write_bytes((sent / "fjord.dbc").read_bytes())
+        vehicle = (sent / "vehicle.toml").read_text().replace('channel = "can1"', f'channel = "{bus}"')
+        (place / "vehicle.toml").write_text(vehicle, encoding="utf-8")
+        lines.append(f"over {shlex.quote(str(place))} {bus} {shlex.quote(str(sent / f'{index + 1:02d}.mcap'))} &")
+    return lines
+
+
+def script(root: Path, campaigns: list[list[str]]) -> str:
+    """Return what the guest does: the runs of a campaign at once, at their recorded times, each over its own bus."""
+    buses = "\n".join(f"add_bus vcan{n}" for n in range(1, RUNS))
+    together = "\n".join(
+        f"""
+{chr(10).join(lines)}
+until test $(ls */out/*.mcap 2> /dev/null | wc -l) = {number * RUNS}; do sleep 0.2; done
+touch all-there
+wait
+rm all-there"""
+        for number, lines in enumerate(campaigns, 1)
+    )
+    return f"""
+set -e
+{ADD_BUS}
+{buses}
+over() {{
+  cd $1
+  {WHEELSOIL} log vehicle.toml --out out --json > summary.json 2> said.txt &
+  logger=$!
+  until ls out 2> /dev/null | grep -q mcap; do sleep 0.1; kill -0 $logger; done
+  until test -e ../all-there; do sleep 0.1; done
+  {WHEELSOIL} replay $3 --channel can1=$2 > replayed.txt 2>&1
+  sleep 1
+  kill -TERM $logger; wait $logger || test $? = {TERMINATED}
+}}
+cd {shlex.quote(str(root))}
+{together}
+"""
+
+
+def collect(root: Path, cause: str) -> Path:
+    """Put what was recorded into the campaign folder, under the names that runs.toml has."""
+    for index in range(RUNS):
+        [recorded] = (root / f"{cause}-{index}" / "out").glob("*.mcap")
+        summary = json.loads((root / f"{cause}-{index}" / "summary.json").read_text())
+        assert list(summary["drops"].values()) == [0]
+        recorded.rename(root / cause / f"{index + 1:02d}.mcap")
+    return root / cause
+
+
+@pytest.mark.vcan
+def test_a_cause_hidden_in_frames_is_named_from_what_the_logger_recorded(
+    vcan: Callable[..., GuestResult], tmp_path: Path
+) -> None:
+    """One physical cause and one of the measurement."""
+    text = script(tmp_path, [prepare(tmp_path, cause) for cause in HIDDEN])
+
+    result = vcan(text, timeout_s=420, memory="2G")
+
+    assert result.exit_code == 0, result.output
+    for cause, [(key, size)] in HIDDEN.items():
+        said = ok("diagnose", collect(tmp_path, cause), "--json").json
+        assert said["verdict"] == "named", (cause, said["sentence"], said["candidates"][:4])
+        assert cause in [found["name"] for found in said["causes"]], (cause, said["sentence"])
+        [named] = [found for found in said["causes"] if found["name"] == cause]
+        assert named["probability"] > 0.9
+        if named["form"] in ("", key):
+            [value] = [p["value"] for p in named["parameters"]]
+            assert value == pytest.approx(size, rel=0.25), named
