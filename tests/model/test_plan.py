@@ -1,0 +1,93 @@
+"""A plan says before a run is driven what it will be able to tell."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from short_campaign import driven, looked, noise_of
+
+from daq.config import RunInfo
+from daq.errors import ConfigError, DataError
+from model.diagnosis.campaign import DiagnosisOptions
+from model.diagnosis.isolability import isolability
+from model.diagnosis.look import look
+from model.diagnosis.plan import Plan, plan_from_look, plan_of
+from model.diagnosis.planned_runs import CampaignPlan, planned_campaign, usual_runs
+from model.soils import SOILS
+from model.wheel import Wheel
+
+EFFECTS = ("vasilev", "slope", "drawbar_pull_zero", "crosstalk", "torque_zero")
+OPTIONS = DiagnosisOptions(effects=EFFECTS)
+CLAY = CampaignPlan(Wheel(0.47, 0.318), SOILS["clay"], usual_runs(4), duration_s=20.0)
+
+
+@lru_cache(maxsize=4)
+def planned(runs: int = 4, one_way: bool = False, advise: bool = False) -> Plan:
+    infos = usual_runs(runs)
+    if one_way:
+        infos = tuple(info.model_copy(update={"direction": "out"}) for info in infos)
+    return plan_of([planned_campaign(replace(CLAY, runs=infos))], OPTIONS, advise=advise)
+
+
+def test_what_is_planned_is_what_the_driven_runs_then_tell() -> None:
+    campaign = planned_campaign(CLAY)
+    before = isolability(look([campaign], OPTIONS, [noise_of(driven())]).grams)
+    after = isolability(looked(driven(), *EFFECTS).grams)
+    np.testing.assert_allclose(before.deviation, after.deviation, rtol=0.4)
+    np.testing.assert_allclose(before.separation, after.separation, rtol=0.4)
+    assert before.look_alikes(0.9) == after.look_alikes(0.9)
+
+
+def test_one_direction_hides_a_slope_behind_a_zero() -> None:
+    both, one = planned(), planned(one_way=True)
+    slope = both.isolability.keys.index("slope")
+    assert one.isolability.separation[slope] < 0.3 * both.isolability.separation[slope]
+    assert "slope" in one.cannot_tell and "slope" not in both.cannot_tell
+    assert one.minimum_separable["slope"].value > 3 * both.minimum_separable["slope"].value
+
+
+def test_more_runs_tell_smaller_effects() -> None:
+    few, many = planned(), planned(8)
+    for key in EFFECTS:
+        assert many.minimum_detectable[key].value < few.minimum_detectable[key].value
+        assert many.minimum_separable[key].value >= 0.9 * many.minimum_detectable[key].value
+
+
+def test_look_alikes_come_with_what_would_part_them() -> None:
+    told = planned(one_way=True, advise=True)
+    groups = {frozenset(a.families): a.next_runs for a in told.look_alikes}
+    group = next(g for g in groups if "drawbar_pull_zero" in g and "crosstalk" in g)
+    assert "wheel lifted" in groups[group][0].change
+    read = json.loads(json.dumps(told.as_json()))
+    assert [e["key"] for e in read["effects"]] == list(EFFECTS)
+    assert np.array(read["cosine"]).shape == (5, 5)
+
+
+def test_driven_runs_can_be_asked_the_same() -> None:
+    seen = looked(driven(), *EFFECTS)
+    told = plan_from_look(seen, OPTIONS, {"vasilev": [0.2]}, advise=False)
+    double = plan_from_look(seen, OPTIONS, {"vasilev": [0.4]}, advise=False)
+    assert double.isolability.deviation[0] == pytest.approx(2 * told.isolability.deviation[0])
+    assert double.minimum_separable["vasilev"].value == pytest.approx(told.minimum_separable["vasilev"].value)
+
+
+def test_a_plan_that_cannot_be_driven_is_said() -> None:
+    with pytest.raises(ConfigError, match="no run is planned"):
+        planned_campaign(replace(CLAY, runs=()))
+    with pytest.raises(ConfigError, match="too short"):
+        planned_campaign(replace(CLAY, duration_s=5.0))
+    heavy = (RunInfo(id="heavy", added_load_kg=60_000.0),)
+    with pytest.raises(DataError, match="cannot carry"):
+        planned_campaign(replace(CLAY, runs=heavy))
+
+
+def test_planned_runs_rest_before_and_after_and_keep_their_sigmas() -> None:
+    run = planned_campaign(replace(CLAY, sigmas={"dp": 25.0}, channels=("dp",))).runs[0]
+    assert len(run.quality.standstills) == 2
+    assert (run.drawbar_pull_sigma_n == 25.0).all() and np.isnan(run.driving_torque_nm).all()
+    used = run.used
+    assert (run.ground_speed_mps[used] >= 0.5).all() and np.isfinite(run.slip[used]).all()
