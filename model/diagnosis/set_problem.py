@@ -152,19 +152,36 @@ class SetProblem:
 
     def _rows(self, part: Part, x: FloatArray) -> list[FloatArray]:
         """Return residual and derivatives of each run of a campaign, in the layout of x."""
-        view = part.view
         linear = part.moved(self._point(part, x))
-        columns = self._columns(part, linear)
-        whitened, _ = whitened_rows(view.samples, part.frozen, columns, view.noise.values, view.speed_variance)
+        rows = self._whitened(part, self._columns(part, linear), x, part.view.noise.values)
+        answered = not np.any(part.frozen.usable & ~linear.usable)
+        return rows if answered else [np.full_like(run, np.nan) for run in rows]
+
+    def _whitened(self, part: Part, columns: Columns, x: FloatArray, values: Mapping[str, float]) -> list[FloatArray]:
+        whitened, _ = whitened_rows(part.view.samples, part.frozen, columns, values, part.view.speed_variance)
         own = _without_constants(whitened, columns.shared)
         q = len(columns.soil)
         out = np.zeros((*own.shape[:2], 1 + len(x)))
         out[..., 1 + part.soil.start : 1 + part.soil.stop] = -own[..., 1 : 1 + q]
         out[..., [1 + len(self.soil) + i for i in part.causes]] = -own[..., 1 + q :] * part.stretch
         out[..., 0] = own[..., 0] + out[..., 1:] @ x
-        if np.any(part.frozen.usable & ~linear.usable):
-            out[...] = np.nan
         return list(out)
+
+    def score_changes(self, x: FloatArray) -> FloatArray:
+        """Return by how much J'r changes when each hyper-parameter grows by its own one-sigma, shape (h, p)."""
+        found = []
+        for part in self.parts:
+            columns = self._columns(part, part.moved(self._point(part, x)))
+            noise = part.view.noise
+            plain = _score(self._whitened(part, columns, x, noise.values))
+            for name, sigma in noise.log_sigmas.items():
+                moved = {**noise.values, name: noise.values[name] * float(np.exp(sigma))}
+                found.append(_score(self._whitened(part, columns, x, moved)) - plain)
+        return np.array(found).reshape(len(found), len(x))
+
+
+def _score(rows: Sequence[FloatArray]) -> FloatArray:
+    return np.asarray(sum((run[:, 1:].T @ run[:, 0] for run in rows), np.zeros(rows[0].shape[1] - 1)))
 
 
 def _without_constants(rows: FloatArray, keep: int) -> FloatArray:

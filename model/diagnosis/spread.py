@@ -18,7 +18,7 @@ Source: Bell & McCaffrey (2002), Survey Methodology 28:169; Efron & Morris (1973
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +105,7 @@ def spread_of(problem: SetProblem, x: FloatArray, look: Look, keys: tuple[str, .
     share = degrees / (degrees + TRUST)
     both = (1.0 - share) * found.naive + share * found.covariance
     widening = np.maximum(np.sqrt(np.diag(both) / np.diag(found.naive)), 1.0)
-    by_noise = _by_noise(problem, x, found.naive)
+    by_noise = ((problem.score_changes(x) @ found.naive) ** 2).sum(axis=0)
     by_choice = _by_choice(look, keys, count)
     combined = found.naive * np.outer(widening, widening)
     extra = np.sqrt(1.0 + (by_noise + by_choice) / np.diag(combined))
@@ -125,20 +125,6 @@ def interval(value: float, sigma: float, degrees: float) -> tuple[float, float]:
 
     reach = float(t.ppf(0.5 + 0.5 * CONFIDENCE, degrees)) * sigma
     return value - reach, value + reach
-
-
-def _by_noise(problem: SetProblem, x: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return the variance that the hyper-parameters' own spread gives to the estimate, shape (p,)."""
-    total = np.zeros(len(x))
-    for at, part in enumerate(problem.parts):
-        noise = part.view.noise
-        for name, sigma in noise.log_sigmas.items():
-            moved = replace(noise, values=noise.values | {name: noise.values[name] * float(np.exp(sigma))})
-            parts = list(problem.parts)
-            parts[at] = replace(part, view=replace(part.view, noise=moved))
-            residual, jacobian = replace(problem, parts=tuple(parts)).residual_and_jacobian(x)
-            total += (covariance @ (jacobian.T @ residual)) ** 2
-    return total
 
 
 def _by_choice(look: Look, keys: tuple[str, ...], count: int) -> FloatArray:
