@@ -55,13 +55,15 @@ def unfit(campaign: Campaign, samples: Samples) -> Fault | None:
     samples : Samples
         Of it.
     """
-    if not set(samples.measured) & {"dp", "t"}:
-        return Fault(
-            "neither drawbar pull nor torque was measured",
-            campaign.name,
-            next_step="name their signals under [signals] of vehicle.toml",
-        )
-    return _too_few(campaign, samples) if len(samples) < FEWEST else None
+    if len(samples) < FEWEST:
+        return _too_few(campaign, samples)
+    if set(samples.measured) & {"dp", "t"}:
+        return None
+    return Fault(
+        "neither drawbar pull nor torque was measured",
+        campaign.name,
+        next_step="name their signals under [signals] of vehicle.toml",
+    )
 
 
 def _too_few(campaign: Campaign, samples: Samples) -> Fault:

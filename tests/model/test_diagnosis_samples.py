@@ -1,0 +1,141 @@
+"""Samples: block means of what was driven, places and clocks, and what is not used and why."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_support import simulated_campaign
+
+from daq.config import RunInfo
+from daq.errors import DataError
+from model.diagnosis.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.look import look
+from model.diagnosis.positions import campaign_times, line_positions
+from model.diagnosis.samples import STENCIL, samples_of
+from model.diagnosis.tellable import cannot_tell, considered
+from processing.processed_run import ProcessedRun, Reason
+
+RUNS = 2
+
+
+@pytest.fixture(scope="module")
+def campaign() -> Campaign:
+    return simulated_campaign(runs=RUNS)
+
+
+def changed(campaign: Campaign, **fields: object) -> Campaign:
+    """Return the campaign with fields of every run replaced; a number stands for a whole array."""
+    runs = []
+    for run in campaign.runs:
+        arrays = {name: np.full(len(run), x) if isinstance(x, float) else x for name, x in fields.items()}
+        runs.append(replace(run, **arrays))
+    return replace(campaign, runs=tuple(runs))
+
+
+def with_info(campaign: Campaign, *infos: RunInfo) -> Campaign:
+    runs = [replace(run, run=info) for run, info in zip(campaign.runs, infos, strict=True)]
+    return replace(campaign, runs=tuple(runs))
+
+
+def test_samples_are_means_over_a_fifth_of_a_second(campaign: Campaign) -> None:
+    samples = samples_of(campaign)
+    run = campaign.runs[0]
+    first = np.flatnonzero(samples.run == 0)
+    for i in first[:: max(1, len(first) // 20)]:
+        rows = np.abs(run.time_s - samples.time_s[i]) < 0.0999
+        assert rows.sum() == 20
+        assert run.used[rows].all()
+        assert samples.measured["dp"][i] == pytest.approx(run.drawbar_pull_n[rows].mean())
+        assert samples.conditions.vertical_load_n[i] == pytest.approx(run.vertical_load_n[rows].mean())
+    assert np.abs(samples.conditions.slip).min() >= 0.05
+    assert set(samples.measured) == {"dp", "t"}
+    assert samples.left_out["standstill"] > 10
+
+
+def test_three_instants_average_to_the_mean_and_have_the_spread_of_block_and_filter(campaign: Campaign) -> None:
+    samples = samples_of(campaign)
+    weights = np.array(STENCIL)[:, None]
+    at = samples.instants.vertical_load_n
+    assert np.allclose((weights * at).sum(axis=0), samples.conditions.vertical_load_n)
+    ramp = changed(campaign, vertical_load_n=campaign.runs[0].time_s[: min(map(len, campaign.runs))])
+    shortest = min(map(len, campaign.runs))
+    cut = replace(ramp, runs=tuple(_first(run, shortest) for run in ramp.runs))
+    times = samples_of(cut).instants.vertical_load_n
+    spread = (weights * (times - (weights * times).sum(axis=0)) ** 2).sum(axis=0)
+    assert np.allclose(spread, 0.2**2 / 12 + 0.0331**2, rtol=0.1)
+
+
+def _first(run: ProcessedRun, count: int) -> ProcessedRun:
+    arrays = {
+        name: getattr(run, name)[:count]
+        for name in run.__dataclass_fields__
+        if isinstance(getattr(run, name), np.ndarray) and len(getattr(run, name)) > count
+    }
+    return replace(run, **arrays)
+
+
+def test_the_line_goes_from_where_out_starts_to_where_back_starts(campaign: Campaign) -> None:
+    out, back = campaign.runs
+    lost, note = line_positions(campaign.runs)
+    assert "no positions" in note
+    assert np.nanmin(lost[0]) == pytest.approx(-1.0)
+    assert np.nanmax(lost[1]) == pytest.approx(1.0)
+    rng = np.random.default_rng(1)
+    placed = []
+    for run, start, side in ((out, 0.0, 1.0), (back, 60.0, -1.0)):
+        along = start + side * run.distance_m + 0.3 * rng.standard_normal(len(run))
+        north, east = along * np.cos(1.1), along * np.sin(1.1)
+        degrees = np.degrees(1 / 6_371_008.8)
+        longitude = (179.9999 + east * degrees / np.cos(np.radians(45.0)) + 180.0) % 360.0 - 180.0
+        placed.append(replace(run, latitude_deg=45.0 + north * degrees, longitude_deg=longitude))
+    found, note = line_positions(placed)
+    assert note == ""
+    for run, x, start, side in zip(placed, found, (0.0, 60.0), (1.0, -1.0), strict=True):
+        expected = (start + side * run.distance_m) / 30.0 - 1.0
+        assert np.nanmax(np.abs(x - expected)) < 0.02
+
+
+def test_the_campaigns_clock_runs_from_minus_to_plus_a_half(campaign: Campaign) -> None:
+    clocks = campaign_times(campaign.runs)
+    assert clocks[0][0] == -0.5
+    assert clocks[-1][-1] == pytest.approx(0.5)
+    assert all((np.diff(clock) > 0).all() for clock in clocks)
+
+
+def test_what_one_kind_of_run_cannot_tell_is_said(campaign: Campaign) -> None:
+    one_way = with_info(campaign, RunInfo(direction="out"), RunInfo(direction="out"))
+    said = cannot_tell(one_way, samples_of(one_way), considered(one_way, samples_of(one_way), DiagnosisOptions()))
+    assert "one way" in said["slope"]
+    assert "pass" in said["multi_pass"]
+    silent = changed(campaign, driving_torque_nm=np.nan)
+    samples = samples_of(silent)
+    assert set(samples.measured) == {"dp"}
+    assert "torque" in cannot_tell(silent, samples, ())["torque_zero"]
+    smooth = replace(campaign, tyre="smooth")
+    effects = considered(smooth, samples_of(smooth), DiagnosisOptions())
+    assert "grouser" not in {effect.name for effect in effects}
+    assert "smooth" in cannot_tell(smooth, samples_of(smooth), effects)["grouser"]
+    only_one = replace(campaign, runs=campaign.runs[:1])
+    said = cannot_tell(only_one, samples_of(only_one), ())
+    assert "one load" in said["crosstalk"]
+    assert "one run" in said["zero_drift"]
+
+
+def test_holes_cost_their_samples_only(campaign: Campaign) -> None:
+    run = campaign.runs[0]
+    hole = (run.time_s > 12.0) & (run.time_s < 13.0)
+    reason = np.where(hole, Reason.GAP, run.reason).astype(np.uint8)
+    broken = replace(run, reason=reason, drawbar_pull_n=np.where(hole, np.nan, run.drawbar_pull_n))
+    whole, left = (samples_of(replace(campaign, runs=(r,))) for r in (run, broken))
+    assert 3 <= len(whole) - len(left) <= 8
+    assert all(np.isfinite(x).all() for x in left.measured.values())
+
+
+def test_too_little_is_refused_in_words(campaign: Campaign) -> None:
+    stood = [replace(run, reason=np.full(len(run), Reason.STANDSTILL, np.uint8)) for run in campaign.runs]
+    with pytest.raises(DataError, match="too few usable samples"):
+        look([replace(campaign, runs=tuple(stood))])
+    with pytest.raises(DataError, match="neither drawbar pull nor torque"):
+        look([changed(campaign, drawbar_pull_n=np.nan, driving_torque_nm=np.nan)])
