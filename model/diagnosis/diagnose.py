@@ -161,7 +161,7 @@ def _weighed(seen: Look, options: DiagnosisOptions, fits: Fits, clock: Clock) ->
     gain, remark = None, NOTHING_TO_TEST
     if judged.ok:
         with clock.stage("held_out"):
-            gain, remark = held_out(seen, options, fits=fits.known)
+            gain, remark = held_out(seen, options, fits=fits.of((), seen.best.keys))
     verdict = judgement(found, judged, gain, seen.cannot_tell, options.name_at)
     with clock.stage("where"):
         left_by = seen.best.keys if verdict.verdict == "unexplained" else ()

@@ -64,6 +64,10 @@ class Fits:
             self.known[keys] = fit_set(self.look, keys)
         return self.known[keys]
 
+    def of(self, *sets: Keys) -> dict[Keys, SetFit]:
+        """Return the fits of several sets."""
+        return {keys: self[keys] for keys in sets}
+
 
 def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
     """Fit what a verdict is about.

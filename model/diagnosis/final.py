@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ from model.wheel_soil import SOIL_PARAMETERS
 FloatArray = NDArray[np.float64]
 
 _OPTIONS = GaussNewtonOptions(epsilon=1e-3, cost_tolerance=1e-7, max_iterations=25, noise="unit")
+_GLANCE = replace(_OPTIONS, max_iterations=4)
+_PROMISING = 20.0
+"""Cost above the best, after a few steps from another start, up to which it is followed to its end."""
 _SMALL = 0.2
 _LATENCY_STARTS = (-1.0, -0.4, 0.4, 1.0)
 _SUMS = {"lyasko": (("m1", "m2"), "p")}
@@ -90,7 +94,7 @@ class SetFit:
         return self.problem.grams()
 
 
-def fit_set(look: Look, keys: tuple[str, ...]) -> SetFit:
+def fit_set(look: Look, keys: tuple[str, ...], *, starts: Literal["one", "several"] = "several") -> SetFit:
     """Fit a set of causes with the whole model.
 
     Gauss-Newton starts at the linear estimate; where a one-sided cause is small there, at its prior scale too, since
@@ -102,6 +106,8 @@ def fit_set(look: Look, keys: tuple[str, ...]) -> SetFit:
     look : Look
     keys : tuple of str
         Effects of the set; empty: the soil alone.
+    starts : "one" or "several"
+        "one": at the linear estimate only, where a point to linearise about is all that is asked for.
     """
     linear = estimate(look.grams, keys)
     problem = set_problem(look.views, look.grams, keys)
@@ -110,9 +116,14 @@ def fit_set(look: Look, keys: tuple[str, ...]) -> SetFit:
     if set(keys) != set(look.best.keys):
         problem = problem.refrozen(start)
     if not start.size:
-        return SetFit(keys, problem, start, np.zeros(0, bool), float("nan"), "nothing to fit", 0)
-    tried = [_solved(problem, x) for x in _starts(problem, start)]
-    found = min(tried, key=lambda result: result.cost if np.isfinite(result.cost) else np.inf)
+        return SetFit(keys, problem.refrozen(start), start, np.zeros(0, bool), float("nan"), "nothing to fit", 0)
+    tried = [_solved(problem, start)]
+    found = tried[0]
+    for other in _others(problem, start) if starts == "several" else ():
+        tried.append(_solved(problem, other, _GLANCE))
+        if tried[-1].cost < found.cost + _PROMISING:
+            tried.append(_solved(problem, tried[-1].estimate))
+            found = min(found, tried[-1], key=lambda result: result.cost)
     problem = problem.refrozen(found.estimate)
     last = _solved(problem, found.estimate)
     return SetFit(
@@ -126,7 +137,7 @@ def fit_set(look: Look, keys: tuple[str, ...]) -> SetFit:
     )
 
 
-def _solved(problem: SetProblem, start: FloatArray) -> GaussNewtonResult:
+def _solved(problem: SetProblem, start: FloatArray, options: GaussNewtonOptions = _OPTIONS) -> GaussNewtonResult:
     lower, upper = problem.bounds
     return gauss_newton(
         problem.residual_and_jacobian,
@@ -134,12 +145,12 @@ def _solved(problem: SetProblem, start: FloatArray) -> GaussNewtonResult:
         lower=lower,
         upper=upper,
         scale=np.ones(len(start)),
-        options=_OPTIONS,
+        options=options,
     )
 
 
-def _starts(problem: SetProblem, start: FloatArray) -> Iterator[FloatArray]:
-    yield start
+def _others(problem: SetProblem, start: FloatArray) -> Iterator[FloatArray]:
+    """Yield where else to start."""
     lower, upper = problem.bounds
     for i, cause in enumerate(problem.causes, len(problem.soil)):
         if cause.family == "speed_latency":

@@ -10,7 +10,7 @@ the density only. Noise hyper-parameters and points of linearisation have seen e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,7 +66,7 @@ def held_out(
     options: DiagnosisOptions | None = None,
     *,
     given: Keys | None = None,
-    fits: dict[Keys, SetFit] | None = None,
+    fits: Mapping[Keys, SetFit] | None = None,
 ) -> tuple[Gain | None, str]:
     """Measure the gain of the extension by leaving out one run at a time.
 
@@ -77,7 +77,7 @@ def held_out(
     given : tuple of str, optional
         Causes to take in every fold instead of choosing: what a choice can be compared with.
     fits : mapping, optional
-        Sets that are fitted already; new ones are added.
+        Sets that are fitted already.
 
     Returns
     -------
@@ -90,11 +90,11 @@ def held_out(
     count = len(look.grams.run_names)
     if count < 2:
         return None, ONE_RUN
-    known: dict[Keys, SetFit] = {} if fits is None else fits
+    known = dict(fits or {})
     chosen = tuple(_chosen(look, run, options) if given is None else given for run in range(count))
     for keys in ((), *chosen):
         if keys not in known:
-            known[keys] = fit_set(look, keys)
+            known[keys] = fit_set(look, keys, starts="one")
     grams = {keys: known[keys].grams() for keys in {(), *chosen}}
     base = [foretold(look, known[()], run, grams[()]) for run in range(count)]
     extended = [foretold(look, known[keys], run, grams[keys]) if keys else base[run] for run, keys in enumerate(chosen)]
