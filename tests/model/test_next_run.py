@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 from short_campaign import driven, noise_of
 
-from model.diagnosis.campaign import DiagnosisOptions
+from model.diagnosis.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.isolability import least_left, own_columns, without_soil
 from model.diagnosis.look import Look, look
 from model.diagnosis.manoeuvres import LIKE_OTHERS, braked, manoeuvres, only_run, slower_ramps, turned, with_load_times
 from model.diagnosis.next_run import next_runs
 from model.diagnosis.samples import Samples, samples_of
 from model.diagnosis.split import Member
+from model.soil_prior import prior_of
+from processing.pipeline import process
+from wheelsoil.virtual_campaign import simulated_roles
+from wheelsoil.virtual_options import SimulationOptions
 
 EFFECTS = ("slope", "drawbar_pull_zero", "crosstalk", "torque_zero", "bulldozing")
 
@@ -25,6 +29,13 @@ def seen_of(*indices: int) -> Look:
     """Look at some of four runs; the first and third go out, the others back."""
     campaign = replace(driven(), runs=tuple(driven().runs[i] for i in indices))
     return look([campaign], DiagnosisOptions(effects=EFFECTS), [noise_of(driven())])
+
+
+def driven_with(*added_load_kg: float) -> Campaign:
+    """Return runs of 20 s with these added loads."""
+    options = SimulationOptions(runs=len(added_load_kg), duration_s=20.0, seed=5, added_load_kg=added_load_kg)
+    runs = tuple(process(*simulated_roles(options, index)) for index in range(options.runs))
+    return Campaign("clay", runs, options.wheel, options.laboratory_soil, prior_of(options.laboratory_soil))
 
 
 def run_of_samples() -> Samples:
@@ -57,6 +68,23 @@ def test_the_other_direction_parts_slope_from_a_zero_and_does_so_when_driven() -
     }
     assert gained[1] > 2 * gained[2]
     assert gained[1] == pytest.approx(worth[back], rel=0.6)
+
+
+def test_the_load_that_ranks_first_of_what_can_be_driven_parts_cross_talk_from_a_zero() -> None:
+    """Runs at one load, then one more at that load against one with about the load that was advised."""
+    light = driven_with(0.0, 0.0, 0.0)
+    seen = look([light], DiagnosisOptions(effects=EFFECTS), [noise_of(light)])
+    pair = members(crosstalk=0.4, drawbar_pull_zero=0.4)
+    ranked = [r for r in next_runs(seen, pair, most=20) if "wheel lifted" not in r.change]
+    assert "load" in ranked[0].change
+    gained = {}
+    for added_kg in (0.0, 600.0):
+        more = driven_with(0.0, 0.0, 0.0, added_kg)
+        after = look([more], DiagnosisOptions(effects=EFFECTS), [noise_of(light)])
+        gained[added_kg] = parted(after, *pair) - parted(seen, *pair)
+    assert gained[600.0] > 3 * max(gained[0.0], 0.0)
+    worth = next(r for r in ranked if "more load" in r.change).expected_log_bayes_factor
+    assert gained[600.0] == pytest.approx(worth, rel=0.6)
 
 
 def test_a_lifted_wheel_parts_a_zero_from_cross_talk() -> None:
