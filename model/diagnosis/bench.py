@@ -63,7 +63,6 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
     rng = np.random.default_rng(options.seed)
     with stages.timed("evidence"):
         weighing = weigh(problem, known.uses, options.most_causes, rng)
-        _refuse_unanswered(weighing)
     with stages.timed("held_out"):
         gain = gain_of(weighing, rng)
     with stages.timed("verdict"):
@@ -117,19 +116,6 @@ def _undecided(why: str, known: Library, remarks: Sequence[str], stages: _Stages
         cannot_tell={**known.cannot_tell, **known.ruled_out, **dict.fromkeys(known.families, why)},
         notes=tuple(remarks),
         stages_s=stages.seconds,
-    )
-
-
-def _refuse_unanswered(weighing: Weighing) -> None:
-    if np.isfinite(weighing.of_set(()).log_evidence):
-        return
-    names = ", ".join(bench.name for bench in weighing.problem.benches)
-    raise DataError(
-        Fault(
-            "the wheel sinks to its axle on every soil near the laboratory's",
-            names,
-            next_step="check cohesive_modulus_kn, frictional_modulus_kn, sinkage_exponent, the wheel and the loads",
-        )
     )
 
 

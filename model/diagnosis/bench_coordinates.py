@@ -158,6 +158,11 @@ class CauseCoordinate:
         upper = min(upper, 0.0) if parameter.side < 0 else upper
         return CauseCoordinate(parameter.name, parameter.unit, parameter.neutral, scale, lower, upper)
 
+    @property
+    def side(self) -> float:
+        """1 where the parameter may be above neutral, else -1."""
+        return 1.0 if self.upper > 0 else -1.0
+
     def values(self, standard: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the parameter and its derivative by the standard-normal coordinate, shape (m,) each."""
         x, slope = cut_off(standard, self.lower, self.upper)

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from model.diagnosis.bench_adequacy import with_usual_form
 from model.diagnosis.bench_columns import CauseUse
-from model.diagnosis.bench_coordinates import CauseCoordinate
 from model.diagnosis.bench_problem import BenchProblem
 from model.diagnosis.bench_search import Optimum
 from model.diagnosis.bench_sets import Library, family_of
@@ -44,12 +43,10 @@ def detectable(problem: BenchProblem, library: Library, null: Optimum, name_at: 
             wanted = 2.0 * (log(name_at / (1.0 - name_at)) - odds + 0.5 * log(1.0 + 1.0 / spread**2))
             sizes.append((spread * sqrt(max(wanted, 0.0)), coordinate))
         size, coordinate = min(sizes, key=lambda pair: pair[0])
-        found[use.key] = Detectable(coordinate.name, coordinate.neutral + _side(coordinate) * size, coordinate.unit)
+        found[use.key] = Detectable(
+            coordinate.name, coordinate.neutral + coordinate.side * coordinate.scale * size, coordinate.unit
+        )
     return {key: found[key] for key in keys}
-
-
-def _side(coordinate: CauseCoordinate) -> float:
-    return -coordinate.scale if coordinate.upper <= 0 else coordinate.scale
 
 
 def _spread(problem: BenchProblem, null: Optimum, use: CauseUse, which: int) -> float:
@@ -60,7 +57,7 @@ def _spread(problem: BenchProblem, null: Optimum, use: CauseUse, which: int) -> 
     standard[0, :soil] = null.standard[:soil]
     coordinates = problem.coordinates(use)
     for i, coordinate in enumerate(coordinates):
-        value = coordinate.neutral + (0.5 * _side(coordinate) if i == which else 0.0)
+        value = coordinate.neutral + (0.5 * coordinate.side * coordinate.scale if i == which else 0.0)
         standard[0, soil + i] = coordinate.standard(value)
     said, _ = problem.evaluate([(use,)], standard)
     information = 0.0

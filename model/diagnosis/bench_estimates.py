@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,11 @@ from model.effects import EFFECTS
 
 FloatArray = NDArray[np.float64]
 
-_SUMS = {"lyasko": ("m1", "m2")}
-"""Parameters of which only the sum is well determined."""
+_COUNTED = 3.0
+"""Nats below the likeliest set that holds a cause within which another one counts for its parameters."""
+_MOST = 12
+_SUMS = {"lyasko": (("m1", "m2"), "p")}
+"""Parameters of which only the sum is well determined, and what it is called."""
 
 
 @dataclass(frozen=True)
@@ -65,22 +68,18 @@ def estimates_of(weighing: Weighing, use: CauseUse, rng: np.random.Generator) ->
     draws = parameter_draws(weighing, use, rng)
     found = [draws[p.name].estimate(p.name, p.unit) for p in effect.parameters]
     if use.key in _SUMS:
-        names = _SUMS[use.key]
+        names, total_name = _SUMS[use.key]
         total = Draws(np.sum([draws[name].values for name in names], axis=0), draws[names[0]].weights)
-        found.insert(0, total.estimate(" + ".join(names), effect.parameters[0].unit))
+        found.insert(0, total.estimate(total_name, effect.parameters[0].unit))
     return tuple(found)
 
 
 def parameter_draws(weighing: Weighing, use: CauseUse, rng: np.random.Generator) -> dict[str, Draws]:
-    """Return weighted values of every parameter of a cause, over all sets that hold it and were corrected."""
-    holding = [
-        (p, w)
-        for p, w in zip(weighing.probabilities, weighing.sets, strict=True)
-        if use in w.hypothesis and w.posterior is not None and p > 0
-    ]
-    if not holding:
-        best = max((w for w in weighing.sets if use in w.hypothesis), key=lambda w: (weighing.adequate(w), w.score))
-        holding = [(1.0, _with_posterior(weighing, best, rng))]
+    """Return weighted values of every parameter of a cause, over the likeliest sets that hold it."""
+    gated = [w for w in weighing.sets if use in w.hypothesis and weighing.adequate(w)]
+    ranked = sorted(gated or [w for w in weighing.sets if use in w.hypothesis], key=lambda w: -w.score)
+    counted = [w for w in ranked if w.posterior or w.score > ranked[0].score - _COUNTED][:_MOST]
+    holding = [(float(np.exp(w.score - ranked[0].score)), _with_posterior(weighing, w, rng)) for w in counted]
     problem = weighing.problem
     values: dict[str, list[FloatArray]] = {}
     weights = []
@@ -95,8 +94,8 @@ def parameter_draws(weighing: Weighing, use: CauseUse, rng: np.random.Generator)
 
 
 def _with_posterior(weighing: Weighing, weighed: Weighed, rng: np.random.Generator) -> Weighed:
-    from dataclasses import replace
-
+    if weighed.posterior is not None:
+        return weighed
     return replace(weighed, posterior=posterior_of(weighing.problem, weighed.optima, rng))
 
 

@@ -19,11 +19,12 @@ from scipy.special import fdtrc
 
 from model.diagnosis.bench_columns import CauseUse, Hypothesis
 from model.diagnosis.bench_noise import scatter_of_repeats
+from model.diagnosis.bench_optima import Optima
 from model.diagnosis.bench_problem import BenchProblem
 from model.diagnosis.bench_seen import noise_of
 from model.diagnosis.bench_sets import Library, Sets, family_of, library
 from model.diagnosis.bench_skid import driven_rows
-from model.diagnosis.bench_weigh import Optima, Weighed, Weighing, weigh, weighed
+from model.diagnosis.bench_weigh import Weighed, Weighing, weigh, weighed
 from model.diagnosis.campaign import Bench, DiagnosisOptions
 
 FloatArray = NDArray[np.float64]

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.errors import DataError, Fault
 from model.diagnosis.bench_adequacy import misfits, threshold
 from model.diagnosis.bench_columns import CauseUse, Hypothesis
 from model.diagnosis.bench_evidence import Posterior, posterior_of
+from model.diagnosis.bench_optima import Optima
 from model.diagnosis.bench_problem import BenchProblem
-from model.diagnosis.bench_search import Optimum, search
+from model.diagnosis.bench_search import Optimum
 from model.diagnosis.bench_sets import Sets, family_of
 
 FloatArray = NDArray[np.float64]
 
-_PARENTS = 2
-"""Sets with a cause less that a search starts from."""
 _PROMISING = 7.0
 """Nats below the best within which a pair gets a third cause."""
 _MOST_PAIRS = 6
@@ -125,17 +125,36 @@ def weigh(problem: BenchProblem, uses: Sequence[CauseUse], most: int, rng: np.ra
     most : int
         0 to 3; sets of three are made of promising pairs.
     rng : Generator
+
+    Raises
+    ------
+    DataError
+        No soil near the laboratory's carries the wheel.
     """
     sets = Sets.of(uses, most)
     found = Optima(problem)
     for size in range(min(most, 2) + 1):
         found.add_all(h for h in sets.log_prior if len(h) == size)
+        if not size:
+            _refuse_unanswered(found.best(()), problem)
     score = {h: found.best(h).log_evidence + prior for h, prior in sets.log_prior.items()}
     if most > 2:
         ranked = sorted((h for h in score if len(h) == 2), key=lambda h: -score[h])[:_MOST_PAIRS]
         sets = sets.with_thirds(h for h in ranked if score[h] > max(score.values()) - _PROMISING)
         found.add_all(h for h in sets.log_prior if len(h) == 3)
     return weighed(found, sets.log_prior, rng)
+
+
+def _refuse_unanswered(null: Optimum, problem: BenchProblem) -> None:
+    if np.isfinite(null.log_likelihood):
+        return
+    raise DataError(
+        Fault(
+            "the wheel sinks to its axle on every soil near the laboratory's",
+            ", ".join(bench.name for bench in problem.benches),
+            next_step="check cohesive_modulus_kn, frictional_modulus_kn, sinkage_exponent, the wheel and the loads",
+        )
+    )
 
 
 def weighed(found: Optima, log_prior: Mapping[Hypothesis, float], rng: np.random.Generator) -> Weighing:
@@ -185,57 +204,3 @@ def _corrected(weighing: Weighing, rng: np.random.Generator) -> Weighing:
     ]
     done.sort(key=lambda w: (not weighing.adequate(w), -w.score))
     return replace(weighing, sets=tuple(done))
-
-
-class Optima:
-    """Where hypotheses fit best, from starts at what fits best with a cause less."""
-
-    def __init__(self, problem: BenchProblem) -> None:
-        self.problem = problem
-        self._found: dict[Hypothesis, tuple[Optimum, ...]] = {}
-
-    def ranked(self, hypothesis: Hypothesis) -> tuple[Optimum, ...]:
-        """Return the optima of a hypothesis, best first."""
-        return self._found[hypothesis]
-
-    def best(self, hypothesis: Hypothesis) -> Optimum:
-        """Return the best optimum of a hypothesis."""
-        return self._found[hypothesis][0]
-
-    def add_all(self, hypotheses: Iterable[Hypothesis]) -> None:
-        """Search for hypotheses that have not been searched for; those with a cause less come first."""
-        new = [h for h in hypotheses if h not in self._found]
-        self.add_from([(h, start) for h in new for start in self._starts(h)])
-
-    def add_from(self, starts: Sequence[tuple[Hypothesis, FloatArray]]) -> None:
-        """Search for hypotheses from given starts; each may come several times."""
-        found: dict[Hypothesis, list[Optimum]] = {}
-        for optimum in search(self.problem, [h for h, _ in starts], [start for _, start in starts]) if starts else ():
-            found.setdefault(optimum.hypothesis, []).append(optimum)
-        for hypothesis, optima in found.items():
-            self._found[hypothesis] = tuple(sorted(optima, key=lambda o: -o.log_evidence))
-
-    def _starts(self, hypothesis: Hypothesis) -> list[FloatArray]:
-        size, soil = self.problem.size(hypothesis), self.problem.soil_offsets[-1]
-        parents = [
-            self.best(parent)
-            for left_out in range(len(hypothesis))
-            if (parent := hypothesis[:left_out] + hypothesis[left_out + 1 :]) in self._found
-        ]
-        parents.sort(key=lambda o: -o.log_evidence)
-        starts = [self._extended(parent, hypothesis) for parent in parents[:_PARENTS]]
-        if len(hypothesis) < 2:
-            plain = np.zeros(size)
-            plain[soil:] = 1.0
-            starts.append(plain)
-        return starts
-
-    def _extended(self, parent: Optimum, hypothesis: Hypothesis) -> FloatArray:
-        """Return the coordinates of the parent with the new cause at its median."""
-        start = np.zeros(self.problem.size(hypothesis))
-        soil = self.problem.soil_offsets[-1]
-        start[:soil] = parent.standard[:soil]
-        own = self.problem.positions(hypothesis)
-        for use, where in self.problem.positions(parent.hypothesis).items():
-            start[own[use]] = parent.standard[where]
-        return start

@@ -17,6 +17,7 @@ from model.diagnosis.bench_columns import CauseUse, Hypothesis
 from model.diagnosis.bench_coordinates import CauseCoordinate, SoilCoordinates, cut_off
 from model.diagnosis.bench_evidence import posterior_of
 from model.diagnosis.bench_noise import ChannelNoise, groups_of_rows, scatter_of_repeats
+from model.diagnosis.bench_optima import answered
 from model.diagnosis.bench_problem import BenchProblem
 from model.diagnosis.bench_search import log_likelihood, search
 from model.diagnosis.bench_sets import Sets, family_of, library
@@ -53,8 +54,7 @@ def test_cut_off_is_finite_far_out(standard: float, bounds: tuple[float, float])
 def test_a_cause_finds_its_value_again(key: str) -> None:
     for parameter in EFFECTS[key].parameters:
         coordinate = CauseCoordinate.of(parameter, WHEEL, 25.0)
-        side = -1.0 if coordinate.upper <= 0 else 1.0
-        value = coordinate.neutral + 0.4 * side * coordinate.scale
+        value = coordinate.neutral + 0.4 * coordinate.side * coordinate.scale
         assert coordinate.values(np.array([coordinate.standard(value)]))[0] == pytest.approx(value, rel=1e-9)
 
 
@@ -240,6 +240,17 @@ def test_search_finds_the_best_values() -> None:
     said, _ = problem.evaluate([hypothesis] * 20, np.array(nudged))
     objective = log_likelihood(problem, said) - 0.5 * (np.array(nudged) ** 2).sum(axis=1)
     assert (objective <= found.log_posterior + 0.02).all()
+
+
+def test_a_cause_that_would_bury_the_axle_starts_small() -> None:
+    small = replace(bench(np.random.default_rng(0)), wheel=replace(WHEEL, radius_m=0.03))
+    rows = replace(small.rows, vertical_load_n=small.rows.vertical_load_n / 6.0)
+    problem = BenchProblem.of([replace(small, rows=rows)], BOTH)
+    hypothesis: Hypothesis = (CauseUse("vasilev"),)
+    start = np.zeros(problem.size(hypothesis))
+    assert not np.isfinite(problem.evaluate([hypothesis], start[None])[0]["dp"]).all()
+    (found,) = answered(problem, [(hypothesis, start)])
+    assert np.isfinite(problem.evaluate([hypothesis], found[None])[0]["dp"]).all()
 
 
 def test_the_gate_lets_the_truth_pass_and_stops_what_is_wrong() -> None:

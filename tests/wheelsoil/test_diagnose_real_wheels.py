@@ -1,0 +1,203 @@
+"""The public single-wheel tests through ``diagnose --table``: what they decide, pinned (docs/real_data.md).
+
+The authors' hand-tuned soil is not used: docs/real_data/terrain.toml holds what plates and tables say.
+"""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support import data_dir
+
+from daq.bench_tables import PlateTest
+from daq.config import TerrainConfig, load_toml
+from model.bevameter import WindowOptions, fit_pressure_sinkage
+from model.diagnosis.bench import diagnose_bench
+from model.diagnosis.bench_columns import CauseUse
+from model.diagnosis.bench_estimates import parameter_draws
+from model.diagnosis.bench_held_out import foretell
+from model.diagnosis.bench_skid import skid_law
+from model.diagnosis.bench_transfer import transfer
+from model.diagnosis.bench_weigh import Weighing
+from model.diagnosis.campaign import Bench, DiagnosisOptions
+from model.diagnosis.result import ParameterEstimate
+from wheelsoil.cli.app import run
+
+REAL = Path(__file__).parents[2] / "docs" / "real_data"
+DP, BOTH = ("dp",), ("dp", "z")
+
+
+@pytest.fixture(scope="module")
+def study() -> Any:
+    data_dir("cmu-terramech-testbed")
+    spec = importlib.util.spec_from_file_location("study", REAL / "study.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def smooth(study: Any) -> Bench:
+    return study.bench("smooth")
+
+
+@pytest.fixture(scope="module")
+def grousered(study: Any) -> Bench:
+    return study.bench("grousered")
+
+
+@pytest.fixture(scope="module")
+def blind(study: Any, smooth: Bench) -> Weighing:
+    """By drawbar pull alone."""
+    return study.weighed(smooth, DP)
+
+
+@pytest.fixture(scope="module")
+def seeing(study: Any, smooth: Bench) -> Weighing:
+    """With sinkage."""
+    return study.weighed(smooth, BOTH)
+
+
+def _diagnosed(study: Any, capsys: pytest.CaptureFixture[str], channels: str) -> dict[str, Any]:
+    columns = [part for text in study.RENAME for part in ("--rename", text)]
+    rows = [part for text in ("wheel=smooth", "beta_deg=0") for part in ("--where", text)]
+    files = ["--vehicle", str(REAL / "smooth.toml"), "--terrain", str(REAL / "terrain.toml")]
+    table = ["diagnose", "--table", str(data_dir(*study.TABLE)), *columns, *rows, *files]
+    capsys.readouterr()
+    assert run([*table, "--channels", channels, "--most-causes", "2", "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def _probability(diagnosis: dict[str, Any], family: str) -> float:
+    return next((c["probability"] for c in diagnosis["candidates"] if c["name"] == family), 0.0)
+
+
+def _vasilev(weighing: Weighing) -> ParameterEstimate:
+    return parameter_draws(weighing, CauseUse("vasilev"), np.random.default_rng(0))["H_m"].estimate("H_m", "m")
+
+
+def test_the_soil_is_that_of_the_plates() -> None:
+    """terrain.toml: mean and scatter of nine single fits; no number of the wheel tests."""
+    source = data_dir("cmu-terramech-testbed", "pressure_sinkage")
+    with (source / "index.csv").open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["body"].startswith("circular plate")]
+    plates = []
+    for row in rows:
+        kinematics = np.loadtxt(source / f"{row['run']}.txt", delimiter=",")
+        t_s, force = np.loadtxt(source / f"{row['run']}_ft.csv", delimiter=",", skiprows=1, usecols=(0, 3)).T
+        time = kinematics[:, 6] + 18_000 - float(row["bag_start_unix"])
+        kept = (time >= float(row["window_start_s"])) & (time <= float(row["window_end_s"]))
+        radius = float(row["body"].split()[2]) / 2e3
+        load = -np.interp(time[kept], t_s, force) - float(row["Fz_offset_N"])
+        sinkage = -kinematics[kept, 4] * 1e-3 + float(row["z_zero_mm"]) * 1e-3
+        plates.append(PlateTest(sinkage, load / (np.pi * radius**2), radius, row["run"]))
+    fits = fit_pressure_sinkage(plates, WindowOptions()).plates
+    scatter = np.cov([np.log(fit.stiffness) for fit in fits], [fit.exponent for fit in fits])
+    terrain = load_toml(REAL / "terrain.toml", TerrainConfig)
+    assert terrain.uncertainty is not None
+    assert terrain.uncertainty.covariance is not None
+    k, n = terrain.soil.frictional_modulus_kn, terrain.soil.sinkage_exponent
+    assert np.exp(np.mean([np.log(fit.stiffness) for fit in fits])) / 1e3 == pytest.approx(k, rel=0.01)
+    assert np.mean([fit.exponent for fit in fits]) == pytest.approx(n, abs=0.005)
+    stated = np.array(terrain.uncertainty.covariance)
+    assert stated[5, 5] / k**2 == pytest.approx(scatter[0, 0], rel=0.03)
+    assert stated[3, 3] == pytest.approx(scatter[1, 1], rel=0.03)
+    assert stated[3, 5] / k == pytest.approx(scatter[0, 1], rel=0.03)
+
+
+def test_drawbar_pull_alone_does_not_name_slip_sinkage(study: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    found = _diagnosed(study, capsys, "dp")
+    assert found["verdict"] == "one_of"
+    assert found["causes"][0]["name"] == "interface_friction"
+    assert _probability(found, "slip_sinkage") < 0.2
+    assert found["adequacy"]["ok"]
+    assert any("has not seen" in note for note in found["notes"])
+    assert any("rows with s < 0 left out" in note for note in found["notes"])
+
+
+def test_with_sinkage_slip_sinkage_is_named(study: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    found = _diagnosed(study, capsys, "dp,z")
+    assert found["verdict"] == "named"
+    assert [cause["name"] for cause in found["causes"]] == ["slip_sinkage"]
+    assert _probability(found, "slip_sinkage") >= 0.95
+    others = [c["name"] for c in found["candidates"] if c["name"] not in ("slip_sinkage", "none")]
+    assert others[0] == "interface_friction"
+    assert "interface friction" in found["sentence"]
+    assert found["gain"]["log_likelihood_gain"] > 0
+    assert found["gain"]["held_out"]["extended"]["R0_N"] < 0.6 * found["gain"]["held_out"]["base"]["R0_N"]
+
+
+def test_the_form_of_slip_sinkage_stays_open(seeing: Weighing) -> None:
+    friction = CauseUse("interface_friction")
+    evidence = [
+        next(w.log_evidence for w in seeing.sets if set(w.hypothesis) == {CauseUse(form), friction})
+        for form in ("vasilev", "lyasko", "ding")
+    ]
+    assert max(evidence) - min(evidence) < 2.5
+
+
+def test_left_out_speeds(seeing: Weighing) -> None:
+    problem = seeing.problem
+    best = seeing.sets[0]
+    assert {use.key for use in best.hypothesis} == {"vasilev", "interface_friction"}
+    extended = foretell(problem, best.optima, np.random.default_rng(1))
+    wong = foretell(problem, seeing.of_set(()).optima, np.random.default_rng(1))
+    assert extended.rms(problem, "z") < 2.5e-3
+    assert extended.rms(problem, "dp") < 0.95
+    assert wong.rms(problem, "z") > 5e-3
+    assert wong.rms(problem, "dp") > 1.7
+
+
+def test_slip_sinkage_is_too_large_by_drawbar_pull_alone(blind: Weighing, seeing: Weighing) -> None:
+    """And its interval says so: it holds what the measured sinkage gives."""
+    without, known = _vasilev(blind), _vasilev(seeing)
+    assert without.value > 1.5 * known.value
+    assert without.interval95[0] < known.interval95[1]
+    assert known.interval95[0] < without.interval95[1]
+    assert known.value == pytest.approx(0.0133, abs=0.002)
+    assert without.sigma > 3 * known.sigma
+
+
+def test_calibration_does_not_carry_over(smooth: Bench, grousered: Bench) -> None:
+    found = transfer(smooth, grousered, DiagnosisOptions(channels=DP, most_causes=1))
+    assert found.p_value < 1e-3
+    assert found.own_cause > 0.8
+    assert found.difference["dp"] == pytest.approx([0.0, 1.2, 1.9, 2.7, 3.1], abs=0.4)
+    assert found.families()["grouser"] < 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("channels", [DP, BOTH])
+def test_the_grousered_wheel_has_a_cause_of_its_own(smooth: Bench, grousered: Bench, channels: tuple[str, ...]) -> None:
+    found = transfer(smooth, grousered, DiagnosisOptions(channels=channels))
+    assert found.p_value < 1e-3
+    assert found.own_cause >= (0.95 if channels == BOTH else 0.8)
+    named = [family for family, p in found.families().items() if p > 0.9]
+    assert named == (["slip_sinkage"] if channels == BOTH else [])
+    assert "grouser" not in list(found.families())[:3]
+
+
+@pytest.mark.parametrize("wheel", ["smooth", "grousered"])
+def test_braked_wheels_have_their_own_law(study: Any, wheel: str) -> None:
+    law = skid_law(study.bench(wheel))
+    assert law is not None
+    assert law.left_out_rms_m <= 1.2e-3
+    assert law.H2_m == pytest.approx(0.0355, abs=0.002)
+
+
+def test_only_braked_rows(smooth: Bench) -> None:
+    """No law of a driven wheel is asked for rows with s < 0."""
+    braked = replace(smooth, rows=smooth.rows[smooth.rows.slip < -0.1])
+    found = diagnose_bench([braked], DiagnosisOptions(most_causes=1))
+    assert "slip_sinkage" in found.cannot_tell
+    assert all(candidate.name != "slip_sinkage" for candidate in found.candidates)
+    assert found.candidates[0].name == "skid_sinkage"
