@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -52,6 +53,15 @@ class Figure:
         if self.value is not None:
             return self.value
         return self.hits / self.n if self.n else None
+
+    @property
+    def may_reach(self) -> bool:
+        """Whether the bounds hold a share that is to be reached, e.g. ">= .97"."""
+        low, high = self.bounds
+        found = re.match(r"(>=|<=) (\.\d+)$", self.to_reach)
+        if not found:
+            return True
+        return high >= float(found[2]) if found[1] == ">=" else low <= float(found[2])
 
     @property
     def bounds(self) -> tuple[float, float]:

@@ -1,0 +1,58 @@
+"""The engine against hidden causes: fixed seeds here, a small study with ``-m slow``, all of it by `make blind`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from blind.engine import campaign_from_channels
+from blind.field import field_day
+from blind.mix import Mix, cases
+from blind.study import run
+from blind.tables import figures, joined
+
+from model.diagnosis.campaign import DiagnosisOptions
+from model.diagnosis.diagnose import diagnose
+from model.diagnosis.result import Diagnosis
+from model.effects import EFFECTS
+
+
+def diagnosed(seed: int, soil: str, hidden: list[tuple[str, float]]) -> Diagnosis:
+    day = field_day(soil, (21, seed), "fjord")
+    return diagnose([campaign_from_channels(day, hidden)], DiagnosisOptions())
+
+
+@pytest.mark.parametrize(
+    ("soil", "key", "parameter", "size"),
+    [("clay", "vasilev", "H_m", 0.1), ("sandy", "torque_zero", "offset_nm", -90.0)],
+)
+def test_a_large_cause_is_named_with_its_size(soil: str, key: str, parameter: str, size: float) -> None:
+    said = diagnosed(1, soil, [(key, size)])
+    assert said.verdict == "named", said.sentence
+    assert [cause.name for cause in said.causes] == [EFFECTS[key].name]
+    [cause] = said.causes
+    assert cause.probability > 0.9
+    [found] = [p for p in cause.parameters if p.name == parameter]
+    assert found.value == pytest.approx(size, rel=0.1)
+    assert said.gain is not None
+    assert said.gain.log_likelihood_gain > 0
+
+
+def test_nothing_is_named_where_nothing_is_hidden() -> None:
+    said = diagnosed(2, "clay", [])
+    assert not said.causes, said.sentence
+    assert said.candidates[0].name == "none"
+    assert said.minimum_detectable
+
+
+@pytest.mark.slow
+def test_a_small_study_contradicts_no_figure_that_is_to_be_reached(tmp_path: Path) -> None:
+    """n = 20 nulls, 29 singles at L = 5, 12 outside the library, 4 pairs: bounds of 95 % hold what is to be reached."""
+    wanted = cases(Mix(nulls=20, singles=1, levels=(5.0,), pairs=4, outside=1, literal=1))
+    assert not run(wanted, tmp_path, jobs=2)
+    missed = [
+        (row.what, row.hits, row.n, row.bounds)
+        for row in figures(joined(tmp_path))
+        if row.n and row.value is None and not row.may_reach
+    ]
+    assert not missed
