@@ -1,0 +1,128 @@
+"""Columns are derivatives of what the model says, at the same slip as the residual."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnosis_support import simulated_campaign
+
+from model.diagnosis.campaign import DiagnosisOptions
+from model.diagnosis.linearise import SECANT_SHARE, SECANTS, Linear, Point, Simulation, linearise, simulated
+from model.diagnosis.samples import Samples, samples_of
+from model.diagnosis.soil_space import soil_space
+from model.diagnosis.tellable import considered
+from model.soil_prior import SoilPrior
+
+CAUSES = {"H_m": 0.02, "crosstalk.coefficient": 0.01, "torque_gain.relative": 0.03, "wheel_radius.relative": 0.01}
+
+
+@pytest.fixture(scope="module")
+def about() -> tuple[Simulation, Samples, Linear]:
+    campaign = simulated_campaign(runs=2)
+    samples = samples_of(campaign)
+    samples = samples[np.arange(len(samples)) % 3 == 0]
+    simulation = Simulation(
+        campaign.wheel,
+        campaign.soil,
+        soil_space(campaign.soil_prior),
+        considered(campaign, samples, DiagnosisOptions()),
+        "balanced",
+    )
+    point = Point(np.linspace(-0.5, 0.5, 6), dict(CAUSES), np.full(len(samples), 0.01))
+    return simulation, samples, linearise(simulation, samples, point)
+
+
+def said(about: tuple[Simulation, Samples, Linear], soil: np.ndarray, causes: dict[str, float]) -> np.ndarray:
+    """Return the model at the samples' means, not averaged over instants."""
+    simulation, _, linear = about
+    values = {**simulation.space.values(soil), **causes}
+    found = simulation.model(causes).predict(linear.conditions, values)
+    return np.stack([found.drawbar_pull_n, found.driving_torque_nm])
+
+
+def close(found: np.ndarray, expected: np.ndarray, rtol: float = 2e-3) -> bool:
+    return bool(np.allclose(found, expected, rtol=rtol, atol=rtol * np.abs(expected).max()))
+
+
+def test_soil_columns_are_derivatives(about: tuple[Simulation, Samples, Linear]) -> None:
+    linear = about[2]
+    for i in range(6):
+        step = np.zeros(6)
+        step[i] = 1e-4
+        up, down = (said(about, linear.point.soil + side * step, linear.point.causes) for side in (1, -1))
+        assert close(linear.soil[..., i], (up - down) / 2e-4)
+
+
+def test_cause_columns_are_derivatives_at_their_values(about: tuple[Simulation, Samples, Linear]) -> None:
+    simulation, _, linear = about
+    for i, (effect, which, key) in enumerate(simulation.parameters):
+        scale = effect.parameters[which].towards(simulation.wheel)
+        at = linear.point.causes.get(key, effect.parameters[which].neutral)
+        if effect.key() in SECANTS:
+            moved = said(about, linear.point.soil, {**linear.point.causes, key: at + SECANT_SHARE * scale})
+            expected = (moved - said(about, linear.point.soil, linear.point.causes)) / (SECANT_SHARE * scale)
+        elif effect.parameters[which].one_sided and key not in linear.point.causes:
+            near, far = (
+                said(about, linear.point.soil, {**linear.point.causes, key: at + share * scale})
+                for share in (1e-4, 2e-4)
+            )
+            here = said(about, linear.point.soil, linear.point.causes)
+            expected = (4.0 * near - far - 3.0 * here) / (2e-4 * scale)
+        else:
+            up, down = (
+                said(about, linear.point.soil, {**linear.point.causes, key: at + side * 1e-4 * scale})
+                for side in (1, -1)
+            )
+            expected = (up - down) / (2e-4 * scale)
+        assert close(linear.causes[..., i], expected, 1e-2), key
+
+
+def test_the_speed_moves_both_channels_through_the_slip(about: tuple[Simulation, Samples, Linear]) -> None:
+    simulation, samples, linear = about
+    step = 1e-3
+    up, here, down = (
+        linearise(simulation, samples, Point(linear.point.soil, linear.point.causes, linear.point.speed_mps + side))
+        for side in (step, 0.0, -step)
+    )
+    slope = (up.value - down.value) / (2 * step)
+    assert np.linalg.norm(linear.speed - slope) < 0.1 * np.linalg.norm(slope)  # of the mean, not the mean of it
+    bend = (up.value + down.value - 2 * here.value) / step**2
+    assert np.linalg.norm(linear.curvature - bend) < 0.3 * np.linalg.norm(bend)
+
+
+def test_the_value_is_that_of_the_mean_of_three_instants(about: tuple[Simulation, Samples, Linear]) -> None:
+    simulation, samples, linear = about
+    assert np.array_equal(linear.value, simulated(simulation, samples, linear.point))
+    plain = said(about, linear.point.soil, linear.point.causes)
+    assert 1.0 < np.std(linear.value[0] - plain[0]) < 60.0
+
+
+def test_only_causes_show_at_standstill(about: tuple[Simulation, Samples, Linear]) -> None:
+    simulation, samples, linear = about
+    names = [key for _, _, key in simulation.parameters]
+    load = samples.rests.conditions.vertical_load_n
+    assert np.allclose(linear.rest_value[0], 0.01 * load)
+    assert np.allclose(linear.rest_causes[0][:, names.index("crosstalk.coefficient")], load)
+    assert np.allclose(linear.rest_causes[1][:, names.index("torque_zero.offset_nm")], 1.0)
+    assert not linear.rest_causes[..., names.index("H_m")].any()
+
+
+def test_the_soils_coordinates_are_independent_and_of_unit_variance() -> None:
+    campaign = simulated_campaign(runs=2)
+    prior = campaign.soil_prior
+    space = soil_space(prior)
+    rng = np.random.default_rng(0)
+    drawn = np.array([list(space.values(u).values()) for u in rng.standard_normal((4000, len(space)))])
+    relative = np.std(np.log(drawn / prior.mean), axis=0)
+    assert np.allclose(relative, np.sqrt(np.diag(prior.covariance)) / prior.mean, rtol=0.1)
+    wide = np.diag(prior.covariance).copy()
+    wide[0] = 0.0
+    correlation = np.eye(6)
+    correlation[4, 5] = correlation[5, 4] = -0.9
+    sigma = np.sqrt(wide)
+    known = soil_space(SoilPrior(prior.mean, correlation * np.outer(sigma, sigma), "test"))
+    assert len(known) == 5
+    assert "cohesion_pa" not in known.labels
+    assert np.allclose(
+        known.jacobian(np.zeros(5)) @ known.jacobian(np.zeros(5)).T, correlation * np.outer(sigma, sigma)
+    )
