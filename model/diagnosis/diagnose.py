@@ -115,8 +115,11 @@ class _Weighed:
 
 
 def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) -> Diagnosis:
-    clock, fits = Clock(), Fits(seen)
-    weighed, remark = _weighed(seen, options, fits, clock)
+    clock, rng = Clock(), np.random.default_rng(options.seed)
+    with clock.stage("adequacy"):
+        judged = adequacy(seen.grams, seen.best.keys, rng)
+    fits = Fits(seen, "several" if judged.ok else "one")
+    weighed, remark = _weighed(seen, options, judged, fits, clock, rng)
     verdict, found = weighed.verdict, weighed.found
     with clock.stage("final"):
         explained = explain(fits, verdict, found)
@@ -149,12 +152,11 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) ->
     )
 
 
-def _weighed(seen: Look, options: DiagnosisOptions, fits: Fits, clock: Clock) -> tuple[_Weighed, str]:
-    """Judge, weigh, test on left-out runs; return also what is to be remarked of the gain."""
-    rng = np.random.default_rng(options.seed)
-    with clock.stage("adequacy"):
-        judged = adequacy(seen.grams, seen.best.keys, rng)
-        factor = excess(judged)
+def _weighed(
+    seen: Look, options: DiagnosisOptions, judged: Adequacy, fits: Fits, clock: Clock, rng: np.random.Generator
+) -> tuple[_Weighed, str]:
+    """Weigh the sets, test them on left-out runs; return also what is to be remarked of the gain."""
+    factor = excess(judged)
     with clock.stage("bagging"):
         found = bagged(seen.grams, rng, seen.excluded, options.most_causes, factor)
         sizes = minimum_detectable(seen.grams, seen.excluded, options.name_at, factor)

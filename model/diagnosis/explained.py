@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,16 +53,19 @@ class Fits:
     Attributes
     ----------
     look : Look
+    starts : "one" or "several"
+        "one" where nothing explains the data, so that no size is more than a place to look from.
     known : mapping keys -> SetFit
     """
 
-    def __init__(self, look: Look) -> None:
+    def __init__(self, look: Look, starts: Literal["one", "several"] = "several") -> None:
         self.look = look
+        self.starts = starts
         self.known: dict[Keys, SetFit] = {}
 
     def __getitem__(self, keys: Keys) -> SetFit:
         if keys not in self.known:
-            self.known[keys] = fit_set(self.look, keys)
+            self.known[keys] = fit_set(self.look, keys, starts=self.starts)
         return self.known[keys]
 
     def of(self, *sets: Keys) -> dict[Keys, SetFit]:

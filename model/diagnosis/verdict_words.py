@@ -89,7 +89,7 @@ def unexplained_words(
     if soils:
         one, other = (_listed(runs) for runs in soils)
         said.append(
-            f"{one} ask for another soil than {other}: if these are two terrains, diagnose them as two campaigns"
+            f"Runs {one} ask for another soil than {other}: if these are two terrains, diagnose them as two campaigns"
         )
     return _sentences(said)
 

@@ -1,0 +1,144 @@
+"""The whole diagnosis on simulated campaigns, and on what poor campaigns there are; the noise model is given."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+import pytest
+from diagnosis_support import simulated_campaign
+
+from model.diagnosis.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.diagnose import FEW_RUNS, NOTHING_TO_TEST, diagnose
+from model.diagnosis.noise import Noise, beliefs
+from model.diagnosis.result import Diagnosis
+from model.diagnosis.samples import samples_of
+from processing.processed_run import ProcessedRun, Reason
+
+FEW = DiagnosisOptions(
+    effects=(
+        "vasilev",
+        "lyasko",
+        "ding",
+        "stress_peak_shift",
+        "bulldozing",
+        "torque_zero",
+        "drawbar_pull_zero",
+        "slope",
+    )
+)
+RUNS = 4
+
+
+def diagnosed(*campaigns: Campaign, options: DiagnosisOptions = FEW) -> Diagnosis:
+    """Diagnose with the noise model that the sensors' sigmas suggest."""
+    noises = [
+        Noise({name: b.centre for name, b in beliefs(samples_of(c)).items()}) if c.runs else Noise({})
+        for c in campaigns
+    ]
+    found = diagnose(campaigns, options, noises)
+    json.dumps(found.as_json())
+    assert sum(c.probability for c in found.candidates) >= 0.999 or not found.candidates
+    return found
+
+
+def only(run: ProcessedRun, keep: np.ndarray) -> ProcessedRun:
+    """Return a run of which only some samples are used."""
+    reason = np.where(keep | (run.reason != Reason.USED), run.reason, np.uint8(Reason.INVALID_FIX))
+    return replace(run, reason=reason.astype(np.uint8))
+
+
+@pytest.fixture(scope="module")
+def digging() -> Campaign:
+    return simulated_campaign("clay", 3, RUNS, "vasilev:H_m=0.04")
+
+
+@pytest.fixture(scope="module")
+def plain() -> Campaign:
+    return simulated_campaign("clay", 0, RUNS)
+
+
+def test_slip_sinkage_is_named_with_its_size(digging: Campaign) -> None:
+    found = diagnosed(digging)
+    assert found.verdict == "named", found.sentence
+    [cause] = found.causes
+    assert cause.name == "slip_sinkage"
+    assert cause.probability > 0.9
+    assert found.gain is not None
+    assert found.gain.log_likelihood_gain > 0
+    assert found.gain.reduction_percent > 20
+    if cause.form == "vasilev":
+        low, high = cause.parameters[0].interval95
+        assert low < 0.04 < high
+    assert found.what_is_wrong[0].statistic != 0
+    assert {"linearise", "whitening", "bagging", "held_out", "final"} <= set(found.stages_s)
+    [seen] = found.seen
+    for channel in ("dp", "t"):  # medians: near zero slip the measured slip's own error is larger than any cause
+        better = np.nanmedian(np.abs(seen.measured[channel] - seen.extended[channel]))
+        assert better < 0.8 * np.nanmedian(np.abs(seen.measured[channel] - seen.base[channel]))
+    assert set(seen.signatures) >= {cause.key}
+    assert all(np.isfinite(x).any() for x in seen.base_sigma.values())
+
+
+def test_nothing_is_seen_where_nothing_is_hidden(plain: Campaign) -> None:
+    found = diagnosed(plain)
+    assert found.verdict == "nothing_detectable", found.sentence
+    assert not found.causes
+    assert set(found.minimum_detectable) == set(FEW.effects)
+    assert all(0 < abs(d.value) < inf for d in found.minimum_detectable.values())
+
+
+def test_two_campaigns_share_a_cause(digging: Campaign) -> None:
+    found = diagnosed(replace(digging, runs=digging.runs[:2]), replace(digging, name="more", runs=digging.runs[2:]))
+    assert found.verdict == "named", found.sentence
+    assert found.causes[0].name == "slip_sinkage"
+    assert [soil.campaign for soil in found.soils] == [digging.name, "more"]
+
+
+@pytest.mark.parametrize("runs", [1, 2])
+def test_one_or_two_runs_name_nothing(digging: Campaign, runs: int) -> None:
+    found = diagnosed(replace(digging, runs=digging.runs[:runs]))
+    assert found.verdict in ("one_of", "unexplained")
+    assert FEW_RUNS in found.notes
+    assert (found.gain is None) == (runs == 1)
+
+
+def test_two_terrains_in_one_campaign_are_told(plain: Campaign) -> None:
+    sand = simulated_campaign("sandy", 2, RUNS)
+    found = diagnosed(replace(plain, runs=plain.runs[:2] + sand.runs[2:]))
+    assert found.verdict == "unexplained"
+    assert "two terrains" in found.sentence
+    assert NOTHING_TO_TEST in found.notes
+    assert not found.causes
+
+
+def test_a_soil_that_is_known_exactly_has_nothing_to_fit(plain: Campaign) -> None:
+    prior = replace(plain.soil_prior, covariance=np.zeros((6, 6)))
+    found = diagnosed(replace(plain, soil_prior=prior), options=replace(FEW, most_causes=1))
+    assert found.soils[0].sigmas["tan_phi"] == 0.0
+
+
+@pytest.mark.parametrize("few", ["samples", "slip", "runs"])
+def test_too_little_is_a_verdict_that_says_so(digging: Campaign, few: str) -> None:
+    if few == "runs":
+        poor = replace(digging, runs=())
+    elif few == "slip":
+        poor = replace(digging, runs=tuple(only(r, np.abs(r.slip) < 0.08) for r in digging.runs))
+    else:
+        poor = replace(digging, runs=tuple(only(r, (r.time_s > 6) & (r.time_s < 8)) for r in digging.runs))
+    found = diagnosed(poor)
+    assert found.verdict == "nothing_detectable"
+    assert found.sentence.startswith("Nothing can be decided: ")
+    assert "Next: " in found.sentence
+    assert set(found.cannot_tell) == {"slip_sinkage", "stress_peak_shift", "bulldozing", "torque_zero"} | {
+        "drawbar_pull_zero",
+        "slope",
+    }
+
+
+def test_a_campaign_with_too_little_is_left_out_of_several(digging: Campaign) -> None:
+    found = diagnosed(digging, replace(digging, name="empty", runs=()))
+    assert found.verdict == "named"
+    assert any("empty" in note and "left out" in note for note in found.notes)

@@ -1,0 +1,131 @@
+"""Lack of fit, where it shows, what could have been seen, and whether there is one soil."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from gram_support import World, column, library, world
+
+from model.diagnosis.adequacy import SLACK, adequacy, excess, left_over
+from model.diagnosis.detectable import minimum_detectable
+from model.diagnosis.evidence import posterior
+from model.diagnosis.prior import hypotheses
+from model.diagnosis.result import Adequacy
+from model.diagnosis.two_soils import two_soils
+from model.diagnosis.where_wrong import found_in
+
+
+@pytest.fixture(scope="module")
+def drawn() -> World:
+    return world(4, library(10), n=80, strength=(3, 60))
+
+
+def test_noise_leaves_what_the_threshold_allows(drawn: World) -> None:
+    rng = np.random.default_rng(0)
+    judged = [adequacy(drawn.grams(np.zeros(len(drawn.columns)), rng), (), rng) for _ in range(60)]
+    statistics = np.array([j.statistic for j in judged])
+    assert statistics.mean() == pytest.approx(1.0, abs=0.1)
+    assert np.mean(statistics > judged[0].threshold / SLACK) < 0.05
+    assert all(j.ok for j in judged)
+
+
+def test_what_is_in_no_cause_is_left_over(drawn: World) -> None:
+    rng = np.random.default_rng(1)
+    bump = 4.0 * drawn.basis[..., 5] * np.array([1.0, -1, 1, 1, -1, 1])[:, None]
+    grams = drawn.grams(np.zeros(len(drawn.columns)), rng, extra=bump)
+    judged = adequacy(grams, posterior(grams).best(), rng)
+    assert not judged.ok
+    assert judged.statistic > judged.threshold
+
+
+def test_a_cause_is_left_over_without_itself_and_not_with_it(drawn: World) -> None:
+    rng = np.random.default_rng(2)
+    coefficients = np.zeros(len(drawn.columns))
+    strongest = int(np.argmax([left_over_of(drawn, i) for i in range(9)]))
+    coefficients[strongest] = 40.0
+    grams = drawn.grams(coefficients, rng)
+    key = drawn.columns[strongest].key
+    assert adequacy(grams, (), rng).statistic > 1.5 * adequacy(grams, (key,), rng).statistic
+    assert left_over(grams, (key,)).misfit < left_over(grams).misfit
+
+
+def left_over_of(drawn: World, column_index: int) -> float:
+    coefficients = np.zeros(len(drawn.columns))
+    coefficients[column_index] = 40.0
+    grams = drawn.grams(coefficients, np.random.default_rng(2))
+    return adequacy(grams, (), np.random.default_rng(0)).statistic
+
+
+@pytest.mark.parametrize(("statistic", "factor"), [(0.7, 1.0), (1.3, 1.3), (5.0, 1.8)])
+def test_what_is_left_over_widens_the_noise_up_to_the_threshold(statistic: float, factor: float) -> None:
+    assert excess(Adequacy(statistic, 1.8, ok=statistic < 1.8)) == factor
+
+
+def test_the_smallest_detectable_size_is_detected_half_of_the_time() -> None:
+    columns = (column("a"), column("b", one_sided=True), column("c"))
+    small = world(3, columns, n=60, strength=(20, 40))
+    rng = np.random.default_rng(3)
+    sizes = minimum_detectable(small.grams(np.zeros(3), rng), name_at=0.9)
+    listed = hypotheses(small.grams(np.zeros(3), rng), most=1)
+    for i, key in enumerate(("a", "b")):
+        coefficients = np.zeros(3)
+        coefficients[i] = sizes[key].value / columns[i].scale
+        odds = []
+        for _ in range(200):
+            found = posterior(small.grams(coefficients, rng), most=1)
+            at = found.hypotheses.index_of((key,))
+            odds.append(found.log_evidence[at] + listed.log_prior[at] - listed.log_prior[0])
+        assert np.mean(odds) == pytest.approx(np.log(9.0), abs=0.6)
+
+
+def test_what_leaves_no_trace_is_never_detectable() -> None:
+    columns = (column("a"), column("b"))
+    small = world(3, columns, n=40)
+    small.causes[..., 1] = 0.0
+    grams = small.grams(np.zeros(2), np.random.default_rng(0))
+    assert minimum_detectable(grams)["b"].value == np.inf
+    assert set(minimum_detectable(grams, frozenset({"b"}))) == {"a"}
+
+
+def test_a_misfit_is_found_where_it_is(drawn: World) -> None:
+    rng = np.random.default_rng(6)
+    height = np.full(drawn.basis.shape[2], 3.0)
+    for at in (2, 7, 15):
+        extra = 2.5 * drawn.basis[..., at]
+        grams = drawn.grams(np.zeros(len(drawn.columns)), rng, extra=extra)
+        worst = found_in(left_over(grams), grams.basis, height)[0]
+        assert worst.where == f"slip {at}"
+        assert worst.channel == "drawbar_pull"
+        assert worst.size == pytest.approx(2.5 * 3.0, rel=0.4)
+        assert worst.statistic > 5
+
+
+def test_noise_is_hardly_ever_a_finding(drawn: World) -> None:
+    rng = np.random.default_rng(7)
+    height = np.ones(drawn.basis.shape[2])
+    said = [
+        len(found_in(left_over(g := drawn.grams(np.zeros(len(drawn.columns)), rng)), g.basis, height))
+        for _ in range(100)
+    ]
+    assert sum(n > 0 for n in said) <= 6
+
+
+def test_two_terrains_are_seen_and_one_is_not(drawn: World) -> None:
+    rng = np.random.default_rng(8)
+    one = drawn.grams(np.zeros(len(drawn.columns)), rng)
+    assert two_soils(one) is None
+    other = np.zeros(drawn.soil.shape[:2])
+    other[3:5] = drawn.soil[3:5] @ np.array([3.0, -3.0, 3.0, 3.0, -3.0, 3.0])
+    mixed = two_soils(drawn.grams(np.zeros(len(drawn.columns)), rng, extra=other))
+    assert mixed is not None
+    assert set(mixed[0]) == {"run 3", "run 4"}
+    assert set(mixed[1]) == {"run 0", "run 1", "run 2", "run 5"}
+
+
+def test_two_terrains_are_seen_among_many_runs() -> None:
+    many = world(5, (column("a"),), runs=12, n=20)
+    other = np.zeros(many.soil.shape[:2])
+    other[[2, 9, 11]] = many.soil[[2, 9, 11]] @ np.array([5.0, -5.0, 5.0, 5.0, -5.0, 5.0])
+    mixed = two_soils(many.grams(np.zeros(1), np.random.default_rng(0), extra=other))
+    assert mixed is not None
+    assert set(mixed[0]) == {"run 2", "run 9", "run 11"}

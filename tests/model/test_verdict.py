@@ -1,0 +1,149 @@
+"""The verdict's order, its sets and its sentences, on probabilities made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import nan
+
+import numpy as np
+import pytest
+from gram_support import column, world
+
+from model.diagnosis.evidence import Posterior
+from model.diagnosis.grams import Grams
+from model.diagnosis.prior import hypotheses
+from model.diagnosis.result import Adequacy, Cause, Detectable, Finding, Gain, NextRun, ParameterEstimate, Scores
+from model.diagnosis.verdict import Judgement, candidates, judgement, short_set
+from model.diagnosis.verdict_words import named_words, nothing_words, one_of_words, unexplained_words, want_words
+
+FINE = Adequacy(1.0, 1.8, ok=True)
+POOR = Adequacy(3.0, 1.8, ok=False)
+
+
+def gain(nats: float) -> Gain:
+    scores = {"dp": Scores(100.0, 20.0, 0.9, -500.0), "t": Scores(50.0, 9.0, 0.9, -500.0)}
+    better = {"dp": Scores(80.0, 15.0, 0.95, -400.0), "t": Scores(25.0, 5.0, 0.95, -400.0)}
+    return Gain(scores, better, 20.0, (10.0, 30.0), nats, (("a",),))
+
+
+@pytest.fixture(scope="module")
+def grams() -> Grams:
+    columns = (column("a"), column("b"), column("c", "c1"), column("c", "c2"), column("d"))
+    return world(0, columns, runs=3, n=20).grams(np.zeros(5), np.random.default_rng(0))
+
+
+def made(grams: Grams, chances: dict[tuple[str, ...], float], resampled: int = 64) -> Posterior:
+    listed = hypotheses(grams)
+    probability = np.zeros(len(listed))
+    for keys, p in chances.items():
+        probability[listed.index_of(keys)] = p
+    assert probability.sum() == pytest.approx(1.0)
+    return Posterior(listed, np.zeros(len(listed)), probability, resampled)
+
+
+def test_lack_of_fit_comes_before_everything(grams: Grams) -> None:
+    sure = made(grams, {("a",): 1.0})
+    assert judgement(sure, POOR, gain(50.0)) == Judgement("unexplained")
+    assert judgement(made(grams, {(): 1.0}), POOR, gain(0.0)) == Judgement("unexplained")
+
+
+def test_nothing_is_seen_where_none_is_likelier(grams: Grams) -> None:
+    found = made(grams, {(): 0.6, ("a",): 0.4})
+    assert judgement(found, FINE, gain(3.0)).verdict == "nothing_detectable"
+
+
+def test_a_cause_of_no_use_on_other_runs_is_nothing_unless_none_is_unlikely(grams: Grams) -> None:
+    likely = made(grams, {(): 0.2, ("a",): 0.8})
+    assert judgement(likely, FINE, gain(-0.5)).verdict == "nothing_detectable"
+    assert judgement(likely, FINE, gain(0.5)).verdict == "one_of"
+    surely = made(grams, {(): 0.01, ("a",): 0.99})
+    barred = judgement(surely, FINE, gain(-0.5))
+    assert barred.verdict == "one_of"
+    assert "left out" in barred.barred
+
+
+def test_a_family_is_named_and_not_its_form(grams: Grams) -> None:
+    found = made(grams, {(): 0.02, ("c1",): 0.5, ("c2",): 0.48})
+    assert judgement(found, FINE, gain(20.0)) == Judgement("named", ("c",))
+    assert found.forms("c") == pytest.approx({"c1": 0.5 / 0.98, "c2": 0.48 / 0.98})
+
+
+def test_two_causes_are_named_at_once(grams: Grams) -> None:
+    found = made(grams, {("a", "b"): 0.95, ("a", "d"): 0.05})
+    assert judgement(found, FINE, gain(20.0)).families == ("a", "b")
+
+
+def test_beside_a_named_cause_stands_the_set_of_the_other(grams: Grams) -> None:
+    found = made(grams, {("a", "b"): 0.6, ("a", "d"): 0.38, ("a",): 0.02})
+    said = judgement(found, FINE, gain(20.0))
+    assert said.families == ("a",)
+    assert said.beside == ("b", "d")
+    alone = made(grams, {("a", "b"): 0.3, ("a",): 0.7})
+    assert judgement(alone, FINE, gain(20.0)).beside == ()
+
+
+@pytest.mark.parametrize("without", [{"resampled": 0}, {}])
+def test_without_other_runs_there_is_no_name(grams: Grams, without: dict[str, int]) -> None:
+    found = made(grams, {("a",): 0.99, (): 0.01}, **without)
+    said = judgement(found, FINE, None if not without else gain(9.0))
+    assert said.verdict == "one_of"
+    assert said.families == ("a",)
+    assert "runs" in said.barred
+
+
+def test_what_cannot_be_told_is_not_named(grams: Grams) -> None:
+    found = made(grams, {("a",): 0.99, (): 0.01})
+    said = judgement(found, FINE, gain(9.0), {"a": "one direction only"})
+    assert said == Judgement("one_of", ("a",), barred="one direction only")
+
+
+def test_a_set_is_as_short_as_the_data_allow(grams: Grams) -> None:
+    found = made(grams, {(): 0.1, ("a",): 0.5, ("b",): 0.3, ("c1",): 0.08, ("d",): 0.02})
+    assert short_set(found) == ("a", "b", "c")
+    pairs = made(grams, {("a", "b"): 0.6, ("b", "d"): 0.38, ("c1",): 0.02})
+    assert short_set(pairs) == ("b",)
+    assert short_set(made(grams, {(): 1.0})) == ()
+
+
+def test_candidates_hold_none_and_every_family(grams: Grams) -> None:
+    said = candidates(made(grams, {(): 0.3, ("a",): 0.5, ("a", "c1"): 0.2}))
+    assert list(said) == ["a", "none", "c", "b", "d"]
+    assert said == pytest.approx({"a": 0.7, "none": 0.3, "c": 0.2, "b": 0.0, "d": 0.0})
+
+
+def test_sentences_say_verdict_size_and_what_to_do() -> None:
+    size = ParameterEstimate("H_m", "m", 0.031, (0.027, 0.035), 0.002)
+    cause = Cause("slip_sinkage", "vasilev", "physical", "vasilev", 0.97, 0.7, (size,))
+    chances = {"slip_sinkage": 0.97, "slope": 0.4, "bulldozing": 0.5, "grouser": 0.01}
+    named = named_words(Judgement("named", ("slip_sinkage",), ("slope", "bulldozing")), [cause], chances, gain(9), ())
+    assert named.startswith("Slip sinkage is at work (probability .970, likeliest as vasilev (.700)): ")
+    assert "H_m = 0.031 (0.027 to 0.035) m" in named
+    assert "drawbar pull falls by 20 (10 to 30) % and of torque by 50 %" in named
+    assert "Something more is at work: one of slope (.400), bulldozing (.500)" in named
+    unsure = replace(size, interval95=(nan, nan))
+    alone = named_words(
+        Judgement("named", ("slip_sinkage",)), [replace(cause, parameters=(unsure,))], chances, None, ("grouser",)
+    )
+    assert "H_m = 0.031 m" in alone
+    assert "Grouser would look almost the same" in alone
+    runs = (NextRun("a run with more load", ("slope",), 4.0),)
+    one_of = one_of_words(Judgement("one_of", ("slope", "bulldozing")), chances, 0.04, (), runs)
+    assert one_of.startswith("Something is at work (with probability .960): one of slope (.400), bulldozing (.500).")
+    assert one_of.endswith("Next: a run with more load.")
+    barred = one_of_words(Judgement("one_of", ("slope",), barred="one direction only"), chances, 0.0, ("grouser",), ())
+    assert "Slope is not named: one direction only" in barred
+    assert "Grouser would look almost the same" in barred
+
+
+def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
+    found = [Finding("drawbar_pull", "slip 0.4 to 0.9", -120.0, -8.2)]
+    left = unexplained_words(POOR, found, ("slope",), (("r1",), ("r2", "r3")))
+    assert "3.0 times what noise leaves (up to 1.8" in left
+    assert "drawbar pull, slip 0.4 to 0.9: -120 N (8.2 sigma)" in left
+    assert "Runs r1 ask for another soil than r2 and r3" in left
+    nothing = nothing_words(0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, found)
+    assert "none: .930" in nothing
+    assert "slip sinkage from H_m = 0.0034 m on would have been seen" in nothing
+    want = want_words({"slope": "all runs go one way", "track_drift": "all runs go one way", "zero_drift": "one run"})
+    assert want == " What these runs cannot decide: slope and track drift (all runs go one way); zero drift (one run)."
+    assert want_words({}) == ""
