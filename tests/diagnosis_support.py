@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
+
+import numpy as np
 
 from model.diagnosis.campaign import Campaign
 from model.soil_prior import prior_of
+from model.virtual_test import VirtualSetup
+from model.virtual_test.noise import coloured_noise
 from processing.pipeline import process
-from wheelsoil.virtual_campaign import simulated_roles
+from wheelsoil.virtual_campaign import simulated_roles, simulated_run
 from wheelsoil.virtual_options import SimulationOptions, parse_effect
 
 
@@ -20,3 +25,20 @@ def simulated_campaign(soil: str = "clay", seed: int = 0, runs: int = 6, effect:
     processed = tuple(process(*simulated_roles(options, index)) for index in range(runs))
     laboratory = options.laboratory_soil
     return Campaign(f"{soil} {seed}", processed, options.wheel, laboratory, prior_of(laboratory, options.terrain))
+
+
+def with_sinkage(campaign: Campaign, effect: str = "", sigma_m: float = 0.003) -> Campaign:
+    """Return a campaign of `simulated_campaign` with a sinkage sensor: the truth and coloured noise."""
+    soil, seed = campaign.name.split()
+    options = SimulationOptions(
+        soil=soil, seed=int(seed), draw_soil=True, effects=dict([parse_effect(effect)] if effect else [])
+    )
+    runs = []
+    for index, run in enumerate(campaign.runs):
+        virtual = simulated_run(options, index)
+        late_s = VirtualSetup().clock.offset_s + index * 600.0 * VirtualSetup().clock.drift_ppm * 1e-6
+        at = run.time_s + (run.start_ns - virtual.start_ns) * 1e-9 - late_s
+        noise = coloured_noise(len(run), run.rate_hz, sigma_m, 0.3, np.random.default_rng(index))
+        sinkage = np.interp(at, virtual.truth.time_s, virtual.truth.sinkage_m) + noise
+        runs.append(replace(run, sinkage_m=sinkage, sinkage_sigma_m=np.full(len(run), sigma_m)))
+    return replace(campaign, runs=tuple(runs))

@@ -1,0 +1,135 @@
+"""A look settles at what was hidden, leaves white noise, and takes what campaigns happen to hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_support import simulated_campaign, with_sinkage
+
+from model.diagnosis.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.look import Look, look
+from model.diagnosis.whitening import places_of, whitened_rows
+
+RUNS = 3
+FEW = ("vasilev", "crosstalk", "drawbar_pull_zero", "speed_latency", "wheel_radius")
+
+
+@pytest.fixture(scope="module")
+def null() -> Look:
+    return look([simulated_campaign(runs=RUNS)])
+
+
+def found(seen: Look) -> dict[str, tuple[float, float]]:
+    """Return value and one-sigma of every parameter of the best set."""
+    causes = [seen.grams.causes[i] for i in seen.best.columns]
+    values = [seen.best.coefficients[i] * c.scale + c.neutral for i, c in zip(seen.best.columns, causes, strict=True)]
+    sigmas = [sigma * abs(c.scale) for sigma, c in zip(seen.best.sigmas, causes, strict=True)]
+    return {f"{c.key}.{c.parameter}": pair for c, *pair in zip(causes, values, sigmas, strict=True)}
+
+
+def innovations(seen: Look) -> tuple[np.ndarray, np.ndarray]:
+    """Return whitened residuals of the best set, shape (runs, samples, channels), and where there are any."""
+    view = seen.views[0]
+    rows, _ = whitened_rows(view.samples, view.linear, view.columns, view.noise.values, view.speed_variance)
+    shared = np.concatenate([[1.0], -seen.best.soil, -seen.best.coefficients, np.zeros(len(view.columns.basis))])
+    by_run = view.grams.constants @ shared
+    each = np.concatenate([np.tile(shared, (len(by_run), 1)), -by_run], axis=1)
+    at = places_of(view.samples)
+    left = np.einsum("rkm,rm->rk", rows, each)[:, : at.longest * len(view.linear.channels)]
+    present = at.padded(view.columns.present.astype(float)) > 0
+    return left.reshape(present.shape), present
+
+
+def test_a_campaign_without_a_cause_leaves_white_noise(null: Look) -> None:
+    assert null.best.keys == ()
+    assert null.settled
+    left, present = innovations(null)
+    for c in range(2):
+        own = left[..., c]
+        assert np.sum(own**2) / present[..., c].sum() == pytest.approx(1.0, abs=0.2)
+        assert abs(np.sum(own[:, 1:] * own[:, :-1]) / np.sum(own**2)) < 0.15
+    values = null.views[0].noise.values
+    assert 0.018 < values["speed_noise_mps"] < 0.045  # 0.03 were put in
+    assert 20.0 < values["drawbar_pull_noise_n"] < 50.0  # 46, of which 35 are left of means over a fifth of a second
+    assert {"samples", "linearise", "noise", "whitening", "evidence", "smoothing"} <= set(null.stages_s)
+
+
+def test_a_given_noise_model_is_taken_at_its_word(null: Look) -> None:
+    again = look([null.views[0].campaign], noises=null.noises)
+    assert "noise" not in again.stages_s
+    assert again.noises == null.noises
+    assert again.best.keys == null.best.keys
+    assert again.grams.matrices.shape == null.grams.matrices.shape
+
+
+def test_effects_without_a_trace_are_left_out(null: Look) -> None:
+    assert "multi_pass" in null.excluded
+    assert "multi_pass" in null.cannot_tell
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter", "truth"),
+    [
+        ("vasilev:H_m=0.03", "vasilev.H_m", 0.03),
+        ("crosstalk:coefficient=-0.01", "crosstalk.coefficient", -0.01),
+        ("speed_latency:extra_delay_s=0.2", "speed_latency.extra_delay_s", 0.2),
+    ],
+)
+def test_it_settles_at_a_hidden_cause(effect: str, parameter: str, truth: float) -> None:
+    seen = look([simulated_campaign(runs=RUNS, effect=effect)], DiagnosisOptions(effects=FEW))
+    value, sigma = found(seen)[parameter]
+    assert abs(value - truth) < 5.0 * sigma + 0.1 * abs(truth)
+    assert value == pytest.approx(truth, rel=0.25)
+
+
+def test_measured_sinkage_is_a_channel_like_the_others() -> None:
+    campaign = with_sinkage(simulated_campaign(runs=RUNS, effect="vasilev:H_m=0.03"), "vasilev:H_m=0.03")
+    seen = look([campaign], DiagnosisOptions(effects=FEW))
+    assert seen.views[0].linear.channels == ("dp", "t", "z")
+    assert any(label.startswith("z|") for label in seen.grams.basis)
+    assert found(seen)["vasilev.H_m"][0] == pytest.approx(0.03, rel=0.1)
+    assert 0.001 < seen.views[0].noise.values["sinkage_noise_m"] < 0.006
+
+
+def test_campaigns_share_their_causes_and_not_their_soils() -> None:
+    both = [simulated_campaign(soil, runs=2, effect="crosstalk:coefficient=0.01") for soil in ("clay", "sandy")]
+    seen = look(both, DiagnosisOptions(effects=("crosstalk", "drawbar_pull_zero", "torque_gain")))
+    assert seen.grams.matrices.shape[0] == 4
+    assert len(seen.grams.soil) == 12
+    assert seen.grams.soil[0] == "clay 0: cohesion_pa"
+    assert seen.grams.run_names[-1] == "sandy 0: run-2"
+    soils = seen.grams.soil_columns
+    assert not seen.grams.matrices[0][soils, soils][6:, 6:].any()
+    assert found(seen)["crosstalk.coefficient"][0] == pytest.approx(0.01, abs=0.002)
+    assert len(seen.noises) == 2
+
+
+def silenced(campaign: Campaign, field: str) -> Campaign:
+    return replace(campaign, runs=tuple(replace(r, **{field: np.full(len(r), np.nan)}) for r in campaign.runs))
+
+
+@pytest.mark.parametrize("field", ["driving_torque_nm", "drawbar_pull_n"])
+def test_one_channel_is_enough_for_an_answer(field: str) -> None:
+    effects = ("torque_zero", "drawbar_pull_zero", "wheel_radius")
+    seen = look([silenced(simulated_campaign(runs=RUNS), field)], DiagnosisOptions(effects=effects))
+    assert len(seen.views[0].linear.channels) == 1
+    assert np.isfinite(seen.grams.matrices).all()
+    family = "torque_zero" if field == "driving_torque_nm" else "drawbar_pull_zero"
+    assert family in seen.cannot_tell
+    assert family in seen.excluded
+
+
+def test_one_run_and_pieces_of_it_are_enough_for_an_answer() -> None:
+    campaign = simulated_campaign(runs=RUNS)
+    run = campaign.runs[0]
+    hole = (run.time_s % 7.0) > 6.0
+    torn = replace(
+        run,
+        reason=np.where(hole, 1, run.reason).astype(np.uint8),
+        driving_torque_nm=np.where(run.time_s > 20.0, np.nan, run.driving_torque_nm),
+    )
+    seen = look([replace(campaign, runs=(torn,))], DiagnosisOptions(effects=FEW))
+    assert np.isfinite(seen.grams.matrices).all()
+    assert seen.grams.samples[0] < 1.6 * len(seen.views[0].samples)
