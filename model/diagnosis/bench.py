@@ -12,18 +12,19 @@ from numpy.typing import NDArray
 
 from daq.errors import DataError, Fault
 from model.diagnosis.bench_detectable import detectable
-from model.diagnosis.bench_estimates import cause_of, short_set, soils_of
+from model.diagnosis.bench_estimates import cause_of, short_set, soils_of, with_posterior
 from model.diagnosis.bench_held_out import gain_of
 from model.diagnosis.bench_next import next_tests
 from model.diagnosis.bench_problem import BenchProblem
-from model.diagnosis.bench_seen import findings_of, noise_of, seen_of
+from model.diagnosis.bench_seen import findings_of, mean_of, noise_of, seen_of
 from model.diagnosis.bench_sets import Library, library
 from model.diagnosis.bench_skid import NO_SLIP, skid_law
-from model.diagnosis.bench_weigh import Weighing, weigh
+from model.diagnosis.bench_weigh import Weighed, Weighing, weigh
 from model.diagnosis.bench_words import beside_of, notes_of, sentence_of
 from model.diagnosis.campaign import Bench, DiagnosisOptions
 from model.diagnosis.consistency import inconsistencies
 from model.diagnosis.result import Adequacy, Candidate, Cause, Diagnosis, Gain, Verdict
+from model.diagnosis.verdict import IDLE_AT, NOTHING_AT
 
 FloatArray = NDArray[np.float64]
 
@@ -132,7 +133,7 @@ def _diagnosis(
     problem = weighing.problem
     verdict, families = verdict_of(weighing, known, gain, options)
     causes = tuple(cause_of(weighing, family, weighing.of_family(family), rng) for family in families)
-    best = weighing.of_set(()) if verdict == "nothing_detectable" else weighing.sets[0]
+    best = with_posterior(weighing, _extension(weighing, verdict, causes), rng)
     shown = _shown(weighing, causes)
     seen = seen_of(weighing, best, shown)
     runs = next_tests(weighing, rng) if verdict == "one_of" or options.next_run else ()
@@ -153,7 +154,7 @@ def _diagnosis(
         next_run=runs,
         cannot_tell={**known.cannot_tell, **known.ruled_out},
         notes=(*remarks, *notes_of(problem, seen, skids, weighing)),
-        noise=_noise(problem, {c: np.concatenate([s.extended[c] for s in seen]) for c in problem.channels}),
+        noise=_noise(problem, mean_of(weighing.sets[0].posterior)),
         soils=soils_of(weighing, best),
         seen=seen,
         stages_s=stages.seconds,
@@ -169,10 +170,11 @@ def verdict_of(
     none = float(sum(p for p, w in zip(weighing.probabilities, weighing.sets, strict=True) if not w.hypothesis))
     chance = {family: weighing.of_family(family) for family in known.families}
     sure = sorted((f for f in known.families if chance[f] > options.name_at), key=lambda f: -chance[f])
-    if sure and gain is not None and gain.log_likelihood_gain > 0:
-        return "named", sure
-    if none >= 0.5:
+    idle = gain is not None and not gain.log_likelihood_gain > 0
+    if none >= (IDLE_AT if idle else NOTHING_AT):
         return "nothing_detectable", []
+    if sure and gain is not None and not idle:
+        return "named", sure
     return "one_of", short_set(weighing, known.families)
 
 
@@ -181,6 +183,14 @@ def candidates_of(weighing: Weighing, known: Library) -> tuple[Candidate, ...]:
     found = [Candidate(family, weighing.of_family(family)) for family in known.families]
     none = sum(p for p, w in zip(weighing.probabilities, weighing.sets, strict=True) if not w.hypothesis)
     return tuple(sorted([*found, Candidate("none", float(none))], key=lambda c: -c.probability))
+
+
+def _extension(weighing: Weighing, verdict: Verdict, causes: Sequence[Cause]) -> Weighed:
+    """Return the set that extends the simulation: the named causes, the likeliest member of a set, or the least bad."""
+    if verdict == "unexplained":
+        return weighing.sets[0]
+    keys = [cause.key for cause in (causes if verdict == "named" else causes[:1])]
+    return next((w for w in weighing.sets if {use.key for use in w.hypothesis} == set(keys)), weighing.sets[0])
 
 
 def _shown(weighing: Weighing, causes: Sequence[Cause]) -> list[str]:

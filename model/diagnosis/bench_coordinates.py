@@ -28,6 +28,8 @@ SOIL_COORDINATES = ("cohesion_pa", "tan_phi", "ln_shear_modulus", "sinkage_expon
 _TYPICAL_LOAD_N = 10_000.0
 _LOAD_UNITS = ("N", "N m", "Nm")
 _FAR = 30.0
+_NEVER = 8.0
+"""One-sigmas beyond which a bound cuts nothing off."""
 
 
 @dataclass(frozen=True)
@@ -180,6 +182,7 @@ def cut_off(standard: FloatArray, lower: float, upper: float) -> tuple[FloatArra
 
     The probability above stays what it is: ``P(x > cut_off(v)) = P(v' > v)``.
     """
+    lower, upper = (bound if abs(bound) < _NEVER else np.copysign(np.inf, bound) for bound in (lower, upper))
     if np.isneginf(lower) and np.isposinf(upper):
         return standard, np.ones_like(standard)
     if np.isneginf(lower):

@@ -79,7 +79,7 @@ def parameter_draws(weighing: Weighing, use: CauseUse, rng: np.random.Generator)
     gated = [w for w in weighing.sets if use in w.hypothesis and weighing.adequate(w)]
     ranked = sorted(gated or [w for w in weighing.sets if use in w.hypothesis], key=lambda w: -w.score)
     counted = [w for w in ranked if w.posterior or w.score > ranked[0].score - _COUNTED][:_MOST]
-    holding = [(float(np.exp(w.score - ranked[0].score)), _with_posterior(weighing, w, rng)) for w in counted]
+    holding = [(float(np.exp(w.score - ranked[0].score)), with_posterior(weighing, w, rng)) for w in counted]
     problem = weighing.problem
     values: dict[str, list[FloatArray]] = {}
     weights = []
@@ -93,7 +93,8 @@ def parameter_draws(weighing: Weighing, use: CauseUse, rng: np.random.Generator)
     return {name: Draws(np.concatenate(parts), share / share.sum()) for name, parts in values.items()}
 
 
-def _with_posterior(weighing: Weighing, weighed: Weighed, rng: np.random.Generator) -> Weighed:
+def with_posterior(weighing: Weighing, weighed: Weighed, rng: np.random.Generator) -> Weighed:
+    """Return a set with its posterior, computed where the evidence did not need it."""
     if weighed.posterior is not None:
         return weighed
     return replace(weighed, posterior=posterior_of(weighing.problem, weighed.optima, rng))

@@ -31,7 +31,7 @@ def seen_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tuple[S
     """
     problem = weighing.problem
     null, best = weighing.of_set(()), chosen
-    base, extended = _mean(null.posterior), _mean(best.posterior)
+    base, extended = mean_of(null.posterior), mean_of(best.posterior)
     members = {key: _alone(weighing, key) for key in keys}
     sigma = _sigmas(problem, extended)
     found = []
@@ -67,7 +67,7 @@ def seen_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tuple[S
 def findings_of(weighing: Weighing) -> tuple[Finding, ...]:
     """Return where the simulation with its re-calibrated soil is off, worst first."""
     problem, null = weighing.problem, weighing.of_set(())
-    said = _mean(null.posterior)
+    said = mean_of(null.posterior)
     found = []
     for noise, rows in zip(problem.noises, problem.rows, strict=True):
         error = noise.measured - said[noise.channel][rows]
@@ -89,7 +89,8 @@ def _where(problem: BenchProblem, rows: NDArray[np.intp]) -> str:
     return f"{bench}slip {slip.mean():.2f}, load {load.mean():.3g} N, {manner} ({len(rows)} rows)"
 
 
-def _mean(posterior: Posterior | None) -> dict[str, FloatArray]:
+def mean_of(posterior: Posterior | None) -> dict[str, FloatArray]:
+    """Return what a set says on average over its posterior: channel -> array, shape (n,)."""
     assert posterior is not None
     return {channel: posterior.weights @ values for channel, values in posterior.said.items()}
 
@@ -97,7 +98,7 @@ def _mean(posterior: Posterior | None) -> dict[str, FloatArray]:
 def _alone(weighing: Weighing, key: str) -> dict[str, FloatArray]:
     """Return what a cause says as if it were the one: its own set, alone."""
     own = next(w for w in weighing.sets if [use.key for use in w.hypothesis] == [key])
-    return own.optima[0].said if own.posterior is None else _mean(own.posterior)
+    return own.optima[0].said if own.posterior is None else mean_of(own.posterior)
 
 
 def _sigmas(problem: BenchProblem, said: dict[str, FloatArray]) -> dict[str, float]:

@@ -13,6 +13,7 @@ from model.diagnosis.bench_sets import family_of
 from model.diagnosis.bench_skid import SkidLaw
 from model.diagnosis.bench_weigh import Weighing
 from model.diagnosis.result import Cause, NextRun, Seen, Verdict
+from model.effects import EFFECTS
 
 _CHANNELS = {"dp": "drawbar pull", "t": "torque", "z": "sinkage"}
 _UNITS = {"dp": (1.0, "N"), "t": (1.0, "N m"), "z": (1e3, "mm")}
@@ -81,6 +82,8 @@ def notes_of(
             sorted({f"{plain(f)} {chance(weighing.of_family(f, weighing.ungated))}" for f in best.families})
         )
         if families:
+            names = " and ".join(_effect(use.key) for use in best.hypothesis)
+            notes.append(f"likeliest set: {names} ({chance(float(weighing.probabilities[0]))})")
             notes.append(f"without the gate of adequacy: {families}")
     return [*notes, *_unseen(seen), *(_skid(name, law) for name, law in skids.items())]
 
@@ -95,7 +98,7 @@ def _unseen(seen: Sequence[Seen]) -> list[str]:
                 key: factor * float(np.sqrt(np.nanmean((said[channel] - bench.measured[channel]) ** 2)))
                 for key, said in bench.implied.items()
             }
-            words = ", ".join(f"{plain(key)} {error:.2g}" for key, error in errors.items() if isfinite(error))
+            words = ", ".join(f"{_effect(key)} {error:.2g}" for key, error in errors.items() if isfinite(error))
             if words:
                 notes.append(
                     f"{bench.campaign}: the {_CHANNELS[channel]} that each candidate implies misses the measured one, "
@@ -110,6 +113,11 @@ def _skid(name: str, law: SkidLaw) -> str:
         f"({1e3 * law.H2_m:.1f} +- {1e3 * law.H2_sigma_m:.1f}) mm s^2, left-out rms {1e3 * law.left_out_rms_m:.2f} mm; "
         "laws of a driven wheel are not asked there"
     )
+
+
+def _effect(key: str) -> str:
+    effect = EFFECTS[key]
+    return f"{plain(effect.name)} ({effect.form})" if effect.form else plain(effect.name)
 
 
 def plain(name: str) -> str:
