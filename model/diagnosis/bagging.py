@@ -63,7 +63,6 @@ def bagged(
     listed, found = weighed(grams, without_soil(grams, totals), excluded, most, BEAM)
     each = probabilities(found, listed.log_prior)
     mean = each[1:].mean(axis=0)
-    at_work = mean[1:].sum()
-    mean[1:] *= (1.0 - each[0, 0]) / at_work if at_work > 0 else 0.0
-    mean[0] = 1.0 - mean[1:].sum()
+    mean[1:] *= (1.0 - each[0, 0]) / max(mean[1:].sum(), 1e-300)
+    mean[0] = each[0, 0]
     return Posterior(listed, found[0], mean, replicates)

@@ -17,13 +17,14 @@ from model.diagnosis.adequacy import adequacy, excess
 from model.diagnosis.bagging import bagged
 from model.diagnosis.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.detectable import minimum_detectable
-from model.diagnosis.evidence import Posterior
+from model.diagnosis.evidence import Posterior, posterior
 from model.diagnosis.explained import Explained, Fits, explain, likeliest_form
 from model.diagnosis.held_out import held_out
 from model.diagnosis.isolability import isolability
 from model.diagnosis.look import Clock, Look, look
 from model.diagnosis.next_run import next_runs
 from model.diagnosis.noise import Noise
+from model.diagnosis.plausible_noise import plausible_grams
 from model.diagnosis.proposal import propose_for
 from model.diagnosis.result import Adequacy, Candidate, Detectable, Diagnosis, Finding, Gain, NextRun
 from model.diagnosis.samples import samples_of
@@ -117,9 +118,9 @@ class _Weighed:
 def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) -> Diagnosis:
     clock, rng = Clock(), np.random.default_rng(options.seed)
     with clock.stage("adequacy"):
-        judged = adequacy(seen.grams, seen.best.keys, rng)
+        judged, factor = _judged(seen, options, rng)
     fits = Fits(seen, "several" if judged.ok else "one")
-    weighed, remark = _weighed(seen, options, judged, fits, clock, rng)
+    weighed, remark = _weighed(seen, options, judged, factor, fits, clock, rng)
     verdict, found = weighed.verdict, weighed.found
     with clock.stage("final"):
         explained = explain(fits, verdict, found)
@@ -152,11 +153,26 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) ->
     )
 
 
+def _judged(seen: Look, options: DiagnosisOptions, rng: np.random.Generator) -> tuple[Adequacy, float]:
+    """Judge the likeliest set under noise that instruments can have; return also the factor on the noise's variance."""
+    judged = adequacy(seen.grams, seen.best.keys, rng)
+    factor = excess(judged)
+    grams = plausible_grams(seen)
+    if judged.ok and grams is not seen.grams:
+        judged = adequacy(grams, posterior(grams, seen.excluded, options.most_causes).best(), rng)
+    return judged, factor
+
+
 def _weighed(
-    seen: Look, options: DiagnosisOptions, judged: Adequacy, fits: Fits, clock: Clock, rng: np.random.Generator
+    seen: Look,
+    options: DiagnosisOptions,
+    judged: Adequacy,
+    factor: float,
+    fits: Fits,
+    clock: Clock,
+    rng: np.random.Generator,
 ) -> tuple[_Weighed, str]:
     """Weigh the sets, test them on left-out runs; return also what is to be remarked of the gain."""
-    factor = excess(judged)
     with clock.stage("bagging"):
         found = bagged(seen.grams, rng, seen.excluded, options.most_causes, factor)
         sizes = minimum_detectable(seen.grams, seen.excluded, options.name_at, factor)
