@@ -31,7 +31,7 @@ def test_noise_leaves_what_the_threshold_allows(drawn: World) -> None:
 
 def test_what_is_in_no_cause_is_left_over(drawn: World) -> None:
     rng = np.random.default_rng(1)
-    bump = 4.0 * drawn.basis[..., 5] * np.array([1.0, -1, 1, 1, -1, 1])[:, None]
+    bump = 8.0 * drawn.basis[..., 5] * np.array([1.0, -1, 1, 1, -1, 1])[:, None]
     grams = drawn.grams(np.zeros(len(drawn.columns)), rng, extra=bump)
     judged = adequacy(grams, posterior(grams).best(), rng)
     assert not judged.ok
