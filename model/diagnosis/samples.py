@@ -38,8 +38,10 @@ BLOCK_S = 0.2
 LITTLE_SLIP = 0.05
 """Below this size of slip forces are steep in it, and a false latency confirms itself."""
 _QUICK_SLIP = 0.25
-_CALMING_S = 0.1
-"""One-sigma of the kernel that the acceleration passes: its noise makes what goes with it look smaller than it is."""
+_CALMING_S, _CALMING_OF_JERK_S = 0.2, 0.4
+"""One-sigma of the kernels that acceleration and its change pass. Noise of the acceleration makes what goes with it
+look smaller than it is; that of its change goes against the noise of the speed itself, so that any latency seems right.
+"""
 STENCIL = (1 / 6, 2 / 3, 1 / 6)
 """Weights of the three instants of a sample."""
 
@@ -192,7 +194,8 @@ def _blocks(
     rows = starts[:, None] + np.arange(step)
     angle = np.cumsum(np.nan_to_num(run.wheel_speed_radps)) / run.rate_hz
     acceleration = _calmed(run.ground_acceleration_mps2, _CALMING_S * run.rate_hz)
-    jerk = np.gradient(acceleration) * run.rate_hz if len(run) > 1 else np.zeros(len(run))
+    slow = _calmed(run.ground_acceleration_mps2, _CALMING_OF_JERK_S * run.rate_hz)
+    jerk = np.gradient(slow) * run.rate_hz if len(run) > 1 else np.zeros(len(run))
     of_run = {
         "vertical_load_n": run.vertical_load_n,
         "ground_speed_mps": run.ground_speed_mps,
