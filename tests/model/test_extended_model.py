@@ -100,6 +100,17 @@ def test_a_parameter_that_a_cause_does_not_state_is_neutral() -> None:
     assert extended.values == {"m1": 0.2, "m2": 0.0}
 
 
+def test_the_physical_part_leaves_out_what_belongs_to_the_sensors() -> None:
+    """A torque offset of those runs says nothing of the next vehicle on that soil."""
+    offset = (ParameterEstimate("offset_nm", "N m", 30.0, (25.0, 35.0), 2.5),)
+    digging = vasilev_and_clay()
+    extended = replace(digging, effects=(*digging.effects, ExtendedEffect("torque_zero", offset)))
+    conditions = Conditions(np.linspace(0.1, 0.9, 9), np.full(9, 9000.0))
+    everything, soil_only = extended.predict(conditions), extended.predict(conditions, "physical")
+    np.testing.assert_allclose(everything.driving_torque_nm - soil_only.driving_torque_nm, 30.0, rtol=1e-9)
+    np.testing.assert_allclose(soil_only.driving_torque_nm, digging.predict(conditions).driving_torque_nm)
+
+
 def test_every_fault_of_a_file_is_listed_at_once() -> None:
     raw = vasilev_and_clay().to_mapping()
     raw["soil_sigmas"]["cohesion"] = 1.0
