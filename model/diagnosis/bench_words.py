@@ -13,6 +13,7 @@ from model.diagnosis.bench_sets import family_of
 from model.diagnosis.bench_skid import SkidLaw
 from model.diagnosis.bench_weigh import Weighing
 from model.diagnosis.result import Cause, NextRun, Seen, Verdict
+from model.diagnosis.verdict import MORE_AT
 from model.effects import EFFECTS
 
 _CHANNELS = {"dp": "drawbar pull", "t": "torque", "z": "sinkage"}
@@ -23,12 +24,17 @@ def sentence_of(
     verdict: Verdict, weighing: Weighing, causes: Sequence[Cause], beside: Mapping[str, float], runs: Sequence[NextRun]
 ) -> str:
     """Return the verdict for people, and what to do next."""
-    channels = " and ".join(_CHANNELS[c] for c in weighing.problem.channels)
+    channels = " and ".join([_CHANNELS[c] for c in weighing.problem.channels][-2:])
+    channels = ", ".join([*(_CHANNELS[c] for c in weighing.problem.channels[:-2]), channels])
     onward = f" Next: {runs[0].change}." if runs else ""
     if verdict == "named":
         names = " and ".join(f"{plain(c.name)} ({chance(c.probability)})" for c in causes)
         others = [f"{plain(name)} ({chance(p)})" for name, p in beside.items()]
-        more = f" Beside it, one of: {', '.join(others)}." if others and beside.get("nothing more", 0.0) < 0.9 else ""
+        more = (
+            f" Beside it, one of: {', '.join(others)}."
+            if others and beside.get("nothing more", 0.0) <= 1.0 - MORE_AT
+            else ""
+        )
         return f"{names.capitalize()} is seen in {channels}, among explanations that are right enough.{more}{onward}"
     if verdict == "one_of":
         names = ", ".join(f"{plain(c.name)} ({chance(c.probability)})" for c in causes)
