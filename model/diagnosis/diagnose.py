@@ -212,7 +212,7 @@ def _sentence(seen: Look, weighed: _Weighed, explained: Explained, onward: tuple
         soils = two_soils(seen.grams) if len(seen.views) == 1 else None
         said = unexplained_words(weighed.judged, weighed.wrong, best, soils)
     else:
-        said = nothing_words(found.none, _by_family(weighed.sizes), weighed.wrong)
+        said = nothing_words(chances, found.none, _by_family(weighed.sizes), weighed.wrong)
     return said + want_words(seen.cannot_tell)
 
 

@@ -1,8 +1,8 @@
 """The verdict, in the published order.
 
 1. Lack of fit above its threshold: `unexplained`.
-2. "None" at least as likely as everything else together, or not unlikely (.05) while the likeliest causes do not
-   foretell left-out runs any better: `nothing_detectable`.
+2. "None" not unlikely: above `NOTHING_AT`, or above `IDLE_AT` where the causes that are chosen do not foretell
+   left-out runs any better: `nothing_detectable`.
 3. A family above `name_at` that foretells left-out runs better than no cause: `named`.
 4. Else `one_of`: the shortest set of families of which one is at work with 95 % if anything is.
 
@@ -22,8 +22,8 @@ from model.diagnosis.result import Adequacy, Gain, Verdict
 
 LEVEL = 0.95
 """Of a set."""
-NOTHING_AT = 0.5
-"""Probability of "none" from which on nothing is said to be seen."""
+NOTHING_AT = 0.2
+"""Probability of "none" from which on nothing is said to be seen: to cry wolf is worse than to wait for another run."""
 IDLE_AT = 0.05
 """The same where the causes that are chosen are of no use on left-out runs."""
 MORE_AT = 0.8

@@ -12,6 +12,7 @@ CHANNELS = {"drawbar_pull": "drawbar pull", "driving_torque": "driving torque", 
 _UNITS = {"drawbar_pull": "N", "driving_torque": "N m", "sinkage": "m"}
 _CHANNELS = {"dp": "drawbar pull", "t": "torque", "z": "sinkage"}
 _MOST_EXAMPLES = 3
+_WORTH_SAYING = 0.2
 
 
 def named_words(
@@ -94,14 +95,22 @@ def unexplained_words(
     return _sentences(said)
 
 
-def nothing_words(none: float, sizes: Mapping[str, Detectable], wrong: Sequence[Finding]) -> str:
+def nothing_words(
+    chances: Mapping[str, float], none: float, sizes: Mapping[str, Detectable], wrong: Sequence[Finding]
+) -> str:
     """Return the sentence of "nothing_detectable"; `sizes` by family."""
     said = [f"No cause is seen (none: {probability(none)}): soil and noise explain these runs"]
+    likeliest = max(chances, key=lambda family: chances[family], default="")
+    if likeliest and chances[likeliest] > _WORTH_SAYING:
+        said = [
+            f"Nothing is sure enough to be told from chance (none: {probability(none)})",
+            f"Most suspicious is {plain(likeliest)} ({probability(chances[likeliest])}): another run would tell",
+        ]
     shown = [f"{plain(name)} from {d.parameter} = {_number(d.value)}{_unit(d.unit)} on" for name, d in sizes.items()]
     if shown:
         said.append(f"That does not mean there is none: {_listed(shown[:_MOST_EXAMPLES])} would have been seen")
     if wrong:
-        said.append(f"Most suspicious is {_findings(wrong[:1])}")
+        said.append(f"What stands out most is {_findings(wrong[:1])}")
     return _sentences(said)
 
 

@@ -47,13 +47,13 @@ def test_lack_of_fit_comes_before_everything(grams: Grams) -> None:
     assert judgement(made(grams, {(): 1.0}), POOR, gain(0.0)) == Judgement("unexplained")
 
 
-def test_nothing_is_seen_where_none_is_likelier(grams: Grams) -> None:
-    found = made(grams, {(): 0.6, ("a",): 0.4})
-    assert judgement(found, FINE, gain(3.0)).verdict == "nothing_detectable"
+def test_nothing_is_seen_where_none_is_not_unlikely(grams: Grams) -> None:
+    for none, verdict in ((0.6, "nothing_detectable"), (0.25, "nothing_detectable"), (0.15, "one_of")):
+        assert judgement(made(grams, {(): none, ("a",): 1 - none}), FINE, gain(3.0)).verdict == verdict
 
 
 def test_a_cause_of_no_use_on_other_runs_is_nothing_unless_none_is_unlikely(grams: Grams) -> None:
-    likely = made(grams, {(): 0.2, ("a",): 0.8})
+    likely = made(grams, {(): 0.15, ("a",): 0.85})
     assert judgement(likely, FINE, gain(-0.5)).verdict == "nothing_detectable"
     assert judgement(likely, FINE, gain(0.5)).verdict == "one_of"
     surely = made(grams, {(): 0.01, ("a",): 0.99})
@@ -141,7 +141,9 @@ def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
     assert "3.0 times what noise leaves (up to 1.8" in left
     assert "drawbar pull, slip 0.4 to 0.9: -120 N (8.2 sigma)" in left
     assert "Runs r1 ask for another soil than r2 and r3" in left
-    nothing = nothing_words(0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, found)
+    unsure = nothing_words({"slope": 0.6, "grouser": 0.1}, 0.3, {}, ())
+    assert unsure.startswith("Nothing is sure enough to be told from chance (none: .300). Most suspicious is slope")
+    nothing = nothing_words({"slope": 0.05}, 0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, found)
     assert "none: .930" in nothing
     assert "slip sinkage from H_m = 0.0034 m on would have been seen" in nothing
     want = want_words({"slope": "all runs go one way", "track_drift": "all runs go one way", "zero_drift": "one run"})
