@@ -30,6 +30,10 @@ class SoilPrior:
     covariance: FloatArray
     source: str
 
+    def sigma_of(self, name: str) -> float:
+        """Return the one-sigma of one of `SOIL_PARAMETERS`; 0 where it is exactly known."""
+        return float(np.sqrt(self.covariance.diagonal()[SOIL_PARAMETERS.index(name)]))
+
     def whitener(self) -> FloatArray:
         """Return A, shape (rank, 6), with A'A the inverse covariance; an exactly known parameter has no row."""
         sigma = np.sqrt(np.diag(self.covariance))

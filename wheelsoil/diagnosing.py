@@ -25,6 +25,10 @@ Processed = Sequence[tuple[Run, ProcessedRun]]
 
 CHANNELS = ("dp", "t", "z")
 _COLUMNS = {"dp": "drawbar_pull_n", "t": "driving_torque_nm", "z": "sinkage_m"}
+_ONE_TERRAIN = 0.1
+"""Scatter of tan phi from run to run that one terrain may have."""
+_SURPRISING = 2.0
+"""The same in the laboratory's one-sigma."""
 _KINDS = ("physical", "measurement")
 _LOOSE = "runs"
 
@@ -222,9 +226,23 @@ def diagnose_benches(benches: Sequence[Bench], options: DiagnosisOptions) -> Dia
 
 
 def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Diagnosis:
-    """Add what only the files tell."""
+    """Add what only the files tell, and that runs are hardly of one terrain."""
     guessed = [one.name for one in given if one.soil_prior.source.startswith("default")]
-    if not guessed:
-        return diagnosis
-    remark = f"{', '.join(guessed)}: no uncertainty of the soil is stated, the usual laboratory's is taken"
-    return replace(diagnosis, notes=(*diagnosis.notes, remark))
+    remarks = [f"{', '.join(guessed)}: no uncertainty of the soil is stated, the usual laboratory's is taken"]
+    mixed = [text for one in given for text in _mixed(one, diagnosis, alone=len(given) == 1)]
+    sentence = " ".join([diagnosis.sentence, *mixed])
+    return replace(diagnosis, sentence=sentence, notes=(*diagnosis.notes, *(remarks if guessed else ())))
+
+
+def _mixed(one: Campaign | Bench, diagnosis: Diagnosis, *, alone: bool) -> list[str]:
+    """Say so where the soil differs more between runs than one terrain's does."""
+    label = "" if alone else f"{one.name}: "
+    scatter = diagnosis.noise.get(f"{label}friction_run_to_run", 0.0)
+    known = one.soil_prior.sigma_of("tan_phi") / one.soil.tan_phi if one.soil.tan_phi else 0.0
+    if not scatter > max(_ONE_TERRAIN, _SURPRISING * known):
+        return []
+    return [
+        f"The soil of {one.name} differs by {100 * scatter:.0f} % in tan phi from run to run: hardly one terrain. "
+        "Nothing is said of a cause that one part of these runs has and the other has not; diagnose them as campaigns "
+        "of their own."
+    ]

@@ -109,7 +109,8 @@ def _products(linear: Linear, driving: FloatArray) -> Iterator[Shape]:
     for channel in ("dp", "t"):
         if channel in linear.channels:
             x = linear.value[linear.channels.index(channel)]
-            x = np.where(np.isfinite(x), x, 0.0) / max(float(np.nanstd(x)), 1e-9)
+            known = np.isfinite(x)
+            x = np.where(known, x, 0.0) / max(float(np.std(x[known])) if known.any() else 0.0, 1e-9)
             name = "large drawbar pull" if channel == "dp" else "large torque"
             yield name, x * np.abs(x) / 2.0
 
