@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.config import RunInfo
+from daq.config import RunInfo, VehicleConfig
 from daq.errors import ConfigError, DataError, Fault
 from model.conditions import Conditions
 from model.diagnosis.campaign import Campaign
@@ -26,6 +26,8 @@ from processing.processed_run import ProcessedRun, QualityReport, Reason, Segmen
 FloatArray = NDArray[np.float64]
 
 CHANNELS = ("dp", "t")
+ADDED_LOAD_KG = (0.0, 300.0, 500.0)
+"""On the paper's vehicle of 3.6 t."""
 _RATE_HZ = 100.0
 _CUTOFF_HZ = 4.0
 _LEAST_SPEED_MPS = 0.5
@@ -79,7 +81,7 @@ class CampaignPlan:
 
 def usual_runs(
     count: int = 6,
-    added_load_kg: tuple[float, ...] = (0.0, 300.0, 500.0),
+    added_load_kg: tuple[float, ...] = ADDED_LOAD_KG,
     inflation_kpa: tuple[float | None, ...] = (None,),
 ) -> tuple[RunInfo, ...]:
     """Return runs that take turns in direction, load and pressure."""
@@ -91,6 +93,63 @@ def usual_runs(
             inflation_kpa=inflation_kpa[i % len(inflation_kpa)],
         )
         for i in range(count)
+    )
+
+
+def plan_for(
+    vehicle: VehicleConfig,
+    soil: Soil,
+    soil_prior: SoilPrior | None = None,
+    runs: tuple[RunInfo, ...] = (),
+    *,
+    static_load_n: float | None = None,
+    duration_s: float = 40.0,
+    name: str = "plan",
+    seed: int = 0,
+) -> CampaignPlan:
+    """Return the plan for the vehicle of a vehicle.toml.
+
+    Parameters
+    ----------
+    vehicle : VehicleConfig
+        Its wheel, its mass, and which of drawbar pull, torque and sinkage it measures.
+    soil : Soil
+    soil_prior : SoilPrior, optional
+    runs : tuple of RunInfo, optional
+        As runs.toml has them; `usual_runs` where there are none, added loads in proportion to the mass.
+    static_load_n : float, optional
+        On the instrumented wheel of the empty vehicle; the share of its mass that the paper's vehicle has there,
+        where it is not given.
+    duration_s, name, seed
+        See `CampaignPlan`.
+
+    Raises
+    ------
+    ConfigError
+        The wheel is not described.
+    """
+    if vehicle.wheel is None:
+        raise ConfigError(
+            Fault("the wheel is not described", "vehicle.toml", next_step="add [wheel] with radius_m and width_m")
+        )
+    usual = VehicleSetup()
+    mass = vehicle.vehicle.mass_kg or usual.mass_kg
+    share = mass / usual.mass_kg
+    load = static_load_n or usual.static_load_n * share
+    default = usual_runs(added_load_kg=tuple(share * added for added in ADDED_LOAD_KG))
+    roles = {"dp": "drawbar_pull", "t": "driving_torque", "z": "sinkage"}
+    measured = tuple(c for c, role in roles.items() if role in vehicle.signals)
+    return CampaignPlan(
+        wheel=Wheel(vehicle.wheel.radius_m, vehicle.wheel.width_m),
+        soil=soil,
+        runs=runs or default,
+        soil_prior=soil_prior,
+        tyre=vehicle.wheel.tyre or "",
+        name=name,
+        duration_s=duration_s,
+        vehicle=replace(usual, mass_kg=mass, static_load_n=load),
+        channels=measured or CHANNELS,
+        seed=seed,
     )
 
 

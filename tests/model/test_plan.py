@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from short_campaign import driven, looked, noise_of
 
-from daq.config import RunInfo
+from daq.config import RunInfo, VehicleConfig
 from daq.errors import ConfigError, DataError
 from model.diagnosis.campaign import DiagnosisOptions
 from model.diagnosis.isolability import isolability
 from model.diagnosis.look import look
 from model.diagnosis.plan import Plan, plan_from_look, plan_of
-from model.diagnosis.planned_runs import CampaignPlan, planned_campaign, usual_runs
+from model.diagnosis.planned_runs import CampaignPlan, plan_for, planned_campaign, usual_runs
 from model.soils import SOILS
 from model.wheel import Wheel
 
@@ -83,6 +83,26 @@ def test_a_plan_that_cannot_be_driven_is_said() -> None:
     heavy = (RunInfo(id="heavy", added_load_kg=60_000.0),)
     with pytest.raises(DataError, match="cannot carry"):
         planned_campaign(replace(CLAY, runs=heavy))
+
+
+def test_a_plan_is_for_any_vehicle_file() -> None:
+    small = VehicleConfig.model_validate(
+        {
+            "vehicle": {"mass_kg": 360.0},
+            "wheel": {"radius_m": 0.25, "width_m": 0.2, "tyre": "smooth"},
+            "signals": {"drawbar_pull": "Hub.Fx", "sinkage": "Laser.z"},
+        }
+    )
+    plan = plan_for(small, SOILS["sandy"], duration_s=20.0)
+    run = planned_campaign(plan).runs[0]
+    assert np.median(run.vertical_load_n) == pytest.approx(800.0, rel=0.1)
+    assert np.isfinite(run.sinkage_m).all() and np.isnan(run.driving_torque_nm).all()
+    assert (plan.tyre, len(plan.runs)) == ("smooth", 6)
+    assert np.median(planned_campaign(replace(plan, runs=plan.runs[1:2])).runs[0].vertical_load_n) == pytest.approx(
+        918, rel=0.1
+    )
+    with pytest.raises(ConfigError, match="wheel is not described"):
+        plan_for(VehicleConfig(), SOILS["clay"])
 
 
 def test_planned_runs_rest_before_and_after_and_keep_their_sigmas() -> None:
