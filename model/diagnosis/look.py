@@ -18,6 +18,7 @@ from model.diagnosis.grams import Grams
 from model.diagnosis.hyper import estimated
 from model.diagnosis.joint import joined
 from model.diagnosis.linearise import Linear, Simulation, linearise
+from model.diagnosis.loads import with_likely_load
 from model.diagnosis.noise import Noise, beliefs
 from model.diagnosis.noise_blocks import blocks_of
 from model.diagnosis.predictive import log_evidence
@@ -42,7 +43,7 @@ class View:
     ----------
     campaign : Campaign
     samples : Samples
-        Those that the model has an answer for.
+        With the likeliest load, see `model.diagnosis.loads`.
     simulation : Simulation
     linear : Linear
         About the last point.
@@ -191,7 +192,8 @@ def _settle(starts: Sequence[Start], delay_s: float, options: DiagnosisOptions, 
 
 def _viewed(start: Start, aim: Aim, rounds: int, clock: Clock) -> View:
     """Linearise a campaign about a point and whiten it."""
-    samples, variance, noise = start.samples, aim.speed_variance, aim.noise
+    variance, noise = aim.speed_variance, aim.noise
+    samples = with_likely_load(start.samples, noise.values)
     with clock.stage("linearise"):
         linear = linearise(start.simulation, samples, aim.point)
     with clock.stage("columns"):

@@ -8,6 +8,8 @@ speed error        coloured, and white: slip is measured                     all
 load error         coloured: the load is measured                            all channels, by d/dW
 soil in the run    coloured over the distance, in ln k and ln tan phi        all channels, by d/d ln k ...
 soil of the run    one value a run, in ln k and ln tan phi                   the same
+wheel's delay      of the wheel speed: beyond the declared one, and what     all channels, by d/dV
+                   waiting for an edge of its ring adds at low speed
 wheel order        a zero that turns with the wheel: two amplitudes a run    its channel, by cos, sin
 remainder          white                                                     its channel
 =================  ========================================================  =============================
@@ -30,6 +32,7 @@ FloatArray = NDArray[np.float64]
 
 UNITS = {"dp": ("drawbar_pull", "n"), "t": ("driving_torque", "nm"), "z": ("sinkage", "m")}
 """Name and unit of a channel in the names of hyper-parameters."""
+_LEAST_RADPS = 0.3
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,13 @@ def processes(channels: tuple[str, ...]) -> tuple[Process, ...]:
 def constants(channels: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     """Return deviation and loading of what is one value a run."""
     turning = [(named(c, "wheel_order"), f"{side} {c}") for c in channels if c != "z" for side in ("cos", "sin")]
-    return (("stiffness_run_to_run", "stiffness"), ("friction_run_to_run", "friction"), *turning)
+    return (
+        ("stiffness_run_to_run", "stiffness"),
+        ("friction_run_to_run", "friction"),
+        ("wheel_speed_delay_s", "delay"),
+        ("wheel_edge_delay_rad", "edge"),
+        *turning,
+    )
 
 
 def beliefs(samples: Samples) -> dict[str, Belief]:
@@ -112,6 +121,8 @@ def beliefs(samples: Samples) -> dict[str, Belief]:
         "soil_length_m": Belief(3.0, 0.7),
         "stiffness_run_to_run": Belief(0.015, 0.8),
         "friction_run_to_run": Belief(0.008, 0.8),
+        "wheel_speed_delay_s": Belief(0.004, 0.7),
+        "wheel_edge_delay_rad": Belief(0.02, 0.8),
     }
 
 
@@ -129,11 +140,26 @@ def loading(linear: Linear, samples: Samples, name: str) -> FloatArray:
     """Return how a process of the given loading is seen, shape (c, n)."""
     if name in ("speed", "load", "stiffness", "friction"):
         return np.asarray(getattr(linear, name))
+    if name in ("delay", "edge"):
+        return np.asarray(linear.speed * _late_wheel(linear, edge=name == "edge"))
     out = np.zeros(linear.value.shape)
     side, _, channel = name.rpartition(" ")
     angle = samples.wheel_angle_rad
     out[linear.channels.index(channel)] = {"cos": np.cos(angle), "sin": np.sin(angle)}.get(side, 1.0)
     return out
+
+
+def _late_wheel(linear: Linear, *, edge: bool) -> FloatArray:
+    """Return the error of ground speed that does the same as a late wheel speed, per second of delay, shape (n,).
+
+    A toothed ring tells its speed only when an edge comes. The declared delay is right at a typical speed; the slower
+    the wheel, the longer it waits: the delay is that of an angle, over the speed (`edge`: per radian).
+    """
+    at = linear.conditions
+    speed, spin = np.asarray(at.ground_speed_mps), np.asarray(at.wheel_acceleration_radps2)
+    omega = np.maximum(np.asarray(at.wheel_speed_radps), _LEAST_RADPS)
+    late = np.asarray(-speed * spin / omega)
+    return late * (1.0 / omega - 1.0 / float(np.median(omega))) if edge else late
 
 
 def white_variance(linear: Linear, values: Mapping[str, float], speed_variance: FloatArray) -> FloatArray:

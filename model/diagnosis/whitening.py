@@ -12,38 +12,10 @@ from model.diagnosis.columns import Columns
 from model.diagnosis.kalman import StateSpace, smoothed, whiten
 from model.diagnosis.linearise import Linear
 from model.diagnosis.noise import loading, processes, rest_variance, white_variance
+from model.diagnosis.places import Places, places_of, steps_of
 from model.diagnosis.samples import Samples
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Places:
-    """Where each sample stands in an array of runs padded to one length; arrays of shape (n,)."""
-
-    run: NDArray[np.intp]
-    place: NDArray[np.intp]
-    runs: int
-    longest: int
-
-    def padded(self, x: FloatArray, fill: float = 0.0) -> FloatArray:
-        """Return (c, n, ...) as (runs, longest, c, ...)."""
-        moved = np.moveaxis(x, 0, 1)
-        out = np.full((self.runs, self.longest, *moved.shape[1:]), fill)
-        out[self.run, self.place] = moved
-        return out
-
-    def flat(self, x: FloatArray) -> FloatArray:
-        """Return (runs, longest, ...) as (n, ...)."""
-        return np.asarray(x[self.run, self.place])
-
-
-def places_of(samples: Samples) -> Places:
-    """Return the places of a campaign's samples."""
-    counts = np.bincount(samples.run, minlength=samples.runs)
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]]) if samples.runs else np.zeros(0, np.intp)
-    place = np.arange(len(samples)) - first[samples.run]
-    return Places(samples.run, place, samples.runs, int(counts.max(initial=0)))
 
 
 def state_space(
@@ -69,7 +41,7 @@ def state_space(
     listed = processes(linear.channels)
     loadings = np.stack([loading(linear, samples, p.loading) for p in listed], axis=-1)
     loadings = np.where(present[..., None], loadings, 0.0)
-    step_s, step_m = (_steps(x, samples.run) for x in (samples.time_s, samples.distance_m))
+    step_s, step_m = (steps_of(x, samples.run) for x in (samples.time_s, samples.distance_m))
     decay = np.zeros((len(samples), len(listed)))
     for i, p in enumerate(listed):
         if p.time is not None:
@@ -81,13 +53,6 @@ def state_space(
         variance=np.array([values[p.deviation] ** 2 for p in listed]),
         white=at.padded(white, fill=1.0),
     )
-
-
-def _steps(x: FloatArray, run: NDArray[np.intp]) -> FloatArray:
-    """Return the step to each sample from the one before in its run; 0 for the first."""
-    step = np.diff(x, prepend=x[:1])
-    step[np.diff(run, prepend=-1) != 0] = 0.0
-    return np.maximum(np.nan_to_num(step), 0.0)
 
 
 @dataclass(frozen=True)

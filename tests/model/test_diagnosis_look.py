@@ -10,7 +10,8 @@ from diagnosis_support import simulated_campaign, with_sinkage
 
 from model.diagnosis.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.look import Look, look
-from model.diagnosis.whitening import places_of, whitened_rows
+from model.diagnosis.places import places_of
+from model.diagnosis.whitening import whitened_rows
 
 RUNS = 3
 FEW = ("vasilev", "crosstalk", "drawbar_pull_zero", "speed_latency", "wheel_radius")
