@@ -25,7 +25,7 @@ from model.diagnosis.isolability import Projected, least_left, own_columns, with
 FloatArray = NDArray[np.float64]
 
 PARTS = 2.0
-"""Expected nats from which on a run is said to part two members: odds of 7 to 1."""
+"""Expected nats, whichever of both is the cause, from which on a run is said to part two members: odds of 7 to 1."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def split(grams: Grams, added: FloatArray, members: tuple[Member, ...], now: Flo
     weights = np.array([max(member.probability, 1e-9) for member in members])
     weights = weights / weights.sum()
     gained = [_against_rest(nats[i], weights, i) for i in range(len(members))] if len(members) > 1 else [0.0]
-    comes_apart = np.any(np.minimum(nats, nats.T) >= PARTS, axis=1).tolist()
+    comes_apart = np.any(0.5 * (nats + nats.T) >= PARTS, axis=1).tolist()
     parted = tuple(member.key for member, apart in zip(members, comes_apart, strict=True) if apart)
     return Split(nats, float(weights @ gained), parted)
 
