@@ -8,7 +8,7 @@ C, S and F the integrals of the shape against cos, sin and 1:
 
 What is not known of the shape is drawn from published ranges (`ShapeRanges`). How the shear stress is spread along
 the patch hardly matters: where it builds up over K of .01 to .11 r and has a cohesive part of up to .3 of the peak
-stress, a known shape gives the sinkage to .9 % (rms of 800 random wheels, 6 % at worst); `ShapeRanges.spread` covers it.
+stress, a known shape gives the sinkage to .9 % (rms of 800 random wheels, 6 % at worst); `ShapeRanges.spread` has it.
 """
 
 from __future__ import annotations
