@@ -25,9 +25,9 @@ def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
     width : int
         Of the terminal, in characters; held between 80 and 100.
     """
-    width = min(max(width, _LEAST_WIDTH), _MOST_WIDTH)
+    width = limited(width)
     parts = (
-        _wrapped(diagnosis.sentence, width),
+        wrapped(diagnosis.sentence, width),
         _causes(diagnosis),
         _candidates(diagnosis, width),
         _inconsistent(diagnosis, width),
@@ -35,7 +35,7 @@ def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
         _gain(diagnosis, width),
         _adequacy(diagnosis, width),
         _proposal(diagnosis, width),
-        _told(f"Cannot tell, for want of data ({len(diagnosis.cannot_tell)})", diagnosis.cannot_tell, width),
+        told(f"Cannot tell, for want of data ({len(diagnosis.cannot_tell)})", diagnosis.cannot_tell, width),
         _detectable(diagnosis, width),
         _next_run(diagnosis, width),
         _notes(diagnosis.notes, width),
@@ -47,10 +47,16 @@ def stages_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
     """Return what took how long."""
     stages = ", ".join(f"{plain_name(name)} {seconds:.2f}" for name, seconds in diagnosis.stages_s.items())
     text = f"diagnosis: {sum(diagnosis.stages_s.values()):.1f} s" + (f" ({stages})" if stages else "")
-    return _wrapped(text, min(max(width, _LEAST_WIDTH), _MOST_WIDTH), "", "  ")
+    return wrapped(text, limited(width), "", "  ")
 
 
-def _wrapped(text: str, width: int, first: str = "", then: str | None = None) -> list[str]:
+def limited(width: int) -> int:
+    """Return a width that a person reads well."""
+    return min(max(width, _LEAST_WIDTH), _MOST_WIDTH)
+
+
+def wrapped(text: str, width: int, first: str = "", then: str | None = None) -> list[str]:
+    """Return a text as lines that begin with `first`, then with `then`."""
     after = first if then is None else then
     return textwrap.wrap(text, width, initial_indent=first, subsequent_indent=after, break_on_hyphens=False) or [
         first.rstrip()
@@ -87,7 +93,7 @@ def _candidates(diagnosis: Diagnosis, width: int) -> list[str]:
     words += [f"{rest} more below {_LEAST_SHOWN:g}"] if rest else []
     if not words:
         return []
-    return ["Candidates (probability of being among the causes)", *_wrapped(", ".join(words), width, "  ")]
+    return ["Candidates (probability of being among the causes)", *wrapped(", ".join(words), width, "  ")]
 
 
 def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
@@ -108,14 +114,14 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
     lines = table_lines([*head[:-1], ""], aligned)
     widest = max(map(len, lines)) + 2
     texts = [head[-1], *(row[-1] for row in rows)]
-    wrapped = [
+    folded = [
         line
         for start, text in zip(lines, texts, strict=True)
-        for line in _wrapped(text, width - 2, start.ljust(widest), " " * widest)
+        for line in wrapped(text, width - 2, start.ljust(widest), " " * widest)
     ]
     more = len(diagnosis.what_is_wrong) - len(findings)
     tail = [f"and {more} more (--json)"] if more else []
-    return ["Where the simulation is off, worst first", *_indented([*wrapped, *tail])]
+    return ["Where the simulation is off, worst first", *_indented([*folded, *tail])]
 
 
 def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
@@ -132,7 +138,7 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
     return [
         "Gain, on what neither the choice of the cause nor the fit has seen",
         *_indented(table_lines(head, rows)),
-        *_wrapped(gain_text(gain), width, "  "),
+        *wrapped(gain_text(gain), width, "  "),
     ]
 
 
@@ -165,14 +171,14 @@ def _adequacy(diagnosis: Diagnosis, width: int) -> list[str]:
     found = diagnosis.adequacy
     said = "leaves no more than noise" if found.ok else "leaves more than noise can be"
     numbers = f"Lack of fit {number(found.statistic, 3)}, threshold {number(found.threshold, 3)}"
-    return _wrapped(f"{numbers}: the best explanation {said}.", width)
+    return wrapped(f"{numbers}: the best explanation {said}.", width)
 
 
 def _inconsistent(diagnosis: Diagnosis, width: int) -> list[str]:
     lines = [
         line
         for item in diagnosis.inconsistent
-        for line in _wrapped(f"{plain_name(item.channel)}: {item.rows} rows: {item.why}", width, "  ", "    ")
+        for line in wrapped(f"{plain_name(item.channel)}: {item.rows} rows: {item.why}", width, "  ", "    ")
     ]
     return ["Inconsistent: no soil can do this", *lines] if lines else []
 
@@ -182,16 +188,16 @@ def _proposal(diagnosis: Diagnosis, width: int) -> list[str]:
         return []
     found = diagnosis.proposal
     text = f"A formula for what is left, offered and not a name: {found.formula} (gain {number(found.gain, 3)} nats)"
-    return _wrapped(text, width, "", "  ")
+    return wrapped(text, width, "", "  ")
 
 
-def _told(title: str, texts: dict[str, str], width: int) -> list[str]:
+def told(title: str, texts: dict[str, str], width: int) -> list[str]:
     """Return names by what is said of them, each text once."""
     about: dict[str, list[str]] = {}
     for name, text in texts.items():
         about.setdefault(text, []).append(plain_name(name))
     lines = [
-        line for text, names in about.items() for line in _wrapped(f"{', '.join(names)}: {text}", width, "  ", "    ")
+        line for text, names in about.items() for line in wrapped(f"{', '.join(names)}: {text}", width, "  ", "    ")
     ]
     return [title, *lines] if lines else []
 
@@ -205,7 +211,7 @@ def _detectable(diagnosis: Diagnosis, width: int) -> list[str]:
     ]
     never = ", ".join(effect_name(key) for key, least in found.items() if not isfinite(least.value))
     lines = _in_columns([cell.rstrip() for cell in cells], width - 2) if cells else []
-    lines += _wrapped(f"at no size: {never}", width - 2, "", "  ") if never else []
+    lines += wrapped(f"at no size: {never}", width - 2, "", "  ") if never else []
     return ["Smallest size that would have been found", *_indented(lines)] if lines else []
 
 
@@ -221,7 +227,7 @@ def _next_run(diagnosis: Diagnosis, width: int) -> list[str]:
     lines = [
         line
         for i, run in enumerate(diagnosis.next_run, 1)
-        for line in _wrapped(
+        for line in wrapped(
             f"{i}. {run.change}: expected ln Bayes factor {number(run.expected_log_bayes_factor, 3)}"
             + (f", parts {', '.join(map(plain_name, run.separates))}" if run.separates else ""),
             width,
@@ -233,7 +239,7 @@ def _next_run(diagnosis: Diagnosis, width: int) -> list[str]:
 
 
 def _notes(notes: Iterable[str], width: int) -> list[str]:
-    lines = [line for note in notes for line in _wrapped(note, width, "  ", "    ")]
+    lines = [line for note in notes for line in wrapped(note, width, "  ", "    ")]
     return ["Notes", *lines] if lines else []
 
 

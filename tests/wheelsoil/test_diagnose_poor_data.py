@@ -130,6 +130,7 @@ def test_fewer_than_50_usable_samples(driven, tmp_path):
     assert found["gain"] is None
 
 
+@pytest.mark.slow
 def test_slip_all_below_a_tenth(driven, tmp_path):
     folder = tmp_path / "steady"
     folder.mkdir()
@@ -193,6 +194,7 @@ def test_two_terrains_that_say_so_are_two_campaigns(driven, tmp_path):
     assert len(found["soils"]) == 2
 
 
+@pytest.mark.slow
 def test_two_terrains_under_one_name_are_told(driven, tmp_path):
     sand = tmp_path / "sand"
     ok("simulate", "-o", sand, "--soil", "sandy", "--runs", 2, "--duration", 20)
@@ -203,4 +205,5 @@ def test_two_terrains_under_one_name_are_told(driven, tmp_path):
         shutil.copy(sand / f"{name}.mcap", folder / f"other-{name}.mcap")
     found = diagnosed(folder)
     assert found["verdict"] == "unexplained" or "hardly one terrain" in found["sentence"]
-    assert not {cause["name"] for cause in found["causes"]} - {"slip_sinkage"}
+    if found["verdict"] == "named":
+        assert {cause["name"] for cause in found["causes"]} == {"slip_sinkage"}

@@ -24,12 +24,13 @@ from wheelsoil.cli.options import (
     Where,
     ZeroFile,
 )
-from wheelsoil.cli.talk import print_json, say
+from wheelsoil.cli.talk import check_output, print_json, say
 
 if TYPE_CHECKING:
-    from model.diagnosis.campaign import Bench, Campaign
+    from model.diagnosis.campaign import Bench, Campaign, DiagnosisOptions
     from model.diagnosis.result import Diagnosis
     from wheelsoil.diagnosing import Given
+    from wheelsoil.planning import PlanFiles
 
 
 def command(
@@ -39,7 +40,7 @@ def command(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE.toml", help="Write the extended model, for --model elsewhere."),
+        typer.Option("--output", "-o", metavar="FILE", help="Write the extended model (TOML); of a plan |cos| (CSV)."),
     ] = None,
     table: Annotated[
         Path | None, typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, ...")
@@ -64,6 +65,13 @@ def command(
     ] = None,
     most_causes: Annotated[int, typer.Option(metavar="N", help="Largest set of causes that is weighed, 1 to 3.")] = 3,
     next_run: Annotated[bool, typer.Option("--next-run", help="Rank next runs whatever the verdict.")] = False,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Say what a campaign will tell apart, before a run is driven.")
+    ] = False,
+    planned_runs: Annotated[
+        int | None, typer.Option(metavar="N", help="With --plan: runs where no runs.toml lists them (6).")
+    ] = None,
+    planned_duration: Annotated[float, typer.Option(metavar="S", help="With --plan: of each run.")] = 40.0,
     seed: Annotated[int, typer.Option(min=0, help="Of the resampling of runs.")] = 0,
     min_speed: MinSpeed = 0.5,
     lenient_dbc: LenientDbc = False,
@@ -75,10 +83,11 @@ def command(
     Several campaigns are diagnosed jointly: causes are shared, soils are not. The verdict is a named cause, one of a
     few, something unexplained, or nothing detectable with the smallest size that would have been; each of them ends
     with exit code 0.
+
+    With --plan, RUN is a folder with vehicle.toml, terrain.toml and runs.toml (direction, added load, pass, inflation
+    of each run that is to be driven), or --vehicle, --terrain and --runs name them; no recording is read.
     """
-    from wheelsoil.diagnosing import diagnose_given, diagnosis_options
-    from wheelsoil.model_files import model_targets, model_toml, models_of
-    from wheelsoil.report.material import command_line
+    from wheelsoil.diagnosing import diagnosis_options
 
     options = diagnosis_options(
         sinkage.value,
@@ -89,6 +98,19 @@ def command(
         seed=seed,
         next_run=next_run,
     )
+    if plan:
+        if table or zero:
+            raise ConfigError(Fault("--plan reads no measurement", next_step="leave out --table and --zero"))
+        from wheelsoil.planning import PlanFiles
+
+        _plan(
+            runs or [],
+            PlanFiles(vehicle, terrain, runs_file, soil, planned_runs, planned_duration),
+            options,
+            check_output(output, force=force) if output else None,
+            json=json,
+        )
+        return
     if table is not None:
         if runs:
             raise ConfigError(Fault("RUN and --table exclude each other", next_step="diagnose one, then the other"))
@@ -98,12 +120,35 @@ def command(
             raise ConfigError(Fault("--rename and --where choose from a table", next_step="give --table FILE.csv"))
         files = (vehicle, terrain, runs_file, zero)
         given = _campaigns(runs or [], files, soil, min_speed, lenient_dbc)
+    _diagnose(given, options, output, force=force, json=json)
+
+
+def _diagnose(given: Given, options: DiagnosisOptions, output: Path | None, *, force: bool, json: bool) -> None:
+    from wheelsoil.diagnosing import diagnose_given
+    from wheelsoil.model_files import model_targets, model_toml, models_of
+    from wheelsoil.report.material import command_line
+
     targets = model_targets(output, [one.name for one in given], force=force) if output else []
     diagnosis = diagnose_given(given, options)
     _print(diagnosis, json=json)
     for path, model in zip(targets, models_of(diagnosis, given, options.reading, command_line()), strict=False):
         path.write_text(model_toml(model), encoding="utf-8")
         say(f"wrote {path}" + ("" if model.effects else ": no cause is named, so only the soil is re-calibrated in it"))
+
+
+def _plan(folders: list[Path], files: PlanFiles, options: DiagnosisOptions, target: Path | None, *, json: bool) -> None:
+    from wheelsoil.plan_text import matrix_csv, plan_lines
+    from wheelsoil.planning import plan_campaigns
+
+    found = plan_campaigns(folders, files, options)
+    if json:
+        print_json(found.as_json())
+    else:
+        for line in plan_lines(found, shutil.get_terminal_size((96, 24)).columns):
+            print(line)
+    if target:
+        target.write_text(matrix_csv(found), encoding="utf-8")
+        say(f"wrote {target}")
 
 
 def _split(texts: list[str] | None) -> list[str]:
