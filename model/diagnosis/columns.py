@@ -116,7 +116,10 @@ def columns_of(simulation: Simulation, samples: Samples, linear: Linear, shift: 
 def _at_rest(
     samples: Samples, linear: Linear, scale: FloatArray, at: FloatArray, width: int
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the standstills' columns: only causes show there, and the zero that turns with the wheel."""
+    """Return the standstills' columns: only causes show there, and a zero of drawbar pull that turns with the wheel.
+
+    A torque about the wheel's own axis has no zero that turns; what it does once a turn, it does while it rolls.
+    """
     rests = samples.rests
     count = len(rests)
     out = np.zeros((2, count, width))
@@ -132,7 +135,7 @@ def _at_rest(
         out[row, :, 0] = residual
         out[row, :, start : start + own.shape[-1]] = own[row]
         for i, (_, name) in enumerate(by_run):
-            if name in (f"cos {channel}", f"sin {channel}"):
+            if channel == "dp" and name in ("cos dp", "sin dp"):
                 turn = np.cos if name.startswith("cos") else np.sin
                 out[row, :, width - len(by_run) + i] = turn(rests.wheel_angle_rad)
     return np.where(present[..., None], out, 0.0), present

@@ -212,6 +212,7 @@ def with_standstills(run: Samples) -> Samples:
             run=np.zeros(count, np.intp),
             conditions=conditions,
             measured=dict.fromkeys(now.measured, nothing),
+            spread={c: np.full(count, np.nan) for c in now.measured},
             duration_s=np.full(count, _STANDSTILL_S),
             wheel_angle_rad=run.wheel_angle_rad[rows],
         ),
@@ -223,7 +224,8 @@ def with_channel(run: Samples, channel: str, sigma: float) -> Samples:
     rests = run.rests
     if channel != "z":
         known = {c: np.zeros(len(rests)) for c in (channel,)}
-        rests = replace(rests, measured=rests.measured | known)
+        unknown = {c: np.full(len(rests), np.nan) for c in (channel,)}
+        rests = replace(rests, measured=rests.measured | known, spread=rests.spread | unknown)
     return replace(
         run,
         measured=run.measured | {channel: np.zeros(len(run))},
@@ -245,6 +247,7 @@ def _some_rests(rests: Rests, rows: NDArray[np.bool_]) -> Rests:
         run=rests.run[rows],
         conditions=rests.conditions.map(lambda x: np.asarray(x)[rows]),
         measured={c: x[rows] for c, x in rests.measured.items()},
+        spread={c: x[rows] for c, x in rests.spread.items()},
         duration_s=rests.duration_s[rows],
         wheel_angle_rad=rests.wheel_angle_rad[rows],
     )

@@ -179,13 +179,15 @@ def second_order_variance(linear: Linear, speed_variance: FloatArray) -> FloatAr
 def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float]) -> FloatArray:
     """Return the variance of each standstill's level, shape (2, m) for drawbar pull and torque.
 
-    The channel's own coloured noise averaged over the standstill, and what differs from one standstill to the next.
+    The channel's coloured noise averaged over the standstill (a wheel at rest may have less than one that rolls), and
+    what differs from one standstill to the next.
     """
     found = np.ones((2, len(samples.rests)))
     for row, c in enumerate(("dp", "t")):
         if c not in linear.channels:
             continue
         length = np.maximum(samples.rests.duration_s, 0.1) / values[f"{UNITS[c][0]}_noise_time_s"]
-        averaged = values[named(c, "noise")] ** 2 * 2.0 * (length - 1.0 + np.exp(-length)) / length**2
+        scatter = np.fmin(samples.rests.spread[c], values[named(c, "noise")]) ** 2
+        averaged = scatter * 2.0 * (length - 1.0 + np.exp(-length)) / length**2
         found[row] = averaged + values[named(c, "at_rest")] ** 2
     return found

@@ -32,6 +32,8 @@ class Rests:
         Load, direction, time and place; slip and speeds are 0.
     measured : mapping "dp", "t" -> array
         Mean over the standstill without its ends; NaN where not measured.
+    spread : mapping "dp", "t" -> array
+        Standard deviation about it.
     duration_s : array
         Of what the mean is over.
     wheel_angle_rad : array
@@ -41,6 +43,7 @@ class Rests:
     run: NDArray[np.intp]
     conditions: Conditions
     measured: dict[str, FloatArray]
+    spread: dict[str, FloatArray]
     duration_s: FloatArray
     wheel_angle_rad: FloatArray
 
@@ -80,7 +83,12 @@ def rests_of(
                 "duration": (inside.stop - inside.start) / run.rate_hz,
                 "angle": float(angle[i]),
             }
-            row |= {c: _mean(getattr(run, _FIELDS[c])[inside]) for c in channels}
+            for c in channels:
+                values = getattr(run, _FIELDS[c])[inside]
+                row |= {
+                    c: _mean(values),
+                    f"{c} spread": float(np.nanstd(values)) if np.isfinite(values).any() else np.nan,
+                }
             rows.append(row)
     table = {key: np.array([row[key] for row in rows], float) for key in (rows[0] if rows else _empty(channels))}
     nothing = np.zeros(len(rows))
@@ -103,6 +111,7 @@ def rests_of(
         run=table["run"].astype(np.intp),
         conditions=conditions,
         measured={c: table[c] for c in channels},
+        spread={c: table[f"{c} spread"] for c in channels},
         duration_s=table["duration"],
         wheel_angle_rad=table["angle"],
     )
@@ -123,4 +132,5 @@ def _mean(values: FloatArray) -> float:
 
 
 def _empty(channels: tuple[str, ...]) -> list[str]:
-    return ["run", "load", "clock", "x", "direction", "pass", "kpa", "duration", "angle", *channels]
+    own = ["run", "load", "clock", "x", "direction", "pass", "kpa", "duration", "angle", *channels]
+    return own + [f"{c} spread" for c in channels]
