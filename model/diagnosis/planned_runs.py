@@ -34,7 +34,9 @@ _LEAST_SPEED_MPS = 0.5
 _BETWEEN_RUNS_S = 600.0
 _START_NS = 1_780_000_000_000_000_000
 _LEAST_STANDSTILL_S = 1.0
-_ENDS_S = 0.4
+_STILL_MPS = 0.1
+_USUAL_NOISE_SHARE = 4e-3
+"""Of the load: noise of a channel whose sigma is not known."""
 
 
 @dataclass(frozen=True)
@@ -193,13 +195,14 @@ def _run(
             )
         )
     moving = motion.ground_speed_mps >= _LEAST_SPEED_MPS
-    still = motion.ground_speed_mps == 0.0
+    still = motion.ground_speed_mps < _STILL_MPS
     reason = np.where(moving, Reason.USED, np.where(still, Reason.STANDSTILL, Reason.TOO_SLOW)).astype(np.uint8)
     segment = np.where(motion.slip > 0, Segment.DRIVE, Segment.BRAKE)
     segment = np.where(still, Segment.STANDSTILL, segment).astype(np.uint8)
+    swing = _swing(plan, load)
     measured = {
-        "dp": np.where(moving, said.drawbar_pull_n, 0.0),
-        "t": np.where(moving, said.driving_torque_nm, 0.0),
+        "dp": np.where(moving, said.drawbar_pull_n, swing["dp"]),
+        "t": np.where(moving, said.driving_torque_nm, swing["t"]),
         "z": said.sinkage_m,
     }
     nothing = np.full(len(load), np.nan)
@@ -247,11 +250,19 @@ def _load(plan: CampaignPlan, info: RunInfo, motion: Motion, rng: np.random.Gene
     return np.asarray(gaussian_filter1d(raw, kernel_sigma_s(_CUTOFF_HZ) * _RATE_HZ, mode="nearest"))
 
 
+def _swing(plan: CampaignPlan, load: FloatArray) -> dict[str, FloatArray]:
+    """Return what the channels show at rest: as far from zero as their noise is, so that it is known to be there."""
+    usual = _USUAL_NOISE_SHARE * float(np.median(load))
+    sign = np.where(np.arange(len(load)) % 2 == 0, 1.0, -1.0)
+    typical = {"dp": usual, "t": usual * plan.wheel.radius_m}
+    return {c: sign * plan.sigmas.get(c, size) for c, size in typical.items()}
+
+
 def _standstills(still: NDArray[np.bool_], load: FloatArray) -> tuple[Standstill, ...]:
     edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(np.int8))).reshape(-1, 2)
     found = []
     for first, last in edges:
-        duration = (last - first) / _RATE_HZ - 2 * _ENDS_S
+        duration = (last - first) / _RATE_HZ
         if duration >= _LEAST_STANDSTILL_S:
             levels = {
                 "drawbar_pull": 0.0,
@@ -259,6 +270,6 @@ def _standstills(still: NDArray[np.bool_], load: FloatArray) -> tuple[Standstill
                 "vertical_load": float(np.median(load[first:last])),
                 "ground_speed": 0.0,
             }
-            start = first / _RATE_HZ + _ENDS_S
-            found.append(Standstill(float(start), float(duration), levels, dict.fromkeys(levels, float("nan"))))
+            nothing = dict.fromkeys(levels, float("nan"))
+            found.append(Standstill(float(first / _RATE_HZ), float(duration), levels, nothing))
     return tuple(found)
