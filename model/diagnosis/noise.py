@@ -121,8 +121,8 @@ def beliefs(samples: Samples) -> dict[str, Belief]:
         "soil_length_m": Belief(3.0, 0.7),
         "stiffness_run_to_run": Belief(0.015, 0.8),
         "friction_run_to_run": Belief(0.008, 0.8),
-        "wheel_speed_delay_s": Belief(0.004, 0.7),
-        "wheel_edge_delay_rad": Belief(0.02, 0.8),
+        "wheel_speed_delay_s": Belief(0.005, 0.7),
+        "wheel_edge_delay_rad": Belief(0.03, 0.8),
     }
 
 
