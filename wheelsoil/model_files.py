@@ -47,9 +47,11 @@ def models_of(
 ) -> list[ExtendedModel]:
     """Return each campaign's model: its re-calibrated soil and, where a cause is named, that cause.
 
-    Nothing else than a named cause is put into it: a set of candidates is none.
+    Nothing else than a named cause is put into it: a set of candidates is none, and a soil that was re-calibrated
+    beside one of them, or beside what nobody can explain, is not worth keeping.
     """
-    estimates = {soil.campaign: soil for soil in diagnosis.soils}
+    decided = diagnosis.verdict in ("named", "nothing_detectable")
+    estimates = {soil.campaign: soil for soil in diagnosis.soils if decided}
     causes = diagnosis.causes if diagnosis.verdict == "named" else ()
     return [
         extended_model(
@@ -91,7 +93,8 @@ def model_toml(model: ExtendedModel) -> str:
         said = "; ".join(f"{p.name} = {p.value:.4g}{'' if p.unit == '1' else f' {p.unit}'}" for p in effect.parameters)
         head.append(f"{effect_name(effect.key)}: {said}")
     if not model.effects:
-        head.append("No cause is named, so that none is in it: only the soil is re-calibrated.")
+        kept = "only the soil is re-calibrated" if model.soil_sigmas else "it is the laboratory's soil"
+        head.append(f"No cause is named, so that none is in it: {kept}.")
     lines = [line for text in head for line in textwrap.wrap(text, _WIDTH)]
     return "".join(f"# {line}\n" for line in lines) + "\n" + tomli_w.dumps(model.to_mapping())
 

@@ -129,7 +129,8 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) ->
     with clock.stage("proposal"):
         offered = propose_for(fits[seen.best.keys]) if verdict.verdict == "unexplained" else None
     with clock.stage("figures"):
-        shown = seen_of(seen, fits[()], fits[explained.extended], explained.sizes)
+        alone = {keys[0]: fit for keys, fit in fits.known.items() if len(keys) == 1}
+        shown = seen_of(seen, fits[()], fits[explained.extended], explained.sizes, alone)
         sentence = _sentence(seen, weighed, explained, onward)
     few = (FEW_RUNS,) if not found.resampled else ()
     return Diagnosis(

@@ -20,7 +20,7 @@ Sizes = Mapping[str, FloatArray]
 """Coefficients of each effect, in units of the prior scale, by its key."""
 
 
-def seen_of(look: Look, base: SetFit, extended: SetFit, shown: Sizes) -> tuple[Seen, ...]:
+def seen_of(look: Look, base: SetFit, extended: SetFit, shown: Sizes, alone: Mapping[str, SetFit]) -> tuple[Seen, ...]:
     """Return what was looked at in each campaign.
 
     Parameters
@@ -32,14 +32,20 @@ def seen_of(look: Look, base: SetFit, extended: SetFit, shown: Sizes) -> tuple[S
         With the causes.
     shown : mapping effect key -> coefficients
         Candidates whose signatures are drawn.
+    alone : mapping effect key -> SetFit
+        Those of them that were fitted each by itself: what they change is then what the whole model says, with the
+        soil fitted anew, and not what the linearised one does.
     """
-    return tuple(_seen(look, index, base, extended, shown) for index in range(len(look.views)))
+    return tuple(_seen(look, index, base, extended, shown, alone) for index in range(len(look.views)))
 
 
-def _seen(look: Look, index: int, base: SetFit, extended: SetFit, shown: Sizes) -> Seen:
+def _seen(look: Look, index: int, base: SetFit, extended: SetFit, shown: Sizes, alone: Mapping[str, SetFit]) -> Seen:
     view = look.views[index]
     samples, at = view.samples, view.samples.conditions
     channels = view.linear.channels
+    without = _said(base, index)
+    fitted = {key: _said(fit, index) for key, fit in alone.items() if key in shown}
+    changes = {key: {c: x - without[c] for c, x in said.items()} for key, said in fitted.items()}
     return Seen(
         campaign=view.campaign.name,
         runs=samples.run_names,
@@ -50,11 +56,12 @@ def _seen(look: Look, index: int, base: SetFit, extended: SetFit, shown: Sizes) 
         vertical_load_n=np.asarray(at.vertical_load_n),
         line_position=np.asarray(at.line_position),
         measured={c: samples.measured[c] for c in channels},
-        base=_said(base, index),
+        base=without,
         extended=_said(extended, index),
         base_sigma=dict(zip(channels, spread(view), strict=True)),
         signatures={
-            key: dict(zip(channels, _signature(look, index, key, size), strict=True)) for key, size in shown.items()
+            key: changes.get(key) or dict(zip(channels, _signature(look, index, key, size), strict=True))
+            for key, size in shown.items()
         },
     )
 

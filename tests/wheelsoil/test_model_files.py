@@ -64,6 +64,7 @@ def test_only_a_named_cause_is_put_into_it(verdict):
     (model,) = models_of(diagnosis(verdict), [CAMPAIGN], "balanced", "")
     assert model.effects == ()
     assert "No cause is named" in model_toml(model)
+    assert model.soil.cohesion_pa == (4100.0 if verdict == "nothing_detectable" else CLAY.cohesion_pa)
 
 
 def test_several_campaigns_get_a_file_each(tmp_path):

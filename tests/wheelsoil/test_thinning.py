@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from wheelsoil.report.thinning import _cell, binned, decimated_rows, thinned_rows
+from wheelsoil.report.thinning import _cell, binned, decimated_rows, parted_at_zero, thinned_rows
 
 series = arrays(np.float64, st.integers(1, 400), elements=st.floats(-1e6, 1e6) | st.just(np.nan))
 
@@ -45,3 +45,12 @@ def test_bins_hold_medians_and_leave_out_the_empty():
     np.testing.assert_allclose(result.centre, [0.05])
     np.testing.assert_allclose([result.lower[0], result.median[0], result.upper[0]], [2, 4, 6])
     assert result.count.tolist() == [9]
+
+
+def test_braking_is_parted_from_driving():
+    curve = binned(np.linspace(-1, 1, 400), np.ones(400), np.linspace(-1, 1, 11))
+    parted = parted_at_zero(curve)
+    assert parted.centre.tolist() == [*curve.centre[:5], 0.0, *curve.centre[5:]]
+    assert np.isnan(parted.median[5]) and np.isfinite(np.delete(parted.median, 5)).all()
+    driven = binned(np.linspace(0, 1, 400), np.ones(400), np.linspace(-1, 1, 11))
+    assert parted_at_zero(driven) is driven

@@ -133,7 +133,7 @@ def _diagnose(given: Given, options: DiagnosisOptions, output: Path | None, *, f
     _print(diagnosis, json=json)
     for path, model in zip(targets, models_of(diagnosis, given, options.reading, command_line()), strict=False):
         path.write_text(model_toml(model), encoding="utf-8")
-        say(f"wrote {path}" + ("" if model.effects else ": no cause is named, so only the soil is re-calibrated in it"))
+        say(f"wrote {path}" + ("" if model.effects else ": no cause is named, so that none is in it"))
 
 
 def _plan(folders: list[Path], files: PlanFiles, options: DiagnosisOptions, target: Path | None, *, json: bool) -> None:

@@ -99,6 +99,15 @@ def binned(x: FloatArray, y: FloatArray, edges: FloatArray, *, least: int = 5) -
     return Bins(np.array(centre, float), table[:, 1], table[:, 0], table[:, 2], np.array(count, np.int64))
 
 
+def parted_at_zero(curve: Bins) -> Bins:
+    """Return the bins with a gap at x = 0, so that a line does not join braking to driving."""
+    at = int(np.searchsorted(curve.centre, 0.0))
+    if at in (0, len(curve.centre)):
+        return curve
+    gap = {name: np.insert(getattr(curve, name), at, np.nan) for name in ("median", "lower", "upper")}
+    return Bins(centre=np.insert(curve.centre, at, 0.0), count=np.insert(curve.count, at, 0), **gap)
+
+
 def _cell(values: FloatArray, cells: int) -> NDArray[np.int64]:
     low, high = values.min(), values.max()
     if high == low:

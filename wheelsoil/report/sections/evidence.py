@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from model.diagnosis.result import Diagnosis, Seen
 from wheelsoil.diagnosis_words import CHANNEL_NAMES, CHANNEL_UNITS, effect_name
 from wheelsoil.report.content import Block, Figure, Panels, Section, Text
-from wheelsoil.report.figures import MEASURED, STYLES, Style, Trace, axes, dots, line, marked_line
+from wheelsoil.report.figures import MEASURED, STYLES, Style, Trace, axes, dots, line, look_at, marked_line
 from wheelsoil.report.material import FloatArray, Material
 from wheelsoil.report.sections.against_slip import EDGES
-from wheelsoil.report.thinning import Bins, binned, thinned_rows
+from wheelsoil.report.thinning import Bins, binned, parted_at_zero, thinned_rows
 from wheelsoil.report.words import listed
 
 KEY = "evidence"
@@ -23,26 +23,27 @@ _LOOKS = ("vasilev", "wong", "lyasko", "ding")
 _SOLID = Style("after", "#0072B2", "solid", "square-open")
 _AFTER = (
     "both lines are measured less simulated, as medians in bins of slip: the broken one before the cause is added, the "
-    "solid one after. A cause that is right takes the line to zero everywhere, not only on average."
+    "solid one after. A cause that is right takes the line to zero everywhere. Double-click shows braking."
 )
 _SHAPES = (
-    "black is what is left without the cause; coloured is what each candidate changes at its estimated size, less what "
-    "the soil can imitate. The right one follows the black line; candidates that lie on each other look alike."
+    "black is what is left without the cause; coloured is what each candidate changes at its estimated size, with the "
+    "soil fitted anew. The right one follows the black line; candidates that lie on each other look alike."
 )
 _DIAGONAL = (
-    "each dot is a sample: across, what the cause says is missing there; up, what is missing. If the cause is right, "
-    "the dots lie about the line at 45 degrees; a level cloud says that the cause has nothing to do with it."
+    "each dot is a sample, in noise sigmas: across, what the cause says is missing there; up, what is missing. If the "
+    "cause is right, the dots lie about the broken line; a level cloud says that it has nothing to do with it."
 )
 
 
 @dataclass(frozen=True)
 class _Shown:
-    """One channel of one campaign: what is left before and after, and the candidates' signatures, N, N m or m."""
+    """One channel of one campaign, N, N m or m: left before and after, noise sigma, the candidates' signatures."""
 
     campaign: str
     slip: FloatArray
     before: FloatArray
     after: FloatArray
+    sigma: FloatArray
     signatures: dict[str, FloatArray]
 
 
@@ -72,6 +73,7 @@ def _of_channel(everything: tuple[Seen, ...], channel: str, keys: list[str]) -> 
             seen.slip,
             seen.measured[channel] - seen.base[channel],
             seen.measured[channel] - seen.extended[channel],
+            seen.base_sigma[channel],
             {key: seen.signatures[key][channel] for key in keys if channel in seen.signatures.get(key, {})},
         )
         for seen in everything
@@ -98,29 +100,33 @@ def _nothing(found: Diagnosis) -> str:
     return "The diagnosis gave no signatures to draw."
 
 
+def _curve(slip: FloatArray, values: FloatArray) -> Bins:
+    return parted_at_zero(binned(slip, values, EDGES))
+
+
 def _pair(channel: str, views: list[_Shown]) -> Figure:
     """Draw what is left before and after."""
     groups = {}
     for view in views:
-        before, after = binned(view.slip, view.before, EDGES), binned(view.slip, view.after, EDGES)
+        before, after = _curve(view.slip, view.before), _curve(view.slip, view.after)
         groups[view.campaign] = [
             marked_line(before.centre, before.median, "before", STYLES["wong"]),
             marked_line(after.centre, after.median, "after", _SOLID),
         ]
-    return _figure("after", channel, "before and after", "slip", groups)
+    return _driven(_figure("after", channel, "before and after", groups))
 
 
 def _shapes(channel: str, views: list[_Shown]) -> Figure:
     """Draw what is left and the signatures against slip."""
     groups = {}
     for view in views:
-        left = binned(view.slip, view.before, EDGES)
+        left = _curve(view.slip, view.before)
         traces = [line(left.centre, left.median, "what is left", MEASURED, "solid", 2.6)]
         for look, (key, values) in zip(_LOOKS, view.signatures.items(), strict=False):
-            curve = binned(view.slip, values, EDGES)
+            curve = _curve(view.slip, values)
             traces.append(marked_line(curve.centre, curve.median, effect_name(key), STYLES[look]))
         groups[view.campaign] = traces
-    return _figure("shapes", channel, "signatures", "slip", groups)
+    return _driven(_figure("shapes", channel, "signatures", groups))
 
 
 def _diagonal(channel: str, views: list[_Shown]) -> Figure:
@@ -130,18 +136,31 @@ def _diagonal(channel: str, views: list[_Shown]) -> Figure:
         key, values = next(iter(view.signatures.items()), ("", np.zeros(0)))
         if not np.isfinite(values).any():
             continue
-        rows = thinned_rows(values, view.before, cells=40, per_cell=1)
-        ends = np.array([np.nanmin(values), np.nanmax(values)])
+        across, up = values / view.sigma, view.before / view.sigma
+        rows = thinned_rows(across, up, cells=40, per_cell=1)
+        ends = np.array([np.nanmin(across), np.nanmax(across)])
         groups[view.campaign] = [
-            dots(values[rows], view.before[rows], f"samples, {effect_name(key)}"),
+            dots(across[rows], up[rows], f"samples, {effect_name(key)}"),
             line(ends, ends, "equal", STYLES["vasilev"].colour, "dash"),
         ]
-    across = f"what the cause changes ({CHANNEL_UNITS[channel]})"
-    return _figure("diagonal", channel, "left-over against signature", across, groups)
+    figure = _figure("diagonal", channel, "left-over against signature", groups)
+    titles = {"xaxis": "what the cause changes (noise sigmas)", "yaxis": "measured − simulated (noise sigmas)"}
+    axes_of = {name: {**figure.layout[name], "title": {"text": title}} for name, title in titles.items()}
+    return replace(figure, layout={**figure.layout, **axes_of})
 
 
-def _figure(kind: str, channel: str, what: str, across: str, traces: dict[str, list[Trace]]) -> Figure:
-    layout = axes(across, f"measured − simulated ({CHANNEL_UNITS[channel]})", height=340)
+def _driven(figure: Figure) -> Figure:
+    """Let the axes hold what was driven; braking, which is steep in slip and so noisy, is a double-click away."""
+    layout = dict(figure.layout)
+    points = [(x, y) for trace in figure.data for x, y in zip(trace["x"], trace["y"], strict=True) if y is not None]
+    seen = np.array([y for x, y in points if x > 0], float)
+    look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
+    look_at(layout, "y", np.append(seen, 0.0) if len(seen) else seen, margin=0.12)
+    return replace(figure, layout=layout)
+
+
+def _figure(kind: str, channel: str, what: str, traces: dict[str, list[Trace]]) -> Figure:
+    layout = axes("slip", f"measured − simulated ({CHANNEL_UNITS[channel]})", height=340)
     return Figure(
         f"evidence-{kind}-{channel}",
         f"{CHANNEL_NAMES[channel].capitalize()}: {what}",

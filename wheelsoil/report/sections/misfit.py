@@ -13,7 +13,7 @@ from wheelsoil.report.figures import GREY_BAND, MEASURED, Trace, axes, band, dot
 from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.material import FloatArray, Material
 from wheelsoil.report.sections.against_slip import EDGES
-from wheelsoil.report.thinning import binned, thinned_rows
+from wheelsoil.report.thinning import binned, parted_at_zero, thinned_rows
 from wheelsoil.report.words import number, signed
 
 KEY = "misfit"
@@ -21,10 +21,12 @@ TITLE = "What is wrong, and where"
 
 _BINS = 12
 _SHOWN = 12
+_MOST_SIGMAS = 6.0
+"""Of the axes in noise sigmas; double-click shows what lies beyond."""
 _READING = (
-    "dots are measured less simulated, with the soil re-calibrated and no cause added, the black line their median in "
-    "bins; grey holds 95 % of the dots if the simulation is right. Where the line leaves zero and stays away it is "
-    "wrong, and the panel where the line is plainest says with what that goes."
+    "dots are measured less simulated (soil re-calibrated, no cause added), black is their median; grey holds 95 % of "
+    "them if the simulation is right. Where the line leaves zero and stays away, it is wrong. Against slip in its unit "
+    "(double-click: braking), else in noise sigmas."
 )
 
 
@@ -79,8 +81,13 @@ def _panels(everything: tuple[Seen, ...], channel: str) -> tuple[list[Figure], d
             traces, numbers[f"{seen.campaign}: {title}"] = _traces(seen, channel, key)
             data += traces
             groups += [seen.campaign] * len(traces)
-        layout = axes(across, f"measured − simulated ({CHANNEL_UNITS[channel]})", height=310)
-        look_at(layout, "y", np.concatenate([_reach(seen, channel) for seen in views]))
+        unit = CHANNEL_UNITS[channel] if key == "slip" else "noise sigmas"
+        layout = axes(across, f"measured − simulated ({unit})", height=310)
+        if key == "slip":
+            look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
+            look_at(layout, "y", np.concatenate([_reach(seen, channel) for seen in views]))
+        else:
+            layout["yaxis"] |= {"range": [-_MOST_SIGMAS, _MOST_SIGMAS], "autorange": False}
         if key == "run":
             layout["xaxis"] |= {"type": "category"}
         name = f"{CHANNEL_NAMES[channel].capitalize()} {title}"
@@ -89,14 +96,22 @@ def _panels(everything: tuple[Seen, ...], channel: str) -> tuple[list[Figure], d
 
 
 def _reach(seen: Seen, channel: str) -> FloatArray:
-    """Return what has to fit into a panel."""
-    noise = 2.2 * seen.base_sigma[channel]
-    return np.concatenate([seen.measured[channel] - seen.base[channel], noise, -noise])
+    """Return what has to fit into the panel against slip."""
+    driven = seen.slip > 0
+    noise = 2.2 * seen.base_sigma[channel][driven]
+    return np.concatenate([(seen.measured[channel] - seen.base[channel])[driven], noise, -noise])
 
 
 def _traces(seen: Seen, channel: str, key: str) -> tuple[list[Trace], dict[str, Any]]:
     residual, sigma = seen.measured[channel] - seen.base[channel], seen.base_sigma[channel]
-    return _by_run(seen, residual, sigma) if key == "run" else _cloud(getattr(seen, key), residual, sigma, key)
+    if key == "slip":
+        return _cloud(seen.slip, residual, sigma, EDGES)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scaled = np.where(sigma > 0, residual / sigma, np.nan)
+    if key == "run":
+        return _by_run(seen, scaled)
+    values: FloatArray = getattr(seen, key)
+    return _cloud(values, scaled, np.ones(len(values)), _edges(values))
 
 
 _AGAINST = (
@@ -109,9 +124,12 @@ _AGAINST = (
 )
 
 
-def _cloud(x: FloatArray, residual: FloatArray, sigma: FloatArray, key: str) -> tuple[list[Trace], dict[str, Any]]:
-    edges = EDGES if key == "slip" else _edges(x)
+def _cloud(
+    x: FloatArray, residual: FloatArray, sigma: FloatArray, edges: FloatArray
+) -> tuple[list[Trace], dict[str, Any]]:
     curve, noise = binned(x, residual, edges), binned(x, sigma, edges)
+    if edges is EDGES:
+        curve, noise = parted_at_zero(curve), parted_at_zero(noise)
     rows = thinned_rows(x, residual, cells=30, per_cell=1)
     traces = [
         *band(noise.centre, -2 * noise.median, 2 * noise.median, "noise, 95 %", GREY_BAND),
@@ -129,10 +147,9 @@ def _edges(x: FloatArray) -> FloatArray:
     return edges
 
 
-def _by_run(seen: Seen, residual: FloatArray, sigma: FloatArray) -> tuple[list[Trace], dict[str, Any]]:
+def _by_run(seen: Seen, scaled: FloatArray) -> tuple[list[Trace], dict[str, Any]]:
     of_run = [seen.run == i for i in range(len(seen.runs))]
-    low, middle, high = np.array([_quartiles(residual[rows]) for rows in of_run]).T.reshape(3, -1)
-    noise = np.array([_quartiles(sigma[rows])[1] for rows in of_run])
+    low, middle, high = np.array([_quartiles(scaled[rows]) for rows in of_run]).T.reshape(3, -1)
     names = [words(name) for name in seen.runs]
     bars: Trace = {
         "type": "scatter",
@@ -153,12 +170,12 @@ def _by_run(seen: Seen, residual: FloatArray, sigma: FloatArray) -> tuple[list[T
         "type": "bar",
         "name": "middle half of noise",
         "x": names,
-        "y": plotted(2 * _QUARTILE * noise),
-        "base": plotted(-_QUARTILE * noise),
+        "y": [2 * _QUARTILE] * len(names),
+        "base": [-_QUARTILE] * len(names),
         "marker": {"color": GREY_BAND},
         "width": 0.5,
     }
-    shown = {"run": seen.runs, "lower": low, "median": middle, "upper": high, "noise_sigma": noise}
+    shown = {"run": seen.runs, "lower": low, "median": middle, "upper": high}
     return [expected, bars], shown
 
 
