@@ -27,7 +27,7 @@ LEVEL = 0.995
 """Quantile of the statistic where the noise model is exact."""
 SLACK = 1.7
 """Factor on that quantile."""
-FORM = 0.1
+FORM = 0.15
 """Share of its size by which a cause's formula may miss nature's."""
 _DRAWS = 2000
 

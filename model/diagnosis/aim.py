@@ -23,6 +23,8 @@ FloatArray = NDArray[np.float64]
 
 _LONGEST_STEP = 2.0
 """Of the soil, in the laboratory's one-sigma."""
+_FARTHEST = 3.5
+"""Times its one-sigma that the ground speed is off: a sample that asks for more is an outlier, not to be followed."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,9 @@ def aims_of(views: Sequence[View], grams: Grams, best: SetEstimate) -> list[Aim]
                 at[i] = size / c.scale
         soil = view.linear.point.soil + np.clip(soil - view.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
         speed, variance = _speed(view, soil, at)
+        noise = view.noise.values
+        farthest = _FARTHEST * float(np.hypot(noise["speed_noise_mps"], noise["speed_white_mps"]))
+        speed = np.clip(speed, -farthest, farthest)
         found.append(Aim(Point(soil, causes, speed), view.noise, variance))
     return found
 
