@@ -26,6 +26,9 @@ from model.diagnosis.noise_blocks import Block, derivatives
 
 FloatArray = NDArray[np.float64]
 
+OF_FEW = ("_run_to_run", "_at_rest_n", "_at_rest_nm")
+"""Ends of the names of deviations that only as many values as there are runs or standstills tell of. The root mean square
+of what is likely is taken of them, not the likeliest, or else what differs from run to run is believed too firmly."""
 _MOST_STEPS = 12
 _LARGEST_STEP = 1.0
 _ENOUGH = 0.05
@@ -44,7 +47,7 @@ class Found:
 def estimated(
     blocks: Sequence[Block], beliefs: Mapping[str, Belief], start: Mapping[str, float] | None = None
 ) -> Noise:
-    """Return the likeliest hyper-parameters.
+    """Return the likeliest hyper-parameters; of those in `OF_FEW` the root mean square.
 
     Parameters
     ----------
@@ -71,8 +74,12 @@ def estimated(
         else:
             damping = max(4.0 * damping, 0.5)
     spread = np.sqrt(np.diag(np.linalg.inv(found.information)))
-    values = {name: float(np.exp(x)) for name, x in zip(names, at, strict=True)}
-    return Noise(values, {name: float(s) for name, s in zip(names, spread, strict=True)})
+    of_few = np.array([name.endswith(OF_FEW) for name in names])
+    values = np.exp(at + np.where(of_few, spread**2, 0.0))
+    return Noise(
+        {name: float(x) for name, x in zip(names, values, strict=True)},
+        {name: float(s) for name, s in zip(names, spread, strict=True)},
+    )
 
 
 def _posterior(

@@ -102,8 +102,8 @@ class Linear:
     soil : array, shape (c, n, q)
     causes : array, shape (c, n, k)
         By each parameter, in its own unit.
-    stiffness, friction : array, shape (c, n)
-        By ln k and ln tan phi.
+    stiffness, friction, cohesion : array, shape (c, n)
+        By ln k, ln tan phi and ln c.
     rest_value : array, shape (2, m); rest_causes : array, shape (2, m, k)
         Of drawbar pull and torque at standstill.
     usable : bool array, shape (n,)
@@ -122,6 +122,7 @@ class Linear:
     causes: FloatArray
     stiffness: FloatArray
     friction: FloatArray
+    cohesion: FloatArray
     rest_value: FloatArray
     rest_causes: FloatArray
     usable: NDArray[np.bool_] = field(repr=False)
@@ -185,6 +186,7 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
         stiffness=at["cohesive_modulus"] * soil["cohesive_modulus"]
         + at["frictional_modulus"] * soil["frictional_modulus"],
         friction=at["tan_phi"] * soil["tan_phi"],
+        cohesion=at["cohesion_pa"] * soil["cohesion_pa"],
         rest_value=rest_value,
         rest_causes=rest_causes,
         usable=np.logical_and.reduce(sound),

@@ -7,7 +7,7 @@ channel noise      coloured, one for each channel                            its
 speed error        coloured, and white: slip is measured                     all channels, by d/dV
 load error         coloured: the load is measured                            all channels, by d/dW
 soil in the run    coloured over the distance, in ln k and ln tan phi        all channels, by d/d ln k ...
-soil of the run    one value a run, in ln k and ln tan phi                   the same
+soil of the run    one value a run, in ln k, ln tan phi and ln c             the same
 wheel's delay      of the wheel speed: beyond the declared one, and what     all channels, by d/dV
                    waiting for an edge of its ring adds at low speed
 wheel order        a zero that turns with the wheel: two amplitudes a run    its channel, by cos, sin
@@ -88,6 +88,7 @@ def constants(channels: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     return (
         ("stiffness_run_to_run", "stiffness"),
         ("friction_run_to_run", "friction"),
+        ("cohesion_run_to_run", "cohesion"),
         ("wheel_speed_delay_s", "delay"),
         ("wheel_edge_delay_rad", "edge"),
         *turning,
@@ -119,8 +120,9 @@ def beliefs(samples: Samples) -> dict[str, Belief]:
         "stiffness_in_run": Belief(0.01, 0.8),
         "friction_in_run": Belief(0.006, 0.8),
         "soil_length_m": Belief(3.0, 0.7),
-        "stiffness_run_to_run": Belief(0.015, 0.8),
-        "friction_run_to_run": Belief(0.008, 0.8),
+        "stiffness_run_to_run": Belief(0.025, 0.6),
+        "friction_run_to_run": Belief(0.012, 0.6),
+        "cohesion_run_to_run": Belief(0.025, 0.6),
         "wheel_speed_delay_s": Belief(0.005, 0.7),
         "wheel_edge_delay_rad": Belief(0.03, 0.8),
     }
@@ -138,7 +140,7 @@ def _positive(sigma: float, otherwise: float) -> float:
 
 def loading(linear: Linear, samples: Samples, name: str) -> FloatArray:
     """Return how a process of the given loading is seen, shape (c, n)."""
-    if name in ("speed", "load", "stiffness", "friction"):
+    if name in ("speed", "load", "stiffness", "friction", "cohesion"):
         return np.asarray(getattr(linear, name))
     if name in ("delay", "edge"):
         return np.asarray(linear.speed * _late_wheel(linear, edge=name == "edge"))
