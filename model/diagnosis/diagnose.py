@@ -195,7 +195,8 @@ def _onward(
     if verdict.verdict != "one_of" and not options.next_run:
         return ()
     chances = {key: found.families()[EFFECTS[key].name] for key in explained.sizes}
-    own = [cause.key for cause in explained.causes] if verdict.verdict == "one_of" else list(explained.sizes)
+    members = [cause.key for cause in explained.causes] if verdict.verdict == "one_of" else []
+    own = members if len(members) > 1 else list(explained.sizes)
     sizes = {key: explained.sizes[key] for key in own if key in explained.sizes}
     return next_runs(seen, members_of(sizes, chances))
 

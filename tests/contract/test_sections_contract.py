@@ -1,0 +1,98 @@
+"""One contract for every section of the report: what it is, what it shows, that it survives poor material."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnosis_samples import diagnosis
+
+import wheelsoil.report.sections
+from daq.errors import WheelsoilError
+from daq.open import open_runs
+from processing.options import ProcessOptions
+from wheelsoil.fitting import FitChoices, fit_runs
+from wheelsoil.plain import to_json
+from wheelsoil.report.content import Panels, Section, Table
+from wheelsoil.report.material import Material, source_of, versions
+from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
+from wheelsoil.runs import process_runs
+
+HELPERS = {"quantity"}
+every_section = pytest.mark.parametrize("module", SECTIONS, ids=lambda module: module.KEY)
+
+
+@pytest.fixture(scope="module")
+def whole(campaign) -> Material:
+    processed = process_runs(open_runs([campaign]), ProcessOptions())
+    return Material(
+        runs=tuple(run for _, run in processed),
+        campaign=fit_runs(processed, FitChoices(), None),
+        no_fit="",
+        vehicle=processed[0][0].vehicle,
+        terrain="clay",
+        sources=tuple(source_of(run) for run, _ in processed),
+        versions=versions(),
+        diagnosed=diagnosis("named"),
+    )
+
+
+def test_every_file_with_a_section_is_listed():
+    folder = Path(wheelsoil.report.sections.__file__).parent
+    files = {path.stem for path in folder.glob("*.py")} - {"__init__"} - HELPERS
+    assert files == {module.__name__.rpartition(".")[2] for module in SECTIONS}
+    assert len({module.KEY for module in SECTIONS}) == len({module.TITLE for module in SECTIONS}) == len(SECTIONS)
+    assert set(OF_THE_DIAGNOSIS) <= set(SECTIONS)
+
+
+@every_section
+def test_it_says_what_it_is_and_how_to_read_it(module, whole):
+    assert module.__doc__ and module.build.__doc__
+    section = module.build(whole)
+    assert isinstance(section, Section) and section.key == module.KEY and section.title == module.TITLE
+    assert section.blocks
+    for block in section.blocks:
+        if isinstance(block, Table):
+            assert all(len(row) == len(block.head) for row in block.rows)
+        if isinstance(block, Panels):
+            assert not block.reading[0].isupper() or block.reading.startswith("R₀"), "it follows 'How to read:'"
+            assert block.reading.endswith(".")
+            for figure in block.figures:
+                check_figure(figure)
+    json.loads(to_json(section.numbers))
+
+
+def check_figure(figure) -> None:
+    assert figure.title and figure.data
+    assert not figure.groups or len(figure.groups) == len(figure.data)
+    for axis in ("xaxis", "yaxis"):
+        drawn = figure.layout[axis]
+        assert drawn["title"]["text"] or drawn.get("type") == "category", figure.key
+    names = [trace["name"] for trace in figure.data if trace.get("showlegend", True)]
+    assert all(names), "every trace says what it is"
+
+
+@every_section
+def test_it_is_built_or_left_out_with_a_reason(module, whole):
+    def nothing(run):
+        return np.full(len(run), np.nan)
+
+    bare = [
+        replace(run, drawbar_pull_n=nothing(run), driving_torque_nm=nothing(run), sinkage_m=nothing(run))
+        for run in whole.runs
+    ]
+    poor = (
+        replace(whole, runs=tuple(bare), campaign=None, no_fit="nothing to fit", diagnosed=None, no_diagnosis="no"),
+        replace(whole, diagnosed=replace(diagnosis("nothing_detectable"), seen=(), gain=None, candidates=())),
+        replace(whole, diagnosed=diagnosis("unexplained")),
+    )
+    for material in poor:
+        try:
+            section = module.build(material)
+        except WheelsoilError as error:
+            assert str(error).strip()
+        else:
+            assert section.blocks

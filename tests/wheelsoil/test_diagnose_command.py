@@ -1,0 +1,188 @@
+"""`wheelsoil diagnose` as other programs use it: the JSON's shape, campaigns, options, the saved model."""
+
+from __future__ import annotations
+
+import shutil
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cli_support import invoke, ok
+from diagnosis_samples import SENTENCES, diagnosis
+
+from daq.errors import ConfigError
+from daq.open import open_runs
+from model.effects import EFFECTS
+from processing.options import ProcessOptions
+from wheelsoil.diagnosing import campaigns_of, diagnosis_options
+from wheelsoil.plain import plain
+from wheelsoil.runs import process_runs
+
+NUMBER = (int, float, type(None))
+QUICK = ("--effects", "vasilev,slope,torque_zero", "--most-causes", 1)
+
+
+def check_shape(found: dict[str, Any]) -> None:
+    """Hold a diagnosis to the contract that other programs read."""
+    assert found["schema"] == "wheelsoil/diagnosis/1"
+    assert found["verdict"] in ("named", "one_of", "unexplained", "nothing_detectable")
+    assert isinstance(found["sentence"], str) and found["sentence"]
+    for cause in found["causes"]:
+        assert {"name", "form", "kind", "probability", "parameters"} <= set(cause)
+        assert cause["kind"] in ("physical", "measurement")
+        assert 0 <= cause["probability"] <= 1
+        for parameter in cause["parameters"]:
+            assert set(parameter) == {"name", "unit", "value", "interval95"}
+            assert len(parameter["interval95"]) == 2
+            assert isinstance(parameter["value"], NUMBER)
+    assert bool(found["causes"]) == (found["verdict"] in ("named", "one_of"))
+    for candidate in found["candidates"]:
+        assert set(candidate) == {"name", "probability"}
+        assert 0 <= candidate["probability"] <= 1
+    probabilities = [candidate["probability"] for candidate in found["candidates"]]
+    assert probabilities == sorted(probabilities, reverse=True)
+    for finding in found["what_is_wrong"]:
+        assert set(finding) == {"channel", "where", "size", "statistic"}
+        assert finding["channel"] in ("drawbar_pull", "driving_torque", "sinkage")
+    if found["gain"] is not None:
+        for which in ("base", "extended"):
+            assert {"R0_N", "M0_percent", "R2"} <= set(found["gain"]["held_out"][which])
+        assert isinstance(found["gain"]["reduction_percent"], NUMBER)
+        assert len(found["gain"]["interval95"]) == 2
+    for item in found["inconsistent"]:
+        assert set(item) == {"channel", "rows", "why"}
+    if found["adequacy"] is not None:
+        assert set(found["adequacy"]) == {"statistic", "threshold", "ok"}
+    if found["proposal"] is not None:
+        assert {"formula", "gain"} <= set(found["proposal"])
+    for least in found["minimum_detectable"].values():
+        assert set(least) == {"parameter", "value", "unit"}
+    for run in found["next_run"]:
+        assert set(run) == {"change", "separates", "expected_log_bayes_factor"}
+        assert isinstance(run["separates"], list)
+
+
+@pytest.mark.parametrize("verdict", SENTENCES)
+def test_what_is_made_by_hand_has_the_shape(verdict):
+    check_shape(plain(diagnosis(verdict).as_json()))
+
+
+@pytest.fixture(scope="module")
+def found(campaign, tmp_path_factory) -> tuple[dict[str, Any], Path, str]:
+    """Return a diagnosis, the model that it left, and what was said beside."""
+    model = tmp_path_factory.mktemp("model") / "model.toml"
+    result = ok("diagnose", campaign, *QUICK, "--next-run", "-o", model, "--json")
+    return result.json, model, result.err
+
+
+def test_what_is_found_has_the_shape(found):
+    diagnosed, _, told = found
+    check_shape(diagnosed)
+    assert {c["name"] for c in diagnosed["candidates"]} == {"slip_sinkage", "slope", "torque_zero", "none"}
+    assert set(diagnosed["minimum_detectable"]) == {"vasilev", "slope", "torque_zero"}
+    assert diagnosed["next_run"], "it was asked for"
+    assert "diagnosis: " in told and "noise" in told, "stages with their times go to stderr"
+
+
+def test_the_model_it_leaves_is_taken_elsewhere(found, campaign, tmp_path):
+    diagnosed, model, told = found
+    saved = tomllib.loads(model.read_text(encoding="utf-8"))
+    assert saved["provenance"]["verdict"] == diagnosed["verdict"]
+    assert saved["provenance"]["sentence"] == diagnosed["sentence"]
+    assert [e["name"] for e in saved["effect"]] == [
+        c["name"] for c in diagnosed["causes"] if diagnosed["verdict"] == "named"
+    ]
+    assert f"wrote {model}" in told
+    assert "extended" in ok("fit", campaign, "--model", model, "--json").json["models"]
+    ok("simulate", "--model", model, "-o", tmp_path / "again", "--runs", 1, "--duration", 15)
+    page = tmp_path / "r.html"
+    report = ok("report", campaign, "--model", model, "--no-diagnosis", "-o", page, "--json").json
+    assert report["left_out"] == {}
+    assert "Extended" in page.read_text(encoding="utf-8")
+    assert invoke("diagnose", campaign, *QUICK, "-o", model).code == 2, "it is there already"
+
+
+def test_the_same_seed_gives_the_same_answer(found, campaign):
+    def timeless(answer: dict[str, Any]) -> dict[str, Any]:
+        return {key: value for key, value in answer.items() if key != "stages_s"}
+
+    again = ok("diagnose", campaign, *QUICK, "--next-run", "--json").json
+    assert timeless(again) == timeless(found[0])
+
+
+def test_folders_are_campaigns_and_loose_runs_are_grouped_by_soil(campaign, tmp_path):
+    other = tmp_path / "meadow"
+    shutil.copytree(campaign, other)
+    soil = (other / "terrain.toml").read_text()
+    assert "cohesion_kpa = 7.58" in soil
+    (other / "terrain.toml").write_text(soil.replace("cohesion_kpa = 7.58", "cohesion_kpa = 8.0"))
+    single = tmp_path / "single.mcap"
+    shutil.copy(campaign / "run-1.mcap", single)
+    paths = [campaign, other, single]
+    grouped = campaigns_of(paths, process_runs(open_runs(paths), ProcessOptions(purpose="diagnose")))
+    assert [(c.name, len(c.runs)) for c in grouped] == [("clay (1)", 2), ("meadow", 2), ("clay (2)", 1)]
+    assert [c.soil.cohesion_pa for c in grouped] == pytest.approx([7580.0, 8000.0, 7580.0])
+    loose = [campaign / "run-1.mcap", other / "run-1.mcap", campaign / "run-2.mcap"]
+    apart = campaigns_of(loose, process_runs(open_runs(loose), ProcessOptions(purpose="diagnose")))
+    assert [len(c.runs) for c in apart] == [2, 1]
+
+
+def test_effects_are_chosen_by_key_family_and_kind():
+    assert set(diagnosis_options(effects=["slip_sinkage"]).effects) == {"vasilev", "lyasko", "ding"}
+    kinds = {EFFECTS[key].kind for key in diagnosis_options(without=["measurement"]).effects}
+    assert kinds == {"physical"}
+    assert "ding" not in diagnosis_options(without=["ding"]).effects
+    assert "closed_form_sinkage" not in diagnosis_options().effects
+    assert "closed_form_sinkage" in diagnosis_options("literal").effects
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"effects": ["slip_sinkige"]}, "nearest: slip_sinkage"),
+        ({"effects": ["closed_form_sinkage"]}, "needs --sinkage literal"),
+        ({"channels": ["dp", "torque"]}, "no channel 'torque'"),
+        ({"channels": []}, "no channel ''"),
+        ({"most_causes": 0}, "1 to 3"),
+    ],
+)
+def test_wrong_options_are_told(wrong, said):
+    with pytest.raises(ConfigError, match=said.replace("(", r"\(")):
+        diagnosis_options(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        ([], "no run is given"),
+        (["nowhere.mcap"], "no such file"),
+        (["--rename", "a=b"], "--rename and --where choose from a table"),
+        (["x", "--table", "rows.csv"], "RUN and --table exclude each other"),
+        (["--table", "rows.csv"], "the wheel is not known"),
+    ],
+)
+def test_bad_input_is_one_clear_message(args, said):
+    result = invoke("diagnose", *args)
+    assert result.code in (2, 3)
+    assert said in result.err
+    assert "Traceback" not in result.err and not result.out
+
+
+def test_a_soil_is_needed(campaign, tmp_path):
+    folder = tmp_path / "campaign"
+    shutil.copytree(campaign, folder)
+    (folder / "terrain.toml").write_text("[soil]\nname = 'x'\n")
+    result = invoke("diagnose", folder)
+    assert result.code == 2
+    assert "soil.cohesion_kpa" in result.err and "soil.sinkage_exponent" in result.err
+
+
+def test_a_bench_table_is_diagnosed(tmp_path):
+    (tmp_path / "wheel.toml").write_text('[wheel]\nradius_m = 0.3\nwidth_m = 0.2\ntyre = "smooth"\n')
+    rows = [f"{s / 10},{w},{50 + 0.05 * w * s / 10}" for s in range(1, 9, 2) for w in (1500, 2500)]
+    (tmp_path / "rows.csv").write_text("\n".join(["slip,vertical_load_n,drawbar_pull_n", *rows]))
+    args = ("--table", tmp_path / "rows.csv", "--vehicle", tmp_path / "wheel.toml", "--soil", "sandy")
+    answer = ok("diagnose", *args, "--effects", "vasilev,drawbar_pull_zero", "--most-causes", 1, "--json").json
+    check_shape(answer)
+    assert "driving_torque" not in {finding["channel"] for finding in answer["what_is_wrong"]}
