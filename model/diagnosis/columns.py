@@ -74,7 +74,7 @@ def cause_columns(simulation: Simulation, causes: dict[str, float]) -> tuple[Cau
     return tuple(found)
 
 
-def columns_of(simulation: Simulation, samples: Samples, linear: Linear, shift: FloatArray) -> Columns:
+def columns_of(simulation: Simulation, samples: Samples, linear: Linear) -> Columns:
     """Put the columns together.
 
     The model is y = f + S (u - u0) + X (c - c0) + f' (e - e0) + ..., so that what is whitened is
@@ -85,8 +85,6 @@ def columns_of(simulation: Simulation, samples: Samples, linear: Linear, shift: 
     simulation : Simulation
     samples : Samples
     linear : Linear
-    shift : array, shape (c, n)
-        Expected difference of the data from the linear model that its noise leaves (second order).
     """
     causes = cause_columns(simulation, linear.point.causes)
     scale = np.array([c.scale for c in causes])
@@ -94,7 +92,7 @@ def columns_of(simulation: Simulation, samples: Samples, linear: Linear, shift: 
     labels, shapes = basis(samples, linear)
     measured = np.stack([samples.measured[c] for c in linear.channels])
     own = linear.causes * scale
-    residual = measured - linear.value - shift + linear.soil @ linear.point.soil
+    residual = measured - linear.value + linear.soil @ linear.point.soil
     residual += own @ at + linear.speed * linear.point.speed_mps
     present = np.isfinite(residual) & linear.usable
     by_run = constants(linear.channels)

@@ -27,8 +27,9 @@ from model.diagnosis.noise_blocks import Block, derivatives
 FloatArray = NDArray[np.float64]
 
 OF_FEW = ("_run_to_run", "_at_rest_n", "_at_rest_nm")
-"""Ends of the names of deviations that only as many values as there are runs or standstills tell of. The root mean square
-of what is likely is taken of them, not the likeliest, or else what differs from run to run is believed too firmly."""
+"""Ends of the names of deviations that only as many values as there are runs or standstills tell of. Of them the root
+mean square of what is likely is taken, not the likeliest, or else what differs from run to run is believed too firmly.
+"""
 _MOST_STEPS = 12
 _LARGEST_STEP = 1.0
 _ENOUGH = 0.05

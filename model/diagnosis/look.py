@@ -197,7 +197,7 @@ def _viewed(start: Start, aim: Aim, rounds: int, clock: Clock) -> View:
     with clock.stage("linearise"):
         linear = linearise(start.simulation, samples, aim.point)
     with clock.stage("columns"):
-        columns = columns_of(start.simulation, samples, linear, np.zeros_like(linear.value))
+        columns = columns_of(start.simulation, samples, linear)
     if start.noise is None and rounds:
         with clock.stage("noise"):
             blocks = blocks_of(samples, linear, columns, variance, noise.values)

@@ -102,7 +102,7 @@ def run_matrix(view: View, simulation: Simulation, manoeuvre: Manoeuvre) -> Floa
     """
     samples = manoeuvre.samples
     linear = linearise(simulation, samples, _point(view, simulation, samples))
-    columns = columns_of(simulation, samples, linear, np.zeros_like(linear.value))
+    columns = columns_of(simulation, samples, linear)
     values = {name: belief.centre for name, belief in beliefs(samples).items()} | view.noise.values
     variance = np.full(len(samples), float(np.median(view.speed_variance)))
     keep = 1 + len(columns.soil) + len(columns.causes)

@@ -146,7 +146,7 @@ class SetProblem:
 
     @staticmethod
     def _columns(part: Part, linear: Linear) -> Columns:
-        full = columns_of(part.simulation, part.view.samples, linear, np.zeros_like(linear.value))
+        full = columns_of(part.simulation, part.view.samples, linear)
         keep = np.r_[0 : 1 + len(full.soil) + len(full.causes), full.shared : full.rows.shape[-1]]
         return replace(full, rows=full.rows[..., keep], rests=full.rests[..., keep], basis=())
 

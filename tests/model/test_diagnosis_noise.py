@@ -32,7 +32,7 @@ def seen() -> tuple[Samples, Linear, Columns]:
         "balanced",
     )
     linear = linearise(simulation, samples, Point(np.zeros(6), {}, np.zeros(len(samples))))
-    return samples, linear, columns_of(simulation, samples, linear, np.zeros_like(linear.value))
+    return samples, linear, columns_of(simulation, samples, linear)
 
 
 def test_blocks_and_the_filter_agree(seen: tuple[Samples, Linear, Columns]) -> None:
