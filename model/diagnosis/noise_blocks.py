@@ -25,6 +25,8 @@ FloatArray = NDArray[np.float64]
 
 LONGEST = 200
 """Samples whose covariance is formed at once."""
+MOST = 1500
+"""Samples that tell the hyper-parameters well enough: of a longer campaign only every so many blocks are taken."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ def blocks_of(
         own = np.flatnonzero((samples.run == run) & columns.present.any(axis=0))
         rest = np.flatnonzero(samples.rests.run == run)
         pieces = np.array_split(own, max(1, -(-len(own) // LONGEST)))
-        for i, piece in enumerate(pieces):
+        for i, piece in enumerate(pieces[:: max(1, round(len(samples) / MOST))]):
             here = rest if i == 0 else rest[:0]
             if len(piece) or len(here):
                 found.append(_block(samples, linear, columns, second, resting, piece, here))
