@@ -92,7 +92,8 @@ def split(grams: Grams, added: FloatArray, members: tuple[Member, ...], now: Flo
 def _against_rest(nats: FloatArray, weights: FloatArray, i: int) -> float:
     rest = np.arange(len(weights)) != i
     share = weights[rest] / weights[rest].sum()
-    return float(-np.log(share @ np.exp(-nats[rest])))
+    least = float(nats[rest].min())
+    return least - float(np.log(share @ np.exp(least - nats[rest])))
 
 
 def _pairwise(grams: Grams, projected: Projected, members: tuple[Member, ...]) -> FloatArray:
