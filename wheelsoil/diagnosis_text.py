@@ -8,7 +8,15 @@ from math import isfinite
 
 from model.diagnosis.result import Cause, Diagnosis, Gain, Scores
 from wheelsoil.cli.talk import number, table_lines
-from wheelsoil.diagnosis_words import CHANNEL_NAMES, CHANNEL_UNITS, FINDING_UNITS, effect_name, plain_name
+from wheelsoil.diagnosis_words import (
+    CHANNEL_NAMES,
+    CHANNEL_UNITS,
+    FINDING_UNITS,
+    NO_GAIN,
+    effect_name,
+    nothing_chosen,
+    plain_name,
+)
 from wheelsoil.diagnosis_words import probability as as_probability
 
 _LEAST_SHOWN = 0.01
@@ -155,6 +163,8 @@ def _score_row(name: str, scores: Scores, unit: str) -> list[str]:
 
 def gain_text(gain: Gain) -> str:
     """Return the gain in a sentence."""
+    if nothing_chosen(gain):
+        return NO_GAIN
     low, high = gain.interval95
     within = f" (95 %: {number(low, 3)} to {number(high, 3)} %)" if isfinite(low) and isfinite(high) else ""
     chosen = sum(bool(keys) for keys in gain.chosen)

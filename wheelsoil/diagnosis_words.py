@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import isfinite
 
+from model.diagnosis.result import Gain
 from model.effects import EFFECTS
 
 CHANNEL_NAMES = {"dp": "drawbar pull", "t": "driving torque", "z": "sinkage"}
@@ -22,6 +23,14 @@ def effect_name(key: str) -> str:
     if effect is None:
         return plain_name(key)
     return f"{plain_name(effect.name)} ({effect.form})" if effect.form else plain_name(effect.name)
+
+
+NO_GAIN = "No cause was chosen for any of the runs left out, so that there is nothing to gain."
+
+
+def nothing_chosen(gain: Gain) -> bool:
+    """Return whether the choice fell on no cause each time."""
+    return bool(gain.chosen) and not any(gain.chosen)
 
 
 def probability(value: float) -> str:

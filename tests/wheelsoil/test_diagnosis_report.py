@@ -129,6 +129,14 @@ def test_what_cannot_be_shown_is_said(plain_material):
     assert figures(nothing, "misfit") == []
 
 
+def test_where_no_cause_was_chosen_there_is_nothing_to_gain(plain_material):
+    found = diagnosis("nothing_detectable")
+    assert found.gain is not None
+    report = built(plain_material, replace(found, gain=replace(found.gain, chosen=((), ()))))
+    assert "nothing to gain" in text(report, "gain")
+    assert figures(report, "gain") == []
+
+
 def test_a_few_samples_do_not_break_a_figure(plain_material):
     found = replace(diagnosis(), seen=(seen(runs=("one",), samples=2),))
     built(plain_material, found).html("x.json")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from model.diagnosis.result import Gain, Scores
-from wheelsoil.diagnosis_words import CHANNEL_NAMES, CHANNEL_UNITS, effect_name
+from wheelsoil.diagnosis_words import CHANNEL_NAMES, CHANNEL_UNITS, NO_GAIN, effect_name, nothing_chosen
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes
 from wheelsoil.report.material import Material
@@ -32,6 +32,8 @@ def build(material: Material) -> Section:
         text = "No gain could be measured: it takes at least two runs, one of which is left out."
         return Section(KEY, TITLE, [Text(text)], {"gain": None})
     gain = found.gain
+    if nothing_chosen(gain):
+        return Section(KEY, TITLE, [Text(NO_GAIN), _table(gain)], {"gain": gain})
     blocks: list[Block] = [Text(sentence(gain), "good" if gain.log_likelihood_gain > 0 else "warning"), _table(gain)]
     blocks.append(Panels([_figure(gain)], _READING))
     if gain.chosen:
