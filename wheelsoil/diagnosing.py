@@ -147,14 +147,15 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
     first = members[0][0]
     terrain = first.terrain if soil_name is None else None
     soil = known_soil(soil_name, terrain)
-    tyre = first.vehicle.wheel.tyre if first.vehicle.wheel else None
+    declared = first.vehicle.wheel
     return Campaign(
         name=Path(folder).resolve().name if folder else soil.name or _LOOSE,
         runs=tuple(run for _, run in members),
         wheel=wheel_of(first.vehicle, first.vehicle_source),
         soil=soil,
         soil_prior=prior_of(soil, terrain),
-        tyre=tyre or "",
+        tyre=(declared.tyre or "") if declared else "",
+        outboard_mass_kg=declared.outboard_mass_kg if declared else 0.0,
     )
 
 

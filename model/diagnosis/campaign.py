@@ -32,6 +32,8 @@ class Campaign:
         How sure the laboratory is.
     tyre : "smooth", "lugged" or ""
         As vehicle.toml declares it.
+    outboard_mass_kg : float
+        As vehicle.toml declares it. Its inertia is in the drawbar pull of the runs, by the slope of the measured speed.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Campaign:
     soil: Soil
     soil_prior: SoilPrior
     tyre: str = ""
+    outboard_mass_kg: float = 0.0
 
 
 @dataclass(frozen=True)

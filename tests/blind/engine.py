@@ -15,7 +15,7 @@ from blind.field import FieldDay, driven
 from blind.folders import run_info, terrain_config, vehicle_config, write_campaign
 from blind.mix import Case
 
-from daq.config import TerrainConfig
+from daq.config import TerrainConfig, WheelSection
 from daq.open import open_runs
 from model.diagnosis.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.result import Diagnosis
@@ -54,10 +54,11 @@ def campaign_from_frames(day: FieldDay, hidden: Sequence[tuple[str, float]]) -> 
     return campaign
 
 
-def _campaign(runs: tuple[ProcessedRun, ...], terrain: TerrainConfig, wheel: object) -> Campaign:
+def _campaign(runs: tuple[ProcessedRun, ...], terrain: TerrainConfig, wheel: WheelSection | None) -> Campaign:
     soil = soil_from_terrain(terrain)
     assert wheel is not None
-    return Campaign("blind", runs, Wheel(wheel.radius_m, wheel.width_m), soil, prior_of(soil, terrain))  # type: ignore[attr-defined]
+    own, prior = Wheel(wheel.radius_m, wheel.width_m), prior_of(soil, terrain)
+    return Campaign("blind", runs, own, soil, prior, outboard_mass_kg=wheel.outboard_mass_kg)
 
 
 def asked(campaign: Campaign, case: Case, truth: dict[str, Any]) -> dict[str, Any]:
