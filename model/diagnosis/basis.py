@@ -23,7 +23,9 @@ AMPLITUDE = {"dp": 0.02, "t": 0.02, "z": 0.02}
 
 _DRIVE_KNOTS = (0.05, 0.2, 0.4, 0.65, 0.95)
 _BRAKE_KNOTS = (0.05, 0.15, 0.3, 0.6)
-_PLACES = 7
+_PLACES = 13
+_OF_A_CHANNEL = (0.02, 0.25, 0.5, 0.75, 0.98)
+"""Quantiles of a channel at which its own curve may bend."""
 _TIMES_IN_RUN = 3
 
 
@@ -60,7 +62,7 @@ def _shapes(samples: Samples, linear: Linear) -> Iterator[Shape]:
     direction = np.asarray(samples.conditions.direction)
     yield "direction, driving", direction * driving
     yield "direction, braking", direction * (1.0 - driving)
-    yield from _products(linear, driving)
+    yield from _products(samples, linear, driving)
 
 
 def _hats(
@@ -92,7 +94,7 @@ def _in_time(samples: Samples) -> Iterator[Shape]:
             yield f"{name},{label} s", x
 
 
-def _products(linear: Linear, driving: FloatArray) -> Iterator[Shape]:
+def _products(samples: Samples, linear: Linear, driving: FloatArray) -> Iterator[Shape]:
     """Yield shapes of usual causes that nobody lists: hysteresis, lag, curved channels."""
     at = linear.conditions
     yield "speeding up, driving", driving * np.tanh(np.asarray(at.ground_acceleration_mps2) / 0.3)
@@ -106,13 +108,23 @@ def _products(linear: Linear, driving: FloatArray) -> Iterator[Shape]:
     )
     yield "rising slip, driving", driving * np.tanh(rate / 0.2)
     yield "rising slip, braking", (1.0 - driving) * np.tanh(rate / 0.2)
-    for channel in ("dp", "t"):
-        if channel in linear.channels:
-            x = linear.value[linear.channels.index(channel)]
-            known = np.isfinite(x)
-            x = np.where(known, x, 0.0) / max(float(np.std(x[known])) if known.any() else 0.0, 1e-9)
-            name = "large drawbar pull" if channel == "dp" else "large torque"
-            yield name, x * np.abs(x) / 2.0
+    yield from _of_channels(samples, linear)
+
+
+def _of_channels(samples: Samples, linear: Linear) -> Iterator[Shape]:
+    """Yield shapes of a channel's own doing: a curve that bends, a gain that drifts."""
+    for channel, words in (("dp", "drawbar pull"), ("t", "torque")):
+        if channel not in linear.channels:
+            continue
+        x = linear.value[linear.channels.index(channel)] / 1e3
+        known = np.isfinite(x)
+        if known.sum() < 2:
+            continue
+        x = np.where(known, x, 0.0)
+        yield from _hats(words, x, tuple(np.quantile(x[known], _OF_A_CHANNEL)), known)
+        x = x / max(float(np.std(x[known])), 1e-9)
+        yield f"large {words}", x * np.abs(x) / 2.0
+        yield f"{words} over the campaign", np.nan_to_num(samples.conditions.campaign_time) * x
 
 
 def where_of(label: str) -> tuple[str, str]:

@@ -157,7 +157,7 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) ->
 def _judged(seen: Look, options: DiagnosisOptions, rng: np.random.Generator) -> tuple[Adequacy, float]:
     """Judge the likeliest set under noise that instruments can have; return also the factor on the noise's variance."""
     judged = adequacy(seen.grams, seen.best.keys, rng)
-    factor = excess(judged)
+    factor = excess(seen.grams, seen.best.keys)
     grams = plausible_grams(seen)
     if judged.ok and grams is not seen.grams:
         judged = adequacy(grams, posterior(grams, seen.excluded, options.most_causes).best(), rng)

@@ -19,7 +19,7 @@ from model.diagnosis.hyper import estimated
 from model.diagnosis.joint import joined
 from model.diagnosis.linearise import Linear, Simulation, linearise
 from model.diagnosis.loads import with_likely_load
-from model.diagnosis.noise import Noise, beliefs
+from model.diagnosis.noise import Noise, beliefs, remarks
 from model.diagnosis.noise_blocks import blocks_of
 from model.diagnosis.predictive import log_evidence
 from model.diagnosis.samples import Samples
@@ -164,7 +164,7 @@ def look(
         excluded=likeliest.excluded,
         rounds=likeliest.rounds,
         settled=likeliest.settled,
-        notes=tuple(note for s in starts for note in s.samples.notes),
+        notes=tuple(n for v in likeliest.views for n in (*v.samples.notes, *remarks(v.noise, v.linear.channels))),
         stages_s=clock.stages_s,
     )
 

@@ -1,14 +1,16 @@
 """The noise model as far as instruments can be that bad: what an explanation is judged by.
 
 Slip is measured, and an error of the ground speed shows in all channels at once. So does much else: a slip that lags
-behind, a soil that answers late. A noise model that may choose its speed error freely explains them all. Whether an
-explanation is adequate is therefore judged with a speed error no larger than the sensor is stated to have, with a
-margin, or than a usual receiver has.
+behind, a soil that answers late. A noise model that may choose its speed error and its delays freely explains them
+all; one that may choose the soil's scatter freely takes a soft patch for it. Whether an explanation is adequate is
+therefore judged with a speed error no larger than the sensor is stated to have, with a margin, or than a usual receiver
+has, with delays no longer than what is thought of toothed rings, and with a soil as even as is thought of one terrain.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from math import exp
 
 from model.diagnosis.grams import Grams
 from model.diagnosis.joint import joined
@@ -20,7 +22,10 @@ MARGIN = 1.5
 """Times the stated one-sigma."""
 USUAL_MPS = 0.05
 """One-sigma that any receiver may have: data sheets say .03 (0.1 km/h); slow drift comes on top."""
+LOG_SIGMAS = 2.0
+"""One-sigmas of its logarithm by which a delay, or the soil's scatter in a run, may be larger than thought."""
 _SPEED = ("speed_noise_mps", "speed_white_mps")
+_OTHERS = ("wheel_speed_delay_s", "wheel_edge_delay_rad", "stiffness_in_run", "friction_in_run")
 
 
 def plausible_grams(look: Look) -> Grams:
@@ -49,6 +54,8 @@ def plausible_grams(look: Look) -> Grams:
 def _plausible(view: View) -> Noise:
     believed = beliefs(view.samples)
     most = {name: max(MARGIN * believed[name].centre, USUAL_MPS) for name in _SPEED}
-    if all(view.noise.values[name] <= most[name] for name in _SPEED):
+    for name in _OTHERS:
+        most[name] = believed[name].centre * exp(LOG_SIGMAS * believed[name].log_sigma)
+    if all(view.noise.values.get(name, 0.0) <= largest for name, largest in most.items()):
         return view.noise
     return replace(view.noise, values={k: min(x, most.get(k, x)) for k, x in view.noise.values.items()})

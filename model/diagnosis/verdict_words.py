@@ -83,7 +83,7 @@ def unexplained_words(
     tried = f", not even {_listed([plain(f) for f in best])}," if best else ""
     said = [
         f"Neither the soil nor any set of causes in the library{tried} explains these runs: what is left is "
-        f"{judged.statistic:.1f} times what noise leaves (up to {judged.threshold:.1f} is taken as noise)"
+        f"{judged.statistic:.1f} times what noise hardly ever leaves (up to {judged.threshold:.1f} may still be noise)"
     ]
     if left:
         said.append(f"It shows in {_findings(left)}")

@@ -54,6 +54,7 @@ def test_a_campaign_without_a_cause_leaves_white_noise(null: Look) -> None:
     values = null.views[0].noise.values
     assert 0.018 < values["speed_noise_mps"] < 0.045  # 0.03 were put in
     assert 20.0 < values["drawbar_pull_noise_n"] < 50.0  # 46, of which 35 are left of means over a fifth of a second
+    assert any("once a turn of the wheel" in note for note in null.notes)
     assert {"samples", "linearise", "noise", "whitening", "evidence", "smoothing"} <= set(null.stages_s)
 
 
@@ -95,12 +96,12 @@ def test_measured_sinkage_is_a_channel_like_the_others() -> None:
 
 
 def test_campaigns_share_their_causes_and_not_their_soils() -> None:
-    both = [simulated_campaign(soil, runs=2, effect="crosstalk:coefficient=0.01") for soil in ("clay", "sandy")]
+    both = [simulated_campaign(soil, runs=RUNS, effect="crosstalk:coefficient=0.01") for soil in ("clay", "sandy")]
     seen = look(both, DiagnosisOptions(effects=("crosstalk", "drawbar_pull_zero", "torque_gain")))
-    assert seen.grams.matrices.shape[0] == 4
+    assert seen.grams.matrices.shape[0] == 2 * RUNS
     assert len(seen.grams.soil) == 12
     assert seen.grams.soil[0] == "clay 0: cohesion_pa"
-    assert seen.grams.run_names[-1] == "sandy 0: run-2"
+    assert seen.grams.run_names[-1] == f"sandy 0: run-{RUNS}"
     soils = seen.grams.soil_columns
     assert not seen.grams.matrices[0][soils, soils][6:, 6:].any()
     assert found(seen)["crosstalk.coefficient"][0] == pytest.approx(0.01, abs=0.002)

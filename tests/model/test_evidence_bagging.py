@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gram_support import World, library, world
 
-from model.diagnosis.adequacy import adequacy, excess
+from model.diagnosis.adequacy import excess
 from model.diagnosis.bagging import bagged
 from model.diagnosis.evidence import Posterior, posterior
 from model.diagnosis.grams import Grams
@@ -24,8 +24,7 @@ def worlds() -> list[World]:
 def weighed(grams: Grams, seed: int = 0) -> Posterior:
     """As the diagnosis does it: a little too much is left over is taken as noise, runs are drawn anew."""
     rng = np.random.default_rng(seed)
-    judged = adequacy(grams, posterior(grams).best(), rng)
-    return bagged(grams, rng, excess=excess(judged), replicates=32)
+    return bagged(grams, rng, excess=excess(grams, posterior(grams).best()), replicates=32)
 
 
 def one_hidden(drawn: World, rng: np.random.Generator) -> tuple[np.ndarray, str]:
