@@ -17,6 +17,7 @@ from model.fit_result import EXTENDED, CampaignFit, FitOptions, LoadRatio, Model
 from model.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
 from model.intervals import Blocks, blocks_of
 from model.observations import CHANNELS, Observations, observations_of
+from model.one_thread import one_thread
 from model.run_conditions import conditions_of
 from model.soils import Soil
 from model.wheel import Wheel
@@ -28,6 +29,7 @@ FloatArray = NDArray[np.float64]
 _RENEWALS = 2
 
 
+@one_thread
 def fit_models(
     runs: Sequence[ProcessedRun], wheel: Wheel, soil: Soil, options: FitOptions | None = None
 ) -> CampaignFit:
@@ -69,6 +71,7 @@ def fit_models(
     return replace(fitted, models=judge_alike(models, everything, predicted, fitted.slip_threshold))
 
 
+@one_thread
 def fit_observations(
     observations: Observations,
     wheel: Wheel,

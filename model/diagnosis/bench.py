@@ -25,6 +25,7 @@ from model.diagnosis.campaign import Bench, DiagnosisOptions
 from model.diagnosis.consistency import inconsistencies
 from model.diagnosis.result import Adequacy, Candidate, Cause, Diagnosis, Gain, Verdict
 from model.diagnosis.verdict import IDLE_AT, NOTHING_AT
+from model.one_thread import one_thread
 
 FloatArray = NDArray[np.float64]
 
@@ -32,6 +33,7 @@ _LEAST_ROWS = 4
 _MOST_SIGNATURES = 6
 
 
+@one_thread
 def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = None) -> Diagnosis:
     """Diagnose bench tables jointly: causes are shared, and the soil where two tables name the same one.
 

@@ -26,6 +26,7 @@ from model.diagnosis.bench_sets import Library, Sets, family_of, library
 from model.diagnosis.bench_skid import driven_rows
 from model.diagnosis.bench_weigh import Weighed, Weighing, weigh, weighed
 from model.diagnosis.campaign import Bench, DiagnosisOptions
+from model.one_thread import one_thread
 
 FloatArray = NDArray[np.float64]
 
@@ -99,6 +100,7 @@ def own_part(hypothesis: Hypothesis) -> Hypothesis:
     return tuple(use for use in hypothesis if use.bench is not None)
 
 
+@one_thread
 def transfer(first: Bench, second: Bench, options: DiagnosisOptions | None = None) -> Transfer:
     """Carry the soil and the causes of one wheel over to another, and weigh what is different.
 

@@ -36,6 +36,7 @@ from model.diagnosis.verdict import Judgement, candidates, judgement
 from model.diagnosis.verdict_words import named_words, nothing_words, one_of_words, unexplained_words, want_words
 from model.diagnosis.where_wrong import findings
 from model.effects import EFFECTS
+from model.one_thread import one_thread
 
 ALIKE = 0.95
 """Cosine of two signatures, the soil projected out, from which on they look almost the same."""
@@ -43,6 +44,7 @@ NOTHING_TO_TEST = "nothing explains these runs: there is no extension whose gain
 FEW_RUNS = "fewer than three runs: probabilities could not be calibrated by drawing runs anew"
 
 
+@one_thread
 def diagnose(
     campaigns: Sequence[Campaign], options: DiagnosisOptions | None = None, noises: Sequence[Noise] | None = None
 ) -> Diagnosis:

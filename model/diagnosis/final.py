@@ -16,6 +16,7 @@ from model.diagnosis.result import ParameterEstimate, SoilEstimate
 from model.diagnosis.set_problem import SetProblem, set_problem
 from model.diagnosis.spread import Spread, interval, spread_of
 from model.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
+from model.one_thread import one_thread
 from model.profile import profile_of_sum
 from model.wheel_soil import SOIL_PARAMETERS
 
@@ -94,6 +95,7 @@ class SetFit:
         return self.problem.grams()
 
 
+@one_thread
 def fit_set(look: Look, keys: tuple[str, ...], *, starts: Literal["one", "several"] = "several") -> SetFit:
     """Fit a set of causes with the whole model.
 

@@ -25,6 +25,7 @@ from model.diagnosis.predictive import log_evidence
 from model.diagnosis.samples import Samples
 from model.diagnosis.start import Start, begin, delays_s, never_told
 from model.diagnosis.whitening import RunGrams, run_grams
+from model.one_thread import one_thread
 
 FloatArray = NDArray[np.float64]
 
@@ -130,6 +131,7 @@ class _Settled:
     settled: bool
 
 
+@one_thread
 def look(
     campaigns: Sequence[Campaign],
     options: DiagnosisOptions | None = None,

@@ -23,6 +23,7 @@ from model.diagnosis.noise import Noise, beliefs
 from model.diagnosis.result import Detectable, NextRun
 from model.diagnosis.samples import samples_of
 from model.diagnosis.split import Member
+from model.one_thread import one_thread
 
 FloatArray = NDArray[np.float64]
 
@@ -102,6 +103,7 @@ class Plan:
         }
 
 
+@one_thread
 def plan_of(
     campaigns: Sequence[Campaign],
     options: DiagnosisOptions | None = None,
@@ -130,6 +132,7 @@ def plan_of(
     return plan_from_look(seen, chosen, sizes, advise=advise)
 
 
+@one_thread
 def plan_from_look(
     seen: Look,
     options: DiagnosisOptions | None = None,
