@@ -83,13 +83,23 @@ def split(grams: Grams, added: FloatArray, members: tuple[Member, ...], now: Flo
     nats = np.maximum(_pairwise(grams, without_soil(grams, total + added), members) - before, 0.0)
     weights = np.array([max(member.probability, 1e-9) for member in members])
     weights = weights / weights.sum()
-    gained = [_against_rest(nats[i], weights, i) for i in range(len(members))] if len(members) > 1 else [0.0]
+    gained = [against_rest(nats[i], weights, i) for i in range(len(members))] if len(members) > 1 else [0.0]
     comes_apart = np.any(0.5 * (nats + nats.T) >= PARTS, axis=1).tolist()
     parted = tuple(member.key for member, apart in zip(members, comes_apart, strict=True) if apart)
     return Split(nats, float(weights @ gained), parted)
 
 
-def _against_rest(nats: FloatArray, weights: FloatArray, i: int) -> float:
+def against_rest(nats: FloatArray, weights: FloatArray, i: int) -> float:
+    """Return the expected log Bayes factor of member i against all others together.
+
+    Parameters
+    ----------
+    nats : array, shape (members,)
+        Against each.
+    weights : array, shape (members,)
+        Probabilities.
+    i : int
+    """
     rest = np.arange(len(weights)) != i
     share = weights[rest] / weights[rest].sum()
     least = float(nats[rest].min())

@@ -15,7 +15,7 @@ from model.diagnosis.look import Look, look
 from model.diagnosis.manoeuvres import LIKE_OTHERS, braked, manoeuvres, only_run, slower_ramps, turned, with_load_times
 from model.diagnosis.next_run import next_runs
 from model.diagnosis.samples import Samples, samples_of
-from model.diagnosis.split import Member
+from model.diagnosis.split import Member, against_rest
 from model.soil_prior import prior_of
 from processing.pipeline import process
 from wheelsoil.virtual_campaign import simulated_roles
@@ -130,3 +130,10 @@ def test_a_sinkage_sensor_is_offered_where_there_is_none() -> None:
     assert not any("torque channel" in change for change in changes)
     without = samples_of(driven(), ("dp",))
     assert any("torque channel" in m.change for m in manoeuvres(without))
+
+
+def test_members_that_a_run_parts_by_thousands_of_nats_are_parted() -> None:
+    nats = np.array([1896.0, 1896.0, 1896.0, 0.0])
+    weights = np.array([0.9, 0.05, 0.03, 0.02])
+    assert against_rest(nats, weights, 3) == pytest.approx(1896.0)
+    assert against_rest(np.zeros(4), weights, 0) == pytest.approx(0.0)
