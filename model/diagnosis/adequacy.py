@@ -32,8 +32,9 @@ LEVEL = 0.995
 """Quantile of the statistic where the noise model is exact."""
 SLACK = 1.3
 """Factor on that quantile."""
-FORM = 0.05
-"""Share of its size by which a cause's formula may miss nature's."""
+FORM = 0.1
+"""Share of its size by which a cause's formula may miss nature's; of two causes half of it, of three a third: a formula
+that is right in kind needs no others to make up for it."""
 MOST_EXCESS = 2.0
 _FAR = 0.9998
 """Quantile that each kind is measured in, so that kinds of few shapes and of many are alike."""
@@ -100,11 +101,12 @@ def adequacy(grams: Grams, keys: tuple[str, ...], rng: np.random.Generator) -> A
     groups = _kinds(grams.basis)
     kinds = [_kind(left.information, shapes) for shapes in groups]
     before = left_over(grams)
+    form = FORM / max(len(keys), 1)
     ratios = []
     for kind, shapes in zip(kinds, groups, strict=True):
         found = float(kind.statistic(left.score))
         explained = float(_kind(before.information, shapes).statistic(before.score)) - found
-        ratios.append(found / (kind.far + FORM**2 * max(explained, 0.0)))
+        ratios.append(found / (kind.far + form**2 * max(explained, 0.0)))
     values, vectors = np.linalg.eigh(left.information)
     drawn = (rng.normal(size=(_DRAWS, values.size)) * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
     largest = np.max([k.statistic(drawn) / k.far for k in kinds], axis=0)

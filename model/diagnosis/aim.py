@@ -17,7 +17,7 @@ from model.diagnosis.start import LATENCY, Start
 from model.diagnosis.whitening import smoothed_speed
 
 if TYPE_CHECKING:
-    from model.diagnosis.look import View
+    from model.diagnosis.view import View
 
 FloatArray = NDArray[np.float64]
 

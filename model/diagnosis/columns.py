@@ -114,7 +114,7 @@ def columns_of(simulation: Simulation, samples: Samples, linear: Linear) -> Colu
 def _at_rest(
     samples: Samples, linear: Linear, scale: FloatArray, at: FloatArray, width: int
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the standstills' columns: only causes show there, and a zero of drawbar pull that turns with the wheel.
+    """Return the standstills' columns: only causes show there, zeros of the run, and what turns with the wheel.
 
     A torque about the wheel's own axis has no zero that turns; what it does once a turn, it does while it rolls.
     """
@@ -136,4 +136,6 @@ def _at_rest(
             if channel == "dp" and name in ("cos dp", "sin dp"):
                 turn = np.cos if name.startswith("cos") else np.sin
                 out[row, :, width - len(by_run) + i] = turn(rests.wheel_angle_rad)
+            elif name == f"zero {channel}":
+                out[row, :, width - len(by_run) + i] = 1.0
     return np.where(present[..., None], out, 0.0), present

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from daq.errors import Fault
-from model.bound import bound_rows_of_runs, inconsistent
 from model.diagnosis.adequacy import adequacy, excess
 from model.diagnosis.bagging import bagged
 from model.diagnosis.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.consistency import inconsistencies
 from model.diagnosis.detectable import minimum_detectable
 from model.diagnosis.evidence import Posterior, posterior
 from model.diagnosis.explained import Explained, Fits, explain, likeliest_form
 from model.diagnosis.held_out import held_out
 from model.diagnosis.isolability import isolability
-from model.diagnosis.look import Clock, Look, look
+from model.diagnosis.look import Look, look
 from model.diagnosis.next_run import next_runs
 from model.diagnosis.noise import Noise
 from model.diagnosis.plausible_noise import plausible_grams
@@ -34,6 +34,7 @@ from model.diagnosis.start import unfit
 from model.diagnosis.two_soils import two_soils
 from model.diagnosis.verdict import Judgement, candidates, judgement
 from model.diagnosis.verdict_words import named_words, nothing_words, one_of_words, unexplained_words, want_words
+from model.diagnosis.view import Clock
 from model.diagnosis.where_wrong import findings
 from model.effects import EFFECTS
 from model.one_thread import one_thread
@@ -142,7 +143,7 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) ->
         candidates=tuple(Candidate(name, p) for name, p in candidates(found).items()),
         what_is_wrong=tuple(weighed.wrong),
         gain=weighed.gain,
-        inconsistent=tuple(x for v in seen.views for x in inconsistent(bound_rows_of_runs(v.campaign.runs))),
+        inconsistent=inconsistencies([v.campaign for v in seen.views]),
         adequacy=weighed.judged,
         proposal=offered,
         minimum_detectable=weighed.sizes,
@@ -183,7 +184,7 @@ def _weighed(
     if judged.ok:
         with clock.stage("held_out"):
             gain, remark = held_out(seen, options, fits=fits.of((), seen.best.keys))
-    verdict = judgement(found, judged, gain, seen.cannot_tell, options.name_at)
+    verdict = judgement(found, judged, gain, seen.cannot_tell, options.name_at, seen.settled)
     with clock.stage("where"):
         left_by = seen.best.keys if verdict.verdict == "unexplained" else ()
         wrong = findings(seen.grams, seen.views, left_by, factor)

@@ -29,6 +29,9 @@ from model.linear_step import bounded_least_squares
 
 FloatArray = NDArray[np.float64]
 
+KEEP = 3.0
+"""Odds below which a set stays where it is, see `best_set`."""
+
 
 @dataclass(frozen=True)
 class Posterior:
@@ -228,6 +231,8 @@ def weighed(
     if beam is None or most < 3:
         return listed, found
     two = np.flatnonzero((listed.members >= 0).sum(axis=1) == 2)
+    if not two.size:
+        return listed, found
     joint = (found + listed.log_prior)[..., two].reshape(-1, two.size).max(axis=0)
     listed = with_triples(listed, two[np.argsort(-joint, kind="stable")[:beam]])
     return listed, log_evidences(reduced, listed, lower, upper)
@@ -285,6 +290,22 @@ def _in_box(precision: FloatArray, side: FloatArray, lower: FloatArray, upper: F
     return bounded_least_squares(root.T, target, lower, upper, start)
 
 
-def best_set(grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3) -> SetEstimate:
-    """Return the likeliest set of causes and its values: where the next linearisation belongs."""
-    return estimate(grams, posterior(grams, excluded, most).best())
+def best_set(
+    grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3, held: tuple[str, ...] | None = None
+) -> SetEstimate:
+    """Return the likeliest set of causes and its values: where the next linearisation belongs.
+
+    Parameters
+    ----------
+    grams : Grams
+    excluded, most
+        See `posterior`.
+    held : tuple of str, optional
+        A set that is kept while no other is `KEEP` times as likely: two forms of one cause would take turns for ever.
+    """
+    found = posterior(grams, excluded, most)
+    keys = found.best()
+    if held is not None and not set(held) & excluded and len(held) <= most:
+        own = found.probability[found.hypotheses.index_of(held)]
+        keys = held if KEEP * own >= found.probability.max() else keys
+    return estimate(grams, keys)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.criteria import criteria
+from model.diagnosis.adequacy import excess
 from model.diagnosis.campaign import DiagnosisOptions
 from model.diagnosis.evidence import estimate, posterior
 from model.diagnosis.final import SetFit, fit_set
@@ -47,12 +48,15 @@ class Foretold:
     measured, predicted : mapping channel -> array, shape (n,)
     judged : bool array, shape (n,)
         At or above the paper's slip threshold.
+    numbers : int
+        That the log likelihood is the density of.
     """
 
     log_likelihood: float
     measured: dict[str, FloatArray]
     predicted: dict[str, FloatArray]
     judged: NDArray[np.bool_]
+    numbers: int
 
     def squares(self, channel: str) -> tuple[float, int]:
         """Return the sum of squared errors in a channel, and how many there are."""
@@ -98,13 +102,14 @@ def held_out(
     grams = {keys: known[keys].grams() for keys in {(), *chosen}}
     base = [foretold(look, known[()], run, grams[()]) for run in range(count)]
     extended = [foretold(look, known[keys], run, grams[keys]) if keys else base[run] for run, keys in enumerate(chosen)]
+    base, extended = _judged(base, extended)
     squares = _squares(base, extended)
     gain = Gain(
         base=_scores(base),
         extended=_scores(extended),
         reduction_percent=_reduction(squares),
         interval95=_interval(squares, options.seed),
-        log_likelihood_gain=sum(e.log_likelihood - b.log_likelihood for b, e in zip(base, extended, strict=True)),
+        log_likelihood_gain=sum(_gained(b, e) for b, e in zip(base, extended, strict=True)),
         chosen=chosen,
     )
     return gain, TWO_RUNS if count == 2 else ""
@@ -112,7 +117,15 @@ def held_out(
 
 def _chosen(look: Look, run: int, options: DiagnosisOptions) -> Keys:
     """Return the causes that all runs but one ask for."""
-    return posterior(others(look.grams, run), look.excluded, options.most_causes).best()
+    known = others(look.grams, run)
+    first = posterior(known, look.excluded, options.most_causes).best()
+    wider = replace(known, matrices=known.matrices / excess(known, first))
+    return posterior(wider, look.excluded, options.most_causes).best()
+
+
+def _gained(base: Foretold, extended: Foretold) -> float:
+    """Return by how much better a run was foretold, nats; nothing where one has an answer for more samples."""
+    return extended.log_likelihood - base.log_likelihood if extended.numbers == base.numbers else 0.0
 
 
 def foretold(look: Look, fit: SetFit, run: int, grams: Grams | None = None) -> Foretold:
@@ -139,17 +152,18 @@ def foretold(look: Look, fit: SetFit, run: int, grams: Grams | None = None) -> F
     values = simulated(part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples))))
     return Foretold(
         log_likelihood=log_likelihood_of_run(grams, run, fit.keys),
+        numbers=int(grams.samples[run]),
         measured={c: samples.measured[c] for c in part.frozen.channels},
         predicted=dict(zip(part.frozen.channels, values, strict=True)),
         judged=np.asarray(samples.conditions.slip) >= default_slip_threshold(look.views[at].campaign.soil),
     )
 
 
-def _judged(runs: list[Foretold]) -> list[Foretold]:
-    """Return the runs; where no sample at all is above the threshold, judged on every sample."""
-    if any(run.judged.any() for run in runs):
-        return runs
-    return [replace(run, judged=np.ones(len(run.judged), bool)) for run in runs]
+def _judged(*models: list[Foretold]) -> tuple[list[Foretold], ...]:
+    """Return the runs of every model; where no sample at all is above the threshold, judged on every sample."""
+    if any(run.judged.any() for run in models[0]):
+        return models
+    return tuple([replace(run, judged=np.ones(len(run.judged), bool)) for run in runs] for runs in models)
 
 
 def _scores(runs: Sequence[Foretold]) -> dict[str, Scores]:
@@ -189,6 +203,8 @@ def _interval(squares: FloatArray, seed: int) -> tuple[float, float]:
         return float("nan"), float("nan")
     draws = np.random.default_rng(seed).integers(len(squares), size=(_RESAMPLINGS, len(squares)))
     sums = squares[draws].sum(axis=1)
-    reductions = 100.0 * (1.0 - np.sqrt(sums[:, 1] / np.maximum(sums[:, 0], 1e-300)))
+    if not (sums[:, 0] > 0).all():
+        return float("nan"), float("nan")
+    reductions = 100.0 * (1.0 - np.sqrt(sums[:, 1] / sums[:, 0]))
     low, high = np.quantile(reductions, (0.025, 0.975))
     return float(low), float(high)

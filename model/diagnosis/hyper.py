@@ -26,7 +26,7 @@ from model.diagnosis.noise_blocks import Block, derivatives
 
 FloatArray = NDArray[np.float64]
 
-OF_FEW = ("_run_to_run", "_at_rest_n", "_at_rest_nm")
+OF_FEW = ("_run_to_run", "_at_rest_n", "_at_rest_nm", "_of_run_n", "_of_run_nm", "_of_run_m")
 """Ends of the names of deviations that only as many values as there are runs or standstills tell of. Of them the root
 mean square of what is likely is taken, not the likeliest, or else what differs from run to run is believed too firmly.
 """

@@ -29,6 +29,8 @@ FloatArray = NDArray[np.float64]
 _LEAST_SHARE = 0.1
 """Of the measured variance, that is taken for movement whatever the noise."""
 _LEAST_PAIRS = 10
+_STEADY_N = 0.1
+"""One-sigma of a load that does not move: nothing to be drawn anywhere."""
 
 
 def with_likely_load(samples: Samples, values: Mapping[str, float]) -> Samples:
@@ -51,6 +53,8 @@ def with_likely_load(samples: Samples, values: Mapping[str, float]) -> Samples:
         return samples
     noise, memory = values["load_noise_n"] ** 2, np.exp(-samples.block_s / values["load_noise_time_s"])
     total = float(np.mean(swing**2))
+    if total <= _STEADY_N**2:
+        return samples
     moving = max(total - noise, _LEAST_SHARE * total)
     kept = (float(np.mean(swing[near] * swing[near - 1])) - noise * memory) / moving
     kept = float(np.clip(kept, 0.01, 0.99))

@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from model.diagnosis.columns import columns_of
 from model.diagnosis.grams import Grams
 from model.diagnosis.linearise import Point, Simulation, linearise
-from model.diagnosis.look import Look, View
+from model.diagnosis.look import Look
 from model.diagnosis.manoeuvres import LIKE_OTHERS, Manoeuvre, manoeuvres, typical_run
 from model.diagnosis.noise import beliefs
 from model.diagnosis.off_soil import hard_ground, lifted_wheel
 from model.diagnosis.result import NextRun
 from model.diagnosis.samples import Samples
 from model.diagnosis.split import Member, split
+from model.diagnosis.view import View
 from model.diagnosis.whitening import run_grams
 
 FloatArray = NDArray[np.float64]

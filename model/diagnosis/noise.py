@@ -11,6 +11,7 @@ soil of the run    one value a run, in ln k, ln tan phi and ln c             the
 wheel's delay      of the wheel speed: beyond the declared one, and what     all channels, by d/dV
                    waiting for an edge of its ring adds at low speed
 wheel order        a zero that turns with the wheel: two amplitudes a run    its channel, by cos, sin
+zero of the run    one value a run: taken anew, or drifted between runs      its channel, at rest too
 remainder          white                                                     its channel
 =================  ========================================================  =============================
 
@@ -89,6 +90,7 @@ def processes(channels: tuple[str, ...]) -> tuple[Process, ...]:
 def constants(channels: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     """Return deviation and loading of what is one value a run."""
     turning = [(named(c, "wheel_order"), f"{side} {c}") for c in channels if c != "z" for side in ("cos", "sin")]
+    zeros = [(named(c, "of_run"), f"zero {c}") for c in channels]
     return (
         ("stiffness_run_to_run", "stiffness"),
         ("friction_run_to_run", "friction"),
@@ -96,6 +98,7 @@ def constants(channels: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
         ("wheel_speed_delay_s", "delay"),
         ("wheel_edge_delay_rad", "edge"),
         *turning,
+        *zeros,
     )
 
 
@@ -110,6 +113,7 @@ def beliefs(samples: Samples) -> dict[str, Belief]:
             named(c, "noise"): Belief(0.7 * sigma, 0.7),
             f"{UNITS[c][0]}_noise_time_s": Belief(0.15, 0.7),
             named(c, "white"): Belief(0.3 * sigma, 0.8),
+            named(c, "of_run"): Belief(0.01 * samples.wheel_radius_m, 1.0) if c == "z" else Belief(0.15 * sigma, 0.8),
         }
         if c != "z":
             found[named(c, "wheel_order")] = Belief(0.3 * sigma, 0.8)

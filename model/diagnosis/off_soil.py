@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from model.conditions import Conditions
 from model.diagnosis.linearise import Simulation, at_rest
-from model.diagnosis.look import View
 from model.diagnosis.manoeuvres import with_standstills
 from model.diagnosis.noise import rest_variance
 from model.diagnosis.samples import Samples
+from model.diagnosis.view import View
 from model.dual import Dual, Number, column
 
 FloatArray = NDArray[np.float64]

@@ -14,8 +14,9 @@ from math import exp
 
 from model.diagnosis.grams import Grams
 from model.diagnosis.joint import joined
-from model.diagnosis.look import Look, View
+from model.diagnosis.look import Look
 from model.diagnosis.noise import Noise, beliefs
+from model.diagnosis.view import View
 from model.diagnosis.whitening import run_grams
 
 MARGIN = 1.5

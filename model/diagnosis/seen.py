@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from model.diagnosis.final import SetFit
 from model.diagnosis.grams import Grams
 from model.diagnosis.linearise import simulated
-from model.diagnosis.look import Look, View
+from model.diagnosis.look import Look
 from model.diagnosis.noise import constants, loading, processes, white_variance
 from model.diagnosis.result import Seen
+from model.diagnosis.view import View
 
 FloatArray = NDArray[np.float64]
 Sizes = Mapping[str, FloatArray]

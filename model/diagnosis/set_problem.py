@@ -18,7 +18,7 @@ from model.diagnosis.evidence import box
 from model.diagnosis.grams import CauseColumn, Grams
 from model.diagnosis.joint import joined
 from model.diagnosis.linearise import SECANTS, Linear, Point, Simulation, at_rest, at_speed, derivatives, linearise
-from model.diagnosis.look import View
+from model.diagnosis.view import View
 from model.diagnosis.whitening import run_grams, whitened_rows
 
 FloatArray = NDArray[np.float64]

@@ -30,6 +30,9 @@ MORE_AT = 0.8
 """Probability from which on something is said to be at work beside a named cause."""
 
 
+MOVING = "the linearisation never stood still at it"
+
+
 @dataclass(frozen=True)
 class Judgement:
     """A verdict and what it is about.
@@ -57,6 +60,7 @@ def judgement(
     gain: Gain | None,
     cannot_tell: Mapping[str, str] | None = None,
     name_at: float = 0.9,
+    settled: bool = True,
 ) -> Judgement:
     """Return the verdict.
 
@@ -70,6 +74,8 @@ def judgement(
         On left-out runs, the causes chosen anew in each fold.
     cannot_tell : mapping family -> why
     name_at : float
+    settled : bool
+        Whether the linearisation stood still.
     """
     if not judged.ok:
         return Judgement("unexplained")
@@ -77,7 +83,7 @@ def judgement(
     if found.none >= (IDLE_AT if idle else NOTHING_AT):
         return Judgement("nothing_detectable")
     sure = [family for family, p in found.families().items() if p > name_at]
-    barred = _barred(found, gain)
+    barred = _barred(found, gain) or ("" if settled else MOVING)
     if sure and not barred:
         named = tuple(family for family in sure if family not in (cannot_tell or {}))
         if named:

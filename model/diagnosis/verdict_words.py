@@ -108,7 +108,8 @@ def nothing_words(
         ]
     shown = [f"{plain(name)} from {d.parameter} = {_number(d.value)}{_unit(d.unit)} on" for name, d in sizes.items()]
     if shown:
-        said.append(f"That does not mean there is none: {_listed(shown[:_MOST_EXAMPLES])} would have been seen")
+        examples = _listed(shown[:_MOST_EXAMPLES])
+        said.append(f"That does not mean there is none: {examples} would be seen in half of such campaigns")
     if wrong:
         said.append(f"What stands out most is {_findings(wrong[:1])}")
     return _sentences(said)

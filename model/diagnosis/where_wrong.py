@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from model.diagnosis.adequacy import LeftOver, left_over
 from model.diagnosis.grams import Grams
-from model.diagnosis.look import View
 from model.diagnosis.result import Finding
+from model.diagnosis.view import View
 
 FloatArray = NDArray[np.float64]
 

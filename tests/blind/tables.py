@@ -29,6 +29,9 @@ from blind.figures import (
 )
 from blind.study import read_lines
 
+_GIVEN_NOISE = ("linearise", "columns", "whitening", "smoothing", "evidence", "bagging")
+"""Stages of a diagnosis whose noise model is known."""
+
 
 def joined(out: Path, wanted: set[str] | None = None) -> list[Line]:
     """Return the lines of a study that are complete."""
@@ -164,10 +167,15 @@ def _literal(lines: Sequence[Line]) -> list[Figure]:
 
 def _times(lines: Sequence[Line]) -> list[Figure]:
     whole = [x["engine_s"] for x in lines]
-    evidence = [x["stages_s"].get("evidence", 0.0) for x in lines]
+    evidence = [sum(x["stages_s"].get(stage, 0.0) for stage in _GIVEN_NOISE) for x in lines]
     return [
         Figure("whole diagnosis, median seconds on a shared machine", "<= 15", n=len(whole), value=_median(whole)),
-        Figure("its evidence stage, median seconds", "<= 1", n=len(evidence), value=_median(evidence)),
+        Figure(
+            "its evidence stage, noise given, median seconds",
+            "<= 1",
+            n=len(evidence),
+            value=_median(evidence),
+        ),
     ]
 
 

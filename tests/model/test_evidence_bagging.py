@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gram_support import World, library, world
+from gram_support import World, column, library, world
 
 from model.diagnosis.adequacy import excess
 from model.diagnosis.bagging import bagged
@@ -56,6 +56,12 @@ def test_none_is_that_of_the_runs_as_they_are(worlds: list[World]) -> None:
     scaled = replace(grams, matrices=grams.matrices / 1.3)
     found = bagged(grams, rng, excess=1.3, replicates=16)
     assert found.none == pytest.approx(posterior(scaled, beam=40).none, rel=0.02)
+
+
+def test_one_cause_alone_can_be_weighed() -> None:
+    alone = world(0, (column("a"),), runs=4, n=30)
+    found = bagged(alone.grams(np.array([3.0]), np.random.default_rng(0)), np.random.default_rng(0))
+    assert found.resampled and found.families()["a"] > 0.5
 
 
 @pytest.mark.parametrize("runs", [1, 2])

@@ -13,7 +13,7 @@ from model.diagnosis.evidence import Posterior
 from model.diagnosis.grams import Grams
 from model.diagnosis.prior import hypotheses
 from model.diagnosis.result import Adequacy, Cause, Detectable, Finding, Gain, NextRun, ParameterEstimate, Scores
-from model.diagnosis.verdict import Judgement, candidates, judgement, short_set
+from model.diagnosis.verdict import MOVING, Judgement, candidates, judgement, short_set
 from model.diagnosis.verdict_words import named_words, nothing_words, one_of_words, unexplained_words, want_words
 
 FINE = Adequacy(1.0, 1.8, ok=True)
@@ -138,14 +138,21 @@ def test_sentences_say_verdict_size_and_what_to_do() -> None:
 def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
     found = [Finding("drawbar_pull", "slip 0.4 to 0.9", -120.0, -8.2)]
     left = unexplained_words(POOR, found, ("slope",), (("r1",), ("r2", "r3")))
-    assert "3.0 times what noise leaves (up to 1.8" in left
+    assert "3.0 times what noise hardly ever leaves (up to 1.8" in left
     assert "drawbar pull, slip 0.4 to 0.9: -120 N (8.2 sigma)" in left
     assert "Runs r1 ask for another soil than r2 and r3" in left
     unsure = nothing_words({"slope": 0.6, "grouser": 0.1}, 0.3, {}, ())
     assert unsure.startswith("Nothing is sure enough to be told from chance (none: .300). Most suspicious is slope")
     nothing = nothing_words({"slope": 0.05}, 0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, found)
     assert "none: .930" in nothing
-    assert "slip sinkage from H_m = 0.0034 m on would have been seen" in nothing
+    assert "slip sinkage from H_m = 0.0034 m on would be seen in half of such campaigns" in nothing
     want = want_words({"slope": "all runs go one way", "track_drift": "all runs go one way", "zero_drift": "one run"})
     assert want == " What these runs cannot decide: slope and track drift (all runs go one way); zero drift (one run)."
     assert want_words({}) == ""
+
+
+def test_what_never_stood_still_is_not_named(grams: Grams) -> None:
+    surely = made(grams, {(): 0.01, ("a",): 0.99})
+    assert judgement(surely, FINE, gain(5.0)).verdict == "named"
+    moving = judgement(surely, FINE, gain(5.0), settled=False)
+    assert (moving.verdict, moving.families, moving.barred) == ("one_of", ("a",), MOVING)
