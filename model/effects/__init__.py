@@ -21,6 +21,7 @@ from model.effects.load_zero import LoadZero
 from model.effects.lyasko import Lyasko
 from model.effects.multi_pass import MultiPass
 from model.effects.rate_stiffness import RateStiffness
+from model.effects.second_order import SecondOrder
 from model.effects.shear_softening import ShearSoftening
 from model.effects.skid_sinkage import SkidSinkage
 from model.effects.slope import Slope
@@ -40,6 +41,7 @@ PHYSICAL: tuple[type[Effect], ...] = (
     Vasilev,
     Lyasko,
     Ding,
+    SecondOrder,
     SkidSinkage,
     StressPeakShift,
     InterfaceFriction,
