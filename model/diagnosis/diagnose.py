@@ -7,7 +7,7 @@ Look (samples, noise model, whitening, linearising again at the best) -> adequac
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from model.diagnosis.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.consistency import inconsistencies
 from model.diagnosis.detectable import minimum_detectable
 from model.diagnosis.evidence import Posterior, posterior
-from model.diagnosis.explained import Explained, Fits, explain, likeliest_form
+from model.diagnosis.explained import Explained, Fits, doubtful, explain, likeliest_form
 from model.diagnosis.held_out import held_out
 from model.diagnosis.isolability import isolability
 from model.diagnosis.look import Look, look
@@ -32,7 +32,7 @@ from model.diagnosis.seen import seen_of
 from model.diagnosis.split import members_of
 from model.diagnosis.start import unfit
 from model.diagnosis.two_soils import two_soils
-from model.diagnosis.verdict import Judgement, candidates, judgement
+from model.diagnosis.verdict import Judgement, candidates, judgement, short_set
 from model.diagnosis.verdict_words import named_words, nothing_words, one_of_words, unexplained_words, want_words
 from model.diagnosis.view import Clock
 from model.diagnosis.where_wrong import findings
@@ -127,6 +127,10 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) ->
     verdict, found = weighed.verdict, weighed.found
     with clock.stage("final"):
         explained = explain(fits, verdict, found)
+        if verdict.verdict == "named" and (why := doubtful(explained.causes)):
+            verdict = Judgement("one_of", short_set(found), barred=why)
+            weighed = replace(weighed, verdict=verdict)
+            explained = explain(fits, verdict, found)
     with clock.stage("next_run"):
         onward = _onward(seen, options, verdict, found, explained)
     with clock.stage("proposal"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -98,6 +99,29 @@ def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
             sizes |= fit.sizes
     causes = tuple(_cause(found, family, key, values) for family, key in zip(verdict.families, keys, strict=True))
     return Explained(causes, extended, sizes | _others(look, found, sizes), soils_of(whole, look, spread))
+
+
+def doubtful(causes: Sequence[Cause]) -> str:
+    """Return why a cause's value does not bear its name; empty where all do.
+
+    Parameters
+    ----------
+    causes : sequence of Cause
+        With their values.
+    """
+    for cause in causes:
+        whose = f"the {cause.name.replace('_', ' ')}'s"
+        limits = {p.name: p for p in EFFECTS[cause.key].parameters}
+        for found in cause.parameters:
+            own = limits[found.name]
+            edges = [edge for edge in (own.lower, own.upper) if edge != own.neutral]
+            if np.isclose(found.value, edges, rtol=1e-3, atol=0.0).any():
+                return f"{whose} {found.name} ends at the limit of what is plausible, {found.value:.3g} {found.unit}"
+        if len(cause.parameters) == 1:
+            low, high = found.interval95
+            if low < own.neutral < high:
+                return f"{whose} {found.name} may as well be {own.neutral:g} ({low:.3g} to {high:.3g} {found.unit})"
+    return ""
 
 
 def likeliest_form(found: Posterior, family: str) -> str:

@@ -1,0 +1,36 @@
+"""A value that does not bear a name takes it away."""
+
+from __future__ import annotations
+
+import pytest
+
+from model.diagnosis.explained import doubtful
+from model.diagnosis.result import Cause, ParameterEstimate
+from model.effects import EFFECTS
+
+
+def cause(key: str, *values: tuple[float, float, float]) -> Cause:
+    effect = EFFECTS[key]
+    found = tuple(
+        ParameterEstimate(p.name, p.unit, value, (low, high), (high - low) / 4)
+        for p, (value, low, high) in zip(effect.parameters, values, strict=True)
+    )
+    return Cause(effect.name, effect.form, effect.kind, key, 0.99, 1.0, found)
+
+
+@pytest.mark.parametrize(
+    ("causes", "why"),
+    [
+        ([cause("vasilev", (0.03, 0.02, 0.04))], ""),
+        ([cause("lyasko", (0.3, -0.1, 0.7), (0.02, -0.3, 0.3))], ""),
+        ([cause("speed_bias", (-0.05, -0.29, 0.19))], "may as well be 0"),
+        (
+            [cause("vasilev", (0.03, 0.02, 0.04)), cause("bulldozing", (3.0, 2.5, 3.0))],
+            "the bulldozing's fraction ends",
+        ),
+        ([cause("exit_angle", (0.0, 0.0, 0.01))], ""),
+    ],
+)
+def test_a_value_at_its_limit_or_as_well_neutral_is_doubtful(causes: list[Cause], why: str) -> None:
+    assert (doubtful(causes) == "") == (why == "")
+    assert why in doubtful(causes)
