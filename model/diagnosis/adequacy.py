@@ -39,7 +39,7 @@ MOST_EXCESS = 2.0
 _FAR = 0.9998
 """Quantile that each kind is measured in, so that kinds of few shapes and of many are alike."""
 _DRAWS = 2000
-_RANGE = re.compile(r"\s*\S+ to \S+( s)?$")
+_RANGE = re.compile(r"\s*\S+ to \S+( s| kN| kN m)?$")
 
 
 @dataclass(frozen=True)

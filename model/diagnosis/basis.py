@@ -71,6 +71,7 @@ def _hats(
     knots: tuple[float, ...],
     on: NDArray[np.bool_],
     say: Callable[[float], float] = float,
+    unit: str = "",
 ) -> Iterator[Shape]:
     """Yield a hat over each knot, straight down to its neighbours; the outer ones go on."""
     knots = tuple(k for k, after in zip(knots, (*knots[1:], np.inf), strict=True) if after > k)
@@ -79,7 +80,7 @@ def _hats(
         height = np.zeros(len(knots))
         height[i] = 1.0
         low, high = (knots[max(i - 1, 0)], knots[min(i + 1, len(knots) - 1)])
-        yield f"{what} {say(low):.2g} to {say(high):.2g}", np.where(on, np.interp(clipped, knots, height), 0.0)
+        yield f"{what} {say(low):.2g} to {say(high):.2g}{unit}", np.where(on, np.interp(clipped, knots, height), 0.0)
 
 
 def _in_time(samples: Samples) -> Iterator[Shape]:
@@ -113,7 +114,7 @@ def _products(samples: Samples, linear: Linear, driving: FloatArray) -> Iterator
 
 def _of_channels(samples: Samples, linear: Linear) -> Iterator[Shape]:
     """Yield shapes of a channel's own doing: a curve that bends, a gain that drifts."""
-    for channel, words in (("dp", "drawbar pull"), ("t", "torque")):
+    for channel, words, unit in (("dp", "drawbar pull", " kN"), ("t", "torque", " kN m")):
         if channel not in linear.channels:
             continue
         x = linear.value[linear.channels.index(channel)] / 1e3
@@ -121,7 +122,7 @@ def _of_channels(samples: Samples, linear: Linear) -> Iterator[Shape]:
         if known.sum() < 2:
             continue
         x = np.where(known, x, 0.0)
-        yield from _hats(words, x, tuple(np.quantile(x[known], _OF_A_CHANNEL)), known)
+        yield from _hats(words, x, tuple(np.quantile(x[known], _OF_A_CHANNEL)), known, unit=unit)
         x = x / max(float(np.std(x[known])), 1e-9)
         yield f"large {words}", x * np.abs(x) / 2.0
         yield f"{words} over the campaign", np.nan_to_num(samples.conditions.campaign_time) * x

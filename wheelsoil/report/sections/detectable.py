@@ -40,7 +40,9 @@ def build(material: Material) -> Section:
         for key, least in found.items()
     ]
     head = ["cause", "parameter", "smallest size", "plausible size", "unit"]
-    note = "Smallest size: from which on it would have been found beside the soil and every other cause."
+    note = (
+        "Smallest size: found in half of such campaigns, if it is the only cause; the soil is re-calibrated beside it."
+    )
     blocks: list[Block] = [Table("Smallest size that would have been found", head, rows, note, left=2)]
     drawn = {key: share for key, share in shares.items() if isfinite(share) and share > 0}
     if drawn:
