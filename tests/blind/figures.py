@@ -56,12 +56,18 @@ class Figure:
 
     @property
     def may_reach(self) -> bool:
-        """Whether the bounds hold a share that is to be reached, e.g. ">= .97"."""
+        """Whether the bounds do not contradict what is to be reached."""
         low, high = self.bounds
-        found = re.match(r"(>=|<=) (\.\d+)$", self.to_reach)
-        if not found:
+        wanted = [float(x) for x in re.findall(r"\d*\.\d+", self.to_reach.partition(",")[0])]
+        if self.to_reach.startswith("0 of"):
+            return self.hits <= 2
+        if "oracle" in self.to_reach:
+            return high >= wanted[0] * float(self.beside.split()[-1])
+        if " to " in self.to_reach:
+            return high >= wanted[0] and low <= wanted[1]
+        if not wanted:
             return True
-        return high >= float(found[2]) if found[1] == ">=" else low <= float(found[2])
+        return high >= wanted[0] if self.to_reach.startswith(">=") else low <= wanted[0]
 
     @property
     def bounds(self) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from blind.causes import FAMILIES
-from blind.figures import candidates, clopper_pearson, intervals, right_verdict, said
+from blind.figures import Figure, candidates, clopper_pearson, intervals, right_verdict, said
 from blind.mix import FULL, Mix, cases
 from blind.study import read_lines
 from blind.tables import figures, write_report
@@ -113,3 +113,21 @@ def test_a_report_is_written_of_what_is_there(tmp_path: Path) -> None:
 
 def test_figures_of_nothing_are_no_figures() -> None:
     assert all(row.reached is None for row in figures([]))
+
+
+@pytest.mark.parametrize(
+    ("to_reach", "hits", "n", "beside", "may"),
+    [
+        (">= .97", 90, 100, "", False),
+        (">= .97", 96, 100, "", True),
+        ("<= .05", 20, 100, "", False),
+        (".92 to .98, n >= 500", 500, 500, "", False),
+        (".92 to .98, n >= 500", 39, 39, "", True),
+        (">= .9 of the oracle's", 10, 20, "oracle 0.90", False),
+        (">= .9 of the oracle's", 14, 20, "oracle 0.90", True),
+        ("0 of 200 is the aim, above 2 a defect", 3, 20, "", False),
+        ("", 3, 20, "", True),
+    ],
+)
+def test_a_figure_is_held_to_what_it_is_to_reach(to_reach: str, hits: int, n: int, beside: str, may: bool) -> None:
+    assert Figure("x", to_reach, hits, n, beside=beside).may_reach == may
