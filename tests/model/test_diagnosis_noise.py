@@ -61,25 +61,27 @@ def test_the_gradient_is_that_of_the_likelihood(seen: tuple[Samples, Linear, Col
 
 
 def test_hyper_parameters_are_found_again(seen: tuple[Samples, Linear, Columns]) -> None:
-    """Noise drawn from the model itself, with hyper-parameters that are not what is believed beforehand."""
+    """Noise drawn three times from the model itself, with hyper-parameters that are not what is believed beforehand."""
     samples, linear, columns = seen
     belief = beliefs(samples)
-    rng = np.random.default_rng(5)
     names = list(belief)
-    truth = {name: b.centre * np.exp(0.7 * b.log_sigma * rng.standard_normal()) for name, b in belief.items()}
-    blocks = blocks_of(samples, linear, columns, np.zeros(len(samples)), truth)
-    drawn = []
-    for block in blocks:
-        root = np.linalg.cholesky(derivatives(block, truth)[0])
-        residual = root @ rng.standard_normal(len(root))
-        drawn.append(replace(block, columns=np.concatenate([residual[:, None], block.columns[:, 1:]], axis=1)))
-    found = estimated(drawn, belief)
-    likeliest = {n: x * np.exp(-(found.log_sigmas[n] ** 2) * n.endswith(OF_FEW)) for n, x in found.values.items()}
-    off = {name: np.log(likeliest[name] / truth[name]) / found.log_sigmas[name] for name in names}
-    assert max(abs(x) for x in off.values()) < 3.5, off
-    assert np.mean(np.square(list(off.values()))) < 2.0
-    sharp = [name for name in names if found.log_sigmas[name] < 0.5 * belief[name].log_sigma]
-    assert len(sharp) >= 5, sharp
+    off = []
+    for seed in range(5, 8):
+        rng = np.random.default_rng(seed)
+        truth = {name: b.centre * np.exp(0.7 * b.log_sigma * rng.standard_normal()) for name, b in belief.items()}
+        blocks = blocks_of(samples, linear, columns, np.zeros(len(samples)), truth)
+        drawn = []
+        for block in blocks:
+            root = np.linalg.cholesky(derivatives(block, truth)[0])
+            residual = root @ rng.standard_normal(len(root))
+            drawn.append(replace(block, columns=np.concatenate([residual[:, None], block.columns[:, 1:]], axis=1)))
+        found = estimated(drawn, belief)
+        likeliest = {n: x * np.exp(-(found.log_sigmas[n] ** 2) * n.endswith(OF_FEW)) for n, x in found.values.items()}
+        off += [np.log(likeliest[name] / truth[name]) / found.log_sigmas[name] for name in names]
+        sharp = [name for name in names if found.log_sigmas[name] < 0.5 * belief[name].log_sigma]
+        assert len(sharp) >= 5, sharp
+    assert np.mean(np.square(off)) < 1.6
+    assert np.mean(np.abs(off) > 3.0) < 0.03
 
 
 def test_every_hyper_parameter_is_used(seen: tuple[Samples, Linear, Columns]) -> None:
