@@ -129,7 +129,7 @@ def test_folders_are_campaigns_and_loose_runs_are_grouped_by_soil(campaign, tmp_
 
 
 def test_effects_are_chosen_by_key_family_and_kind():
-    assert set(diagnosis_options(effects=["slip_sinkage"]).effects) == {"vasilev", "lyasko", "ding"}
+    assert set(diagnosis_options(effects=["slip_sinkage"]).effects) == {"vasilev", "lyasko", "ding", "second_order"}
     kinds = {EFFECTS[key].kind for key in diagnosis_options(without=["measurement"]).effects}
     assert kinds == {"physical"}
     assert "ding" not in diagnosis_options(without=["ding"]).effects
