@@ -242,7 +242,7 @@ def test_ctrl_c_ends_an_endless_replay_with_its_summary(recording: tuple[Path, F
     told = json.loads(out)
     assert told["interrupted"]
     assert told["rounds"] >= 2
-    assert told["frames"][channel] >= received
+    assert told["frames"][channel] >= received - 16  # of the burst that Ctrl-C falls into
     assert told["recorded_duration_s"] <= told["duration_s"] + 0.01  # what was sent, not the whole last batch
 
 
