@@ -20,7 +20,7 @@ from model.diagnosis.bench_seen import findings_of, mean_of, noise_of, seen_of
 from model.diagnosis.bench_sets import Library, library
 from model.diagnosis.bench_skid import NO_SLIP, skid_law
 from model.diagnosis.bench_weigh import Weighed, Weighing, weigh
-from model.diagnosis.bench_words import beside_of, notes_of, sentence_of
+from model.diagnosis.bench_words import beside_of, mixed_words, notes_of, sentence_of
 from model.diagnosis.campaign import Bench, DiagnosisOptions
 from model.diagnosis.consistency import inconsistencies
 from model.diagnosis.result import Adequacy, Candidate, Cause, Diagnosis, Gain, Verdict
@@ -144,7 +144,7 @@ def _diagnosis(
     null = weighing.of_set(())
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence_of(verdict, weighing, causes, beside, runs),
+        sentence=sentence_of(verdict, weighing, causes, beside, runs) + mixed_words(problem),
         causes=causes,
         candidates=candidates_of(weighing, known),
         what_is_wrong=findings_of(weighing),
@@ -175,7 +175,7 @@ def verdict_of(
     idle = gain is not None and not gain.log_likelihood_gain > 0
     if none >= (IDLE_AT if idle else NOTHING_AT):
         return "nothing_detectable", []
-    if sure and gain is not None and not idle:
+    if sure and gain is not None and not idle and not gain.reduction_percent < 0:
         return "named", sure
     return "one_of", short_set(weighing, known.families)
 

@@ -17,6 +17,8 @@ from model.diagnosis.verdict import MORE_AT
 from model.effects import EFFECTS
 
 _CHANNELS = {"dp": "drawbar pull", "t": "torque", "z": "sinkage"}
+MUCH_SCATTER = 0.05
+"""Of the load, from which on repeats are hardly repeats."""
 _UNITS = {"dp": (1.0, "N"), "t": (1.0, "N m"), "z": (1e3, "mm")}
 
 
@@ -38,6 +40,10 @@ def sentence_of(
         return f"{names.capitalize()} is seen in {channels}, among explanations that are right enough.{more}{onward}"
     if verdict == "one_of":
         names = ", ".join(f"{plain(c.name)} ({chance(c.probability)})" for c in causes)
+        if len(causes) == 1:
+            return (
+                f"Most likely {names}, but no name: with it, rows that were left out are not foretold better.{onward}"
+            )
         return f"One of {names}: {channels} of these rows cannot part them.{onward}"
     if verdict == "unexplained":
         return (
@@ -45,6 +51,18 @@ def sentence_of(
             "and a right model may miss."
         )
     return f"Nothing can be seen in {channels}: the simulation with its soil within the laboratory's spread is enough."
+
+
+def mixed_words(problem: BenchProblem) -> str:
+    """Return a warning where repeats of one test differ as different tests do; else nothing."""
+    for noise in problem.noises:
+        share = scatter_of_repeats(noise.measured, noise.groups) / problem.size_of(noise.channel)
+        if noise.channel != "z" and share > MUCH_SCATTER:
+            return (
+                f" Rows of one group scatter by {100.0 * share:.0f} % of the load in {_CHANNELS[noise.channel]}: they "
+                "may be of different wheels or tests; choose them with --where."
+            )
+    return ""
 
 
 def beside_of(weighing: Weighing, named: Sequence[str], level: float = 0.95) -> dict[str, float]:
