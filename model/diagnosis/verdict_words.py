@@ -82,8 +82,8 @@ def unexplained_words(
     """
     tried = f", not even {_listed([plain(f) for f in best])}," if best else ""
     said = [
-        f"Neither the soil nor any set of causes in the library{tried} explains these runs: what is left is "
-        f"{judged.statistic:.1f} times what noise hardly ever leaves (up to {judged.threshold:.1f} may still be noise)"
+        f"Neither the soil nor any set of causes in the library{tried} explains these runs: the lack of fit "
+        f"is {judged.statistic:.2f}, where noise leaves up to {judged.threshold:.2f}"
     ]
     if left:
         said.append(f"It shows in {_findings(left)}")

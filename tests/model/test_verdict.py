@@ -138,7 +138,7 @@ def test_sentences_say_verdict_size_and_what_to_do() -> None:
 def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
     found = [Finding("drawbar_pull", "slip 0.4 to 0.9", -120.0, -8.2)]
     left = unexplained_words(POOR, found, ("slope",), (("r1",), ("r2", "r3")))
-    assert "3.0 times what noise hardly ever leaves (up to 1.8" in left
+    assert "the lack of fit is 3.00, where noise leaves up to 1.80" in left
     assert "drawbar pull, slip 0.4 to 0.9: -120 N (8.2 sigma)" in left
     assert "Runs r1 ask for another soil than r2 and r3" in left
     unsure = nothing_words({"slope": 0.6, "grouser": 0.1}, 0.3, {}, ())

@@ -29,8 +29,12 @@ def build(material: Material) -> Section:
     """Build the section."""
     found = material.diagnosis
     if found.gain is None:
-        text = "No gain could be measured: it takes at least two runs, one of which is left out."
-        return Section(KEY, TITLE, [Text(text)], {"gain": None})
+        why = (
+            "nothing explains these runs: there is no extension whose gain could be measured."
+            if found.verdict == "unexplained"
+            else "it takes at least two runs, one of which is left out."
+        )
+        return Section(KEY, TITLE, [Text(f"No gain could be measured: {why}")], {"gain": None})
     gain = found.gain
     if nothing_chosen(gain):
         return Section(KEY, TITLE, [Text(NO_GAIN), _table(gain)], {"gain": gain})

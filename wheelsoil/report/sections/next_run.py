@@ -23,9 +23,12 @@ def build(material: Material) -> Section:
     """Build the section."""
     runs = material.diagnosis.next_run
     if not runs:
-        return Section(
-            KEY, TITLE, [Text("The verdict asks for no further run; --next-run ranks them all the same.")], {}
+        text = (
+            "No run can be ranked: no candidate explains these runs. See where the simulation is off."
+            if material.diagnosis.verdict == "unexplained"
+            else "The verdict asks for no further run; --next-run ranks them all the same."
         )
+        return Section(KEY, TITLE, [Text(text)], {})
     rows = [
         [
             run.change,
