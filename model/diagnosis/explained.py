@@ -113,13 +113,14 @@ def doubtful(causes: Sequence[Cause]) -> str:
         whose = f"the {cause.name.replace('_', ' ')}'s"
         limits = {p.name: p for p in EFFECTS[cause.key].parameters}
         for found in cause.parameters:
-            own = limits[found.name]
+            own = limits.get(found.name)
+            if own is None:  # a combination, as Lyasko's p
+                continue
             edges = [edge for edge in (own.lower, own.upper) if edge != own.neutral]
             if np.isclose(found.value, edges, rtol=1e-3, atol=0.0).any():
                 return f"{whose} {found.name} ends at the limit of what is plausible, {found.value:.3g} {found.unit}"
-        if len(cause.parameters) == 1:
             low, high = found.interval95
-            if low < own.neutral < high:
+            if len(cause.parameters) == 1 and low < own.neutral < high:
                 return f"{whose} {found.name} may as well be {own.neutral:g} ({low:.3g} to {high:.3g} {found.unit})"
     return ""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from model.diagnosis.explained import doubtful
@@ -18,11 +20,17 @@ def cause(key: str, *values: tuple[float, float, float]) -> Cause:
     return Cause(effect.name, effect.form, effect.kind, key, 0.99, 1.0, found)
 
 
+def lyasko_with_p() -> Cause:
+    found = cause("lyasko", (0.3, -0.1, 0.7), (0.02, -0.3, 0.3))
+    return replace(found, parameters=(ParameterEstimate("p", "1", 0.32, (0.3, 0.34), 0.01), *found.parameters))
+
+
 @pytest.mark.parametrize(
     ("causes", "why"),
     [
         ([cause("vasilev", (0.03, 0.02, 0.04))], ""),
         ([cause("lyasko", (0.3, -0.1, 0.7), (0.02, -0.3, 0.3))], ""),
+        ([lyasko_with_p()], ""),
         ([cause("speed_bias", (-0.05, -0.29, 0.19))], "may as well be 0"),
         (
             [cause("vasilev", (0.03, 0.02, 0.04)), cause("bulldozing", (3.0, 2.5, 3.0))],

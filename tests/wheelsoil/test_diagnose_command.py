@@ -186,3 +186,13 @@ def test_a_bench_table_is_diagnosed(tmp_path):
     answer = ok("diagnose", *args, "--effects", "vasilev,drawbar_pull_zero", "--most-causes", 1, "--json").json
     check_shape(answer)
     assert "driving_torque" not in {finding["channel"] for finding in answer["what_is_wrong"]}
+
+
+def test_the_sample_campaign_of_lyaskos_law_is_named_with_its_p():
+    said = ok("diagnose", Path(__file__).parents[2] / "recordings" / "sandy", "--json").json
+    assert said["verdict"] == "named"
+    [cause] = said["causes"]
+    assert (cause["name"], cause["form"]) == ("slip_sinkage", "lyasko")
+    p = next(parameter for parameter in cause["parameters"] if parameter["name"] == "p")
+    low, high = p["interval95"]
+    assert low < 0.63 < high
