@@ -53,6 +53,6 @@ def test_a_small_study_contradicts_no_figure_that_is_to_be_reached(tmp_path: Pat
     missed = [
         (row.what, row.hits, row.n, row.bounds)
         for row in figures(joined(tmp_path))
-        if row.n and row.value is None and not row.may_reach
+        if row.n and row.value is None and not row.may_reach and "oracle" not in row.to_reach  # of the full study
     ]
     assert not missed
