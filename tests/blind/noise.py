@@ -66,9 +66,9 @@ def instrument_covariance(day: FieldDay, sight: Sight) -> FloatArray:
     speed = slow + f.white(zero, suite.gnss_hz)[0] * suite.speed_white_mps**2
     by_speed, by_load = sight.slopes["speed"], sight.slopes["load"]
     c = np.einsum("in,jn->nij", by_speed, by_speed) * speed
-    c += np.einsum("in,jn->nij", by_load, by_load) * (suite.load_n**2 * force)
-    c[:, 0, 0] += suite.pull_n**2 * force
-    c[:, 1, 1] += suite.torque_nm**2 * force
+    c += np.einsum("in,jn->nij", by_load, by_load) * (suite.load_n**2 * force + suite.zero_load_n**2)
+    c[:, 0, 0] += suite.pull_n**2 * force + suite.zero_pull_n**2
+    c[:, 1, 1] += suite.torque_nm**2 * force + suite.zero_torque_nm**2
     return np.asarray(c)
 
 
@@ -93,16 +93,16 @@ def run_covariance(day: FieldDay, sight: Sight, index: int) -> tuple[FloatArray,
     turning = np.real(np.outer(ripple, np.conj(ripple)))
     white = 1e-2 * np.eye(len(rows))
     blocks[0, :, 0] = suite.pull_n**2 * (force * share + white) + suite.rest_pull_n**2 * same_rest
-    blocks[0, :, 0] += 0.5 * float(np.sum(np.square(suite.ripple_n))) * turning
+    blocks[0, :, 0] += 0.5 * float(np.sum(np.square(suite.ripple_n))) * turning + suite.zero_pull_n**2
     blocks[1, :, 1] = suite.torque_nm**2 * (force * share + white) + suite.rest_torque_nm**2 * same_rest
-    blocks[1, :, 1] += 0.5 * suite.ripple_nm**2 * turning * np.outer(moving, moving)
+    blocks[1, :, 1] += 0.5 * suite.ripple_nm**2 * turning * np.outer(moving, moving) + suite.zero_torque_nm**2
     speed = suite.speed_mps**2 * f.coloured(apart, suite.speed_memory_s)
     speed += suite.speed_white_mps**2 * f.white(apart, suite.gnss_hz)
     metres = np.abs(m.distance_m[:, None] - m.distance_m)
     patch = np.exp(-metres / day.patchiness.length_m)
     for key, inner in (
         ("speed", speed),
-        ("load", suite.load_n**2 * force * share),
+        ("load", suite.load_n**2 * force * share + suite.zero_load_n**2),
         ("stiffness", day.patchiness.stiffness**2 * patch + RUN_SCATTER["stiffness"] ** 2),
         ("friction", day.patchiness.friction**2 * patch + RUN_SCATTER["friction"] ** 2),
         ("cohesion", np.full(apart.shape, RUN_SCATTER["cohesion"] ** 2)),

@@ -29,6 +29,8 @@ class Suite:
         Once a revolution (an offset that turns with the wheel), and of each lug.
     rest_pull_n, rest_torque_nm
         What stays locked in the driveline at each standstill.
+    zero_pull_n, zero_torque_nm, zero_load_n
+        By how much the bridges' zeros differ from run to run.
     stones : float
         Mean number in a run: bursts of 30 to 100 ms, 3 to 6 sigma in pull and torque.
     speed_mps, speed_memory_s, speed_white_mps
@@ -57,6 +59,9 @@ class Suite:
     lug_n: float = 25.0
     rest_pull_n: float = 5.0
     rest_torque_nm: float = 1.5
+    zero_pull_n: float = 6.0
+    zero_torque_nm: float = 1.5
+    zero_load_n: float = 12.0
     stones: float = 1.0
     speed_mps: float = 0.035
     speed_memory_s: float = 1.0
@@ -149,10 +154,11 @@ def _forces(suite: Suite, plan: Plan, m: Motion, reading: Reading, rng: np.rando
     torque += suite.ripple_nm * np.sin(angle + 1.0) * moving + 0.3 * lug
     torque += suite.rest_torque_nm * np.where(second, *locked[1]) * (1 - moving)
     time_ns = _stamps(plan, at, suite.force_latency_s, rng)
+    zeros = rng.standard_normal(3) * (suite.zero_pull_n, suite.zero_torque_nm, suite.zero_load_n)
     return {
-        "drawbar_pull": Channel("drawbar_pull", "N", time_ns, pull),
-        "vertical_load": Channel("vertical_load", "N", time_ns, load),
-        "driving_torque": Channel("driving_torque", "Nm", time_ns, torque),
+        "drawbar_pull": Channel("drawbar_pull", "N", time_ns, pull + zeros[0]),
+        "vertical_load": Channel("vertical_load", "N", time_ns, load + zeros[2]),
+        "driving_torque": Channel("driving_torque", "Nm", time_ns, torque + zeros[1]),
         "wheel_angle": Channel("wheel_angle", "rad", time_ns, np.mod(angle, 2 * np.pi)),
     }
 
