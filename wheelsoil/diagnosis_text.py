@@ -117,7 +117,7 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
         ]
         for found in findings
     ]
-    head = ["channel", "measured - simulated", "sigmas", "where"]
+    head = ["channel", "by", "sigmas", "where"]
     aligned = [[*row[:-1], ""] for row in rows]
     lines = table_lines([*head[:-1], ""], aligned)
     widest = max(map(len, lines)) + 2

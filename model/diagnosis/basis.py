@@ -126,9 +126,3 @@ def _of_channels(samples: Samples, linear: Linear) -> Iterator[Shape]:
         x = x / max(float(np.std(x[known])), 1e-9)
         yield f"large {words}", x * np.abs(x) / 2.0
         yield f"{words} over the campaign", np.nan_to_num(samples.conditions.campaign_time) * x
-
-
-def where_of(label: str) -> tuple[str, str]:
-    """Split a label into channel and where."""
-    channel, _, where = label.partition("|")
-    return channel, where

@@ -66,7 +66,8 @@ class Finding:
     where : str
         e.g. "slip 0.4 to 0.9, driving".
     size : float
-        Mean residual there, N, N m or m.
+        N, N m or m. Of recorded runs the height of the shape of misfit there, once soil and the stronger findings were
+        taken out, where the shape is largest; of a bench table the mean of measured less simulated.
     statistic : float
         Over its standard deviation (signed).
     """

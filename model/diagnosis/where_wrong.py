@@ -1,13 +1,14 @@
 """Where the simulation is off: in which channel, at which slip, load, speed, place, time and direction.
 
 The catch-all's shapes are asked one after the other: the one that stands out most is said, taken out, and the rest
-asked again, so that one misfit is not said five times. A statistic is the shape's height over its one-sigma by the
-noise model, the soil re-calibrated.
+asked again, so that one misfit is not said five times. A size is the regression height of the shape: its coefficient,
+the soil re-calibrated and the shapes found before taken out, times the largest value of the shape. It is not the mean
+of measured less simulated there. A statistic is that height over its one-sigma by the noise model.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from model.diagnosis.adequacy import LeftOver, left_over
 from model.diagnosis.grams import Grams
 from model.diagnosis.result import Finding
+from model.diagnosis.shape_words import shape_words
 from model.diagnosis.view import View
 
 FloatArray = NDArray[np.float64]
@@ -40,7 +42,9 @@ def findings(grams: Grams, views: tuple[View, ...], keys: tuple[str, ...] = (), 
     excess : float
         Factor on the noise's variance.
     """
-    return found_in(left_over(grams, keys), grams.basis, heights(views), excess)
+    found = found_in(left_over(grams, keys), grams.basis, heights(views), excess)
+    names = tuple(view.campaign.name for view in views) if len(views) > 1 else ()
+    return [replace(one, where=shape_words(one.where, names)) for one in found]
 
 
 def found_in(left: LeftOver, labels: tuple[str, ...], height: FloatArray, excess: float = 1.0) -> list[Finding]:
@@ -83,8 +87,3 @@ def heights(views: tuple[View, ...]) -> FloatArray:
         rows = view.columns.rows[:, :, start : view.columns.shared]
         found += np.abs(rows).max(axis=(0, 1), initial=0.0).tolist()
     return np.array(found)
-
-
-def in_words(found: list[Finding], names: Mapping[str, str]) -> str:
-    """Return the worst findings in a few words."""
-    return "; ".join(f"{names.get(f.channel, f.channel)} at {f.where} ({f.statistic:+.1f} sigma)" for f in found[:3])

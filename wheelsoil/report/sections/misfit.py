@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from model.diagnosis.result import Diagnosis, Seen
-from wheelsoil.diagnosis_words import CHANNEL_NAMES, CHANNEL_UNITS, FINDING_UNITS, plain_name
+from wheelsoil.diagnosis_words import CHANNEL_NAMES, CHANNEL_UNITS, FINDING_NOTE, FINDING_UNITS, plain_name
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import GREY_BAND, MEASURED, Trace, axes, band, dots, line, look_at, words
 from wheelsoil.report.figures import numbers as plotted
@@ -56,11 +56,9 @@ def _findings(found: Diagnosis) -> Block:
         ]
         for one in found.what_is_wrong[:_SHOWN]
     ]
-    note = (
-        "Mean of measured less simulated there, and how many of its standard deviations that is; the standard "
-        "deviation allows for correlated noise, errors of speed and load, and the soil."
+    return Table(
+        "Where the simulation is off, worst first", ["channel", "where", "by", "sigmas"], rows, FINDING_NOTE, left=2
     )
-    return Table("Where the simulation is off, worst first", ["channel", "where", "by", "sigmas"], rows, note, left=2)
 
 
 def _inconsistent(found: Diagnosis) -> list[Block]:

@@ -1,0 +1,50 @@
+"""Every label of the catch-all reads on its own, behind any channel; a finding's size is what it says it is."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from diagnosis_support import simulated_campaign
+
+from model.diagnosis.basis import basis
+from model.diagnosis.campaign import DiagnosisOptions
+from model.diagnosis.linearise import Point, Simulation, linearise
+from model.diagnosis.samples import samples_of
+from model.diagnosis.shape_words import shape_words
+from model.diagnosis.soil_space import soil_space
+
+
+@pytest.fixture(scope="module")
+def labels() -> list[str]:
+    campaign = simulated_campaign(runs=2)
+    samples = samples_of(campaign, DiagnosisOptions().channels)
+    samples = samples[np.arange(len(samples)) % 4 == 0]
+    simulation = Simulation(campaign.wheel, campaign.soil, soil_space(campaign.soil_prior), (), "balanced")
+    linear = linearise(simulation, samples, Point(np.zeros(len(simulation.space)), {}, np.zeros(len(samples))))
+    return [label.partition("|")[2] for label in basis(samples, linear)[0]]
+
+
+def test_every_label_reads_on_its_own(labels: list[str]) -> None:
+    said = [shape_words(label) for label in labels]
+    assert len(set(said)) == len(set(labels)), "what differed still does"
+    for text in said:
+        assert not re.search(r" - \d", text), "a minus sign is none of a dash"
+        assert text not in (
+            "load, driving",
+            "load, braking",
+            "load squared",
+            "large torque",
+            "torque over the campaign",
+        )
+        assert not re.match(r"(torque|drawbar pull) -?\d", text), "a simulated one, not the finding's channel"
+        assert not re.match(r"ground speed .*\d$", text), "a speed has its unit"
+    assert "braking, slip -0.05 to -0.15" in said
+    assert "growing with load, driving" in said
+
+
+def test_a_campaigns_name_stays_before_it() -> None:
+    assert shape_words("a: b: load, driving", ("a", "a: b")) == "a: b: growing with load, driving"
+    assert shape_words("clay: braking, slip - 0.3 to 0.6", ("clay",)) == "clay: braking, slip -0.3 to -0.6"
+    assert shape_words("run: 1, 0 to 20 s") == "run: 1, 0 to 20 s"
