@@ -52,7 +52,7 @@ def test_the_systems_commands_are_whole_and_name_files_that_are_here(line: str) 
 
 
 def test_the_token_command_makes_one_that_the_page_takes(tmp_path: Path) -> None:
-    from wheelsoil.live.listening import checked_token
+    from wheelsoil.web.listening import checked_token
 
     (line,) = (line for line in LINES if "page-token" in line)
     assert shutil.which("install")

@@ -13,8 +13,8 @@ import pytest
 from live_client import PATIENCE_S, ask, command, page, until
 
 from daq.panel import Command
-from wheelsoil.live.guard import LARGEST_BODY_BYTES, Rules
 from wheelsoil.live.panel import PagePanel
+from wheelsoil.web.guard import LARGEST_BODY_BYTES, Rules
 
 TOKEN = "a-token-of-the-test"
 PAGE = ("/", "/page.css", "/page.js", "/parts.js", "/plot.js", "/connection.js", "/commands.js", "/icon.svg")

@@ -20,8 +20,8 @@ from daq.errors import ConfigError, HardwareError
 from daq.panel import Command
 from wheelsoil.live import open_page
 from wheelsoil.live.hub import MOST_STREAMS
-from wheelsoil.live.listening import listen
 from wheelsoil.live.panel import PagePanel
+from wheelsoil.web.listening import listen
 
 _LOGGER = """
 import sys, time

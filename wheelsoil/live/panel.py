@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from daq.panel import Command
-from wheelsoil.live.listening import checked_token, listen, page_addresses
 from wheelsoil.live.wire import GOODBYE, LARGEST_BYTES, command_from, packed
+from wheelsoil.web.listening import checked_token, listen, page_addresses
 
 RESTART_S = 5.0
 """A page's process that has ended is started again, at most this often."""

@@ -15,20 +15,18 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-import uvicorn
+from uvicorn import Server
 
 from daq.panel import Command
 from wheelsoil.live.app import make_app
-from wheelsoil.live.connection import Connection
-from wheelsoil.live.guard import Rules
 from wheelsoil.live.hub import Hub
 from wheelsoil.live.wire import LARGEST_BYTES, packed_command, unpacked
+from wheelsoil.web.guard import Rules
+from wheelsoil.web.serving import server_of
 
 _NICENESS = 10
 _FIRST_TO_GO = "900"
 _PR_SET_PDEATHSIG = 1
-_MOST_CONNECTIONS = 64
-_FAREWELL_S = 1
 
 
 def main() -> None:
@@ -65,28 +63,13 @@ async def _serve(listening: socket.socket, pair: socket.socket, rules: Rules, ve
             return pair.send(packed_command(command)) > 0
         return False
 
-    server = uvicorn.Server(
-        uvicorn.Config(
-            make_app(hub, pass_on, rules),
-            loop="asyncio",
-            http=Connection,
-            ws="none",
-            lifespan="off",
-            interface="asgi3",
-            log_level="error",
-            access_log=False,
-            server_header=False,
-            proxy_headers=False,
-            limit_concurrency=_MOST_CONNECTIONS,
-            timeout_graceful_shutdown=_FAREWELL_S,
-        )
-    )
+    server = server_of(make_app(hub, pass_on, rules))
     follower = asyncio.create_task(_follow(pair, hub, server))
     await server.serve(sockets=[listening])
     follower.cancel()
 
 
-async def _follow(pair: socket.socket, hub: Hub, server: uvicorn.Server) -> None:
+async def _follow(pair: socket.socket, hub: Hub, server: Server) -> None:
     """Hand the logger's snapshots on until it says goodbye or is gone."""
     loop = asyncio.get_running_loop()
     while datagram := await loop.sock_recv(pair, LARGEST_BYTES):

@@ -22,8 +22,8 @@ _DEAF_MS = 15_000
 """A phone that was carried out of reach must not hold its place for the quarter of an hour that TCP would wait."""
 
 
-def listen(host: str, port: int, patience_s: float = PATIENCE_S) -> socket.socket:
-    """Return a listening socket.
+def listen(host: str, port: int, patience_s: float = PATIENCE_S, *, page: str = "status page") -> socket.socket:
+    """Return a listening socket; `page` is what people call it.
 
     Raises
     ------
@@ -33,14 +33,14 @@ def listen(host: str, port: int, patience_s: float = PATIENCE_S) -> socket.socke
         There is no such port.
     """
     if not 0 <= port <= 0xFFFF:
-        raise ConfigError(Fault("there is no such port", "status page", str(port), "1 to 65535"))
+        raise ConfigError(Fault("there is no such port", page, str(port), "1 to 65535"))
     until = time.monotonic() + patience_s
     while True:
         try:
             return _listening(host, port)
         except OSError as error:
             if error.errno != errno.EADDRINUSE or time.monotonic() >= until:
-                raise HardwareError(_fault(error, host, port)) from None
+                raise HardwareError(_fault(error, host, port, page)) from None
             time.sleep(0.05)
 
 
@@ -62,7 +62,7 @@ def checked_token(token: str | None, host: str) -> str | None:
     if len(token) < _SHORTEST_TOKEN or not token.isascii() or not token.isprintable() or " " in token:
         raise ConfigError(
             Fault(
-                "the status page's token cannot be used",
+                "the page's token cannot be used",
                 expected=f"at least {_SHORTEST_TOKEN} ASCII characters without spaces",
                 next_step="leave it out: a random one is made and told",
             )
@@ -99,19 +99,19 @@ def _listening(host: str, port: int) -> socket.socket:
     return listening
 
 
-def _fault(error: OSError, host: str, port: int) -> Fault:
-    where = f"status page on {host}:{port}"
+def _fault(error: OSError, host: str, port: int, page: str) -> Fault:
+    where = f"{page} on {host}:{port}"
     if error.errno == errno.EADDRINUSE:
         return Fault(
             f"port {port} is taken",
             where,
-            next_step="choose another port, or end the program that listens there (`ss -ltnp` names it); "
-            "it may be a second logger",
+            next_step="choose another port, or end the program that listens there (`ss -ltnp` names it)"
+            + ("; it may be a second logger" if page == "status page" else ""),
         )
     if error.errno == errno.EACCES:
         return Fault(f"port {port} is not allowed", where, str(error.strerror), next_step="choose a port above 1023")
     return Fault(
-        "the status page cannot listen on this address",
+        f"the {page} cannot listen on this address",
         where,
         error.strerror or str(error),
         "an address of this machine",

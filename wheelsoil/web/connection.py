@@ -10,7 +10,7 @@ PATIENCE_S = 10.0
 
 
 class Connection(H11Protocol):
-    """HTTP/1.1 that closes a connection on which no request was completed for `PATIENCE_S`, but for a stream."""
+    """HTTP/1.1 that closes a connection without a complete request for `PATIENCE_S`, unless it owes an answer."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """See `asyncio.Protocol`."""
@@ -26,9 +26,9 @@ class Connection(H11Protocol):
         self._next_look = self.loop.call_later(PATIENCE_S, self._look, self.cycle)
 
     def _look(self, before: RequestResponseCycle | None) -> None:
-        """Close it if it is where it was, and no answer is being sent."""
+        """Close it if it is where it was, and no whole request waits for the end of its answer."""
         cycle = self.cycle
-        answering = cycle is not None and cycle.response_started and not cycle.response_complete
+        answering = cycle is not None and not cycle.more_body and not cycle.response_complete
         if cycle is before and not answering:
             self.transport.abort()
         else:

@@ -12,13 +12,17 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from wheelsoil.live.listening import is_loopback
+from wheelsoil.web.listening import is_loopback
 
 LARGEST_BODY_BYTES = 4096
 
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+"""What a browser may load: files of this page, and nothing that stands in a page or comes from elsewhere."""
+
 _HEADERS = {
-    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
-    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "x-frame-options": "DENY",
     "x-content-type-options": "nosniff",
     "referrer-policy": "no-referrer",
@@ -84,19 +88,32 @@ class Guard:
     rules : Rules
     open_paths : frozenset of str
         Paths that need no token.
+    largest_body_bytes : int
+    policy : str
+        Content-Security-Policy.
     """
 
-    def __init__(self, app: ASGIApp, rules: Rules, open_paths: frozenset[str]) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        rules: Rules,
+        open_paths: frozenset[str],
+        *,
+        largest_body_bytes: int = LARGEST_BODY_BYTES,
+        policy: str = POLICY,
+    ) -> None:
         self._app = app
         self._rules = rules
         self._open_paths = open_paths
+        self._largest_body_bytes = largest_body_bytes
+        self._headers = {"content-security-policy": policy, **_HEADERS}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request; see ASGI."""
 
         async def send_safely(message: Message) -> None:
             if message["type"] == "http.response.start":
-                MutableHeaders(scope=message).update(_HEADERS)
+                MutableHeaders(scope=message).update(self._headers)
             await send(message)
 
         refusal = self._refusal(scope["method"], scope["path"], Headers(scope=scope))
@@ -105,7 +122,7 @@ class Guard:
     def _refusal(self, method: str, path: str, headers: Headers) -> PlainTextResponse | None:
         hosts, origins = headers.getlist("host"), headers.getlist("origin")
         if len(hosts) != 1 or not self._rules.knows_host(hosts[0]):
-            return PlainTextResponse("this page does not go by that name: open it by the logger's IP address\n", 421)
+            return PlainTextResponse("this page does not go by that name: open it by this machine's IP address\n", 421)
         if origins and not _same_origin(origins, hosts[0]):  # browsers state it with every POST, programs need not
             return PlainTextResponse("asked for by the page of another site\n", 403)
         if path not in self._open_paths and headers.get("sec-fetch-site", "same-origin") != "same-origin":
@@ -113,18 +130,18 @@ class Guard:
         if path not in self._open_paths and not self._rules.knows_token(headers.get("authorization", "")):
             return PlainTextResponse("the token is missing or wrong\n", 401, {"www-authenticate": "Bearer"})
         if method == "POST":
-            return _unfit_body(headers)
+            return _unfit_body(headers, self._largest_body_bytes)
         return None
 
 
-def _unfit_body(headers: Headers) -> PlainTextResponse | None:
+def _unfit_body(headers: Headers, largest_bytes: int) -> PlainTextResponse | None:
     if headers.get("content-type", "").split(";")[0].strip().lower() != "application/json":
         return PlainTextResponse("the body must be application/json\n", 415)
     size = headers.get("content-length", "")
     if not size.isdecimal() or "transfer-encoding" in headers:  # which would be believed, and the size not
         return PlainTextResponse("the body's length is not stated\n", 411)
-    if int(size) > LARGEST_BODY_BYTES:
-        return PlainTextResponse(f"more than {LARGEST_BODY_BYTES} bytes\n", 413)
+    if int(size) > largest_bytes:
+        return PlainTextResponse(f"more than {largest_bytes} bytes\n", 413)
     return None
 
 
