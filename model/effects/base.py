@@ -85,6 +85,9 @@ class Effect:
     parameters : tuple of Parameter
     own_symbols : bool
         A model knows its parameters as they are called ("H_m"), not as "wheel_radius.relative".
+    shows : tuple of str
+        Channels that it changes: "drawbar_pull", "driving_torque", "vertical_load", "ground_speed", "wheel_speed".
+        Where drawbar pull and torque differ, a physical effect's wheel speed may too: it is not counted.
     needs : tuple of str
         Fields of `Conditions` beyond slip and load without which the effect cannot be told.
     at_standstill : bool
@@ -105,6 +108,7 @@ class Effect:
     source: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
     own_symbols: ClassVar[bool] = False
+    shows: ClassVar[tuple[str, ...]] = ("drawbar_pull", "driving_torque")
     needs: ClassVar[tuple[str, ...]] = ()
     at_standstill: ClassVar[bool] = False
     reading: ClassVar[Literal["any", "literal"]] = "any"

@@ -24,6 +24,7 @@ class Bulldozing(Effect):
         "The wheel pushes soil in front of it: a share of the passive earth pressure on a wall as high as it is sunk."
     )
     source = "Rankine (1857), passive earth pressure; Wong (2008), Theory of Ground Vehicles, on bulldozing"
+    shows = ("drawbar_pull",)
     parameters = (
         Parameter("fraction", "1", 0.0, 0.2, 0.0, 3.0, 0.6, "the whole would count compaction twice", side=1),
     )

@@ -20,6 +20,7 @@ class Crosstalk(Effect):
     kind = "measurement"
     summary = "A share of the vertical load shows in drawbar pull: cross-talk of the bridges, or a tilted transducer."
     source = "MTS Systems (2008), SWIFT 30 manual: cross-talk matrix (KFXFZ -0.003); usually 0.3 to 1 %"
+    shows = ("drawbar_pull",)
     parameters = (Parameter("coefficient", "1", 0.0, 0.01, -0.3, 0.3, 0.02, "1 deg of tilt is 0.017"),)
     at_standstill = True
     stage = 2

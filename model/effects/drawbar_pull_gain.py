@@ -20,6 +20,7 @@ class DrawbarPullGain(Effect):
     kind = "measurement"
     summary = "Drawbar pull is scaled by a wrong gain of the transducer."
     source = "MTS Systems (2008), SWIFT 30 manual: gains of the bridges; data sheets usually state 0.5 to 2 %"
+    shows = ("drawbar_pull",)
     parameters = (
         Parameter(
             "relative",

@@ -20,6 +20,7 @@ class DrawbarPullZero(Effect):
     kind = "measurement"
     summary = "Drawbar pull carries a constant offset."
     source = "MTS Systems (2008), SWIFT 30 manual: zeros of the bridges; usually 0.1 to 0.5 % of the range"
+    shows = ("drawbar_pull",)
     parameters = (
         Parameter(
             "offset_n",

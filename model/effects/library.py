@@ -11,6 +11,8 @@ from daq.errors import ConfigError, Fault
 from model.effects.base import Effect, Parameter
 
 GROUP = "wheelsoil.effects"
+CHANNELS = ("drawbar_pull", "driving_torque", "vertical_load", "ground_speed", "wheel_speed")
+"""Where an effect may show."""
 _STATED = ("name", "summary", "source", "parameters")
 
 
@@ -88,6 +90,8 @@ def _misfits(effect: type[Effect]) -> Iterable[tuple[str, str, str]]:
         yield "has a name that cannot be typed", repr(effect.key()), "letters, digits and underscores"
     if effect.kind not in ("physical", "measurement"):
         yield "is of an unknown kind", repr(effect.kind), "physical or measurement"
+    if not isinstance(effect.shows, tuple) or not effect.shows or not set(effect.shows) <= set(CHANNELS):
+        yield "shows where no channel is", repr(effect.shows), f"a tuple of {', '.join(CHANNELS)}"
     for p in effect.parameters:
         if not isinstance(p, Parameter):
             yield "has a parameter that is none", repr(p), "a model.effects.Parameter"

@@ -20,6 +20,7 @@ class LoadGain(Effect):
     kind = "measurement"
     summary = "Vertical load is scaled by a wrong gain of the transducer."
     source = "MTS Systems (2008), SWIFT 30 manual: gains of the bridges; data sheets usually state 0.5 to 2 %"
+    shows = ("vertical_load",)
     parameters = (
         Parameter(
             "relative",

@@ -20,6 +20,7 @@ class LoadZero(Effect):
     kind = "measurement"
     summary = "Vertical load carries a constant offset."
     source = "MTS Systems (2008), SWIFT 30 manual: zeros of the bridges; usually 0.1 to 0.5 % of the range"
+    shows = ("vertical_load",)
     parameters = (
         Parameter(
             "offset_n",

@@ -19,6 +19,7 @@ class Slope(Effect):
     name = "slope"
     summary = "The track is not level: part of the wheel's load pulls it back uphill and forward downhill."
     source = "statics; Wong (2008), Theory of Ground Vehicles, grade resistance"
+    shows = ("drawbar_pull",)
     parameters = (Parameter("angle_rad", "rad", 0.0, 0.02, -0.3, 0.3, 0.03, "a field that looks level: 1 to 2 deg"),)
     needs = ("direction",)
     at_standstill = True

@@ -24,6 +24,7 @@ class SpeedBias(Effect):
     kind = "measurement"
     summary = "The ground speed is off by a constant: slip is wrong by more, the slower the vehicle goes."
     source = "Racelogic (2014), VBOX data sheets: 0.1 km/h as a mean of four samples"
+    shows = ("ground_speed",)
     parameters = (Parameter("offset_mps", "m/s", 0.0, 0.05, -0.5, 0.5, 0.10, "receivers' data sheets"),)
     needs = ("ground_speed_mps",)
     stage = 4

@@ -27,6 +27,7 @@ class SpeedLatency(Effect):
         "The ground speed is measured later (or, if negative, earlier) than declared: slip is wrong while speeding up."
     )
     source = "Taylor's series; Racelogic (2014), VBOX data sheets: 4 to 42 ms, 160 ms of a receiver at 5 Hz"
+    shows = ("ground_speed",)
     parameters = (
         Parameter("extra_delay_s", "s", 0.0, 0.1, -0.6, 0.6, 0.2, "receivers' data sheets; undeclared filter delays"),
     )

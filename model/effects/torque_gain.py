@@ -20,6 +20,7 @@ class TorqueGain(Effect):
     kind = "measurement"
     summary = "Driving torque is scaled by a wrong gain of the transducer."
     source = "MTS Systems (2008), SWIFT 30 manual: gains of the bridges; data sheets usually state 0.5 to 2 %"
+    shows = ("driving_torque",)
     parameters = (
         Parameter(
             "relative",

@@ -20,6 +20,7 @@ class TorqueZero(Effect):
     kind = "measurement"
     summary = "Driving torque carries a constant offset."
     source = "MTS Systems (2008), SWIFT 30 manual: zeros of the bridges; usually 0.1 to 0.5 % of the range"
+    shows = ("driving_torque",)
     parameters = (Parameter("offset_nm", "N m", 0.0, 40.0, -1000.0, 1000.0, 60.0, "0.5 to 1 % of a 10 kN m range"),)
     at_standstill = True
     stage = 4

@@ -22,6 +22,7 @@ class WheelRadius(Effect):
         "The rolling radius that the slip is reckoned with is wrong by a share: slip is not zero where it should be."
     )
     source = "Yang et al. (2016), Eq. 6; the effective radius of a tyre changes by 1 to 3 % with load and wear"
+    shows = ("wheel_speed",)
     parameters = (
         Parameter("relative", "1", 0.0, 0.02, -0.2, 0.2, 0.03, "effective rolling radius against the declared one"),
     )

@@ -20,6 +20,7 @@ class ZeroDrift(Effect):
     kind = "measurement"
     summary = "The zero of drawbar pull drifts from the first run to the last, as a bridge does that warms up."
     source = "MTS Systems (2008), SWIFT 30 manual: warm-up and zeros; usually 0.05 % of the range in 10 K"
+    shows = ("drawbar_pull",)
     parameters = (Parameter("campaign_span_n", "N", 0.0, 100.0, -2000.0, 2000.0, 150.0, "six runs of 5 to 50 N each"),)
     needs = ("campaign_time",)
     at_standstill = True

@@ -54,10 +54,20 @@ def test_a_package_adds_an_effect_as_the_page_says(install: Install, tmp_path: P
 
 def test_the_contract_suite_takes_it_up(install: Install) -> None:
     env = install("my_wind", HEADWIND, "my_wind:Headwind")
-    suite = "tests/contract/test_effects_contract.py"
-    done = python(env, "-m", "pytest", "-q", "-p", "no:cacheprovider", suite, "-k", "headwind")
+    assert "`pytest tests/contract` in a checkout" in README, "the whole of it, as the page says"
+    chosen = [path for path in Path(__file__).parent.glob("test_*.py") if path.name != Path(__file__).name]
+    done = python(env, "-m", "pytest", "-q", "-p", "no:cacheprovider", *chosen, "-k", "headwind")
     assert done.returncode == 0, done.stdout
     assert " passed" in done.stdout
+
+
+def test_one_that_shows_elsewhere_than_it_says_is_caught(install: Install) -> None:
+    said = 'shows = ("drawbar_pull",)'
+    env = install("my_wind", HEADWIND.replace(said, 'shows = ("driving_torque",)'), "my_wind:Headwind")
+    suite = "tests/contract/test_virtual_effects_contract.py"
+    done = python(env, "-m", "pytest", "-q", "-p", "no:cacheprovider", suite, "-k", "headwind")
+    assert done.returncode == 1
+    assert "test_it_shows_where_it_should" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -72,6 +82,7 @@ def test_the_contract_suite_takes_it_up(install: Install) -> None:
         (HEADWIND.replace("lower=-50.0", "lower=1.0"), "my_wind:Headwind", "out of order"),
         (HEADWIND.replace('"a van"),\n', '"a van")\n'), "my_wind:Headwind", "no tuple"),
         (HEADWIND.replace('name = "headwind"', 'name = "head wind"'), "my_wind:Headwind", "cannot be typed"),
+        (HEADWIND.replace('("drawbar_pull",)', '("pull",)'), "my_wind:Headwind", "shows where no channel is"),
     ],
 )
 def test_a_broken_one_is_told_by_name(install: Install, tmp_path: Path, code: str, target: str, said: str) -> None:

@@ -21,24 +21,6 @@ from processing.processed_run import ProcessedRun
 from wheelsoil.virtual_campaign import simulated_roles, simulated_run
 from wheelsoil.virtual_options import SimulationOptions
 
-FORCES = {"drawbar_pull", "driving_torque"}
-SHOWS: dict[str, set[str]] = {
-    "bulldozing": {"drawbar_pull"},
-    "slope": {"drawbar_pull"},
-    "wheel_radius": {"wheel_speed"},
-    "speed_latency": {"ground_speed"},
-    "speed_bias": {"ground_speed"},
-    "drawbar_pull_gain": {"drawbar_pull"},
-    "drawbar_pull_zero": {"drawbar_pull"},
-    "crosstalk": {"drawbar_pull"},
-    "zero_drift": {"drawbar_pull"},
-    "torque_gain": {"driving_torque"},
-    "torque_zero": {"driving_torque"},
-    "load_gain": {"vertical_load"},
-    "load_zero": {"vertical_load"},
-}
-"""Channels that an effect changes; a physical one that is not listed changes drawbar pull and torque."""
-
 SEEN = ("drawbar_pull", "driving_torque", "vertical_load", "ground_speed", "wheel_speed", "latitude", "longitude")
 
 pytestmark = pytest.mark.parametrize("key", list(EFFECTS))
@@ -97,7 +79,7 @@ def test_it_shows_where_it_should(key: str) -> None:
     differ = {name for name in SEEN if not np.allclose(with_it[name], without[name], rtol=0, atol=1e-8)}
     if EFFECTS[key].kind == "physical":
         differ -= {"wheel_speed"}  # the driver coasts at the slip at which the wheel transmits no torque
-    assert differ == SHOWS.get(key, FORCES)
+    assert differ == set(EFFECTS[key].shows)
 
 
 def test_only_physical_effects_are_in_the_truth(key: str) -> None:
