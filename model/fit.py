@@ -11,9 +11,16 @@ from numpy.typing import NDArray
 from model.criteria import criteria
 from model.effects import EFFECTS
 from model.estimates import correlations, estimates_of, spread_of, warnings_of
-from model.fit_checks import answered_by_extended, check_enough, check_options, check_stiffness, driven_samples
+from model.fit_checks import (
+    answered_by_extended,
+    check_chosen,
+    check_enough,
+    check_options,
+    check_stiffness,
+    driven_samples,
+)
 from model.fit_problem import FitProblem, free_parameters
-from model.fit_result import EXTENDED, CampaignFit, FitOptions, LoadRatio, ModelFit
+from model.fit_result import CHOSEN, EXTENDED, CampaignFit, FitOptions, LoadRatio, ModelFit
 from model.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
 from model.intervals import Blocks, blocks_of
 from model.observations import CHANNELS, Observations, observations_of
@@ -54,7 +61,7 @@ def fit_models(
     Yang et al. (2016), sections 1.2, 1.3 and 3.
     """
     conditions = conditions_of(runs, soil.unit_weight_n_m3)
-    asked = conditions if options and options.extended else ()
+    asked = conditions if options and (options.extended or options.chosen) else ()
     fitted = fit_observations(observations_of(runs, conditions=asked), wheel, soil, options)
     everything = observations_of(runs, thinned=False)
     models, predicted = [], []
@@ -100,6 +107,7 @@ def fit_observations(
     answered = np.isfinite(_model(wheel, soil, "wong", chosen).predict(driven.conditions).drawbar_pull_n)
     if chosen.extended is not None:
         answered &= answered_by_extended(wheel, driven, chosen.extended, answered)
+    check_chosen(driven, chosen.chosen)
     driven, lost = driven[answered], int((~answered).sum())
     check_enough(driven, lost, chosen)
     threshold = default_slip_threshold(soil) if chosen.slip_threshold is None else chosen.slip_threshold
@@ -161,8 +169,8 @@ def _problem(name: str, driven: Observations, wheel: Wheel, soil: Soil, options:
     free = free_parameters(model, options.soil_prior, starts)
     ones = {c: np.ones(len(driven)) for c in options.channels}
     problem = FitProblem(model, driven, options.channels, free, options.soil_prior, ones)
-    if name == EXTENDED:
-        problem = problem.without_idle_parameters()
+    if name in (EXTENDED, CHOSEN):
+        problem = problem.without_idle_parameters("start" if name == EXTENDED else "neutral")
     return problem.with_static_sinkage()
 
 

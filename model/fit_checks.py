@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ConfigError, DataError, Fault, nearest
-from model.effects import EFFECTS
+from model.effects import EFFECTS, Effect
 from model.extended import ExtendedModel
 from model.fit_result import MODELS, FitOptions
 from model.observations import CHANNELS, Observations
@@ -34,6 +36,15 @@ def check_options(options: FitOptions) -> None:
                 next_step=f"add --sinkage {options.extended.reading}",
             )
         )
+    faults += [
+        Fault(
+            f"effect {key} is of the {EFFECTS[key].reading} reading only",
+            found=f"the fit is {options.reading}",
+            next_step=f"add --sinkage {EFFECTS[key].reading}, or leave it out",
+        )
+        for key in options.chosen
+        if EFFECTS[key].reading not in ("any", options.reading)
+    ]
     if faults:
         raise ConfigError(*faults)
 
@@ -97,17 +108,7 @@ def answered_by_extended(
 ) -> NDArray[np.bool_]:
     """Return which samples the extended model has an answer for, with the values it comes with."""
     effects = [EFFECTS[effect.key] for effect in extended.effects]
-    lacking = [
-        Fault(
-            f"effect {effect.key()} needs {name}, which these data do not have",
-            next_step="give it (runs.toml, or the signal's role under [signals]), or take another --model",
-        )
-        for effect in effects
-        for name in effect.needs
-        if len(driven) and not np.isfinite(getattr(driven.conditions, name)).any()
-    ]
-    if lacking:
-        raise DataError(*lacking)
+    _check_needs(driven, effects, "take another --model")
     model = WheelSoilModel(wheel, extended.soil, effects, extended.reading)
     found = np.isfinite(model.predict(driven.conditions, extended.values).drawbar_pull_n)
     if answered.any() and not (found & answered).any():
@@ -119,3 +120,22 @@ def answered_by_extended(
             )
         )
     return found
+
+
+def check_chosen(driven: Observations, chosen: Sequence[str]) -> None:
+    """Raise DataError for an effect that a person chose and these data cannot tell."""
+    _check_needs(driven, [EFFECTS[key] for key in chosen], "leave the effect out")
+
+
+def _check_needs(driven: Observations, effects: Sequence[type[Effect]], instead: str) -> None:
+    lacking = [
+        Fault(
+            f"effect {effect.key()} needs {name}, which these data do not have",
+            next_step=f"give it (runs.toml, or the signal's role under [signals]), or {instead}",
+        )
+        for effect in effects
+        for name in effect.needs
+        if len(driven) and not np.isfinite(getattr(driven.conditions, name)).any()
+    ]
+    if lacking:
+        raise DataError(*lacking)

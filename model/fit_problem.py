@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,13 +120,13 @@ class FitProblem:
     def _values(self, x: FloatArray) -> dict[str, float]:
         return {**self.fixed, **dict(zip(self.names, x.tolist(), strict=True))}
 
-    def without_idle_parameters(self) -> FitProblem:
-        """Return the problem with those parameters fixed at their starts that nothing that is fitted shows."""
+    def without_idle_parameters(self, at: Literal["start", "neutral"]) -> FitProblem:
+        """Return the problem with those parameters fixed, at their start or neutral, that nothing fitted shows."""
         x = self.answered_start()
         slopes = self.predict(x, self.names).sensitivities
         shown = [any(np.any(getattr(slopes[name], CHANNELS[c]) != 0.0) for c in self.channels) for name in self.names]
         kept = tuple(f for f, seen in zip(self.free, shown, strict=True) if seen or f.name in SOIL_PARAMETERS)
-        idle = {f.name: f.start for f in self.free if f not in kept}
+        idle = {f.name: float(getattr(f, at)) for f in self.free if f not in kept}
         return replace(self, free=kept, fixed={**self.fixed, **idle})
 
     def answered_start(self) -> FloatArray:

@@ -22,6 +22,8 @@ MODELS: dict[str, tuple[str, ...]] = {"wong": (), "vasilev": ("vasilev",), "lyas
 """The paper's four models by the effects they add to Wong's."""
 EXTENDED = "extended"
 """Name of the model that a diagnosis left behind, in a fit beside the four."""
+CHOSEN = "chosen"
+"""Name of the model with the effects that a person chose, in a fit beside the four."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,8 @@ class FitOptions:
     confidence : of the intervals
     extended : ExtendedModel, optional
         Fitted beside the others: its soil, and its effects from the values they have.
+    chosen : tuple of str
+        Effects of one more model, fitted beside the others like them.
     """
 
     reading: Reading = "balanced"
@@ -49,16 +53,19 @@ class FitOptions:
     models: tuple[str, ...] = tuple(MODELS)
     confidence: float = 0.95
     extended: ExtendedModel | None = None
+    chosen: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all models that are fitted."""
-        return self.models if self.extended is None else (*self.models, EXTENDED)
+        return (*self.models, *(EXTENDED,) * (self.extended is not None), *(CHOSEN,) * bool(self.chosen))
 
     def effects_of(self, name: str) -> tuple[str, ...]:
         """Return the short names of a model's effects."""
         if name == EXTENDED and self.extended is not None:
             return tuple(effect.key for effect in self.extended.effects)
+        if name == CHOSEN:
+            return self.chosen
         return MODELS[name]
 
 
@@ -93,7 +100,7 @@ class ModelFit:
 
     Attributes
     ----------
-    name : of `MODELS`, or `EXTENDED`
+    name : of `MODELS`, `EXTENDED` or `CHOSEN`
     effects : short names of the effects on top of Wong's model
     estimates : tuple of Estimate, empty for Wong's model with a fixed soil
     correlation : mapping (name, name) -> float, each pair once

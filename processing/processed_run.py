@@ -36,6 +36,7 @@ class Reason(IntEnum):
     NEGATIVE_LOAD = 7
     SLIP_OUT_OF_RANGE = 8
     TRANSDUCER = 9
+    BY_HAND = 10
 
 
 @dataclass(frozen=True)

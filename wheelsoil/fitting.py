@@ -41,6 +41,7 @@ class FitChoices:
     soil_prior: bool = False
     slip_threshold: float | None = None
     extended: ExtendedModel | None = None
+    effects: tuple[str, ...] = ()
 
     def options(self, soil: Soil, terrain: TerrainConfig | None) -> FitOptions:
         """Return the options of the fit.
@@ -54,7 +55,7 @@ class FitChoices:
         if threshold is not None and not 0 <= threshold < 1:
             raise ConfigError(Fault("--slip-threshold is no slip", found=f"{threshold:g}", expected="0 to 1"))
         prior = prior_of(soil, terrain) if self.soil_prior else None
-        return FitOptions(self.reading, self.channels, prior, threshold, extended=self.extended)
+        return FitOptions(self.reading, self.channels, prior, threshold, extended=self.extended, chosen=self.effects)
 
 
 def parse_channels(text: str) -> tuple[str, ...]:

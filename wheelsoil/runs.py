@@ -14,8 +14,11 @@ from daq.open import Collected, open_runs
 from daq.run import VEHICLE_FILE, Run
 from daq.session.folder_lock import is_being_recorded
 from daq.unsure_times import UnsureTimes
+from processing.by_hand import keep_only
 from processing.options import ProcessOptions
 from processing.processed_run import ProcessedRun
+from wheelsoil.choice import Choice
+from wheelsoil.chosen_runs import runs_in_use
 from wheelsoil.cli.talk import progress, say
 
 
@@ -28,10 +31,12 @@ def open_and_process(
     runs_file: Path | None = None,
     zero: Path | None = None,
     lenient_dbc: bool = False,
+    choice: Choice | None = None,
 ) -> list[tuple[Run, ProcessedRun]]:
     """Open runs and process each; says on stderr what could not be read of a damaged recording.
 
-    `zero` is a zero file in place of those that the vehicles name, see `wheelsoil.zeroing.zeros_for`.
+    `zero` is a zero file in place of those that the vehicles name, see `wheelsoil.zeroing.zeros_for`. Of `choice` the
+    runs and what is kept of them are taken; `options` are given by themselves (`Choice.process_options`).
 
     Raises
     ------
@@ -39,11 +44,11 @@ def open_and_process(
         What is wrong with any of the runs, of all of them at once.
     """
     opened = open_runs(paths, vehicle=vehicle, terrain=terrain, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
-    return process_runs(opened, options, zero=zero)
+    return process_runs(opened, options, zero=zero, choice=choice)
 
 
 def process_runs(
-    opened: Sequence[Run], options: ProcessOptions, *, zero: Path | None = None
+    opened: Sequence[Run], options: ProcessOptions, *, zero: Path | None = None, choice: Choice | None = None
 ) -> list[tuple[Run, ProcessedRun]]:
     """Process runs that are open; see `open_and_process`."""
     from processing.pipeline import process_stream
@@ -51,14 +56,19 @@ def process_runs(
 
     collected = Collected()
     processed = []
-    for run in progress(opened, "processing", len(opened)):
+    chosen = choice or Choice()
+    in_use, unfit = runs_in_use(chosen, opened)
+    collected.errors += [ConfigError(*unfit)] * bool(unfit)
+    for used in progress(in_use, "processing", len(in_use)):
+        run = used.run
         with collected.catch():
             _check_vehicle(run)
             try:
                 unsure = UnsureTimes()
                 channels = run.channel_batches(watch=unsure.take)
                 one = process_stream(channels, run.vehicle, run.info, options, zeros_for(run, zero))
-                processed.append((run, _with_notes(one, [unsure.note(), *_gaps(run)])))
+                one = _with_notes(one, [used.warning, unsure.note(), *_gaps(run)])
+                processed.append((run, one if used.keep is None else keep_only(one, used.keep, chosen.source)))
             except (ConfigError, DataError) as error:
                 raise _explained(run, error) from None
         if run.recording and run.recording.loss:

@@ -24,6 +24,7 @@ _LOOKS = {
     Reason.NEGATIVE_LOAD: ("negative load", "#F0E442", "+"),
     Reason.SLIP_OUT_OF_RANGE: ("slip out of range", "#009E73", "|"),
     Reason.TRANSDUCER: ("transducer status", "#882255", "x"),
+    Reason.BY_HAND: ("left out by hand", "#999933", "+"),
 }
 
 

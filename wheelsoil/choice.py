@@ -1,0 +1,271 @@
+"""choice.toml: what a person chose about a campaign by hand, as `process`, `fit`, `diagnose` and `report` take it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tomli_w
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from daq.config import read_toml
+from daq.errors import ConfigError, Fault, nearest
+from model.effects import EFFECTS
+from model.extended import ExtendedModel
+from model.wheel_soil import Reading
+from processing.by_hand import Interval
+from processing.options import ProcessOptions
+from wheelsoil.fitting import FitChoices
+
+SCHEMA = "wheelsoil/choice/1"
+CHOICE_FILE = "choice.toml"
+
+_HEAD = "# What was chosen by hand: `wheelsoil process`, `fit`, `diagnose` and `report` take it with --choice.\n\n"
+
+
+@dataclass(frozen=True)
+class ChosenRun:
+    """What was chosen of one run.
+
+    Attributes
+    ----------
+    file, id : str
+        Name of the recording without folder, and id of the run; one of them is enough.
+    sha256 : str
+        Of the recording (`wheelsoil.facts.sha256_of`), or empty.
+    use : bool
+    keep : tuple of (from, to) or None
+        Seconds since the run's time base begins, in order; None: all of it.
+    """
+
+    file: str = ""
+    id: str = ""
+    sha256: str = ""
+    use: bool = True
+    keep: tuple[Interval, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What was chosen of one campaign; None is the default of whoever takes it.
+
+    Attributes
+    ----------
+    slip_threshold, cutoff_hz, min_speed_mps, sinkage, channels, soil_prior
+        See `wheelsoil.fitting.FitChoices` and `processing.options.ProcessOptions`.
+    effects : tuple of str
+        Keys of `model.effects.EFFECTS`: a model of one's own, fitted beside the four.
+    runs : tuple of ChosenRun
+        Runs that are not listed are used whole.
+    source : str
+        The file it was read from, for messages.
+    """
+
+    slip_threshold: float | None = None
+    cutoff_hz: float | None = None
+    min_speed_mps: float | None = None
+    sinkage: Reading | None = None
+    channels: tuple[str, ...] | None = None
+    soil_prior: bool | None = None
+    effects: tuple[str, ...] = ()
+    runs: tuple[ChosenRun, ...] = ()
+    source: str = CHOICE_FILE
+
+    def but(self, **options: Any) -> Choice:
+        """Return the choice with other values for those options that are not None."""
+        return replace(self, **{name: value for name, value in options.items() if value is not None})
+
+    def process_options(self, purpose: str = "process", *, rate_hz: float = 100.0) -> ProcessOptions:
+        """Return how runs are processed.
+
+        Raises
+        ------
+        ConfigError
+            See `ProcessOptions`.
+        """
+        given = {} if self.min_speed_mps is None else {"min_speed_mps": self.min_speed_mps}
+        return ProcessOptions(rate_hz=rate_hz, cutoff_hz=self.cutoff_hz, purpose=purpose, **given)
+
+    def fit_choices(self, extended: ExtendedModel | None = None) -> FitChoices:
+        """Return how models are fitted; `extended` is the model that a diagnosis left."""
+        default = FitChoices()
+        return FitChoices(
+            reading=self.sinkage or default.reading,
+            channels=default.channels if self.channels is None else self.channels,
+            soil_prior=bool(self.soil_prior),
+            slip_threshold=self.slip_threshold,
+            extended=extended,
+            effects=self.effects,
+        )
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return what a TOML or JSON file holds; what was not chosen is left out."""
+        named = ("slip_threshold", "cutoff_hz", "min_speed_mps", "sinkage", "channels", "soil_prior", "effects")
+        values = {name: getattr(self, name) for name in named}
+        chosen = {name: _plain(value) for name, value in values.items() if value is not None and value != ()}
+        runs = {"run": [_run_mapping(run) for run in self.runs]} if self.runs else {}
+        return {"schema": SCHEMA, **chosen, **runs}
+
+    def to_toml(self) -> str:
+        """Return the text of the file; `load_choice` reads the same choice from it."""
+        return _HEAD + tomli_w.dumps(self.to_mapping())
+
+
+def load_choice(path: str | Path) -> Choice:
+    """Read choice.toml.
+
+    Raises
+    ------
+    ConfigError
+        Everything that is wrong with it.
+    """
+    return parse_choice(read_toml(Path(path)), str(path))
+
+
+def parse_choice(raw: Mapping[str, Any], where: str = CHOICE_FILE) -> Choice:
+    """Return the choice that a TOML or JSON file holds; `where` is its name, for messages.
+
+    Raises
+    ------
+    ConfigError
+        Everything that is wrong with it: unknown keys, impossible values, intervals that are empty or overlap.
+    """
+    faults: list[Fault] = []
+    head = _checked({k: v for k, v in raw.items() if k != "run"}, _Head, where, faults)
+    sections = raw.get("run", [])
+    if not isinstance(sections, list) or not all(isinstance(section, Mapping) for section in sections):
+        faults.append(
+            Fault("run is no list of tables", where, repr(sections), "[[run]]", "begin each run with [[run]]")
+        )
+        sections = []
+    runs = [_chosen_run(section, f"{where}, [[run]] {i}", faults) for i, section in enumerate(sections, 1)]
+    names = [(run.file, run.id) for run in runs if run]
+    faults += [
+        Fault(f"run {run or file!r} is there twice", where, next_step="leave one [[run]] of it")
+        for file, run in dict.fromkeys(names)
+        if names.count((file, run)) > 1
+    ]
+    if faults or head is None:
+        raise ConfigError(*faults)
+    values = {name: getattr(head, name) for name in _Head.model_fields if name != "schema_"}
+    return Choice(**values, runs=tuple(run for run in runs if run), source=where)
+
+
+def _known_effect(key: str) -> str:
+    if key not in EFFECTS:
+        raise ValueError(f"no effect is called {key!r} ({nearest(key, EFFECTS)})")
+    return key
+
+
+def _no_twins(values: tuple[str, ...]) -> tuple[str, ...]:
+    if len(set(values)) < len(values):
+        raise ValueError("one of them is there twice")
+    return values
+
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Second = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+Flag = Annotated[bool, Field(strict=True)]
+Channel = Literal["dp", "t"]
+
+
+class _Head(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    schema_: Literal["wheelsoil/choice/1"] = Field(alias="schema")
+    slip_threshold: Annotated[Number, Field(ge=0, lt=1)] | None = None
+    cutoff_hz: Positive | None = None
+    min_speed_mps: Positive | None = None
+    sinkage: Reading | None = None
+    channels: Annotated[tuple[Channel, ...], Field(min_length=1), AfterValidator(_no_twins)] | None = None
+    soil_prior: Flag | None = None
+    effects: Annotated[tuple[Annotated[str, AfterValidator(_known_effect)], ...], AfterValidator(_no_twins)] = ()
+
+
+class _Run(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    file: str = ""
+    id: str = ""
+    sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
+    use: Flag = True
+    keep: tuple[tuple[Second, Second], ...] | None = None
+
+
+_EXPECTED = {
+    "schema": f'schema = "{SCHEMA}"',
+    "slip_threshold": "a slip from 0 to below 1",
+    "cutoff_hz": "a positive number of Hz",
+    "min_speed_mps": "a positive number of m/s",
+    "sinkage": '"balanced" or "literal"',
+    "channels": '["dp"], ["t"] or ["dp", "t"]',
+    "soil_prior": "true or false",
+    "effects": "keys of effects, each once: docs/effects/README.md",
+    "file": "the name of the recording",
+    "id": "the id of the run",
+    "sha256": "64 hexadecimal digits",
+    "use": "true or false",
+    "keep": "pairs of seconds [from, to], none of them negative",
+}
+_MEND = "mend it, or take the key out: the default is taken then"
+
+
+def _checked(raw: Mapping[str, Any], kind: type[Any], where: str, faults: list[Fault]) -> Any:
+    """Return the checked section; None where it is wrong, and then `faults` have grown."""
+    try:
+        return kind.model_validate(raw)
+    except ValidationError as error:
+        for item in error.errors():
+            key, said = str(item["loc"][0]), item["msg"].removeprefix("Value error, ")
+            place = ".".join(map(str, item["loc"]))
+            if item["type"] == "extra_forbidden":
+                fault = Fault(f"unknown key {key!r}", where, f"{item['input']!r}", nearest(key, _EXPECTED), "rename it")
+            elif item["type"] == "missing":
+                fault = Fault(f"key {key!r} is missing", where, expected=_EXPECTED[key], next_step="add it")
+            else:
+                fault = Fault(f"{place}: {said}", where, f"{item['input']!r}", _EXPECTED[key], _MEND)
+            faults.append(fault)
+    return None
+
+
+def _chosen_run(raw: Mapping[str, Any], where: str, faults: list[Fault]) -> ChosenRun | None:
+    found: _Run | None = _checked(raw, _Run, where, faults)
+    if found is None:
+        return None
+    if not (found.file or found.id):
+        faults.append(Fault("a run without name", where, expected="file or id", next_step="add one of them"))
+    keep = None if found.keep is None else tuple(sorted(found.keep))
+    faults += _interval_faults(keep, where)
+    return ChosenRun(found.file, found.id, found.sha256, found.use, keep)
+
+
+def _interval_faults(keep: tuple[Interval, ...] | None, where: str) -> list[Fault]:
+    if keep is None:
+        return []
+    if not keep:
+        return [Fault("keep is empty: nothing of the run is left", where, "[]", _EXPECTED["keep"], "say use = false")]
+    empty = [
+        Fault("an interval of keep is empty", where, f"[{a:g}, {b:g}]", "[from, to] with from < to", "mend it")
+        for a, b in keep
+        if not a < b
+    ]
+    overlapping = [
+        Fault("intervals of keep overlap", where, f"[{a:g}, {b:g}] and [{c:g}, {d:g}]", "disjoint ones", "join them")
+        for (a, b), (c, d) in pairwise(keep)
+        if c < b and a < b and c < d
+    ]
+    return empty + overlapping
+
+
+def _run_mapping(run: ChosenRun) -> dict[str, Any]:
+    named = {name: value for name in ("file", "id", "sha256") if (value := getattr(run, name))}
+    kept = {} if run.keep is None else {"keep": [list(interval) for interval in run.keep]}
+    return {**named, "use": run.use, **kept}
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
