@@ -17,7 +17,8 @@ from wheelsoil.live.panel import PagePanel
 from wheelsoil.web.guard import LARGEST_BODY_BYTES, Rules
 
 TOKEN = "a-token-of-the-test"
-PAGE = ("/", "/page.css", "/page.js", "/parts.js", "/plot.js", "/connection.js", "/commands.js", "/icon.svg")
+OWN = ("/", "/page.css", "/page.js", "/parts.js", "/plot.js", "/connection.js", "/commands.js")
+PAGE = (*OWN, "/common.css", "/dom.js", "/token.js", "/icon.svg")
 MARK = {"kind": "mark", "text": ""}
 
 

@@ -26,7 +26,9 @@ def test_the_built_wheel_finds_its_dbc_files(tmp_path: Path) -> None:
         "    path = shipped_dbc(name); assert str(path).startswith(sys.argv[1]), path; load_database(path)\n"
         "from importlib.resources import files\n"
         "assert (files('wheelsoil') / 'report' / 'template.html.j2').is_file()\n"
-        "from wheelsoil.live import app, guard, hub\n"
+        "from wheelsoil.live import app, hub\n"
+        "from wheelsoil.web import guard\n"
+        "assert (files('wheelsoil.web') / 'static' / 'common.css').is_file()\n"
         "app.make_app(hub.Hub('x'), lambda command: True, guard.Rules.of('localhost', '127.0.0.1', None))\n"
     )
     done = subprocess.run([sys.executable, "-c", script, str(unpacked)], cwd=tmp_path, capture_output=True, text=True)

@@ -44,6 +44,6 @@ def make_app(hub: Hub, pass_on: Callable[[Command], bool], rules: Rules) -> ASGI
             return PlainTextResponse("the logger does not take commands now\n", 503)
         return Response(status_code=202)
 
-    page = files_in("wheelsoil.live")
+    page = files_in("wheelsoil.web") | files_in("wheelsoil.live")
     routes = [Route("/events", events, methods=["GET"]), Route("/command", command, methods=["POST"])]
     return Guard(Starlette(routes=[*routes_of(page), *routes]), rules, frozenset(page))

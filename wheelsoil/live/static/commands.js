@@ -1,10 +1,10 @@
 // The buttons: what was asked for, whether it was sent, and whether the logger has done it.
 
-import { headers } from "./connection.js";
+import { get } from "./dom.js";
+import { headers } from "./token.js";
 
 const PATIENCE_MS = 5000;
 const FORGET_MS = 120000;
-const get = (id) => document.getElementById(id);
 const clock = (date) => date.toTimeString().slice(0, 8);
 const markKey = (mark) => `${mark.time_utc_s}|${mark.text}`;
 

@@ -1,15 +1,9 @@
 // The stream of snapshots: read by fetch, so that the token goes in a header and in no address; opened again for ever.
 
+import { headers } from "./token.js";
+
 const SILENT_MS = 4000; // the server says something each second
 const AGAIN_MS = 1000;
-
-export function token() {
-  try { return decodeURIComponent(location.hash.slice(1)); } catch { return location.hash.slice(1); }
-}
-
-export function headers(more = {}) {
-  return token() ? { ...more, Authorization: `Bearer ${token()}` } : more;
-}
 
 /** Calls on.hello, on.snapshot, on.ended, on.refused(status); `state` says how it stands. */
 export class Connection {

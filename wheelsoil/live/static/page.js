@@ -1,9 +1,11 @@
 // Shows the newest snapshot, and says so when it is none of now.
 
 import { Commands } from "./commands.js";
-import { Connection, token } from "./connection.js";
-import { ago, count, duration, facts, figure, known, list, lossName, part, POSITION, seconds, spaced, write } from "./parts.js";
+import { Connection } from "./connection.js";
+import { facts, get, known, list, part, spaced, write } from "./dom.js";
+import { ago, count, duration, figure, lossName, POSITION, seconds } from "./parts.js";
 import { boundsOf, Plot } from "./plot.js";
+import { takeToken, token } from "./token.js";
 
 const STALE_MS = 2000;
 const FRESH_S = 3;
@@ -14,8 +16,6 @@ const BUS_STATES = { up: "up", down: "DOWN", bus_off: "BUS-OFF" };
 const COLOURS = { green: "#00662f", amber: "#ffb300", red: "#b3001b", none: "#4a4f55" };
 const ORDER = ["slip", "drawbar_pull", "vertical_load", "driving_torque", "wheel_speed", "ground_speed", "sinkage"];
 const rank = ({ role }) => ORDER.indexOf(role);
-
-const get = (id) => document.getElementById(id);
 
 const page = { vehicle: "", snapshot: null, newsAt: -Infinity, nowS: 0, pull: [], slip: [], spoken: "" };
 const commands = new Commands();
@@ -261,6 +261,6 @@ const connection = new Connection({
 
 get("ask-token").addEventListener("submit", (event) => {
   event.preventDefault();
-  location.hash = encodeURIComponent(get("token").value.trim().replace(/^.*#/, ""));
+  takeToken(get("token").value);
 });
 setInterval(showBand, 250);

@@ -1,4 +1,6 @@
-// Numbers as words, and pieces of the page that are made once and filled many times.
+// Numbers as words.
+
+import { known } from "./dom.js";
 
 const LOSSES = {
   kernel: "lost in the kernel",
@@ -9,11 +11,9 @@ const LOSSES = {
 const FLAGS = new Set(["ground_speed_valid", "transducer_status"]);
 export const POSITION = new Set(["latitude", "longitude"]);
 
-export const known = (value) => value !== null && value !== undefined;
 export const count = (n) => (known(n) ? Math.round(n).toLocaleString("en").replaceAll(",", "\u202f") : "not counted");
 export const seconds = (s) => (s < 10 ? `${s.toFixed(1)} s` : s < 120 ? `${Math.round(s)} s` : `${Math.round(s / 60)} min`);
 export const ago = (s) => (s < 0.5 ? "now" : `${seconds(s)} ago`);
-export const spaced = (name) => name.replaceAll("_", " ");
 
 /** "counter.can0.WFT_Forces" as words. */
 export function lossName(name) {
@@ -33,36 +33,4 @@ export function figure(value, role) {
   const places = POSITION.has(role) ? (size >= 1000 ? 3 : 5) : FLAGS.has(role) ? 0 : size >= 100 ? 0 : size >= 10 ? 1 : 2;
   const shown = value.toLocaleString("en", { minimumFractionDigits: places, maximumFractionDigits: places });
   return shown.replaceAll(",", "\u202f").replace("-", "−");
-}
-
-export function write(element, words) {
-  if (element.textContent !== words) element.textContent = words;
-}
-
-export function part(tag, className, words = "") {
-  const made = document.createElement(tag);
-  if (className) made.className = className;
-  made.textContent = words;
-  return made;
-}
-
-/** Keep one child per item, in order; make it once and fill it each time. */
-export function list(parent, items, make, fill) {
-  while (parent.children.length > items.length) parent.lastElementChild.remove();
-  items.forEach((item, i) => fill(parent.children[i] ?? parent.appendChild(make()), item));
-}
-
-/** Facts are [name, text, level, wide]. */
-export function facts(parent, items) {
-  const make = () => {
-    const box = document.createElement("div");
-    box.append(part("dt"), part("dd"));
-    return box;
-  };
-  list(parent, items, make, (box, [name, words, level, wide]) => {
-    box.dataset.level = level ?? "";
-    box.className = wide ? "wide" : "";
-    write(box.children[0], name);
-    write(box.children[1], words);
-  });
 }

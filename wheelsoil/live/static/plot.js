@@ -1,6 +1,7 @@
 // Small plots on a canvas: axes with numbers, sharp on any screen.
 
-const INK = "#101418", SOFT = "#414a52", GRID = "#d5dade", BLUE = "#0a4a94", ORANGE = "#c24e00";
+/** A colour of common.css, as it is now: light or dark. */
+const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`);
 const FONT = "15px system-ui, 'DejaVu Sans', sans-serif";
 
 /** Steps of 1, 2 or 5 that give about `count` ticks over the span. */
@@ -60,7 +61,7 @@ export class Plot {
 
   axes(pen, content, frame, place) {
     pen.lineWidth = 1;
-    pen.fillStyle = INK;
+    pen.fillStyle = colour("ink");
     pen.textBaseline = "middle";
     pen.textAlign = "right";
     for (const tick of ticks(content.y)) {
@@ -74,7 +75,7 @@ export class Plot {
       pen.textAlign = "center";
       pen.fillText(label, Math.min(x, frame.right + 8 - half), frame.bottom + 6);
     }
-    pen.fillStyle = SOFT;
+    pen.fillStyle = colour("soft");
     pen.textAlign = "left";
     pen.fillText(content.yTitle, 0, 2);
     pen.textAlign = "right";
@@ -84,16 +85,16 @@ export class Plot {
 
   say(pen, words, frame) {
     pen.font = `600 ${FONT}`;
-    pen.fillStyle = INK;
+    pen.fillStyle = colour("ink");
     pen.textAlign = "center";
     pen.textBaseline = "middle";
     const lines = wrapped(pen, words, frame.right - frame.left - 16), middle = (frame.left + frame.right) / 2;
     const top = (frame.top + frame.bottom) / 2 - (lines.length - 1) * 10;
     lines.forEach((each, i) => {
       const half = pen.measureText(each).width / 2 + 6;
-      pen.fillStyle = "#fff";
+      pen.fillStyle = colour("paper");
       pen.fillRect(middle - half, top + i * 20 - 11, 2 * half, 22);
-      pen.fillStyle = INK;
+      pen.fillStyle = colour("ink");
       pen.fillText(each, middle, top + i * 20);
     });
   }
@@ -104,7 +105,7 @@ function ticks({ low, high, step }) {
 }
 
 function rule(pen, x0, y0, x1, y1, strong) {
-  pen.strokeStyle = strong ? SOFT : GRID;
+  pen.strokeStyle = strong ? colour("soft") : colour("grid");
   pen.lineWidth = strong ? 1.5 : 1;
   pen.beginPath();
   pen.moveTo(x0, y0);
@@ -124,9 +125,9 @@ function wrapped(pen, words, width) {
 
 /** Older dots are paler. */
 function dots(pen, rows, place) {
+  pen.fillStyle = colour("dot");
   rows.forEach(([x, y], i) => {
     pen.globalAlpha = 0.18 + 0.6 * ((i + 1) / rows.length) ** 2;
-    pen.fillStyle = BLUE;
     pen.beginPath();
     pen.arc(place.x(x), place.y(y), 3.2, 0, 7);
     pen.fill();
@@ -136,7 +137,7 @@ function dots(pen, rows, place) {
 
 /** A line that is broken where a second or more is missing. */
 function line(pen, rows, place) {
-  pen.strokeStyle = BLUE;
+  pen.strokeStyle = colour("dot");
   pen.lineWidth = 2;
   pen.lineJoin = "round";
   pen.beginPath();
@@ -148,8 +149,8 @@ function line(pen, rows, place) {
 }
 
 function newest(pen, [x, y], place) {
-  pen.fillStyle = ORANGE;
-  pen.strokeStyle = "#fff";
+  pen.fillStyle = colour("now");
+  pen.strokeStyle = colour("paper");
   pen.lineWidth = 1.5;
   pen.beginPath();
   pen.arc(place.x(x), place.y(y), 5, 0, 7);
