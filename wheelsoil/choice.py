@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,6 +18,7 @@ from model.extended import ExtendedModel
 from model.wheel_soil import Reading
 from processing.by_hand import Interval
 from processing.options import ProcessOptions
+from wheelsoil.facts import sha256_of
 from wheelsoil.fitting import FitChoices
 
 SCHEMA = "wheelsoil/choice/1"
@@ -60,8 +61,8 @@ class Choice:
         Keys of `model.effects.EFFECTS`: a model of one's own, fitted beside the four.
     runs : tuple of ChosenRun
         Runs that are not listed are used whole.
-    source : str
-        The file it was read from, for messages.
+    path : Path or None
+        The file it was read from; two choices that differ only in it are equal.
     """
 
     slip_threshold: float | None = None
@@ -72,7 +73,12 @@ class Choice:
     soil_prior: bool | None = None
     effects: tuple[str, ...] = ()
     runs: tuple[ChosenRun, ...] = ()
-    source: str = CHOICE_FILE
+    path: Path | None = field(default=None, compare=False)
+
+    @property
+    def source(self) -> str:
+        """What messages call it."""
+        return str(self.path or CHOICE_FILE)
 
     def but(self, **options: Any) -> Choice:
         """Return the choice with other values for those options that are not None."""
@@ -114,6 +120,23 @@ class Choice:
         return _HEAD + tomli_w.dumps(self.to_mapping())
 
 
+def provenance_of(choice: Choice) -> dict[str, Any]:
+    """Return what a report says of a choice: its file, the file's hash and what was done with runs; {} without one."""
+    named: dict[str, Any] = {}
+    if choice.path:
+        named |= {"choice": choice.path.name, "choice_sha256": sha256_of(choice.path)}
+    if choice.runs:
+        named["choice_runs"] = tuple(map(_in_words, choice.runs))
+    return named
+
+
+def _in_words(run: ChosenRun) -> str:
+    if not run.use:
+        return f"{run.id or run.file} left out"
+    parts = ["all of it"] if run.keep is None else [f"{first:g} to {last:g} s" for first, last in run.keep]
+    return f"{run.id or run.file}: {' and '.join(parts)}"
+
+
 def load_choice(path: str | Path) -> Choice:
     """Read choice.toml.
 
@@ -122,7 +145,7 @@ def load_choice(path: str | Path) -> Choice:
     ConfigError
         Everything that is wrong with it.
     """
-    return parse_choice(read_toml(Path(path)), str(path))
+    return replace(parse_choice(read_toml(Path(path)), str(path)), path=Path(path))
 
 
 def parse_choice(raw: Mapping[str, Any], where: str = CHOICE_FILE) -> Choice:
@@ -151,7 +174,7 @@ def parse_choice(raw: Mapping[str, Any], where: str = CHOICE_FILE) -> Choice:
     if faults or head is None:
         raise ConfigError(*faults)
     values = {name: getattr(head, name) for name in _Head.model_fields if name != "schema_"}
-    return Choice(**values, runs=tuple(run for run in runs if run), source=where)
+    return Choice(**values, runs=tuple(run for run in runs if run))
 
 
 def _known_effect(key: str) -> str:

@@ -60,13 +60,13 @@ def runs_in_use(choice: Choice, opened: Sequence[Run]) -> tuple[list[RunInUse], 
 
 def _meant(section: ChosenRun, opened: Sequence[Run]) -> list[int]:
     """Return the runs that a section can mean; where campaigns share names, the hash tells them apart."""
-    found = [i for i, run in enumerate(opened) if _is_called(section, run)]
+    found = [i for i, run in enumerate(opened) if is_called(section, run)]
     if len(found) > 1 and section.sha256:
         return [i for i in found if sha256_of(*opened[i].files) == section.sha256] or found
     return found
 
 
-def _is_called(section: ChosenRun, run: Run) -> bool:
+def is_called(section: ChosenRun, run: Run) -> bool:
     """Return whether a run bears the section's name; its id may have got a number, see `daq.open.open_runs`."""
     if section.file not in ("", run.path.name):
         return False

@@ -9,8 +9,10 @@ from pathlib import Path
 
 from daq.errors import DataError, WheelsoilError
 from model.diagnosis.result import Diagnosis
+from model.extended import ExtendedModel
 from model.fit_result import CampaignFit
 from processing.options import ProcessOptions
+from wheelsoil.choice import Choice, provenance_of
 from wheelsoil.diagnosing import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
 from wheelsoil.fitting import FitChoices, fit_runs, one_terrain
 from wheelsoil.report.build import Report, build_report
@@ -32,11 +34,11 @@ _log = logging.getLogger(__name__)
 
 def report_of(
     paths: Sequence[Path],
-    choices: FitChoices,
+    choice: Choice | None = None,
     *,
+    extended: ExtendedModel | None = None,
     soil: str | None = None,
     diagnose: bool = True,
-    min_speed_mps: float = 0.5,
     vehicle: Path | None = None,
     terrain: Path | None = None,
     runs_file: Path | None = None,
@@ -48,12 +50,14 @@ def report_of(
     Parameters
     ----------
     paths : sequence of Path
-    choices : FitChoices
+    choice : Choice, optional
+        Runs, parts of them and settings; None: all of it, the defaults.
+    extended : ExtendedModel, optional
+        See `FitChoices`.
     soil : str, optional
         A preset instead of terrain.toml.
     diagnose : bool
         Whether to diagnose the runs, too.
-    min_speed_mps : float
     vehicle, terrain, runs_file : Path, optional
         See `daq.open.open_runs`.
     zero : Path, optional
@@ -66,12 +70,20 @@ def report_of(
         The runs cannot be opened or processed, or are of different soils. Runs that cannot be fitted give a report
         that says why.
     """
-    options = ProcessOptions(min_speed_mps=min_speed_mps)
+    choice = choice or Choice()
+    choices, options = choice.fit_choices(extended), choice.process_options()
     processed = open_and_process(
-        paths, options, vehicle=vehicle, terrain=terrain, runs_file=runs_file, zero=zero, lenient_dbc=lenient_dbc
+        paths,
+        options,
+        vehicle=vehicle,
+        terrain=terrain,
+        runs_file=runs_file,
+        zero=zero,
+        lenient_dbc=lenient_dbc,
+        choice=choice,
     )
     found = diagnosed_runs(paths, processed, choices, soil) if diagnose else NOT_DIAGNOSED
-    return report_of_processed(processed, choices, options, soil=soil, diagnosed=found)
+    return report_of_processed(processed, choices, options, soil=soil, diagnosed=found, choice=choice)
 
 
 def report_of_processed(
@@ -82,6 +94,7 @@ def report_of_processed(
     soil: str | None = None,
     campaign: CampaignFit | None = None,
     diagnosed: Diagnosed = NOT_DIAGNOSED,
+    choice: Choice | None = None,
 ) -> Report:
     """Fit processed runs, unless they are already, and build the report; see `report_of`."""
     first = one_terrain([run for run, _ in processed])
@@ -99,7 +112,12 @@ def report_of_processed(
         terrain=campaign.soil.name if campaign else first.terrain.soil.name if first.terrain else "",
         sources=tuple(source_of(run) for run, _ in processed),
         command=command_line(),
-        options={**_plain(choices), **asdict(options), **({"soil": soil} if soil else {})},
+        options={
+            **_plain(choices),
+            **asdict(options),
+            **({"soil": soil} if soil else {}),
+            **(provenance_of(choice) if choice else {}),
+        },
         versions=versions(),
         diagnosed=diagnosed.diagnosis,
         no_diagnosis=diagnosed.why_not,

@@ -61,6 +61,8 @@ def process_runs(
     collected.errors += [ConfigError(*unfit)] * bool(unfit)
     for used in progress(in_use, "processing", len(in_use)):
         run = used.run
+        if used.warning:
+            say(f"run {run.id}: {used.warning}")
         with collected.catch():
             _check_vehicle(run)
             try:

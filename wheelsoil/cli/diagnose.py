@@ -10,11 +10,11 @@ import typer
 
 from daq.errors import ConfigError, Fault
 from wheelsoil.cli.options import (
+    ChoiceFile,
     Force,
     Json,
     LenientDbc,
     MinSpeed,
-    Reading,
     Rename,
     RunsFile,
     Sinkage,
@@ -23,12 +23,14 @@ from wheelsoil.cli.options import (
     Vehicle,
     Where,
     ZeroFile,
+    chosen,
 )
 from wheelsoil.cli.talk import check_output, print_json, say
 
 if TYPE_CHECKING:
     from model.diagnosis.campaign import Bench, Campaign, DiagnosisOptions
     from model.diagnosis.result import Diagnosis
+    from wheelsoil.choice import Choice
     from wheelsoil.diagnosing import Given
     from wheelsoil.planning import PlanFiles
 
@@ -52,7 +54,8 @@ def command(
     runs_file: RunsFile = None,
     zero: ZeroFile = None,
     soil: SoilPreset = None,
-    sinkage: Sinkage = Reading.balanced,
+    choice: ChoiceFile = None,
+    sinkage: Sinkage = None,
     channels: Annotated[
         str, typer.Option("--channels", help="What is looked at where it was measured: dp, t (torque), z (sinkage).")
     ] = "dp,t,z",
@@ -73,7 +76,7 @@ def command(
     ] = None,
     planned_duration: Annotated[float, typer.Option(metavar="S", help="With --plan: of each run.")] = 40.0,
     seed: Annotated[int, typer.Option(min=0, help="Of the resampling of runs.")] = 0,
-    min_speed: MinSpeed = 0.5,
+    min_speed: MinSpeed = None,
     lenient_dbc: LenientDbc = False,
     force: Force = False,
     json: Json = False,
@@ -89,8 +92,9 @@ def command(
     """
     from wheelsoil.diagnosing import diagnosis_options
 
+    by_hand = chosen(choice, sinkage=sinkage, min_speed=min_speed)
     options = diagnosis_options(
-        sinkage.value,
+        by_hand.fit_choices().reading,
         effects=_split(effects),
         without=_split(without),
         channels=_split([channels]),
@@ -99,8 +103,8 @@ def command(
         next_run=next_run,
     )
     if plan:
-        if table or zero:
-            raise ConfigError(Fault("--plan reads no measurement", next_step="leave out --table and --zero"))
+        if table or zero or choice:
+            raise ConfigError(Fault("--plan reads no measurement", next_step="leave out --table, --zero and --choice"))
         from wheelsoil.planning import PlanFiles
 
         _plan(
@@ -112,14 +116,17 @@ def command(
         )
         return
     if table is not None:
-        if runs:
-            raise ConfigError(Fault("RUN and --table exclude each other", next_step="diagnose one, then the other"))
+        if runs or choice:
+            other = "RUN" if runs else "--choice"
+            raise ConfigError(
+                Fault(f"{other} and --table exclude each other", next_step="diagnose one, then the other")
+            )
         given: Given = _benches(table, rename, where, vehicle, terrain, soil)
     else:
         if rename or where:
             raise ConfigError(Fault("--rename and --where choose from a table", next_step="give --table FILE.csv"))
         files = (vehicle, terrain, runs_file, zero)
-        given = _campaigns(runs or [], files, soil, min_speed, lenient_dbc)
+        given = _campaigns(runs or [], files, soil, by_hand, lenient_dbc)
     _diagnose(given, options, output, force=force, json=json)
 
 
@@ -159,22 +166,22 @@ def _campaigns(
     runs: list[Path],
     files: tuple[Path | None, Path | None, Path | None, Path | None],
     soil: str | None,
-    min_speed: float,
+    by_hand: Choice,
     lenient_dbc: bool,
 ) -> tuple[Campaign, ...]:
-    from processing.options import ProcessOptions
     from wheelsoil.diagnosing import campaigns_of
     from wheelsoil.runs import open_and_process
 
     vehicle, terrain, runs_file, zero = files
     processed = open_and_process(
         runs,
-        ProcessOptions(min_speed_mps=min_speed, purpose="diagnose"),
+        by_hand.process_options("diagnose"),
         vehicle=vehicle,
         terrain=terrain,
         runs_file=runs_file,
         zero=zero,
         lenient_dbc=lenient_dbc,
+        choice=by_hand,
     )
     return campaigns_of(runs, processed, soil)
 

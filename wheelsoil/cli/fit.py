@@ -10,11 +10,11 @@ import typer
 from daq.errors import ConfigError, Fault
 from wheelsoil.cli.options import (
     Channels,
+    ChoiceFile,
     Json,
     LenientDbc,
     MinSpeed,
     ModelFile,
-    Reading,
     Rename,
     RunsFile,
     Sinkage,
@@ -25,11 +25,14 @@ from wheelsoil.cli.options import (
     Vehicle,
     Where,
     ZeroFile,
+    chosen,
 )
 from wheelsoil.cli.talk import number, print_json, print_table, say
 
 if TYPE_CHECKING:
+    from model.extended import ExtendedModel
     from model.fit_result import CampaignFit, ModelFit
+    from wheelsoil.choice import Choice
     from wheelsoil.fitting import FitChoices
 
 
@@ -47,12 +50,13 @@ def command(
     runs_file: RunsFile = None,
     zero: ZeroFile = None,
     soil: SoilPreset = None,
-    sinkage: Sinkage = Reading.balanced,
-    channels: Channels = "dp",
-    soil_prior: SoilPrior = False,
+    choice: ChoiceFile = None,
+    sinkage: Sinkage = None,
+    channels: Channels = None,
+    soil_prior: SoilPrior = None,
     slip_threshold: SlipThreshold = None,
     model: ModelFile = None,
-    min_speed: MinSpeed = 0.5,
+    min_speed: MinSpeed = None,
     lenient_dbc: LenientDbc = False,
     json: Json = False,
 ) -> None:
@@ -61,19 +65,27 @@ def command(
     Prints the coefficients with their 95 % intervals, M0, R0 and R2 above the slip threshold, and the load that Eq. 7
     gives for each model's sinkage over the measured one.
     """
-    from wheelsoil.fitting import FitChoices, fit_as_json, parse_channels
+    from wheelsoil.fitting import fit_as_json
     from wheelsoil.model_files import load_model
 
+    if table is not None and (runs or choice):
+        other = "RUN" if runs else "--choice"
+        raise ConfigError(Fault(f"{other} and --table exclude each other", next_step="fit one, then the other"))
     extended = load_model(model) if model else None
-    choices = FitChoices(sinkage.value, parse_channels(channels), soil_prior, slip_threshold, extended)
+    by_hand = chosen(
+        choice,
+        sinkage=sinkage,
+        channels=channels,
+        soil_prior=soil_prior,
+        slip_threshold=slip_threshold,
+        min_speed=min_speed,
+    )
     if table is not None:
-        if runs:
-            raise ConfigError(Fault("RUN and --table exclude each other", next_step="fit one, then the other"))
-        fit = _fit_table(table, rename, where, vehicle, terrain, soil, choices)
+        fit = _fit_table(table, rename, where, vehicle, terrain, soil, by_hand.fit_choices(extended))
     else:
         if rename or where:
             raise ConfigError(Fault("--rename and --where choose from a table", next_step="give --table FILE.csv"))
-        fit = _fit_runs(runs or [], (vehicle, terrain, runs_file, zero), soil, choices, min_speed, lenient_dbc)
+        fit = _fit_runs(runs or [], (vehicle, terrain, runs_file, zero), soil, by_hand, extended, lenient_dbc)
     comparison = _sinkages(fit) if table is not None else None
     if json:
         print_json(fit_as_json(fit) | ({"sinkage": comparison} if comparison else {}))
@@ -87,24 +99,25 @@ def _fit_runs(
     runs: list[Path],
     files: tuple[Path | None, Path | None, Path | None, Path | None],
     soil: str | None,
-    choices: FitChoices,
-    min_speed: float,
+    by_hand: Choice,
+    extended: ExtendedModel | None,
     lenient_dbc: bool,
 ) -> CampaignFit:
-    from processing.options import ProcessOptions
     from wheelsoil.fitting import fit_runs
     from wheelsoil.runs import open_and_process
 
+    choices = by_hand.fit_choices(extended)
     purpose = "fit_torque" if "t" in choices.channels else "fit"
     vehicle, terrain, runs_file, zero = files
     processed = open_and_process(
         runs,
-        ProcessOptions(min_speed_mps=min_speed, purpose=purpose),
+        by_hand.process_options(purpose),
         vehicle=vehicle,
         terrain=terrain,
         runs_file=runs_file,
         zero=zero,
         lenient_dbc=lenient_dbc,
+        choice=by_hand,
     )
     return fit_runs(processed, choices, soil)
 

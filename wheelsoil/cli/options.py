@@ -12,6 +12,7 @@ from daq.errors import ConfigError, Fault
 
 if TYPE_CHECKING:
     from daq.config import RunInfo
+    from wheelsoil.choice import Choice
 
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")]
 Vehicle = Annotated[
@@ -36,9 +37,19 @@ PRESETS = "clay, sandy, ding_clay, dry_sand, lunar, hit_lss1, sandy_loam"
 SoilPreset = Annotated[
     str | None, typer.Option("--soil", metavar="NAME", help=f"A preset ({PRESETS}) instead of terrain.toml.")
 ]
-Channels = Annotated[str, typer.Option("--channels", help="What is fitted: dp (drawbar pull), or dp,t (and torque).")]
+ChoiceFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--choice", metavar="FILE", help="choice.toml: runs, parts and settings chosen by hand; an option beats it."
+    ),
+]
+Channels = Annotated[
+    str | None,
+    typer.Option("--channels", help="What is fitted: dp (drawbar pull), or dp,t (and torque). [default: dp]"),
+]
 SoilPrior = Annotated[
-    bool, typer.Option("--soil-prior", help="Free the soil within the laboratory's uncertainty, too.")
+    bool | None,
+    typer.Option("--soil-prior/--no-soil-prior", help="Free the soil within the laboratory's uncertainty, too."),
 ]
 SlipThreshold = Annotated[
     float | None,
@@ -48,7 +59,9 @@ ModelFile = Annotated[
     Path | None,
     typer.Option("--model", metavar="FILE", help="A model that `diagnose -o` left: fitted beside the four, too."),
 ]
-MinSpeed = Annotated[float, typer.Option("--min-speed", metavar="M/S", help="Below this there is no slip.")]
+MinSpeed = Annotated[
+    float | None, typer.Option("--min-speed", metavar="M/S", help="Below this there is no slip. [default: 0.5]")
+]
 
 
 class Reading(StrEnum):
@@ -58,7 +71,9 @@ class Reading(StrEnum):
     literal = "literal"
 
 
-Sinkage = Annotated[Reading, typer.Option("--sinkage", help="Reading of the slip-sinkage laws.")]
+Sinkage = Annotated[
+    Reading | None, typer.Option("--sinkage", help="Reading of the slip-sinkage laws. [default: balanced]")
+]
 Rename = Annotated[
     list[str] | None,
     typer.Option("--rename", metavar="NEW=OLD[*FACTOR],...", help="Take a table's column under another name and unit."),
@@ -81,6 +96,36 @@ DirectionOption = Annotated[Direction, typer.Option("--direction", help="Which w
 PassNumber = Annotated[int, typer.Option("--pass-number", min=1, help="How often the wheel has been in this track.")]
 AddedLoad = Annotated[float, typer.Option("--added-load", metavar="KG", help="Load added to the vehicle.")]
 Inflation = Annotated[float | None, typer.Option("--inflation", metavar="KPA", help="Inflation pressure of the tyre.")]
+
+
+def chosen(
+    file: Path | None,
+    *,
+    sinkage: Reading | None = None,
+    channels: str | None = None,
+    soil_prior: bool | None = None,
+    slip_threshold: float | None = None,
+    min_speed: float | None = None,
+    cutoff: float | None = None,
+) -> Choice:
+    """Return the choice of a file, and over it what the command line says.
+
+    Raises
+    ------
+    ConfigError
+        See `wheelsoil.choice.load_choice`.
+    """
+    from wheelsoil.choice import Choice, load_choice
+    from wheelsoil.fitting import parse_channels
+
+    return (load_choice(file) if file else Choice()).but(
+        sinkage=sinkage.value if sinkage else None,
+        channels=None if channels is None else parse_channels(channels),
+        soil_prior=soil_prior,
+        slip_threshold=slip_threshold,
+        min_speed_mps=min_speed,
+        cutoff_hz=cutoff,
+    )
 
 
 def run_info(

@@ -8,7 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wheelsoil.cli.options import Force, Json, LenientDbc, Runs, RunsFile, Terrain, Vehicle, ZeroFile
+from wheelsoil.cli.options import (
+    ChoiceFile,
+    Force,
+    Json,
+    LenientDbc,
+    MinSpeed,
+    Runs,
+    RunsFile,
+    Terrain,
+    Vehicle,
+    ZeroFile,
+    chosen,
+)
 from wheelsoil.cli.talk import check_output, print_facts, print_json, say
 
 if TYPE_CHECKING:
@@ -34,18 +46,25 @@ def command(
     cutoff: Annotated[
         float | None, typer.Option(metavar="HZ", help="Low-pass of every channel (default: by the slowest channel).")
     ] = None,
-    min_speed: Annotated[float, typer.Option(metavar="M/S", help="Below this there is no slip.")] = 0.5,
+    min_speed: MinSpeed = None,
+    choice: ChoiceFile = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Bring each run onto one time base and say what came of it: slip, forces, segments, quality."""
-    from processing.options import ProcessOptions
     from wheelsoil.runs import open_and_process
 
     target = check_output(output, force=force) if output else None
-    options = ProcessOptions(rate_hz=rate, cutoff_hz=cutoff, min_speed_mps=min_speed)
+    by_hand = chosen(choice, min_speed=min_speed, cutoff=cutoff)
     processed = open_and_process(
-        runs, options, vehicle=vehicle, terrain=terrain, runs_file=runs_file, zero=zero, lenient_dbc=lenient_dbc
+        runs,
+        by_hand.process_options(rate_hz=rate),
+        vehicle=vehicle,
+        terrain=terrain,
+        runs_file=runs_file,
+        zero=zero,
+        lenient_dbc=lenient_dbc,
+        choice=by_hand,
     )
     if target:
         _write(target, [run for _, run in processed])

@@ -9,12 +9,12 @@ import typer
 
 from wheelsoil.cli.options import (
     Channels,
+    ChoiceFile,
     Force,
     Json,
     LenientDbc,
     MinSpeed,
     ModelFile,
-    Reading,
     Runs,
     RunsFile,
     Sinkage,
@@ -24,6 +24,7 @@ from wheelsoil.cli.options import (
     Terrain,
     Vehicle,
     ZeroFile,
+    chosen,
 )
 from wheelsoil.cli.talk import check_output, print_facts, print_json, say
 
@@ -38,15 +39,16 @@ def command(
     runs_file: RunsFile = None,
     zero: ZeroFile = None,
     soil: SoilPreset = None,
-    sinkage: Sinkage = Reading.balanced,
-    channels: Channels = "dp",
-    soil_prior: SoilPrior = False,
+    choice: ChoiceFile = None,
+    sinkage: Sinkage = None,
+    channels: Channels = None,
+    soil_prior: SoilPrior = None,
     slip_threshold: SlipThreshold = None,
     model: ModelFile = None,
     diagnose: Annotated[
         bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs, too.")
     ] = True,
-    min_speed: MinSpeed = 0.5,
+    min_speed: MinSpeed = None,
     lenient_dbc: LenientDbc = False,
     force: Force = False,
     json: Json = False,
@@ -55,19 +57,25 @@ def command(
 
     A section whose channel is missing is left out with the reason; everything else is there.
     """
-    from wheelsoil.fitting import FitChoices, parse_channels
     from wheelsoil.model_files import load_model
     from wheelsoil.reporting import report_of
 
     target = check_output(output, force=force)
     extended = load_model(model) if model else None
-    choices = FitChoices(sinkage.value, parse_channels(channels), soil_prior, slip_threshold, extended)
+    by_hand = chosen(
+        choice,
+        sinkage=sinkage,
+        channels=channels,
+        soil_prior=soil_prior,
+        slip_threshold=slip_threshold,
+        min_speed=min_speed,
+    )
     report = report_of(
         runs,
-        choices,
+        by_hand,
+        extended=extended,
         soil=soil,
         diagnose=diagnose,
-        min_speed_mps=min_speed,
         vehicle=vehicle,
         terrain=terrain,
         runs_file=runs_file,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq.errors import ConfigError, Fault
-from wheelsoil.cli.options import Json, LenientDbc, MinSpeed, Rename, RunsFile, Vehicle, Where, ZeroFile
+from wheelsoil.cli.options import Json, LenientDbc, MinSpeed, Rename, RunsFile, Vehicle, Where, ZeroFile, chosen
 from wheelsoil.cli.talk import number, print_json, print_table, say
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def command(
     vehicle: Vehicle = None,
     runs_file: RunsFile = None,
     zero: ZeroFile = None,
-    min_speed: MinSpeed = 0.5,
+    min_speed: MinSpeed = None,
     lenient_dbc: LenientDbc = False,
     json: Json = False,
 ) -> None:
@@ -58,14 +58,13 @@ def _of_runs(
     vehicle: Path | None,
     runs_file: Path | None,
     zero: Path | None,
-    min_speed: float,
+    min_speed: float | None,
     lenient_dbc: bool,
 ) -> SinkageFacts:
-    from processing.options import ProcessOptions
     from wheelsoil.force_sinkage import sinkage_of_runs
     from wheelsoil.runs import open_and_process
 
-    options = ProcessOptions(min_speed_mps=min_speed, purpose="sinkage")
+    options = chosen(None, min_speed=min_speed).process_options("sinkage")
     return sinkage_of_runs(
         open_and_process(runs, options, vehicle=vehicle, runs_file=runs_file, zero=zero, lenient_dbc=lenient_dbc)
     )
