@@ -127,7 +127,7 @@ def campaigns_of(paths: Sequence[Path], processed: Processed, soil: str | None =
     groups: dict[tuple[str, SoilSection | None, WheelSection | None], list[tuple[Run, ProcessedRun]]] = {}
     for run, done in processed:
         ground = run.terrain.soil if run.terrain and soil is None else None
-        groups.setdefault((_folder_of(run, paths), ground, run.vehicle.wheel), []).append((run, done))
+        groups.setdefault((folder_of(run, paths), ground, run.vehicle.wheel), []).append((run, done))
     collected = Collected()
     found: list[Campaign] = []
     for (folder, _, _), members in groups.items():
@@ -137,7 +137,7 @@ def campaigns_of(paths: Sequence[Path], processed: Processed, soil: str | None =
     return _told_apart(found)
 
 
-def _folder_of(run: Run, paths: Sequence[Path]) -> str:
+def folder_of(run: Run, paths: Sequence[Path]) -> str:
     """Return the given folder that a run lies in, or nothing."""
     inside = [path for path in paths if path.is_dir() and path.resolve() in run.path.resolve().parents]
     return str(inside[0]) if inside else ""
