@@ -37,6 +37,8 @@ class Look:
     cannot_tell : mapping family -> why
     excluded : set of str
         Effects (by key) that leave no trace in these data whatever their size; see `best_set`.
+    most_causes : int
+        Of a set.
     rounds : int
         Linearisations.
     settled : bool
@@ -50,6 +52,7 @@ class Look:
     best: SetEstimate
     cannot_tell: dict[str, str]
     excluded: frozenset[str]
+    most_causes: int
     rounds: int
     settled: bool
     notes: tuple[str, ...]
@@ -97,6 +100,7 @@ def look(
         best=likeliest.best,
         cannot_tell=never_told(starts),
         excluded=_traceless(likeliest.grams),
+        most_causes=options.most_causes,
         rounds=len(likeliest.seemed),
         settled=likeliest.still,
         notes=tuple(n for v in likeliest.views for n in (*v.samples.notes, *remarks(v.noise, v.linear.channels))),

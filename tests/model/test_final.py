@@ -13,7 +13,7 @@ from model.diagnosis.evidence import estimate
 from model.diagnosis.final import fit_set, parameters_of, soils_of
 from model.diagnosis.look import look
 from model.diagnosis.set_problem import set_problem
-from model.diagnosis.spread import interval, spread_of
+from model.diagnosis.spread import TRUST, interval, spread_of
 
 
 @pytest.mark.parametrize("keys", [("vasilev",), ("lyasko", "torque_zero"), ("speed_latency",)])
@@ -78,11 +78,13 @@ def test_a_one_sided_cause_that_is_not_there_stays_at_its_bound_with_an_interval
     assert found.interval95[0] < 0.02 and found.interval95[1] < 0.5
 
 
-def test_a_spread_is_never_narrower_than_the_noise_models() -> None:
+def test_a_spread_weighs_the_noise_models_and_the_runs_and_adds_what_is_not_known() -> None:
     seen = looked(driven("vasilev:H_m=0.04"), "vasilev", "crosstalk")
     fit = fit_set(seen, ("vasilev",))
     spread = spread_of(fit.problem, fit.estimate, seen, fit.keys)
-    assert (np.diag(spread.covariance) >= np.diag(spread.naive) * (1 - 1e-12)).all()
+    share = (spread.degrees - TRUST) / spread.degrees
+    both = (1 - share) * np.diag(spread.naive) + share * np.diag(spread.robust)
+    np.testing.assert_allclose(np.diag(spread.covariance), both + spread.by_noise + spread.by_choice)
     assert (spread.by_noise > 0).any() and (spread.by_choice >= 0).all()
     assert interval(0.0, 1.0, float(spread.degrees[0]))[1] > 1.96
 
