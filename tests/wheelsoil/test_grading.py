@@ -1,0 +1,70 @@
+"""The grade of a run: good, fair or poor, with what speaks against it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from daq.open import open_runs
+from processing.options import ProcessOptions
+from processing.processed_run import ProcessedRun, Reason
+from wheelsoil.grading import grade_of
+from wheelsoil.runs import process_runs
+
+
+@pytest.fixture(scope="module")
+def run(campaign) -> ProcessedRun:
+    return process_runs(open_runs([campaign / "run-1.mcap"]), ProcessOptions())[0][1]
+
+
+def without(run: ProcessedRun, share: float, why: Reason) -> ProcessedRun:
+    """Return the run with a share of its used samples left out, from the first on."""
+    reason = run.reason.copy()
+    used = np.flatnonzero(run.used)
+    reason[used[: int(share * len(used))]] = why
+    return replace(run, reason=reason)
+
+
+def noted(run: ProcessedRun, note: str) -> ProcessedRun:
+    return replace(run, quality=replace(run.quality, notes=(note,)))
+
+
+def test_a_run_as_it_should_be_is_good(run):
+    grade = grade_of(run)
+    assert (grade.level, grade.reasons) == ("good", ())
+    assert grade.usable_share > 0.95 and 0.5 < grade.highest_slip < 1
+
+
+@pytest.mark.parametrize(("share", "level"), [(0.1, "good"), (0.35, "fair"), (0.7, "poor")])
+def test_samples_that_are_missing_tell(run, share, level):
+    grade = grade_of(without(run, share, Reason.INVALID_FIX))
+    assert grade.level == level
+    assert level == "good" or "invalid fix" in grade.reasons[0]
+
+
+def test_what_was_left_out_by_hand_speaks_against_nothing(run):
+    assert grade_of(without(run, 0.4, Reason.BY_HAND)).usable_share > 0.95
+
+
+def test_a_run_without_a_usable_sample_is_poor_and_says_why(run):
+    grade = grade_of(without(run, 1.0, Reason.GAP))
+    assert grade.level == "poor" and "no sample can be used: most are gap" in grade.reasons[0]
+
+
+def test_low_slip_tells(run):
+    assert grade_of(replace(run, slip=0.4 * run.slip)).level == "fair"
+    assert grade_of(replace(run, slip=0.05 * run.slip)).level == "poor"
+
+
+def test_what_processing_noted_tells(run):
+    assert grade_of(noted(run, "torque and slip are opposed: check the sign of the torque")).level == "poor"
+    late = grade_of(noted(run, "ground speed is 0.100 +- 0.010 s late against wheel speed"))
+    assert late.level == "fair" and "late" in late.reasons[0]
+    assert grade_of(noted(run, "ground_speed comes at 20 Hz: every channel is filtered at 4 Hz")).level == "good"
+
+
+def test_losses_make_a_good_run_fair(run):
+    grade = grade_of(run, ["12 frames were lost before they were recorded"])
+    assert (grade.level, grade.reasons) == ("fair", ("12 frames were lost before they were recorded",))
