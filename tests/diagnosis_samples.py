@@ -10,6 +10,7 @@ from model.diagnosis.result import (
     Adequacy,
     Candidate,
     Cause,
+    CauseSet,
     Detectable,
     Diagnosis,
     Finding,
@@ -104,6 +105,7 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
             "bulldozing": Detectable("fraction", 0.11, "1"),
             "drawbar_pull_zero": Detectable("offset_n", 32.0, "N"),
             "slope": Detectable("angle_rad", np.inf, "rad"),
+            "speed_bias": Detectable("offset_mps", 0.02, "m/s"),
         },
         next_run=(NextRun("one run with 500 kg more", ("slip_sinkage", "bulldozing"), 6.3), NextRun("brake", (), 1.2)),
         cannot_tell={"slope": "one direction only", "speed_bias": "one direction only"},
@@ -114,4 +116,5 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
         ),
         seen=(seen(),),
         stages_s={"look": 0.8, "evidence": 0.2},
+        sets=(CauseSet(("slip_sinkage",), 0.9), CauseSet(("slip_sinkage", "bulldozing"), 0.06)),
     )

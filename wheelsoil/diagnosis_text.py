@@ -9,13 +9,19 @@ from math import isfinite
 from model.diagnosis.result import Cause, Diagnosis, Gain, Scores
 from wheelsoil.cli.talk import number, table_lines
 from wheelsoil.diagnosis_words import (
+    CAN_BE_SEEN,
     CHANNEL_NAMES,
     CHANNEL_UNITS,
     FINDING_UNITS,
     NO_GAIN,
     effect_name,
+    family_of,
+    not_named,
     nothing_chosen,
+    parameter_name,
     plain_name,
+    reduction,
+    set_name,
 )
 from wheelsoil.diagnosis_words import probability as as_probability
 
@@ -38,12 +44,13 @@ def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
         wrapped(diagnosis.sentence, width),
         _causes(diagnosis),
         _candidates(diagnosis, width),
+        _sets(diagnosis, width),
         _inconsistent(diagnosis, width),
         _what_is_wrong(diagnosis, width),
         _gain(diagnosis, width),
         _adequacy(diagnosis, width),
         _proposal(diagnosis, width),
-        told(f"Cannot tell, for want of data ({len(diagnosis.cannot_tell)})", diagnosis.cannot_tell, width),
+        *_not_named(diagnosis, width),
         _detectable(diagnosis, width),
         _next_run(diagnosis, width),
         _notes(diagnosis.notes, width),
@@ -75,7 +82,10 @@ def _causes(diagnosis: Diagnosis) -> list[str]:
     rows = [row for cause in diagnosis.causes for row in _cause_rows(cause)]
     if not rows:
         return []
-    title = "One of, each as if it were the one" if diagnosis.verdict == "one_of" else "Causes"
+    title = "Causes"
+    if diagnosis.verdict == "one_of":
+        several = len(diagnosis.causes) > 1
+        title = "One of, each as if it were the one" if several else "Likeliest, and not named"
     head = ["cause", "parameter", "prob.", "value", "95 % interval", "unit"]
     return [title, *_indented(table_lines(head, rows, left=2))]
 
@@ -86,7 +96,7 @@ def _cause_rows(cause: Cause) -> Iterator[list[str]]:
         low, high = parameter.interval95
         interval = f"{number(low, 3)} .. {number(high, 3)}" if isfinite(low) and isfinite(high) else "-"
         unit = "" if parameter.unit == "1" else parameter.unit
-        yield [name, parameter.name, probability, number(parameter.value, 3), interval, unit]
+        yield [name, parameter_name(cause.key, parameter.name), probability, number(parameter.value, 3), interval, unit]
         name = probability = ""
     if not cause.parameters:
         yield [name, "-", probability, "-", "-", ""]
@@ -102,6 +112,13 @@ def _candidates(diagnosis: Diagnosis, width: int) -> list[str]:
     if not words:
         return []
     return ["Candidates (probability of being among the causes)", *wrapped(", ".join(words), width, "  ")]
+
+
+def _sets(diagnosis: Diagnosis, width: int) -> list[str]:
+    if len(diagnosis.sets) < 2 or diagnosis.verdict not in ("named", "one_of"):
+        return []
+    words = ", ".join(f"{set_name(one)} {as_probability(one.probability)}" for one in diagnosis.sets)
+    return ["Sets of causes (probability that these are at work, and no others)", *wrapped(words, width, "  ")]
 
 
 def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
@@ -165,12 +182,12 @@ def gain_text(gain: Gain) -> str:
     """Return the gain in a sentence."""
     if nothing_chosen(gain):
         return NO_GAIN
-    low, high = gain.interval95
+    how, low, high = reduction(gain)
     within = f" (95 %: {number(low, 3)} to {number(high, 3)} %)" if isfinite(low) and isfinite(high) else ""
     chosen = sum(bool(keys) for keys in gain.chosen)
     folds = f"; {chosen} of {len(gain.chosen)} folds chose a cause" if gain.chosen else ""
     return (
-        f"R0 of the drawbar pull is {number(gain.reduction_percent, 3)} % smaller{within}; "
+        f"R0 of the drawbar pull {how} by {number(abs(gain.reduction_percent), 3)} %{within}; "
         f"the log likelihood gains {number(gain.log_likelihood_gain, 4)} nats{folds}."
     )
 
@@ -212,16 +229,25 @@ def told(title: str, texts: dict[str, str], width: int) -> list[str]:
     return [title, *lines] if lines else []
 
 
+def _not_named(diagnosis: Diagnosis, width: int) -> list[list[str]]:
+    parts = not_named(diagnosis.cannot_tell, diagnosis.minimum_detectable)
+    return [told(f"{title} ({len(texts)})", texts, width) for title, texts in parts.items()]
+
+
 def _detectable(diagnosis: Diagnosis, width: int) -> list[str]:
     found = diagnosis.minimum_detectable
+    never_named = [key for key in found if family_of(key) in diagnosis.cannot_tell]
     cells = [
-        f"{effect_name(key)}  {least.parameter} {number(least.value, 2)} {'' if least.unit == '1' else least.unit}"
+        f"{effect_name(key)}{' *' if key in never_named else ''}  {least.parameter} {number(least.value, 2)} "
+        f"{'' if least.unit == '1' else least.unit}"
         for key, least in found.items()
         if isfinite(least.value)
     ]
     never = ", ".join(effect_name(key) for key, least in found.items() if not isfinite(least.value))
     lines = _in_columns([cell.rstrip() for cell in cells], width - 2) if cells else []
     lines += wrapped(f"at no size: {never}", width - 2, "", "  ") if never else []
+    starred = any(isfinite(found[key].value) for key in never_named)
+    lines += [f"* {CAN_BE_SEEN[0].lower()}{CAN_BE_SEEN[1:]}: see above"] if starred else []
     return ["Smallest size that would have been found", *_indented(lines)] if lines else []
 
 

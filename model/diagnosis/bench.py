@@ -23,8 +23,8 @@ from model.diagnosis.bench_weigh import Weighed, Weighing, weigh
 from model.diagnosis.bench_words import beside_of, mixed_words, notes_of, sentence_of
 from model.diagnosis.campaign import Bench, DiagnosisOptions
 from model.diagnosis.consistency import inconsistencies
-from model.diagnosis.result import Adequacy, Candidate, Cause, Diagnosis, Gain, Verdict
-from model.diagnosis.verdict import IDLE_AT, NOTHING_AT
+from model.diagnosis.result import Adequacy, Candidate, Cause, CauseSet, Diagnosis, Gain, Verdict
+from model.diagnosis.verdict import IDLE_AT, NOTHING_AT, likeliest_of
 from model.one_thread import one_thread
 
 FloatArray = NDArray[np.float64]
@@ -160,7 +160,15 @@ def _diagnosis(
         soils=soils_of(weighing, best),
         seen=seen,
         stages_s=stages.seconds,
+        sets=sets_of(weighing),
     )
+
+
+def sets_of(weighing: Weighing) -> tuple[CauseSet, ...]:
+    """Return the likeliest sets of families, forms put together."""
+    chances = [(w.families, float(p)) for p, w in zip(weighing.probabilities, weighing.sets, strict=True) if p > 0]
+    named = {family for own, _ in chances for family in own}
+    return likeliest_of(chances, {family: weighing.of_family(family) for family in named})
 
 
 def verdict_of(

@@ -13,34 +13,41 @@ import numpy as np
 
 from daq.errors import Fault
 from model.diagnosis.adequacy import adequacy, excess
+from model.diagnosis.agreement import disagreements, other_forms, runs_of
+from model.diagnosis.alike import LookAlike, imitating, look_alikes
 from model.diagnosis.bagging import bagged
 from model.diagnosis.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.consistency import inconsistencies
 from model.diagnosis.detectable import minimum_detectable
 from model.diagnosis.evidence import Posterior, posterior
-from model.diagnosis.explained import Explained, Fits, doubtful, explain, likeliest_form
+from model.diagnosis.explained import Explained, Fits, doubtful, explain
+from model.diagnosis.final import parameters_of
 from model.diagnosis.held_out import held_out
-from model.diagnosis.isolability import isolability
 from model.diagnosis.look import Look, look
 from model.diagnosis.next_run import next_runs
 from model.diagnosis.noise import Noise
 from model.diagnosis.plausible_noise import plausible_grams
 from model.diagnosis.proposal import propose_for
-from model.diagnosis.result import Adequacy, Candidate, Detectable, Diagnosis, Finding, Gain, NextRun
+from model.diagnosis.result import Adequacy, Candidate, Cause, Detectable, Diagnosis, Finding, Gain, NextRun
 from model.diagnosis.samples import samples_of
 from model.diagnosis.seen import seen_of
 from model.diagnosis.split import members_of
 from model.diagnosis.start import unfit
 from model.diagnosis.two_soils import two_soils
-from model.diagnosis.verdict import Judgement, candidates, judgement, short_set
-from model.diagnosis.verdict_words import named_words, nothing_words, one_of_words, unexplained_words, want_words
+from model.diagnosis.verdict import Judgement, candidates, judgement, likely_sets, short_set
+from model.diagnosis.verdict_words import (
+    disagreement_words,
+    named_words,
+    nothing_words,
+    one_of_words,
+    unexplained_words,
+    want_words,
+)
 from model.diagnosis.view import Clock
 from model.diagnosis.where_wrong import findings
 from model.effects import EFFECTS
 from model.one_thread import one_thread
 
-ALIKE = 0.95
-"""Cosine of two signatures, the soil projected out, from which on they look almost the same."""
 NOTHING_TO_TEST = "nothing explains these runs: there is no extension whose gain could be measured"
 FEW_RUNS = "fewer than three runs: probabilities could not be calibrated by drawing runs anew"
 
@@ -132,13 +139,15 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) ->
             weighed = replace(weighed, verdict=verdict)
             explained = explain(fits, verdict, found)
     with clock.stage("next_run"):
-        onward = _onward(seen, options, verdict, found, explained)
+        alike = look_alikes(seen.grams, found, verdict)
+        onward = _onward(seen, options, verdict, found, explained, alike)
     with clock.stage("proposal"):
         offered = propose_for(fits[seen.best.keys]) if verdict.verdict == "unexplained" else None
     with clock.stage("figures"):
         alone = {keys[0]: fit for keys, fit in fits.known.items() if len(keys) == 1}
         shown = seen_of(seen, fits[()], fits[explained.extended], explained.sizes, alone)
-        sentence = _sentence(seen, weighed, explained, onward)
+        disputed = _disputed(seen, verdict, explained, fits)
+        sentence = " ".join([_sentence(seen, weighed, explained, onward, alike), *disputed])
     few = (FEW_RUNS,) if not found.resampled else ()
     return Diagnosis(
         verdict=verdict.verdict,
@@ -153,7 +162,8 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) ->
         minimum_detectable=weighed.sizes,
         next_run=onward,
         cannot_tell=seen.cannot_tell,
-        notes=tuple(dict.fromkeys((*notes, *seen.notes, *few, *([remark] if remark else [])))),
+        notes=tuple(dict.fromkeys((*notes, *seen.notes, *few, *([remark] if remark else []), *disputed))),
+        sets=likely_sets(found),
         noise=_noise(seen),
         soils=explained.soils,
         seen=shown,
@@ -196,26 +206,54 @@ def _weighed(
 
 
 def _onward(
-    seen: Look, options: DiagnosisOptions, verdict: Judgement, found: Posterior, explained: Explained
+    seen: Look,
+    options: DiagnosisOptions,
+    verdict: Judgement,
+    found: Posterior,
+    explained: Explained,
+    alike: tuple[LookAlike, ...],
 ) -> tuple[NextRun, ...]:
-    """Return what to drive next: to split a set, or on request the likeliest candidates."""
-    if verdict.verdict != "one_of" and not options.next_run:
+    """Return what to drive next: to split a set, a name from its look-alikes, or on request the likeliest."""
+    chances = found.families()
+    if verdict.verdict == "named" and alike:
+        named = [cause.key for cause in explained.causes]
+        sizes = {one.of: explained.sizes[one.of] for one in alike}
+        sizes |= {one.key: imitating(seen.grams, named, one) for one in alike}
+    elif verdict.verdict == "one_of" or options.next_run:
+        members = [cause.key for cause in explained.causes] if verdict.verdict == "one_of" else []
+        own = members if len(members) > 1 else list(explained.sizes)
+        sizes = {key: explained.sizes[key] for key in own if key in explained.sizes}
+    else:
         return ()
-    chances = {key: found.families()[EFFECTS[key].name] for key in explained.sizes}
-    members = [cause.key for cause in explained.causes] if verdict.verdict == "one_of" else []
-    own = members if len(members) > 1 else list(explained.sizes)
-    sizes = {key: explained.sizes[key] for key in own if key in explained.sizes}
-    return next_runs(seen, members_of(sizes, chances))
+    return next_runs(seen, members_of(sizes, {key: chances[EFFECTS[key].name] for key in sizes}))
 
 
-def _sentence(seen: Look, weighed: _Weighed, explained: Explained, onward: tuple[NextRun, ...]) -> str:
+def _disputed(seen: Look, verdict: Judgement, explained: Explained, fits: Fits) -> tuple[str, ...]:
+    """Return in words what joint campaigns disagree about: the size of a cause, or its form.
+
+    Asked of the named causes, and of the likeliest set where nothing explains the campaigns together.
+    """
+    causes = explained.causes
+    if verdict.verdict == "unexplained":
+        values = parameters_of(fits[seen.best.keys], seen) if len(seen.views) > 1 else {}
+        effects = {key: EFFECTS[key] for key in values}
+        causes = tuple(Cause(e.name, e.form, e.kind, key, 0.0, 0.0, values[key]) for key, e in effects.items())
+    if verdict.verdict not in ("named", "unexplained") or len(seen.views) < 2:
+        return ()
+    runs = runs_of(seen)
+    return disagreement_words(disagreements(seen.grams, runs, causes), other_forms(seen.grams, runs, causes))
+
+
+def _sentence(
+    seen: Look, weighed: _Weighed, explained: Explained, onward: tuple[NextRun, ...], alike: tuple[LookAlike, ...]
+) -> str:
     verdict, found = weighed.verdict, weighed.found
     chances = found.families()
-    alike = _alike(seen, found, verdict)
+    others = tuple(one.family for one in alike)
     if verdict.verdict == "named":
-        said = named_words(verdict, explained.causes, chances, weighed.gain, alike)
+        said = named_words(verdict, explained.causes, chances, weighed.gain, others, onward if alike else ())
     elif verdict.verdict == "one_of":
-        said = one_of_words(verdict, chances, found.none, alike, onward)
+        said = one_of_words(verdict, chances, found.none, others, onward, likely_sets(found))
     elif verdict.verdict == "unexplained":
         best = tuple(EFFECTS[key].name for key in seen.best.keys)
         soils = two_soils(seen.grams) if len(seen.views) == 1 else None
@@ -231,20 +269,6 @@ def _by_family(sizes: dict[str, Detectable]) -> dict[str, Detectable]:
     for key, size in sizes.items():
         first.setdefault(EFFECTS[key].name, size)
     return first
-
-
-def _alike(seen: Look, found: Posterior, verdict: Judgement) -> tuple[str, ...]:
-    """Return the families whose signatures are almost those of the verdict's first ones."""
-    own = verdict.families if verdict.verdict == "named" else verdict.families[:1]
-    apart = isolability(seen.grams)
-    alike = [
-        apart.families[j]
-        for family in own
-        for j in range(len(apart.keys))
-        if apart.families[j] not in verdict.families
-        and apart.cosine[apart.keys.index(likeliest_form(found, family)), j] > ALIKE
-    ]
-    return tuple(dict.fromkeys(alike))
 
 
 def _noise(seen: Look) -> dict[str, float]:

@@ -57,6 +57,14 @@ class Candidate:
 
 
 @dataclass(frozen=True)
+class CauseSet:
+    """Families that are at work together, and nothing else with them; empty: no known cause."""
+
+    causes: tuple[str, ...]
+    probability: float
+
+
+@dataclass(frozen=True)
 class Finding:
     """Where the simulation is off.
 
@@ -214,6 +222,8 @@ class Diagnosis:
         For people: the verdict, and what to do next.
     causes : the named ones; under "one_of" the set
     candidates : every family, likeliest first; "none" among them
+    sets : tuple of CauseSet
+        What is at work together, likeliest first, up to 95 % or six sets.
     what_is_wrong : worst first
     gain : Gain or None
         None where it cannot be measured (one run).
@@ -246,6 +256,7 @@ class Diagnosis:
     soils: tuple[SoilEstimate, ...] = ()
     seen: tuple[Seen, ...] = ()
     stages_s: dict[str, float] = field(default_factory=dict)
+    sets: tuple[CauseSet, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return the contract's mapping; NaN stays NaN, for the writer to turn into null."""
@@ -255,6 +266,7 @@ class Diagnosis:
             "sentence": self.sentence,
             "causes": [_cause(cause) for cause in self.causes],
             "candidates": [{"name": c.name, "probability": c.probability} for c in self.candidates],
+            "sets": [{"causes": list(one.causes), "probability": one.probability} for one in self.sets],
             "what_is_wrong": [vars(finding) for finding in self.what_is_wrong],
             "gain": None if self.gain is None else _gain(self.gain),
             "inconsistent": [vars(item) for item in self.inconsistent],

@@ -14,6 +14,10 @@ from model.effects.base import Effect
 _ONE_LOAD = 0.08
 """Spread of the runs' median loads, over their mean, below which they are one load."""
 _SOME = 20
+SAME_PASS = "every run is on the same pass: drive a second one in the rut of the first"
+PRESSURE_UNKNOWN = "the inflation pressure is not known: taken as the same in every run"
+USUAL = (SAME_PASS, PRESSURE_UNKNOWN)
+"""What is wanting in nearly every campaign: it stands in the table, not in the sentence."""
 
 NEEDED_WORDS = {
     "ground_speed_mps": "the ground speed",
@@ -80,9 +84,9 @@ def _not_varied(campaign: Campaign, samples: Samples) -> Iterator[tuple[str, str
         for family in ("slope", "track_drift"):
             yield family, why
     if len({run.pass_number for run in runs}) < 2:
-        yield "multi_pass", "every run is on the same pass: drive a second one in the rut of the first"
+        yield "multi_pass", SAME_PASS
     if not any(run.inflation_kpa for run in runs):
-        yield "tyre_flattening", "the inflation pressure is not known: taken as the same in every run"
+        yield "tyre_flattening", PRESSURE_UNKNOWN
     load = np.asarray(samples.conditions.vertical_load_n)
     medians = [float(np.median(load[samples.run == i])) for i in range(samples.runs) if (samples.run == i).any()]
     if not medians or np.ptp(medians) < _ONE_LOAD * np.mean(medians):

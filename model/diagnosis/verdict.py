@@ -12,13 +12,13 @@ family: what stands in ``cannot_tell`` is never named, however likely, but may b
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from model.diagnosis.evidence import Posterior
-from model.diagnosis.result import Adequacy, Gain, Verdict
+from model.diagnosis.result import Adequacy, CauseSet, Gain, Verdict
 
 LEVEL = 0.95
 """Of a set."""
@@ -26,6 +26,8 @@ NOTHING_AT = 0.2
 """Probability of "none" from which on nothing is said to be seen: to cry wolf is worse than to wait for another run."""
 IDLE_AT = 0.05
 """The same where the causes that are chosen are of no use on left-out runs."""
+SETS_SHOWN = 6
+"""Sets of causes, at most."""
 MORE_AT = 0.8
 """Probability from which on something is said to be at work beside a named cause."""
 
@@ -130,3 +132,42 @@ def candidates(found: Posterior) -> dict[str, float]:
     """Return every family's probability of being among the causes, and that of "none", likeliest first."""
     chances = {**found.families(), "none": found.none}
     return dict(sorted(chances.items(), key=lambda item: -item[1]))
+
+
+def likely_sets(found: Posterior) -> tuple[CauseSet, ...]:
+    """Return the likeliest sets of families, forms put together; see `likeliest_of`.
+
+    Parameters
+    ----------
+    found : Posterior
+    """
+    h = found.hypotheses
+    possible = np.flatnonzero(found.probability > 0).tolist()
+    chances = [
+        (frozenset(h.families[j] for j in np.flatnonzero(h.has_family[i])), float(found.probability[i]))
+        for i in possible
+    ]
+    return likeliest_of(chances, found.families())
+
+
+def likeliest_of(
+    chances: Iterable[tuple[frozenset[str], float]], families: Mapping[str, float]
+) -> tuple[CauseSet, ...]:
+    """Return sets of families with their probabilities, likeliest first, up to `LEVEL` or `SETS_SHOWN` of them.
+
+    Parameters
+    ----------
+    chances : iterable of (families, probability)
+        What is there more than once is added up.
+    families : mapping family -> probability
+        In a set the likeliest comes first.
+    """
+    total: dict[frozenset[str], float] = {}
+    for own, p in chances:
+        total[own] = total.get(own, 0.0) + p
+    chosen: list[CauseSet] = []
+    for own in sorted(total, key=lambda key: -total[key])[:SETS_SHOWN]:
+        if sum(one.probability for one in chosen) >= LEVEL:
+            break
+        chosen.append(CauseSet(tuple(sorted(own, key=lambda family: -families[family])), total[own]))
+    return tuple(chosen)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import isfinite
 
-from model.diagnosis.result import Adequacy, Cause, Detectable, Finding, Gain, NextRun, ParameterEstimate
+from model.diagnosis.agreement import Disagreement
+from model.diagnosis.result import Adequacy, Cause, CauseSet, Detectable, Finding, Gain, NextRun, ParameterEstimate
+from model.diagnosis.tellable import USUAL
 from model.diagnosis.verdict import Judgement
 
 CHANNELS = {"drawbar_pull": "drawbar pull", "driving_torque": "driving torque", "sinkage": "sinkage"}
@@ -13,10 +15,19 @@ _UNITS = {"drawbar_pull": "N", "driving_torque": "N m", "sinkage": "m"}
 _CHANNELS = {"dp": "drawbar pull", "t": "torque", "z": "sinkage"}
 _MOST_EXAMPLES = 3
 _WORTH_SAYING = 0.2
+_TOGETHER_AT = 0.1
+"""Probability from which on a set of several causes is said."""
+SUMS = {"lyasko": {"p": "p = m1 + m2"}}
+"""Combinations of parameters that are told as one, by effect and name, and what they are."""
 
 
 def named_words(
-    judged: Judgement, causes: Sequence[Cause], chances: Mapping[str, float], gain: Gain | None, alike: Sequence[str]
+    judged: Judgement,
+    causes: Sequence[Cause],
+    chances: Mapping[str, float],
+    gain: Gain | None,
+    alike: Sequence[str],
+    runs: Sequence[NextRun] = (),
 ) -> str:
     """Return the sentence of "named".
 
@@ -29,6 +40,8 @@ def named_words(
     gain : Gain or None
     alike : sequence of str
         Families whose signatures are almost those of the named ones.
+    runs : sequence of NextRun
+        What would part these from the named ones, best first.
     """
     said = [" and ".join(_cause(cause) for cause in causes)]
     if gain is not None and isfinite(gain.reduction_percent):
@@ -40,11 +53,18 @@ def named_words(
             f"{_listed([plain(f) for f in alike]).capitalize()} would look almost the same in these runs; "
             "that it is not has been weighed, and rests on small differences"
         )
+    if alike and runs:
+        said.append(f"To be surer of the name, drive next: {runs[0].change}")
     return _sentences(said)
 
 
 def one_of_words(
-    judged: Judgement, chances: Mapping[str, float], none: float, alike: Sequence[str], runs: Sequence[NextRun]
+    judged: Judgement,
+    chances: Mapping[str, float],
+    none: float,
+    alike: Sequence[str],
+    runs: Sequence[NextRun],
+    sets: Sequence[CauseSet] = (),
 ) -> str:
     """Return the sentence of "one_of"."""
     likely = f"with probability {probability(1.0 - none)}"
@@ -55,6 +75,10 @@ def one_of_words(
             said.append("That is not sure enough for a name")
     else:
         said = [f"Something is at work ({likely}): {_one_of(judged.families, chances)}"]
+    together = [one for one in sets if len(one.causes) > 1 and one.probability >= _TOGETHER_AT]
+    if together:
+        pairs = [f"{_listed([plain(f) for f in one.causes])} ({probability(one.probability)})" for one in together]
+        said.append(f"Several may act together: {'; '.join(pairs)}")
     if judged.barred:
         said.append(f"{plain(judged.families[0]).capitalize()} is not named: {judged.barred}")
     others = [family for family in alike if family not in judged.families]
@@ -116,12 +140,36 @@ def nothing_words(
 
 
 def want_words(cannot_tell: Mapping[str, str]) -> str:
-    """Return what cannot be decided, for want of what; empty where everything can."""
+    """Return what cannot be named, for want of what; empty where everything can, but for what is usually wanting."""
     by_reason: dict[str, list[str]] = {}
     for family, why in cannot_tell.items():
-        by_reason.setdefault(why, []).append(plain(family))
+        if why not in USUAL:
+            by_reason.setdefault(why, []).append(plain(family))
     said = [f"{_listed(families)} ({why})" for why, families in by_reason.items()]
-    return f" What these runs cannot decide: {'; '.join(said)}." if said else ""
+    return f" Cannot be named from these runs: {'; '.join(said)}." if said else ""
+
+
+def disagreement_words(
+    found: Sequence[Disagreement], forms: Mapping[tuple[str, str], tuple[str, float]]
+) -> tuple[str, ...]:
+    """Return what joint campaigns disagree about, a sentence each; empty where they agree.
+
+    Parameters
+    ----------
+    found : sequence of Disagreement
+    forms : mapping (family, campaign) -> (form, nats)
+        Campaigns that prefer another form than all together do.
+    """
+    said = []
+    for one in found:
+        own = [f"{o.campaign} {_number(o.value)} +- {_number(o.sigma)}{_unit(one.unit)}" for o in one.own]
+        said.append(
+            f"The campaigns disagree about {one.parameter}: {', '.join(own)} (Cochran's Q {one.q:.1f} on "
+            f"{len(own) - 1}, p {probability(one.chance)}): a shared value is not theirs, diagnose each by itself."
+        )
+    for (family, campaign), (form, nats) in forms.items():
+        said.append(f"{campaign} by itself asks for {plain(family)} as {form} instead ({nats:.1f} nats).")
+    return tuple(said)
 
 
 def plain(name: str) -> str:
@@ -136,26 +184,31 @@ def probability(p: float) -> str:
 
 def _cause(cause: Cause) -> str:
     form = f", likeliest as {cause.form} ({probability(cause.form_probability)})" if cause.form else ""
-    sizes = ", ".join(_estimate(p) for p in cause.parameters)
+    sums = SUMS.get(cause.key, {})
+    sizes = ", ".join(_estimate(p, sums.get(p.name, p.name)) for p in cause.parameters)
     return f"{plain(cause.name)} is at work (probability {probability(cause.probability)}{form}): {sizes}"
 
 
-def _estimate(p: ParameterEstimate) -> str:
+def _estimate(p: ParameterEstimate, name: str) -> str:
     low, high = p.interval95
     known = isfinite(low) and isfinite(high)
     band = f" ({_number(low)} to {_number(high)})" if known else ""
-    return f"{p.name} = {_number(p.value)}{band}{_unit(p.unit)}"
+    return f"{name} = {_number(p.value)}{band}{_unit(p.unit)}"
 
 
 def _gain(gain: Gain) -> str:
     low, high = gain.interval95
-    band = f" ({low:.0f} to {high:.0f})" if isfinite(low) and isfinite(high) else ""
     first, *others = gain.base
-    said = [f"the error of {_CHANNELS[first]} falls by {gain.reduction_percent:.0f}{band} %"]
+    falls, size = ("falls", 1.0) if gain.reduction_percent >= 0 else ("grows", -1.0)
+    low, high = sorted((size * low, size * high))
+    band = f" ({low:.0f} to {high:.0f})" if isfinite(low) and isfinite(high) else ""
+    said = [f"the error of {_CHANNELS[first]} {falls} by {size * gain.reduction_percent:.0f}{band} %"]
     for channel in others:
         before, after = gain.base[channel].R0, gain.extended[channel].R0
         if before > 0:
-            said.append(f"of {_CHANNELS[channel]} by {100 * (1 - after / before):.0f} %")
+            fell = 100 * (1 - after / before)
+            verb = "" if (fell >= 0) == (size > 0) else "falls " if fell >= 0 else "grows "
+            said.append(f"{'that ' if verb else ''}of {_CHANNELS[channel]} {verb}by {abs(fell):.0f} %")
     return _listed(said)
 
 

@@ -73,6 +73,10 @@ def test_slip_sinkage_is_named_with_its_size(digging: Campaign) -> None:
         low, high = cause.parameters[0].interval95
         assert low < 0.04 < high
     assert found.what_is_wrong[0].statistic != 0
+    if "would look almost the same" in found.sentence:
+        assert f"drive next: {found.next_run[0].change}." in found.sentence
+        assert "slip_sinkage" in found.next_run[0].separates
+    assert found.sets[0].causes == ("slip_sinkage",)
     assert {"linearise", "whitening", "bagging", "held_out", "final"} <= set(found.stages_s)
     [seen] = found.seen
     for channel in ("dp", "t"):  # medians: near zero slip the measured slip's own error is larger than any cause
@@ -95,6 +99,18 @@ def test_two_campaigns_share_a_cause(digging: Campaign) -> None:
     assert found.verdict == "named", found.sentence
     assert found.causes[0].name == "slip_sinkage"
     assert [soil.campaign for soil in found.soils] == [digging.name, "more"]
+    assert "disagree" not in found.sentence
+
+
+@pytest.mark.parametrize(("sinkage_m", "verdict"), [(0.05, "named"), (0.07, "unexplained")])
+def test_two_campaigns_that_differ_in_the_size_of_a_shared_cause_are_told(
+    digging: Campaign, sinkage_m: float, verdict: str
+) -> None:
+    deeper = simulated_campaign("clay", 4, RUNS, f"vasilev:H_m={sinkage_m:g}")
+    found = diagnosed(digging, deeper, options=replace(FEW, effects=("vasilev", "slope")))
+    assert found.verdict == verdict, found.sentence
+    assert "The campaigns disagree about H_m: clay 3 0.0" in found.sentence
+    assert any("disagree about H_m" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("runs", [1, 2])

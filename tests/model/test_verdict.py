@@ -9,12 +9,31 @@ import numpy as np
 import pytest
 from gram_support import column, world
 
+from model.diagnosis.agreement import Disagreement, Own
 from model.diagnosis.evidence import Posterior
 from model.diagnosis.grams import Grams
 from model.diagnosis.prior import hypotheses
-from model.diagnosis.result import Adequacy, Cause, Detectable, Finding, Gain, NextRun, ParameterEstimate, Scores
-from model.diagnosis.verdict import MOVING, Judgement, candidates, judgement, short_set
-from model.diagnosis.verdict_words import named_words, nothing_words, one_of_words, unexplained_words, want_words
+from model.diagnosis.result import (
+    Adequacy,
+    Cause,
+    CauseSet,
+    Detectable,
+    Finding,
+    Gain,
+    NextRun,
+    ParameterEstimate,
+    Scores,
+)
+from model.diagnosis.tellable import PRESSURE_UNKNOWN, SAME_PASS
+from model.diagnosis.verdict import MOVING, Judgement, candidates, judgement, likely_sets, short_set
+from model.diagnosis.verdict_words import (
+    disagreement_words,
+    named_words,
+    nothing_words,
+    one_of_words,
+    unexplained_words,
+    want_words,
+)
 
 FINE = Adequacy(1.0, 1.8, ok=True)
 POOR = Adequacy(3.0, 1.8, ok=False)
@@ -147,8 +166,13 @@ def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
     assert "none: .930" in nothing
     assert "slip sinkage from H_m = 0.0034 m on would be seen in half of such campaigns" in nothing
     want = want_words({"slope": "all runs go one way", "track_drift": "all runs go one way", "zero_drift": "one run"})
-    assert want == " What these runs cannot decide: slope and track drift (all runs go one way); zero drift (one run)."
+    assert (
+        want == " Cannot be named from these runs: slope and track drift (all runs go one way); zero drift (one run)."
+    )
     assert want_words({}) == ""
+    usual = {"multi_pass": SAME_PASS, "tyre_flattening": PRESSURE_UNKNOWN}
+    assert want_words(usual) == "", "what is wanting nearly always stands in the table alone"
+    assert want_words({**usual, "zero_drift": "one run"}) == " Cannot be named from these runs: zero drift (one run)."
 
 
 def test_what_never_stood_still_is_not_named(grams: Grams) -> None:
@@ -156,3 +180,49 @@ def test_what_never_stood_still_is_not_named(grams: Grams) -> None:
     assert judgement(surely, FINE, gain(5.0)).verdict == "named"
     moving = judgement(surely, FINE, gain(5.0), settled=False)
     assert (moving.verdict, moving.families, moving.barred) == ("one_of", ("a",), MOVING)
+
+
+def test_sets_put_forms_together_and_name_pairs(grams: Grams) -> None:
+    found = made(grams, {("a", "b"): 0.4, ("d",): 0.35, ("c1",): 0.1, ("c2",): 0.1, ("a",): 0.03, (): 0.02})
+    said = likely_sets(found)
+    assert [one.causes for one in said] == [("a", "b"), ("d",), ("c",)]
+    assert [one.probability for one in said] == pytest.approx([0.4, 0.35, 0.2])
+    assert likely_sets(made(grams, {(): 1.0})) == (CauseSet((), 1.0),)
+
+
+def test_under_one_of_a_family_that_acts_beside_the_set_is_said() -> None:
+    chances = {"load_gain": 0.62, "wheel_radius": 0.41, "grouser": 0.44}
+    sets = (CauseSet(("load_gain", "grouser"), 0.43), CauseSet(("wheel_radius",), 0.4), CauseSet((), 0.02))
+    said = one_of_words(Judgement("one_of", ("load_gain", "wheel_radius")), chances, 0.02, (), (), sets)
+    assert "Several may act together: load gain and grouser (.430)." in said
+    alone = one_of_words(Judgement("one_of", ("load_gain",)), chances, 0.02, (), (), sets[1:])
+    assert "together" not in alone
+
+
+def test_a_look_alike_comes_with_the_run_that_would_split_it() -> None:
+    size = ParameterEstimate("p", "1", 0.615, (0.58, 0.64), 0.02)
+    cause = Cause("slip_sinkage", "lyasko", "physical", "lyasko", 0.99, 0.9, (size,))
+    runs = (NextRun("a run with more load", ("slip_sinkage", "grouser"), 9.0),)
+    judged, chances = Judgement("named", ("slip_sinkage",)), {"slip_sinkage": 0.99, "grouser": 0.01}
+    said = named_words(judged, [cause], chances, gain(9), ("grouser",), runs)
+    assert said.endswith("To be surer of the name, drive next: a run with more load.")
+    assert "p = m1 + m2 = 0.615 (0.58 to 0.64)" in said
+    assert "drive next" not in named_words(judged, [cause], chances, gain(9), (), ())
+
+
+def test_an_error_that_grows_is_not_said_to_fall_by_less_than_nothing() -> None:
+    size = ParameterEstimate("H_m", "m", 0.03, (0.02, 0.04), 0.005)
+    cause = Cause("slip_sinkage", "vasilev", "physical", "vasilev", 0.97, 0.7, (size,))
+    worse = replace(gain(9), reduction_percent=-38.0, interval95=(-75.0, -4.6))
+    said = named_words(Judgement("named", ("slip_sinkage",)), [cause], {"slip_sinkage": 0.97}, worse, ())
+    assert "the error of drawbar pull grows by 38 (5 to 75) % and that of torque falls by 50 %" in said
+
+
+def test_campaigns_that_disagree_are_told_with_their_own_values() -> None:
+    own = (Own("clay", 0.03, 0.001), Own("sand", 0.04, 0.002))
+    [size, form] = disagreement_words(
+        [Disagreement("H_m", "m", own, 20.0, 8e-6)], {("slip_sinkage", "sand"): ("ding", 3.6)}
+    )
+    assert "disagree about H_m: clay 0.03 +- 0.001 m, sand 0.04 +- 0.002 m (Cochran's Q 20.0 on 1, p < .001)" in size
+    assert form == "sand by itself asks for slip sinkage as ding instead (3.6 nats)."
+    assert disagreement_words([], {}) == ()

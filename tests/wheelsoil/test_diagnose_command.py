@@ -42,6 +42,9 @@ def check_shape(found: dict[str, Any]) -> None:
         assert 0 <= candidate["probability"] <= 1
     probabilities = [candidate["probability"] for candidate in found["candidates"]]
     assert probabilities == sorted(probabilities, reverse=True)
+    for one in found["sets"]:
+        assert set(one) == {"causes", "probability"}
+        assert set(one["causes"]) <= {candidate["name"] for candidate in found["candidates"]}
     for finding in found["what_is_wrong"]:
         assert set(finding) == {"channel", "where", "size", "statistic"}
         assert finding["channel"] in ("drawbar_pull", "driving_torque", "sinkage")

@@ -11,7 +11,7 @@ from diagnosis_samples import SENTENCES, diagnosis
 from hypothesis import given
 from hypothesis import strategies as st
 
-from model.diagnosis.result import Candidate
+from model.diagnosis.result import Candidate, ParameterEstimate
 from wheelsoil.diagnosis_text import diagnosis_lines, stages_lines
 
 VERDICTS = tuple(SENTENCES)
@@ -41,10 +41,14 @@ def test_everything_is_said():
         "slip sinkage 0.970, bulldozing 0.030, none 0.020, 1 more below 0.01",
         "drawbar pull -122 N -8.3 slip 0.4 to 0.9, driving",
         "driving torque: 14 rows",
-        "R0 of the drawbar pull is 45 % smaller (95 %: 35 to 52 %)",
+        "R0 of the drawbar pull falls by 45 % (95 %: 35 to 52 %)",
         "1 of 2 folds chose a cause",
         "Lack of fit 1.03, threshold 1.77: the best explanation leaves no more than noise",
-        "slope, speed bias: one direction only",
+        "Cannot be seen (1) slope: one direction only",
+        "Can be seen, cannot be named (1) speed bias: one direction only",
+        "speed bias * offset_mps 0.02 m/s",
+        "* can be seen, cannot be named: see above",
+        "slip sinkage 0.900, slip sinkage + bulldozing 0.060",
         "slip sinkage (vasilev) H_m 0.012 m",
         "at no size: slope",
         "1. one run with 500 kg more: expected ln Bayes factor 6.3, parts slip sinkage, bulldozing",
@@ -60,6 +64,28 @@ def test_under_one_of_the_causes_are_a_set():
     assert re.search(r"bulldozing +fraction +0\.400 +0\.2 +-\n", text)
 
 
+def test_a_set_of_one_is_no_choice():
+    found = diagnosis("one_of")
+    text = text_of(replace(found, causes=found.causes[:1]))
+    assert "One of, each" not in text
+    assert "Likeliest, and not named" in text
+
+
+def test_an_error_that_grows_is_said_to_grow():
+    found = diagnosis("named")
+    worse = replace(found.gain, reduction_percent=-38.0, interval95=(-75.0, -4.6))
+    text = squeezed(text_of(replace(found, gain=worse)))
+    assert "R0 of the drawbar pull grows by 38 % (95 %: 4.6 to 75 %)" in text
+    assert "-38" not in text
+
+
+def test_the_sum_of_lyaskos_parameters_says_what_it_is():
+    found = diagnosis("named")
+    total = ParameterEstimate("p", "1", 0.6, (0.5, 0.7), 0.05)
+    lyasko = replace(found.causes[0], key="lyasko", form="lyasko", parameters=(total,))
+    assert "p = m1 + m2 0.970 0.6" in squeezed(text_of(replace(found, causes=(lyasko,))))
+
+
 def test_what_is_not_there_is_not_spoken_of():
     bare = replace(
         diagnosis("nothing_detectable"),
@@ -72,6 +98,7 @@ def test_what_is_not_there_is_not_spoken_of():
         notes=(),
         minimum_detectable={},
         candidates=(),
+        sets=(),
     )
     assert squeezed(text_of(bare)) == SENTENCES["nothing_detectable"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from model.diagnosis.result import Gain, Scores
-from wheelsoil.diagnosis_words import CHANNEL_NAMES, CHANNEL_UNITS, NO_GAIN, effect_name, nothing_chosen
+from wheelsoil.diagnosis_words import CHANNEL_NAMES, CHANNEL_UNITS, NO_GAIN, effect_name, nothing_chosen, reduction
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes
 from wheelsoil.report.material import Material
@@ -47,11 +47,12 @@ def build(material: Material) -> Section:
 
 def sentence(gain: Gain) -> str:
     """Return the gain in words."""
-    within = interval(*gain.interval95)
+    how, low, high = reduction(gain)
+    within = interval(low, high)
     spread = "" if within == "–" else f" (95 %: {within} %)"
     nats = signed(gain.log_likelihood_gain, ".1f")
     return (
-        f"On runs left out, R₀ of the drawbar pull is {signed(gain.reduction_percent, '.1f')} % smaller with the "
+        f"On runs left out, R₀ of the drawbar pull {how} by {abs(gain.reduction_percent):.1f} % with the "
         f"extension{spread}; the log likelihood of what was measured gains {nats} nats."
     )
 

@@ -1,0 +1,67 @@
+"""Joint campaigns: a shared size that each estimates differently is noticed, and one that they share is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gram_support import column, world
+
+from model.diagnosis.agreement import disagreements, other_forms
+from model.diagnosis.grams import Grams
+from model.diagnosis.result import Cause, ParameterEstimate
+
+RUNS = {"clay": 3, "sand": 3}
+COLUMNS = (column("a"), column("b"), column("c", "c1"), column("c", "c2"))
+
+
+def cause(name: str = "a", key: str = "", *parameters: ParameterEstimate) -> Cause:
+    shown = parameters or (ParameterEstimate("a", "m", 0.1, (0.0, 0.2), 0.0),)
+    return Cause(name, key if key != name else "", "physical", key or name, 0.99, 1.0, shown)
+
+
+def joint(rng: np.random.Generator, one: np.ndarray, other: np.ndarray) -> Grams:
+    """Return the Grams of two campaigns of three runs each, with coefficients of their own."""
+    drawn = world(4, COLUMNS, strength=(30, 40))
+    first, second = drawn.grams(one, rng), drawn.grams(other, rng)
+    matrices = np.concatenate([first.matrices[:3], second.matrices[3:]])
+    return replace(first, matrices=matrices)
+
+
+def test_what_is_shared_is_seldom_disputed_and_what_differs_always() -> None:
+    rng = np.random.default_rng(2)
+    same = [bool(disagreements(joint(rng, s, s), RUNS, [cause()])) for s in [np.array([1.0, 0, 0, 0])] * 200]
+    assert sum(same) <= 8, "1 % is asked for"
+    for _ in range(20):
+        [found] = disagreements(joint(rng, np.array([0.5, 0, 0, 0]), np.array([1.5, 0, 0, 0])), RUNS, [cause()])
+        assert found.parameter == "a" and found.chance < 0.01
+        clay, sand = found.own
+        assert (clay.campaign, sand.campaign) == ("clay", "sand")
+        assert clay.value == pytest.approx(0.05, abs=4 * clay.sigma)
+        assert sand.value == pytest.approx(0.15, abs=4 * sand.sigma)
+
+
+def test_the_variances_are_those_of_the_final_interval() -> None:
+    rng = np.random.default_rng(3)
+    grams = joint(rng, np.array([0.8, 0, 0, 0]), np.array([1.2, 0, 0, 0]))
+    wide = ParameterEstimate("a", "m", 0.1, (0.0, 0.2), 0.1)
+    assert disagreements(grams, RUNS, [cause()])
+    assert not disagreements(grams, RUNS, [cause("a", "a", wide)])
+
+
+def test_what_one_campaign_cannot_show_is_not_asked() -> None:
+    grams = joint(np.random.default_rng(5), np.array([0.5, 0, 0, 0]), np.array([1.5, 0, 0, 0]))
+    grams.matrices[3:, grams.columns_of("a"), :] = 0.0
+    grams.matrices[3:, :, grams.columns_of("a")] = 0.0
+    assert not disagreements(grams, RUNS, [cause()])
+
+
+def test_a_campaign_of_another_form_is_told() -> None:
+    rng = np.random.default_rng(6)
+    same = joint(rng, np.array([0, 0, 1.5, 0]), np.array([0, 0, 1.5, 0]))
+    other = joint(rng, np.array([0, 0, 1.5, 0]), np.array([0, 0, 0, 1.5]))
+    assert not other_forms(same, RUNS, [cause("c", "c1")])
+    found = other_forms(other, RUNS, [cause("c", "c1")])
+    assert set(found) == {("c", "sand")}
+    assert found["c", "sand"][0] == "c2"
