@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daq.errors import ConfigError, Fault
 from processing.processed_run import ProcessedRun, Reason
@@ -37,14 +38,8 @@ def keep_only(run: ProcessedRun, keep: Sequence[Interval], where: str = "") -> P
     ConfigError
         Intervals that reach beyond the run.
     """
-    end_s = float(run.time_s[-1])
-    beyond = [(first, last) for first, last in keep if first < 0 or first > end_s or last > end_s + _ROUNDED_S]
-    if beyond:
-        raise ConfigError(*(_beyond(interval, end_s, where) for interval in beyond))
-    inside = np.zeros(len(run), np.bool_)
-    for first, last in keep:
-        inside |= (run.time_s >= first) & (run.time_s <= last)
-    reason = np.where(run.used & ~inside, np.uint8(Reason.BY_HAND), run.reason)
+    check_within(keep, float(run.time_s[-1]), where)
+    reason = with_by_hand(run.reason, run.time_s, keep)
     standstills = tuple(
         stand
         for stand in run.quality.standstills
@@ -52,6 +47,27 @@ def keep_only(run: ProcessedRun, keep: Sequence[Interval], where: str = "") -> P
     )
     quality = replace(run.quality, shares=shares_of(reason), standstills=standstills)
     return replace(run, reason=reason, quality=quality)
+
+
+def check_within(keep: Sequence[Interval], end_s: float, where: str = "") -> None:
+    """See that intervals lie within a run whose time base ends at `end_s`, but for a rounded last end.
+
+    Raises
+    ------
+    ConfigError
+        Those that do not.
+    """
+    beyond = [(first, last) for first, last in keep if first < 0 or first > end_s or last > end_s + _ROUNDED_S]
+    if beyond:
+        raise ConfigError(*(_beyond(interval, end_s, where) for interval in beyond))
+
+
+def with_by_hand(reason: NDArray[np.uint8], time_s: NDArray[np.float64], keep: Sequence[Interval]) -> NDArray[np.uint8]:
+    """Return the reasons, shape (n,), with used samples outside `keep` left out by hand."""
+    inside = np.zeros(len(time_s), np.bool_)
+    for first, last in keep:
+        inside |= (time_s >= first) & (time_s <= last)
+    return np.where((reason == Reason.USED) & ~inside, np.uint8(Reason.BY_HAND), reason)
 
 
 def _beyond(interval: Interval, end_s: float, where: str) -> Fault:

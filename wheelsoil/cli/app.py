@@ -40,6 +40,7 @@ COMMANDS: dict[str, Entry] = {
     "sinkage": Entry("sinkage", "Find the sinkage of a driven wheel from its forces alone."),
     "diagnose": Entry("diagnose", "Name what the simulation gets wrong, or say why it cannot be named."),
     "report": Entry("report", "Write the fitted-model report of a terrain's runs."),
+    "view": Entry("view", "Look at recordings in the browser: choose, fit and diagnose."),
 }
 """Every subcommand, in the order of a test's life."""
 

@@ -15,6 +15,7 @@ import typer
 
 from daq.errors import ConfigError, DataError, Fault, HardwareError
 from wheelsoil.cli.options import (
+    TOKEN_VARIABLE,
     AddedLoad,
     Direction,
     DirectionOption,
@@ -24,6 +25,7 @@ from wheelsoil.cli.options import (
     PassNumber,
     RunId,
     Terrain,
+    page_token,
     run_info,
 )
 from wheelsoil.cli.talk import print_facts, print_json, say
@@ -37,7 +39,6 @@ _SIGNAL_EXIT = 128
 _PAGE_PORT = 8100
 _LONGEST_ID_BYTES = 200
 _SHOWN = 40
-_TOKEN_VARIABLE = "WHEELSOIL_PAGE_TOKEN"
 
 
 def command(
@@ -67,7 +68,7 @@ def command(
         int | None, typer.Option(min=0, max=65535, metavar="N", help=f"Its port (default: {_PAGE_PORT}).")
     ] = None,
     page_token_file: Annotated[
-        Path | None, typer.Option(metavar="FILE", help=f"Holds its token (or: environment {_TOKEN_VARIABLE}).")
+        Path | None, typer.Option(metavar="FILE", help=f"Holds its token (or: environment {TOKEN_VARIABLE}).")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -92,7 +93,7 @@ def command(
         step = "give a folder with --out, and the run's name on the page or with --run-id"
         raise ConfigError(Fault("--wait begins between runs, where no file is named", str(out), next_step=step))
     info = run_info("", run_id or "", direction, pass_number, added_load, inflation)
-    token = _token(page_token_file)
+    token = page_token(page_token_file)
     zero_file = known.vehicle.transducer.zero_file
     if zero_file and zero_file not in known.attachments:
         say(f"{zero_file} is not there yet: the recording carries no zero, and `process` refuses until it is there")
@@ -188,19 +189,6 @@ def _silent(bus: str, vehicle: VehicleConfig) -> Fault:
         next_step=f"check that the interface is up and has the bus's bitrate{state}, the cable and its termination, "
         "and that a node is sending",
     )
-
-
-def _token(file: Path | None) -> str | None:
-    """Return the page's token from the file or the environment, where there is one."""
-    if file is None:
-        return os.environ.get(_TOKEN_VARIABLE) or None
-    try:
-        text = file.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(Fault("the token cannot be read", str(file), str(error))) from None
-    if not text:
-        raise ConfigError(Fault("the file holds no token", str(file), next_step="write one line into it"))
-    return text
 
 
 @contextmanager

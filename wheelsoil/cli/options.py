@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -61,6 +62,13 @@ ModelFile = Annotated[
 ]
 MinSpeed = Annotated[
     float | None, typer.Option("--min-speed", metavar="M/S", help="Below this there is no slip. [default: 0.5]")
+]
+
+
+TOKEN_VARIABLE = "WHEELSOIL_PAGE_TOKEN"
+TokenFile = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help=f"Holds the page's token (or: environment {TOKEN_VARIABLE})."),
 ]
 
 
@@ -155,3 +163,22 @@ def run_info(
         raise ConfigError(
             *(Fault(f"{item['loc'][0]}: {item['msg']}", found=repr(item["input"])) for item in error.errors())
         ) from None
+
+
+def page_token(file: Path | None) -> str | None:
+    """Return a page's token from the file or the environment, where there is one.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read, or holds none.
+    """
+    if file is None:
+        return os.environ.get(TOKEN_VARIABLE) or None
+    try:
+        text = file.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(Fault("the token cannot be read", str(file), str(error))) from None
+    if not text:
+        raise ConfigError(Fault("the file holds no token", str(file), next_step="write one line into it"))
+    return text

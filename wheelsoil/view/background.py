@@ -1,0 +1,104 @@
+"""Processes the runs on the page one after another, those that are looked at first."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+
+from daq.errors import Fault, WheelsoilError
+from processing.options import ProcessOptions
+from wheelsoil.view.campaigns import ViewedCampaign, ViewedRun
+from wheelsoil.view.helper import Helper
+from wheelsoil.view.jobs import Seen, process_run
+
+
+class Processing:
+    """A thread that has a helper process whatever waits.
+
+    Parameters
+    ----------
+    campaigns : sequence of ViewedCampaign
+    lock : RLock
+        Of their state.
+    helper : Helper
+    zero : Path or None
+        A zero file in place of those that the vehicles name.
+    folder : Path
+        For the processed runs.
+    """
+
+    def __init__(
+        self,
+        campaigns: Sequence[ViewedCampaign],
+        lock: threading.RLock,
+        helper: Helper,
+        zero: Path | None,
+        folder: Path,
+    ) -> None:
+        self._campaigns, self._lock, self._helper, self._zero, self._folder = campaigns, lock, helper, zero, folder
+        self._preferred: ViewedRun | None = None
+        self._news = threading.Event()
+        self._closed = False
+        self._thread = threading.Thread(target=self._process, name="processing", daemon=True)
+        self._thread.start()
+
+    def prefer(self, run: ViewedRun) -> None:
+        """Process a run next: somebody looks at it."""
+        self._preferred = run
+
+    def look(self) -> None:
+        """Look whether runs wait again."""
+        self._news.set()
+
+    def close(self) -> None:
+        """Begin no further run."""
+        self._closed = True
+        self._news.set()
+        self._helper.interrupt()
+        self._thread.join()
+
+    def _process(self) -> None:
+        while not self._closed:
+            self._news.clear()
+            with self._lock:
+                found = self._next()
+                if found is not None:
+                    found[0].state = "processing"
+            if found is None:
+                self._news.wait()
+            else:
+                self._process_one(*found)
+
+    def _next(self) -> tuple[ViewedRun, ProcessOptions] | None:
+        waiting = [(run, c.options) for c in self._campaigns for run in c.runs if run.state == "waiting"]
+        first = [found for found in waiting if found[0] is self._preferred]
+        return next(iter(first or waiting), None)
+
+    def _process_one(self, run: ViewedRun, options: ProcessOptions) -> None:
+        target = self._folder / f"{run.key}.pickle"
+        try:
+            seen = self._helper.ask(process_run, run.run, options, self._zero, target).result()
+        except WheelsoilError as error:
+            self._put(run, options, faults=error.faults)
+        except Exception as error:  # noqa: BLE001  # one run must not take the others along
+            said = str(error).strip().splitlines()[-1:] or [type(error).__name__]
+            self._put(
+                run, options, faults=(Fault("a fault of ours", run.run.id, said[0], next_step="please report it"),)
+            )
+        else:
+            self._put(run, options, seen=seen, file=target)
+
+    def _put(
+        self,
+        run: ViewedRun,
+        options: ProcessOptions,
+        *,
+        seen: Seen | None = None,
+        file: Path | None = None,
+        faults: tuple[Fault, ...] = (),
+    ) -> None:
+        with self._lock:
+            run.options, run.seen, run.file, run.faults = options, seen, file, faults
+            wanted = next(c.options for c in self._campaigns if run in c.runs)
+            run.state = "waiting" if wanted != options else "failed" if faults else "ready"

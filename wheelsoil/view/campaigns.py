@@ -1,0 +1,309 @@
+"""What the page knows: campaigns, their runs, what was chosen and what has been found so far."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.config import SoilSection, WheelSection
+from daq.errors import ConfigError, Fault, WheelsoilError
+from daq.open import open_runs
+from daq.run import Run
+from model.effects.tyre_flattening import REFERENCE_KPA
+from model.soils import Soil
+from model.wheel import Wheel
+from processing.by_hand import Interval, check_within, with_by_hand
+from processing.options import ProcessOptions
+from processing.processed_run import Reason
+from wheelsoil.choice import CHOICE_FILE, Choice, load_choice
+from wheelsoil.chosen_runs import is_called, runs_in_use
+from wheelsoil.diagnosing import folder_of
+from wheelsoil.fitting import known_soil, wheel_of
+from wheelsoil.view.curve import Base
+from wheelsoil.view.jobs import Member, Seen
+
+RunState = Literal["waiting", "processing", "ready", "failed"]
+_USUAL_SPEED_MPS = 2.0
+DiagnosisState = Literal["none", "running", "done", "failed"]
+
+
+@dataclass(frozen=True)
+class Files:
+    """What was given beside the recordings; see the command's options of these names."""
+
+    vehicle: Path | None = None
+    terrain: Path | None = None
+    runs: Path | None = None
+    zero: Path | None = None
+    soil: str | None = None
+    lenient_dbc: bool = False
+
+
+@dataclass
+class ViewedRun:
+    """A run on the page.
+
+    Attributes
+    ----------
+    key : str
+        Of this run on the page.
+    run : Run
+    state : "waiting", "processing", "ready" or "failed"
+    faults : tuple of Fault
+        Why it failed.
+    options : ProcessOptions or None
+        What `seen` was processed with, or the failure.
+    seen : Seen or None
+    file : Path or None
+        Holds the processed run.
+    """
+
+    key: str
+    run: Run
+    state: RunState = "waiting"
+    faults: tuple[Fault, ...] = ()
+    options: ProcessOptions | None = None
+    seen: Seen | None = None
+    file: Path | None = None
+
+
+@dataclass
+class DiagnosisOnPage:
+    """A diagnosis, how far it is, and what it says once it is done."""
+
+    state: DiagnosisState = "none"
+    found: dict[str, Any] | None = None
+    faults: tuple[Fault, ...] = ()
+
+
+@dataclass
+class ViewedCampaign:
+    """Runs of one terrain and one wheel.
+
+    Attributes
+    ----------
+    key, name : str
+    folder : Path
+        Where the choice is saved.
+    runs : list of ViewedRun
+    others : tuple of Run
+        Of the same folder, but of another terrain or wheel.
+    soil_name : str or None
+        A preset in place of terrain.toml.
+    choice : Choice
+    saved_at : Path or None
+    diagnosis : DiagnosisOnPage
+    told : mapping reading -> families that cannot be told, with the reason
+        Empty until it was asked for.
+    """
+
+    key: str
+    name: str
+    folder: Path
+    runs: list[ViewedRun]
+    others: tuple[Run, ...] = ()
+    soil_name: str | None = None
+    choice: Choice = field(default_factory=Choice)
+    saved_at: Path | None = None
+    diagnosis: DiagnosisOnPage = field(default_factory=DiagnosisOnPage)
+    told: dict[str, dict[str, str]] = field(default_factory=dict)
+
+    @property
+    def first(self) -> Run:
+        """The run that stands for all."""
+        return self.runs[0].run
+
+    @property
+    def options(self) -> ProcessOptions:
+        """How its runs are processed."""
+        return self.choice.process_options()
+
+    @property
+    def pending(self) -> int:
+        """Runs that are not processed yet."""
+        return sum(run.state in ("waiting", "processing") for run in self.runs)
+
+    @property
+    def soil(self) -> Soil:
+        """The laboratory's soil.
+
+        Raises
+        ------
+        ConfigError
+            It is not known.
+        """
+        return known_soil(self.soil_name, self.first.terrain)
+
+    @property
+    def wheel(self) -> Wheel:
+        """The wheel.
+
+        Raises
+        ------
+        ConfigError
+            It is not described.
+        """
+        return wheel_of(self.first.vehicle, self.first.vehicle_source)
+
+    def keeps(self) -> dict[str, tuple[Interval, ...] | None]:
+        """Return what is kept (None: all) of each run that is used, by its key."""
+        known = replace(self.choice, runs=tuple(replace(run, sha256="") for run in self.choice.runs))
+        in_use, faults = runs_in_use(known, [run.run for run in self.runs])
+        if faults:
+            raise ConfigError(*faults)
+        kept = {chosen.run.id: chosen.keep for chosen in in_use}
+        return {run.key: kept[run.run.id] for run in self.runs if run.run.id in kept}
+
+    def members(self) -> tuple[Member, ...]:
+        """Return the runs that are used, for a helper.
+
+        Raises
+        ------
+        ConfigError
+            The choice does not fit the runs.
+        NotReadyError
+            Some are not processed yet, or could not be.
+        """
+        keeps = self.keeps()
+        found = []
+        for run in self.runs:
+            if run.key not in keeps:
+                continue
+            if run.state == "failed":
+                step = "switch the run off, or mend what is wrong"
+                raise ConfigError(*(replace(fault, next_step=fault.next_step or step) for fault in run.faults))
+            if run.file is None or run.state != "ready":
+                what = f"{self.pending} runs are still to be processed"
+                raise NotReadyError(Fault(what, self.name, next_step="wait until they are, or switch them off"))
+            found.append(Member(run.file, keeps[run.key]))
+        return tuple(found)
+
+    def base(self, load_n: float | None = None) -> Base:
+        """Return what curves are drawn for: medians of the used samples that are there by now, or a given load.
+
+        Raises
+        ------
+        ConfigError
+            Soil or wheel is not known.
+        NotReadyError
+            No run with a usable load is there yet.
+        """
+        keeps = self.keeps()
+        used = [run for run in self.runs if run.key in keeps and run.seen]
+        loads, speeds = (self._used(name, keeps) for name in ("vertical_load_n", "ground_speed_mps"))
+        if load_n is None and not len(loads):
+            expected = "a run that is processed" if self.pending else "a run with a usable vertical load"
+            raise NotReadyError(Fault("the load is not known", self.name, expected=expected, next_step="give load_n"))
+        infos = [run.run.info for run in used] or [self.first.info]
+        return Base(
+            wheel=self.wheel,
+            soil=self.soil,
+            load_n=float(np.median(loads)) if load_n is None else load_n,
+            ground_speed_mps=float(np.median(speeds)) if len(speeds) else _USUAL_SPEED_MPS,
+            direction=-1.0 if all(info.direction == "back" for info in infos) else 1.0,
+            pass_number=float(max(info.pass_number for info in infos)),
+            inflation_kpa=min((info.inflation_kpa for info in infos if info.inflation_kpa), default=REFERENCE_KPA),
+        )
+
+    def _used(self, name: str, keeps: Mapping[str, tuple[Interval, ...] | None]) -> NDArray[np.float64]:
+        """Return the used values of a quantity in the runs that are there by now."""
+        pieces = [np.zeros(0)]
+        for run in self.runs:
+            if run.key in keeps and run.seen is not None:
+                trace, keep = run.seen.trace, keeps[run.key]
+                reason = trace.reason if keep is None else with_by_hand(trace.reason, trace.time_s, keep)
+                pieces.append(trace.quantities[name][reason == Reason.USED])
+        values = np.concatenate(pieces)
+        return values[np.isfinite(values)]
+
+    def check_keeps(self) -> None:
+        """See that the choice fits the runs, and what is kept those that are processed by now.
+
+        Raises
+        ------
+        ConfigError
+        """
+        keeps = self.keeps()
+        for run in self.runs:
+            kept = keeps.get(run.key)
+            if run.seen is not None and kept is not None:
+                check_within(kept, run.seen.end_s, f"run {run.run.id}")
+
+
+class NotReadyError(WheelsoilError):
+    """It cannot be said yet."""
+
+
+def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCampaign], list[str]]:
+    """Open recordings and group them: one campaign for each folder, soil and wheel.
+
+    A `choice.toml` that lies in a folder is taken up; one that cannot be is told of, and left alone.
+
+    Returns
+    -------
+    campaigns : list of ViewedCampaign
+    remarks : list of str
+        Files that were left out because they cannot be read; what of a choice does not fit.
+
+    Raises
+    ------
+    WheelsoilError
+        See `daq.open.open_runs`.
+    """
+    remarks: list[str] = []
+    opened = open_runs(
+        paths,
+        vehicle=files.vehicle,
+        terrain=files.terrain,
+        runs=files.runs,
+        lenient_dbc=files.lenient_dbc,
+        left_out=remarks.append,
+    )
+    groups: dict[tuple[str, SoilSection | None, WheelSection | None], list[ViewedRun]] = {}
+    for number, run in enumerate(opened, 1):
+        ground = run.terrain.soil if run.terrain and files.soil is None else None
+        key = (folder_of(run, paths), ground, run.vehicle.wheel)
+        groups.setdefault(key, []).append(ViewedRun(f"r{number}", run))
+    campaigns = [
+        _campaign(f"c{number}", folder, runs, [r for (f, _, _), g in groups.items() if f == folder for r in g], files)
+        for number, ((folder, _, _), runs) in enumerate(groups.items(), 1)
+    ]
+    for campaign in campaigns:
+        remarks += _taken_up(campaign)
+    return campaigns, remarks
+
+
+def _campaign(
+    key: str, folder: str, runs: list[ViewedRun], all_runs: Sequence[ViewedRun], files: Files
+) -> ViewedCampaign:
+    place = Path(folder).resolve() if folder else runs[0].run.path.resolve().parent
+    others = tuple(run.run for run in all_runs if folder and run not in runs)
+    terrain = runs[0].run.terrain
+    name = f"{place.name}, {terrain.soil.name}" if others and terrain else place.name
+    return ViewedCampaign(key, name, place, runs, others, files.soil)
+
+
+def _taken_up(campaign: ViewedCampaign) -> list[str]:
+    """Take up the choice that lies beside the runs; return what is wrong with it, or with the runs by it."""
+    path = campaign.folder / CHOICE_FILE
+    if not path.is_file():
+        return []
+    try:
+        choice = load_choice(path)
+        own = [run.run for run in campaign.runs]
+        in_use, faults = runs_in_use(choice, [*own, *campaign.others])
+        if faults:
+            raise ConfigError(*faults)
+        choice.process_options()
+    except WheelsoilError as error:
+        return [f"{path} is not taken up: " + "; ".join(fault.what for fault in error.faults)]
+    choice = replace(choice, runs=tuple(r for r in choice.runs if any(is_called(r, run) for run in own)))
+    if runs_in_use(choice, own)[1]:
+        return []  # it is of the folder's other terrain
+    campaign.choice, campaign.saved_at = choice, path
+    return [chosen.warning for chosen in in_use if chosen.warning]

@@ -1,0 +1,227 @@
+"""Everything that the page can ask for; what takes long is handed to helpers."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+from daq.errors import ConfigError, DataError, Fault, WheelsoilError
+from model.soil_prior import prior_of
+from model.wheel_soil import Reading
+from processing.by_hand import with_by_hand
+from wheelsoil import __version__
+from wheelsoil.choice import SCHEMA, parse_choice
+from wheelsoil.view import jobs
+from wheelsoil.view.background import Processing
+from wheelsoil.view.campaigns import DiagnosisOnPage, Files, NotReadyError, ViewedCampaign, ViewedRun, open_campaigns
+from wheelsoil.view.curve import curve_of
+from wheelsoil.view.entries import campaign_entry, fault_of_ours
+from wheelsoil.view.helper import Helper
+from wheelsoil.view.parameters import checked_values, effect_entries, soil_parameters
+from wheelsoil.view.requests import CurveAsked
+from wheelsoil.view.saving import saved
+from wheelsoil.view.trace import trace_as_json
+
+
+class UnknownKeyError(ConfigError):
+    """There is no such campaign or run."""
+
+
+class Desk:
+    """The campaigns on the page and those who work on them; every method may be called from any thread.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Recordings, logs, campaign folders.
+    files : Files
+
+    Raises
+    ------
+    WheelsoilError
+        See `daq.open.open_runs`.
+    """
+
+    def __init__(self, paths: Sequence[Path], files: Files) -> None:
+        self.paths = tuple(paths)
+        self.files = files
+        self.campaigns, self.remarks = open_campaigns(paths, files)
+        self.lock = threading.RLock()
+        self._scratch = TemporaryDirectory(prefix="wheelsoil-view-", ignore_cleanup_errors=True)
+        self._quick, self._slow = Helper("quick helper"), Helper("slow helper")
+        self._processing = Processing(self.campaigns, self.lock, self._quick, files.zero, Path(self._scratch.name))
+        self._diagnosing = threading.Lock()
+
+    def close(self) -> None:
+        """End the helpers and take their files away."""
+        self._processing.close()
+        self._quick.close()
+        self._slow.close()
+        self._scratch.cleanup()
+
+    def list(self) -> dict[str, Any]:
+        """Return the campaigns with their runs."""
+        with self.lock:
+            campaigns = [campaign_entry(campaign) for campaign in self.campaigns]
+        return {"version": __version__, "remarks": self.remarks, "campaigns": campaigns}
+
+    def run(self, campaign_key: str, run_key: str) -> dict[str, Any]:
+        """Return the points of a run that are drawn.
+
+        Raises
+        ------
+        UnknownKeyError, NotReadyError, WheelsoilError
+        """
+        with self.lock:
+            campaign = self.campaign(campaign_key)
+            run = _run(campaign, run_key)
+            self._processing.prefer(run)
+            if run.state == "failed":
+                raise DataError(*run.faults)
+            if run.seen is None or run.state != "ready":
+                raise NotReadyError(Fault("the run is still to be processed", run.run.id, found=run.state))
+            keep, trace = campaign.keeps().get(run.key), run.seen.trace
+        return trace_as_json(trace, trace.reason if keep is None else with_by_hand(trace.reason, trace.time_s, keep))
+
+    def parameters(self, key: str) -> dict[str, Any]:
+        """Return what can be moved; `complete` is false while runs are processed, for all of them can be told then."""
+        with self.lock:
+            campaign = self.campaign(key)
+            base, choices = campaign.base(), campaign.choice.fit_choices()
+            soil, terrain = campaign.soil, campaign.first.terrain if campaign.soil_name is None else None
+            told = campaign.told.get(choices.reading)
+            members = campaign.members() if told is None and not campaign.pending else ()
+        if members:
+            asked = self._quick.ask(
+                jobs.what_cannot_be_told, members, self.paths, self.files.soil, choices, urgent=True
+            )
+            told = asked.result()
+            with self.lock:
+                campaign.told[choices.reading] = told
+        return {
+            "complete": told is not None,
+            "base": base,
+            "soil": soil_parameters(soil, prior_of(soil, terrain)),
+            "effects": effect_entries(base, choices.reading, told or {}),
+        }
+
+    def curve(self, asked: CurveAsked) -> dict[str, Any]:
+        """Return the model's curve for some values; `ms` is how long it took."""
+        began_s = perf_counter()
+        values = checked_values(asked.effects, asked.values, asked.soil)
+        with self.lock:
+            campaign = self.campaign(asked.campaign)
+            base = campaign.base(asked.load_n)
+            reading: Reading = asked.sinkage or campaign.choice.fit_choices().reading
+        found = curve_of(base, asked.effects, reading, values)
+        return {**found, "ms": round(1e3 * (perf_counter() - began_s), 2)}
+
+    def choose(self, key: str, raw: dict[str, Any]) -> dict[str, Any]:
+        """Take a choice and return the campaign's entry; runs are processed again where that changed.
+
+        Raises
+        ------
+        ConfigError
+            Everything that is wrong with it.
+        """
+        choice = parse_choice({"schema": SCHEMA, **raw}, "choice")
+        options = choice.process_options()
+        with self.lock:
+            campaign = self.campaign(key)
+            before = campaign.choice
+            campaign.choice = choice
+            try:
+                campaign.check_keeps()
+            except ConfigError:
+                campaign.choice = before
+                raise
+            if choice.to_mapping() != before.to_mapping():
+                campaign.saved_at = None
+                campaign.told = {}
+                if campaign.diagnosis.state == "running":
+                    self._slow.interrupt()
+                campaign.diagnosis = DiagnosisOnPage()
+            for run in campaign.runs:
+                if run.options is not None and run.options != options:
+                    run.state, run.faults = "waiting", ()
+            entry = campaign_entry(campaign)
+        self._processing.look()
+        return entry
+
+    def fit(self, key: str) -> dict[str, Any]:
+        """Fit the campaign as it is chosen; the numbers are those of ``wheelsoil fit --choice``."""
+        with self.lock:
+            campaign = self.campaign(key)
+            members, base, choices = campaign.members(), campaign.base(), campaign.choice.fit_choices()
+        found: dict[str, Any] = self._quick.ask(
+            jobs.fit_members, members, choices, self.files.soil, base, urgent=True
+        ).result()
+        return found
+
+    def diagnose(self, key: str) -> dict[str, Any]:
+        """Begin to diagnose a campaign in the background and return its entry."""
+        with self.lock:
+            campaign = self.campaign(key)
+            if any(other.diagnosis.state == "running" for other in self.campaigns):
+                raise NotReadyError(Fault("a diagnosis is running already", next_step="wait for its end"))
+            members, choices = campaign.members(), campaign.choice.fit_choices()
+            mine = campaign.diagnosis = DiagnosisOnPage("running")
+            entry = campaign_entry(campaign)
+        asked = self._slow.ask(jobs.diagnose_members, members, self.paths, self.files.soil, choices)
+
+        def done(_: object) -> None:
+            error = asked.exception()
+            with self.lock:
+                if error is None:
+                    mine.found, mine.state = asked.result(), "done"
+                else:
+                    mine.state, mine.faults = "failed", _faults_of(error)
+
+        asked.add_done_callback(done)
+        return entry
+
+    def diagnosis(self, key: str) -> dict[str, Any]:
+        """Return the diagnosis as ``diagnose --json`` prints it."""
+        with self.lock:
+            diagnosis = self.campaign(key).diagnosis
+            if diagnosis.faults:
+                raise DataError(*diagnosis.faults)
+            if diagnosis.found is None:
+                raise NotReadyError(Fault("there is no diagnosis", found=diagnosis.state, next_step="ask for one"))
+            return diagnosis.found
+
+    def save(self, key: str, name: str, *, replace_it: bool) -> dict[str, Any]:
+        """Write the choice beside the runs; see `wheelsoil.view.saving.saved`."""
+        with self.lock:
+            campaign = self.campaign(key)
+            campaign.saved_at = saved(campaign, name, replace_it=replace_it)
+            return {"path": str(campaign.saved_at)}
+
+    def campaign(self, key: str) -> ViewedCampaign:
+        """Return a campaign by its key.
+
+        Raises
+        ------
+        UnknownKeyError
+        """
+        found = next((campaign for campaign in self.campaigns if campaign.key == key), None)
+        if found is None:
+            known = ", ".join(campaign.key for campaign in self.campaigns)
+            raise UnknownKeyError(Fault("there is no such campaign", "campaign", repr(key), known))
+        return found
+
+
+def _run(campaign: ViewedCampaign, key: str) -> ViewedRun:
+    found = next((run for run in campaign.runs if run.key == key), None)
+    if found is None:
+        known = ", ".join(run.key for run in campaign.runs)
+        raise UnknownKeyError(Fault("there is no such run in the campaign", "run", repr(key), known))
+    return found
+
+
+def _faults_of(error: BaseException) -> tuple[Fault, ...]:
+    return error.faults if isinstance(error, WheelsoilError) else (fault_of_ours(error),)

@@ -1,0 +1,166 @@
+"""A process that does one thing after another, so that what takes seconds does not hold up the page."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import traceback
+from collections.abc import Callable
+from concurrent.futures import Future
+from contextlib import suppress
+from itertools import count
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from queue import PriorityQueue
+from typing import Any
+
+from daq.errors import DataError, Fault, WheelsoilError
+
+_NICENESS = 5
+Job = tuple[Callable[..., Any], tuple[Any, ...]]
+
+
+class HelperEndedError(DataError):
+    """The process ended before it answered."""
+
+
+class Helper:
+    """One process, started when it is first needed and again after it ended; what is asked for waits in a line.
+
+    Parameters
+    ----------
+    name : str
+        Of the thread that hands things over.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._line: PriorityQueue[tuple[int, int, Future[Any], Job | None]] = PriorityQueue()
+        self._number = count()
+        self._lock = threading.Lock()
+        self._closed = self._doomed = False
+        self._process: BaseProcess | None = None
+        self._pipe: Connection | None = None
+        self._thread = threading.Thread(target=self._hand_over, name=name, daemon=True)
+        self._thread.start()
+
+    def ask(self, function: Callable[..., Any], *args: Any, urgent: bool = False) -> Future[Any]:
+        """Return what will become of ``function(*args)`` in the process.
+
+        Parameters
+        ----------
+        function : callable
+            Of a module that can be imported; it, its arguments and what it returns are pickled.
+        *args
+        urgent : bool
+            Goes before everything that is not, but does not interrupt.
+        """
+        future: Future[Any] = Future()
+        self._line.put((0 if urgent else 1, next(self._number), future, (function, args)))
+        return future
+
+    def interrupt(self) -> None:
+        """End the process, and with it what it is doing: that raises `HelperEndedError`. Nothing that waits is lost."""
+        with self._lock:
+            if self._process is not None:
+                self._doomed = True
+                self._process.kill()
+
+    def close(self) -> None:
+        """End the process for good."""
+        self._closed = True
+        self.interrupt()
+        self._line.put((-1, next(self._number), Future(), None))
+        self._thread.join()
+
+    def _hand_over(self) -> None:
+        while True:
+            _, _, future, job = self._line.get()
+            if job is None:
+                break
+            if not future.set_running_or_notify_cancel():
+                continue
+            try:
+                future.set_result(self._done(*job))
+            except Exception as error:  # noqa: BLE001  # whoever asked gets it, whatever it is
+                future.set_exception(error)
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+
+    def _done(self, function: Callable[..., Any], args: tuple[Any, ...]) -> Any:
+        pipe = self._started()
+        try:
+            pipe.send((function, args))
+            kind, value = pipe.recv()
+        except (EOFError, OSError):
+            self._forget()
+            raise HelperEndedError(
+                Fault(
+                    "the process that works for the page ended",
+                    next_step="try again; close programs if memory is short",
+                )
+            ) from None
+        if kind == "faults":
+            error, faults = value
+            raise error(*faults)
+        if kind == "broken":
+            raise RuntimeError(value)
+        return value
+
+    def _started(self) -> Connection:
+        if self._doomed:
+            self._forget()
+        if self._pipe is not None:
+            return self._pipe
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        process = context.Process(target=serve, args=(theirs,), daemon=True)
+        process.start()
+        theirs.close()
+        with self._lock:
+            self._process, self._pipe = process, ours
+        if self._closed:
+            self.interrupt()
+        return ours
+
+    def _forget(self) -> None:
+        with self._lock:
+            process, self._process = self._process, None
+            pipe, self._pipe = self._pipe, None
+            self._doomed = False
+        if process is not None and pipe is not None:
+            process.kill()
+            process.join()
+            pipe.close()
+
+
+def serve(pipe: Connection) -> None:
+    """Do what comes through the pipe until it is closed; the process's main function."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the page's
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with suppress(OSError):
+        os.nice(_NICENESS)
+    while True:
+        try:
+            function, args = pipe.recv()
+        except EOFError:
+            return
+        pipe.send(_outcome(function, args))
+
+
+def _outcome(function: Callable[..., Any], args: tuple[Any, ...]) -> tuple[str, Any]:
+    try:
+        return "done", function(*args)
+    except WheelsoilError as error:
+        return "faults", (type(error), error.faults)
+    except Exception:  # noqa: BLE001  # the page says that it is a fault of ours
+        return "broken", traceback.format_exc()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

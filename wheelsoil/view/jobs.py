@@ -1,0 +1,152 @@
+"""What a helper process does for the page. A processed run stays in a file; the page gets what it draws."""
+
+from __future__ import annotations
+
+import io
+import pickle
+from collections.abc import Sequence
+from contextlib import redirect_stderr
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.run import Run
+from processing.by_hand import Interval, keep_only
+from processing.options import ProcessOptions, require_roles
+from processing.processed_run import ProcessedRun
+from wheelsoil.diagnosing import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
+from wheelsoil.facts import sha256_of
+from wheelsoil.fitting import FitChoices, fit_as_json, fit_runs
+from wheelsoil.grading import grade_of
+from wheelsoil.plain import plain
+from wheelsoil.runs import process_runs
+from wheelsoil.view.curve import Base, curve_of
+from wheelsoil.view.trace import Trace, trace_of
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the page keeps of a processed run.
+
+    Attributes
+    ----------
+    rate_hz, cutoff_hz : float
+    reason : uint8 array, shape (samples,)
+        Of every sample, so that what is left by hand can be counted.
+    trace : Trace
+    grade : "good", "fair" or "poor"
+    grade_reasons, notes : tuple of str
+    sha256 : str
+    """
+
+    rate_hz: float
+    cutoff_hz: float
+    reason: NDArray[np.uint8]
+    trace: Trace
+    grade: str
+    grade_reasons: tuple[str, ...]
+    notes: tuple[str, ...]
+    sha256: str
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last sample."""
+        return (len(self.reason) - 1) / self.rate_hz
+
+
+@dataclass(frozen=True)
+class Member:
+    """A run that is used: its file of `process_run`, and the parts that are kept (None: all)."""
+
+    file: Path
+    keep: tuple[Interval, ...] | None
+
+
+def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Path) -> Seen:
+    """Process a run, leave it in `target` and return what the page draws.
+
+    Raises
+    ------
+    ConfigError, DataError, RecordingError
+        See `wheelsoil.runs.open_and_process`.
+    """
+    said = io.StringIO()
+    with redirect_stderr(said):
+        [(_, processed)] = process_runs([run], options, zero=zero)
+    known = replace(run, databases={}, attachments={}, recording=None)
+    target.write_bytes(pickle.dumps((known, processed), pickle.HIGHEST_PROTOCOL))
+    lost = tuple(map(str, run.recording.loss)) if run.recording else ()
+    grade = grade_of(processed, lost)
+    return Seen(
+        rate_hz=processed.rate_hz,
+        cutoff_hz=processed.cutoff_hz,
+        reason=processed.reason,
+        trace=trace_of(processed),
+        grade=grade.level,
+        grade_reasons=grade.reasons,
+        notes=(*processed.quality.notes, *filter(None, said.getvalue().splitlines())),
+        sha256=sha256_of(*run.files),
+    )
+
+
+def fit_members(members: Sequence[Member], choices: FitChoices, soil: str | None, base: Base) -> dict[str, Any]:
+    """Return the fit as `fit --json` prints it, and each model's curve.
+
+    Raises
+    ------
+    ConfigError, DataError
+        See `wheelsoil.fitting.fit_runs`.
+    """
+    processed = _taken(members, "fit_torque" if "t" in choices.channels else "fit")
+    fit = fit_runs(processed, choices, soil)
+    curves = {
+        model.name: curve_of(replace(base, soil=fit.soil), model.effects, choices.reading, model.values)
+        for model in fit.models
+    }
+    drawn = ("slip", "drawbar_pull_n", "driving_torque_nm")
+    found: dict[str, Any] = plain(
+        fit_as_json(fit) | {"curves": {n: {k: c[k] for k in drawn} for n, c in curves.items()}}
+    )
+    return found
+
+
+def diagnose_members(
+    members: Sequence[Member], paths: Sequence[Path], soil: str | None, choices: FitChoices
+) -> dict[str, Any]:
+    """Return the diagnosis as `diagnose --json` prints it.
+
+    Raises
+    ------
+    ConfigError, DataError
+        See `wheelsoil.diagnosing.diagnose_campaigns`.
+    """
+    processed = _taken(members, "diagnose")
+    options = diagnosis_options(choices.reading)
+    found: dict[str, Any] = plain(diagnose_campaigns(campaigns_of(paths, processed, soil), options).as_json())
+    return found
+
+
+def what_cannot_be_told(
+    members: Sequence[Member], paths: Sequence[Path], soil: str | None, choices: FitChoices
+) -> dict[str, str]:
+    """Return, for the families of effects that these runs say nothing about, a sentence that says why."""
+    from model.diagnosis.samples import samples_of
+    from model.diagnosis.tellable import cannot_tell, considered
+
+    [campaign] = campaigns_of(paths, _taken(members, "diagnose"), soil)
+    samples = samples_of(campaign)
+    options = diagnosis_options(choices.reading)
+    return cannot_tell(campaign, samples, considered(campaign, samples, options))
+
+
+def _taken(members: Sequence[Member], purpose: str) -> Processed:
+    found: list[tuple[Run, ProcessedRun]] = []
+    for member in members:
+        run, processed = pickle.loads(member.file.read_bytes())
+        rotating = run.vehicle.transducer.frame == "wheel"
+        require_roles(run.vehicle.signals, purpose, rotating=rotating, where=f"run {run.id}, {run.vehicle_source}")
+        found.append((run, processed if member.keep is None else keep_only(processed, member.keep, f"run {run.id}")))
+    return found

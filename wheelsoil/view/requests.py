@@ -1,0 +1,69 @@
+"""What the page may send, checked at the door."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, Literal, NoReturn, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from daq.config import parse_mapping
+from daq.errors import ConfigError, Fault
+
+Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Key = Annotated[str, Field(strict=True, max_length=64)]
+Asked = TypeVar("Asked", bound="_Asked")
+
+
+class _Asked(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    campaign: Key
+
+
+class CampaignAsked(_Asked):
+    """Something is asked of a campaign."""
+
+
+class CurveAsked(_Asked):
+    """A model's curve for some values; what is left out is the campaign's, or neutral."""
+
+    sinkage: Literal["balanced", "literal"] | None = None
+    effects: Annotated[tuple[Key, ...], Field(max_length=32)] = ()
+    values: dict[Key, Finite] = {}
+    soil: dict[Key, Finite] = {}
+    load_n: Annotated[Finite, Field(gt=0, le=1e7)] | None = None
+
+
+class ChoiceAsked(_Asked):
+    """A choice, as choice.toml holds it; `wheelsoil.choice` checks it."""
+
+    choice: dict[str, Any]
+
+
+class SaveAsked(_Asked):
+    """Write the choice under a plain name beside the runs."""
+
+    name: Annotated[str, Field(strict=True, min_length=1, max_length=120)]
+    replace: Annotated[bool, Field(strict=True)] = False
+
+
+def asked_of(body: bytes, kind: type[Asked]) -> Asked:
+    """Return what a body asks for.
+
+    Raises
+    ------
+    ConfigError
+        It is no JSON object, or everything that is wrong with it.
+    """
+    try:
+        raw = json.loads(body, parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(Fault("the body is not valid JSON", found=str(error)[:200])) from None
+    if not isinstance(raw, dict):
+        raise ConfigError(Fault("the body is no JSON object", found=type(raw).__name__))
+    return parse_mapping(raw, kind, "request")
+
+
+def _refuse(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no number in JSON")

@@ -1,0 +1,67 @@
+"""The choice as a file beside the runs."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+from daq.errors import ConfigError, Fault
+from wheelsoil.choice import Choice, ChosenRun
+from wheelsoil.chosen_runs import is_called
+from wheelsoil.facts import sha256_of
+from wheelsoil.view.campaigns import ViewedCampaign
+
+_SUFFIX = ".toml"
+_OURS = ("vehicle.toml", "terrain.toml", "runs.toml", "zero.toml", "manifest.toml")
+"""What lies in a campaign's folder and is never replaced by a choice."""
+
+
+def saved(campaign: ViewedCampaign, name: str, *, replace_it: bool) -> Path:
+    """Write a campaign's choice into its folder and return where it is.
+
+    Every run is listed with its sha256; runs of another terrain or wheel in the same folder are switched off, so that
+    ``wheelsoil fit FOLDER --choice FILE`` takes the same runs.
+
+    Raises
+    ------
+    ConfigError
+        The name is no plain file name, the file is there already, or it cannot be written.
+    """
+    path = _target(campaign.folder, name)
+    if path.name.lower() in _OURS:
+        raise ConfigError(Fault("this file is not a choice", str(path), next_step="choose another name"))
+    text = complete(campaign).to_toml()
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with (beside if replace_it else path).open("x", encoding="utf-8") as file:
+            file.write(text)
+        if replace_it:
+            beside.replace(path)
+    except FileExistsError:
+        step = "choose another name, or replace it"
+        raise ConfigError(Fault("the file is there already", str(path), next_step=step)) from None
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise ConfigError(Fault("the choice cannot be written", str(path), why, next_step="check the folder")) from None
+    return path
+
+
+def complete(campaign: ViewedCampaign) -> Choice:
+    """Return the choice with every run of the folder."""
+    sections = []
+    for run in campaign.runs:
+        given = next((section for section in campaign.choice.runs if is_called(section, run.run)), ChosenRun())
+        digest = run.seen.sha256 if run.seen else sha256_of(*run.run.files)
+        sections.append(replace(given, file=run.run.path.name, id=run.run.id, sha256=digest))
+    sections += [ChosenRun(run.path.name, run.id, sha256_of(*run.files), use=False) for run in campaign.others]
+    return replace(campaign.choice, runs=tuple(sections))
+
+
+def _target(folder: Path, name: str) -> Path:
+    plain = name.strip()
+    unfit = plain != Path(plain).name or plain.startswith(".") or not plain.isprintable() or "\\" in plain
+    if unfit or not plain.lower().endswith(_SUFFIX):
+        expected = f"a plain file name that ends in {_SUFFIX}: it is put beside the runs"
+        raise ConfigError(Fault("the choice cannot have this name", "name", repr(name), expected))
+    return folder / plain

@@ -1,0 +1,139 @@
+"""What the page draws of a run: few points that keep every peak, the same rows of every quantity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.processed_run import ProcessedRun, Reason, Segment
+from processing.segments import runs_of
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+MOST_POINTS = 6000
+_RATE_HZ = 10.0
+_KEPT_PER_PIECE = 4
+"""Least and greatest drawbar pull, least and greatest slip."""
+
+_DECIMALS = {
+    "time_s": 3,
+    "slip": 5,
+    "drawbar_pull_n": 1,
+    "driving_torque_nm": 1,
+    "vertical_load_n": 1,
+    "ground_speed_mps": 4,
+    "rim_speed_mps": 4,
+    "sinkage_m": 5,
+    "distance_m": 3,
+}
+_MAY_BE_ABSENT = ("driving_torque_nm", "sinkage_m")
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A thinned run; arrays of shape (n,).
+
+    Attributes
+    ----------
+    quantities : mapping name with unit -> float64 array
+        NaN where not known.
+    reason : uint8 array, see `Reason`
+    segments : tuple of (kind, from_s, to_s)
+        Of all samples.
+    thinned_from : int
+        Samples of the run.
+    """
+
+    quantities: dict[str, FloatArray]
+    reason: NDArray[np.uint8]
+    segments: tuple[tuple[str, float, float], ...]
+    thinned_from: int
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Seconds since the run's time base begins."""
+        return self.quantities["time_s"]
+
+
+def trace_of(run: ProcessedRun) -> Trace:
+    """Thin a processed run; see `rows_to_draw`."""
+    rows = rows_to_draw(run)
+    found = {
+        "time_s": run.time_s,
+        "slip": run.slip,
+        "drawbar_pull_n": run.drawbar_pull_n,
+        "driving_torque_nm": run.driving_torque_nm,
+        "vertical_load_n": run.vertical_load_n,
+        "ground_speed_mps": run.ground_speed_mps,
+        "rim_speed_mps": run.wheel_radius_m * run.wheel_speed_radps,
+        "sinkage_m": run.sinkage_m,
+        "distance_m": run.distance_m,
+    }
+    quantities = {name: np.round(values[rows], _DECIMALS[name]) for name, values in found.items()}
+    return Trace(quantities, run.reason[rows], _segments(run), len(run))
+
+
+def rows_to_draw(run: ProcessedRun) -> IntArray:
+    """Choose about ten rows a second, at most `MOST_POINTS`, in rising order.
+
+    The run is cut into pieces of equal length. Of each the rows of the least and the greatest drawbar pull and slip
+    stay, of its used samples where it has any, and the first row of a piece without a number, so that a gap stays one.
+    """
+    most = min(MOST_POINTS, int(len(run) / run.rate_hz * _RATE_HZ) + _KEPT_PER_PIECE)
+    if len(run) <= most:
+        return np.arange(len(run))
+    chosen = []
+    for piece in np.array_split(np.arange(len(run)), max(most // _KEPT_PER_PIECE, 1)):
+        used = piece[run.used[piece]]
+        inside = used if len(used) else piece
+        found = [row for values in (run.drawbar_pull_n, run.slip) for row in _ends(values, inside)]
+        chosen.append(np.unique(found) if found else piece[:1])
+    return np.concatenate(chosen)
+
+
+def trace_as_json(trace: Trace, reason: NDArray[np.uint8]) -> dict[str, Any]:
+    """Return plain values; NaN becomes None, a quantity that was never measured is None as a whole.
+
+    Parameters
+    ----------
+    trace : Trace
+    reason : uint8 array, shape (n,)
+        In place of the trace's own: with what was left out by hand.
+    """
+    words = ["" if why is Reason.USED else why.name.lower() for why in Reason]
+    arrays = {
+        name: None if name in _MAY_BE_ABSENT and np.isnan(values).all() else _with_none(values)
+        for name, values in trace.quantities.items()
+    }
+    return {
+        **arrays,
+        "used": (reason == Reason.USED).tolist(),
+        "reason": [words[why] for why in reason],
+        "segments": [{"kind": kind, "from_s": first, "to_s": last} for kind, first, last in trace.segments],
+        "thinned_from": trace.thinned_from,
+    }
+
+
+def _ends(values: FloatArray, rows: IntArray) -> list[int]:
+    known = rows[np.isfinite(values[rows])]
+    return [int(known[pick(values[known])]) for pick in (np.argmin, np.argmax)] if len(known) else []
+
+
+def _segments(run: ProcessedRun) -> tuple[tuple[str, float, float], ...]:
+    last_s = float(run.time_s[-1])
+    return tuple(
+        (
+            Segment(int(run.segment[start])).name.lower(),
+            float(run.time_s[start]),
+            float(run.time_s[stop]) if stop < len(run) else last_s,
+        )
+        for start, stop in runs_of(run.segment)
+    )
+
+
+def _with_none(values: FloatArray) -> list[float | None]:
+    return [value if value == value else None for value in values.tolist()]
