@@ -13,7 +13,7 @@ from model.diagnosis.plan import ALIKE, Plan
 from model.diagnosis.result import Detectable
 from wheelsoil.cli.talk import number, table_lines
 from wheelsoil.diagnosis_text import limited, told, wrapped
-from wheelsoil.diagnosis_words import effect_name, plain_name
+from wheelsoil.diagnosis_words import CAN_BE_SEEN, effect_name, not_named, plain_name
 
 FloatArray = NDArray[np.float64]
 
@@ -25,10 +25,13 @@ def plan_lines(plan: Plan, width: int = 96) -> list[str]:
     width = limited(width)
     parts = (
         wrapped(_sentence(plan), width),
-        _effects(plan),
+        _effects(plan, width),
         _alike(plan, width),
         _matrix(plan),
-        told(f"Cannot be told at all ({len(plan.cannot_tell)})", plan.cannot_tell, width),
+        *(
+            told(f"{title} ({len(texts)})", texts, width)
+            for title, texts in not_named(plan.cannot_tell, plan.minimum_detectable).items()
+        ),
     )
     return [line for i, part in enumerate(filter(None, parts)) for line in (("", *part) if i else part)]
 
@@ -37,14 +40,16 @@ def _sentence(plan: Plan) -> str:
     found = plan.isolability
     families = dict.fromkeys(found.families)
     seen = dict.fromkeys(f for f, d in zip(found.families, found.deviation, strict=True) if d >= SEEN)
-    apart = dict.fromkeys(f for f, d in zip(found.families, found.separation, strict=True) if d >= SEEN)
+    apart = dict.fromkeys(
+        f for f, d in zip(found.families, found.separation, strict=True) if d >= SEEN and f not in plan.cannot_tell
+    )
     return (
         f"Of {len(families)} families these runs would show {len(seen)} at a plausible size, and tell {len(apart)} of "
-        "them from every other."
+        "them from every other (d_sep of 5 or more, on average)."
     )
 
 
-def _effects(plan: Plan) -> list[str]:
+def _effects(plan: Plan, width: int) -> list[str]:
     found = plan.isolability
     rows = [
         [
@@ -54,10 +59,10 @@ def _effects(plan: Plan) -> list[str]:
             number(apart, 2),
             effect_name(rival) if rival else "-",
             _size(plan.minimum_detectable[key]),
-            _size(plan.minimum_separable[key]),
+            "not named" if family in plan.cannot_tell else _size(plan.minimum_separable[key]),
         ]
-        for key, left, d, apart, rival in zip(
-            found.keys, found.left, found.deviation, found.separation, found.rivals, strict=True
+        for key, family, left, d, apart, rival in zip(
+            found.keys, found.families, found.left, found.deviation, found.separation, found.rivals, strict=True
         )
     ]
     head = ["cause", "left", "d", "d_sep", "most alike", "seen from", "told apart from"]
@@ -65,7 +70,15 @@ def _effects(plan: Plan) -> list[str]:
     return [
         "At a plausible size: share left by the soil, d (5: found), d_sep (5: told from all others)",
         *(f"  {line}" for line in lines),
+        *_footnote(plan, width),
     ]
+
+
+def _footnote(plan: Plan, width: int) -> list[str]:
+    text = "seen from: found in half of such campaigns; told apart from: d_sep is 5 there, and noise moves it by 1"
+    if any(title == CAN_BE_SEEN for title in not_named(plan.cannot_tell, plan.minimum_detectable)):
+        text += f". Not named: {CAN_BE_SEEN[0].lower()}{CAN_BE_SEEN[1:]}, or not seen, see below"
+    return wrapped(f"{text}.", width, "  ")
 
 
 def _short(row: list[str]) -> list[str]:

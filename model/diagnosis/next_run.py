@@ -29,6 +29,7 @@ from model.diagnosis.whitening import run_grams
 FloatArray = NDArray[np.float64]
 
 MOST = 5
+COASTING = "coasting on hard ground for two minutes, speeding up and slowing down"
 _WORTH_SAYING = 0.05
 _BETTER = 1.05
 """Times what one more run like the others would give: less is no reason to drive another way."""
@@ -82,7 +83,7 @@ def _candidates(look: Look, keys: tuple[str, ...]) -> Iterator[tuple[str, FloatA
         typical = typical_run(view.samples)
         for change, causes in (
             ("the zero with the wheel lifted, at standstill", lifted_wheel(view, simulation, typical)),
-            ("coasting on hard ground, speeding up and slowing down", hard_ground(view, simulation, typical)),
+            (COASTING, hard_ground(view, simulation, typical)),
         ):
             q = len(simulation.space)
             matrix = np.zeros((1 + q + len(causes), 1 + q + len(causes)))

@@ -17,6 +17,8 @@ from model.dual import Dual, Number, column
 
 FloatArray = NDArray[np.float64]
 
+COASTED_S = 120.0
+"""On hard ground: it costs no track and no soil, and a radius asks for the mean of a slow error of the speed."""
 _ROLLING_RADIUS_SHARE = 0.005
 """By how much a tyre's rolling radius on hard ground may differ from that on soil."""
 
@@ -44,7 +46,7 @@ def lifted_wheel(view: View, simulation: Simulation, run: Samples) -> FloatArray
 
 
 def hard_ground(view: View, simulation: Simulation, run: Samples) -> FloatArray:
-    """Return cross products of the causes, shape (k, k), of a coasting run: there is no slip.
+    """Return cross products of the causes, shape (k, k), of coasting for `COASTED_S`: there is no slip.
 
     Parameters
     ----------
@@ -63,7 +65,9 @@ def hard_ground(view: View, simulation: Simulation, run: Samples) -> FloatArray:
     )
     sigma = float(np.hypot(values["speed_noise_mps"], values["speed_white_mps"] / np.sqrt(apart)))
     rows = _by_inputs(simulation, rolling, "slip") * (speed / sigma)[:, None]
-    common = _ROLLING_RADIUS_SHARE * speed / sigma
+    longer = np.sqrt(max(COASTED_S / (len(run) * run.block_s), 1.0))
+    rows = longer * rows
+    common = longer * _ROLLING_RADIUS_SHARE * speed / sigma
     across = common @ rows
     scale = _scales(simulation)
     return _products(rows, simulation) - np.outer(across * scale, across * scale) / (1.0 + float(common @ common))

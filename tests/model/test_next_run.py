@@ -95,6 +95,15 @@ def test_a_lifted_wheel_parts_a_zero_from_cross_talk() -> None:
     assert sum(LIKE_OTHERS in run.change for run in ranked) <= 1
 
 
+def test_a_radius_that_may_be_something_else_is_told_by_coasting_on_hard_ground() -> None:
+    options = DiagnosisOptions(effects=("wheel_radius", "load_gain", "grouser", "speed_bias"))
+    seen = look([driven()], options, [noise_of(driven())])
+    for rival in ("load_gain", "grouser"):
+        ranked = next_runs(seen, members(**{"wheel_radius": 1.0, rival: 0.5}))
+        assert ranked[0].change.startswith("coasting on hard ground"), [r.change for r in ranked]
+        assert set(ranked[0].separates) == {"wheel_radius", rival}
+
+
 def test_one_member_needs_no_run() -> None:
     seen = seen_of(0, 2)
     assert next_runs(seen, members(slope=1.0)) == ()

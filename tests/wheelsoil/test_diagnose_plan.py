@@ -53,6 +53,16 @@ def test_one_direction_costs_the_slope(planned):
     assert d_sep[1] < d_sep[0]
 
 
+def test_what_can_be_seen_and_not_named_is_not_told_apart_from_any_size(planned):
+    given = ["--effects", "slope,tyre_flattening,multi_pass", "--planned-duration", 25, "--planned-runs", 4]
+    text = " ".join(ok("diagnose", "--plan", planned, *given).out.split())
+    tyre = text.split("tyre flattening")[1].split("slope")[0]
+    assert "not named" in tyre
+    assert "Can be seen, cannot be named (1) tyre flattening: the inflation pressure is not known" in text
+    assert "Cannot be seen (1) multi pass: every run is on the same pass" in text
+    assert "d_sep is 5 there, and noise moves it by 1" in text
+
+
 def test_files_may_be_named_one_by_one(planned):
     given = ["--vehicle", planned / "vehicle.toml", "--terrain", planned / "terrain.toml", "--planned-runs", 2]
     assert len(ok("diagnose", "--plan", *given, *FEW, "--json").json["effects"]) == 4

@@ -6,7 +6,7 @@ from math import isfinite
 
 from model.diagnosis.result import Candidate, Cause, Diagnosis
 from model.effects import EFFECTS
-from wheelsoil.diagnosis_words import plain_name, probability
+from wheelsoil.diagnosis_words import not_named, parameter_name, plain_name, probability, set_name
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes, bars
 from wheelsoil.report.material import Material
@@ -29,16 +29,20 @@ def build(material: Material) -> Section:
     blocks: list[Block] = []
     if found.candidates:
         blocks.append(Panels([_figure(found)], _READING))
+    if len(found.sets) > 1 and found.verdict in ("named", "one_of"):
+        rows = [[set_name(one), probability(one.probability)] for one in found.sets]
+        blocks.append(Table("What is at work together", ["set of causes, and no others", "probability"], rows))
     if found.causes:
         blocks += [_table(found), *(Text(text) for text in dict.fromkeys(map(_meaning, found.causes)))]
     blocks += _adequacy(found)
-    if found.cannot_tell:
-        rows = [[plain_name(name), why] for name, why in found.cannot_tell.items()]
-        blocks.append(Table("What these data cannot decide", ["cause", "for want of"], rows, left=2))
+    for heading, texts in not_named(found.cannot_tell, found.minimum_detectable).items():
+        rows = [[plain_name(name), why] for name, why in texts.items()]
+        blocks.append(Table(heading, ["cause", "for want of"], rows, left=2))
     numbers = {
         "verdict": found.verdict,
         "candidates": found.candidates,
         "causes": found.causes,
+        "sets": found.sets,
         "adequacy": found.adequacy,
         "proposal": found.proposal,
         "cannot_tell": found.cannot_tell,
@@ -75,7 +79,8 @@ def _figure(found: Diagnosis) -> Figure:
 def _table(found: Diagnosis) -> Table:
     head = ["cause", "form", "kind", "parameter", "probability", "value", "95 % interval", "unit"]
     rows = [row for cause in found.causes for row in _rows(cause)]
-    title = "The set: each as if it were the one" if found.verdict == "one_of" else "What was found"
+    several = "The set: each as if it were the one" if len(found.causes) > 1 else "Likeliest, and not named"
+    title = several if found.verdict == "one_of" else "What was found"
     note = (
         "The family is named first; the form within it only conditionally, with its probability given the family in "
         "brackets. Intervals allow for the noise, for the errors of speed and load, and for the soil."
@@ -91,7 +96,7 @@ def _rows(cause: Cause) -> list[list[str]]:
         rows.append(
             [
                 *(names if i == 0 else [""] * 3),
-                parameter.name,
+                parameter_name(cause.key, parameter.name),
                 probability(cause.probability) if i == 0 else "",
                 number(parameter.value, 4),
                 interval(*parameter.interval95),

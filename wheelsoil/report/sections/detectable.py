@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import isfinite, log10
 
 from model.effects import EFFECTS
-from wheelsoil.diagnosis_words import effect_name
+from wheelsoil.diagnosis_words import CAN_BE_SEEN, effect_name, family_of
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes, words
 from wheelsoil.report.material import Material
@@ -31,7 +31,7 @@ def build(material: Material) -> Section:
     shares = {key: least.value / plausible[key] for key, least in found.items() if plausible[key] > 0}
     rows = [
         [
-            effect_name(key),
+            effect_name(key) + (" *" if family_of(key) in material.diagnosis.cannot_tell else ""),
             least.parameter,
             number(least.value) if isfinite(least.value) else "at no size",
             number(plausible[key]),
@@ -43,6 +43,8 @@ def build(material: Material) -> Section:
     note = (
         "Smallest size: found in half of such campaigns, if it is the only cause; the soil is re-calibrated beside it."
     )
+    if any(row[0].endswith(" *") for row in rows):
+        note += f" * {CAN_BE_SEEN[0].lower()}{CAN_BE_SEEN[1:]}: see the candidates."
     blocks: list[Block] = [Table("Smallest size that would have been found", head, rows, note, left=2)]
     drawn = {key: share for key, share in shares.items() if isfinite(share) and share > 0}
     if drawn:

@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 
 from daq.errors import DataError
+from model.diagnosis.result import Diagnosis, Gain
+from model.fit_result import EXTENDED
+from wheelsoil.diagnosis_words import plain_name
 from wheelsoil.fitting import NOT_AT_AN_END, ended
 from wheelsoil.report.comparison import Ranking, rank
 from wheelsoil.report.content import Block, Section, Text
@@ -53,7 +56,7 @@ def build(material: Material) -> Section:
         return Section(KEY, TITLE, blocks, numbers)
     lead = Text(found.sentence, "lead")
     try:
-        blocks, numbers = _of_the_fit(material, "text")
+        blocks, numbers = _of_the_fit(material, "text", found)
     except DataError as error:
         why = "; ".join(fault.what for fault in error.faults)
         blocks, numbers = [Text(f"The four models could not be judged: {why}.", "warning")], {}
@@ -61,14 +64,19 @@ def build(material: Material) -> Section:
     return Section(KEY, TITLE, [lead, *blocks], of_both)
 
 
-def _of_the_fit(material: Material, kind: str) -> tuple[list[Block], dict[str, Any]]:
-    """Return which of the four models predicts best, and whether to trust it."""
+def _of_the_fit(
+    material: Material, kind: str, diagnosis: Diagnosis | None = None
+) -> tuple[list[Block], dict[str, Any]]:
+    """Return which of the four models predicts best, and whether to trust it; a diagnosis has the last word."""
     ranking = rank(material)
     checks = [check for check in _checks(material, ranking) if check.text]
     concerns = sum(check.kind == "warning" for check in checks)
     sentence = _sentence(material, ranking)
-    trust = _trust(concerns)
-    blocks: list[Block] = [Text(f"{sentence} {trust}", kind), *sorted(checks, key=lambda check: check.kind == "good")]
+    trust = _trust(concerns) if diagnosis is None else _beside(diagnosis, concerns)
+    said = f"{sentence} {trust}" if diagnosis is None else f"Fitted by themselves: {sentence} {trust}"
+    blocks: list[Block] = [Text(said, kind), *sorted(checks, key=lambda check: check.kind == "good")]
+    if diagnosis is not None and diagnosis.gain is not None and "dp" in diagnosis.gain.base:
+        blocks.insert(1, Text(_two_errors(material, ranking, diagnosis.gain)))
     numbers = {
         "sentence": sentence,
         "trust": trust,
@@ -81,28 +89,62 @@ def _of_the_fit(material: Material, kind: str) -> tuple[list[Block], dict[str, A
 
 
 def _sentence(material: Material, ranking: Ranking) -> str:
-    best, fit = style(ranking.best.name).label, material.fit
+    best, fit = _model(ranking.best.name), material.fit
     over = f"at slips from {number(fit.slip_threshold, 2)} on"
     error = f"{number(ranking.r0_n)} N (root mean square)"
     wong = ranking.rival("wong")
-    equal = [style(rival.name).label for rival in ranking.rivals if not rival.is_worse]
+    equal = [rival.name for rival in ranking.rivals if not rival.is_worse]
     if wong is None:
         text = f"Wong's model, without slip sinkage, predicts the drawbar pull best: it is off by {error} {over}."
     elif not wong.is_worse:
         text = (
             f"On these runs no slip-sinkage law can be told to predict the drawbar pull better than Wong's model: "
-            f"{best}'s is off by {error} {over}, Wong's by {number(wong.r0_n)} N."
+            f"{best} is off by {error} {over}, Wong's by {number(wong.r0_n)} N."
         )
-        equal.remove("Wong")
+        equal.remove("wong")
     else:
         gain = 100 * (1 - ranking.r0_n / wong.r0_n)
         text = (
-            f"{best}'s model follows the drawbar pull best, on the runs it was fitted to: it is off by {error} {over}, "
-            f"{number(gain, 2)} % less than Wong's model ({number(wong.r0_n)} N)."
+            f"{best[0].upper()}{best[1:]} follows the drawbar pull best, on the runs it was fitted to: it is off by "
+            f"{error} {over}, {number(gain, 2)} % less than Wong's model ({number(wong.r0_n)} N)."
         )
     if equal:
-        text += f" {listed([name + chr(39) + 's' for name in equal])} cannot be told apart from it on these runs."
+        text += f" {listed([_model(name, short=True) for name in equal])} cannot be told apart from it on these runs."
     return text
+
+
+def _model(name: str, *, short: bool = False) -> str:
+    """Return a model as it is called in a sentence."""
+    if name == EXTENDED:
+        return "the extended model"
+    return f"{style(name).label}'s" + ("" if short else " model")
+
+
+def _beside(found: Diagnosis, concerns: int) -> str:
+    """Return what the diagnosis leaves of the fit's result: there are not two verdicts."""
+    named = [cause.name for cause in found.causes]
+    if found.verdict == "named" and "slip_sinkage" in named:
+        return f"The diagnosis names slip sinkage too. {_trust(concerns)}"
+    said = {
+        "named": f"The diagnosis names {listed([plain_name(name) for name in named])} and no slip sinkage",
+        "one_of": "The diagnosis cannot tell which cause is at work",
+        "unexplained": "The diagnosis finds nothing known that explains these runs",
+        "nothing_detectable": "The diagnosis sees no cause in these runs",
+    }[found.verdict]
+    return (
+        f"{said}: a law of slip sinkage that follows best here is a curve that fits, and its coefficients are not to "
+        "be relied on."
+    )
+
+
+def _two_errors(material: Material, ranking: Ranking, gain: Gain) -> str:
+    soil = "re-calibrated too" if material.fit.options.soil_prior else "as the laboratory states it"
+    return (
+        f"Two errors of one channel: {number(ranking.r0_n)} N is over all samples of runs that the model was fitted "
+        f"to, the soil {soil}; the gain's {number(gain.base['dp'].R0)} N without and "
+        f"{number(gain.extended['dp'].R0)} N with what was found are over 5 Hz means of runs that were left out, the "
+        "soil re-calibrated. They are not to be compared with each other."
+    )
 
 
 def _trust(concerns: int) -> str:

@@ -1,0 +1,95 @@
+"""The report speaks with one voice: the diagnosis has the last word, and two errors of one channel are told apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from diagnosis_samples import SENTENCES, diagnosis
+
+from daq.open import open_runs
+from model.diagnosis.result import CauseSet, ParameterEstimate
+from model.extended import ExtendedEffect, ExtendedModel
+from processing.options import ProcessOptions
+from wheelsoil.fitting import FitChoices, fit_runs
+from wheelsoil.report.content import Section, Table, Text
+from wheelsoil.report.material import Material, versions
+from wheelsoil.report.sections import candidates, detectable, gain, misfit, verdict
+from wheelsoil.runs import process_runs
+
+
+@pytest.fixture(scope="module")
+def material(campaign) -> Material:
+    processed = process_runs(open_runs([campaign]), ProcessOptions())
+    fit = fit_runs(processed, FitChoices(), None)
+    runs = tuple(run for _, run in processed)
+    return Material(runs, fit, "", processed[0][0].vehicle, fit.soil.name, versions=versions())
+
+
+def text(section: Section) -> str:
+    said = [block.text for block in section.blocks if isinstance(block, Text)]
+    tables = [block for block in section.blocks if isinstance(block, Table)]
+    cells = [cell for table in tables for row in table.rows for cell in row]
+    return " ".join([*said, *(table.caption for table in tables), *(table.note for table in tables), *cells])
+
+
+@pytest.mark.parametrize("named", SENTENCES)
+def test_a_fit_does_not_contradict_the_diagnosis(material, named):
+    found = diagnosis(named)
+    if named == "named":
+        found = replace(found, causes=(replace(found.causes[0], name="stress_peak_shift", form=""),))
+    said = text(verdict.build(replace(material, diagnosed=found)))
+    assert "None of the checks below speaks against relying on it" not in said
+    assert "its coefficients are not to be relied on" in said
+    assert "Fitted by themselves: " in said
+
+
+def test_where_both_say_slip_sinkage_the_checks_count(material):
+    said = text(verdict.build(replace(material, diagnosed=diagnosis("named"))))
+    assert "The diagnosis names slip sinkage too." in said
+    assert "not to be relied on" not in said
+
+
+def test_two_errors_of_drawbar_pull_are_told_apart(material):
+    said = text(verdict.build(replace(material, diagnosed=diagnosis("named"))))
+    assert (
+        "the gain's 120 N without and 66.0 N with what was found are over 5 Hz means of runs that were left out" in said
+    )
+    assert "the soil as the laboratory states it" in said
+    assert "Two errors" not in text(verdict.build(replace(material, diagnosed=replace(diagnosis(), gain=None))))
+
+
+def test_an_extended_model_is_called_so(material, campaign):
+    nan = float("nan")
+    ding = ExtendedEffect("ding", (ParameterEstimate("n1", "1", 0.3, (nan, nan), nan),))
+    extended = ExtendedModel(material.fit.wheel, material.fit.soil, (ding,))
+    processed = process_runs(open_runs([campaign]), ProcessOptions())
+    fit = fit_runs(processed, FitChoices(extended=extended), None)
+    said = text(verdict.build(replace(material, campaign=fit)))
+    assert "extended's" not in said
+    assert "xtended model" in said
+
+
+def test_sets_and_what_is_never_named_are_in_the_candidates(material):
+    found = replace(diagnosis("one_of"), sets=(CauseSet(("load_gain", "grouser"), 0.43), CauseSet((), 0.1)))
+    said = text(candidates.build(replace(material, diagnosed=found)))
+    assert "load gain + grouser 0.430" in said
+    assert "no cause 0.100" in said
+    assert "Can be seen, cannot be named" in said and "Cannot be seen" in said
+    alone = text(candidates.build(replace(material, diagnosed=replace(found, causes=found.causes[:1]))))
+    assert "Likeliest, and not named" in alone
+    sizes = text(detectable.build(replace(material, diagnosed=found)))
+    assert "speed bias *" in sizes and "* can be seen, cannot be named" in sizes
+
+
+def test_a_finding_says_what_its_size_is(material):
+    said = text(misfit.build(replace(material, diagnosed=diagnosis("named"))))
+    assert "a size is no mean" in said
+    assert "Mean of measured less simulated" not in said
+
+
+def test_an_error_that_grows_is_said_to_grow(material):
+    found = diagnosis("named")
+    worse = replace(found.gain, reduction_percent=-38.0, interval95=(-75.0, -4.6))
+    said = text(gain.build(replace(material, diagnosed=replace(found, gain=worse))))
+    assert "grows by 38.0 % with the extension (95 %: 4.60 to 75.0 %)" in said.replace("…", "to")
