@@ -46,7 +46,7 @@ def command(
     address; 130 Ctrl-C, 143 SIGTERM.
     """
     from wheelsoil.fitting import known_soil
-    from wheelsoil.view.campaigns import Files
+    from wheelsoil.view.opening import Files
     from wheelsoil.view.server import serve
 
     if soil is not None:

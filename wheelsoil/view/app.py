@@ -116,7 +116,8 @@ async def _answered(answer: Callable[[], Any], status: int) -> Response:
 
 
 def _json(value: Any, status: int) -> Response:
-    return Response(to_json(value, indent=None), status, media_type="application/json")
+    body = to_json(value, indent=None).encode("utf-8", "replace")  # a file's name may be no UTF-8
+    return Response(body, status, media_type="application/json")
 
 
 def _plotly() -> bytes:

@@ -100,5 +100,4 @@ class Processing:
     ) -> None:
         with self._lock:
             run.options, run.seen, run.file, run.faults = options, seen, file, faults
-            wanted = next(c.options for c in self._campaigns if run in c.runs)
-            run.state = "waiting" if wanted != options else "failed" if faults else "ready"
+            run.settle(next(campaign.options for campaign in self._campaigns if run in campaign.runs))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -10,9 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.config import SoilSection, WheelSection
-from daq.errors import ConfigError, Fault, WheelsoilError
-from daq.open import open_runs
+from daq.errors import ConfigError, DataError, Fault, WheelsoilError
 from daq.run import Run
 from model.effects.tyre_flattening import REFERENCE_KPA
 from model.soils import Soil
@@ -20,9 +18,8 @@ from model.wheel import Wheel
 from processing.by_hand import Interval, check_within, with_by_hand
 from processing.options import ProcessOptions
 from processing.processed_run import Reason
-from wheelsoil.choice import CHOICE_FILE, Choice, load_choice
-from wheelsoil.chosen_runs import is_called, runs_in_use
-from wheelsoil.diagnosing import folder_of
+from wheelsoil.choice import Choice
+from wheelsoil.chosen_runs import runs_in_use
 from wheelsoil.fitting import known_soil, wheel_of
 from wheelsoil.view.curve import Base
 from wheelsoil.view.jobs import Member, Seen
@@ -30,18 +27,6 @@ from wheelsoil.view.jobs import Member, Seen
 RunState = Literal["waiting", "processing", "ready", "failed"]
 _USUAL_SPEED_MPS = 2.0
 DiagnosisState = Literal["none", "running", "done", "failed"]
-
-
-@dataclass(frozen=True)
-class Files:
-    """What was given beside the recordings; see the command's options of these names."""
-
-    vehicle: Path | None = None
-    terrain: Path | None = None
-    runs: Path | None = None
-    zero: Path | None = None
-    soil: str | None = None
-    lenient_dbc: bool = False
 
 
 @dataclass
@@ -70,6 +55,13 @@ class ViewedRun:
     options: ProcessOptions | None = None
     seen: Seen | None = None
     file: Path | None = None
+
+    def settle(self, wanted: ProcessOptions) -> None:
+        """Say whether what was processed is what is wanted."""
+        if self.options != wanted:
+            self.state = "waiting"
+        else:
+            self.state = "failed" if self.faults else "ready"
 
 
 @dataclass
@@ -151,13 +143,26 @@ class ViewedCampaign:
         return wheel_of(self.first.vehicle, self.first.vehicle_source)
 
     def keeps(self) -> dict[str, tuple[Interval, ...] | None]:
-        """Return what is kept (None: all) of each run that is used, by its key."""
-        known = replace(self.choice, runs=tuple(replace(run, sha256="") for run in self.choice.runs))
-        in_use, faults = runs_in_use(known, [run.run for run in self.runs])
+        """Return what is kept (None: all) of each run that is used, by its key.
+
+        Raises
+        ------
+        ConfigError
+            The choice does not fit the runs.
+        """
+        ids = {run.run.id for run in self.runs}
+        named = [replace(run, sha256="", file="" if run.id in ids else run.file) for run in self.choice.runs]
+        in_use, faults = runs_in_use(replace(self.choice, runs=tuple(named)), [run.run for run in self.runs])
         if faults:
             raise ConfigError(*faults)
         kept = {chosen.run.id: chosen.keep for chosen in in_use}
         return {run.key: kept[run.run.id] for run in self.runs if run.run.id in kept}
+
+    def ready_members(self) -> tuple[Member, ...]:
+        """Return the runs that are used and processed by now, for a helper."""
+        keeps = self.keeps()
+        there = [(run.file, keeps[run.key]) for run in self.runs if run.state == "ready" and run.key in keeps]
+        return tuple(Member(file, keep) for file, keep in there if file is not None)
 
     def members(self) -> tuple[Member, ...]:
         """Return the runs that are used, for a helper.
@@ -165,23 +170,21 @@ class ViewedCampaign:
         Raises
         ------
         ConfigError
-            The choice does not fit the runs.
+            The choice does not fit the runs, or one could not be processed.
         NotReadyError
-            Some are not processed yet, or could not be.
+            Some are not processed yet.
         """
         keeps = self.keeps()
-        found = []
-        for run in self.runs:
-            if run.key not in keeps:
-                continue
-            if run.state == "failed":
-                step = "switch the run off, or mend what is wrong"
-                raise ConfigError(*(replace(fault, next_step=fault.next_step or step) for fault in run.faults))
-            if run.file is None or run.state != "ready":
-                what = f"{self.pending} runs are still to be processed"
-                raise NotReadyError(Fault(what, self.name, next_step="wait until they are, or switch them off"))
-            found.append(Member(run.file, keeps[run.key]))
-        return tuple(found)
+        used = [run for run in self.runs if run.key in keeps]
+        faults = [fault for run in used if run.state == "failed" for fault in run.faults]
+        if faults:
+            step = "switch the run off, or mend what is wrong"
+            raise ConfigError(*(replace(fault, next_step=fault.next_step or step) for fault in faults))
+        pending = sum(run.state != "ready" for run in used)
+        if pending:
+            what = f"{pending} of {len(used)} runs are still to be processed"
+            raise NotReadyError(Fault(what, self.name, next_step="wait until they are, or switch them off"))
+        return self.ready_members()
 
     def base(self, load_n: float | None = None) -> Base:
         """Return what curves are drawn for: medians of the used samples that are there by now, or a given load.
@@ -190,15 +193,16 @@ class ViewedCampaign:
         ------
         ConfigError
             Soil or wheel is not known.
-        NotReadyError
-            No run with a usable load is there yet.
+        NotReadyError, DataError
+            No run with a usable load is there yet, or at all.
         """
         keeps = self.keeps()
         used = [run for run in self.runs if run.key in keeps and run.seen]
         loads, speeds = (self._used(name, keeps) for name in ("vertical_load_n", "ground_speed_mps"))
         if load_n is None and not len(loads):
-            expected = "a run that is processed" if self.pending else "a run with a usable vertical load"
-            raise NotReadyError(Fault("the load is not known", self.name, expected=expected, next_step="give load_n"))
+            kind = NotReadyError if self.pending else DataError
+            expected = "a run with a usable vertical load"
+            raise kind(Fault("the load on the wheel is not known", self.name, expected=expected))
         infos = [run.run.info for run in used] or [self.first.info]
         return Base(
             wheel=self.wheel,
@@ -237,73 +241,3 @@ class ViewedCampaign:
 
 class NotReadyError(WheelsoilError):
     """It cannot be said yet."""
-
-
-def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCampaign], list[str]]:
-    """Open recordings and group them: one campaign for each folder, soil and wheel.
-
-    A `choice.toml` that lies in a folder is taken up; one that cannot be is told of, and left alone.
-
-    Returns
-    -------
-    campaigns : list of ViewedCampaign
-    remarks : list of str
-        Files that were left out because they cannot be read; what of a choice does not fit.
-
-    Raises
-    ------
-    WheelsoilError
-        See `daq.open.open_runs`.
-    """
-    remarks: list[str] = []
-    opened = open_runs(
-        paths,
-        vehicle=files.vehicle,
-        terrain=files.terrain,
-        runs=files.runs,
-        lenient_dbc=files.lenient_dbc,
-        left_out=remarks.append,
-    )
-    groups: dict[tuple[str, SoilSection | None, WheelSection | None], list[ViewedRun]] = {}
-    for number, run in enumerate(opened, 1):
-        ground = run.terrain.soil if run.terrain and files.soil is None else None
-        key = (folder_of(run, paths), ground, run.vehicle.wheel)
-        groups.setdefault(key, []).append(ViewedRun(f"r{number}", run))
-    campaigns = [
-        _campaign(f"c{number}", folder, runs, [r for (f, _, _), g in groups.items() if f == folder for r in g], files)
-        for number, ((folder, _, _), runs) in enumerate(groups.items(), 1)
-    ]
-    for campaign in campaigns:
-        remarks += _taken_up(campaign)
-    return campaigns, remarks
-
-
-def _campaign(
-    key: str, folder: str, runs: list[ViewedRun], all_runs: Sequence[ViewedRun], files: Files
-) -> ViewedCampaign:
-    place = Path(folder).resolve() if folder else runs[0].run.path.resolve().parent
-    others = tuple(run.run for run in all_runs if folder and run not in runs)
-    terrain = runs[0].run.terrain
-    name = f"{place.name}, {terrain.soil.name}" if others and terrain else place.name
-    return ViewedCampaign(key, name, place, runs, others, files.soil)
-
-
-def _taken_up(campaign: ViewedCampaign) -> list[str]:
-    """Take up the choice that lies beside the runs; return what is wrong with it, or with the runs by it."""
-    path = campaign.folder / CHOICE_FILE
-    if not path.is_file():
-        return []
-    try:
-        choice = load_choice(path)
-        own = [run.run for run in campaign.runs]
-        in_use, faults = runs_in_use(choice, [*own, *campaign.others])
-        if faults:
-            raise ConfigError(*faults)
-        choice.process_options()
-    except WheelsoilError as error:
-        return [f"{path} is not taken up: " + "; ".join(fault.what for fault in error.faults)]
-    choice = replace(choice, runs=tuple(r for r in choice.runs if any(is_called(r, run) for run in own)))
-    if runs_in_use(choice, own)[1]:
-        return []  # it is of the folder's other terrain
-    campaign.choice, campaign.saved_at = choice, path
-    return [chosen.warning for chosen in in_use if chosen.warning]

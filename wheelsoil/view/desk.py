@@ -10,17 +10,21 @@ from time import perf_counter
 from typing import Any
 
 from daq.errors import ConfigError, DataError, Fault, WheelsoilError
+from model.effects import EFFECTS
 from model.soil_prior import prior_of
 from model.wheel_soil import Reading
 from processing.by_hand import with_by_hand
 from wheelsoil import __version__
 from wheelsoil.choice import SCHEMA, parse_choice
+from wheelsoil.fitting import FitChoices
 from wheelsoil.view import jobs
 from wheelsoil.view.background import Processing
-from wheelsoil.view.campaigns import DiagnosisOnPage, Files, NotReadyError, ViewedCampaign, ViewedRun, open_campaigns
+from wheelsoil.view.campaigns import DiagnosisOnPage, NotReadyError, ViewedCampaign, ViewedRun
 from wheelsoil.view.curve import curve_of
 from wheelsoil.view.entries import campaign_entry, fault_of_ours
-from wheelsoil.view.helper import Helper
+from wheelsoil.view.helper import Helper, HelperEndedError
+from wheelsoil.view.jobs import Member
+from wheelsoil.view.opening import Files, open_campaigns
 from wheelsoil.view.parameters import checked_values, effect_entries, soil_parameters
 from wheelsoil.view.requests import CurveAsked
 from wheelsoil.view.saving import saved
@@ -54,7 +58,6 @@ class Desk:
         self._scratch = TemporaryDirectory(prefix="wheelsoil-view-", ignore_cleanup_errors=True)
         self._quick, self._slow = Helper("quick helper"), Helper("slow helper")
         self._processing = Processing(self.campaigns, self.lock, self._quick, files.zero, Path(self._scratch.name))
-        self._diagnosing = threading.Lock()
 
     def close(self) -> None:
         """End the helpers and take their files away."""
@@ -93,21 +96,32 @@ class Desk:
             campaign = self.campaign(key)
             base, choices = campaign.base(), campaign.choice.fit_choices()
             soil, terrain = campaign.soil, campaign.first.terrain if campaign.soil_name is None else None
-            told = campaign.told.get(choices.reading)
-            members = campaign.members() if told is None and not campaign.pending else ()
-        if members:
-            asked = self._quick.ask(
-                jobs.what_cannot_be_told, members, self.paths, self.files.soil, choices, urgent=True
-            )
-            told = asked.result()
+            told, members = campaign.told.get(choices.reading), campaign.ready_members()
+            pending = campaign.pending
+        if told is None and not pending:
+            told = self._what_cannot_be_told(members, choices)
             with self.lock:
-                campaign.told[choices.reading] = told
+                if campaign.choice.fit_choices() == choices:
+                    campaign.told[choices.reading] = told
         return {
             "complete": told is not None,
             "base": base,
             "soil": soil_parameters(soil, prior_of(soil, terrain)),
             "effects": effect_entries(base, choices.reading, told or {}),
         }
+
+    def _what_cannot_be_told(self, members: Sequence[Member], choices: FitChoices) -> dict[str, str]:
+        asked = self._quick.ask(
+            jobs.what_cannot_be_told, members, self.paths, self.files.soil, choices.reading, urgent=True
+        )
+        try:
+            found: dict[str, str] = asked.result()
+        except HelperEndedError:
+            raise
+        except WheelsoilError as error:
+            why = "; ".join(fault.what for fault in error.faults)
+            return dict.fromkeys((effect.name for effect in EFFECTS.values()), why)
+        return found
 
     def curve(self, asked: CurveAsked) -> dict[str, Any]:
         """Return the model's curve for some values; `ms` is how long it took."""
@@ -146,8 +160,8 @@ class Desk:
                     self._slow.interrupt()
                 campaign.diagnosis = DiagnosisOnPage()
             for run in campaign.runs:
-                if run.options is not None and run.options != options:
-                    run.state, run.faults = "waiting", ()
+                if run.state != "processing":
+                    run.settle(options)
             entry = campaign_entry(campaign)
         self._processing.look()
         return entry

@@ -68,7 +68,7 @@ def _run_entry(run: ViewedRun, use: bool, keep: tuple[tuple[float, float], ...] 
         "added_load_kg": info.added_load_kg,
         "inflation_kpa": info.inflation_kpa,
         "state": run.state,
-        "why": told(run.faults),
+        "why": told(run.faults) if run.state == "failed" else None,
         "use": use,
         "duration_s": None,
         "usable_share": None,

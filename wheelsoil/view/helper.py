@@ -16,7 +16,7 @@ from multiprocessing.process import BaseProcess
 from queue import PriorityQueue
 from typing import Any
 
-from daq.errors import DataError, Fault, WheelsoilError
+from daq.errors import DataError, Fault, HardwareError, WheelsoilError
 
 _NICENESS = 5
 Job = tuple[Callable[..., Any], tuple[Any, ...]]
@@ -85,9 +85,9 @@ class Helper:
                 future.set_result(self._done(*job))
             except Exception as error:  # noqa: BLE001  # whoever asked gets it, whatever it is
                 future.set_exception(error)
-        if self._process is not None:
-            self._process.kill()
-            self._process.join()
+        self._forget()
+        while not self._line.empty():
+            self._line.get()[2].cancel()
 
     def _done(self, function: Callable[..., Any], args: tuple[Any, ...]) -> Any:
         pipe = self._started()
@@ -155,6 +155,8 @@ def _outcome(function: Callable[..., Any], args: tuple[Any, ...]) -> tuple[str, 
         return "done", function(*args)
     except WheelsoilError as error:
         return "faults", (type(error), error.faults)
+    except OSError as error:
+        return "faults", (HardwareError, (Fault(error.strerror or str(error), str(error.filename or "")),))
     except Exception:  # noqa: BLE001  # the page says that it is a fault of ours
         return "broken", traceback.format_exc()
 

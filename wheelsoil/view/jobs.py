@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.errors import DataError
 from daq.run import Run
+from model.wheel_soil import Reading
 from processing.by_hand import Interval, keep_only
 from processing.options import ProcessOptions, require_roles
 from processing.processed_run import ProcessedRun
@@ -130,15 +132,18 @@ def diagnose_members(
 
 
 def what_cannot_be_told(
-    members: Sequence[Member], paths: Sequence[Path], soil: str | None, choices: FitChoices
+    members: Sequence[Member], paths: Sequence[Path], soil: str | None, reading: Reading
 ) -> dict[str, str]:
     """Return, for the families of effects that these runs say nothing about, a sentence that says why."""
     from model.diagnosis.samples import samples_of
     from model.diagnosis.tellable import cannot_tell, considered
 
-    [campaign] = campaigns_of(paths, _taken(members, "diagnose"), soil)
+    taken = _taken(members, "diagnose")
+    if not taken:
+        raise DataError("no run is used")
+    [campaign] = campaigns_of(paths, taken, soil)
     samples = samples_of(campaign)
-    options = diagnosis_options(choices.reading)
+    options = diagnosis_options(reading)
     return cannot_tell(campaign, samples, considered(campaign, samples, options))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from math import inf, log10
 from typing import Any
 
@@ -10,7 +11,6 @@ import numpy as np
 
 from daq.errors import ConfigError, Fault, nearest
 from model.effects import EFFECTS
-from model.effects.base import Effect
 from model.effects.base import Parameter as EffectParameter
 from model.soil_prior import SoilPrior
 from model.soils import LABORATORY_SPREAD, Soil
@@ -47,8 +47,8 @@ def effect_entries(base: Base, reading: Reading, told: Mapping[str, str]) -> lis
     told : mapping family -> sentence
         What the data cannot tell.
     """
-    plain = curve_of(base, (), reading, {})
-    return [_entry(key, effect, base, reading, told, plain) for key, effect in EFFECTS.items()]
+    shown = _shown(base, reading)
+    return [_entry(key, base.wheel, reading, told) | {"in_curve": shown[key]} for key in EFFECTS]
 
 
 def checked_values(effects: Sequence[str], values: Mapping[str, float], soil: Mapping[str, float]) -> dict[str, float]:
@@ -94,14 +94,8 @@ def _soil_parameter(name: str, value: float, prior: SoilPrior) -> dict[str, Any]
     return _parameter(name, label, unit, value, value, (low, high), (least, most), prior.source)
 
 
-def _entry(
-    key: str,
-    effect: type[Effect],
-    base: Base,
-    reading: Reading,
-    told: Mapping[str, str],
-    plain: Mapping[str, Any],
-) -> dict[str, Any]:
+def _entry(key: str, wheel: Wheel, reading: Reading, told: Mapping[str, str]) -> dict[str, Any]:
+    effect = EFFECTS[key]
     why_not = told.get(effect.name, "")
     if effect.reading not in ("any", reading):
         why_not = f"it belongs to the {effect.reading} reading only"
@@ -112,10 +106,9 @@ def _entry(
         "form": effect.form,
         "kind": effect.kind,
         "summary": effect.summary,
-        "parameters": [_of_effect(effect.parameter_keys()[p.name], p, base.wheel) for p in effect.parameters],
+        "parameters": [_of_effect(effect.parameter_keys()[p.name], p, wheel) for p in effect.parameters],
         "can": not why_not,
         "why_not": why_not,
-        "in_curve": _shows(effect, base, reading, plain),
     }
 
 
@@ -166,14 +159,20 @@ def _round_step(step: float) -> float:
     return float(power * max(factor for factor in (1.0, 2.0, 5.0) if factor * power <= step * (1 + 1e-9)))
 
 
-def _shows(effect: type[Effect], base: Base, reading: Reading, plain: Mapping[str, Any]) -> bool:
-    """Return whether a plausible size of the effect moves the steady curve at all."""
-    keys = effect.parameter_keys()
-    values = {
-        keys[p.name]: float(np.clip(p.neutral + p.towards(base.wheel), p.lower, p.upper)) for p in effect.parameters
-    }
-    moved = curve_of(base, (effect.key(),), reading, values)
-    return any(
-        not np.allclose(moved[name], plain[name], rtol=1e-9, atol=1e-9, equal_nan=True)
-        for name in ("drawbar_pull_n", "driving_torque_nm", "sinkage_m")
-    )
+@lru_cache(maxsize=16)
+def _shown(base: Base, reading: Reading) -> dict[str, bool]:
+    """Return, by effect, whether a plausible size of it moves the steady curve at all."""
+    plain = curve_of(base, (), reading, {})
+    found = {}
+    for key, effect in EFFECTS.items():
+        names = effect.parameter_keys()
+        values = {
+            names[p.name]: float(np.clip(p.neutral + p.towards(base.wheel), p.lower, p.upper))
+            for p in effect.parameters
+        }
+        moved = curve_of(base, (key,), reading, values)
+        found[key] = any(
+            not np.allclose(moved[name], plain[name], rtol=1e-9, atol=1e-9, equal_nan=True)
+            for name in ("drawbar_pull_n", "driving_torque_nm", "sinkage_m")
+        )
+    return found

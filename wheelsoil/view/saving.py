@@ -31,10 +31,10 @@ def saved(campaign: ViewedCampaign, name: str, *, replace_it: bool) -> Path:
     path = _target(campaign.folder, name)
     if path.name.lower() in _OURS:
         raise ConfigError(Fault("this file is not a choice", str(path), next_step="choose another name"))
-    text = complete(campaign).to_toml()
+    text = complete(campaign).to_toml().encode("utf-8", "replace")
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with (beside if replace_it else path).open("x", encoding="utf-8") as file:
+        with (beside if replace_it else path).open("xb") as file:
             file.write(text)
         if replace_it:
             beside.replace(path)

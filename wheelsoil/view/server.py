@@ -15,8 +15,8 @@ from typing import NoReturn
 
 from daq.errors import HardwareError
 from wheelsoil.view.app import make_app
-from wheelsoil.view.campaigns import Files
 from wheelsoil.view.desk import Desk
+from wheelsoil.view.opening import Files
 from wheelsoil.web.guard import Rules
 from wheelsoil.web.listening import checked_token, listen, page_addresses
 from wheelsoil.web.serving import server_of

@@ -1,0 +1,97 @@
+"""Opens recordings and groups them into campaigns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from daq.config import SoilSection, WheelSection
+from daq.errors import ConfigError, WheelsoilError
+from daq.open import open_runs
+from wheelsoil.choice import CHOICE_FILE, load_choice
+from wheelsoil.chosen_runs import is_called, runs_in_use
+from wheelsoil.diagnosing import folder_of
+from wheelsoil.view.campaigns import ViewedCampaign, ViewedRun
+
+
+@dataclass(frozen=True)
+class Files:
+    """What was given beside the recordings; see the command's options of these names."""
+
+    vehicle: Path | None = None
+    terrain: Path | None = None
+    runs: Path | None = None
+    zero: Path | None = None
+    soil: str | None = None
+    lenient_dbc: bool = False
+
+
+def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCampaign], list[str]]:
+    """Open recordings and group them: one campaign for each folder, soil and wheel.
+
+    A `choice.toml` that lies in a folder is taken up; one that cannot be is told of, and left alone.
+
+    Returns
+    -------
+    campaigns : list of ViewedCampaign
+    remarks : list of str
+        Files that were left out because they cannot be read; what of a choice does not fit.
+
+    Raises
+    ------
+    WheelsoilError
+        See `daq.open.open_runs`.
+    """
+    remarks: list[str] = []
+    opened = open_runs(
+        paths,
+        vehicle=files.vehicle,
+        terrain=files.terrain,
+        runs=files.runs,
+        lenient_dbc=files.lenient_dbc,
+        left_out=remarks.append,
+    )
+    groups: dict[tuple[str, SoilSection | None, WheelSection | None], list[ViewedRun]] = {}
+    for number, run in enumerate(opened, 1):
+        ground = run.terrain.soil if run.terrain and files.soil is None else None
+        key = (folder_of(run, paths), ground, run.vehicle.wheel)
+        groups.setdefault(key, []).append(ViewedRun(f"r{number}", run))
+    campaigns = [
+        _campaign(f"c{number}", folder, runs, [r for (f, _, _), g in groups.items() if f == folder for r in g], files)
+        for number, ((folder, _, _), runs) in enumerate(groups.items(), 1)
+    ]
+    for campaign in campaigns:
+        remarks += _taken_up(campaign)
+    return campaigns, remarks
+
+
+def _campaign(
+    key: str, folder: str, runs: list[ViewedRun], all_runs: Sequence[ViewedRun], files: Files
+) -> ViewedCampaign:
+    place = Path(folder).resolve() if folder else runs[0].run.path.resolve().parent
+    others = tuple(run.run for run in all_runs if folder and run not in runs)
+    terrain = runs[0].run.terrain
+    name = f"{place.name}, {terrain.soil.name}" if others and terrain else place.name
+    return ViewedCampaign(key, name, place, runs, others, files.soil)
+
+
+def _taken_up(campaign: ViewedCampaign) -> list[str]:
+    """Take up the choice that lies beside the runs; return what is wrong with it, or with the runs by it."""
+    path = campaign.folder / CHOICE_FILE
+    if not path.is_file():
+        return []
+    try:
+        choice = load_choice(path)
+        own = [run.run for run in campaign.runs]
+        in_use, faults = runs_in_use(choice, [*own, *campaign.others])
+        if faults:
+            raise ConfigError(*faults)
+        choice.process_options()
+    except WheelsoilError as error:
+        return [f"{path} is not taken up: " + "; ".join(fault.what for fault in error.faults)]
+    choice = replace(choice, runs=tuple(r for r in choice.runs if any(is_called(r, run) for run in own)))
+    if runs_in_use(choice, own)[1]:
+        return []  # it is of the folder's other terrain
+    campaign.choice, campaign.saved_at = choice, path
+    return [chosen.warning for chosen in in_use if chosen.warning]
