@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 
@@ -85,7 +85,27 @@ class HardwareError(WheelsoilError, OSError):
     exit_code: ClassVar[int] = 4
 
 
+_ALIKE = 3
+"""So many faults that differ only in where they are stand for themselves; of more, the first places are told."""
+
+
+def _together(faults: tuple[Fault, ...]) -> tuple[Fault, ...]:
+    """Put faults of one kind into one, where they are many."""
+    kinds: dict[Fault, list[Fault]] = {}
+    for fault in faults:
+        kinds.setdefault(replace(fault, where="", next_step=""), []).append(fault)
+    shown: list[Fault] = []
+    for alike in kinds.values():
+        more = len(alike) - 1
+        if more < _ALIKE:
+            shown += alike
+        else:
+            shown.append(replace(alike[0], where=f"{alike[0].where}; and in {more} more places, to {alike[-1].where}"))
+    return tuple(shown)
+
+
 def _render(faults: tuple[Fault, ...]) -> str:
+    faults = _together(faults)
     if len(faults) == 1:
         return str(faults[0])
     numbered = [f"{i}. {fault}".replace("\n", "\n   ") for i, fault in enumerate(faults, 1)]

@@ -36,10 +36,13 @@ class ExtendedEffect:
         Of the effect in the library.
     parameters : tuple of ParameterEstimate
         Every parameter of the effect; sigma and interval are NaN where there is none.
+    combinations : tuple of ParameterEstimate
+        What the data determine of several of them together, as Lyasko's p = m1 + m2; for people, not for the model.
     """
 
     key: str
     parameters: tuple[ParameterEstimate, ...]
+    combinations: tuple[ParameterEstimate, ...] = ()
 
     @property
     def values(self) -> dict[str, float]:
@@ -107,6 +110,7 @@ class ExtendedModel:
                     "name": EFFECTS[e.key].name,
                     "form": EFFECTS[e.key].form,
                     "parameter": [_parameter(p) for p in e.parameters],
+                    **({"combination": [_parameter(p) for p in e.combinations]} if e.combinations else {}),
                 }
                 for e in self.effects
             ],
@@ -162,11 +166,11 @@ def extended_model(
 ) -> ExtendedModel:
     """Build the extended model of one campaign from what a diagnosis says.
 
-    A parameter that a cause does not state is neutral.
+    A parameter that a cause does not state is neutral; a soil without values stays the laboratory's, source and all.
     """
     return ExtendedModel(
         wheel=wheel,
-        soil=soil_of(laboratory, soil.values, f"re-calibrated with {soil.campaign}"),
+        soil=soil_of(laboratory, soil.values, f"re-calibrated with {soil.campaign}") if soil.values else laboratory,
         effects=tuple(_extended(cause) for cause in causes),
         reading=reading,
         tyre=tyre,
@@ -189,12 +193,11 @@ def _soil(name: str, values: Mapping[str, float], unit_weight_n_m3: float, sourc
 
 def _extended(cause: Cause) -> ExtendedEffect:
     stated = {p.name: p for p in cause.parameters}
+    own = EFFECTS[cause.key].parameters
     return ExtendedEffect(
         cause.key,
-        tuple(
-            stated.get(p.name, ParameterEstimate(p.name, p.unit, p.neutral, (nan, nan), nan))
-            for p in EFFECTS[cause.key].parameters
-        ),
+        tuple(stated.get(p.name, ParameterEstimate(p.name, p.unit, p.neutral, (nan, nan), nan)) for p in own),
+        tuple(p for p in cause.parameters if p.name not in {known.name for known in own}),
     )
 
 
@@ -263,6 +266,7 @@ class _EffectSection(_Section):
     name: str
     form: str = ""
     parameter: tuple[_ParameterSection, ...] = ()
+    combination: tuple[_ParameterSection, ...] = ()
 
 
 class _File(_Section):
@@ -298,4 +302,5 @@ def _effect(section: _EffectSection, where: str, faults: list[Fault]) -> Extende
         tuple(
             stated.get(p.name, ParameterEstimate(p.name, p.unit, p.neutral, (nan, nan), nan)) for p in effect.parameters
         ),
+        tuple(p.estimate() for p in section.combination),
     )

@@ -42,7 +42,7 @@ def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
     width = limited(width)
     parts = (
         wrapped(diagnosis.sentence, width),
-        _causes(diagnosis),
+        _causes(diagnosis, width),
         _candidates(diagnosis, width),
         _sets(diagnosis, width),
         _inconsistent(diagnosis, width),
@@ -78,7 +78,7 @@ def wrapped(text: str, width: int, first: str = "", then: str | None = None) -> 
     ]
 
 
-def _causes(diagnosis: Diagnosis) -> list[str]:
+def _causes(diagnosis: Diagnosis, width: int) -> list[str]:
     rows = [row for cause in diagnosis.causes for row in _cause_rows(cause)]
     if not rows:
         return []
@@ -87,7 +87,7 @@ def _causes(diagnosis: Diagnosis) -> list[str]:
         several = len(diagnosis.causes) > 1
         title = "One of, each as if it were the one" if several else "Likeliest, and not named"
     head = ["cause", "parameter", "prob.", "value", "95 % interval", "unit"]
-    return [title, *_indented(table_lines(head, rows, left=2))]
+    return [title, *_indented(table_lines(head, rows, left=2, width=width - 2))]
 
 
 def _cause_rows(cause: Cause) -> Iterator[list[str]]:
@@ -155,26 +155,26 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
         return []
     head = ["left out", "R0", "unit", "M0 %", "R2", "ln L of a run"]
     rows = [
-        _score_row(f"{CHANNEL_NAMES.get(channel, channel)}, {which}", scores[channel], CHANNEL_UNITS.get(channel, ""))
-        for channel in gain.base
+        _score_row(channel, which, scores[channel], first=i == 0)
+        for i, channel in enumerate(gain.base)
         for which, scores in (("base", gain.base), ("extended", gain.extended))
         if channel in scores
     ]
     return [
         "Gain, on what neither the choice of the cause nor the fit has seen",
-        *_indented(table_lines(head, rows)),
+        *_indented(table_lines(head, rows, width=width - 2)),
         *wrapped(gain_text(gain), width, "  "),
     ]
 
 
-def _score_row(name: str, scores: Scores, unit: str) -> list[str]:
+def _score_row(channel: str, which: str, scores: Scores, *, first: bool) -> list[str]:
     return [
-        name,
+        f"{CHANNEL_NAMES.get(channel, channel)}, {which}",
         number(scores.R0, 4),
-        unit,
+        CHANNEL_UNITS.get(channel, ""),
         number(scores.M0_percent, 3),
         number(scores.R2, 4),
-        number(scores.log_likelihood, 5),
+        number(scores.log_likelihood, 5) if first else "",  # of the run, all its channels together
     ]
 
 

@@ -6,18 +6,19 @@ import re
 import textwrap
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from math import isfinite
 from pathlib import Path
 
 import tomli_w
 
 from daq.config import read_toml
 from model.diagnosis.campaign import Bench, Campaign
-from model.diagnosis.result import Diagnosis, SoilEstimate
+from model.diagnosis.result import Diagnosis, ParameterEstimate, SoilEstimate
 from model.extended import ExtendedModel, Fact, extended_model
 from model.wheel_soil import Reading
 from wheelsoil import __version__
 from wheelsoil.cli.talk import check_output
-from wheelsoil.diagnosis_words import effect_name
+from wheelsoil.diagnosis_words import effect_name, parameter_name
 
 _WIDTH = 100
 
@@ -90,13 +91,20 @@ def model_toml(model: ExtendedModel) -> str:
     sentence = " ".join(str(model.provenance.get("sentence", "")).split())
     head = ["The model that `wheelsoil diagnose` left, for `fit`, `simulate` and `report` with --model.", sentence]
     for effect in model.effects:
-        said = "; ".join(f"{p.name} = {p.value:.4g}{'' if p.unit == '1' else f' {p.unit}'}" for p in effect.parameters)
+        said = "; ".join(_said(effect.key, p) for p in (*effect.combinations, *effect.parameters))
         head.append(f"{effect_name(effect.key)}: {said}")
     if not model.effects:
         kept = "only the soil is re-calibrated" if model.soil_sigmas else "it is the laboratory's soil"
         head.append(f"No cause is named, so that none is in it: {kept}.")
     lines = [line for text in head for line in textwrap.wrap(text, _WIDTH)]
     return "".join(f"# {line}\n" for line in lines) + "\n" + tomli_w.dumps(model.to_mapping())
+
+
+def _said(key: str, p: ParameterEstimate) -> str:
+    """Return a parameter with its value and, where it is known, its interval."""
+    low, high = p.interval95
+    band = f" ({low:.4g} to {high:.4g})" if isfinite(low) and isfinite(high) else ""
+    return f"{parameter_name(key, p.name)} = {p.value:.4g}{band}{'' if p.unit == '1' else f' {p.unit}'}"
 
 
 def load_model(path: Path) -> ExtendedModel:

@@ -178,10 +178,12 @@ class SimulationOptions:
 def parse_effect(text: str) -> tuple[str, dict[str, float]]:
     """Read ``"name:parameter=value,..."``; a name alone takes every parameter's start value.
 
+    A parameter that is not given beside others is neutral.
+
     Raises
     ------
     ConfigError
-        The text has another form, or the effect lacks a parameter.
+        There is no such effect, or the text has another form.
     """
     name, _, rest = text.partition(":")
     effect = EFFECTS.get(name)
@@ -189,7 +191,7 @@ def parse_effect(text: str) -> tuple[str, dict[str, float]]:
         raise ConfigError(Fault(f"no effect is called {name!r}", expected=nearest(name, EFFECTS)))
     if not rest:
         return name, {p.name: p.start for p in effect.parameters}
-    values: dict[str, float] = {}
+    values: dict[str, float] = {p.name: p.neutral for p in effect.parameters}
     for part in rest.split(","):
         key, _, number = part.partition("=")
         try:

@@ -8,6 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from model.diagnosis.html import diagnosis_html
+
 FloatArray = NDArray[np.float64]
 
 SCHEMA = "wheelsoil/diagnosis/1"
@@ -258,6 +260,9 @@ class Diagnosis:
     stages_s: dict[str, float] = field(default_factory=dict)
     sets: tuple[CauseSet, ...] = ()
 
+    def _repr_html_(self) -> str:
+        return diagnosis_html(self)
+
     def as_json(self) -> dict[str, Any]:
         """Return the contract's mapping; NaN stays NaN, for the writer to turn into null."""
         return {
@@ -300,7 +305,12 @@ def _gain(gain: Gain) -> dict[str, Any]:
     def scores(found: dict[str, Scores]) -> dict[str, Any]:
         pull = found.get("dp")
         top = {"R0_N": pull.R0, "M0_percent": pull.M0_percent, "R2": pull.R2} if pull else {}
-        return {**top, "channels": {channel: vars(s) for channel, s in found.items()}}
+        likelihood = next((one.log_likelihood for one in found.values()), float("nan"))  # of a run, all its channels
+        return {
+            **top,
+            "log_likelihood_of_a_run": likelihood,
+            "channels": {channel: vars(s) for channel, s in found.items()},
+        }
 
     return {
         "held_out": {"base": scores(gain.base), "extended": scores(gain.extended)},

@@ -16,6 +16,7 @@ from model.diagnosis.soil_space import soil_space
 from model.diagnosis.tellable import cannot_tell, considered
 
 LATENCY = "speed_latency"
+_FORCES = {"drawbar_pull_n": "drawbar pull", "driving_torque_nm": "torque"}
 _NOTABLE_DELAY_S = 0.06
 """Delay between the speeds from which on it is tried as a start."""
 
@@ -59,6 +60,15 @@ def unfit(campaign: Campaign, samples: Samples) -> Fault | None:
         return _too_few(campaign, samples)
     if set(samples.measured) & {"dp", "t"}:
         return None
+    there = [
+        words for name, words in _FORCES.items() if any(np.isfinite(getattr(run, name)).any() for run in campaign.runs)
+    ]
+    if there:
+        return Fault(
+            f"{' and '.join(there)} {'was' if len(there) == 1 else 'were'} measured and not looked at",
+            campaign.name,
+            next_step="take dp or t into --channels",
+        )
     return Fault(
         "neither drawbar pull nor torque was measured",
         campaign.name,

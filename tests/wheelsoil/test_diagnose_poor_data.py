@@ -114,6 +114,13 @@ def test_no_torque_channel(driven, tmp_path):
         assert {cause["name"] for cause in found["causes"]} == {"slip_sinkage"}
 
 
+def test_channels_that_were_measured_and_not_looked_at_are_not_said_to_be_missing(driven):
+    found = diagnosed(driven, "--channels", "z")
+    assert "drawbar pull and torque were measured and not looked at" in found["sentence"]
+    assert "take dp or t into --channels" in found["sentence"]
+    assert "vehicle.toml" not in found["sentence"]
+
+
 def test_no_soil_uncertainty(driven, tmp_path):
     folder = edited(driven, tmp_path / "clay", "terrain.toml", lambda t: t.split("[uncertainty]")[0])
     assert any("no uncertainty of the soil is stated" in note for note in diagnosed(folder)["notes"])

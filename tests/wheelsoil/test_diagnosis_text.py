@@ -64,6 +64,12 @@ def test_under_one_of_the_causes_are_a_set():
     assert re.search(r"bulldozing +fraction +0\.400 +0\.2 +-\n", text)
 
 
+def test_the_log_likelihood_of_a_run_is_told_once():
+    found = diagnosis("named")
+    assert text_of(found).count("-3200") == text_of(found).count("-3100") == 1
+    assert found.as_json()["gain"]["held_out"]["base"]["log_likelihood_of_a_run"] == -3200.0
+
+
 def test_a_set_of_one_is_no_choice():
     found = diagnosis("one_of")
     text = text_of(replace(found, causes=found.causes[:1]))

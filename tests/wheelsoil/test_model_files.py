@@ -49,7 +49,7 @@ def test_what_a_diagnosis_leaves_is_read_again_and_says_what_it_is(tmp_path):
     assert facts["held_out_R0_reduction_percent"] == 45.0
     assert facts["command"] == "wheelsoil diagnose clay"
     head = path.read_text(encoding="utf-8").split("schema")[0]
-    assert "slip sinkage (vasilev): H_m = 0.051 m" in head
+    assert "slip sinkage (vasilev): H_m = 0.051 (0.04 to 0.06) m" in head
     assert diagnosis("named").sentence in head.replace("\n# ", " ")
 
 
@@ -65,6 +65,22 @@ def test_only_a_named_cause_is_put_into_it(verdict):
     assert model.effects == ()
     assert "No cause is named" in model_toml(model)
     assert model.soil.cohesion_pa == (4100.0 if verdict == "nothing_detectable" else CLAY.cohesion_pa)
+    assert model.soil.source == ("re-calibrated with clay" if verdict == "nothing_detectable" else CLAY.source)
+
+
+def test_what_is_known_of_lyaskos_sum_is_kept(tmp_path):
+    nan = float("nan")
+    p = ParameterEstimate("p", "1", 0.615, (0.58, 0.64), 0.02)
+    singly = tuple(ParameterEstimate(n, "1", v, (nan, nan), nan) for n, v in (("m1", 0.58), ("m2", 0.035)))
+    found = diagnosis("named")
+    lyasko = replace(found.causes[0], key="lyasko", form="lyasko", parameters=(p, *singly))
+    (model,) = models_of(replace(found, causes=(lyasko,)), [CAMPAIGN], "balanced", "")
+    path = tmp_path / "model.toml"
+    path.write_text(model_toml(model), encoding="utf-8")
+    assert "p = m1 + m2 = 0.615 (0.58 to 0.64)" in path.read_text(encoding="utf-8")
+    again = load_model(path)
+    assert again.values == {"m1": 0.58, "m2": 0.035}
+    assert again.effects[0].combinations == (p,)
 
 
 def test_several_campaigns_get_a_file_each(tmp_path):

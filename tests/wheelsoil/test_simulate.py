@@ -291,6 +291,11 @@ def test_what_is_no_covariance_is_refused(tmp_path: Path) -> None:
         true_soil(SimulationOptions(soil=str(path), draw_soil=True))
 
 
+def test_a_parameter_that_is_not_given_beside_others_is_neutral():
+    assert parse_effect("stress_peak_shift:c2=0.2") == ("stress_peak_shift", {"c1": 0.0, "c2": 0.2})
+    assert parse_effect("lyasko:m1=0.1") == ("lyasko", {"m1": 0.1, "m2": 0.0})
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -299,7 +304,6 @@ def test_what_is_no_covariance_is_refused(tmp_path: Path) -> None:
         ("--soil nowhere.toml -o OUT", "no such file"),
         ("--effect lyaskp -o OUT", "nearest: lyasko"),
         ("--effect lyasko:m3=1 -o OUT", "has no parameter 'm3'"),
-        ("--effect lyasko:m1=0.1 -o OUT", "lacks its parameter 'm2'"),
         ("--effect lyasko:m1 -o OUT", "cannot be read"),
         ("--effect lyasko:m1=0.1,m2=2 -o OUT", "out of its bounds"),
         ("--effect lyasko:m1=nan,m2=0 -o OUT", "out of its bounds"),

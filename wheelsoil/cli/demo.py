@@ -38,7 +38,7 @@ def command(
     duration: Annotated[float, typer.Option(metavar="S", help="Of each run.")] = 40.0,
     json: Json = False,
 ) -> None:
-    """Hide an effect, send it through CAN frames, diagnose, and only then open the envelope; takes about a minute.
+    """Hide an effect, send it through CAN frames, diagnose, and only then open the envelope; takes 15 s to a minute.
 
     The seed draws a cause of the library (family, form, size, direction), or none. A vehicle is driven over a clay that
     is drawn within the laboratory's uncertainty; its frames go through the DBCs into recordings. From there on nothing

@@ -59,8 +59,8 @@ def sentence(gain: Gain) -> str:
 
 def _table(gain: Gain) -> Table:
     rows = [
-        _row(f"{CHANNEL_NAMES.get(channel, channel)}, {which}", scores[channel], CHANNEL_UNITS.get(channel, ""))
-        for channel in gain.base
+        _row(channel, which, scores[channel], first=i == 0)
+        for i, channel in enumerate(gain.base)
         for which, scores in (("base", gain.base), ("extended", gain.extended))
         if channel in scores
     ]
@@ -68,14 +68,14 @@ def _table(gain: Gain) -> Table:
     return Table("On runs left out", head, rows, _NOTE)
 
 
-def _row(name: str, scores: Scores, unit: str) -> list[str]:
+def _row(channel: str, which: str, scores: Scores, *, first: bool) -> list[str]:
     return [
-        name,
+        f"{CHANNEL_NAMES.get(channel, channel)}, {which}",
         number(scores.R0, 4),
-        unit,
+        CHANNEL_UNITS.get(channel, ""),
         number(scores.M0_percent),
         number(scores.R2, 4),
-        number(scores.log_likelihood, 5),
+        number(scores.log_likelihood, 5) if first else "",  # of the run, all its channels together
     ]
 
 
