@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from daq.errors import ConfigError, Fault
 from wheelsoil.cli.options import (
     Channels,
     ChoiceFile,
@@ -27,13 +29,32 @@ from wheelsoil.cli.options import (
     chosen,
 )
 from wheelsoil.cli.talk import check_output, print_facts, print_json, say
+from wheelsoil.report.pdf import find_browser
+
+
+class Format(StrEnum):
+    """What the report is written as."""
+
+    HTML = "html"
+    PDF = "pdf"
 
 
 def command(
     runs: Runs,
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="The page; its numbers go into FILE.json.")
-    ] = Path("report.html"),
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="The page; its numbers go into FILE.json. [default: report.html]",
+            show_default=False,
+        ),
+    ] = None,
+    form: Annotated[
+        Format | None,
+        typer.Option("--format", help="pdf takes an installed Chromium or Chrome. [default: as FILE is called, html]"),
+    ] = None,
     vehicle: Vehicle = None,
     terrain: Terrain = None,
     runs_file: RunsFile = None,
@@ -60,7 +81,7 @@ def command(
     from wheelsoil.model_files import load_model
     from wheelsoil.reporting import report_of
 
-    target = check_output(output, force=force)
+    target, browser = _target(output, form, force=force)
     extended = load_model(model) if model else None
     by_hand = chosen(
         choice,
@@ -82,7 +103,7 @@ def command(
         zero=zero,
         lenient_dbc=lenient_dbc,
     )
-    page, numbers = report.write(target)
+    page, numbers = report.print(target, browser) if browser else report.write(target)
     for key, why in report.left_out.items():
         say(f"section {key} left out: {why}")
     if json:
@@ -90,3 +111,19 @@ def command(
     else:
         print_facts([("report", str(page)), ("numbers", str(numbers))])
         say(report.sentence)
+
+
+def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[Path, str]:
+    """Return the file to write and, for a PDF, the browser that prints it."""
+    suffix = output.suffix.lower() if output else ""
+    pdf = form is Format.PDF or (form is None and suffix == ".pdf")
+    if output and ((pdf and suffix != ".pdf") or (not pdf and suffix == ".pdf")):
+        raise ConfigError(
+            Fault(
+                f"--format {'pdf' if pdf else 'html'} and the output's name are at odds",
+                str(output),
+                next_step=f"call it {output.with_suffix('.pdf' if pdf else '.html').name}, or leave --format out",
+            )
+        )
+    target = check_output(output or Path("report.pdf" if pdf else "report.html"), force=force)
+    return target, find_browser() if pdf else ""

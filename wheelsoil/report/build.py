@@ -6,14 +6,16 @@ import logging
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
 
 from daq.errors import WheelsoilError
 from wheelsoil.plain import plain, to_json
-from wheelsoil.report.content import Section, Text
+from wheelsoil.report.content import Section, Text, drawn, figures_of, texts_of
 from wheelsoil.report.material import Material
 from wheelsoil.report.page import render
+from wheelsoil.report.pdf import print_page
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
 
 SCHEMA = "wheelsoil/report/1"
@@ -41,13 +43,15 @@ class Report:
     made_at: datetime
 
     def numbers(self) -> dict[str, Any]:
-        """Return every number shown, as plain values."""
+        """Return every number shown, as plain values: those of the tables and texts by section, and every figure's."""
         return {
             "schema": SCHEMA,
             "title": self.title,
             "made_at": self.made_at.isoformat(timespec="seconds"),
             "left_out": self.left_out,
             "sections": {section.key: plain(section.numbers) for section in self.sections},
+            "texts": {section.key: texts_of(section) for section in self.sections},
+            "figures": {figure.key: drawn(figure) for section in self.sections for figure in figures_of(section)},
         }
 
     @property
@@ -60,7 +64,17 @@ class Report:
         """Write the page, and its numbers as JSON beside it; return both paths."""
         numbers = path.with_suffix(".json")
         path.write_text(self.html(numbers.name), encoding="utf-8")
-        numbers.write_text(to_json(self.numbers()) + "\n", encoding="utf-8")
+        numbers.write_text(to_json(self.numbers(), indent=None) + "\n", encoding="utf-8")
+        return path, numbers
+
+    def print(self, path: Path, browser: str) -> tuple[Path, Path]:
+        """Write the page as a PDF (see `wheelsoil.report.pdf`), and its numbers beside it; return both paths."""
+        numbers = path.with_suffix(".json")
+        with TemporaryDirectory(prefix="wheelsoil-") as folder:
+            page = Path(folder) / "report.html"
+            page.write_text(self.html(numbers.name), encoding="utf-8")
+            print_page(page, path, browser)
+        numbers.write_text(to_json(self.numbers(), indent=None) + "\n", encoding="utf-8")
         return path, numbers
 
     def html(self, json_name: str) -> str:

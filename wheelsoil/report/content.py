@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph. `kind` is "text", "lead" (the sentence everyone reads), "good" or "warning"."""
+    """A paragraph. `kind` is "text", "lead" (the sentence everyone reads), "next" (what to do), "good" or "warning"."""
 
     text: str
     kind: str = "text"
@@ -26,6 +26,23 @@ class Table:
     left: int = 1
     strong: int | None = None
     """The row that is printed bold, e.g. the best model's."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """A traffic light: what it is about, "good", "fair" or "poor", and why, in words."""
+
+    name: str
+    level: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Lights:
+    """Traffic lights side by side; the level is also said in words and by a shape."""
+
+    caption: str
+    lights: Sequence[Light]
 
 
 @dataclass(frozen=True)
@@ -48,6 +65,8 @@ class Figure:
     data: Sequence[Mapping[str, Any]]
     layout: Mapping[str, Any]
     groups: Sequence[str] = ()
+    wide: bool = False
+    """Whether it takes a row of its own."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +79,7 @@ class Panels:
     """The groups that the reader may choose from; the first is shown."""
 
 
-Block = Text | Table | Panels
+Block = Text | Table | Lights | Panels
 
 
 @dataclass(frozen=True)
@@ -71,3 +90,34 @@ class Section:
     title: str
     blocks: Sequence[Block]
     numbers: Mapping[str, Any] = field(default_factory=dict)
+
+
+def figures_of(section: Section) -> list[Figure]:
+    """Return the figures of a section."""
+    return [figure for block in section.blocks if isinstance(block, Panels) for figure in block.figures]
+
+
+def texts_of(section: Section) -> list[str]:
+    """Return what a section says outside its tables, for whoever looks for a number of a sentence."""
+    said: list[str] = []
+    for block in section.blocks:
+        if isinstance(block, Text):
+            said.append(block.text)
+        elif isinstance(block, Table):
+            said += [block.caption, block.note]
+        elif isinstance(block, Lights):
+            said += [f"{light.name}: {light.level}, {light.why}" for light in block.lights]
+    return [text for text in said if text]
+
+
+_DRAWN = ("x", "y", "z", "x0", "dx", "y0", "dy", "error_y")
+
+
+def drawn(figure: Figure) -> dict[str, Any]:
+    """Return what a figure shows as plain values: for each trace its name, its choice, and its data."""
+    groups = figure.groups or [""] * len(figure.data)
+    traces = [
+        {"name": trace["name"], "shown_for": group} | {key: trace[key] for key in _DRAWN if key in trace}
+        for trace, group in zip(figure.data, groups, strict=True)
+    ]
+    return {"title": figure.title, "traces": traces}

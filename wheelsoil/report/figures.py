@@ -20,6 +20,8 @@ MEASURED = "#111111"
 CLOUD = "rgba(90,90,90,0.35)"
 GREY_BAND = "rgba(0,0,0,0.13)"
 GRID = "#e3e3e3"
+_COLUMNS, _ROWS = 50, 34
+"""Cells of a density."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,12 @@ def style(model: str) -> Style:
 def words(text: str) -> str:
     """Return a name as plotly shows it letter for letter (plotly reads some HTML in its texts)."""
     return html.escape(text, quote=False)
+
+
+def see_through(colour: str) -> str:
+    """Return a colour "#rrggbb" as it fills a band under lines."""
+    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    return f"rgba({red},{green},{blue},0.22)"
 
 
 def numbers(values: FloatArray, digits: int = 5) -> list[float | None]:
@@ -98,6 +106,72 @@ def band(x: FloatArray, lower: FloatArray, upper: FloatArray, name: str, colour:
     ]
 
 
+def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: str) -> Trace:
+    """Return how many samples lie where, as grey cells: white is none, the darker the more.
+
+    Parameters
+    ----------
+    x, y : float64 array, shape (n,)
+        Rows with a NaN are left out.
+    x_range : (float, float)
+        What lies outside is left out.
+    name : str
+    """
+    known = np.isfinite(x) & np.isfinite(y) & (x >= x_range[0]) & (x <= x_range[1])
+    across = np.linspace(*x_range, _COLUMNS + 1)
+    low, high = np.percentile(y[known], [0.2, 99.8]) if known.any() else (0.0, 1.0)
+    up = np.linspace(low, high if high > low else low + 1.0, _ROWS + 1)
+    counts = np.histogram2d(y[known], x[known], bins=[up, across])[0].astype(int)
+    filled = np.flatnonzero(counts.any(axis=0))
+    first, last = (filled[0], filled[-1] + 1) if len(filled) else (0, 1)
+    seen = counts[counts > 0]
+    return {
+        "type": "heatmap",
+        "name": words(name),
+        "x0": float(f"{(across[first] + across[first + 1]) / 2:.5g}"),
+        "dx": float(f"{across[1] - across[0]:.5g}"),
+        "y0": float(f"{(up[0] + up[1]) / 2:.5g}"),
+        "dy": float(f"{up[1] - up[0]:.5g}"),
+        "z": counts[:, first:last].tolist(),
+        "zmin": 0,
+        "zmax": float(np.percentile(seen, 95)) if len(seen) else 1.0,
+        "colorscale": [[0, "rgba(0,0,0,0)"], [1e-6, "#ececec"], [1, "#8c8c8c"]],
+        "showscale": False,
+        "hoverinfo": "skip",
+    }
+
+
+def shades(spans: Sequence[tuple[float, float]], low: float, high: float, name: str, look: tuple[str, str]) -> Trace:
+    """Return upright stripes, e.g. segments of time; `look` is a colour and plotly's pattern (readable without colour).
+
+    Parameters
+    ----------
+    spans : sequence of (from, to)
+    low, high : float
+        Of the stripes, on the y axis.
+    name : str
+    look : (colour, pattern)
+    """
+    x: list[float | None] = []
+    y: list[float | None] = []
+    for start, end in spans:
+        x += [round(start, 3), round(start, 3), round(end, 3), round(end, 3), None]
+        y += [low, high, high, low, None]
+    colour, pattern = look
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": words(name),
+        "x": x,
+        "y": y,
+        "line": {"width": 0, "color": colour},
+        "fill": "toself",
+        "fillcolor": colour,
+        "fillpattern": {"shape": pattern, "fgcolor": "#b5b5b5", "bgcolor": colour, "size": 7, "solidity": 0.12},
+        "hoverinfo": "skip",
+    }
+
+
 def bars(labels: Sequence[str], values: Sequence[float], name: str, colour: str, pattern: str) -> Trace:
     """Return one part of a stacked horizontal bar; the pattern tells the parts apart without colour."""
     return {
@@ -128,8 +202,8 @@ def axes(x_title: str, y_title: str, *, height: int = 380, **more: Any) -> dict[
             "font": {"size": 12},
             "traceorder": "normal",
         },
-        "xaxis": axis | {"title": {"text": x_title}},
-        "yaxis": axis | {"title": {"text": y_title}},
+        "xaxis": axis | {"title": {"text": x_title, "font": {"size": 12.5}}},
+        "yaxis": axis | {"title": {"text": y_title, "font": {"size": 12.5}}},
     }
     return layout | more
 

@@ -28,7 +28,26 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Source:
-    """The file of one run; None where a number is not known."""
+    """The file of one run; None where a number is not known.
+
+    Attributes
+    ----------
+    run_id, file, sha256 : str
+    bytes : int
+    frames, dropped_frames : int or None
+    loss : tuple of str
+        What of the file cannot be read.
+    gaps : tuple of str
+        What was not recorded between its parts.
+    losses : mapping str -> int
+        What the logger counted, see `daq.recording.RunRecording.losses`.
+    exit_status : str
+        How the recording ended; empty where its end is missing, None where it is a log.
+    clock : mapping str -> str
+        The recording's last fit of its host's clock to GNSS time.
+    clock_steps : mapping str -> str
+        Steps of the host's clock while it was recorded.
+    """
 
     run_id: str
     file: str
@@ -37,6 +56,20 @@ class Source:
     frames: int | None
     dropped_frames: int | None
     loss: tuple[str, ...] = ()
+    gaps: tuple[str, ...] = ()
+    losses: dict[str, int] = field(default_factory=dict)
+    exit_status: str | None = None
+    clock: dict[str, str] = field(default_factory=dict)
+    clock_steps: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def lost(self) -> list[str]:
+        """What of the run was lost, in words."""
+        missing = sum(number for key, number in self.losses.items() if key.startswith(("counter.", "missing.")))
+        frames = [f"{self.dropped_frames} frames were lost before they were recorded"] if self.dropped_frames else []
+        if missing and not frames:
+            frames = [f"{missing} frames are missing by their counters or their rate"]
+        return [*frames, *self.loss, *self.gaps]
 
 
 @dataclass(frozen=True)
@@ -191,6 +224,11 @@ def source_of(run: Run) -> Source:
         frames=sum(recording.frame_counts.values()) if recording else None,
         dropped_frames=sum(recording.drops.values()) if recording and recording.drops else None,
         loss=tuple(map(str, recording.loss)) if recording else (),
+        gaps=tuple(map(str, recording.gaps)) if recording else (),
+        losses=recording.losses if recording else {},
+        exit_status=recording.exit_status if recording else None,
+        clock=recording.metadata.get("clock", {}) if recording else {},
+        clock_steps=recording.metadata.get("clock_steps", {}) if recording else {},
     )
 
 

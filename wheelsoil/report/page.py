@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.resources import files
 
 from wheelsoil import __version__
 from wheelsoil.plain import plain
@@ -25,6 +26,8 @@ def render(title: str, subtitle: str, sections: Sequence[Section], *, made_at: s
     from jinja2.utils import htmlsafe_json_dumps
     from plotly.offline import get_plotlyjs
 
+    folder = files("wheelsoil.report")
+
     def figure_json(figure: Figure) -> str:
         return htmlsafe_json_dumps(plain({"data": figure.data, "layout": figure.layout, "groups": figure.groups}))
 
@@ -40,4 +43,6 @@ def render(title: str, subtitle: str, sections: Sequence[Section], *, made_at: s
         version=__version__,
         plotly_js=get_plotlyjs(),
         figure_json=figure_json,
+        style=folder.joinpath("page.css").read_text(encoding="utf-8"),
+        script=folder.joinpath("page.js").read_text(encoding="utf-8"),
     )

@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+EDGES = np.round(np.arange(-1.0, 1.0001, 0.05), 2)
+"""Bins of slip."""
+_POINTS_IN_ALL, _FEWEST, _MOST = 14_000, 250, 700
+
 
 @dataclass(frozen=True)
 class Bins:
@@ -26,6 +30,11 @@ class Bins:
     lower: FloatArray
     upper: FloatArray
     count: NDArray[np.int64]
+
+
+def points_of_run(runs: int) -> int:
+    """Return how many rows of each run a figure against time may have, so that many runs take no more room than few."""
+    return int(np.clip(_POINTS_IN_ALL // max(runs, 1), _FEWEST, _MOST))
 
 
 def decimated_rows(values: FloatArray, limit: int) -> NDArray[np.int64]:

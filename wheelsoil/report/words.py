@@ -27,7 +27,7 @@ def number(value: float, digits: int = 3) -> str:
         return "–" if math.isnan(value) else "∞"
     if value == 0:
         return "0"
-    size = math.floor(math.log10(abs(value)))
+    size = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
     if size < -4 or size >= 7:
         return f"{value:.{digits - 1}e}"
     rounded = f"{value:,.{max(digits - 1 - size, 0)}f}"
@@ -48,6 +48,16 @@ def signed(value: float, form: str) -> str:
 def interval(low: float, high: float, digits: int = 3) -> str:
     """Return "low … high", "–" where there is none."""
     return f"{number(low, digits)} … {number(high, digits)}" if math.isfinite(low) and math.isfinite(high) else "–"
+
+
+_UNITS = {"n": "N", "nm": "N m", "s": "s", "mps": "m/s", "m": "m", "rad": "rad"}
+
+
+def named_with_unit(name: str) -> tuple[str, str]:
+    """Return "drawbar pull noise", "N" of ``drawbar_pull_noise_n``; no unit where the name ends in none."""
+    plain, _, last = name.rpartition("_")
+    known = plain and last in _UNITS
+    return (plain if known else name).replace("_", " "), _UNITS[last] if known else ""
 
 
 def unit(text: str) -> str:

@@ -1,76 +1,101 @@
-"""Drawbar pull against time with each model: the paper's Fig. 4 and 5."""
+"""Drawbar pull and torque against time with each model: the paper's Fig. 4 and 5."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 
 from daq.errors import DataError
-from model.fit_result import ModelFit
 from model.observations import CHANNELS
-from processing.processed_run import ProcessedRun
+from processing.processed_run import ProcessedRun, Segment
+from processing.segments import runs_of
 from wheelsoil.report.content import Figure, Panels, Section
-from wheelsoil.report.figures import MEASURED, Trace, axes, line, look_at, style
+from wheelsoil.report.figures import MEASURED, Trace, axes, line, look_at, shades, style
 from wheelsoil.report.material import FloatArray, Material
-from wheelsoil.report.thinning import decimated_rows
+from wheelsoil.report.thinning import decimated_rows, points_of_run
 
 KEY = "time"
-TITLE = "Drawbar pull against time"
+TITLE = "Drawbar pull and torque against time"
 
-_POINTS = 700
 _READING = (
-    "black is measured, the broken coloured line is what the model predicts from the measured slip and load; where "
-    "they part, the model is wrong. Gaps are samples that could not be used. The axis holds what was driven "
-    "(slip > 0), which is what is fitted; double-click shows braking, too."
+    "black is measured, a coloured line what a model predicts from the measured slip and load; where they part, the "
+    "model is wrong. The ground says what the vehicle did (plain: it coasted); gaps are samples that were left out. "
+    "The axis holds what was driven, which is what is fitted; double-click shows braking, too."
 )
+_SEGMENTS = {
+    Segment.DRIVE: ("driving", ("#dcebf7", "")),
+    Segment.BRAKE: ("braking", ("#fbe5d3", "/")),
+    Segment.STANDSTILL: ("standstill", ("#eeeeee", ".")),
+}
+_SHOWN = {"dp": ("drawbar pull", "N"), "t": ("driving torque", "N m")}
 
 
 def build(material: Material) -> Section:
-    """Build the section: a panel for each model, a choice for each run.
+    """Build the section: a panel for each channel, a choice for each run.
 
     Raises
     ------
     DataError
-        The drawbar pull was not measured.
+        The drawbar pull was not measured, or no run has a sample that can be used.
     """
     material.pool.measured("dp")
-    runs = [(i, run) for i, run in enumerate(material.runs) if run.used.any()]
+    runs = [i for i, run in enumerate(material.runs) if run.used.any()]
     if not runs:
         raise DataError("no run has a sample that can be used")
-    choices = [run.run.id for _, run in runs]
     figures = []
-    shown: dict[str, dict[str, Any]] = {}
+    for channel in _SHOWN:
+        try:
+            figures.append(_figure(material, channel, runs))
+        except DataError:
+            continue  # the section on the torque says that it was not measured
+    names = [material.runs[i].run.id for i in runs]
+    lengths = {run.run.id: float(run.time_s[-1]) for run in material.runs if len(run)}
+    return Section(KEY, TITLE, [Panels(figures, _READING, names)], {"length_s": lengths})
+
+
+def _figure(material: Material, channel: str, runs: list[int]) -> Figure:
+    name, unit = _SHOWN[channel]
+    values = material.pool.measured(channel)
+    known = values[np.isfinite(values)]
+    low, high = float(known.min()), float(known.max())
+    beyond = 0.3 * (high - low)
+    data: list[Trace] = []
+    groups: list[str] = []
+    for i in runs:
+        run = material.runs[i]
+        traces = [*_segments(run, low - beyond, high + beyond), *_lines(material, i, CHANNELS[channel])]
+        data += traces
+        groups += [run.run.id] * len(traces)
+    layout = axes("time (s)", f"{name} ({unit})", height=360)
+    driven = values[material.pool.slip > 0]
+    look_at(layout, "y", driven if np.isfinite(driven).any() else values, margin=0.15)
+    return Figure(f"time-{channel}", name.capitalize(), data, layout, groups, wide=True)
+
+
+def _segments(run: ProcessedRun, low: float, high: float) -> list[Trace]:
+    """Return a run's segments as stripes behind everything else."""
+    step = 1.0 / run.rate_hz
+    pieces = [(int(run.segment[a]), run.time_s[a], run.time_s[b - 1] + step) for a, b in runs_of(run.segment).tolist()]
+    traces = []
+    for kind, (name, look) in _SEGMENTS.items():
+        spans = [(float(start), float(end)) for which, start, end in pieces if which == kind]
+        if spans:
+            traces.append(shades(spans, round(low), round(high), name, look))
+    return traces
+
+
+def _lines(material: Material, index: int, quantity: str) -> list[Trace]:
+    """Return what was measured and what every model says, at the same samples."""
+    run = material.runs[index]
+    measured = _used(run, getattr(run, quantity))
+    rows = decimated_rows(measured, points_of_run(len(material.runs)))
+    time_s = run.time_s[rows]
+    traces = [line(time_s, measured[rows], "measured", MEASURED, "solid", 2.6)]
     for model in material.fit.models:
-        data: list[Trace] = []
-        for i, run in runs:
-            traces, numbers = _traces(run, model, i)
-            data += traces
-            shown.setdefault(run.run.id, {"measured": numbers["measured"]})[model.name] = numbers["predicted"]
-        layout = axes("time (s)", "drawbar pull (N)", height=330)
-        look_at(layout, "y", material.pool.measured("dp")[material.pool.slip > 0], margin=0.25)
-        groups = [run.run.id for _, run in runs for _ in range(2)]
-        figures.append(Figure(f"time-{model.name}", f"{style(model.name).label}'s model", data, layout, groups))
-    return Section(KEY, TITLE, [Panels(figures, _READING, choices)], shown)
+        look = style(model.name)
+        predicted = _used(run, getattr(model.predictions[index], quantity))
+        traces.append(line(time_s, predicted[rows], look.label, look.colour, look.dash, 1.6))
+    return traces
 
 
-def _traces(
-    run: ProcessedRun, model: ModelFit, index: int
-) -> tuple[list[Trace], dict[str, dict[str, list[float | None]]]]:
-    look = style(model.name)
-    measured = np.where(run.used, run.drawbar_pull_n, np.nan)
-    predicted = np.where(run.used, getattr(model.predictions[index], CHANNELS["dp"]), np.nan)
-    traces = [
-        _series(run.time_s, measured, "measured", MEASURED, "solid", 1.3),
-        _series(run.time_s, predicted, look.label, look.colour, "dash", 2.0),
-    ]
-    numbers = {
-        name: {"time_s": t["x"], "drawbar_pull_n": t["y"]}
-        for name, t in zip(("measured", "predicted"), traces, strict=True)
-    }
-    return traces, numbers
-
-
-def _series(time_s: FloatArray, values: FloatArray, name: str, colour: str, dash: str, width: float) -> Trace:
-    rows = decimated_rows(values, _POINTS)
-    return line(time_s[rows], values[rows], name, colour, dash, width)
+def _used(run: ProcessedRun, values: FloatArray) -> FloatArray:
+    return np.where(run.used, values, np.nan)

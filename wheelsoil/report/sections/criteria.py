@@ -8,10 +8,10 @@ from model.fit_result import CampaignFit
 from wheelsoil.report.content import Section, Table
 from wheelsoil.report.figures import style
 from wheelsoil.report.material import Material
-from wheelsoil.report.words import count, number
+from wheelsoil.report.words import PARAMETERS, count, interval, number
 
 KEY = "criteria"
-TITLE = "How well the models predict"
+TITLE = "The four models side by side"
 
 _CHANNELS = {"dp": ("drawbar pull", "N"), "t": ("driving torque", "N m")}
 
@@ -20,9 +20,30 @@ def build(material: Material) -> Section:
     """Build the section: one table for each channel that was measured."""
     fit = material.fit
     measured = [c for c in _CHANNELS if any(c in m.criteria and m.criteria[c].samples for m in fit.models)]
-    numbers = {m.name: {"criteria": m.criteria, "load_ratio": m.load_ratio} for m in fit.models}
+    numbers = {
+        m.name: {
+            "criteria": m.criteria,
+            "load_ratio": m.load_ratio,
+            "coefficients": {e.name: e.value for e in m.estimates},
+        }
+        for m in fit.models
+    }
     tables = [_table(fit, channel) for channel in measured or ["dp"]]
-    return Section(KEY, TITLE, tables, {"slip_threshold": fit.slip_threshold, "models": numbers})
+    blocks = [*tables, _laws(fit)]
+    return Section(KEY, TITLE, blocks, {"slip_threshold": fit.slip_threshold, "models": numbers})
+
+
+def _laws(fit: CampaignFit) -> Table:
+    rows = [
+        [
+            style(model.name).label,
+            ", ".join(f"{PARAMETERS.get(e.name, e.name)} = {number(e.value, 4)}" for e in model.estimates)
+            or "none: no slip sinkage",
+        ]
+        for model in fit.models
+    ]
+    note = "With intervals, bounds and correlations under “Parameters”."
+    return Table("Coefficients (the paper's Tab. 3)", ["model", "coefficients"], rows, note, left=2)
 
 
 def _table(fit: CampaignFit, channel: str) -> Table:
@@ -36,7 +57,7 @@ def _table(fit: CampaignFit, channel: str) -> Table:
             f"{score.R2:.4f}" if np.isfinite(score.R2) else "–",
             number(100 * score.R0_per_load),
             number(model.load_ratio.median, 4),
-            f"{number(model.load_ratio.lowest)} … {number(model.load_ratio.highest)}",
+            interval(model.load_ratio.lowest, model.load_ratio.highest, 4),
         ]
         for model, score in zip(fit.models, scores, strict=True)
     ]
@@ -50,7 +71,7 @@ def _table(fit: CampaignFit, channel: str) -> Table:
     )
     over = f"slip ≥ {number(fit.slip_threshold, 2)}"
     return Table(
-        f"{name.capitalize()} ({role}) over {count(scores[0].samples)} samples with {over}",
+        f"{name.capitalize()} ({role}; the paper's Tab. 2 and 4) over {count(scores[0].samples)} samples with {over}",
         head,
         rows,
         f"{note} {reasons}".strip(),

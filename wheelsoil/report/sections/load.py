@@ -12,8 +12,7 @@ from model.fit_result import ModelFit
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import axes, look_at, marked_line, style
 from wheelsoil.report.material import FloatArray, Material, Pool
-from wheelsoil.report.sections.against_slip import EDGES
-from wheelsoil.report.thinning import binned
+from wheelsoil.report.thinning import EDGES, binned
 from wheelsoil.report.words import number
 
 KEY = "load"

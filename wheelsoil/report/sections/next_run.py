@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import exp
+from typing import Any
 
+from model.diagnosis.result import NextRun
 from wheelsoil.diagnosis_words import plain_name
 from wheelsoil.report.content import Section, Table, Text
 from wheelsoil.report.material import Material
@@ -34,14 +37,21 @@ def build(material: Material) -> Section:
             run.change,
             listed([plain_name(name) for name in run.separates]),
             number(run.expected_log_bayes_factor),
-            _odds(run.expected_log_bayes_factor),
+            _told(_odds(run.expected_log_bayes_factor)),
         ]
         for run in runs
     ]
     head = ["what to do", "parts", "expected ln Bayes factor", "odds"]
-    return Section(KEY, TITLE, [Table("Best first", head, rows, _NOTE, left=2)], {"next_run": runs})
+    return Section(KEY, TITLE, [Table("Best first", head, rows, _NOTE, left=2)], _numbers(runs))
 
 
-def _odds(nats: float) -> str:
-    odds = exp(min(max(nats, 0.0), 50.0))
+def _numbers(runs: Sequence[NextRun]) -> dict[str, Any]:
+    return {"next_run": runs, "odds_to_1": [_odds(run.expected_log_bayes_factor) for run in runs]}
+
+
+def _odds(nats: float) -> float:
+    return exp(min(max(nats, 0.0), 50.0))
+
+
+def _told(odds: float) -> str:
     return f"{number(odds, 2)} to 1" if odds < _MOST else "over a million to 1"

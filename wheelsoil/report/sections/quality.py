@@ -1,17 +1,17 @@
-"""How good the data are: what was kept and why not all, clocks and latencies, losses on the way."""
+"""How good the runs are: what was kept of each, what was left out, and why."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from processing.processed_run import ProcessedRun, Reason, Standstill
+from processing.processed_run import ProcessedRun, Reason
+from wheelsoil.grading import grade_of
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import axes, bars
 from wheelsoil.report.material import Material
-from wheelsoil.report.words import count, number, signed
 
 KEY = "quality"
-TITLE = "Data quality"
+TITLE = "Quality of the runs"
 
 _LOOKS = {
     Reason.USED: ("used", "#0072B2", ""),
@@ -29,11 +29,18 @@ _LOOKS = {
 
 
 def build(material: Material) -> Section:
-    """Build the section from the runs' quality reports and the sources' losses."""
-    tables = [_table(material), *_sensors(material.runs), *_zeros(material.runs)]
-    blocks: list[Block] = [Panels([_shares_figure(material.runs)], _READING), *tables, *_notes(material.runs)]
+    """Build the section from the runs' quality reports."""
+    blocks: list[Block] = [Panels([_shares_figure(material.runs)], _READING), _table(material), *_notes(material.runs)]
     numbers = {
-        run.run.id: {"samples": len(run), "rate_hz": run.rate_hz, "quality": run.quality} for run in material.runs
+        run.run.id: {
+            "samples": len(run),
+            "rate_hz": run.rate_hz,
+            "length_s": _length_s(run),
+            "used_share": float(np.mean(run.used)) if len(run) else 0.0,
+            "grade": grade_of(run),
+            "quality": run.quality,
+        }
+        for run in material.runs
     }
     return Section(KEY, TITLE, blocks, numbers)
 
@@ -47,76 +54,6 @@ def _notes(runs: tuple[ProcessedRun, ...]) -> list[Text]:
     return [
         Text(f"{'all runs' if len(ids) == len(runs) > 1 else ', '.join(ids)}: {note}.") for note, ids in about.items()
     ]
-
-
-def _sensors(runs: tuple[ProcessedRun, ...]) -> list[Table]:
-    """Return what each channel looked like before it was filtered, over all runs."""
-    roles = list(dict.fromkeys(role for run in runs for role in run.quality.sensors))
-    rows = []
-    for role in roles:
-        facts = [run.quality.sensors[role] for run in runs if role in run.quality.sensors]
-        sources = dict.fromkeys(fact.sigma_source for fact in facts)
-        rows.append(
-            [
-                role.replace("_", " "),
-                number(float(np.median([fact.rate_hz for fact in facts])), 4),
-                count(sum(fact.gaps for fact in facts)),
-                number(float(np.max([fact.longest_gap_s for fact in facts])), 3),
-                number(1e3 * facts[0].latency_s),
-                number(float(np.median([fact.sigma for fact in facts])), 2),
-                " or ".join(sources),
-                _systematic([fact.systematic_sigma for fact in facts]),
-            ]
-        )
-    head = [
-        "channel",
-        "rate (Hz)",
-        "gaps",
-        "longest gap (s)",
-        "declared delay (ms)",
-        "sigma (SI)",
-        "sigma is",
-        "sigma of the zero",
-    ]
-    note = (
-        "Rate and sigma: median of the runs. Sigma is of one filtered sample. Sigma of the zero: of what was "
-        "taken off, the same in all samples of a run, the largest of the runs of which it is known; the intervals of "
-        "the fit do not hold it."
-    )
-    return [Table("Channels as they came", head, rows, note)] if rows else []
-
-
-def _systematic(sigmas: list[float]) -> str:
-    """Return the largest sigma that is known, and of how many runs none is."""
-    known = [sigma for sigma in sigmas if np.isfinite(sigma)]
-    largest = number(max(known, default=float("nan")), 2)
-    return largest if len(known) in (0, len(sigmas)) else f"{largest} (unknown of {len(sigmas) - len(known)} runs)"
-
-
-def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
-    """Return what the forces read while the vehicle stood still: the zeros of the transducer."""
-    roles = [
-        r for r in ("drawbar_pull", "driving_torque", "vertical_load") if any(r in s.levels for s in _stands(runs))
-    ]
-    rows = [
-        [
-            run.run.id,
-            f"{stand.start_s:.1f}",
-            f"{stand.duration_s:.1f}",
-            *(_with_sigma(stand.levels.get(r, np.nan), stand.sigmas.get(r, np.nan), ".0f") for r in roles),
-        ]
-        for run in runs
-        for stand in run.quality.standstills
-    ]
-    units = {"drawbar_pull": "N", "driving_torque": "N m", "vertical_load": "N"}
-    head = ["run", "from (s)", "for (s)", *(f"{role.replace('_', ' ')} ({units[role]})" for role in roles)]
-    taken = "after the zero of zero.toml was taken off" if any(run.quality.zeros for run in runs) else "as sent"
-    note = f"On level ground drawbar pull and torque should read zero. Read {taken}; nothing else was subtracted."
-    return [Table("Readings at standstill", head, rows, note)] if rows and roles else []
-
-
-def _stands(runs: tuple[ProcessedRun, ...]) -> list[Standstill]:
-    return [stand for run in runs for stand in run.quality.standstills]
 
 
 _READING = (
@@ -141,48 +78,35 @@ def _shares_figure(runs: tuple[ProcessedRun, ...]) -> Figure:
 def _table(material: Material) -> Table:
     rows = []
     for run in material.runs:
-        quality, source = run.quality, material.source_of(run)
+        grade = grade_of(run)
         rows.append(
             [
                 run.run.id,
-                f"{run.time_s[-1] if len(run) else 0:.1f}",
+                _LOOKS_OF_RUN[grade.level],
+                f"{_length_s(run):.1f}",
                 f"{100 * float(np.mean(run.used)) if len(run) else 0:.1f}",
-                _late_or_early(1e3 * quality.residual_latency_s, 1e3 * quality.residual_latency_sigma_s),
-                _with_sigma(quality.speed_scale, quality.speed_scale_sigma, ".4f"),
-                _or_dash(quality.clock.get("drift_ppm"), ".1f"),
-                _or_dash(1e3 * quality.clock.get("residual_s", np.nan), ".2f"),
-                _or_dash(source.dropped_frames if source else None, "d"),
+                f"{100 * grade.usable_share:.1f}" if np.isfinite(grade.usable_share) else "–",
+                f"{grade.highest_slip:.2f}" if np.isfinite(grade.highest_slip) else "–",
+                _left_out(run),
             ]
         )
-    head = [
-        "run",
-        "length (s)",
-        "used (%)",
-        "ground speed off by (ms)",
-        "ground / rim speed",
-        "clock drift (ppm)",
-        "clock residual (ms)",
-        "frames lost",
-    ]
+    head = ["run", "grade", "length (s)", "used (%)", "used in motion (%)", "slip up to", "most was left out for"]
     note = (
-        "Ground speed off by: how late or early it is against the wheel speed, after the declared delays. "
-        "Ground / rim speed: on hardly slipping samples; 1 when the rolling radius is right. "
-        "± is one sigma; – is not known."
+        "Used in motion: of the samples that are neither standstill, nor too slow for slip, nor at the filter's edge. "
+        "Good from 80 % on with slip beyond 0.5; below 50 %, or with slip below 0.1, poor."
     )
-    return Table("Runs", head, rows, note)
+    return Table("Runs", head, rows, note, left=2)
 
 
-def _with_sigma(value: float, sigma: float, form: str) -> str:
-    if not np.isfinite(value):
-        return "–"
-    return f"{signed(value, form)} ± {sigma:{form}}" if np.isfinite(sigma) else signed(value, form)
+_LOOKS_OF_RUN = {"good": "● good", "fair": "▲ fair", "poor": "■ poor"}
 
 
-def _late_or_early(value_ms: float, sigma_ms: float) -> str:
-    """Return a delay as the terminal says it: a positive number and its direction."""
-    said = _with_sigma(abs(value_ms), sigma_ms, ".0f")
-    return f"{said} {'late' if value_ms >= 0 else 'early'}" if np.isfinite(value_ms) else said
+def _left_out(run: ProcessedRun) -> str:
+    """Return the two reasons that cost most samples."""
+    shares = {why: share for why, share in run.quality.shares.items() if why != Reason.USED.name and share > 0}
+    most = sorted(shares, key=lambda why: -shares[why])[:2]
+    return ", ".join(f"{_LOOKS[Reason[why]][0]} ({100 * shares[why]:.1f} %)" for why in most) or "nothing"
 
 
-def _or_dash(value: float | None, form: str) -> str:
-    return "–" if value is None or not np.isfinite(value) else signed(value, form)
+def _length_s(run: ProcessedRun) -> float:
+    return float(run.time_s[-1]) if len(run) else 0.0

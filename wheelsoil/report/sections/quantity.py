@@ -9,8 +9,7 @@ import numpy as np
 from wheelsoil.report.content import Figure
 from wheelsoil.report.figures import GREY_BAND, MEASURED, Trace, axes, band, dots, line, look_at, marked_line, style
 from wheelsoil.report.material import FloatArray, Material
-from wheelsoil.report.sections.against_slip import EDGES
-from wheelsoil.report.thinning import binned, thinned_by_sign
+from wheelsoil.report.thinning import EDGES, binned, thinned_by_sign
 
 
 def quantity_figure(

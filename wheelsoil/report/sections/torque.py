@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from wheelsoil.report.content import Panels, Section
+from wheelsoil.report.curves import curves_of
 from wheelsoil.report.material import Material
-from wheelsoil.report.sections.quantity import quantity_figure
 
 KEY = "torque"
 TITLE = "Driving torque against slip"
 
 _READING = (
-    "as above, all models in one panel. A law that explains the drawbar pull by sinking must not spoil the torque: "
-    "where the pull fits and the torque does not, the cause is not sinkage. Click a name to hide or show a line."
+    "as for the drawbar pull. A law that explains the drawbar pull by sinking must not spoil the torque: where the "
+    "pull fits and the torque does not, the cause is not sinkage."
+)
+_ERRORS = (
+    "predicted less measured, medians in bins of slip. Where the torque was not fitted, nothing has drawn these lines "
+    "to zero: what lies near it was foretold."
 )
 
 
@@ -23,6 +27,5 @@ def build(material: Material) -> Section:
     DataError
         The torque was not measured.
     """
-    measured = material.pool.measured("t")
-    figure, numbers = quantity_figure(material, "torque", "driving_torque_nm", measured, "driving torque (N m)")
-    return Section(KEY, TITLE, [Panels([figure], _READING)], numbers)
+    found = curves_of(material, "t", KEY, "driving torque (N m)", _READING)
+    return Section(KEY, TITLE, [found.panels, Panels([found.errors], _ERRORS)], found.numbers)

@@ -7,10 +7,20 @@ from math import isfinite
 from wheelsoil.diagnosis_words import plain_name
 from wheelsoil.report.content import Block, Section, Table, Text
 from wheelsoil.report.material import Material
-from wheelsoil.report.words import PARAMETERS, number
+from wheelsoil.report.words import PARAMETERS, named_with_unit, number
 
 KEY = "workings"
 TITLE = "How the diagnosis was made"
+
+_SOIL = {
+    "cohesion_pa": "Pa",
+    "tan_phi": "",
+    "shear_modulus_m": "m",
+    "sinkage_exponent": "",
+    "cohesive_modulus": "N/m^(n+1)",
+    "frictional_modulus": "N/m^(n+2)",
+}
+"""Units of `model.wheel_soil.SOIL_PARAMETERS`."""
 
 
 def build(material: Material) -> Section:
@@ -18,16 +28,19 @@ def build(material: Material) -> Section:
     found = material.diagnosis
     blocks: list[Block] = [Text(f"{note[0].upper()}{note[1:].rstrip('.')}.") for note in found.notes if note]
     if found.noise:
-        rows = [[plain_name(name), number(value)] for name, value in found.noise.items()]
+        named = [(*named_with_unit(name), value) for name, value in found.noise.items()]
+        rows = [[name, number(value), unit] for name, unit, value in named]
         note = "Estimated from these runs by marginal likelihood; everything else on this page is weighed with it."
-        blocks.append(Table("Noise model", ["quantity", "value"], rows, note))
+        blocks.append(Table("Noise model", ["quantity", "value", "unit"], rows, note))
     for soil in found.soils:
         rows = [
-            [PARAMETERS.get(name, name), number(value, 4), _sigma(soil.sigmas.get(name, float("nan")))]
+            [PARAMETERS.get(name, name), number(value, 4), _sigma(soil.sigmas.get(name, float("nan"))), _SOIL[name]]
             for name, value in soil.values.items()
         ]
-        note = "SI units. With the named cause in the model, or none where none is named."
-        blocks.append(Table(f"Soil as the data leave it: {soil.campaign}", ["parameter", "value", "sigma"], rows, note))
+        note = "With the named cause in the model, or none where none is named."
+        blocks.append(
+            Table(f"Soil as the data leave it: {soil.campaign}", ["parameter", "value", "sigma", "unit"], rows, note)
+        )
     if found.stages_s:
         rows = [[plain_name(name), f"{seconds:.2f}"] for name, seconds in found.stages_s.items()]
         blocks.append(Table("Stages", ["stage", "time (s)"], rows))

@@ -1,0 +1,167 @@
+"""One channel against slip: measured with its density, every model with its band, driving and braking apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.observations import CHANNELS
+from wheelsoil.report.bands import model_sigma
+from wheelsoil.report.content import Figure, Panels
+from wheelsoil.report.figures import (
+    GREY_BAND,
+    MEASURED,
+    Trace,
+    axes,
+    band,
+    density,
+    line,
+    look_at,
+    marked_line,
+    see_through,
+    style,
+)
+from wheelsoil.report.material import FloatArray, Material
+from wheelsoil.report.thinning import EDGES, Bins, binned
+
+ALL_RUNS = "all runs"
+_SIGMAS = 1.959964
+"""Of a 95 % band."""
+_HALVES = (("driving", (0.0, 1.0)), ("braking", (-1.0, 0.0)))
+
+
+@dataclass(frozen=True)
+class Curves:
+    """One channel of all runs against slip.
+
+    Attributes
+    ----------
+    panels : Panels
+        Driving and braking; the reader chooses among all runs and each.
+    errors : Figure
+        Predicted less measured of every model, all runs.
+    numbers : mapping
+    """
+
+    panels: Panels
+    errors: Figure
+    numbers: dict[str, Any]
+
+
+def curves_of(material: Material, channel: str, key: str, axis: str, reading: str) -> Curves:
+    """Draw "dp" or "t" against slip.
+
+    Parameters
+    ----------
+    material : Material
+    channel : "dp" or "t"
+    key : str
+        Beginning of the figures' keys.
+    axis : str
+        Title of the y axis, with its unit.
+    reading : str
+        How to read the panels.
+
+    Raises
+    ------
+    DataError
+        The channel was not measured.
+    """
+    pool = material.pool
+    measured = pool.measured(channel)
+    predicted = {model.name: pool.predicted(model.name, CHANNELS[channel]) for model in material.fit.models}
+    predicted = {name: np.where(np.isfinite(measured), values, np.nan) for name, values in predicted.items()}
+    sigmas = {model.name: model_sigma(material, model, channel) for model in material.fit.models}
+    choices = {ALL_RUNS: np.ones(len(measured), np.bool_)}
+    if len(material.runs) > 1:
+        choices |= {run.run.id: pool.run == i for i, run in enumerate(material.runs) if run.used.any()}
+    figures = []
+    for half, ends in _HALVES:
+        inside = (pool.slip > 0) if half == "driving" else (pool.slip <= 0)
+        if not (inside & np.isfinite(measured)).any():
+            continue
+        data: list[Trace] = []
+        groups: list[str] = []
+        for choice, chosen in choices.items():
+            traces = _traces(pool.slip, measured, predicted, sigmas, chosen & inside, ends)
+            data += traces
+            groups += [choice] * len(traces)
+        layout = axes("slip", axis, height=430)
+        seen = ends if half == "driving" else (float(np.percentile(pool.slip[inside], 0.5)), 0.0)
+        look_at(layout, "x", np.array(seen), margin=0.02)
+        look_at(layout, "y", measured[inside])
+        figures.append(Figure(f"{key}-{half}", half.capitalize(), data, layout, groups))
+    errors, numbers = _errors(material, key, axis, measured, predicted)
+    return Curves(Panels(figures, reading, list(choices)), errors, numbers)
+
+
+def _traces(
+    slip: FloatArray,
+    measured: FloatArray,
+    predicted: dict[str, FloatArray],
+    sigmas: dict[str, FloatArray],
+    rows: NDArray[np.bool_],
+    ends: tuple[float, float],
+) -> list[Trace]:
+    """Return the traces of one choice of runs."""
+    s, y = slip[rows], measured[rows]
+    curve = binned(s, y, EDGES)
+    traces = [
+        density(s, y, ends, "samples"),
+        *band(curve.centre, curve.lower, curve.upper, "middle half", GREY_BAND),
+        line(curve.centre, curve.median, "measured", MEASURED, "solid", 2.4),
+    ]
+    for name, values in predicted.items():
+        traces += _of_model(name, s, values[rows], sigmas[name][rows])
+    return traces
+
+
+def _of_model(name: str, slip: FloatArray, values: FloatArray, sigma: FloatArray) -> list[Trace]:
+    """Return a model's median in bins of slip, and the band of its coefficients' 95 % where it has any."""
+    look, median = style(name), binned(slip, values, EDGES)
+    drawn = marked_line(median.centre, median.median, look.label, look) | {"legendgroup": name}
+    half = _SIGMAS * _within(median, slip, sigma)
+    if not np.isfinite(half).any():
+        return [drawn]
+    edges = band(median.centre, median.median - half, median.median + half, look.label, see_through(look.colour))
+    hidden = [trace | {"showlegend": False, "legendgroup": name} for trace in edges]
+    return [*hidden, drawn]
+
+
+def _within(curve: Bins, slip: FloatArray, sigma: FloatArray) -> FloatArray:
+    """Return the median sigma in each bin of a curve, shape (bins,); only some samples have one."""
+    found = binned(slip, sigma, EDGES, least=1)
+    known = dict(zip(found.centre.tolist(), found.median.tolist(), strict=True))
+    return np.array([known.get(centre, np.nan) for centre in curve.centre.tolist()])
+
+
+def _errors(
+    material: Material, key: str, axis: str, measured: FloatArray, predicted: dict[str, FloatArray]
+) -> tuple[Figure, dict[str, Any]]:
+    """Return predicted less measured, and the curves in numbers."""
+    slip = material.pool.slip
+    numbers: dict[str, Any] = {"measured": binned(slip, measured, EDGES)}
+    traces: list[Trace] = []
+    seen: list[FloatArray] = []
+    for name, values in predicted.items():
+        error = binned(slip, values - measured, EDGES)
+        driven = error.centre > 0
+        look = style(name)
+        traces.append(marked_line(error.centre[driven], error.median[driven], look.label, look))
+        seen.append(error.median[driven])
+        numbers[name] = {"predicted": binned(slip, values, EDGES), "error": error}
+    unit = axis[axis.index("(") :]
+    layout = axes("slip", f"predicted − measured {unit}", height=340)
+    look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
+    look_at(layout, "y", np.append(np.concatenate(seen), 0.0))
+    layout["shapes"] = [upright(material.fit.slip_threshold)]
+    return Figure(f"{key}-error", "Error of every model, driving, all runs", traces, layout), numbers
+
+
+def upright(x: float) -> dict[str, Any]:
+    """Return a dotted line across a whole figure at one x, as plotly's shape."""
+    place = {"type": "line", "xref": "x", "yref": "paper", "x0": x, "x1": x, "y0": 0, "y1": 1}
+    return place | {"line": {"color": "#555", "width": 1.2, "dash": "dot"}}

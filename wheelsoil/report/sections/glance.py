@@ -1,0 +1,64 @@
+"""What to know in ten seconds: the result, what to do next, and a traffic light for each run."""
+
+from __future__ import annotations
+
+from daq.errors import DataError
+from wheelsoil.grading import Grade, grade_of
+from wheelsoil.report.content import Block, Light, Lights, Section, Text
+from wheelsoil.report.material import Material
+from wheelsoil.report.sections import verdict
+from wheelsoil.report.words import count, listed
+
+KEY = "glance"
+TITLE = "In ten seconds"
+
+_WHY = 1
+"""Reasons of a run that are told here; data quality tells all."""
+
+
+def build(material: Material) -> Section:
+    """Build the section; it is there whatever is missing."""
+    grades = {run.run.id: grade_of(run, _lost(material, i)) for i, run in enumerate(material.runs)}
+    sentence, step = _sentence(material), next_step(material, grades)
+    lights = [Light(name, grade.level, _why(grade)) for name, grade in grades.items()]
+    blocks: list[Block] = [Text(sentence, "lead"), Text(f"{step[0].upper()}{step[1:]}", "next"), Lights("Runs", lights)]
+    return Section(KEY, TITLE, blocks, {"sentence": sentence, "next_step": step, "grades": grades})
+
+
+def _lost(material: Material, index: int) -> list[str]:
+    source = material.source_of(material.runs[index])
+    return source.lost if source else []
+
+
+def _sentence(material: Material) -> str:
+    try:
+        return str(verdict.build(material).numbers["sentence"])
+    except DataError as error:
+        return f"No result: {'; '.join(fault.what for fault in error.faults)}."
+
+
+def _why(grade: Grade) -> str:
+    if grade.reasons:
+        more = len(grade.reasons) - _WHY
+        told = "; ".join(reason.partition(": ")[0] for reason in grade.reasons[:_WHY])
+        return f"{told}; {count(more)} more" if more > 0 else told
+    return f"{100 * grade.usable_share:.0f} % usable, slip to {grade.highest_slip:.2f}"
+
+
+def next_step(material: Material, grades: dict[str, Grade]) -> str:
+    """Return what to do next: mend what spoils runs, else the run that tells most, else nothing."""
+    poor = [name for name, grade in grades.items() if grade.level == "poor"]
+    if poor:
+        said = listed(poor) if len(poor) <= 5 else f"{len(poor)} of {len(grades)} runs"
+        return f"look at data quality first; {said} {'is' if len(poor) == 1 else 'are'} poor."
+    if material.campaign is None:
+        return "see below why the runs could not be fitted."
+    found = material.diagnosed
+    if found is None:
+        return "`wheelsoil diagnose` says what the simulation gets wrong and why."
+    if found.next_run:
+        first = found.next_run[0]
+        return f"{first.change} (parts {listed([name.replace('_', ' ') for name in first.separates])})."
+    if found.verdict == "named":
+        return "take the extended model: `wheelsoil diagnose -o model.toml` keeps it for fit, simulate and report."
+    return "no further run is asked for; see what could have been seen."
