@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from model.criteria import Criteria
 from model.extended import ExtendedModel
+from model.fit_tables import fit_html
 from model.intervals import Blocks
 from model.observations import Observations
 from model.soil_prior import SoilPrior
@@ -155,3 +156,6 @@ class CampaignFit:
     def model(self, name: str) -> ModelFit:
         """Return a model's fit by name."""
         return next(m for m in self.models if m.name == name)
+
+    def _repr_html_(self) -> str:
+        return fit_html(self)

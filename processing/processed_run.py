@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.config import RunInfo
+from daq.shown import html_paragraph, html_table
 
 FloatArray = NDArray[np.float64]
 
@@ -214,3 +215,9 @@ class ProcessedRun:
     def used(self) -> NDArray[np.bool_]:
         """Samples that have no reason to be left out."""
         return np.asarray(self.reason == Reason.USED)
+
+    def _repr_html_(self) -> str:
+        from processing.summary import summary_table  # it reads what is defined here
+
+        notes = "".join(map(html_paragraph, self.quality.notes))
+        return html_table((), summary_table(self), left=2) + notes

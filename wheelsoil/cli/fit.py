@@ -27,11 +27,11 @@ from wheelsoil.cli.options import (
     ZeroFile,
     chosen,
 )
-from wheelsoil.cli.talk import number, print_json, print_table, say
+from wheelsoil.cli.talk import number, print_json, print_table, say, say_folded
 
 if TYPE_CHECKING:
     from model.extended import ExtendedModel
-    from model.fit_result import CampaignFit, ModelFit
+    from model.fit_result import CampaignFit
     from wheelsoil.choice import Choice
     from wheelsoil.fitting import FitChoices
 
@@ -140,55 +140,19 @@ def _fit_table(
 
 def print_fit(fit: CampaignFit) -> None:
     """Print coefficients and criteria as tables, warnings on stderr."""
+    from model.fit_tables import UNITS, coefficients, criteria_table, remarks
     from wheelsoil.fitting import NOT_AT_AN_END, ended
 
-    head = ["model", "coefficient", "value", f"{100 * fit.options.confidence:g} % interval", "sigma", "unit"]
-    print_table(head, [row for model in fit.models for row in _estimates(model)], left=2)
-    for channel, unit in (("dp", "N"), ("t", "Nm")):
-        scored = [model for model in fit.models if channel in model.criteria and model.criteria[channel].samples]
-        if scored:
+    print_table(*coefficients(fit), left=2)
+    for channel in UNITS:
+        head, rows = criteria_table(fit, channel)
+        if rows:
             print()
-            print_table(_criteria_head(channel, unit), [_criteria(model, channel) for model in scored])
-    reasons = {m.criteria["dp"].reason for m in fit.models if "dp" in m.criteria and m.criteria["dp"].reason}
-    say(f"soil {fit.soil.name}, {fit.options.reading} reading, criteria at slips from {fit.slip_threshold:g} on")
-    for text in (*fit.notes, *sorted(reasons), *(f"{m.name}: {w}" for m in fit.models for w in m.warnings)):
-        say(text)
+            print_table(head, rows)
+    for text in remarks(fit):
+        say_folded(text)
     if not all(ended(model) for model in fit.models):
         say(f"  next: {NOT_AT_AN_END}")
-
-
-def _estimates(model: ModelFit) -> list[list[str]]:
-    held = [[model.name, name, f"{number(value)} (held)", "-", "-", ""] for name, value in model.fixed.items()]
-    if not model.estimates:
-        return held or [[model.name, "-", "-", "-", "-", ""]]
-    return held + [
-        [
-            model.name,
-            estimate.name,
-            number(estimate.value) + (" (bound)" if estimate.at_bound else ""),
-            f"{number(estimate.interval[0])} .. {number(estimate.interval[1])}",
-            number(estimate.sigma, 2),
-            estimate.unit,
-        ]
-        for estimate in model.estimates
-    ]
-
-
-def _criteria_head(channel: str, unit: str) -> list[str]:
-    name = {"dp": "drawbar pull", "t": "torque"}[channel]
-    return [name, "M0 %", f"R0 {unit}", "R2", "samples", "load Eq.7/measured", "least", "most"]
-
-
-def _criteria(model: ModelFit, channel: str) -> list[str]:
-    score, ratio = model.criteria[channel], model.load_ratio
-    return [
-        model.name,
-        number(score.M0_percent),
-        number(score.R0_N),
-        number(score.R2),
-        f"{score.samples}",
-        *(number(value) for value in (ratio.median, ratio.lowest, ratio.highest)),
-    ]
 
 
 def _sinkages(fit: CampaignFit) -> dict[str, Any] | None:

@@ -21,7 +21,7 @@ from wheelsoil.cli.options import (
     ZeroFile,
     chosen,
 )
-from wheelsoil.cli.talk import check_output, print_facts, print_json, say
+from wheelsoil.cli.talk import check_output, print_facts, print_json, say, say_folded
 
 if TYPE_CHECKING:
     from processing.processed_run import ProcessedRun
@@ -78,7 +78,7 @@ def command(
             print()
         print_facts(summary_table(run))
         for note in run.quality.notes:
-            say(f"{run.run.id}: {note}")
+            say_folded(f"{run.run.id}: {note}")
 
 
 def _as_json(run: ProcessedRun) -> dict[str, Any]:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 from daq.errors import ConfigError, Fault
+from daq.shown import number as number
+from daq.shown import table_lines as table_lines
 from wheelsoil.plain import to_json
+
+_LEAST_WIDTH = 60
 
 Item = TypeVar("Item")
 
@@ -19,35 +25,44 @@ def say(text: str) -> None:
     print(text, file=sys.stderr)
 
 
+def say_folded(text: str) -> None:
+    """Tell the person a long sentence, in lines that fit (stderr)."""
+    for i, line in enumerate(folded(text, terminal_width() - 2)):
+        say(f"  {line}" if i else line)
+
+
+def terminal_width() -> int:
+    """Return how wide a line may be; what is no terminal is taken for one of 96 columns."""
+    return max(shutil.get_terminal_size((96, 24)).columns, _LEAST_WIDTH)
+
+
+def folded(text: str, width: int) -> list[str]:
+    """Return a text as lines, broken at spaces only: paths and hashes stay whole."""
+    if len(text) <= width:
+        return [text]
+    return textwrap.wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False) or [text]
+
+
 def print_json(value: Any) -> None:
     """Print facts as JSON (stdout); NaN becomes null."""
     print(to_json(value))
 
 
-def table_lines(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> list[str]:
-    """Return aligned columns, the first `left` of them left-aligned, the others right-aligned."""
-    lines = [list(head), *[list(row) for row in rows]]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
-    return ["  ".join(_cells(line, widths, left)).rstrip() for line in lines]
-
-
-def _cells(line: Sequence[str], widths: Sequence[int], left: int) -> Iterator[str]:
-    for i, (text, width) in enumerate(zip(line, widths, strict=True)):
-        yield text.ljust(width) if i < left else text.rjust(width)
-
-
 def print_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> None:
-    """Print aligned columns (stdout); see `table_lines`."""
-    for line in table_lines(head, rows, left=left):
+    """Print aligned columns (stdout), as wide as the terminal at most; see `daq.shown.table_lines`."""
+    for line in table_lines(head, rows, left=left, width=terminal_width()):
         print(line)
 
 
 def print_facts(facts: Iterable[tuple[str, str]]) -> None:
-    """Print "name  value" lines (stdout)."""
+    """Print "name  value" lines (stdout); a long value goes on below itself."""
     pairs = list(facts)
     width = max((len(name) for name, _ in pairs), default=0)
     for name, value in pairs:
-        print(f"{name.ljust(width)}  {value}")
+        first, *more = folded(value, terminal_width() - width - 2)
+        print(f"{name.ljust(width)}  {first}")
+        for line in more:
+            print(f"{'':{width}}  {line}")
 
 
 def progress(items: Iterable[Item], label: str, total: int | None = None) -> Iterator[Item]:
@@ -79,11 +94,6 @@ def counter(label: str, what: str) -> Iterator[Callable[[int], None] | None]:
 
     with Console(stderr=True).status(label) as status:
         yield lambda count: status.update(f"{label}: {count:,} {what}")
-
-
-def number(value: float, digits: int = 4) -> str:
-    """Return a number with `digits` significant digits, or "-" where there is none."""
-    return f"{value:.{digits}g}" if value == value else "-"
 
 
 def check_output(path: Path, *, force: bool = False) -> Path:

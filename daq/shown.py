@@ -1,0 +1,87 @@
+"""Numbers and tables as people see them, in a terminal and in a notebook."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from html import escape
+from itertools import zip_longest
+
+_LEAST_COLUMN = 12
+_BREAK_AFTER = re.compile(r"[^\s._/]*[\s._/]+|[^\s._/]+")
+
+
+def number(value: float, digits: int = 4) -> str:
+    """Return a number with `digits` significant digits, or "-" where there is none."""
+    return f"{value:.{digits}g}" if value == value else "-"
+
+
+def table_lines(
+    head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1, width: int | None = None
+) -> list[str]:
+    """Return aligned columns, the first `left` of them left-aligned, the others right-aligned.
+
+    Where they are wider than `width` they move closer together, and then the widest left-aligned column is broken over
+    lines, after a space, dot, slash or underscore where there is one.
+    """
+    lines = [list(head), *[list(row) for row in rows]]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
+    gap = 2
+    if width is not None and left and _total(widths, gap) > width:
+        gap = 1
+        widest = max(range(left), key=lambda i: widths[i])
+        excess = max(_total(widths, gap) - width, 0)
+        widths[widest] = max(widths[widest] - excess, min(widths[widest], _LEAST_COLUMN))
+    out = []
+    for line in lines:
+        pieces = [_pieces(text, widths[i]) if i < left else [text] for i, text in enumerate(line)]
+        out += [
+            (" " * gap)
+            .join(text.ljust(widths[i]) if i < left else text.rjust(widths[i]) for i, text in enumerate(texts))
+            .rstrip()
+            for texts in zip_longest(*pieces, fillvalue="")
+        ]
+    return out
+
+
+def _total(widths: Sequence[int], gap: int) -> int:
+    return sum(widths) + gap * (len(widths) - 1)
+
+
+def _pieces(text: str, width: int) -> list[str]:
+    """Return a text as pieces of at most `width`."""
+    if len(text) <= width:
+        return [text]
+    pieces = [""]
+    for token in _BREAK_AFTER.findall(text):
+        rest = token
+        if len(pieces[-1]) + len(rest.rstrip()) > width and pieces[-1]:
+            pieces.append("")
+        while len(rest.rstrip()) > width:
+            pieces[-1], rest = rest[:width], rest[width:]
+            pieces.append("")
+        pieces[-1] += rest
+    return [piece.rstrip() for piece in pieces if piece.strip()]
+
+
+def html_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1, caption: str = "") -> str:
+    """Return a small HTML table; every text is escaped. Alignment as in `table_lines`; without `head` there is none."""
+    parts = ["<table>"]
+    if caption:
+        parts.append(f'<caption style="text-align:left">{escape(caption)}</caption>')
+    if head:
+        parts.append(f"<thead><tr>{_html_cells('th', head, left)}</tr></thead>")
+    parts += ["<tbody>", *(f"<tr>{_html_cells('td', row, left)}</tr>" for row in rows), "</tbody></table>"]
+    return "".join(parts)
+
+
+def _html_cells(tag: str, texts: Sequence[str], left: int) -> str:
+    sides = ("left" if i < left else "right" for i in range(len(texts)))
+    return "".join(
+        f'<{tag} style="text-align:{side}">{escape(text)}</{tag}>' for text, side in zip(texts, sides, strict=True)
+    )
+
+
+def html_paragraph(text: str) -> str:
+    """Return an escaped text as a paragraph, or nothing of an empty one."""
+    return f"<p>{escape(text)}</p>" if text else ""
