@@ -1,0 +1,113 @@
+// What is chosen by hand: thresholds, runs, stretches of time. Each change goes to the server at once and comes back as it was taken.
+
+import { ask } from "./api.js";
+import { get, write } from "./dom.js";
+import { chosenRun, entryOf, forget, load, samplesOf } from "./samples.js";
+import { campaignOf, current, on, runOf, state, tell } from "./store.js";
+import { during } from "./talk.js";
+
+let last = Promise.resolve();
+
+/** Change the choice of a campaign; `edit` gets a copy of it to change. Changes go one after the other. */
+export function change(key, edit) {
+  last = last.then(() => send(key, edit));
+  return last;
+}
+
+async function send(key, edit) {
+  const choice = structuredClone(campaignOf(key).choice ?? {});
+  edit(choice);
+  const entry = await during(`applying the choice to ${campaignOf(key).name}`, ask("/api/choose", { campaign: key, choice }));
+  if (entry) took(entry);
+  else tell("list");
+  return entry;
+}
+
+/** Take a campaign's entry as the server has it now. */
+export function took(entry) {
+  const before = campaignOf(entry.key)?.choice;
+  state.campaigns = state.campaigns.map((each) => (each.key === entry.key ? entry : each));
+  if (ofSamples(before) !== ofSamples(entry.choice)) forget(entry.key);
+  tell("list");
+  tell("chosen", entry.key);
+  load();
+}
+
+/** The part of a choice that changes which samples are used. */
+const ofSamples = ({ run, cutoff_hz: cutoff, min_speed_mps: speed } = {}) => JSON.stringify([run, cutoff, speed]);
+
+const round = (value) => Math.round(value * 100) / 100;
+
+/** What is left of stretches when one is taken out. */
+export function without(stretches, from, to) {
+  return stretches.flatMap(([low, high]) => [[low, Math.min(high, from)], [Math.max(low, to), high]]).filter(([low, high]) => high - low > 0.005);
+}
+
+/** Stretches with one more; those that touch become one. */
+export function joined(stretches, from, to) {
+  const touching = stretches.filter(([low, high]) => low <= to && high >= from);
+  const rest = stretches.filter((each) => !touching.includes(each));
+  return [...rest, [Math.min(from, ...touching.map(([low]) => low)), Math.max(to, ...touching.map(([, high]) => high))]].sort((a, b) => a[0] - b[0]);
+}
+
+function cut(edit) {
+  const run = runOf(state.a), data = samplesOf(state.a), end = round(data.time_s.at(-1) + 0.05);
+  const from = round(Math.max(0, state.selection?.from ?? 0)), to = round(Math.min(end, state.selection?.to ?? end));
+  change(state.a.campaign, (choice) => {
+    const entry = entryOf(choice, run), keep = edit(entry.keep ?? [[0, end]], from, to);
+    delete entry.keep;
+    if (keep === null) return;
+    if (keep.length) entry.keep = keep;
+    else entry.use = false;
+  });
+}
+
+function showKeep() {
+  const run = runOf(state.a), keep = run && chosenRun(state.a.campaign, run)?.keep;
+  const time = state.selection?.kind === "time" && samplesOf(state.a);
+  for (const id of ["keep-only", "leave-out"]) get(id).disabled = !time;
+  get("keep-too").disabled = !time || !keep;
+  get("keep-all").disabled = !keep;
+  get("keep-bar").hidden = !time && !keep;
+  const words = keep ? `Kept of ${run.id}: ${keep.map(([from, to]) => `${from} to ${to} s`).join(", ")}` : "";
+  write(get("kept"), run && chosenRun(state.a.campaign, run)?.use === false ? `${run.id} is not used` : words);
+}
+
+const NUMBERS = [["slip-threshold", "slip_threshold"], ["cutoff", "cutoff_hz"], ["min-speed", "min_speed_mps"]];
+
+function showForm() {
+  const choice = current()?.choice ?? {};
+  for (const [id, name] of NUMBERS) if (document.activeElement !== get(id)) get(id).value = choice[name] ?? "";
+  const channels = choice.channels ?? ["dp"];
+  get("fit-dp").checked = channels.includes("dp");
+  get("fit-t").checked = channels.includes("t");
+  get("soil-prior").checked = choice.soil_prior ?? false;
+  state.threshold = choice.slip_threshold;
+}
+
+function set(name, value) {
+  if (!state.a) return;
+  change(state.a.campaign, (choice) => {
+    if (value === null) delete choice[name];
+    else choice[name] = value;
+  });
+}
+
+function setChannels() {
+  const channels = [["fit-dp", "dp"], ["fit-t", "t"]].filter(([id]) => get(id).checked).map(([, name]) => name);
+  if (!channels.length) showForm();
+  else set("channels", channels);
+}
+
+export function setUp() {
+  for (const [id, name] of NUMBERS) get(id).addEventListener("change", () => set(name, get(id).value === "" ? null : Number(get(id).value)));
+  for (const id of ["fit-dp", "fit-t"]) get(id).addEventListener("change", setChannels);
+  get("soil-prior").addEventListener("change", () => set("soil_prior", get("soil-prior").checked));
+  get("choice-form").addEventListener("submit", (event) => event.preventDefault());
+  get("keep-only").addEventListener("click", () => cut((_, from, to) => [[from, to]]));
+  get("keep-too").addEventListener("click", () => cut(joined));
+  get("leave-out").addEventListener("click", () => cut(without));
+  get("keep-all").addEventListener("click", () => cut(() => null));
+  for (const topic of ["list", "picked"]) on(topic, showForm);
+  for (const topic of ["list", "picked", "data", "selection"]) on(topic, showKeep);
+}

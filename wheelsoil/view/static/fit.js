@@ -1,0 +1,124 @@
+// Refit: the four models and the one of one's own, their values with intervals, their criteria.
+
+import { ask } from "./api.js";
+import { sensible } from "./channels.js";
+import { setFitted } from "./curve.js";
+import { modelStyle } from "./drawing.js";
+import { get, part, write } from "./dom.js";
+import { setValues, tellFit } from "./model.js";
+import { current, on, state } from "./store.js";
+import { during } from "./talk.js";
+
+const OWN = "chosen";
+const CHANNELS = { dp: ["drawbar pull", "N"], t: ["torque", "N m"] };
+const fits = new Map(); // campaign -> { fit, of: the choice it was made with }
+const off = new Set(); // models whose curve is not drawn
+
+async function refit() {
+  const campaign = current(), of = JSON.stringify(campaign.choice);
+  const fit = await during(`fitting the models to ${campaign.name}`, ask("/api/fit", { campaign: campaign.key }));
+  if (!fit) return;
+  fits.set(campaign.key, { fit, of });
+  show();
+  const own = fit.models[OWN];
+  if (own && state.a?.campaign === campaign.key) setValues(valuesOf(own));
+}
+
+const estimatesOf = (model) => Object.values(model?.estimates ?? {});
+const valuesOf = (model) => ({ ...model.held, ...Object.fromEntries(estimatesOf(model).filter((each) => !each.derived).map((each) => [each.name, each.value])) });
+
+function show() {
+  const campaign = current(), found = fits.get(campaign?.key);
+  get("refit").disabled = !campaign || !campaign.runs.some((run) => run.state === "ready");
+  get("fit-tables").hidden = !found;
+  tellFit({}, {});
+  if (!found) {
+    write(get("fit-says"), "fits Wong's model, Vasil'ev, Lyasko, Ding, and the effects that are on");
+    setFitted([]);
+    return;
+  }
+  const { fit, of } = found, outdated = of !== JSON.stringify(campaign.choice);
+  write(get("fit-says"), outdated ? "The choice has changed since this fit: refit." : fit.notes.join("; "));
+  get("fit-says").classList.toggle("outdated", outdated);
+  get("fit-tables").replaceChildren(criteria(fit), values(fit));
+  const estimates = Object.assign({}, ...Object.values(fit.models).map((model) => model.estimates), fit.models[OWN]?.estimates);
+  tellFit(estimates, fit.models[OWN]?.held ?? {});
+  drawCurves(fit);
+}
+
+function drawCurves(fit) {
+  const shown = Object.entries(fit.curves).filter(([name]) => !off.has(name));
+  setFitted(shown.map(([name, curve]) => ({ ...curve, ...modelStyle(name), name, label: `${labelOf(name)}, fitted` })));
+}
+
+const labelOf = (name) => (name === OWN ? "chosen" : modelStyle(name).name);
+
+function table(caption, head, rows) {
+  const box = part("div", "scroll"), made = part("table"), top = part("tr");
+  made.append(part("caption", "", caption));
+  for (const words of head) top.append(part("th", "", words));
+  const body = part("tbody");
+  for (const cells of rows) {
+    const row = part("tr");
+    for (const cell of cells) {
+      const td = part("td");
+      td.append(cell);
+      row.append(td);
+    }
+    body.append(row);
+  }
+  const thead = part("thead");
+  thead.append(top);
+  made.append(thead, body);
+  box.append(made);
+  return box;
+}
+
+function switchOf(name, fit) {
+  const label = part("label", "check"), input = part("input");
+  input.type = "checkbox";
+  input.checked = !off.has(name);
+  input.addEventListener("change", () => {
+    if (input.checked) off.delete(name);
+    else off.add(name);
+    drawCurves(fit);
+  });
+  label.append(input, ` ${labelOf(name)}`);
+  return label;
+}
+
+function criteria(fit) {
+  const box = part("div");
+  for (const [channel, [name, unit]] of Object.entries(CHANNELS)) {
+    const rows = Object.entries(fit.models).filter(([, model]) => model.criteria[channel]).map(([key, model]) => {
+      const { M0_percent: m0, R0_N: r0, R2: r2 } = model.criteria[channel];
+      return [channel === "dp" ? switchOf(key, fit) : labelOf(key), sensible(m0), sensible(r0), sensible(r2)];
+    });
+    if (rows.length) box.append(table(`Criteria, ${name}, slips from ${fit.slip_threshold} on`, ["model", "M₀ %", `R₀ ${unit}`, "R²"], rows));
+  }
+  return box;
+}
+
+function values(fit) {
+  const rows = Object.entries(fit.models).flatMap(([name, model]) => estimatesOf(model).map((each) => {
+    const value = part("span", "", sensible(each.value) + (each.unit === "1" ? "" : ` ${each.unit}`));
+    const interval = each.interval.every((end) => end !== null) ? `${sensible(each.interval[0])} to ${sensible(each.interval[1])}` : "–";
+    value.append(part("small", "", each.at_bound ? "at its bound" : interval));
+    return [labelOf(name), each.name, value];
+  }));
+  return table(`Coefficients, with ${Math.round(100 * fit.confidence)} % intervals`, ["model", "name", "value"], rows);
+}
+
+export function setUp() {
+  get("refit").addEventListener("click", refit);
+  for (const topic of ["list", "picked"]) on(topic, showOnce);
+}
+
+/** Show again only where it is another campaign, choice or fit; the poll comes each second. */
+let seen = "";
+function showOnce() {
+  const campaign = current(), now = JSON.stringify([campaign?.key, campaign?.choice, campaign?.runs.map((run) => run.state)]);
+  if (now === seen) return;
+  seen = now;
+  show();
+}

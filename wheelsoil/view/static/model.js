@@ -1,0 +1,196 @@
+// The model by hand: reading of the sinkage, effects, and a slider for each of their parameters and of the soil's.
+
+import { ask, query } from "./api.js";
+import { sensible } from "./channels.js";
+import { change } from "./choice.js";
+import { bend } from "./curve.js";
+import { get, list, part, spaced, write } from "./dom.js";
+import { Slider } from "./slider.js";
+import { current, on, state } from "./store.js";
+import { tellError } from "./talk.js";
+
+const KINDS = { physical: "Soil and wheel", measurement: "Measurement" };
+const known = new Map(); // campaign -> {soil, effects} of /api/parameters
+const values = new Map(); // parameter -> value, of whatever effect
+const bases = new Map(); // campaign -> what these were asked for
+const sliders = new Map(); // parameter -> Slider
+let soil = {}; // what was moved by hand
+let loadN = null;
+let shownFor = null;
+
+/** An effect that is switched on begins where an estimate would, so that it is seen. */
+const startOf = ({ start, value }) => start ?? value;
+const about = () => known.get(state.a?.campaign);
+const effectsOn = () => current()?.choice?.effects ?? [];
+export const sinkage = () => get("sinkage").querySelector("input:checked").value;
+
+/** The effect of a name: its key, or the family's only form. */
+export function effectOf(name, form = "") {
+  const all = about()?.effects ?? [];
+  return all.find((each) => each.key === name) ?? all.find((each) => each.family === name && (!form || each.form === form));
+}
+
+function body() {
+  const parameters = (about()?.effects ?? []).filter((each) => effectsOn().includes(each.key)).flatMap((each) => each.parameters);
+  const held = Object.fromEntries(parameters.map((each) => [each.name, values.get(each.name) ?? startOf(each)]));
+  return { sinkage: sinkage(), effects: effectsOn(), values: held, soil, load_n: loadN };
+}
+
+/** Bend the curve to what the sliders say. */
+export function redraw(since) {
+  if (state.a && about()) bend(body(), since);
+}
+
+/** Put an effect into the model or take it out; the choice remembers it. */
+export function setEffect(key, use) {
+  return change(state.a.campaign, (choice) => {
+    const rest = (choice.effects ?? []).filter((each) => each !== key);
+    choice.effects = use ? [...rest, key] : rest;
+  });
+}
+
+/** Put values where the sliders are. */
+export function setValues(given) {
+  for (const [name, value] of Object.entries(given)) {
+    values.set(name, value);
+    sliders.get(name)?.put(value);
+  }
+  redraw();
+}
+
+/** Say beside each slider what a fit found: estimates and held values by the parameter's name. */
+export function tellFit(estimates, held) {
+  for (const [name, slider] of sliders) slider.tell(estimates[name], held[name]);
+}
+
+/** What an effect can be told from depends on which runs there are, and on the reading. */
+const basis = ({ runs, choice }) => JSON.stringify([runs.map((run) => run.state), choice.sinkage, choice.run]);
+
+async function showModel() {
+  const campaign = state.a?.campaign;
+  if (!campaign) return;
+  const now = basis(current());
+  if (bases.get(campaign) !== now) {
+    bases.set(campaign, now);
+    try {
+      known.set(campaign, await ask(query("/api/parameters", { campaign })));
+    } catch (error) {
+      bases.delete(campaign);
+      return tellError("the model's parameters", error);
+    }
+    if (state.a?.campaign === campaign && shownFor === campaign) showEffects();
+  }
+  if (state.a?.campaign !== campaign || !about()) return;
+  if (shownFor !== campaign) {
+    shownFor = campaign;
+    soil = {};
+    showSoil();
+    showEffects();
+    showSliders();
+    if (current().choice?.sinkage) get("sinkage").querySelector(`[value=${current().choice.sinkage}]`).checked = true;
+  }
+  redraw();
+}
+
+function showSoil() {
+  const rows = about().soil.map((each) => {
+    const slider = new Slider(each, each.value, (value, since) => {
+      if (value === each.value) delete soil[each.name];
+      else soil[each.name] = value;
+      write(get("soil-hint"), Object.keys(soil).length ? "moved by hand; a fit takes the laboratory's" : "as the laboratory says");
+      redraw(since);
+    });
+    slider.reset.title = `back to ${sensible(each.value)}`;
+    return slider.row;
+  });
+  get("soil").replaceChildren(...rows);
+  write(get("soil-hint"), "as the laboratory says");
+}
+
+/** A slider for each parameter of the effects that are on. */
+function showSliders() {
+  sliders.clear();
+  const boxes = about().effects.filter((each) => effectsOn().includes(each.key)).map((effect) => {
+    const box = part("div", "effect-on");
+    box.append(part("h3", "", nameOf(effect)));
+    for (const parameter of effect.parameters) {
+      const slider = new Slider(parameter, values.get(parameter.name) ?? startOf(parameter), (value, since) => {
+        values.set(parameter.name, value);
+        redraw(since);
+      });
+      sliders.set(parameter.name, slider);
+      box.append(slider.row);
+    }
+    return box;
+  });
+  get("sliders").replaceChildren(...(boxes.length ? boxes : [part("p", "hint", "No effect is on: this is Wong's model. Switch one on below.")]));
+}
+
+const nameOf = ({ family, form }) => (form ? `${spaced(family)}: ${form}` : spaced(family));
+
+function showEffects() {
+  const groups = Object.entries(KINDS).map(([kind, title]) => {
+    const box = part("fieldset", "effects");
+    box.append(part("legend", "", title));
+    for (const effect of about().effects.filter((each) => each.kind === kind)) box.append(effectRow(effect));
+    return box;
+  });
+  get("effects").replaceChildren(...groups);
+  search();
+}
+
+function effectRow(effect) {
+  const label = part("label", "effect"), input = part("input"), text = part("span");
+  input.type = "checkbox";
+  input.checked = effectsOn().includes(effect.key);
+  input.disabled = !effect.can && !input.checked;
+  input.addEventListener("change", () => setEffect(effect.key, input.checked));
+  const unseen = effect.in_curve === false ? " It does not show in this curve, only in a fit." : "";
+  text.append(part("strong", "", nameOf(effect)), part("small", "", effect.can ? effect.summary + unseen : `cannot be told here: ${effect.why_not}`));
+  label.append(input, text);
+  label.dataset.effect = effect.key;
+  label.dataset.words = `${effect.key} ${nameOf(effect)} ${effect.summary}`.toLowerCase();
+  return label;
+}
+
+function search() {
+  const wanted = get("effect-search").value.trim().toLowerCase().split(/\s+/);
+  for (const box of get("effects").children) {
+    const rows = [...box.querySelectorAll(".effect")];
+    for (const row of rows) row.hidden = !wanted.every((word) => row.dataset.words.includes(word));
+    box.hidden = rows.every((row) => row.hidden);
+  }
+}
+
+/** The server has taken (or refused) another choice: switches and sliders follow it. */
+function follow() {
+  if (!about() || shownFor !== state.a?.campaign) return;
+  const before = [...get("sliders").querySelectorAll("[data-parameter]")].map((row) => row.dataset.parameter).join();
+  const now = about().effects.filter((each) => effectsOn().includes(each.key)).flatMap((each) => each.parameters.map(({ name }) => name)).join();
+  for (const row of get("effects").querySelectorAll("[data-effect]")) row.querySelector("input").checked = effectsOn().includes(row.dataset.effect);
+  write(get("effects-count"), effectsOn().length ? `${effectsOn().length} on` : "none on");
+  if (before === now) return;
+  showSliders();
+  redraw();
+}
+
+export function setUp() {
+  get("sinkage").addEventListener("change", () => {
+    redraw();
+    change(state.a.campaign, (choice) => { choice.sinkage = sinkage(); });
+  });
+  get("load").addEventListener("change", (event) => {
+    loadN = Number(get("load").value) > 0 ? Number(get("load").value) : null;
+    redraw(event.timeStamp);
+  });
+  get("effect-search").addEventListener("input", search);
+  on("load", (newtons) => {
+    get("load").placeholder = newtons === null ? "" : String(Math.round(newtons));
+    write(get("load-hint"), loadN === null ? "empty: the campaign's median load" : "");
+  });
+  on("picked", showModel);
+  on("list", follow);
+  on("list", () => {
+    if (state.a && (shownFor !== state.a.campaign || bases.get(state.a.campaign) !== basis(current()))) showModel();
+  });
+}

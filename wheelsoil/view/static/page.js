@@ -1,0 +1,67 @@
+// Puts the page together, and asks the server how things stand.
+
+import { ask } from "./api.js";
+import * as choice from "./choice.js";
+import { get } from "./dom.js";
+import * as fit from "./fit.js";
+import * as campaigns from "./list.js";
+import * as model from "./model.js";
+import * as plots from "./plots.js";
+import * as save from "./save.js";
+import * as selection from "./selection.js";
+import { state, tell } from "./store.js";
+import { isOpen, setLink, show, tellError } from "./talk.js";
+import { takeToken } from "./token.js";
+import * as verdict from "./verdict.js";
+
+const BUSY_MS = 1000;
+const CALM_MS = 4000;
+const PATIENCE_MS = 8000;
+let timer;
+let seen = "";
+
+const isBusy = () => state.campaigns.some(({ runs, diagnosis }) => diagnosis.state === "running" || runs.some((run) => run.state === "waiting" || run.state === "processing"));
+
+async function poll() {
+  clearTimeout(timer);
+  try {
+    const told = await ask("/api/list", undefined, PATIENCE_MS), words = JSON.stringify(told);
+    const back = !isOpen() && seen !== "";
+    setLink("open");
+    if (words !== seen) {
+      seen = words;
+      await take(told, back);
+    }
+  } catch (error) {
+    tellError("the list", error);
+  }
+  timer = setTimeout(poll, isBusy() || !isOpen() ? BUSY_MS : CALM_MS);
+}
+
+/** A server that was started again knows nothing of the choices made on this page: tell it. */
+async function take(told, back) {
+  const mine = new Map(state.campaigns.map((each) => [each.key, each.choice]));
+  state.campaigns = told.campaigns;
+  state.remarks = told.remarks ?? [];
+  show();
+  tell("list");
+  if (!back) return;
+  for (const { key, choice: theirs } of told.campaigns) {
+    const ours = mine.get(key);
+    if (ours && JSON.stringify(ours) !== JSON.stringify(theirs)) await choice.change(key, (copy) => Object.assign(emptied(copy), ours));
+  }
+}
+
+function emptied(copy) {
+  for (const name of Object.keys(copy)) delete copy[name];
+  return copy;
+}
+
+for (const each of [plots, selection, choice, campaigns, model, fit, verdict, save]) each.setUp();
+get("ask-token").addEventListener("submit", (event) => {
+  event.preventDefault();
+  takeToken(get("token").value);
+});
+addEventListener("hashchange", poll);
+plots.draw().catch((error) => tellError("plotly.js", error));
+poll();

@@ -1,0 +1,169 @@
+// The plots: a pair for each channel, over time and over slip, linked by what is selected.
+
+import { capital, CHANNELS, has } from "./channels.js";
+import { CONFIG, plotly, SEGMENTS } from "./drawing.js";
+import { get, list, part, write } from "./dom.js";
+import { legendOf, overlayOf } from "./overlay.js";
+import { samplesOf } from "./samples.js";
+import { arrow, select } from "./selection.js";
+import { on, runOf, state } from "./store.js";
+import { contentOf } from "./traces.js";
+
+const plots = new Map(); // "time drawbar_pull_n" -> { div, about, over }
+let waiting = false;
+
+function shownChannels() {
+  const data = state.a && samplesOf(state.a), other = state.b && samplesOf(state.b);
+  return CHANNELS.filter(({ key }) => state.shown.has(key) && (has(data, key) || has(other, key)));
+}
+
+/** Make the pairs that are missing, drop those that are not wanted. */
+function arrange(Plotly) {
+  const wanted = shownChannels().flatMap((about) => (about.key === "slip" ? ["time"] : ["time", "slip"]).map((over) => ({ about, over, key: `${over} ${about.key}` })));
+  for (const [key, { div }] of plots) {
+    if (wanted.some((each) => each.key === key)) continue;
+    Plotly.purge(div);
+    div.closest("figure").remove();
+    plots.delete(key);
+  }
+  for (const { about, over, key } of wanted) {
+    if (!plots.has(key)) plots.set(key, made(about, over));
+    get("plots").append(plots.get(key).div.closest("figure"));
+  }
+}
+
+function made(about, over) {
+  const figure = part("figure"), div = part("div", "plot");
+  figure.append(part("figcaption", "", `${capital(about.name)} against ${over}`), div);
+  div.id = `${over}-${about.key}`;
+  div.tabIndex = 0;
+  div.setAttribute("role", "group");
+  if (over === "time") div.addEventListener("keydown", arrow);
+  return { div, about, over };
+}
+
+/** Draw all again: other samples, other channels. */
+export async function draw() {
+  if (waiting) return;
+  waiting = true;
+  const Plotly = await plotly();
+  await new Promise(requestAnimationFrame);
+  waiting = false;
+  const data = state.a && samplesOf(state.a);
+  get("waiting").hidden = Boolean(data);
+  if (!data) return;
+  arrange(Plotly);
+  showLegend();
+  for (const plot of plots.values()) await drawOne(Plotly, plot);
+}
+
+async function drawOne(Plotly, plot) {
+  const { div, about, over } = plot, { traces, layout } = contentOf(about, over);
+  const more = { ...overlayOf(about, over), uirevision: JSON.stringify([state.a, state.b, state.part]), ...(over === "time" && { selectdirection: "h" }) };
+  await Plotly.react(div, traces, { ...layout, ...more }, CONFIG);
+  const used = traces.filter((trace) => trace.name === "used").reduce((sum, trace) => sum + trace.y.filter((y) => y !== null).length, 0);
+  div.setAttribute("aria-label", `${capital(about.name)} against ${over} of ${runOf(state.a)?.id ?? ""}, ${used} samples used${over === "time" ? "; arrow keys move the selection, with Shift they stretch it" : ""}`);
+  if (!plot.listens) listen(Plotly, plot);
+}
+
+function listen(Plotly, plot) {
+  const { div, about, over } = plot;
+  plot.listens = true;
+  const taken = (event) => {
+    if (!event?.range) return null;
+    const [from, to] = [...event.range.x].sort((p, q) => p - q);
+    if (over === "time") return { kind: "time", from, to };
+    const [low, high] = [...event.range.y].sort((p, q) => p - q);
+    return { kind: "slip", from, to, low, high, channel: about.key };
+  };
+  div.on("plotly_selecting", (event) => {
+    const chosen = taken(event);
+    if (!chosen) return;
+    plot.dragged = true;
+    select(chosen);
+  });
+  div.on("plotly_selected", (event) => {
+    plot.dragged = false;
+    const chosen = taken(event);
+    if (chosen) select(chosen);
+  });
+  div.on("plotly_relayout", (change) => follow(Plotly, plot, change));
+}
+
+/** Plots over the same axis show the same part of it. */
+function follow(Plotly, from, change) {
+  const low = change["xaxis.range[0]"], high = change["xaxis.range[1]"];
+  if (low === undefined) return;
+  for (const plot of plots.values()) {
+    const seen = plot.div.layout?.xaxis.range;
+    if (plot !== from && plot.over === from.over && (seen?.[0] !== low || seen?.[1] !== high)) Plotly.relayout(plot.div, { "xaxis.range": [low, high] });
+  }
+}
+
+/** Draw what lies over the samples again, at once; the plot that is being dragged in is left alone. */
+export function drawOver(over) {
+  const Plotly = globalThis.Plotly;
+  if (!Plotly) return;
+  const asked = [...plots.values()].filter((plot) => plot.listens && !plot.dragged && (!over || plot.over === over));
+  for (const { div, about, over: axis } of asked) {
+    if (div.layout.selections?.length) Plotly.relayout(div, { selections: [] });
+    Plotly.relayout(div, { shapes: overlayOf(about, axis).shapes }); // alone, it is drawn in a millisecond or two
+  }
+}
+
+function showLegend() {
+  const make = () => {
+    const item = part("li"), svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+    svg.setAttribute("viewBox", "0 0 34 12");
+    svg.append(document.createElementNS(svg.namespaceURI, "path"));
+    item.append(svg, part("span"));
+    return item;
+  };
+  const shapes = { line: "M1 6H33", circle: "M17 2a4 4 0 1 0 .01 0Z", small: "M17 4a2 2 0 1 0 .01 0Z", diamond: "M17 1L22 6L17 11L12 6Z", cross: "M13 2L21 10M21 2L13 10", patch: "M4 0H30V12H4Z" };
+  const dashes = { solid: "", dash: "7 5", dot: "2 4", dashdot: "7 4 2 4", longdash: "10 4", longdashdot: "10 3 2 3" };
+  const patches = Object.entries(SEGMENTS).map(([kind, { letter, fill }]) => [`${letter} ${kind}`, { kind: "patch", fill, stroke: "none" }]);
+  list(get("legend"), [...legendOf(), ...patches], make, (item, [words, mark]) => {
+    const shape = item.firstChild.firstChild, set = (name, value) => shape.setAttribute(name, value);
+    set("d", shapes[mark.kind]);
+    set("fill", mark.fill ?? "none");
+    set("stroke", mark.stroke ?? "none");
+    set("stroke-width", mark.width ?? 1.5);
+    set("stroke-dasharray", dashes[mark.dash] ?? "");
+    write(item.lastChild, words);
+  });
+}
+
+/** Channels to choose from; one that was not measured says so. */
+function showChannels() {
+  const data = state.a && samplesOf(state.a), other = state.b && samplesOf(state.b);
+  const make = () => {
+    const label = part("label"), input = part("input");
+    input.type = "checkbox";
+    label.append(input, part("span"));
+    return label;
+  };
+  const box = get("shown"), rest = box.querySelector(".checks-list") ?? box.appendChild(part("div", "checks-list"));
+  list(rest, CHANNELS, make, (label, { key, name, short = name }) => {
+    const there = !data || has(data, key) || has(other, key), [input, words] = label.children;
+    input.checked = state.shown.has(key) && there;
+    input.disabled = !there;
+    write(words, there ? ` ${short}` : ` ${short}: not measured`);
+    input.onchange = () => {
+      if (input.checked) state.shown.add(key); else state.shown.delete(key);
+      draw();
+    };
+  });
+}
+
+export function setUp() {
+  on("picked", draw);
+  on("shown", draw);
+  on("data", () => { showChannels(); draw(); });
+  on("selection", () => { showLegend(); drawOver(); });
+  on("curves", () => { showLegend(); });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+  addEventListener("beforeprint", () => { for (const { div } of plots.values()) globalThis.Plotly?.relayout(div, { "font.color": "#000" }); });
+  addEventListener("afterprint", draw);
+  showChannels();
+}
+

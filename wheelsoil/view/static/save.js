@@ -1,0 +1,54 @@
+// Save: the choice as a file, and the commands that do by it what was done by hand.
+
+import { ask } from "./api.js";
+import { took } from "./choice.js";
+import { get, list, part, write } from "./dom.js";
+import { current, on } from "./store.js";
+import { during } from "./talk.js";
+
+async function save() {
+  const campaign = current(), name = get("save-name").value.trim();
+  const told = await during("saving the choice", ask("/api/save", { campaign: campaign.key, name, replace: get("replace").checked }));
+  get("replace-box").hidden = Boolean(told);
+  get("replace").checked = false;
+  if (told) took({ ...current(), saved_at: told.path });
+}
+
+const quoted = (text) => (/^[\w./+-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
+
+function show() {
+  const campaign = current(), at = campaign?.saved_at;
+  get("save").disabled = !campaign;
+  write(get("saved"), at ? `Saved: ${at}` : "Not saved yet. The file goes into the campaign's folder.");
+  const lines = at ? ["fit", "diagnose", "report"].map((verb) => `wheelsoil ${verb} ${quoted(campaign.path)} --choice ${quoted(at)}${verb === "report" ? " -o report.html" : ""}`) : [];
+  const make = () => {
+    const item = part("li"), button = part("button", "copy", "Copy");
+    button.type = "button";
+    item.append(part("code"), button);
+    return item;
+  };
+  list(get("commands"), lines, make, (item, line) => {
+    const [code, button] = item.children;
+    write(code, line);
+    button.onclick = () => copy(code, button, line);
+  });
+}
+
+async function copy(code, button, line) {
+  getSelection().selectAllChildren(code);
+  try {
+    await navigator.clipboard.writeText(line);
+    write(button, "Copied");
+  } catch {
+    write(button, "Selected: Ctrl-C");
+  }
+  setTimeout(() => write(button, "Copy"), 2500);
+}
+
+export function setUp() {
+  get("save-form").addEventListener("submit", (event) => {
+    event.preventDefault();
+    save();
+  });
+  for (const topic of ["list", "picked"]) on(topic, show);
+}

@@ -1,0 +1,29 @@
+// What the page shows now, and who wants to know when it changes.
+
+export const state = {
+  campaigns: [],
+  remarks: [], // what the server says of what it could not open
+  a: null, // { campaign, run }: the run that is looked at
+  b: null, // { campaign, run }: the one it is compared with; run is null for all runs of a campaign
+  shown: new Set(["drawbar_pull_n", "driving_torque_nm", "sinkage_m"]),
+  leftOut: true,
+  others: true,
+  part: "all", // of the slip: all, driving, braking
+  selection: null,
+  curves: [], // { name, campaign, slip, drawbar_pull_n, ..., colour, dash, width }
+};
+
+const listeners = new Map();
+
+export function on(what, listener) {
+  listeners.set(what, [...(listeners.get(what) ?? []), listener]);
+}
+
+/** Topics: list, picked, data, shown, selection, curves, fit. */
+export function tell(what, ...details) {
+  for (const listener of listeners.get(what) ?? []) listener(...details);
+}
+
+export const campaignOf = (key) => state.campaigns.find((each) => each.key === key);
+export const runOf = (place) => campaignOf(place?.campaign)?.runs.find((each) => each.key === place.run);
+export const current = () => campaignOf(state.a?.campaign);

@@ -1,0 +1,76 @@
+// Diagnose: the sentence, and the candidates; a click puts one into the model.
+
+import { ask, query } from "./api.js";
+import { get, list, part, spaced, write } from "./dom.js";
+import { verdictOf } from "./list.js";
+import { effectOf, setEffect, setValues } from "./model.js";
+import { current, on, tell } from "./store.js";
+import { during, tellError } from "./talk.js";
+
+const MOST = 8;
+const LEAST = 0.01;
+const kept = new Map(); // campaign -> { sentence, diagnosis }
+
+async function diagnose() {
+  const campaign = current();
+  kept.delete(campaign.key);
+  const answer = await during(`asking for a diagnosis of ${campaign.name}`, ask("/api/diagnose", { campaign: campaign.key }));
+  if (answer !== undefined) {
+    campaign.diagnosis = { state: "running" };
+    tell("list");
+  }
+}
+
+async function show() {
+  const campaign = current(), told = campaign?.diagnosis;
+  const ready = campaign?.runs.some((run) => run.state === "ready");
+  get("diagnose").disabled = !ready || told.state === "running";
+  write(get("diagnose"), told?.state === "done" ? "Diagnose again" : "Diagnose");
+  const words = told ? verdictOf(told) : "";
+  write(get("verdict"), told?.state === "running" ? "being diagnosed: this takes a while, the page can be used meanwhile" : words || "not diagnosed yet");
+  if (told?.state !== "done") return list(get("candidates"), [], makeRow, fillRow);
+  await fetchOnce(campaign);
+  if (current() === campaign || current()?.key === campaign.key) list(get("candidates"), rowsOf(kept.get(campaign.key)?.diagnosis), makeRow, fillRow);
+}
+
+async function fetchOnce({ key, diagnosis }) {
+  if (kept.get(key)?.sentence === diagnosis.sentence) return;
+  kept.set(key, { sentence: diagnosis.sentence });
+  try {
+    kept.set(key, { sentence: diagnosis.sentence, diagnosis: await ask(query("/api/diagnosis", { campaign: key })) });
+  } catch (error) {
+    kept.delete(key);
+    tellError("the diagnosis", error);
+  }
+}
+
+function rowsOf(diagnosis) {
+  const causes = new Map((diagnosis?.causes ?? []).map((cause) => [cause.name, cause]));
+  return (diagnosis?.candidates ?? []).filter(({ probability }) => probability >= LEAST).slice(0, MOST).map((each) => ({ ...each, cause: causes.get(each.name) }));
+}
+
+function makeRow() {
+  const item = part("li"), button = part("button", "", "Put into the model");
+  button.type = "button";
+  item.append(part("span", "name"), part("meter"), part("span", "share"), button);
+  return item;
+}
+
+function fillRow(item, { name, probability, cause }) {
+  const [title, meter, share, button] = item.children, effect = effectOf(name, cause?.form);
+  write(title, spaced(name) + (cause?.form ? `: ${cause.form}` : ""));
+  meter.value = probability;
+  write(share, `${(100 * probability).toFixed(probability < 0.995 ? 1 : 0)} %`);
+  button.disabled = !effect?.can;
+  button.title = effect ? effect.summary : "";
+  button.onclick = async () => {
+    await setEffect(effect.key, true);
+    const found = Object.fromEntries((cause?.parameters ?? []).map((each) => [each.name, each.value]));
+    setValues(found);
+  };
+}
+
+export function setUp() {
+  get("diagnose").addEventListener("click", diagnose);
+  for (const topic of ["list", "picked"]) on(topic, show);
+}
