@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from diagnosis_samples import SENTENCES, diagnosis
 
 from daq.open import open_runs
-from model.diagnosis.result import CauseSet, ParameterEstimate
+from model.diagnosis.result import CauseSet, NextRun, ParameterEstimate
 from model.extended import ExtendedEffect, ExtendedModel
 from processing.options import ProcessOptions
 from wheelsoil.fitting import FitChoices, fit_runs
-from wheelsoil.report.content import Section, Table, Text
+from wheelsoil.report.content import Panels, Section, Table, Text
 from wheelsoil.report.material import Material, versions
-from wheelsoil.report.sections import candidates, detectable, gain, misfit, verdict
+from wheelsoil.report.sections import candidates, detectable, gain, glance, misfit, verdict
 from wheelsoil.runs import process_runs
 
 
@@ -86,6 +87,27 @@ def test_a_finding_says_what_its_size_is(material):
     said = text(misfit.build(replace(material, diagnosed=diagnosis("named"))))
     assert "a size is no mean" in said
     assert "Mean of measured less simulated" not in said
+
+
+def test_a_driven_wheel_keeps_its_dots_beside_wild_braking(material):
+    found = diagnosis("named")
+    [one] = found.seen
+    wild = one.measured["dp"] + np.where(one.slip < 0, 50_000.0 * one.slip, 0.0)
+    spread = replace(found, seen=(replace(one, measured=one.measured | {"dp": wild}),))
+
+    def dots(found) -> int:
+        panels = [b for b in misfit.build(replace(material, diagnosed=found)).blocks if isinstance(b, Panels)]
+        figure = next(f for f in panels[0].figures if f.key == "misfit-dp-slip")
+        cloud = next(trace for trace in figure.data if trace["name"] == "samples")
+        return sum(float(x) > 0 for x in cloud["x"])
+
+    assert dots(spread) == dots(found) > 60
+
+
+def test_a_run_that_parts_nothing_surely_is_not_said_to(material):
+    alone = replace(diagnosis("one_of"), next_run=(NextRun("brake", (), 1.2),))
+    step = glance.next_step(replace(material, diagnosed=alone), {})
+    assert step == "brake."
 
 
 def test_an_error_that_grows_is_said_to_grow(material):

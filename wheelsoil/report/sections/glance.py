@@ -58,7 +58,8 @@ def next_step(material: Material, grades: dict[str, Grade]) -> str:
         return "`wheelsoil diagnose` says what the simulation gets wrong and why."
     if found.next_run:
         first = found.next_run[0]
-        return f"{first.change} (parts {listed([name.replace('_', ' ') for name in first.separates])})."
+        parted = listed([name.replace("_", " ") for name in first.separates])
+        return f"{first.change}{f' (parts {parted})' if parted else ''}."
     if found.verdict == "named":
         return "take the extended model: `wheelsoil diagnose -o model.toml` keeps it for fit, simulate and report."
     return "no further run is asked for; see what could have been seen."

@@ -13,7 +13,7 @@ from wheelsoil.report.figures import GREY_BAND, MEASURED, Trace, axes, band, dot
 from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.material import FloatArray, Material
 from wheelsoil.report.sections.against_slip import EDGES
-from wheelsoil.report.thinning import binned, parted_at_zero, thinned_rows
+from wheelsoil.report.thinning import binned, parted_at_zero, thinned_by_sign, thinned_rows
 from wheelsoil.report.words import number, signed
 
 KEY = "misfit"
@@ -128,7 +128,9 @@ def _cloud(
     curve, noise = binned(x, residual, edges), binned(x, sigma, edges)
     if edges is EDGES:
         curve, noise = parted_at_zero(curve), parted_at_zero(noise)
-    rows = thinned_rows(x, residual, cells=30, per_cell=1)
+        rows = thinned_by_sign(x, residual)
+    else:
+        rows = thinned_rows(x, residual, cells=30, per_cell=1)
     traces = [
         *band(noise.centre, -2 * noise.median, 2 * noise.median, "noise, 95 %", GREY_BAND),
         dots(x[rows], residual[rows], "samples"),
