@@ -15,8 +15,9 @@ FINDING_UNITS = {"drawbar_pull": "N", "driving_torque": "N m", "sinkage": "m"}
 FINDING_NOTE = (
     "Of recorded runs a size is no mean: it is the height of a shape of measured less simulated (a hat over that "
     "range, or what grows as it says), where the shape is largest, once the soil and the shapes that stand out more "
-    "were taken out; of a bench table it is the mean of the rows. Sigmas: that over its standard deviation, which "
-    "allows for correlated noise, errors of speed and load, and the soil."
+    "were taken out: the panels below show what is left before any of that. Of a bench table it is the mean of the "
+    "rows. Sigmas: that over its standard deviation, which allows for correlated noise, errors of speed and load, and "
+    "the soil."
 )
 
 

@@ -26,7 +26,7 @@ _MOST_SIGMAS = 6.0
 _READING = (
     "dots are measured less simulated (soil re-calibrated, no cause added), black is their median; grey holds 95 % of "
     "them if the simulation is right. Where the line leaves zero and stays away, it is wrong. Against slip in its unit "
-    "(double-click: braking), else in noise sigmas."
+    "(double-click: braking), else in sigmas of the noise (σ)."
 )
 
 
@@ -79,7 +79,7 @@ def _panels(everything: tuple[Seen, ...], channel: str) -> tuple[list[Figure], d
             traces, numbers[f"{seen.campaign}: {title}"] = _traces(seen, channel, key)
             data += traces
             groups += [seen.campaign] * len(traces)
-        unit = CHANNEL_UNITS[channel] if key == "slip" else "noise sigmas"
+        unit = CHANNEL_UNITS[channel] if key == "slip" else "σ"
         layout = axes(across, f"measured − simulated ({unit})", height=310)
         if key == "slip":
             look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
