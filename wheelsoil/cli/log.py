@@ -28,7 +28,7 @@ from wheelsoil.cli.options import (
     page_token,
     run_info,
 )
-from wheelsoil.cli.talk import print_facts, print_json, say
+from wheelsoil.cli.talk import addresses_to_tell, print_facts, print_json, say
 
 if TYPE_CHECKING:
     from daq.config import VehicleConfig
@@ -209,9 +209,8 @@ def _page(
         say(f"there is no status page: {error.faults[0].what}; choose a port with --page-port")
         yield None, ()
         return
-    secret = token is not None and not sys.stderr.isatty()  # a token that people know has no business in a journal
     try:
-        yield panel, tuple(address.partition("#")[0] if secret else address for address in panel.addresses)
+        yield panel, addresses_to_tell(panel.addresses, token)
     finally:
         panel.close()
 

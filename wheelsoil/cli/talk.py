@@ -43,6 +43,12 @@ def folded(text: str, width: int) -> list[str]:
     return textwrap.wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False) or [text]
 
 
+def addresses_to_tell(addresses: Iterable[str], token: str | None) -> tuple[str, ...]:
+    """Return a page's addresses as they may be told (stderr): a token that was given has no business in a journal."""
+    secret = token is not None and not sys.stderr.isatty()
+    return tuple(address.partition("#")[0] if secret else address for address in addresses)
+
+
 def print_json(value: Any) -> None:
     """Print facts as JSON (stdout); NaN becomes null."""
     print(to_json(value))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 import traceback
@@ -147,18 +148,19 @@ def serve(pipe: Connection) -> None:
             function, args = pipe.recv()
         except EOFError:
             return
-        pipe.send(_outcome(function, args))
+        pipe.send_bytes(_outcome(function, args))
 
 
-def _outcome(function: Callable[..., Any], args: tuple[Any, ...]) -> tuple[str, Any]:
+def _outcome(function: Callable[..., Any], args: tuple[Any, ...]) -> bytes:
     try:
-        return "done", function(*args)
+        return pickle.dumps(("done", function(*args)), pickle.HIGHEST_PROTOCOL)
     except WheelsoilError as error:
-        return "faults", (type(error), error.faults)
+        return pickle.dumps(("faults", (type(error), error.faults)))
     except OSError as error:
-        return "faults", (HardwareError, (Fault(error.strerror or str(error), str(error.filename or "")),))
+        fault = Fault(error.strerror or str(error), str(error.filename or ""))
+        return pickle.dumps(("faults", (HardwareError, (fault,))))
     except Exception:  # noqa: BLE001  # the page says that it is a fault of ours
-        return "broken", traceback.format_exc()
+        return pickle.dumps(("broken", traceback.format_exc()))
 
 
 def _end_with_parent() -> None:

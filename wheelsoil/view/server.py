@@ -14,6 +14,7 @@ from types import FrameType
 from typing import NoReturn
 
 from daq.errors import HardwareError
+from wheelsoil.cli.talk import addresses_to_tell
 from wheelsoil.view.app import make_app
 from wheelsoil.view.desk import Desk
 from wheelsoil.view.opening import Files
@@ -72,7 +73,7 @@ def serve(
         try:
             for remark in desk.remarks:
                 say(remark)
-            for address in addresses:
+            for address in addresses_to_tell(addresses, token):
                 say(f"{_PAGE}: {address}")
             say("Ctrl-C ends")
             if browser and _has_display():

@@ -1,0 +1,113 @@
+"""The page's helper process: what it returns, how it fails, and that its end is nobody else's."""
+
+from __future__ import annotations
+
+import operator
+import os
+import signal
+import time
+from collections.abc import Iterator
+from concurrent.futures import CancelledError
+from pathlib import Path
+
+import pytest
+
+from daq.errors import ConfigError, HardwareError
+from daq.open import open_runs
+from wheelsoil.fitting import known_soil
+from wheelsoil.view.helper import Helper, HelperEndedError
+
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def helper() -> Iterator[Helper]:
+    one = Helper("test")
+    yield one
+    one.close()
+
+
+def test_it_is_another_process_and_stays_the_same(helper: Helper) -> None:
+    first, second = (helper.ask(os.getpid).result(PATIENCE_S) for _ in range(2))
+    assert first == second != os.getpid()
+
+
+def test_our_errors_come_back_with_their_faults(helper: Helper) -> None:
+    with pytest.raises(ConfigError, match="cheese") as caught:
+        helper.ask(known_soil, "cheese", None).result(PATIENCE_S)
+    assert "clay" in caught.value.faults[0].expected
+    with pytest.raises(ConfigError) as several:
+        helper.ask(open_runs, []).result(PATIENCE_S)
+    assert several.value.faults[0].next_step
+
+
+def test_the_systems_errors_name_their_file(helper: Helper, tmp_path: Path) -> None:
+    with pytest.raises(HardwareError) as caught:
+        helper.ask(os.listdir, tmp_path / "nowhere").result(PATIENCE_S)
+    assert "nowhere" in caught.value.faults[0].where
+
+
+def test_other_errors_come_back_and_cost_nothing_else(helper: Helper) -> None:
+    pid = helper.ask(os.getpid).result(PATIENCE_S)
+    with pytest.raises(RuntimeError, match="ZeroDivisionError"):
+        helper.ask(operator.truediv, 1, 0).result(PATIENCE_S)
+    with pytest.raises(Exception, match="pickle"):
+        helper.ask(lambda: 1).result(PATIENCE_S)
+    assert helper.ask(os.getpid).result(PATIENCE_S) == pid
+
+
+def test_what_cannot_come_back_is_an_error_and_not_the_end(helper: Helper) -> None:
+    with pytest.raises(RuntimeError, match="pickle"):
+        helper.ask(open, os.devnull).result(PATIENCE_S)
+    assert helper.ask(abs, -1).result(PATIENCE_S) == 1
+
+
+def test_after_its_death_there_is_another(helper: Helper) -> None:
+    first = helper.ask(os.getpid).result(PATIENCE_S)
+    with pytest.raises(HelperEndedError):
+        helper.ask(os.kill, first, signal.SIGKILL).result(PATIENCE_S)
+    assert helper.ask(os.getpid).result(PATIENCE_S) != first
+
+
+def test_an_interrupt_ends_what_runs_and_not_what_waits(helper: Helper) -> None:
+    helper.ask(os.getpid).result(PATIENCE_S)
+    running, waiting = helper.ask(time.sleep, 600), helper.ask(abs, -2)
+    while not running.running():
+        time.sleep(0.01)
+    helper.interrupt()
+    with pytest.raises(HelperEndedError):
+        running.result(PATIENCE_S)
+    assert waiting.result(PATIENCE_S) == 2
+    helper.interrupt()  # while it does nothing
+    assert helper.ask(abs, -3).result(PATIENCE_S) == 3
+
+
+def test_what_is_urgent_goes_first(helper: Helper, tmp_path: Path) -> None:
+    done = tmp_path / "done"
+    helper.ask(time.sleep, 0.3)
+    slow = [helper.ask(_note, done, text) for text in ("first", "second")]
+    helper.ask(_note, done, "urgent", urgent=True)
+    slow[1].result(PATIENCE_S)
+    assert done.read_text().split() == ["urgent", "first", "second"]
+
+
+def test_its_end_leaves_nobody_waiting() -> None:
+    helper = Helper("test")
+    asked = [helper.ask(time.sleep, 600) for _ in range(3)]
+    while not asked[0].running():
+        time.sleep(0.01)
+    helper.close()
+    for each in asked:
+        with pytest.raises((HelperEndedError, CancelledError)):
+            each.result(PATIENCE_S)
+
+
+def test_ctrl_c_is_not_for_it(helper: Helper) -> None:
+    pid = helper.ask(os.getpid).result(PATIENCE_S)
+    os.kill(pid, signal.SIGINT)
+    assert helper.ask(os.getpid).result(PATIENCE_S) == pid
+
+
+def _note(file: Path, text: str) -> None:
+    with file.open("a") as out:
+        out.write(f"{text}\n")
