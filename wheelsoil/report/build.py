@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -11,7 +12,7 @@ from types import ModuleType
 from typing import Any
 
 from daq.errors import WheelsoilError
-from wheelsoil.plain import plain, to_json
+from wheelsoil.plain import plain
 from wheelsoil.report.content import Section, Text, drawn, figures_of, texts_of
 from wheelsoil.report.material import Material
 from wheelsoil.report.page import render
@@ -64,7 +65,7 @@ class Report:
         """Write the page, and its numbers as JSON beside it; return both paths."""
         numbers = path.with_suffix(".json")
         path.write_text(self.html(numbers.name), encoding="utf-8")
-        numbers.write_text(to_json(self.numbers(), indent=None) + "\n", encoding="utf-8")
+        self._write_numbers(numbers)
         return path, numbers
 
     def print(self, path: Path, browser: str) -> tuple[Path, Path]:
@@ -74,8 +75,12 @@ class Report:
             page = Path(folder) / "report.html"
             page.write_text(self.html(numbers.name), encoding="utf-8")
             print_page(page, path, browser)
-        numbers.write_text(to_json(self.numbers(), indent=None) + "\n", encoding="utf-8")
+        self._write_numbers(numbers)
         return path, numbers
+
+    def _write_numbers(self, path: Path) -> None:
+        """Write what is plain already as strict JSON: a long campaign's is too long to be made plain twice."""
+        path.write_text(json.dumps(self.numbers(), ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
     def html(self, json_name: str) -> str:
         """Return the page."""

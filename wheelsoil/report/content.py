@@ -55,7 +55,7 @@ class Figure:
         Unique in the report.
     title : str
     data, layout
-        As plotly.js takes them.
+        As plotly.js takes them: lists, mappings, texts, numbers and None, and no NaN.
     groups : sequence of str
         Name of the choice that each trace belongs to ("" = always shown); the reader chooses among the groups.
     """

@@ -1,6 +1,6 @@
 "use strict";
 // Figures are drawn when they come near the window, and all of them before the page is printed.
-const A4 = { alone: { width: 680, lower: 0.82 }, many: { width: 336, lower: 1 } };
+const A4 = { alone: { width: 680, lower: 0.82 }, many: { width: 336, lower: 1 }, least: 320 };
 const narrow = window.matchMedia("(max-width: 600px)").matches;
 const options = {
   responsive: true,
@@ -16,6 +16,7 @@ function specOf(div) {
     spec.layout.margin = { ...spec.layout.margin, l: 52, r: 6 };
     spec.layout.font.size = 11;
     spec.layout.legend.font.size = 10.5;
+    for (const axis of ["xaxis", "yaxis"]) spec.layout[axis].title.font = { size: 11 };
   }
   return spec;
 }
@@ -44,7 +45,8 @@ class Shown {
     const many = this.block.querySelector(".panels.many") && !this.div.closest(".wide");
     const { width, lower } = many ? A4.many : A4.alone;
     this.spec ??= specOf(this.div);
-    this.draw({ width, height: lower * this.spec.layout.height });
+    const { height } = this.spec.layout;
+    this.draw({ width, height: Math.max(lower * height, Math.min(height, A4.least)) });
   }
 }
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from importlib.resources import files
 
 from wheelsoil import __version__
-from wheelsoil.plain import plain
 from wheelsoil.report.content import Figure, Section
 
 
@@ -29,7 +29,8 @@ def render(title: str, subtitle: str, sections: Sequence[Section], *, made_at: s
     folder = files("wheelsoil.report")
 
     def figure_json(figure: Figure) -> str:
-        return htmlsafe_json_dumps(plain({"data": figure.data, "layout": figure.layout, "groups": figure.groups}))
+        shown = {"data": figure.data, "layout": figure.layout, "groups": figure.groups}
+        return htmlsafe_json_dumps(shown, dumps=json.dumps, allow_nan=False, separators=(",", ":"))
 
     environment = Environment(
         loader=PackageLoader("wheelsoil.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True

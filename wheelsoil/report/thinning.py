@@ -56,17 +56,15 @@ def decimated_rows(values: FloatArray, limit: int) -> NDArray[np.int64]:
     """
     if len(values) <= limit:
         return np.arange(len(values))
-    rows = []
-    for piece in np.array_split(np.arange(len(values)), max(limit // 2, 1)):
-        inside = values[piece]
-        finite = np.isfinite(inside)
-        if not finite.any():
-            rows.append(piece[:1])
-            continue
-        low = np.argmin(np.where(finite, inside, np.inf))
-        high = np.argmax(np.where(finite, inside, -np.inf))
-        rows.append(piece[np.unique([low, high])])
-    return np.concatenate(rows)
+    starts = np.linspace(0, len(values), max(limit // 2, 1) + 1).astype(np.int64)[:-1]
+    finite = np.isfinite(values)
+    piece = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(values)))
+    known = np.flatnonzero(finite)
+    order = known[np.lexsort((values[known], piece[known]))]
+    edge = np.flatnonzero(np.diff(piece[order], prepend=-1))
+    lows, highs = order[edge], order[np.append(edge[1:], len(order)) - 1] if len(order) else order
+    empty = starts[~np.isin(np.arange(len(starts)), piece[order])]
+    return np.unique(np.concatenate([lows, highs, empty]))
 
 
 def thinned_rows(x: FloatArray, y: FloatArray, *, cells: int = 40, per_cell: int = 2) -> NDArray[np.int64]:
