@@ -69,17 +69,30 @@ def test_after_its_death_there_is_another(helper: Helper) -> None:
     assert helper.ask(os.getpid).result(PATIENCE_S) != first
 
 
-def test_an_interrupt_ends_what_runs_and_not_what_waits(helper: Helper) -> None:
+def test_what_is_dropped_ends_and_what_waits_is_done(helper: Helper) -> None:
     helper.ask(os.getpid).result(PATIENCE_S)
-    running, waiting = helper.ask(time.sleep, 600), helper.ask(abs, -2)
+    running, unwanted, waiting = helper.ask(time.sleep, 600), helper.ask(abs, -9), helper.ask(abs, -2)
     while not running.running():
         time.sleep(0.01)
-    helper.interrupt()
+    helper.drop(unwanted)
+    helper.drop(running)
     with pytest.raises(HelperEndedError):
         running.result(PATIENCE_S)
+    assert unwanted.cancelled()
     assert waiting.result(PATIENCE_S) == 2
-    helper.interrupt()  # while it does nothing
+    helper.drop(waiting)  # it is done
     assert helper.ask(abs, -3).result(PATIENCE_S) == 3
+
+
+def test_what_is_dropped_while_the_process_starts_is_not_done(helper: Helper, tmp_path: Path) -> None:
+    asked = helper.ask(_note, tmp_path / "done", "text")
+    while not asked.running():
+        pass
+    helper.drop(asked)
+    with pytest.raises(HelperEndedError):
+        asked.result(PATIENCE_S)
+    assert helper.ask(abs, -3).result(PATIENCE_S) == 3
+    assert not (tmp_path / "done").exists()
 
 
 def test_what_is_urgent_goes_first(helper: Helper, tmp_path: Path) -> None:
@@ -97,7 +110,7 @@ def test_its_end_leaves_nobody_waiting() -> None:
     while not asked[0].running():
         time.sleep(0.01)
     helper.close()
-    for each in asked:
+    for each in [*asked, helper.ask(abs, -1)]:
         with pytest.raises((HelperEndedError, CancelledError)):
             each.result(PATIENCE_S)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 
 from daq.errors import Fault, WheelsoilError
@@ -40,6 +41,7 @@ class Processing:
         self._preferred: ViewedRun | None = None
         self._news = threading.Event()
         self._closed = False
+        self._number = count(1)
         self._thread = threading.Thread(target=self._process, name="processing", daemon=True)
         self._thread.start()
 
@@ -52,11 +54,9 @@ class Processing:
         self._news.set()
 
     def close(self) -> None:
-        """Begin no further run."""
+        """Begin no further run; the one that is processed ends when the helper is closed."""
         self._closed = True
         self._news.set()
-        self._helper.interrupt()
-        self._thread.join()
 
     def _process(self) -> None:
         while not self._closed:
@@ -76,7 +76,7 @@ class Processing:
         return next(iter(first or waiting), None)
 
     def _process_one(self, run: ViewedRun, options: ProcessOptions) -> None:
-        target = self._folder / f"{run.key}.pickle"
+        target = self._folder / f"{run.key}-{next(self._number)}.pickle"
         try:
             seen = self._helper.ask(process_run, run.run, options, self._zero, target).result()
         except WheelsoilError as error:
@@ -99,5 +99,7 @@ class Processing:
         faults: tuple[Fault, ...] = (),
     ) -> None:
         with self._lock:
+            if run.file is not None:
+                run.file.unlink(missing_ok=True)
             run.options, run.seen, run.file, run.faults = options, seen, file, faults
             run.settle(next(campaign.options for campaign in self._campaigns if run in campaign.runs))

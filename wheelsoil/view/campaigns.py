@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -66,9 +67,10 @@ class ViewedRun:
 
 @dataclass
 class DiagnosisOnPage:
-    """A diagnosis, how far it is, and what it says once it is done."""
+    """A diagnosis, how far it is, and what it says once it is done; `asked` is what the helper makes of it."""
 
     state: DiagnosisState = "none"
+    asked: Future[dict[str, Any]] | None = None
     found: dict[str, Any] | None = None
     faults: tuple[Fault, ...] = ()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from concurrent.futures import CancelledError, wait
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -94,14 +95,15 @@ class Desk:
         """Return what can be moved; `complete` is false while runs are processed, for all of them can be told then."""
         with self.lock:
             campaign = self.campaign(key)
-            base, choices = campaign.base(), campaign.choice.fit_choices()
+            choice = campaign.choice
+            base, choices = campaign.base(), choice.fit_choices()
             soil, terrain = campaign.soil, campaign.first.terrain if campaign.soil_name is None else None
             told, members = campaign.told.get(choices.reading), campaign.ready_members()
             pending = campaign.pending
         if told is None and not pending:
             told = self._what_cannot_be_told(members, choices)
             with self.lock:
-                if campaign.choice.fit_choices() == choices:
+                if campaign.choice is choice:
                     campaign.told[choices.reading] = told
         return {
             "complete": told is not None,
@@ -156,8 +158,8 @@ class Desk:
             if choice.to_mapping() != before.to_mapping():
                 campaign.saved_at = None
                 campaign.told = {}
-                if campaign.diagnosis.state == "running":
-                    self._slow.interrupt()
+                if campaign.diagnosis.asked is not None:
+                    self._slow.drop(campaign.diagnosis.asked)
                 campaign.diagnosis = DiagnosisOnPage()
             for run in campaign.runs:
                 if run.state != "processing":
@@ -170,10 +172,13 @@ class Desk:
         """Fit the campaign as it is chosen; the numbers are those of ``wheelsoil fit --choice``."""
         with self.lock:
             campaign = self.campaign(key)
-            members, base, choices = campaign.members(), campaign.base(), campaign.choice.fit_choices()
-        found: dict[str, Any] = self._quick.ask(
-            jobs.fit_members, members, choices, self.files.soil, base, urgent=True
-        ).result()
+            choice = campaign.choice
+            members, base, choices = campaign.members(), campaign.base(), choice.fit_choices()
+        asked = self._quick.ask(jobs.fit_members, members, choices, self.files.soil, base, urgent=True)
+        wait([asked])
+        if campaign.choice is not choice:
+            raise NotReadyError(Fault("the choice was changed meanwhile", campaign.name, next_step="fit again"))
+        found: dict[str, Any] = asked.result()
         return found
 
     def diagnose(self, key: str) -> dict[str, Any]:
@@ -183,12 +188,12 @@ class Desk:
             if any(other.diagnosis.state == "running" for other in self.campaigns):
                 raise NotReadyError(Fault("a diagnosis is running already", next_step="wait for its end"))
             members, choices = campaign.members(), campaign.choice.fit_choices()
-            mine = campaign.diagnosis = DiagnosisOnPage("running")
+            asked = self._slow.ask(jobs.diagnose_members, members, self.paths, self.files.soil, choices)
+            mine = campaign.diagnosis = DiagnosisOnPage("running", asked)
             entry = campaign_entry(campaign)
-        asked = self._slow.ask(jobs.diagnose_members, members, self.paths, self.files.soil, choices)
 
         def done(_: object) -> None:
-            error = asked.exception()
+            error = CancelledError() if asked.cancelled() else asked.exception()
             with self.lock:
                 if error is None:
                     mine.found, mine.state = asked.result(), "done"
@@ -210,10 +215,13 @@ class Desk:
 
     def save(self, key: str, name: str, *, replace_it: bool) -> dict[str, Any]:
         """Write the choice beside the runs; see `wheelsoil.view.saving.saved`."""
+        campaign = self.campaign(key)
+        choice = campaign.choice
+        path = saved(campaign, name, replace_it=replace_it)
         with self.lock:
-            campaign = self.campaign(key)
-            campaign.saved_at = saved(campaign, name, replace_it=replace_it)
-            return {"path": str(campaign.saved_at)}
+            if campaign.choice is choice:
+                campaign.saved_at = path
+        return {"path": str(path)}
 
     def campaign(self, key: str) -> ViewedCampaign:
         """Return a campaign by its key.

@@ -40,14 +40,15 @@ class Helper:
         self._line: PriorityQueue[tuple[int, int, Future[Any], Job | None]] = PriorityQueue()
         self._number = count()
         self._lock = threading.Lock()
-        self._closed = self._doomed = False
+        self._closed = self._dropped = False
+        self._current: Future[Any] | None = None
         self._process: BaseProcess | None = None
         self._pipe: Connection | None = None
         self._thread = threading.Thread(target=self._hand_over, name=name, daemon=True)
         self._thread.start()
 
     def ask(self, function: Callable[..., Any], *args: Any, urgent: bool = False) -> Future[Any]:
-        """Return what will become of ``function(*args)`` in the process.
+        """Return what will become of ``function(*args)`` in the process; it is cancelled once the helper is closed.
 
         Parameters
         ----------
@@ -58,21 +59,31 @@ class Helper:
             Goes before everything that is not, but does not interrupt.
         """
         future: Future[Any] = Future()
-        self._line.put((0 if urgent else 1, next(self._number), future, (function, args)))
+        with self._lock:
+            if self._closed:
+                future.cancel()
+            else:
+                self._line.put((0 if urgent else 1, next(self._number), future, (function, args)))
         return future
 
-    def interrupt(self) -> None:
-        """End the process, and with it what it is doing: that raises `HelperEndedError`. Nothing that waits is lost."""
+    def drop(self, future: Future[Any]) -> None:
+        """Do not do it, or end the process that is at it: that raises `HelperEndedError`. Nothing else is lost."""
+        if future.cancel():
+            return
         with self._lock:
-            if self._process is not None:
-                self._doomed = True
-                self._process.kill()
+            if self._current is future:
+                self._dropped = True
+                if self._process is not None:
+                    self._process.kill()
 
     def close(self) -> None:
-        """End the process for good."""
-        self._closed = True
-        self.interrupt()
-        self._line.put((-1, next(self._number), Future(), None))
+        """End the process for good; what it is at raises `HelperEndedError`, what waits is cancelled."""
+        with self._lock:
+            self._closed = True
+            self._line.put((-1, next(self._number), Future(), None))
+            current = self._current
+        if current is not None:
+            self.drop(current)
         self._thread.join()
 
     def _hand_over(self) -> None:
@@ -80,29 +91,33 @@ class Helper:
             _, _, future, job = self._line.get()
             if job is None:
                 break
-            if not future.set_running_or_notify_cancel():
+            with self._lock:
+                begins = not self._closed and future.set_running_or_notify_cancel()
+                self._current = future if begins else None
+            if not begins:
+                future.cancel()  # not under the lock: it calls back
                 continue
             try:
                 future.set_result(self._done(*job))
             except Exception as error:  # noqa: BLE001  # whoever asked gets it, whatever it is
                 future.set_exception(error)
+            with self._lock:
+                self._current, dropped, self._dropped = None, self._dropped, False
+            if dropped:
+                self._forget()
         self._forget()
         while not self._line.empty():
             self._line.get()[2].cancel()
 
     def _done(self, function: Callable[..., Any], args: tuple[Any, ...]) -> Any:
-        pipe = self._started()
         try:
+            pipe = self._started()
             pipe.send((function, args))
             kind, value = pipe.recv()
         except (EOFError, OSError):
             self._forget()
-            raise HelperEndedError(
-                Fault(
-                    "the process that works for the page ended",
-                    next_step="try again; close programs if memory is short",
-                )
-            ) from None
+            what, step = "the process that works for the page ended", "try again; close programs if memory is short"
+            raise HelperEndedError(Fault(what, next_step=step)) from None
         if kind == "faults":
             error, faults = value
             raise error(*faults)
@@ -111,8 +126,6 @@ class Helper:
         return value
 
     def _started(self) -> Connection:
-        if self._doomed:
-            self._forget()
         if self._pipe is not None:
             return self._pipe
         context = multiprocessing.get_context("spawn")
@@ -122,15 +135,14 @@ class Helper:
         theirs.close()
         with self._lock:
             self._process, self._pipe = process, ours
-        if self._closed:
-            self.interrupt()
+            if self._dropped:
+                process.kill()
         return ours
 
     def _forget(self) -> None:
         with self._lock:
             process, self._process = self._process, None
             pipe, self._pipe = self._pipe, None
-            self._doomed = False
         if process is not None and pipe is not None:
             process.kill()
             process.join()

@@ -49,13 +49,13 @@ def saved(campaign: ViewedCampaign, name: str, *, replace_it: bool) -> Path:
 
 def complete(campaign: ViewedCampaign) -> Choice:
     """Return the choice with every run of the folder."""
-    sections = []
+    choice, sections = campaign.choice, []
     for run in campaign.runs:
-        given = next((section for section in campaign.choice.runs if is_called(section, run.run)), ChosenRun())
+        given = next((section for section in choice.runs if is_called(section, run.run)), ChosenRun())
         digest = run.seen.sha256 if run.seen else sha256_of(*run.run.files)
         sections.append(replace(given, file=run.run.path.name, id=run.run.id, sha256=digest))
     sections += [ChosenRun(run.path.name, run.id, sha256_of(*run.files), use=False) for run in campaign.others]
-    return replace(campaign.choice, runs=tuple(sections))
+    return replace(choice, runs=tuple(sections))
 
 
 def _target(folder: Path, name: str) -> Path:
