@@ -68,7 +68,7 @@ const basis = ({ runs, choice }) => JSON.stringify([runs.map((run) => run.state)
 
 async function showModel() {
   const campaign = state.a?.campaign;
-  if (!campaign) return;
+  if (!current()?.runs.some((run) => run.state === "ready")) return;
   const now = basis(current());
   if (bases.get(campaign) !== now) {
     bases.set(campaign, now);

@@ -11,6 +11,8 @@ import { contentOf } from "./traces.js";
 
 const plots = new Map(); // "time drawbar_pull_n" -> { div, about, over }
 let waiting = false;
+let pressed = false; // a mouse button or finger is down in a plot: drawing anew would break the drag off
+let late = false;
 
 function shownChannels() {
   const data = state.a && samplesOf(state.a), other = state.b && samplesOf(state.b);
@@ -38,17 +40,27 @@ function made(about, over) {
   div.id = `${over}-${about.key}`;
   div.tabIndex = 0;
   div.setAttribute("role", "group");
+  div.addEventListener("pointerdown", () => { pressed = true; });
   if (over === "time") div.addEventListener("keydown", arrow);
   return { div, about, over };
 }
 
+function release() {
+  pressed = false;
+  if (late) setTimeout(draw);
+  late = false;
+}
+
 /** Draw all again: other samples, other channels. */
 export async function draw() {
-  if (waiting) return;
+  if (pressed) late = true;
+  if (waiting || pressed) return;
   waiting = true;
   const Plotly = await plotly();
   await new Promise(requestAnimationFrame);
   waiting = false;
+  if (pressed) late = true;
+  if (pressed) return;
   const data = state.a && samplesOf(state.a);
   get("waiting").hidden = Boolean(data);
   if (!data) return;
@@ -161,6 +173,7 @@ export function setUp() {
   on("data", () => { showChannels(); draw(); });
   on("selection", () => { showLegend(); drawOver(); });
   on("curves", () => { showLegend(); });
+  for (const end of ["pointerup", "pointercancel"]) addEventListener(end, () => setTimeout(release));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
   addEventListener("beforeprint", () => { for (const { div } of plots.values()) globalThis.Plotly?.relayout(div, { "font.color": "#000" }); });
   addEventListener("afterprint", draw);

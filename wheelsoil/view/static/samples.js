@@ -2,7 +2,7 @@
 
 import { ask, query } from "./api.js";
 import { campaignOf, state, tell } from "./store.js";
-import { tellError } from "./talk.js";
+import { during } from "./talk.js";
 
 const kept = new Map(); // "campaign run" -> { revision, data, asked }
 const revisions = new Map();
@@ -55,14 +55,12 @@ export async function load() {
     if (campaignOf(campaign)?.runs.find((each) => each.key === run)?.state !== "ready") continue;
     if (have && (have.revision === revision || have.asked === revision)) continue;
     kept.set(place, { revision: -1, ...have, asked: revision });
-    try {
-      const data = await ask(query("/api/run", { campaign, run }));
-      if ((revisions.get(campaign) ?? 0) === revision) kept.set(place, { revision, data });
-      tell("data");
-    } catch (error) {
+    const data = await during("fetching samples", ask(query("/api/run", { campaign, run })));
+    if (!data) {
       kept.set(place, { revision: -1, ...have });
-      tellError("reading a run", error);
       return;
     }
+    if ((revisions.get(campaign) ?? 0) === revision) kept.set(place, { revision, data });
+    tell("data");
   }
 }

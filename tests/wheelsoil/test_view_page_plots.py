@@ -1,0 +1,195 @@
+"""The plots of the analyst's page, driven as a user would: linked, cut, compared, and of runs that lack something."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from live_browser import chromium
+from playwright.sync_api import Browser, Page, expect
+from view_browser import drag, drawn, looking, picked, points, shapes, trace
+from view_client import View, taken_from, viewing
+
+ROOT = Path(__file__).parents[2]
+PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n", "time-driving_torque_nm", "slip-driving_torque_nm")
+SCRIPT = "<script>document.title='taken'</script><img src=x onerror=alert(1)>"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def view(tmp_path_factory: pytest.TempPathFactory) -> Iterator[View]:
+    home = tmp_path_factory.mktemp("page")
+    clay = taken_from(ROOT / "recordings" / "clay", home / "clay", 2)
+    sandy = taken_from(ROOT / "recordings" / "sandy", home / "sandy", 1)
+    with viewing(clay, sandy) as running:
+        running.settled()
+        yield running
+
+
+@pytest.fixture
+def page(browser: Browser, view: View) -> Iterator[Page]:
+    for campaign in view.campaigns():
+        view.post("/api/choose", campaign=campaign["key"], choice={})
+    view.settled()
+    with looking(browser, view.address) as seen:
+        drawn(seen, *PLOTS)
+        yield seen
+
+
+def samples(view: View, run: str = "r1") -> dict[str, Any]:
+    found: dict[str, Any] = view.get(f"/api/run?campaign=c1&run={run}")
+    return found
+
+
+def test_a_stretch_of_time_is_highlighted_in_every_plot(page: Page, view: View) -> None:
+    drag(page, "time-drawbar_pull_n", (10, -1000), (18, -2000))
+    [box] = shapes(page, "time-driving_torque_nm", "box")
+    assert (box["x0"], box["x1"]) == pytest.approx((10, 18), abs=0.2)
+    data = samples(view)
+    rows = [i for i, time_s in enumerate(data["time_s"]) if box["x0"] <= time_s <= box["x1"]]
+    assert len(rows) > 20
+    expect(page.locator("#brush-count")).to_contain_text(f"{len(rows)} of {len(data['time_s'])} samples of run-1")
+    for plot in PLOTS:
+        assert picked(page, plot) == len(rows), plot
+    assert set(points(page, "slip-drawbar_pull_n", "selected")) == {
+        (data["slip"][i], data["drawbar_pull_n"][i]) for i in rows
+    }
+
+
+def test_a_box_over_slip_is_highlighted_over_time(page: Page, view: View) -> None:
+    drag(page, "slip-drawbar_pull_n", (-0.25, -1500), (-0.05, -4000))
+    [box] = shapes(page, "slip-drawbar_pull_n", "box")
+    assert not shapes(page, "time-drawbar_pull_n", "box")
+    data = samples(view)
+    inside = {
+        time_s
+        for time_s, slip, pull in zip(data["time_s"], data["slip"], data["drawbar_pull_n"], strict=True)
+        if slip is not None and box["x0"] <= slip <= box["x1"] and box["y0"] <= pull <= box["y1"]
+    }
+    assert len(inside) > 10
+    assert {x for x, _ in points(page, "time-driving_torque_nm", "selected")} == inside
+    page.get_by_role("button", name="Clear").click()
+    assert not picked(page, "time-drawbar_pull_n")
+
+
+def test_the_keyboard_selects_too(page: Page, view: View) -> None:
+    page.get_by_label("Selection from, slip").fill("0.3")
+    page.get_by_label("Selection from, slip").press("Enter")
+    used = [slip for slip in samples(view)["slip"] if slip is not None and slip >= 0.3]
+    assert picked(page, "time-drawbar_pull_n") == len(used) > 10
+    page.keyboard.press("Escape")
+    assert not picked(page, "time-drawbar_pull_n")
+    page.locator("#time-drawbar_pull_n").focus()
+    for key in ("ArrowRight", "ArrowRight", "Shift+ArrowRight"):
+        page.keyboard.press(key)
+    expect(page.get_by_label("Selection to, seconds")).to_have_value("6.5")
+    [box] = shapes(page, "time-drawbar_pull_n", "box")
+    assert (box["x0"], box["x1"]) == (1, 6.5)
+
+
+def test_samples_that_are_left_out_are_shown_with_their_reason(page: Page, view: View) -> None:
+    data = samples(view)
+    standing = data["reason"].count("standstill")
+    page.get_by_role("button", name=re.compile("^Standstill")).click()
+    assert picked(page, "time-drawbar_pull_n") == standing > 0
+    left_out = trace(page, "time-drawbar_pull_n", "left out")
+    assert "standstill" in left_out["customdata"]
+    kinds = {
+        shape["name"] for shape in page.evaluate("() => document.getElementById('time-drawbar_pull_n').layout.shapes")
+    }
+    assert {"drive", "brake", "standstill"} <= kinds
+    page.locator("#show-left-out").uncheck()
+    page.wait_for_function(
+        "() => !document.getElementById('time-drawbar_pull_n').data.some((trace) => trace.name === 'left out')"
+    )
+
+
+def test_a_stretch_is_left_out_by_hand_and_taken_back(page: Page, view: View) -> None:
+    drag(page, "time-drawbar_pull_n", (20, -1000), (30, -2000))
+    page.get_by_role("button", name="Leave this out").click()
+    expect(page.get_by_role("button", name=re.compile("^By hand"))).to_be_visible()
+    [run] = view.campaigns()[0]["choice"]["run"]
+    [(_, first), (second, _)] = run["keep"]
+    assert run["file"] == "run-1.mcap" and (first, second) == pytest.approx((20, 30), abs=0.3)
+    data = samples(view)
+    used = trace(page, "time-drawbar_pull_n", "used")["y"]
+    assert [y is not None for y in used] == data["used"] and "by_hand" in data["reason"]
+    assert len(shapes(page, "time-drawbar_pull_n", "kept")) == 2
+    expect(page.locator("#kept")).to_contain_text("Kept of run-1")
+    page.get_by_role("button", name="Use the whole run").click()
+    expect(page.get_by_role("button", name=re.compile("^By hand"))).to_have_count(0)
+    assert "keep" not in view.campaigns()[0]["choice"]["run"][0]
+
+
+def test_a_run_is_taken_out_and_thresholds_are_set(page: Page, view: View) -> None:
+    page.get_by_label("Use run-2").first.uncheck()
+    expect(page.locator("button.run.unused")).to_have_count(1)
+    for label, text in (("Slip threshold", "0.15"), ("Filter cut-off", "2"), ("Least speed", "0.6")):
+        page.get_by_label(label).fill(text)
+        page.get_by_label(label).press("Enter")
+    page.get_by_label("torque", exact=True).last.check()
+    expect(page.locator("#state")).to_have_text("READY")
+    choice = view.settled()[0]["choice"]
+    assert (choice["slip_threshold"], choice["cutoff_hz"], choice["min_speed_mps"]) == (0.15, 2, 0.6)
+    assert choice["channels"] == ["dp", "t"]
+    assert [(run["file"], run["use"]) for run in choice["run"]] == [("run-2.mcap", False)]
+    assert shapes(page, "slip-drawbar_pull_n", "threshold")[0]["x0"] == 0.15
+
+
+def test_two_runs_and_two_campaigns_are_compared(page: Page, view: View) -> None:
+    page.get_by_label("Compare with").select_option(label="clay: run-2")
+    expect(page.locator("#legend")).to_contain_text("run-2, used")
+    drawn(page, *PLOTS)
+    used = "(plot) => plot.data.filter((trace) => trace.name === 'used').map((trace) => trace.line.dash).sort()"
+    assert page.locator("#time-drawbar_pull_n").evaluate(used) == ["dash", "solid"]
+    drag(page, "time-drawbar_pull_n", (10, -1000), (18, -2000))
+    [box] = shapes(page, "time-drawbar_pull_n", "box")
+    both = [t for data in (samples(view), samples(view, "r2")) for t in data["time_s"] if box["x0"] <= t <= box["x1"]]
+    assert picked(page, "slip-driving_torque_nm") == len(both)
+    page.get_by_label("Compare with").select_option(label="sandy: all runs")
+    expect(page.locator("#legend")).to_contain_text("by hand, on the other soil")
+    clay, sandy = (
+        points(page, "slip-drawbar_pull_n", f"curve {name}") for name in ("by hand", "by hand, on the other soil")
+    )
+    assert clay and sandy and clay != sandy
+
+
+def test_names_from_data_are_text(browser: Browser, tmp_path: Path) -> None:
+    folder = taken_from(ROOT / "recordings" / "clay", tmp_path / "<b>clay", 1)
+    (folder / "runs.toml").write_text(f'[[run]]\nfile = "run-1.mcap"\nid = "{SCRIPT}"\n', encoding="utf-8")
+    with viewing(folder) as view, looking(browser, view.address) as seen:
+        drawn(seen, *PLOTS)
+        expect(seen.locator("button.run .name")).to_have_text(SCRIPT)
+        expect(seen.locator("#view-title")).to_contain_text(SCRIPT)
+        seen.locator("#time-drawbar_pull_n").hover()
+        drag(seen, "time-drawbar_pull_n", (10, -1000), (18, -2000))
+        expect(seen.locator("#plots .hoverlayer").first).to_contain_text("<script>")
+        expect(seen.locator("img, main script")).to_have_count(0)
+        assert seen.title() != "taken"
+
+
+@pytest.mark.parametrize(
+    ("role", "words"), [("driving_torque", "torque: not measured"), ("ground_speed", "ground_speed")]
+)
+def test_what_a_recording_lacks_costs_itself_only(browser: Browser, tmp_path: Path, role: str, words: str) -> None:
+    folder = taken_from(ROOT / "recordings" / "clay", tmp_path / "clay", 1)
+    lines = (folder / "vehicle.toml").read_text(encoding="utf-8").splitlines(keepends=True)
+    kept = "".join(line for line in lines if not line.startswith(f"{role} ="))
+    assert len(kept.splitlines()) == len(lines) - 1
+    (folder / "vehicle.toml").write_text(kept, encoding="utf-8")
+    with viewing(folder) as view, looking(browser, view.address, refused=True) as seen:
+        if role == "driving_torque":
+            drawn(seen, *PLOTS[:2])
+            expect(seen.locator("#shown")).to_contain_text(words)
+            expect(seen.locator("#plots figure")).to_have_count(2)
+        else:
+            expect(seen.locator("#waiting")).to_contain_text(words)
+            expect(seen.locator("button.run .tag")).to_have_text("failed")
