@@ -1,0 +1,136 @@
+"""Reports of recordings that lack something, of one run and of fifty: each gets its reason, the rest is there."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_support import invoke, ok
+
+from daq.open import open_runs
+from processing.options import ProcessOptions
+from processing.processed_run import ProcessedRun
+from wheelsoil.fitting import FitChoices, fit_runs
+from wheelsoil.report.build import Report, build_report
+from wheelsoil.report.content import texts_of
+from wheelsoil.report.material import Material, source_of, versions
+from wheelsoil.reporting import report_of
+from wheelsoil.runs import process_runs
+
+MOST_BYTES = 12_000_000
+ROLES = {
+    "torque": ("driving_torque",),
+    "position": ("latitude", "longitude"),
+    "slip": ("ground_speed", "ground_speed_valid"),
+    "clock": ("gnss_time",),
+}
+
+
+def campaign_without(campaign: Path, folder: Path, *roles: str) -> Path:
+    """Return a copy of a campaign's first run whose vehicle.toml does not name some signals."""
+    folder.mkdir()
+    for path in campaign.iterdir():
+        if path.suffix in (".dbc", ".toml") or path.name == "run-1.mcap":
+            (folder / path.name).write_bytes(path.read_bytes())
+    vehicle = (folder / "vehicle.toml").read_text()
+    for role in roles:
+        vehicle = re.sub(rf"(?m)^{role} = .*\n", "", vehicle)
+        vehicle = re.sub(rf"(?m)^\[sensors\.{role}\]\n(?:\w.*\n)*", "", vehicle)
+    (folder / "vehicle.toml").write_text(vehicle)
+    (folder / "runs.toml").write_text('[[run]]\nfile = "run-1.mcap"\nid = "only"\n')
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("lacking", "left_out", "reason"),
+    [
+        ("torque", {"torque"}, "the driving torque was not measured"),
+        ("position", {"track"}, "no run has latitude and longitude"),
+        ("clock", set(), ""),
+    ],
+)
+def test_what_is_missing_costs_its_section(campaign, tmp_path, lacking, left_out, reason):
+    folder = campaign_without(campaign, tmp_path / "c", *ROLES[lacking])
+    found = ok("report", folder, "-o", tmp_path / "r.html", "--no-diagnosis", "--json").json
+    assert set(found["left_out"]) == left_out
+    assert all(reason in why for why in found["left_out"].values())
+    assert f"{reason}." in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
+def test_without_slip_there_is_no_report_but_a_reason(campaign, tmp_path):
+    folder = campaign_without(campaign, tmp_path / "c", *ROLES["slip"])
+    result = invoke("report", folder, "-o", tmp_path / "r.html", "--no-diagnosis")
+    assert result.code == 2
+    assert "ground_speed" in result.err and "vehicle.toml" in result.err
+
+
+def test_one_run_has_every_section_but_no_choice_of_runs(campaign):
+    report = report_of([campaign / "run-1.mcap"])
+    assert report.left_out == {}
+    section = next(section for section in report.sections if section.key == "gain")
+    assert "at least two runs" in " ".join(texts_of(section))
+
+
+def test_a_run_without_a_usable_sample_is_poor_and_named_first(campaign):
+    material = _material(campaign)
+    nothing = np.full(len(material.runs[0]), 5, np.uint8)
+    report = build_report(replace(material, runs=(replace(material.runs[0], reason=nothing), *material.runs[1:])))
+    glance = report.numbers()["sections"]["glance"]
+    assert glance["grades"]["run-1"]["level"] == "poor"
+    assert glance["next_step"].startswith("look at data quality first; run-1 is poor")
+
+
+def test_fifty_runs_are_one_page_of_bearable_size(campaign, tmp_path):
+    material = _material(campaign)
+    copies = 25
+    runs = tuple(_renamed(run, i, k) for k in range(copies) for i, run in enumerate(material.runs))
+    models = tuple(replace(m, predictions=m.predictions * copies) for m in material.fit.models)
+    report = build_report(replace(material, runs=runs, campaign=replace(material.fit, models=models)))
+    assert report.left_out == {}
+    page, _ = report.write(tmp_path / "fifty.html")
+    assert page.stat().st_size < MOST_BYTES
+    assert len(report.numbers()["sections"]["glance"]["grades"]) == 50
+    assert {trace["shown_for"] for trace in _drawn(report, "slip-driving")} == {"all runs", *(r.run.id for r in runs)}
+
+
+def test_a_pdf_needs_a_browser(campaign, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    result = invoke("report", campaign, "-o", tmp_path / "r.pdf")
+    assert result.code == 2
+    assert "no browser that could make a PDF" in result.err and "apt-get install chromium" in result.err
+    assert not (tmp_path / "r.pdf").exists()
+
+
+def test_a_browser_that_makes_no_pdf_is_told(campaign, tmp_path, monkeypatch):
+    browser = tmp_path / "chromium"
+    browser.write_text("#!/bin/sh\necho 'cannot open display' >&2\nexit 1\n")
+    browser.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    result = invoke("report", campaign / "run-1.mcap", "-o", tmp_path / "r.pdf", "--no-diagnosis")
+    assert result.code == 1
+    assert "the browser made no PDF" in result.err and "cannot open display" in result.err
+
+
+@pytest.mark.parametrize(("name", "form"), [("r.html", "pdf"), ("r.pdf", "html")])
+def test_a_format_and_a_name_that_differ_are_refused(campaign, tmp_path, name, form):
+    result = invoke("report", campaign, "-o", tmp_path / name, "--format", form)
+    assert result.code == 2 and "at odds" in result.err
+
+
+def _material(campaign: Path) -> Material:
+    processed = process_runs(open_runs([campaign]), ProcessOptions())
+    fit = fit_runs(processed, FitChoices(), None)
+    sources = tuple(source_of(run) for run, _ in processed)
+    runs = tuple(run for _, run in processed)
+    return Material(runs, fit, "", processed[0][0].vehicle, fit.soil.name, sources, versions=versions())
+
+
+def _renamed(run: ProcessedRun, index: int, copy: int) -> ProcessedRun:
+    return replace(run, run=run.run.model_copy(update={"id": f"run {copy}.{index}"}))
+
+
+def _drawn(report: Report, key: str) -> list[dict[str, object]]:
+    return report.numbers()["figures"][key]["traces"]
