@@ -57,7 +57,7 @@ def cannot_tell(campaign: Campaign, samples: Samples, effects: tuple[type[Effect
         Those that are considered.
     """
     found = dict(_without_inputs(campaign, samples, effects))
-    for family, why in (*_not_varied(campaign, samples), *_not_seen(samples)):
+    for family, why in (*_not_varied(campaign, samples), *_not_seen(campaign, samples)):
         found.setdefault(family, why)
     return found
 
@@ -96,7 +96,7 @@ def _not_varied(campaign: Campaign, samples: Samples) -> Iterator[tuple[str, str
         yield "zero_drift", "one run only: a drift over the campaign does not show"
 
 
-def _not_seen(samples: Samples) -> Iterator[tuple[str, str]]:
+def _not_seen(campaign: Campaign, samples: Samples) -> Iterator[tuple[str, str]]:
     slip = np.asarray(samples.conditions.slip)
     if np.count_nonzero(slip < 0) < _SOME:
         yield "skid_sinkage", "the wheel was hardly ever braked"
@@ -106,10 +106,15 @@ def _not_seen(samples: Samples) -> Iterator[tuple[str, str]]:
         yield "slip_sinkage", "the slip never was above 0.15"
     if "t" not in samples.measured:
         for family in ("torque_zero", "torque_gain"):
-            yield family, "torque was not measured"
+            yield family, _without(campaign, "driving_torque_nm", "torque")
     if "dp" not in samples.measured:
         for family in ("drawbar_pull_zero", "drawbar_pull_gain", "crosstalk", "zero_drift", "slope"):
-            yield family, "drawbar pull was not measured"
+            yield family, _without(campaign, "drawbar_pull_n", "drawbar pull")
     if not len(samples.rests):
         for family in ("torque_zero", "drawbar_pull_zero", "crosstalk", "zero_drift", "slope"):
             yield family, "no standstill was recorded: it would show the zeros"
+
+
+def _without(campaign: Campaign, field: str, words: str) -> str:
+    measured = any(np.isfinite(getattr(run, field)).any() for run in campaign.runs)
+    return f"{words} was measured and not looked at" if measured else f"{words} was not measured"
