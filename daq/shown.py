@@ -78,7 +78,8 @@ def html_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int 
 def _html_cells(tag: str, texts: Sequence[str], left: int) -> str:
     sides = ("left" if i < left else "right" for i in range(len(texts)))
     return "".join(
-        f'<{tag} style="text-align:{side}">{escape(text)}</{tag}>' for text, side in zip(texts, sides, strict=True)
+        f'<{tag} style="text-align:{side};padding:.1em .7em .1em 0">{escape(text)}</{tag}>'
+        for text, side in zip(texts, sides, strict=True)
     )
 
 
