@@ -1,0 +1,85 @@
+"""The analyst's page when its server is gone, is locked, or has nothing to show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from live_browser import chromium
+from playwright.sync_api import Browser, expect
+from view_browser import drag, drawn, looking, picked, points
+from view_client import taken_from, viewing
+
+ROOT = Path(__file__).parents[2]
+PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n")
+TOKEN = "a-token-of-the-test"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return taken_from(ROOT / "recordings" / "clay", tmp_path / "clay", 1)
+
+
+def test_the_page_outlives_its_server_and_tells_the_next_one_what_was_chosen(browser: Browser, folder: Path) -> None:
+    with viewing(folder) as first:
+        port = first.port
+        with looking(browser, first.address, refused=True) as seen:
+            drawn(seen, *PLOTS)
+            seen.locator("[data-effect=vasilev] input").check()
+            drag(seen, "time-drawbar_pull_n", (20, -1000), (30, -2000))
+            seen.get_by_role("button", name="Leave this out").click()
+            expect(seen.locator("#kept")).to_contain_text("Kept of run-1")
+            drawn(seen, *PLOTS)
+            before = points(seen, PLOTS[1], "curve by hand")
+            first.process.send_signal(2)
+            first.process.wait()
+            expect(seen.locator("#state")).to_have_text("NO CONNECTION")
+            seen.locator("[data-parameter=H_m] input[type=range]").press("ArrowRight")
+            assert picked(seen, PLOTS[1]) and points(seen, PLOTS[1], "curve by hand") == before
+            with viewing(folder, port=port) as second:
+                drawn(seen, *PLOTS)
+                expect(seen.locator("#kept")).to_contain_text("Kept of run-1")
+                choice = second.settled()[0]["choice"]
+                assert choice["effects"] == ["vasilev"] and len(choice["run"][0]["keep"]) == 2
+
+
+def test_without_the_token_nothing_is_shown(browser: Browser, folder: Path) -> None:
+    with viewing(folder, WHEELSOIL_PAGE_TOKEN=TOKEN) as view:
+        address = f"http://127.0.0.1:{view.port}/"
+        with looking(browser, address, refused=True) as seen:
+            expect(seen.locator("#state")).to_have_text("TOKEN NEEDED")
+            expect(seen.locator("#main")).to_be_hidden()
+            seen.get_by_label("token").fill(TOKEN)
+            seen.get_by_role("button", name="Open").click()
+            drawn(seen, *PLOTS)
+        with looking(browser, f"{address}#{TOKEN}", refused=True) as seen:
+            drawn(seen, *PLOTS)
+
+
+def test_what_the_server_refuses_is_told_with_what_to_do(browser: Browser, folder: Path) -> None:
+    with viewing(folder) as view, looking(browser, view.address, refused=True) as seen:
+        drawn(seen, *PLOTS)
+        seen.get_by_label("Filter cut-off").fill("50")
+        seen.get_by_label("Filter cut-off").press("Enter")
+        expect(seen.locator("#faults li")).to_contain_text("cutoff_hz")
+        expect(seen.locator("#faults dt").last).to_have_text("do")
+        expect(seen.locator("#state")).to_have_text("NOT DONE")
+        assert "cutoff_hz" not in view.campaigns()[0]["choice"]
+        seen.get_by_label("Filter cut-off").fill("2")
+        seen.get_by_label("Filter cut-off").press("Enter")
+        drawn(seen, *PLOTS)
+        assert view.settled()[0]["choice"]["cutoff_hz"] == 2
+
+
+def test_a_run_that_cannot_be_read_is_told_and_the_others_work(browser: Browser, folder: Path) -> None:
+    (folder / "run-0.mcap").write_bytes((folder / "run-1.mcap").read_bytes()[:3000])
+    with viewing(folder) as view, looking(browser, view.address, refused=True) as seen:
+        drawn(seen, *PLOTS)
+        expect(seen.locator("#list")).to_contain_text("run-0")

@@ -1,0 +1,201 @@
+"""The analyst's model panel, driven as a user would, and held to the command line and the model itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cli_support import ok
+from live_browser import chromium
+from playwright.sync_api import Browser, Locator, Page, expect
+from view_browser import drawn, looking, points
+from view_client import View, taken_from, viewing
+
+ROOT = Path(__file__).parents[2]
+PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n", "time-driving_torque_nm", "slip-driving_torque_nm")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return taken_from(ROOT / "recordings" / "clay", tmp_path_factory.mktemp("page") / "clay field", 2)
+
+
+@pytest.fixture(scope="module")
+def view(folder: Path) -> Iterator[View]:
+    with viewing(folder) as running:
+        running.settled()
+        yield running
+
+
+@pytest.fixture
+def page(browser: Browser, view: View, folder: Path) -> Iterator[Page]:
+    (folder / "choice.toml").unlink(missing_ok=True)
+    view.post("/api/choose", campaign="c1", choice={})
+    view.settled()
+    with looking(browser, view.address, refused=True) as seen:
+        drawn(seen, *PLOTS)
+        yield seen
+
+
+def row(page: Page, parameter: str) -> Locator:
+    return page.locator(f"[data-parameter='{parameter}']")
+
+
+def switch_on(page: Page, effect: str, parameter: str) -> None:
+    page.locator(f"[data-effect='{effect}'] input").check()
+    expect(row(page, parameter)).to_be_visible()
+
+
+def value_of(page: Page, parameter: str) -> float:
+    return float(row(page, parameter).locator("input[type=number]").input_value())
+
+
+def curve_on_page(page: Page, channel: str, expected: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The curve by hand once it is the expected one, or as it is after a while."""
+    for _ in range(100):
+        found = points(page, f"slip-{channel}", "curve by hand")
+        if found == expected:
+            break
+        page.wait_for_timeout(100)
+    return found
+
+
+def test_the_curve_follows_a_slider_and_is_the_model_s(page: Page, view: View) -> None:
+    switch_on(page, "vasilev", "H_m")
+    slider = row(page, "H_m").locator("input[type=range]")
+    box = slider.bounding_box()
+    assert box is not None
+    middle = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + 0.1 * box["width"], middle)
+    page.mouse.down()
+    for step in range(40):
+        page.mouse.move(box["x"] + (0.1 + 0.015 * step) * box["width"], middle)
+    page.mouse.up()
+    moved = value_of(page, "H_m")
+    assert moved > 0
+    for channel in ("drawbar_pull_n", "driving_torque_nm"):
+        said = view.post("/api/curve", campaign="c1", sinkage="balanced", effects=["vasilev"], values={"H_m": moved})
+        expected = list(zip(said["slip"], said[channel], strict=True))
+        assert curve_on_page(page, channel, expected) == expected
+    base = view.post("/api/curve", campaign="c1", sinkage="balanced", effects=[], values={})
+    assert expected != list(zip(base["slip"], base["driving_torque_nm"], strict=True))
+    measures = page.evaluate("() => performance.getEntriesByName('curve').map((each) => each.duration)")
+    assert measures and all(duration > 0 for duration in measures)
+
+
+def test_boxes_arrows_resets_reading_load_and_soil_bend_it_too(page: Page, view: View) -> None:
+    switch_on(page, "vasilev", "H_m")
+    row(page, "H_m").locator("input[type=number]").fill("0.05")
+    row(page, "H_m").locator("input[type=number]").press("Enter")
+    row(page, "H_m").locator("input[type=range]").press("ArrowRight")
+    moved = value_of(page, "H_m")
+    assert 0.05 < moved < 0.06
+    page.get_by_label("literal", exact=True).check()
+    page.locator("#load").fill("8000")
+    page.locator("#load").press("Enter")
+    page.locator("#soil-box summary").click()
+    row(page, "cohesion_pa").locator("input[type=number]").fill("9000")
+    row(page, "cohesion_pa").locator("input[type=number]").press("Enter")
+    asked: dict[str, Any] = {"campaign": "c1", "sinkage": "literal", "effects": ["vasilev"], "load_n": 8000}
+    said = view.post("/api/curve", **asked, values={"H_m": moved}, soil={"cohesion_pa": 9000})
+    expected = list(zip(said["slip"], said["drawbar_pull_n"], strict=True))
+    assert curve_on_page(page, "drawbar_pull_n", expected) == expected
+    row(page, "cohesion_pa").get_by_role("button").click()
+    row(page, "H_m").get_by_role("button").click()
+    assert value_of(page, "H_m") == 0
+    said = view.post("/api/curve", **asked, values={"H_m": 0.0})
+    expected = list(zip(said["slip"], said["drawbar_pull_n"], strict=True))
+    assert curve_on_page(page, "drawbar_pull_n", expected) == expected
+
+
+def test_effects_are_found_by_words(page: Page) -> None:
+    everything = page.locator(".effect:visible").count()
+    page.get_by_label("Search effects").fill("zero")
+    found = page.locator(".effect:visible")
+    assert 1 <= found.count() < everything
+    assert "drawbar_pull_zero" in found.evaluate_all("(rows) => rows.map((row) => row.dataset.effect)")
+    expect(page.locator("[data-effect=multi_pass]")).to_contain_text("cannot be told here")
+    expect(page.locator("[data-effect=multi_pass] input")).to_be_disabled()
+
+
+def test_a_refit_is_the_command_line_s_and_the_choice_is_kept(page: Page, view: View, folder: Path) -> None:
+    switch_on(page, "vasilev", "H_m")
+    page.get_by_label("Slip threshold").fill("0.15")
+    page.get_by_label("Slip threshold").press("Enter")
+    page.get_by_label("Use run-2").uncheck()
+    expect(page.locator("button.run.unused")).to_have_count(1)
+    page.get_by_role("button", name="Refit").click()
+    expect(page.locator("#fit-tables table").first).to_be_visible()
+    page.get_by_role("button", name="Save", exact=True).click()
+    kept = folder / "choice.toml"
+    expect(page.locator("#saved")).to_contain_text(str(kept))
+    expect(page.locator("#commands li").first).to_contain_text(f"wheelsoil fit '{folder}' --choice '{kept}'")
+    fit = ok("fit", folder, "--choice", kept, "--json").json
+    own = fit["models"]["chosen"]
+    assert own["effects"] == ["vasilev"] and fit["slip_threshold"] == 0.15
+    assert value_of(page, "H_m") == pytest.approx(own["estimates"]["H_m"]["value"], rel=1e-5)
+    expect(row(page, "H_m").locator(".fitted")).to_contain_text("95 %")
+    cells = (
+        page.locator("#fit-tables table")
+        .first.locator("tbody tr")
+        .evaluate_all("(rows) => rows.map((row) => [...row.cells].map((cell) => cell.textContent.trim()))")
+    )
+    expected = [model["criteria"]["dp"] for model in fit["models"].values()]
+    shown = [[float(text.replace("−", "-").replace("\u202f", "")) for text in cells[1:]] for cells in cells]
+    assert shown == [pytest.approx([each["M0_percent"], each["R0_N"], each["R2"]], rel=1e-3) for each in expected]
+    curve = view.post("/api/fit", campaign="c1")["curves"]["chosen"]
+    assert points(page, "slip-drawbar_pull_n", "curve chosen") == list(
+        zip(curve["slip"], curve["drawbar_pull_n"], strict=True)
+    )
+    page.get_by_label("Use run-2").check()
+    expect(page.locator("#fit-says")).to_contain_text("The choice has changed")
+
+
+def test_a_file_is_only_replaced_when_that_is_asked_for(page: Page, folder: Path) -> None:
+    save = page.get_by_role("button", name="Save", exact=True)
+    (folder / "choice.toml").write_text("# mine\n", encoding="utf-8")
+    save.click()
+    expect(page.locator("#state")).to_have_text("NOT DONE")
+    expect(page.locator("#faults")).to_contain_text("do")
+    assert (folder / "choice.toml").read_text(encoding="utf-8") == "# mine\n"
+    page.get_by_label("replace the file").check()
+    save.click()
+    expect(page.locator("#saved")).to_contain_text("choice.toml")
+    expect(page.locator("#faults li")).to_have_count(0)
+    assert "wheelsoil/choice/1" in (folder / "choice.toml").read_text(encoding="utf-8")
+    page.get_by_label("Name of the file").fill("../elsewhere.toml")
+    save.click()
+    expect(page.locator("#faults li")).to_have_count(1)
+    assert not (folder.parent / "elsewhere.toml").exists()
+    page.get_by_role("button", name="Close").click()
+    expect(page.locator("#state")).to_have_text("READY")
+
+
+def test_a_diagnosis_says_its_sentence_and_its_candidates(page: Page, view: View) -> None:
+    page.get_by_role("button", name="Diagnose").click()
+    expect(page.locator("#headline")).to_contain_text("diagnosing")
+    expect(page.get_by_role("button", name="Diagnose again")).to_be_visible(timeout=180_000)
+    told = view.get("/api/diagnosis?campaign=c1")
+    expect(page.locator("#verdict")).to_have_text(told["sentence"])
+    expect(page.locator("#campaigns .said")).to_have_text(told["sentence"])
+    names = [name.partition(":")[0] for name in page.locator("#candidates .name").all_inner_texts()]
+    assert names == [each["name"].replace("_", " ") for each in told["candidates"] if each["probability"] >= 0.01][:8]
+
+
+@pytest.mark.parametrize("width", [360, 390, 768, 1366])
+def test_nothing_scrolls_sideways(browser: Browser, view: View, width: int) -> None:
+    with looking(browser, view.address, width=width, height=844) as seen:
+        drawn(seen, *PLOTS)
+        assert seen.evaluate("document.documentElement.scrollWidth") == width
+        for plot in PLOTS:
+            assert (
+                seen.locator(f"#{plot} .main-svg").first.evaluate("(svg) => svg.getBoundingClientRect().right") < width
+            )
