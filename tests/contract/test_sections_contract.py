@@ -21,7 +21,6 @@ from wheelsoil.report.material import Material, source_of, versions
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
 from wheelsoil.runs import process_runs
 
-HELPERS = {"quantity"}
 every_section = pytest.mark.parametrize("module", SECTIONS, ids=lambda module: module.KEY)
 
 
@@ -42,7 +41,7 @@ def whole(campaign) -> Material:
 
 def test_every_file_with_a_section_is_listed():
     folder = Path(wheelsoil.report.sections.__file__).parent
-    files = {path.stem for path in folder.glob("*.py")} - {"__init__"} - HELPERS
+    files = {path.stem for path in folder.glob("*.py")} - {"__init__"}
     assert files == {module.__name__.rpartition(".")[2] for module in SECTIONS}
     assert len({module.KEY for module in SECTIONS}) == len({module.TITLE for module in SECTIONS}) == len(SECTIONS)
     assert set(OF_THE_DIAGNOSIS) <= set(SECTIONS)

@@ -59,7 +59,7 @@ def test_every_section_is_there_and_its_sentence_leads(plain_material, verdict):
 
     report = built(plain_material, diagnosis(verdict))
     assert [section.key for section in report.sections] == [module.KEY for module in SECTIONS]
-    lead = section(report, "verdict").blocks[0]
+    lead = section(report, "glance").blocks[0]
     assert isinstance(lead, Text) and lead.kind == "lead" and lead.text == SENTENCES[verdict]
     assert report.sentence == SENTENCES[verdict]
     for key in KEYS:

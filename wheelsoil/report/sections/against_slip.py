@@ -5,9 +5,6 @@ from __future__ import annotations
 from wheelsoil.report.content import Panels, Section
 from wheelsoil.report.curves import curves_of
 from wheelsoil.report.material import Material
-from wheelsoil.report.thinning import EDGES
-
-__all__ = ["EDGES", "KEY", "TITLE", "build"]
 
 KEY = "slip"
 TITLE = "Drawbar pull against slip"

@@ -64,7 +64,7 @@ def _figure(found: Diagnosis) -> Figure:
         for part, name, (colour, pattern) in zip(parts, (*labels, "no cause at all"), _LOOKS, strict=True)
         if part
     ]
-    layout = axes("probability of being among the causes", "", height=120 + 26 * len(shown), barmode="stack")
+    layout = axes("probability", "", height=120 + 26 * len(shown), barmode="stack")
     layout["xaxis"] |= {"range": [0, 1]}
     order = [plain_name(c.name) for c in shown]
     layout["yaxis"] |= {

@@ -28,7 +28,7 @@ def build(material: Material) -> Section:
     wheel = material.vehicle.wheel
     radius = wheel.radius_m if wheel else float("nan")
     plausible = {key: _plausible(key, least.parameter, radius) for key, least in found.items()}
-    shares = {key: least.value / plausible[key] for key, least in found.items() if plausible[key] > 0}
+    shares = {key: abs(least.value) / plausible[key] for key, least in found.items() if plausible[key] > 0}
     rows = [
         [
             effect_name(key) + (" *" if family_of(key) in material.diagnosis.cannot_tell else ""),
@@ -74,9 +74,9 @@ def _figure(shares: dict[str, float]) -> Figure:
             "symbol": ["circle" if shares[key] <= 1 else "x" for key in ordered],
         },
     }
-    layout = axes("smallest size found / plausible size", "", height=110 + 22 * len(ordered), showlegend=False)
+    layout = axes("smallest / plausible size", "", height=110 + 22 * len(ordered), showlegend=False)
     low, high = log10(min(shares.values())), log10(max(shares.values()))
-    layout["xaxis"] |= {"type": "log", "range": [min(low, -1.0) - 0.1, max(high, 1.0) + 0.1]}
+    layout["xaxis"] |= {"type": "log", "dtick": 1, "range": [min(low, -1.0) - 0.1, max(high, 1.0) + 0.1]}
     layout["yaxis"] |= {"autorange": "reversed", "type": "category"}
     edge = {"type": "line", "xref": "x", "yref": "paper", "x0": 1, "x1": 1, "y0": 0, "y1": 1}
     layout["shapes"] = [edge | {"line": {"color": "#555", "width": 1.2, "dash": "dot"}}]

@@ -11,8 +11,7 @@ from wheelsoil.diagnosis_words import CHANNEL_NAMES, CHANNEL_UNITS, effect_name
 from wheelsoil.report.content import Block, Figure, Panels, Section, Text
 from wheelsoil.report.figures import MEASURED, STYLES, Style, Trace, axes, dots, line, look_at, marked_line
 from wheelsoil.report.material import FloatArray, Material
-from wheelsoil.report.sections.against_slip import EDGES
-from wheelsoil.report.thinning import Bins, binned, parted_at_zero, thinned_rows
+from wheelsoil.report.thinning import EDGES, Bins, binned, parted_at_zero, thinned_rows
 from wheelsoil.report.words import listed
 
 KEY = "evidence"
@@ -30,8 +29,9 @@ _SHAPES = (
     "soil fitted anew. The right one follows the black line; candidates that lie on each other look alike."
 )
 _DIAGONAL = (
-    "each dot is a sample, in noise sigmas: across, what the cause says is missing there; up, what is missing. If the "
-    "cause is right, the dots lie about the broken line; a level cloud says that it has nothing to do with it."
+    "each dot is a sample, in sigmas of the noise (σ): across, what the cause says is missing there; up, what is "
+    "missing. If the cause is right, the dots lie about the broken line; a level cloud says that it has nothing to do "
+    "with it."
 )
 
 
@@ -144,7 +144,7 @@ def _diagonal(channel: str, views: list[_Shown]) -> Figure:
             line(ends, ends, "equal", STYLES["vasilev"].colour, "dash"),
         ]
     figure = _figure("diagonal", channel, "left-over against signature", groups)
-    titles = {"xaxis": "what the cause changes (noise sigmas)", "yaxis": "measured − simulated (noise sigmas)"}
+    titles = {"xaxis": "what the cause changes (σ)", "yaxis": "measured − simulated (σ)"}
     axes_of = {name: {**figure.layout[name], "title": {"text": title}} for name, title in titles.items()}
     return replace(figure, layout={**figure.layout, **axes_of})
 

@@ -54,6 +54,8 @@ def next_step(material: Material, grades: dict[str, Grade]) -> str:
     if material.campaign is None:
         return "see below why the runs could not be fitted."
     found = material.diagnosed
+    if found is None and material.no_diagnosis:
+        return "see below why there is no diagnosis."
     if found is None:
         return "`wheelsoil diagnose` says what the simulation gets wrong and why."
     if found.next_run:

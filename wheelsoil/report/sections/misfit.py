@@ -12,8 +12,7 @@ from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import GREY_BAND, MEASURED, Trace, axes, band, dots, line, look_at, words
 from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.material import FloatArray, Material
-from wheelsoil.report.sections.against_slip import EDGES
-from wheelsoil.report.thinning import binned, parted_at_zero, thinned_by_sign, thinned_rows
+from wheelsoil.report.thinning import EDGES, binned, parted_at_zero, thinned_by_sign, thinned_rows
 from wheelsoil.report.words import number, signed
 
 KEY = "misfit"

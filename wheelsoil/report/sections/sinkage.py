@@ -19,7 +19,7 @@ from wheelsoil.force_sinkage import (
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, band, line, look_at
 from wheelsoil.report.material import Material
-from wheelsoil.report.sections.quantity import quantity_figure
+from wheelsoil.report.quantity import quantity_figure
 
 KEY = "sinkage"
 TITLE = "Sinkage"

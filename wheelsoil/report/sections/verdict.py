@@ -1,4 +1,4 @@
-"""The first thing to read: which model predicts best, by how much, and whether to trust it."""
+"""How far to trust the result: which model predicts best by itself, and every check that speaks for or against it."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from wheelsoil.report.material import Material
 from wheelsoil.report.words import listed, number
 
 KEY = "verdict"
-TITLE = "Result"
+TITLE = "How far to trust it"
 
 _LOAD_TOLERANCE = 0.05
-_OFFSET_SHARE = 0.5
+_OFFSET_SHARE, _NOTABLE = 0.5, 0.01
 _TORQUE_TOLERANCE = 0.10
 _MIN_USED = 0.5
 _MIN_SLIP_RANGE = 0.5
@@ -41,7 +41,7 @@ _STOPS = {
 
 
 def build(material: Material) -> Section:
-    """Build the section: what the diagnosis says leads, then what the four models say.
+    """Build the section; its numbers hold the sentence that leads the page: the diagnosis', or else the best fit's.
 
     Raises
     ------
@@ -50,31 +50,28 @@ def build(material: Material) -> Section:
     """
     found = material.diagnosed
     if found is None:
-        blocks, numbers = _of_the_fit(material, "lead")
+        blocks, numbers = _of_the_fit(material)
         if material.no_diagnosis:
-            blocks.insert(1, Text(f"No diagnosis: {material.no_diagnosis}.", "warning"))
+            blocks.insert(0, Text(f"No diagnosis: {material.no_diagnosis}.", "warning"))
         return Section(KEY, TITLE, blocks, numbers)
-    lead = Text(found.sentence, "lead")
     try:
-        blocks, numbers = _of_the_fit(material, "text", found)
+        blocks, numbers = _of_the_fit(material, found)
     except DataError as error:
         why = "; ".join(fault.what for fault in error.faults)
         blocks, numbers = [Text(f"The four models could not be judged: {why}.", "warning")], {}
     of_both = {**numbers, "fit_sentence": numbers.get("sentence"), "sentence": found.sentence, "verdict": found.verdict}
-    return Section(KEY, TITLE, [lead, *blocks], of_both)
+    return Section(KEY, TITLE, blocks, of_both)
 
 
-def _of_the_fit(
-    material: Material, kind: str, diagnosis: Diagnosis | None = None
-) -> tuple[list[Block], dict[str, Any]]:
+def _of_the_fit(material: Material, diagnosis: Diagnosis | None = None) -> tuple[list[Block], dict[str, Any]]:
     """Return which of the four models predicts best, and whether to trust it; a diagnosis has the last word."""
     ranking = rank(material)
     checks = [check for check in _checks(material, ranking) if check.text]
     concerns = sum(check.kind == "warning" for check in checks)
     sentence = _sentence(material, ranking)
     trust = _trust(concerns) if diagnosis is None else _beside(diagnosis, concerns)
-    said = f"{sentence} {trust}" if diagnosis is None else f"Fitted by themselves: {sentence} {trust}"
-    blocks: list[Block] = [Text(said, kind), *sorted(checks, key=lambda check: check.kind == "good")]
+    said = trust if diagnosis is None else f"Fitted by themselves: {sentence} {trust}"
+    blocks: list[Block] = [Text(said), *sorted(checks, key=lambda check: check.kind == "good")]
     if diagnosis is not None and diagnosis.gain is not None and "dp" in diagnosis.gain.base:
         blocks.insert(1, Text(_two_errors(material, ranking, diagnosis.gain)))
     numbers = {
@@ -197,7 +194,8 @@ def _load(material: Material, ranking: Ranking) -> Text:
 def _offset(ranking: Ranking) -> Text:
     bias = float(np.mean(ranking.error_n))
     share = bias**2 / float(np.mean(ranking.error_n**2))
-    text = f"{number(100 * share, 2)} % of the squared error is a constant offset of {number(bias)} N"
+    part = f"{number(100 * share, 2)} %" if share >= _NOTABLE else "Next to nothing"
+    text = f"{part} of the squared error is a constant offset" + (f" of {number(bias)} N" if share >= _NOTABLE else "")
     if share <= _OFFSET_SHARE:
         return Text(f"{text}.", "good")
     return Text(f"{text}: predicted less measured; look at the transducer's zero and angle before the soil.", "warning")

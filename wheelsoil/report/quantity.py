@@ -1,4 +1,4 @@
-"""One quantity against slip with every model in one panel (used by several sections)."""
+"""One quantity against slip with every model in one panel, as the section on the sinkage draws it."""
 
 from __future__ import annotations
 
