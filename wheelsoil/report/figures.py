@@ -39,6 +39,7 @@ STYLES: dict[str, Style] = {
     "vasilev": Style("Vasil'ev", "#0072B2", "dot", "square-open"),
     "lyasko": Style("Lyasko", "#009E73", "solid", "diamond"),
     "ding": Style("Ding", "#CC79A7", "dashdot", "triangle-up"),
+    "chosen": Style("chosen", "#882255", "longdashdot", "star"),
 }
 _SPARE = Style("", "#56B4E9", "longdash", "cross")
 
