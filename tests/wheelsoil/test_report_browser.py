@@ -1,0 +1,204 @@
+"""The report in a real browser: complete, silent, legible at every size, and deaf to markup in names."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cli_support import ok
+from live_browser import PATIENCE_MS, PHONE, chromium
+from playwright.sync_api import Browser, Page
+
+RECORDINGS = Path(__file__).parents[2] / "recordings"
+LAPTOP = {"width": 1366, "height": 768}
+EVIL = '<script>window.struck = 1</script><b>bold</b><a href="https://x.example">link</a><img src=x onerror="struck=1">'
+
+DRAW_ALL = """async () => {
+  for (const plot of document.querySelectorAll(".plot")) {
+    plot.scrollIntoView();
+    for (let i = 0; i < 400 && !plot.querySelector(".main-svg"); i++) await new Promise((go) => setTimeout(go, 25));
+  }
+  window.scrollTo(0, 0);
+}"""
+EMPTY = """() => [...document.querySelectorAll(".plot")].filter((plot) => {
+  const points = (plot.data ?? []).flatMap((trace) => (trace.z ?? [trace.x ?? []]).flat());
+  return !plot.querySelector(".main-svg") || !points.some((value) => value !== null);
+}).map((plot) => plot.id)"""
+CRAMPED = """() => [...document.querySelectorAll(".plot")].flatMap((plot) => {
+  const box = (element) => element.getBoundingClientRect(), frame = box(plot), found = [];
+  const legend = plot.querySelector(".legend"), area = plot.querySelector(".nsewdrag");
+  if (legend && area && box(legend).bottom > box(area).top + 3) found.push("the legend is over the curves");
+  for (const label of plot.querySelectorAll(".infolayer .xtitle, .infolayer .ytitle, .legendtext, .xtick, .ytick")) {
+    const { left, right, top, bottom } = box(label);
+    if (left < frame.left - 1 || right > frame.right + 1 || top < frame.top - 1 || bottom > frame.bottom + 1)
+      found.push(`${label.textContent} is cut`);
+  }
+  for (const axis of ["xtick", "ytick"]) {
+    const boxes = [...plot.querySelectorAll(`.${axis} text`)].map(box);
+    if (boxes.some((a, i) => boxes.slice(i + 1).some((b) =>
+      a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 2 && b.top < a.bottom - 2)))
+      found.push(`${axis} labels overlap`);
+  }
+  return found.map((what) => `${plot.id}: ${what}`);
+})"""
+
+REACH = """() => [...document.querySelectorAll(".plot .modebar")].map(
+  (bar) => bar.getBoundingClientRect().bottom - bar.closest(".plot").getBoundingClientRect().top)"""
+
+
+@dataclass
+class Written:
+    """A report on disk."""
+
+    page: Path
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        return json.loads(self.page.with_suffix(".json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Written]:
+    """Return the report of each campaign that is shipped."""
+    folder = tmp_path_factory.mktemp("reports")
+    for name in ("clay", "sandy"):
+        ok("report", RECORDINGS / name, "-o", folder / f"{name}.html")
+    return {name: Written(folder / f"{name}.html") for name in ("clay", "sandy")}
+
+
+@pytest.fixture
+def written(reports: dict[str, Written]) -> Written:
+    return reports["sandy"]
+
+
+@contextmanager
+def opened(browser: Browser, path: Path, size: dict[str, int] = LAPTOP) -> Iterator[Page]:
+    """Open a report; a message on the console or a request beyond the file itself fails the test."""
+    context = browser.new_context(viewport=size, is_mobile=size["width"] < 900)
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    said: list[str] = []
+    asked: list[str] = []
+    page.on("console", lambda message: said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("request", lambda request: asked.append(request.url) if not request.url.startswith("data:") else None)
+    page.goto(path.as_uri())
+    yield page
+    context.close()
+    assert said == []
+    assert [address for address in asked if not address.startswith("blob:")] == [path.as_uri()]
+
+
+@pytest.mark.parametrize("name", ["clay", "sandy"])
+def test_it_opens_silent_and_complete(browser: Browser, reports: dict[str, Written], name: str) -> None:
+    written = reports[name]
+    numbers = written.numbers
+    assert numbers["left_out"] == {}
+    with opened(browser, written.page) as page:
+        lead = page.locator(".lead").first.inner_text()
+        assert lead == numbers["sections"]["glance"]["sentence"] == numbers["sections"]["verdict"]["sentence"]
+        lights = page.locator("#glance .lights li")
+        assert lights.count() == 6
+        assert lights.first.bounding_box()["y"] < LAPTOP["height"], "runs are seen without scrolling"
+        page.evaluate(DRAW_ALL)
+        assert page.evaluate(EMPTY) == []
+        assert page.evaluate("document.querySelectorAll('.plot').length") == len(numbers["figures"])
+        assert page.evaluate(CRAMPED) == []
+        reached = page.evaluate(REACH)
+        assert len(reached) >= 20 and max(reached) <= 6, "a toolbar stands beside the title, not over the legend"
+
+
+def test_figures_are_drawn_when_they_are_looked_at(browser: Browser, written: Written) -> None:
+    with opened(browser, written.page) as page:
+        last = page.locator(".plot").last
+        assert last.locator(".main-svg").count() == 0
+        last.scroll_into_view_if_needed()
+        last.locator(".main-svg").first.wait_for()
+
+
+def test_a_run_is_chosen(browser: Browser, written: Written) -> None:
+    with opened(browser, written.page) as page:
+        page.evaluate(DRAW_ALL)
+        for section, figure in (("slip", "slip-driving"), ("time", "time-dp"), ("track", "track-use")):
+            before = page.evaluate("(id) => JSON.stringify(document.getElementById(id).data)", f"plot-{figure}")
+            page.locator(f"#{section} select").first.select_option("run-3")
+            kept = [t for t in written.numbers["figures"][figure]["traces"] if t["shown_for"] == "run-3"]
+            shown = page.evaluate("(id) => document.getElementById(id).data", f"plot-{figure}")
+            assert [trace.get("y") for trace in shown] == [trace.get("y") for trace in kept]
+            assert json.dumps(shown) != before
+
+
+@pytest.mark.parametrize("width", [360, PHONE["width"]])
+def test_a_phone_need_not_scroll_sideways(browser: Browser, written: Written, width: int) -> None:
+    with opened(browser, written.page, {"width": width, "height": 844}) as page:
+        page.evaluate(DRAW_ALL)
+        assert page.evaluate("document.documentElement.scrollWidth") == width
+        assert page.evaluate(EMPTY) == []
+        assert page.evaluate(CRAMPED) == []
+
+
+def test_on_paper_every_figure_is_whole_and_fits(browser: Browser, written: Written) -> None:
+    with opened(browser, written.page) as page:
+        page.emulate_media(media="print")
+        page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+        assert page.evaluate(EMPTY) == []
+        assert page.evaluate(CRAMPED) == []
+        widths = page.evaluate("[...document.querySelectorAll('.plot .main-svg')].map((svg) => svg.clientWidth)")
+        assert max(widths) <= 682, "the width of A4 between its margins"
+        page.emulate_media(media="screen")
+        page.evaluate("window.dispatchEvent(new Event('afterprint'))")
+        assert page.evaluate(CRAMPED) == []
+
+
+def test_a_pdf_is_a4(browser: Browser, tmp_path: Path) -> None:
+    assert browser.is_connected(), "what prints it is there"
+    one = tmp_path / "one.pdf"
+    found = ok("report", RECORDINGS / "clay/run-1.mcap", "-o", one, "--no-diagnosis", "--json").json
+    assert found["report"] == str(one) and Path(found["numbers"]) == one.with_suffix(".json")
+    content = one.read_bytes()
+    assert content.startswith(b"%PDF")
+    boxes = {tuple(map(float, box.split())) for box in re.findall(rb"/MediaBox \[([^\]]+)\]", content)}
+    assert [(round(box[2]), round(box[3])) for box in boxes] == [(595, 842)]
+    assert len(re.findall(rb"/Type /Page\b", content)) >= 6
+
+
+def test_names_are_text(browser: Browser, campaign: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "campaign"
+    folder.mkdir()
+    (folder / "<b>wft<b>.dbc").write_bytes((campaign / "wft.dbc").read_bytes())
+    for name in ("wheel_speed.dbc", "gnss.dbc"):
+        (folder / name).write_bytes((campaign / name).read_bytes())
+    quoted = json.dumps(EVIL)
+    vehicle = (campaign / "vehicle.toml").read_text().replace('"wft.dbc"', '"<b>wft<b>.dbc"')
+    terrain = (campaign / "terrain.toml").read_text()
+    named = re.compile(r'(?m)^name = ".*"')
+    (folder / "vehicle.toml").write_text(named.sub(lambda _: f"name = {quoted}", vehicle, count=1))
+    (folder / "terrain.toml").write_text(named.sub(lambda _: f"name = {quoted}", terrain, count=1))
+    runs = "".join(f'[[run]]\nfile = "run-{i}.mcap"\nid = {json.dumps(f"{EVIL} {i}")}\n' for i in (1, 2))
+    (folder / "runs.toml").write_text(runs)
+    for i in (1, 2):
+        (folder / f"run-{i}.mcap").write_bytes((campaign / f"run-{i}.mcap").read_bytes())
+    target = tmp_path / "report.html"
+    ok("report", folder, "-o", target)
+    with opened(browser, target) as page:
+        page.evaluate(DRAW_ALL)
+        assert page.evaluate("window.struck") is None
+        assert page.locator("section a, main img, svg a, svg script, .plot b, h1 b").count() == 0
+        assert EVIL in page.locator("h1").inner_text()
+        ticks = page.locator("#plot-shares .ytick text").all_text_contents()
+        assert [tick for tick in ticks if EVIL in tick], "letter for letter in a figure, too"
+        page.locator("#time select").select_option(f"{EVIL} 2")
+        assert page.evaluate("document.querySelector('#plot-time-dp').data.length") > 4
+        assert page.evaluate("window.struck") is None
