@@ -244,7 +244,7 @@ def _files_of(folder: Path, known: Configuration, collected: Collected) -> list[
         collected.errors.append(ConfigError(fault))
     if listed:
         return list(dict.fromkeys(listed))
-    found = sorted(path for path in folder.iterdir() if _plain_suffix(path) in _RUN_SUFFIXES and path.is_file())
+    found = _logs_in(folder)
     if not found and known.runs is None:
         fault = Fault(
             "the folder holds no run",
@@ -255,6 +255,27 @@ def _files_of(folder: Path, known: Configuration, collected: Collected) -> list[
         )
         collected.errors.append(ConfigError(fault))
     return found if known.runs is None else []
+
+
+def campaign_folders(path: Path) -> list[Path]:
+    """Return the folder itself where it holds runs; else those of its folders that do, by name; itself where none does.
+
+    Parameters
+    ----------
+    path : Path
+        A folder.
+    """
+    if _holds_runs(path):
+        return [path]
+    return sorted(inside for inside in path.iterdir() if inside.is_dir() and _holds_runs(inside)) or [path]
+
+
+def _holds_runs(folder: Path) -> bool:
+    return (folder / RUNS_FILE).is_file() or bool(_logs_in(folder))
+
+
+def _logs_in(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.iterdir() if _plain_suffix(path) in _RUN_SUFFIXES and path.is_file())
 
 
 def _plain_suffix(path: Path) -> str:

@@ -147,14 +147,12 @@ def test_two_terrains_in_one_folder_are_two_campaigns(tmp_path: Path) -> None:
         assert sandy["saved_at"] == saved and sandy["choice"]["run"][0]["keep"] == [[5.0, 30.0]]
 
 
-def test_two_folders_with_runs_of_one_name_are_told_apart(tmp_path: Path) -> None:
+def test_a_choice_is_of_its_folder_where_another_has_a_run_of_that_name(tmp_path: Path) -> None:
     folders = [taken_from(CLAY, tmp_path / name, 1) for name in ("a", "b")]
     with viewing(*folders) as view:
         first, second = view.settled()
-        assert [c["runs"][0]["id"] for c in (first, second)] == ["run-1", "run-1-2"]
-        view.post(
-            "/api/choose", campaign="c2", choice={"run": [{"file": "run-1.mcap", "id": "run-1-2", "keep": [[5, 9]]}]}
-        )
+        assert [c["runs"][0]["id"] for c in (first, second)] == ["run-1", "run-1"]
+        view.post("/api/choose", campaign="c2", choice={"run": [{"id": "run-1", "keep": [[5, 9]]}]})
         assert view.campaigns()[0]["runs"][0]["usable_share"] > view.campaigns()[1]["runs"][0]["usable_share"]
 
 

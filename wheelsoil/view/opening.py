@@ -8,7 +8,8 @@ from pathlib import Path
 
 from daq.config import SoilSection, WheelSection
 from daq.errors import ConfigError, WheelsoilError
-from daq.open import open_runs
+from daq.open import Collected, campaign_folders, open_runs
+from daq.run import Run
 from wheelsoil.choice import CHOICE_FILE, load_choice
 from wheelsoil.chosen_runs import is_called, runs_in_use
 from wheelsoil.diagnosing import folder_of
@@ -30,7 +31,8 @@ class Files:
 def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCampaign], list[str]]:
     """Open recordings and group them: one campaign for each folder, soil and wheel.
 
-    A `choice.toml` that lies in a folder is taken up; one that cannot be is told of, and left alone.
+    A folder of campaign folders stands for all of them. Runs are told apart by their ids within a folder only. A
+    `choice.toml` that lies in a folder is taken up; one that cannot be is told of, and left alone.
 
     Returns
     -------
@@ -44,18 +46,18 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
         See `daq.open.open_runs`.
     """
     remarks: list[str] = []
-    opened = open_runs(
-        paths,
-        vehicle=files.vehicle,
-        terrain=files.terrain,
-        runs=files.runs,
-        lenient_dbc=files.lenient_dbc,
-        left_out=remarks.append,
-    )
+    folders = [folder for path in paths if path.is_dir() for folder in campaign_folders(path)]
+    loose = [path for path in paths if not path.is_dir()]
+    collected = Collected()
+    opened: list[Run] = []
+    for part in [*([folder] for folder in folders), *([loose] if loose else [])]:
+        with collected.catch():
+            opened += _opened(part, files, remarks)
+    collected.stop_if_any()
     groups: dict[tuple[str, SoilSection | None, WheelSection | None], list[ViewedRun]] = {}
     for number, run in enumerate(opened, 1):
         ground = run.terrain.soil if run.terrain and files.soil is None else None
-        key = (folder_of(run, paths), ground, run.vehicle.wheel)
+        key = (folder_of(run, folders), ground, run.vehicle.wheel)
         groups.setdefault(key, []).append(ViewedRun(f"r{number}", run))
     campaigns = [
         _campaign(f"c{number}", folder, runs, [r for (f, _, _), g in groups.items() if f == folder for r in g], files)
@@ -64,6 +66,17 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
     for campaign in campaigns:
         remarks += _taken_up(campaign)
     return campaigns, remarks
+
+
+def _opened(paths: Sequence[Path], files: Files, remarks: list[str]) -> list[Run]:
+    return open_runs(
+        paths,
+        vehicle=files.vehicle,
+        terrain=files.terrain,
+        runs=files.runs,
+        lenient_dbc=files.lenient_dbc,
+        left_out=remarks.append,
+    )
 
 
 def _campaign(
