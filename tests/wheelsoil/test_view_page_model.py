@@ -185,7 +185,7 @@ def test_a_diagnosis_says_its_sentence_and_its_candidates(page: Page, view: View
     expect(page.get_by_role("button", name="Diagnose again")).to_be_visible(timeout=180_000)
     told = view.get("/api/diagnosis?campaign=c1")
     expect(page.locator("#verdict")).to_have_text(told["sentence"])
-    expect(page.locator("#campaigns .said")).to_have_text(told["sentence"])
+    expect(page.locator("#view-verdict")).to_have_text(told["sentence"])
     names = [name.partition(":")[0] for name in page.locator("#candidates .name").all_inner_texts()]
     assert names == [each["name"].replace("_", " ") for each in told["candidates"] if each["probability"] >= 0.01][:8]
 

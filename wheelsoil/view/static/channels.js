@@ -6,7 +6,7 @@ export const CHANNELS = [
   { key: "sinkage_m", name: "sinkage", unit: "m" },
   { key: "vertical_load_n", name: "vertical load", short: "load", unit: "N" },
   { key: "slip", name: "slip", unit: "" },
-  { key: "ground_speed_mps", name: "ground speed", unit: "m/s" },
+  { key: "ground_speed_mps", name: "ground speed", short: "speed", unit: "m/s" },
   { key: "rim_speed_mps", name: "rim speed", unit: "m/s" },
 ];
 

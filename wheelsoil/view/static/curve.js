@@ -26,7 +26,7 @@ export function setFitted(curves) {
 }
 
 function put() {
-  state.curves = [...fitted, ...byHand];
+  state.curves = [...byHand, ...fitted];
   tell("curves");
   drawOver("slip");
 }

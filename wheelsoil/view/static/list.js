@@ -9,7 +9,7 @@ import { current, on, runOf, state, tell } from "./store.js";
 
 const GRADES = { good: ["green", "✓ good"], fair: ["amber", "▲ fair"], poor: ["red", "✕ poor"] };
 const DIRECTIONS = { out: "→ out", back: "← back" };
-const VERDICTS = { named: "cause named", one_of: "one of several", unexplained: "unexplained", nothing_detectable: "nothing detectable" };
+const VERDICTS = { named: "cause named", one_of: "one of several causes", unexplained: "unexplained", nothing_detectable: "nothing detectable" };
 
 export function pick(place) {
   if (state.b && state.b.campaign === place.campaign && state.b.run === place.run) state.b = null;
@@ -27,7 +27,7 @@ function pickFirst() {
 }
 
 export const verdictOf = ({ state: now, verdict, sentence, why }) =>
-  ({ none: "", running: "being diagnosed", failed: `not diagnosed: ${why}`, done: sentence ? sentence : VERDICTS[verdict] })[now] ?? "";
+  ({ none: "", running: "being diagnosed", failed: `not diagnosed: ${why}`, done: sentence || VERDICTS[verdict] })[now] ?? "";
 
 function makeCampaign() {
   const box = part("section", "campaign");
@@ -39,7 +39,8 @@ function showCampaign(box, campaign) {
   const [name, about, said, runs] = box.children;
   write(name, campaign.name);
   write(about, [campaign.terrain, campaign.vehicle, campaign.wheel && `wheel ${campaign.wheel.radius_m} m × ${campaign.wheel.width_m} m`].filter(Boolean).join(" · "));
-  write(said, verdictOf(campaign.diagnosis));
+  write(said, campaign.diagnosis.state === "done" ? VERDICTS[campaign.diagnosis.verdict] : verdictOf(campaign.diagnosis));
+  said.title = campaign.diagnosis.sentence ?? "";
   said.hidden = campaign.diagnosis.state === "none";
   list(runs, campaign.runs, makeRun, (item, run) => showRun(item, campaign, run));
 }
@@ -132,6 +133,7 @@ export function setUp() {
     tell("picked");
   });
   get("part").addEventListener("change", () => { state.part = get("part").value; tell("shown"); });
+  get("touch-selects").addEventListener("change", () => { state.touchSelects = get("touch-selects").checked; tell("shown"); });
   for (const [id, name] of [["show-left-out", "leftOut"], ["show-others", "others"]]) {
     get(id).addEventListener("change", () => { state[name] = get(id).checked; load(); tell("shown"); });
   }

@@ -10,6 +10,8 @@ import { on, runOf, state } from "./store.js";
 import { contentOf } from "./traces.js";
 
 const plots = new Map(); // "time drawbar_pull_n" -> { div, about, over }
+const PAPER_WIDTH = 335;
+const TOUCH = matchMedia("(pointer: coarse)");
 let waiting = false;
 let pressed = false; // a mouse button or finger is down in a plot: drawing anew would break the drag off
 let late = false;
@@ -69,9 +71,16 @@ export async function draw() {
   for (const plot of plots.values()) await drawOne(Plotly, plot);
 }
 
-async function drawOne(Plotly, plot) {
+/** On paper the plots are light, and two fit side by side on A4. */
+function paper(print) {
+  document.documentElement.toggleAttribute("data-paper", print);
+  showLegend();
+  for (const plot of plots.values()) drawOne(globalThis.Plotly, plot, print ? { width: PAPER_WIDTH } : {});
+}
+
+async function drawOne(Plotly, plot, size = {}) {
   const { div, about, over } = plot, { traces, layout } = contentOf(about, over);
-  const more = { ...overlayOf(about, over), uirevision: JSON.stringify([state.a, state.b, state.part]), ...(over === "time" && { selectdirection: "h" }) };
+  const more = { ...size, ...overlayOf(about, over), uirevision: JSON.stringify([state.a, state.b, state.part]), ...(over === "time" && { selectdirection: "h" }), ...(TOUCH.matches && !state.touchSelects && { dragmode: false }) };
   await Plotly.react(div, traces, { ...layout, ...more }, CONFIG);
   const used = traces.filter((trace) => trace.name === "used").reduce((sum, trace) => sum + trace.y.filter((y) => y !== null).length, 0);
   div.setAttribute("aria-label", `${capital(about.name)} against ${over} of ${runOf(state.a)?.id ?? ""}, ${used} samples used${over === "time" ? "; arrow keys move the selection, with Shift they stretch it" : ""}`);
@@ -175,8 +184,8 @@ export function setUp() {
   on("curves", () => { showLegend(); });
   for (const end of ["pointerup", "pointercancel"]) addEventListener(end, () => setTimeout(release));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
-  addEventListener("beforeprint", () => { for (const { div } of plots.values()) globalThis.Plotly?.relayout(div, { "font.color": "#000" }); });
-  addEventListener("afterprint", draw);
+  addEventListener("beforeprint", () => paper(true));
+  addEventListener("afterprint", () => paper(false));
   showChannels();
 }
 

@@ -8,6 +8,7 @@ export const state = {
   shown: new Set(["drawbar_pull_n", "driving_torque_nm", "sinkage_m"]),
   leftOut: true,
   others: true,
+  touchSelects: false, // a finger that drags in a plot selects; else it scrolls the page
   part: "all", // of the slip: all, driving, braking
   selection: null,
   curves: [], // { name, campaign, slip, drawbar_pull_n, ..., colour, dash, width }
