@@ -26,10 +26,8 @@ from wheelsoil.web.guard import POLICY, Guard, Rules
 LARGEST_BODY_BYTES = 1 << 18
 """A choice of many parts of many runs."""
 
-_POLICY = POLICY.replace("style-src 'self'", "style-src 'self' 'unsafe-inline'").replace(
-    "img-src 'self'", "img-src 'self' data: blob:"
-)
-"""plotly.js writes styles into its drawings, and makes an image of one without a server."""
+_POLICY = POLICY.replace("img-src 'self'", "img-src 'self' data: blob:")
+"""plotly.js makes an image of a drawing without a server; its style comes as a file, /plotly.css."""
 _STATUS: tuple[tuple[type[WheelsoilError], int], ...] = (
     (UnknownKeyError, 404),
     (NotReadyError, 409),
