@@ -7,14 +7,16 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from http.client import HTTPException
 from pathlib import Path
 
 import pytest
 from cli_support import invoke
-from view_client import taken_from, viewing
+from view_client import View, taken_from, viewing
 
 ROOT = Path(__file__).parents[2]
 
@@ -87,6 +89,21 @@ def test_nothing_is_left_behind_by_ctrl_c_even_while_it_works(folder: Path, tmp_
     _gone(children)
 
 
+def test_ctrl_c_waits_for_no_fit(folder: Path) -> None:
+    asked: list[threading.Thread] = []
+    with viewing(folder) as view:
+        view.settled()
+        for _ in range(12):  # together they take far longer than is waited for
+            thread = threading.Thread(target=_ask_for_a_fit, args=(view,))
+            thread.start()
+            asked.append(thread)
+        time.sleep(0.5)
+        began_s = time.monotonic()
+    assert time.monotonic() - began_s < 15
+    for thread in asked:
+        thread.join()
+
+
 def test_sigterm_ends_it_with_its_helpers(folder: Path, tmp_path: Path) -> None:
     process = _started(folder, tmp_path)
     children = _children(process.pid)
@@ -104,6 +121,11 @@ def test_helpers_do_not_outlive_a_page_that_is_killed(folder: Path, tmp_path: Pa
     process.kill()
     process.communicate(timeout=60)
     _gone(children)
+
+
+def _ask_for_a_fit(view: View) -> None:
+    with suppress(OSError, HTTPException):
+        view.tell("/api/fit", campaign="c1")
 
 
 def _started(folder: Path, scratch: Path) -> subprocess.Popen[str]:

@@ -7,7 +7,6 @@ import os
 import signal
 import time
 from collections.abc import Iterator
-from concurrent.futures import CancelledError
 from pathlib import Path
 
 import pytest
@@ -110,8 +109,9 @@ def test_its_end_leaves_nobody_waiting() -> None:
     while not asked[0].running():
         time.sleep(0.01)
     helper.close()
+    helper.close()  # once more does no harm
     for each in [*asked, helper.ask(abs, -1)]:
-        with pytest.raises((HelperEndedError, CancelledError)):
+        with pytest.raises(HelperEndedError):
             each.result(PATIENCE_S)
 
 

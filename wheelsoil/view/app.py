@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from importlib.resources import files
 from typing import Any
 
@@ -35,7 +35,6 @@ _STATUS: tuple[tuple[type[WheelsoilError], int], ...] = (
     (DataError, 422),
     (WheelsoilError, 500),
 )
-Handler = Callable[[Request], Awaitable[Response]]
 _log = logging.getLogger(__name__)
 
 
@@ -104,6 +103,7 @@ def _post(path: str, kind: type[Asked], answer: Callable[[Asked], Any], status: 
 
 
 async def _answered(answer: Callable[[], Any], status: int) -> Response:
+    """Return what is answered."""
     try:
         return _json(await run_in_threadpool(answer), status)
     except WheelsoilError as error:

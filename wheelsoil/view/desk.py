@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from concurrent.futures import CancelledError, wait
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -61,7 +60,7 @@ class Desk:
         self._processing = Processing(self.campaigns, self.lock, self._quick, files.zero, Path(self._scratch.name))
 
     def close(self) -> None:
-        """End the helpers and take their files away."""
+        """End the helpers and take their files away; whoever waits for an answer gets none. Twice does no harm."""
         self._processing.close()
         self._quick.close()
         self._slow.close()
@@ -175,10 +174,11 @@ class Desk:
             choice = campaign.choice
             members, base, choices = campaign.members(), campaign.base(), choice.fit_choices()
         asked = self._quick.ask(jobs.fit_members, members, choices, self.files.soil, base, urgent=True)
-        wait([asked])
-        if campaign.choice is not choice:
-            raise NotReadyError(Fault("the choice was changed meanwhile", campaign.name, next_step="fit again"))
-        found: dict[str, Any] = asked.result()
+        try:
+            found: dict[str, Any] = asked.result()
+        finally:
+            if campaign.choice is not choice:
+                raise NotReadyError(Fault("the choice was changed meanwhile", campaign.name, next_step="fit again"))
         return found
 
     def diagnose(self, key: str) -> dict[str, Any]:
@@ -193,7 +193,9 @@ class Desk:
             entry = campaign_entry(campaign)
 
         def done(_: object) -> None:
-            error = CancelledError() if asked.cancelled() else asked.exception()
+            if asked.cancelled():
+                return
+            error = asked.exception()
             with self.lock:
                 if error is None:
                     mine.found, mine.state = asked.result(), "done"

@@ -17,13 +17,13 @@ from multiprocessing.process import BaseProcess
 from queue import PriorityQueue
 from typing import Any
 
-from daq.errors import DataError, Fault, HardwareError, WheelsoilError
+from daq.errors import Fault, HardwareError, WheelsoilError
 
 _NICENESS = 5
 Job = tuple[Callable[..., Any], tuple[Any, ...]]
 
 
-class HelperEndedError(DataError):
+class HelperEndedError(HardwareError):
     """The process ended before it answered."""
 
 
@@ -48,7 +48,7 @@ class Helper:
         self._thread.start()
 
     def ask(self, function: Callable[..., Any], *args: Any, urgent: bool = False) -> Future[Any]:
-        """Return what will become of ``function(*args)`` in the process; it is cancelled once the helper is closed.
+        """Return what will become of ``function(*args)`` in the process.
 
         Parameters
         ----------
@@ -60,10 +60,10 @@ class Helper:
         """
         future: Future[Any] = Future()
         with self._lock:
-            if self._closed:
-                future.cancel()
-            else:
+            if not self._closed:
                 self._line.put((0 if urgent else 1, next(self._number), future, (function, args)))
+                return future
+        future.set_exception(_ended())
         return future
 
     def drop(self, future: Future[Any]) -> None:
@@ -77,7 +77,7 @@ class Helper:
                     self._process.kill()
 
     def close(self) -> None:
-        """End the process for good; what it is at raises `HelperEndedError`, what waits is cancelled."""
+        """End the process for good: what it is at, what waits and what is asked later raise `HelperEndedError`."""
         with self._lock:
             self._closed = True
             self._line.put((-1, next(self._number), Future(), None))
@@ -91,12 +91,13 @@ class Helper:
             _, _, future, job = self._line.get()
             if job is None:
                 break
-            with self._lock:
-                begins = not self._closed and future.set_running_or_notify_cancel()
-                self._current = future if begins else None
-            if not begins:
-                future.cancel()  # not under the lock: it calls back
+            if not future.set_running_or_notify_cancel():
                 continue
+            with self._lock:
+                self._current, closed = future, self._closed
+            if closed:
+                future.set_exception(_ended())
+                break
             try:
                 future.set_result(self._done(*job))
             except Exception as error:  # noqa: BLE001  # whoever asked gets it, whatever it is
@@ -107,7 +108,9 @@ class Helper:
                 self._forget()
         self._forget()
         while not self._line.empty():
-            self._line.get()[2].cancel()
+            future = self._line.get()[2]
+            if future.set_running_or_notify_cancel():
+                future.set_exception(_ended())
 
     def _done(self, function: Callable[..., Any], args: tuple[Any, ...]) -> Any:
         try:
@@ -116,8 +119,7 @@ class Helper:
             kind, value = pipe.recv()
         except (EOFError, OSError):
             self._forget()
-            what, step = "the process that works for the page ended", "try again; close programs if memory is short"
-            raise HelperEndedError(Fault(what, next_step=step)) from None
+            raise _ended() from None
         if kind == "faults":
             error, faults = value
             raise error(*faults)
@@ -147,6 +149,11 @@ class Helper:
             process.kill()
             process.join()
             pipe.close()
+
+
+def _ended() -> HelperEndedError:
+    what, step = "the process that works for the page ended", "try again; close programs if memory is short"
+    return HelperEndedError(Fault(what, next_step=step))
 
 
 def serve(pipe: Connection) -> None:

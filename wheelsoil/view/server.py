@@ -8,7 +8,7 @@ import signal
 import socket
 import threading
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import NoReturn
@@ -68,21 +68,27 @@ def serve(
         bound = listening.getsockname()[0]
         token_asked = checked_token(token, bound)
         addresses = page_addresses(listening, token_asked)
-        desk = Desk(paths, files)
         before = signal.signal(signal.SIGTERM, _end)
         try:
-            for remark in desk.remarks:
-                say(remark)
-            for address in addresses_to_tell(addresses, token):
-                say(f"{_PAGE}: {address}")
-            say("Ctrl-C ends")
-            if browser and _has_display():
-                threading.Thread(target=webbrowser.open, args=(addresses[0],), daemon=True).start()
-            server = server_of(make_app(desk, Rules.of(host, bound, token_asked)))
-            asyncio.run(server.serve(sockets=[listening]))
+            desk = Desk(paths, files)
+            try:
+                _tell(desk.remarks, addresses_to_tell(addresses, token), say)
+                if browser and _has_display():
+                    threading.Thread(target=webbrowser.open, args=(addresses[0],), daemon=True).start()
+                server = server_of(make_app(desk, Rules.of(host, bound, token_asked)), desk.close)
+                asyncio.run(server.serve(sockets=[listening]))
+            finally:
+                desk.close()
         finally:
             signal.signal(signal.SIGTERM, before)
-            desk.close()
+
+
+def _tell(remarks: Iterable[str], addresses: Iterable[str], say: Callable[[str], None]) -> None:
+    for remark in remarks:
+        say(remark)
+    for address in addresses:
+        say(f"{_PAGE}: {address}")
+    say("Ctrl-C ends")
 
 
 def listening_on(host: str, port: int | None) -> socket.socket:
