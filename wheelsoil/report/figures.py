@@ -136,7 +136,7 @@ def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: st
         "z": counts[:, first:last].tolist(),
         "zmin": 0,
         "zmax": float(np.percentile(seen, 95)) if len(seen) else 1.0,
-        "colorscale": [[0, "rgba(0,0,0,0)"], [1e-6, "#ececec"], [1, "#8c8c8c"]],
+        "colorscale": [[0, "rgba(0,0,0,0)"], [1e-6, "#efefef"], [1, "#a6a6a6"]],
         "showscale": False,
         "hoverinfo": "skip",
     }

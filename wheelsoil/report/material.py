@@ -22,6 +22,7 @@ from model.observations import CHANNELS
 from processing.processed_run import ProcessedRun
 from wheelsoil import __version__
 from wheelsoil.facts import sha256_of
+from wheelsoil.grading import Grade, grade_of
 
 FloatArray = NDArray[np.float64]
 
@@ -138,6 +139,14 @@ class Material:
     def pool(self) -> Pool:
         """The used samples of all runs in one."""
         return Pool(self.runs, self.fit.models)
+
+    @cached_property
+    def grades(self) -> tuple[Grade, ...]:
+        """What each run is worth, losses of its recording counted in."""
+        sources = [self.source_of(run) for run in self.runs]
+        return tuple(
+            grade_of(run, source.lost if source else []) for run, source in zip(self.runs, sources, strict=True)
+        )
 
     @property
     def facts(self) -> list[list[str]]:

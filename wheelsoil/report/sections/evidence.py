@@ -144,9 +144,10 @@ def _diagonal(channel: str, views: list[_Shown]) -> Figure:
             line(ends, ends, "equal", STYLES["vasilev"].colour, "dash"),
         ]
     figure = _figure("diagonal", channel, "left-over against signature", groups)
-    titles = {"xaxis": "what the cause changes (σ)", "yaxis": "measured − simulated (σ)"}
-    axes_of = {name: {**figure.layout[name], "title": {"text": title}} for name, title in titles.items()}
-    return replace(figure, layout={**figure.layout, **axes_of})
+    layout = {**figure.layout}
+    for name, title in (("xaxis", "what the cause changes (σ)"), ("yaxis", "measured − simulated (σ)")):
+        layout[name] = {**layout[name], "title": {**layout[name]["title"], "text": title}}
+    return replace(figure, layout=layout)
 
 
 def _driven(figure: Figure) -> Figure:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from daq.errors import DataError
-from wheelsoil.grading import Grade, grade_of
+from wheelsoil.grading import Grade
 from wheelsoil.report.content import Block, Light, Lights, Section, Text
 from wheelsoil.report.material import Material
 from wheelsoil.report.sections import verdict
@@ -18,16 +18,11 @@ _WHY = 1
 
 def build(material: Material) -> Section:
     """Build the section; it is there whatever is missing."""
-    grades = {run.run.id: grade_of(run, _lost(material, i)) for i, run in enumerate(material.runs)}
+    grades = {run.run.id: grade for run, grade in zip(material.runs, material.grades, strict=True)}
     sentence, step = _sentence(material), next_step(material, grades)
     lights = [Light(name, grade.level, _why(grade)) for name, grade in grades.items()]
     blocks: list[Block] = [Text(sentence, "lead"), Text(f"{step[0].upper()}{step[1:]}", "next"), Lights("Runs", lights)]
     return Section(KEY, TITLE, blocks, {"sentence": sentence, "next_step": step, "grades": grades})
-
-
-def _lost(material: Material, index: int) -> list[str]:
-    source = material.source_of(material.runs[index])
-    return source.lost if source else []
 
 
 def _sentence(material: Material) -> str:

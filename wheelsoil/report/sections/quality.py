@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from processing.processed_run import ProcessedRun, Reason
-from wheelsoil.grading import grade_of
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import axes, bars
 from wheelsoil.report.material import Material
@@ -37,10 +36,10 @@ def build(material: Material) -> Section:
             "rate_hz": run.rate_hz,
             "length_s": _length_s(run),
             "used_share": float(np.mean(run.used)) if len(run) else 0.0,
-            "grade": grade_of(run),
+            "grade": grade,
             "quality": run.quality,
         }
-        for run in material.runs
+        for run, grade in zip(material.runs, material.grades, strict=True)
     }
     return Section(KEY, TITLE, blocks, numbers)
 
@@ -77,8 +76,7 @@ def _shares_figure(runs: tuple[ProcessedRun, ...]) -> Figure:
 
 def _table(material: Material) -> Table:
     rows = []
-    for run in material.runs:
-        grade = grade_of(run)
+    for run, grade in zip(material.runs, material.grades, strict=True):
         rows.append(
             [
                 run.run.id,
