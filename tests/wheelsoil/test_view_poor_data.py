@@ -156,6 +156,13 @@ def test_a_choice_is_of_its_folder_where_another_has_a_run_of_that_name(tmp_path
         assert view.campaigns()[0]["runs"][0]["usable_share"] > view.campaigns()[1]["runs"][0]["usable_share"]
 
 
+def test_a_run_that_is_named_twice_is_there_once(tmp_path: Path) -> None:
+    folder = taken_from(CLAY, tmp_path / "clay", 2)
+    with viewing(folder / "run-2.mcap", folder, folder) as view:
+        [campaign] = view.campaigns()
+        assert [run["id"] for run in campaign["runs"]] == ["run-1", "run-2"]
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

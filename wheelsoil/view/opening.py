@@ -55,7 +55,8 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
             opened += _opened(part, files, remarks)
     collected.stop_if_any()
     groups: dict[tuple[str, SoilSection | None, WheelSection | None], list[ViewedRun]] = {}
-    for number, run in enumerate(opened, 1):
+    once = {run.path.resolve(): run for run in opened}
+    for number, run in enumerate(once.values(), 1):
         ground = run.terrain.soil if run.terrain and files.soil is None else None
         key = (folder_of(run, folders), ground, run.vehicle.wheel)
         groups.setdefault(key, []).append(ViewedRun(f"r{number}", run))
