@@ -52,6 +52,23 @@ def test_where_the_usual_port_is_taken_the_next_free_one_is(folder: Path) -> Non
         assert view.ask("GET", "/api/list").status == 200
 
 
+def test_a_browser_is_opened_where_there_is_a_display(folder: Path, tmp_path: Path) -> None:
+    script, told = tmp_path / "browser", tmp_path / "told"
+    script.write_text(f'#!/bin/sh\necho "$1" >> {told}\n')
+    script.chmod(0o755)
+    with viewing(folder, browser=True, DISPLAY="", WAYLAND_DISPLAY="", BROWSER=f"{script} %s"):
+        pass
+    with viewing(folder, DISPLAY=":7", BROWSER=f"{script} %s"):
+        pass
+    assert not told.exists()
+    with viewing(folder, browser=True, DISPLAY=":7", BROWSER=f"{script} %s") as view:
+        until = time.monotonic() + 60
+        while not told.exists() or not told.read_text().endswith("\n"):
+            assert time.monotonic() < until
+            time.sleep(0.02)
+        assert told.read_text() == f"{view.address}\n"
+
+
 def test_an_address_of_another_machine_is_a_fault(folder: Path) -> None:
     result = invoke("view", folder, "--no-browser", "--host", "192.0.2.1", "--port", 0)
     assert result.code == 4 and "cannot listen" in result.err
