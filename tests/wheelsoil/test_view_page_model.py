@@ -188,6 +188,10 @@ def test_a_diagnosis_says_its_sentence_and_its_candidates(page: Page, view: View
     expect(page.locator("#view-verdict")).to_have_text(told["sentence"])
     names = [name.partition(":")[0] for name in page.locator("#candidates .name").all_inner_texts()]
     assert names == [each["name"].replace("_", " ") for each in told["candidates"] if each["probability"] >= 0.01][:8]
+    page.get_by_role("button", name="Put into the model").first.click()
+    expect(page.locator("#sliders .slider").first).to_be_visible()
+    assert view.campaigns()[0]["choice"]["effects"]
+    expect(page.locator("#verdict")).to_have_text(told["sentence"])
 
 
 @pytest.mark.parametrize("width", [360, 390, 768, 1366])

@@ -15,7 +15,7 @@ from model.soil_prior import prior_of
 from model.wheel_soil import Reading
 from processing.by_hand import with_by_hand
 from wheelsoil import __version__
-from wheelsoil.choice import SCHEMA, parse_choice
+from wheelsoil.choice import SCHEMA, Choice, parse_choice
 from wheelsoil.fitting import FitChoices
 from wheelsoil.view import jobs
 from wheelsoil.view.background import Processing
@@ -29,6 +29,9 @@ from wheelsoil.view.parameters import checked_values, effect_entries, soil_param
 from wheelsoil.view.requests import CurveAsked
 from wheelsoil.view.saving import saved
 from wheelsoil.view.trace import trace_as_json
+
+_OF_DIAGNOSIS = frozenset({"run", "cutoff_hz", "min_speed_mps", "sinkage"})
+"""What a diagnosis takes of a choice; the rest is the fit's."""
 
 
 class UnknownKeyError(ConfigError):
@@ -154,9 +157,11 @@ class Desk:
             except ConfigError:
                 campaign.choice = before
                 raise
-            if choice.to_mapping() != before.to_mapping():
+            changed = _changed(before, choice)
+            if changed:
                 campaign.saved_at = None
                 campaign.told = {}
+            if changed & _OF_DIAGNOSIS:
                 if campaign.diagnosis.asked is not None:
                     self._slow.drop(campaign.diagnosis.asked)
                 campaign.diagnosis = DiagnosisOnPage()
@@ -249,3 +254,9 @@ def _run(campaign: ViewedCampaign, key: str) -> ViewedRun:
 
 def _faults_of(error: BaseException) -> tuple[Fault, ...]:
     return error.faults if isinstance(error, WheelsoilError) else (fault_of_ours(error),)
+
+
+def _changed(before: Choice, now: Choice) -> set[str]:
+    """Return the keys of choice.toml that are not the same."""
+    old, new = before.to_mapping(), now.to_mapping()
+    return {name for name in {*old, *new} if old.get(name) != new.get(name)}

@@ -113,7 +113,7 @@ function listen(Plotly, plot) {
 
 /** Plots over the same axis show the same part of it. */
 function follow(Plotly, from, change) {
-  const low = change["xaxis.range[0]"], high = change["xaxis.range[1]"];
+  const [low, high] = change["xaxis.range"] ?? [change["xaxis.range[0]"], change["xaxis.range[1]"]];
   if (low === undefined) return;
   for (const plot of plots.values()) {
     const seen = plot.div.layout?.xaxis.range;

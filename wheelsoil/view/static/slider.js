@@ -3,19 +3,24 @@
 import { sensible } from "./channels.js";
 import { part, write } from "./dom.js";
 
+const SUFFIXES = { "m/s": "mps", "N m": "nm", N: "n" };
+
+/** "height m" in m is a height. */
+const plain = (label, unit) => (label.endsWith(` ${SUFFIXES[unit] ?? unit}`) ? label.slice(0, label.lastIndexOf(" ")) : label);
+
 /** Make the row of a parameter P = {name, label, unit, value, neutral, low, high, step, source}; on(value) is told of each change. */
 export class Slider {
   constructor(about, start, on) {
     this.about = about;
     this.on = on;
     this.row = part("div", "slider");
-    const { name, label, unit, low, high, step } = about, title = part("span", "label", label || name);
+    const { name, label = name, unit, low, high, step } = about, title = part("span", "label", plain(label, unit));
     title.title = about.source || "";
-    this.range = this.input("range", `${label || name}, slider`, low, high, step || (high - low) / 1000 || "any");
-    this.box = this.input("number", `${label || name}, value`, "", "", "any");
+    this.range = this.input("range", `${label}, slider`, low, high, step || (high - low) / 1000 || "any");
+    this.box = this.input("number", `${label}, value`, "", "", "any");
     this.reset = part("button", "reset", "↺");
     this.reset.type = "button";
-    this.reset.setAttribute("aria-label", `Reset ${label || name}`);
+    this.reset.setAttribute("aria-label", `Reset ${label}`);
     this.reset.title = `back to ${sensible(this.about.neutral)}`;
     this.fit = part("p", "fitted");
     const boxed = part("span", "boxed");

@@ -59,11 +59,14 @@ function cloud(places, about, marker) {
   return { type: "scatter", mode: "markers", name: "other runs", x, y, hoverinfo: "skip", marker };
 }
 
-/** The part of the slip that is looked at, and what is there. */
-function slipLimits(traces) {
+/** The part of the slip that is looked at, and what is there: samples, and curves as far as they leave the samples room. */
+function slipLimits(traces, { key }) {
   const seen = { all: () => true, driving: (slip) => slip > 0, braking: (slip) => slip < 0 }[state.part];
   const points = traces.flatMap((trace) => trace.x.map((slip, i) => [slip, trace.y[i]])).filter(([slip]) => seen(slip));
-  return { x: limits(points.map(([slip]) => slip), 0.04), y: limits(points.map(([, y]) => y)) };
+  const x = limits(points.map(([slip]) => slip), 0.04), [low, high] = limits(points.map(([, y]) => y));
+  const curves = state.curves.flatMap((curve) => (curve[key] ?? []).filter((y, i) => y !== null && seen(curve.slip[i])));
+  const most = (high - low) / 2, reach = limits(curves);
+  return { x, y: curves.length ? [Math.max(low - most, Math.min(low, reach[0])), Math.min(high + most, Math.max(high, reach[1]))] : [low, high] };
 }
 
 /** Traces and layout of one plot: a channel over time or over slip. */
@@ -76,6 +79,6 @@ export function contentOf(about, over) {
   }
   if (has(other, about.key)) traces.push(...draw(b, other, about, look.b));
   if (has(data, about.key)) traces.push(...draw(a, data, about, look.a));
-  const { x, y } = over === "time" ? { x: [0, Math.max(data?.time_s.at(-1) ?? 1, other?.time_s.at(-1) ?? 0)], y: limits(traces.flatMap((trace) => trace.y)) } : slipLimits(traces);
+  const { x, y } = over === "time" ? { x: [0, Math.max(data?.time_s.at(-1) ?? 1, other?.time_s.at(-1) ?? 0)], y: limits(traces.flatMap((trace) => trace.y)) } : slipLimits(traces, about);
   return { traces, layout: layoutOf(over === "time" ? "time (s)" : "slip", axisTitle(about), x, y) };
 }

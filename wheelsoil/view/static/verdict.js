@@ -1,10 +1,11 @@
 // Diagnose: the sentence, and the candidates; a click puts one into the model.
 
 import { ask, query } from "./api.js";
+import { took } from "./choice.js";
 import { get, list, part, spaced, write } from "./dom.js";
 import { verdictOf } from "./list.js";
 import { effectOf, setEffect, setValues } from "./model.js";
-import { current, on, tell } from "./store.js";
+import { current, on } from "./store.js";
 import { during, tellError } from "./talk.js";
 
 const MOST = 8;
@@ -14,11 +15,8 @@ const kept = new Map(); // campaign -> { sentence, diagnosis }
 async function diagnose() {
   const campaign = current();
   kept.delete(campaign.key);
-  const answer = await during(`asking for a diagnosis of ${campaign.name}`, ask("/api/diagnose", { campaign: campaign.key }));
-  if (answer !== undefined) {
-    campaign.diagnosis = { state: "running" };
-    tell("list");
-  }
+  const entry = await during(`asking for a diagnosis of ${campaign.name}`, ask("/api/diagnose", { campaign: campaign.key }));
+  if (entry) took(entry);
 }
 
 async function show() {
