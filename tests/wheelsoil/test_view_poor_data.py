@@ -12,6 +12,8 @@ import pytest
 from cli_support import ok
 from view_client import View, taken_from, viewing
 
+from wheelsoil.reporting import report_of
+
 ROOT = Path(__file__).parents[2]
 CLAY, SANDY = ROOT / "recordings" / "clay", ROOT / "recordings" / "sandy"
 SCRIPT = '<script>alert("1")</script>'
@@ -109,6 +111,18 @@ def test_a_damaged_recording_costs_itself(tmp_path: Path) -> None:
         assert [run["state"] for run in campaign["runs"]] == ["ready", "ready"]
         assert campaign["runs"][1]["grade"] != "good"
         assert any("damaged" in note or "end" in note for note in campaign["runs"][1]["notes"])
+
+
+def test_the_grade_is_that_of_the_report(tmp_path: Path) -> None:
+    folder = taken_from(CLAY, tmp_path / "clay", 2)
+    whole = (folder / "run-2.mcap").read_bytes()
+    (folder / "run-2.mcap").write_bytes(whole[: len(whole) // 2])
+    graded = report_of([folder], diagnose=False).numbers()["sections"]["glance"]["grades"]
+    with viewing(folder) as view:
+        [campaign] = view.settled()
+    assert {run["id"]: run["grade"] for run in campaign["runs"]} == {run: said["level"] for run, said in graded.items()}
+    for run in campaign["runs"]:
+        assert run["notes"][: len(graded[run["id"]]["reasons"])] == graded[run["id"]]["reasons"]
 
 
 def test_one_run_of_a_file_is_a_campaign(tmp_path: Path) -> None:

@@ -20,10 +20,10 @@ from processing.by_hand import Interval, keep_only
 from processing.options import ProcessOptions, require_roles
 from processing.processed_run import ProcessedRun
 from wheelsoil.diagnosing import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
-from wheelsoil.facts import sha256_of
 from wheelsoil.fitting import FitChoices, fit_as_json, fit_runs
 from wheelsoil.grading import grade_of
 from wheelsoil.plain import plain
+from wheelsoil.report.material import source_of
 from wheelsoil.runs import process_runs
 from wheelsoil.view.curve import Base, curve_of
 from wheelsoil.view.trace import Trace, trace_of
@@ -80,8 +80,8 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
         [(_, processed)] = process_runs([run], options, zero=zero)
     known = replace(run, databases={}, attachments={}, recording=None)
     target.write_bytes(pickle.dumps((known, processed), pickle.HIGHEST_PROTOCOL))
-    lost = tuple(map(str, run.recording.loss)) if run.recording else ()
-    grade = grade_of(processed, lost)
+    source = source_of(run)
+    grade = grade_of(processed, source.lost)
     return Seen(
         rate_hz=processed.rate_hz,
         cutoff_hz=processed.cutoff_hz,
@@ -90,7 +90,7 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
         grade=grade.level,
         grade_reasons=grade.reasons,
         notes=(*processed.quality.notes, *filter(None, said.getvalue().splitlines())),
-        sha256=sha256_of(*run.files),
+        sha256=source.sha256,
     )
 
 
