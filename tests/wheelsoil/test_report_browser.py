@@ -177,7 +177,8 @@ def test_a_pdf_is_a4(browser: Browser, tmp_path: Path) -> None:
 def test_names_are_text(browser: Browser, campaign: Path, tmp_path: Path) -> None:
     folder = tmp_path / "campaign"
     folder.mkdir()
-    (folder / "<b>wft<b>.dbc").write_bytes((campaign / "wft.dbc").read_bytes())
+    comment = 'CM_ "<script>window.struck = 1</script>";\n'
+    (folder / "<b>wft<b>.dbc").write_text((campaign / "wft.dbc").read_text("cp1252") + comment, "cp1252")
     for name in ("wheel_speed.dbc", "gnss.dbc"):
         (folder / name).write_bytes((campaign / name).read_bytes())
     quoted = json.dumps(EVIL)

@@ -41,7 +41,7 @@ STYLES: dict[str, Style] = {
     "ding": Style("Ding", "#CC79A7", "dashdot", "triangle-up"),
     "chosen": Style("chosen", "#882255", "longdashdot", "star"),
 }
-_SPARE = Style("", "#56B4E9", "longdash", "cross")
+_SPARE = Style("", "#555555", "6px 2px 1px 2px", "hexagon")
 
 
 def style(model: str) -> Style:

@@ -37,7 +37,7 @@ def _why(grade: Grade) -> str:
         more = len(grade.reasons) - _WHY
         told = "; ".join(reason.partition(": ")[0] for reason in grade.reasons[:_WHY])
         return f"{told}; {count(more)} more" if more > 0 else told
-    return f"{100 * grade.usable_share:.0f} % usable, slip to {grade.highest_slip:.2f}"
+    return f"{100 * grade.usable_share:.0f} % usable, slip\u00a0to\u00a0{grade.highest_slip:.2f}"
 
 
 def next_step(material: Material, grades: dict[str, Grade]) -> str:
