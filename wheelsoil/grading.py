@@ -17,8 +17,10 @@ _BY_DESIGN = (Reason.STANDSTILL, Reason.TOO_SLOW, Reason.FILTER_EDGE, Reason.BY_
 """Samples that no run has a use for: they speak against none."""
 _GOOD_SHARE, _FAIR_SHARE = 0.8, 0.5
 _GOOD_SLIP, _FAIR_SLIP = 0.5, 0.1
+_ZERO_SHARE, _MANY_SIGMAS = 0.02, 3.0
+"""Of the load: a reading at standstill that is larger than this, and than its noise, spoils a run."""
 _WRONG_SIGN = re.compile(r"check (its|the) sign")
-_DOUBTFUL = re.compile(r"^ground speed is |is missing for|at standstill reads|never a usable value|stamps run backward")
+_DOUBTFUL = re.compile(r"^ground speed is |is missing for|never a usable value|stamps run backward")
 """Notes of the processing that make a good run fair; the others only tell how it was processed."""
 
 
@@ -59,7 +61,7 @@ def grade_of(run: ProcessedRun, lost: Sequence[str] = ()) -> Grade:
     poor, fair = _of_samples(run, share, highest)
     notes = run.quality.notes
     poor += [note for note in notes if _WRONG_SIGN.search(note)]
-    fair += [*(note for note in notes if _DOUBTFUL.search(note)), *lost]
+    fair += [*(note for note in notes if _DOUBTFUL.search(note)), *_zeros(run), *lost]
     level: Level = "poor" if poor else "fair" if fair else "good"
     return Grade(level, (*poor, *fair), share, highest)
 
@@ -86,3 +88,19 @@ def _mostly(run: ProcessedRun) -> str:
     if not any(counts):
         return "at standstill or too slow"
     return kinds[int(np.argmax(counts))].name.lower().replace("_", " ")
+
+
+def _zeros(run: ProcessedRun) -> list[str]:
+    """Return what the transducer's forces read at every standstill, where that is more than a little."""
+    load = run.vertical_load_n[np.isfinite(run.vertical_load_n)]
+    if not len(load):
+        return []
+    said = []
+    for role, unit, arm_m in (("drawbar_pull", "N", 1.0), ("driving_torque", "N m", run.wheel_radius_m)):
+        seen = [(s.levels[role], s.sigmas[role]) for s in run.quality.standstills if role in s.levels]
+        levels = np.array([level for level, _ in seen])
+        sure = all(abs(level) > _MANY_SIGMAS * sigma for level, sigma in seen)
+        one_sided = len(levels) > 0 and (bool((levels > 0).all()) or bool((levels < 0).all()))
+        if sure and one_sided and abs(np.median(levels)) > _ZERO_SHARE * abs(np.median(load)) * arm_m:
+            said.append(f"{role.replace('_', ' ')} reads {np.median(levels):.0f} {unit} at standstill: take a zero")
+    return said

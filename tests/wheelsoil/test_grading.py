@@ -9,7 +9,7 @@ import pytest
 
 from daq.open import open_runs
 from processing.options import ProcessOptions
-from processing.processed_run import ProcessedRun, Reason
+from processing.processed_run import ProcessedRun, Reason, Standstill
 from wheelsoil.grading import grade_of
 from wheelsoil.runs import process_runs
 
@@ -68,3 +68,11 @@ def test_what_processing_noted_tells(run):
 def test_losses_make_a_good_run_fair(run):
     grade = grade_of(run, ["12 frames were lost before they were recorded"])
     assert (grade.level, grade.reasons) == ("fair", ("12 frames were lost before they were recorded",))
+
+
+@pytest.mark.parametrize(("levels", "level"), [((400.0, 390.0), "fair"), ((400.0, -390.0), "good"), ((40.0,), "good")])
+def test_a_zero_tells_where_it_is_large_and_stays(run, levels, level):
+    stands = tuple(Standstill(0.0, 2.0, {"drawbar_pull": n}, {"drawbar_pull": 5.0}) for n in levels)
+    grade = grade_of(replace(run, quality=replace(run.quality, standstills=stands)))
+    assert grade.level == level
+    assert level == "good" or grade.reasons == ("drawbar pull reads 395 N at standstill: take a zero",)

@@ -20,6 +20,8 @@ from wheelsoil.report.pdf import print_page
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
 
 SCHEMA = "wheelsoil/report/1"
+_NAMED = 8
+"""Runs that the subtitle names."""
 
 _log = logging.getLogger(__name__)
 
@@ -125,4 +127,6 @@ def _subtitle(material: Material) -> str:
     runs = f"{count} run{'s' if count != 1 else ''}"
     wheel = material.vehicle.wheel
     size = f", wheel r = {wheel.radius_m:g} m, b = {wheel.width_m:g} m" if wheel else ""
-    return f"{material.vehicle.vehicle.name}{size} · {runs}: {', '.join(run.run.id for run in material.runs)}"
+    names = [run.run.id for run in material.runs]
+    told = ", ".join(names) if count <= _NAMED else f"{', '.join(names[: _NAMED - 2])} … {names[-1]}"
+    return f"{material.vehicle.vehicle.name}{size} · {runs}: {told}"

@@ -14,13 +14,19 @@ TITLE = "In ten seconds"
 
 _WHY = 1
 """Reasons of a run that are told here; data quality tells all."""
+_MANY = 12
+"""Runs beyond which good ones are not commented on."""
 
 
 def build(material: Material) -> Section:
     """Build the section; it is there whatever is missing."""
     grades = {run.run.id: grade for run, grade in zip(material.runs, material.grades, strict=True)}
     sentence, step = _sentence(material), next_step(material, grades)
-    lights = [Light(name, grade.level, _why(grade)) for name, grade in grades.items()]
+    many = len(grades) > _MANY
+    lights = [
+        Light(name, grade.level, "" if many and grade.level == "good" else _why(grade))
+        for name, grade in grades.items()
+    ]
     blocks: list[Block] = [Text(sentence, "lead"), Text(f"{step[0].upper()}{step[1:]}", "next"), Lights("Runs", lights)]
     return Section(KEY, TITLE, blocks, {"sentence": sentence, "next_step": step, "grades": grades})
 
