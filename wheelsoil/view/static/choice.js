@@ -29,7 +29,6 @@ export function took(entry) {
   state.campaigns = state.campaigns.map((each) => (each.key === entry.key ? entry : each));
   if (ofSamples(before) !== ofSamples(entry.choice)) forget(entry.key);
   tell("list");
-  tell("chosen", entry.key);
   load();
 }
 

@@ -6,7 +6,7 @@ import { change } from "./choice.js";
 import { bend } from "./curve.js";
 import { get, list, part, spaced, write } from "./dom.js";
 import { Slider } from "./slider.js";
-import { current, on, state } from "./store.js";
+import { current, on, state, tell } from "./store.js";
 import { tellError } from "./talk.js";
 
 const KINDS = { physical: "Soil and wheel", measurement: "Measurement" };
@@ -74,6 +74,7 @@ async function showModel() {
     bases.set(campaign, now);
     try {
       known.set(campaign, await ask(query("/api/parameters", { campaign })));
+      tell("parameters");
     } catch (error) {
       bases.delete(campaign);
       return tellError("the model's parameters", error);

@@ -20,7 +20,7 @@ export function on(what, listener) {
   listeners.set(what, [...(listeners.get(what) ?? []), listener]);
 }
 
-/** Topics: list, picked, data, shown, selection, curves, fit. */
+/** Topics: list, picked, data, shown, selection, curves, load, parameters. */
 export function tell(what, ...details) {
   for (const listener of listeners.get(what) ?? []) listener(...details);
 }

@@ -59,7 +59,9 @@ function fillRow(item, { name, probability, cause }) {
   write(title, spaced(name) + (cause?.form ? `: ${cause.form}` : ""));
   meter.value = probability;
   write(share, `${(100 * probability).toFixed(probability < 0.995 ? 1 : 0)} %`);
-  button.disabled = !effect?.can;
+  const inside = effect && current().choice.effects?.includes(effect.key);
+  button.disabled = !effect?.can || inside;
+  write(button, inside ? "In the model" : "Put into the model");
   button.title = effect ? effect.summary : "";
   button.onclick = async () => {
     await setEffect(effect.key, true);
@@ -70,5 +72,5 @@ function fillRow(item, { name, probability, cause }) {
 
 export function setUp() {
   get("diagnose").addEventListener("click", diagnose);
-  for (const topic of ["list", "picked"]) on(topic, show);
+  for (const topic of ["list", "picked", "parameters"]) on(topic, show);
 }
