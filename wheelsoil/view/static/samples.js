@@ -48,8 +48,11 @@ function wanted() {
   return places;
 }
 
-/** Ask for what is wanted and not here; old samples stay until new ones come. */
+const isLookedAt = ({ campaign, run }) => [state.a, state.b].some((each) => each?.campaign === campaign && each.run === run);
+
+/** Ask for what is wanted and not here; old samples stay until new ones come. The faint runs are drawn once all are here. */
 export async function load() {
+  let faint = false;
   for (const { campaign, run } of wanted()) {
     const revision = revisions.get(campaign) ?? 0, place = key(campaign, run), have = kept.get(place);
     if (campaignOf(campaign)?.runs.find((each) => each.key === run)?.state !== "ready") continue;
@@ -58,9 +61,11 @@ export async function load() {
     const data = await during("fetching samples", ask(query("/api/run", { campaign, run })));
     if (!data) {
       kept.set(place, { revision: -1, ...have });
-      return;
+      break;
     }
     if ((revisions.get(campaign) ?? 0) === revision) kept.set(place, { revision, data });
-    tell("data");
+    if (isLookedAt({ campaign, run })) tell("data");
+    else faint = true;
   }
+  if (faint) tell("data");
 }
