@@ -9,16 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_support import invoke, ok
+from report_support import material_of, processed_of
 
-from daq.open import open_runs
-from processing.options import ProcessOptions
 from processing.processed_run import ProcessedRun
-from wheelsoil.fitting import FitChoices, fit_runs
 from wheelsoil.report.build import Report, build_report
 from wheelsoil.report.content import texts_of
-from wheelsoil.report.material import Material, source_of, versions
 from wheelsoil.reporting import report_of
-from wheelsoil.runs import process_runs
 
 MOST_BYTES = 12_000_000
 ROLES = {
@@ -75,7 +71,7 @@ def test_one_run_has_every_section_but_no_choice_of_runs(campaign):
 
 
 def test_a_run_without_a_usable_sample_is_poor_and_named_first(campaign):
-    material = _material(campaign)
+    material = material_of(processed_of(campaign))
     nothing = np.full(len(material.runs[0]), 5, np.uint8)
     report = build_report(replace(material, runs=(replace(material.runs[0], reason=nothing), *material.runs[1:])))
     glance = report.numbers()["sections"]["glance"]
@@ -84,7 +80,7 @@ def test_a_run_without_a_usable_sample_is_poor_and_named_first(campaign):
 
 
 def test_fifty_runs_are_one_page_of_bearable_size(campaign, tmp_path):
-    material = _material(campaign)
+    material = material_of(processed_of(campaign))
     copies = 25
     runs = tuple(_renamed(run, i, k) for k in range(copies) for i, run in enumerate(material.runs))
     models = tuple(replace(m, predictions=m.predictions * copies) for m in material.fit.models)
@@ -125,14 +121,6 @@ def test_a_browser_that_makes_no_pdf_is_told(campaign, tmp_path, monkeypatch):
 def test_a_format_and_a_name_that_differ_are_refused(campaign, tmp_path, name, form):
     result = invoke("report", campaign, "-o", tmp_path / name, "--format", form)
     assert result.code == 2 and "at odds" in result.err
-
-
-def _material(campaign: Path) -> Material:
-    processed = process_runs(open_runs([campaign]), ProcessOptions())
-    fit = fit_runs(processed, FitChoices(), None)
-    sources = tuple(source_of(run) for run, _ in processed)
-    runs = tuple(run for _, run in processed)
-    return Material(runs, fit, "", processed[0][0].vehicle, fit.soil.name, sources, versions=versions())
 
 
 def _renamed(run: ProcessedRun, index: int, copy: int) -> ProcessedRun:

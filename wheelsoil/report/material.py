@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from daq.config import VehicleConfig
 from daq.errors import DataError, Fault
+from daq.recording import Event
 from daq.run import Run
 from model.diagnosis.result import Diagnosis
 from model.fit_result import CampaignFit, ModelFit
@@ -48,6 +49,8 @@ class Source:
         The recording's last fit of its host's clock to GNSS time.
     clock_steps : mapping str -> str
         Steps of the host's clock while it was recorded.
+    events : tuple of Event
+        Marks, and what went wrong while it was recorded.
     """
 
     run_id: str
@@ -62,6 +65,7 @@ class Source:
     exit_status: str | None = None
     clock: dict[str, str] = field(default_factory=dict)
     clock_steps: dict[str, str] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()
 
     @property
     def lost(self) -> list[str]:
@@ -238,6 +242,7 @@ def source_of(run: Run) -> Source:
         exit_status=recording.exit_status if recording else None,
         clock=recording.metadata.get("clock", {}) if recording else {},
         clock_steps=recording.metadata.get("clock_steps", {}) if recording else {},
+        events=tuple(e for e in recording.events() if e.name == "mark" or e.severity != "info") if recording else (),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from daq.recording import Event
 from processing.processed_run import ProcessedRun, Standstill
 from wheelsoil.report.content import Block, Section, Table
 from wheelsoil.report.material import Material, Source
@@ -12,6 +13,8 @@ from wheelsoil.report.words import count, number, signed
 KEY = "sensors"
 TITLE = "Sensors, clocks and losses"
 
+_MOST_EVENTS = 40
+
 
 def build(material: Material) -> Section:
     """Build the section from the runs' quality reports and what their recordings tell."""
@@ -19,6 +22,7 @@ def build(material: Material) -> Section:
         *_sensors(material.runs),
         _clocks(material),
         *_losses(material.sources),
+        *_events(material),
         *_zeros(material.runs),
     ]
     numbers = {
@@ -31,6 +35,7 @@ def build(material: Material) -> Section:
             "speed_scale_sigma": run.quality.speed_scale_sigma,
             "standstills": run.quality.standstills,
             "recording": material.source_of(run),
+            "events_at_s": [time_s for time_s, _ in _timed(run, material.source_of(run))],
         }
         for run in material.runs
     }
@@ -186,6 +191,22 @@ def _losses(sources: tuple[Source, ...]) -> list[Block]:
     if counted:
         blocks.append(Table("Losses as the logger counted them", ["run", "where", "frames"], counted, left=2))
     return blocks
+
+
+def _events(material: Material) -> list[Table]:
+    """Return marks, and what went wrong while it was recorded, in seconds of the run's own time."""
+    rows = [
+        [run.run.id, f"{time_s:.1f}", event.severity if event.name != "mark" else "mark", event.text]
+        for run in material.runs
+        for time_s, event in _timed(run, material.source_of(run))
+    ]
+    note = f"The first {_MOST_EVENTS} of {count(len(rows))}; report.json has all." if len(rows) > _MOST_EVENTS else ""
+    head = ["run", "at (s)", "kind", "what"]
+    return [Table("Marks and events", head, rows[:_MOST_EVENTS], note, left=4)] if rows else []
+
+
+def _timed(run: ProcessedRun, source: Source | None) -> list[tuple[float, Event]]:
+    return [(1e-9 * (event.time_ns - run.start_ns), event) for event in (source.events if source else ())]
 
 
 def _ended(source: Source) -> str:

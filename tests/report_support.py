@@ -1,0 +1,45 @@
+"""Material for reports of the small campaign, and what a report's section says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from daq.open import open_runs
+from processing.options import ProcessOptions
+from wheelsoil.diagnosing import Processed
+from wheelsoil.fitting import FitChoices, fit_runs
+from wheelsoil.report.build import Report
+from wheelsoil.report.content import Panels, Section, Table, Text
+from wheelsoil.report.material import Material, source_of, versions
+from wheelsoil.runs import process_runs
+
+
+def processed_of(campaign: Path) -> Processed:
+    """Return the runs of a folder, processed."""
+    return process_runs(open_runs([campaign]), ProcessOptions())
+
+
+def material_of(processed: Processed, choices: FitChoices | None = None) -> Material:
+    """Fit processed runs and return what their report is made from; there is no diagnosis."""
+    fit = fit_runs(processed, choices or FitChoices(), None)
+    sources = tuple(source_of(run) for run, _ in processed)
+    runs = tuple(run for _, run in processed)
+    return Material(runs, fit, "", processed[0][0].vehicle, fit.soil.name, sources, versions=versions())
+
+
+def text_of(report: Report, key: str) -> str:
+    """Return all that a section says."""
+    parts = []
+    for block in section_of(report, key).blocks:
+        if isinstance(block, Text):
+            parts.append(block.text)
+        elif isinstance(block, Table):
+            parts += [block.caption, block.note]
+        elif isinstance(block, Panels):
+            parts.append(block.reading)
+    return " ".join(parts)
+
+
+def section_of(report: Report, key: str) -> Section:
+    """Return a section by its key."""
+    return next(section for section in report.sections if section.key == key)
