@@ -93,3 +93,13 @@ def trace(page: Page, plot: str, name: str) -> dict[str, Any]:
     script = "([id, name]) => document.getElementById(id).data.filter((trace) => trace.name === name).at(-1)"
     found: dict[str, Any] = page.evaluate(script, [plot, name])
     return found
+
+
+def curve_on_page(page: Page, channel: str, expected: dict[str, Any]) -> bool:
+    """Whether the curve by hand comes to be what ``/api/curve`` said."""
+    pairs = list(zip(expected["slip"], expected[channel], strict=True))
+    for _ in range(100):
+        if points(page, f"slip-{channel}", "curve by hand") == pairs:
+            return True
+        page.wait_for_timeout(100)
+    return False

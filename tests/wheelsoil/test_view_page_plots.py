@@ -193,3 +193,16 @@ def test_what_a_recording_lacks_costs_itself_only(browser: Browser, tmp_path: Pa
         else:
             expect(seen.locator("#waiting")).to_contain_text(words)
             expect(seen.locator("button.run .tag")).to_have_text("failed")
+
+
+def test_a_measured_sinkage_has_its_plots(browser: Browser, tmp_path: Path) -> None:
+    folder = taken_from(ROOT / "recordings" / "clay", tmp_path / "clay", 1)
+    text = (folder / "vehicle.toml").read_text(encoding="utf-8")
+    height = '[signals]\nsinkage = "GNSS_3.Altitude"'  # the one length in the recording stands in for it
+    (folder / "vehicle.toml").write_text(text.replace("[signals]", height), encoding="utf-8")
+    with viewing(folder) as view, looking(browser, view.address) as seen:
+        drawn(seen, *PLOTS, "time-sinkage_m", "slip-sinkage_m")
+        expect(seen.locator("#legend")).to_contain_text("by hand")
+        assert points(seen, "slip-sinkage_m", "curve by hand")
+        seen.locator("#shown").get_by_label("sinkage").uncheck()
+        expect(seen.locator("#plots figure")).to_have_count(4)

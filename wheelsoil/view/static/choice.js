@@ -38,12 +38,12 @@ const ofSamples = ({ run, cutoff_hz: cutoff, min_speed_mps: speed } = {}) => JSO
 const round = (value) => Math.round(value * 100) / 100;
 
 /** What is left of stretches when one is taken out. */
-export function without(stretches, from, to) {
+function without(stretches, from, to) {
   return stretches.flatMap(([low, high]) => [[low, Math.min(high, from)], [Math.max(low, to), high]]).filter(([low, high]) => high - low > 0.005);
 }
 
 /** Stretches with one more; those that touch become one. */
-export function joined(stretches, from, to) {
+function joined(stretches, from, to) {
   const touching = stretches.filter(([low, high]) => low <= to && high >= from);
   const rest = stretches.filter((each) => !touching.includes(each));
   return [...rest, [Math.min(from, ...touching.map(([low]) => low)), Math.max(to, ...touching.map(([, high]) => high))]].sort((a, b) => a[0] - b[0]);

@@ -11,7 +11,7 @@ const GRADES = { good: ["green", "✓ good"], fair: ["amber", "▲ fair"], poor:
 const DIRECTIONS = { out: "→ out", back: "← back" };
 const VERDICTS = { named: "cause named", one_of: "one of several causes", unexplained: "unexplained", nothing_detectable: "nothing detectable" };
 
-export function pick(place) {
+function pick(place) {
   if (state.b && state.b.campaign === place.campaign && state.b.run === place.run) state.b = null;
   state.a = place;
   state.selection = null;

@@ -37,7 +37,7 @@ function body() {
 }
 
 /** Bend the curve to what the sliders say. */
-export function redraw(since) {
+function redraw(since) {
   if (state.a && about()) bend(body(), since);
 }
 
