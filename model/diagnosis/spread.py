@@ -5,7 +5,7 @@ than it knows, and other sets of causes are possible. So each variance is put to
 
 - the model's, and the sandwich over runs :math:`H^{-1} (\sum_r g_r g_r' + I) H^{-1}`, which needs no noise model but
   has only as many degrees of freedom as there are runs. Each stands for as many observations as it has degrees: the
-  model's for `TRUST`;
+  model's for `TRUST`. The ratio of both to the model's never narrows an interval;
 - what the estimate moves when each hyper-parameter moves by its own one-sigma;
 - what it moves between the sets of causes that hold it, weighted by their probabilities.
 
@@ -30,7 +30,7 @@ from model.intervals import Blocks, sandwich
 
 FloatArray = NDArray[np.float64]
 
-TRUST = 60.0
+TRUST = 20.0
 """Degrees of freedom that the noise model's own covariance stands for; see docs/decisions/diagnosis-intervals.md."""
 CONFIDENCE = 0.95
 _LEAST_SHARE = 0.01
@@ -104,7 +104,7 @@ def spread_of(problem: SetProblem, x: FloatArray, look: Look, keys: tuple[str, .
     degrees = max(min(found.degrees, len(rows) - 1.0), 0.0)
     share = degrees / (degrees + TRUST)
     both = (1.0 - share) * found.naive + share * found.covariance
-    widening = np.sqrt(np.diag(both) / np.diag(found.naive))
+    widening = np.maximum(np.sqrt(np.diag(both) / np.diag(found.naive)), 1.0)
     by_noise = ((problem.score_changes(x) @ found.naive) ** 2).sum(axis=0)
     by_choice = _by_choice(look, keys, count)
     combined = found.naive * np.outer(widening, widening)
