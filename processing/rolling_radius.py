@@ -26,7 +26,8 @@ def rolls_freely(
 
     Chosen without looking at ground speed: a choice by measured slip would confirm whatever error the speeds have.
     Where forces are measured, neither |T|/r nor |Dp| may exceed 6 % of the load: on soft soil no sample passes, since a
-    wheel without torque is dragged there and skids. Without torque every moving sample passes (a road vehicle).
+    wheel without torque is dragged there and skids. Where no force is measured every moving sample passes (a road
+    vehicle); where drawbar pull is and torque is not, none: nobody can tell then.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ def rolls_freely(
     """
     moving = rim_speed_mps > LEAST_SPEED_MPS
     if not np.isfinite(torque_nm).any():
-        return moving
+        return moving & ~np.isfinite(drawbar_pull_n).any()
     pull = drawbar_pull_n if np.isfinite(drawbar_pull_n).any() else np.zeros_like(torque_nm)
     force = np.maximum(np.abs(torque_nm) / radius_m, np.abs(pull))
     known = moving & np.isfinite(force)

@@ -38,10 +38,11 @@ def compare_speeds(
     Parameters
     ----------
     ground_speed_mps, rim_speed_mps, torque_nm, load_n, drawbar_pull_n : float64 arrays, shape (n,)
-        On the time base; NaN where not to be used or not measured.
+        On the time base; NaN where not to be used or not measured. Where torque is not, drawbar pull says how slip goes.
     radius_m, rate_hz : float
     """
-    traction = torque_nm / radius_m
+    measured = np.isfinite(torque_nm).any()
+    traction = torque_nm / radius_m if measured else drawbar_pull_n
     if np.isfinite(load_n).any():
         traction = np.where(load_n > 0, traction / np.where(load_n > 0, load_n, 1.0), nan)
     latency, sigma = residual_latency(SpeedSignals(ground_speed_mps, rim_speed_mps, traction, rate_hz))

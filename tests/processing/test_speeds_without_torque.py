@@ -1,0 +1,31 @@
+"""What the two speeds say of each other where torque is not measured: no false alarm on soft soil."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from daq.open import open_runs
+from processing.options import ProcessOptions
+from processing.pipeline import process_stream
+from processing.rolling_radius import rolls_freely
+
+SANDY = Path(__file__).parents[2] / "recordings" / "sandy"
+
+
+def test_the_delay_is_told_by_drawbar_pull_and_the_radius_by_nobody() -> None:
+    for run in open_runs([SANDY])[:2]:
+        vehicle = run.vehicle.model_copy(
+            update={"signals": {role: name for role, name in run.vehicle.signals.items() if role != "driving_torque"}}
+        )
+        quality = process_stream(run.channel_batches(), vehicle, run.info, ProcessOptions()).quality
+        assert abs(quality.residual_latency_s) < 0.05 and quality.residual_latency_sigma_s < 0.05
+        assert np.isnan(quality.speed_scale)
+        assert not any("late" in note or "rim speed" in note for note in quality.notes)
+
+
+def test_a_road_vehicle_rolls_freely_and_one_that_pulls_cannot_say() -> None:
+    rim, nothing = np.full(50, 3.0), np.full(50, np.nan)
+    assert rolls_freely(rim, nothing, nothing, nothing, 0.4).all()
+    assert not rolls_freely(rim, nothing, np.full(50, 9e3), np.full(50, 200.0), 0.4).any()
