@@ -245,3 +245,16 @@ def test_output_names(tmp_path: Path, campaign):
     assert Path(result.json["numbers"]).is_file()
     assert invoke("report", campaign, "-o", tmp_path / "r.html").code == 2
     ok("report", campaign, "-o", tmp_path / "r.html", "--force", "--no-diagnosis")
+
+
+def test_what_lies_where_the_numbers_would_go_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "x.json").write_text("{}", encoding="utf-8")
+    done = invoke(
+        "report", Path(__file__).parents[2] / "recordings" / "clay", "--no-diagnosis", "-o", tmp_path / "x.html"
+    )
+    assert done.code == 2 and "x.json" in done.err and not (tmp_path / "x.html").exists()
+    done = invoke(
+        "report", Path(__file__).parents[2] / "recordings" / "clay", "--no-diagnosis", "-o", tmp_path / "y.json"
+    )
+    assert done.code == 2 and ".html or .pdf" in done.err
+    assert (tmp_path / "x.json").read_text(encoding="utf-8") == "{}"

@@ -125,5 +125,9 @@ def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[P
                 next_step=f"call it {output.with_suffix('.pdf' if pdf else '.html').name}, or leave --format out",
             )
         )
+    if suffix == ".json":
+        fault = Fault("the numbers lie beside the page, as .json", str(output), next_step="call the page .html or .pdf")
+        raise ConfigError(fault)
     target = check_output(output or Path("report.pdf" if pdf else "report.html"), force=force)
+    check_output(target.with_suffix(".json"), force=force)
     return target, find_browser() if pdf else ""
