@@ -38,7 +38,7 @@ def compare_speeds(
     Parameters
     ----------
     ground_speed_mps, rim_speed_mps, torque_nm, load_n, drawbar_pull_n : float64 arrays, shape (n,)
-        On the time base; NaN where not to be used or not measured. Where torque is not, drawbar pull says how slip goes.
+        On the time base; NaN where not to be used or not measured. Where torque is not, slip goes by drawbar pull.
     radius_m, rate_hz : float
     """
     measured = np.isfinite(torque_nm).any()

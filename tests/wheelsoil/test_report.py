@@ -26,6 +26,7 @@ from wheelsoil.report.material import Material
 from wheelsoil.report.sections import SECTIONS
 from wheelsoil.reporting import report_of_processed
 
+CLAY = Path(__file__).parents[2] / "recordings" / "clay"
 EVIL = '<script>alert("x")</script></script><b>&{{7*7}}'
 
 
@@ -249,12 +250,8 @@ def test_output_names(tmp_path: Path, campaign):
 
 def test_what_lies_where_the_numbers_would_go_is_kept(tmp_path: Path) -> None:
     (tmp_path / "x.json").write_text("{}", encoding="utf-8")
-    done = invoke(
-        "report", Path(__file__).parents[2] / "recordings" / "clay", "--no-diagnosis", "-o", tmp_path / "x.html"
-    )
+    done = invoke("report", CLAY, "--no-diagnosis", "-o", tmp_path / "x.html")
     assert done.code == 2 and "x.json" in done.err and not (tmp_path / "x.html").exists()
-    done = invoke(
-        "report", Path(__file__).parents[2] / "recordings" / "clay", "--no-diagnosis", "-o", tmp_path / "y.json"
-    )
+    done = invoke("report", CLAY, "--no-diagnosis", "-o", tmp_path / "y.json")
     assert done.code == 2 and ".html or .pdf" in done.err
     assert (tmp_path / "x.json").read_text(encoding="utf-8") == "{}"
