@@ -1,4 +1,4 @@
-"""What the page draws of a run: few points that keep every peak, the same rows of every quantity."""
+"""What the page draws of a run: few points that keep peaks of pull and slip, the same rows of every quantity."""
 
 from __future__ import annotations
 
@@ -81,17 +81,27 @@ def rows_to_draw(run: ProcessedRun) -> IntArray:
     """Choose about ten rows a second, at most `MOST_POINTS`, in rising order.
 
     The run is cut into pieces of equal length. Of each the rows of the least and the greatest drawbar pull and slip
-    stay, of its used samples where it has any, and the first row of a piece without a number, so that a gap stays one.
+    stay, of its used samples where it has any, and the first row of each reason that left some out, so that a gap stays
+    one however short it is.
     """
     most = min(MOST_POINTS, int(len(run) / run.rate_hz * _RATE_HZ) + _KEPT_PER_PIECE)
     if len(run) <= most:
         return np.arange(len(run))
+    pieces = max(most // _KEPT_PER_PIECE, 1)
+    while len(rows := _rows_of_pieces(run, pieces)) > MOST_POINTS:
+        pieces = pieces * MOST_POINTS // len(rows)
+    return rows
+
+
+def _rows_of_pieces(run: ProcessedRun, pieces: int) -> IntArray:
     chosen = []
-    for piece in np.array_split(np.arange(len(run)), max(most // _KEPT_PER_PIECE, 1)):
+    for piece in np.array_split(np.arange(len(run)), pieces):
+        reasons, first = np.unique(run.reason[piece], return_index=True)
         used = piece[run.used[piece]]
         inside = used if len(used) else piece
         found = [row for values in (run.drawbar_pull_n, run.slip) for row in _ends(values, inside)]
-        chosen.append(np.unique(found) if found else piece[:1])
+        found += piece[first[(reasons != Reason.USED) | (not found)]].tolist()
+        chosen.append(np.unique(found))
     return np.concatenate(chosen)
 
 
