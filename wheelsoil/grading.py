@@ -16,7 +16,8 @@ Level = Literal["good", "fair", "poor"]
 _BY_DESIGN = (Reason.STANDSTILL, Reason.TOO_SLOW, Reason.FILTER_EDGE, Reason.BY_HAND)
 """Samples that no run has a use for: they speak against none."""
 _GOOD_SHARE, _FAIR_SHARE = 0.8, 0.5
-_GOOD_SLIP, _FAIR_SLIP = 0.5, 0.1
+_GOOD_SLIP, _DRIVEN_SLIP = 0.5, 0.1
+"""Low slip tells little; a run that was only braked or coasted is no bad data, so that it is never poor for it."""
 _ZERO_SHARE, _MANY_SIGMAS = 0.02, 3.0
 """Of the load: a reading at standstill that is larger than this, and than its noise, spoils a run."""
 _WRONG_SIGN = re.compile(r"check (its|the) sign")
@@ -76,8 +77,8 @@ def _of_samples(run: ProcessedRun, share: float, highest: float) -> tuple[list[s
         text = f"{100 * share:.0f} % of the samples in motion can be used, most others are {_mostly(run)}"
         (poor if share < _FAIR_SHARE else fair).append(text)
     if highest < _GOOD_SLIP:
-        text = f"slip reaches {highest:.2f} only"
-        (poor if highest < _FAIR_SLIP else fair).append(text)
+        hardly = "hardly driven: " if highest < _DRIVEN_SLIP else ""
+        fair.append(f"{hardly}slip reaches {highest:.2f} only")
     return poor, fair
 
 

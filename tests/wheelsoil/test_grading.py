@@ -55,7 +55,13 @@ def test_a_run_without_a_usable_sample_is_poor_and_says_why(run):
 
 def test_low_slip_tells(run):
     assert grade_of(replace(run, slip=0.4 * run.slip)).level == "fair"
-    assert grade_of(replace(run, slip=0.05 * run.slip)).level == "poor"
+    assert grade_of(replace(run, slip=0.05 * run.slip)).level == "fair"
+
+
+def test_a_run_that_was_only_braked_is_no_bad_data(run):
+    grade = grade_of(replace(run, slip=-np.abs(run.slip)))
+    assert grade.level == "fair"
+    assert grade.reasons[0].startswith("hardly driven: slip reaches")
 
 
 def test_what_processing_noted_tells(run):

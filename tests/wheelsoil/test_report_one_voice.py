@@ -13,6 +13,7 @@ from model.diagnosis.result import CauseSet, NextRun, ParameterEstimate
 from model.extended import ExtendedEffect, ExtendedModel
 from processing.options import ProcessOptions
 from wheelsoil.fitting import FitChoices, fit_runs
+from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Panels, Section, Table, Text
 from wheelsoil.report.material import Material, versions
 from wheelsoil.report.sections import candidates, detectable, gain, glance, misfit, verdict
@@ -66,9 +67,19 @@ def test_an_extended_model_is_called_so(material, campaign):
     extended = ExtendedModel(material.fit.wheel, material.fit.soil, (ding,))
     processed = process_runs(open_runs([campaign]), ProcessOptions())
     fit = fit_runs(processed, FitChoices(extended=extended), None)
-    said = text(verdict.build(replace(material, campaign=fit)))
+    section = verdict.build(replace(material, campaign=replace(fit, models=(fit.models[0], fit.models[-1]))))
+    said = f"{text(section)} {section.numbers['sentence']}"
     assert "extended's" not in said
     assert "xtended model" in said
+
+
+def test_a_model_of_ones_own_is_called_so(material, campaign):
+    processed = process_runs(open_runs([campaign]), ProcessOptions())
+    fit = fit_runs(processed, FitChoices(effects=("lyasko",)), None)
+    own = replace(fit, models=(fit.models[0], fit.models[-1]))
+    sentence = verdict.build(replace(material, campaign=own)).numbers["sentence"]
+    assert "hosen model" in sentence
+    assert "hosen's" not in sentence
 
 
 def test_sets_and_what_is_never_named_are_in_the_candidates(material):
@@ -115,3 +126,20 @@ def test_an_error_that_grows_is_said_to_grow(material):
     worse = replace(found.gain, reduction_percent=-38.0, interval95=(-75.0, -4.6))
     said = text(gain.build(replace(material, diagnosed=replace(found, gain=worse))))
     assert "grows by 38.0 % with the extension (95 %: 4.60 to 75.0 %)" in said.replace("…", "to")
+
+
+def test_an_unexplained_misfit_is_to_be_looked_into(material):
+    found = replace(diagnosis("unexplained"), next_run=())
+    step = glance.next_step(replace(material, diagnosed=found), {})
+    assert "no further run" not in step
+    assert "do not rely on the model there" in step
+
+
+def test_a_fault_in_judging_the_fit_leaves_the_diagnosis_its_sentence(material, monkeypatch):
+    def broken(given: Material) -> Section:
+        raise ZeroDivisionError(given.terrain)
+
+    monkeypatch.setattr(verdict, "build", broken)
+    report = build_report(replace(material, diagnosed=diagnosis("named")))
+    assert set(report.left_out) == {"verdict"}
+    assert SENTENCES["named"] in text(next(section for section in report.sections if section.key == "glance"))

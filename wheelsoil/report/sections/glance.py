@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from daq.errors import DataError
 from wheelsoil.grading import Grade
 from wheelsoil.report.content import Block, Light, Lights, Section, Text
@@ -32,6 +34,9 @@ def build(material: Material) -> Section:
 
 
 def _sentence(material: Material) -> str:
+    """Return the result: a diagnosis says its own, so that no fault in judging the fit can take it."""
+    if material.diagnosed is not None:
+        return material.diagnosed.sentence
     try:
         return str(verdict.build(material).numbers["sentence"])
     except DataError as error:
@@ -41,7 +46,7 @@ def _sentence(material: Material) -> str:
 def _why(grade: Grade) -> str:
     if grade.reasons:
         more = len(grade.reasons) - _WHY
-        told = "; ".join(reason.partition(": ")[0] for reason in grade.reasons[:_WHY])
+        told = "; ".join(re.split("[:;] ", reason)[0] for reason in grade.reasons[:_WHY])
         return f"{told}; {count(more)} more" if more > 0 else told
     return f"{100 * grade.usable_share:.0f} % usable, slip\u00a0to\u00a0{grade.highest_slip:.2f}"
 
@@ -63,6 +68,11 @@ def next_step(material: Material, grades: dict[str, Grade]) -> str:
         first = found.next_run[0]
         parted = listed([name.replace("_", " ") for name in first.separates])
         return f"{first.change}{f' (parts {parted})' if parted else ''}."
+    if found.verdict == "unexplained":
+        return (
+            "look at what is wrong, and where: nothing known explains it, so do not rely on the model there. "
+            "Check zeros, signs and configuration first, and whether all runs are on one soil."
+        )
     if found.verdict == "named":
         return "take the extended model: `wheelsoil diagnose -o model.toml` keeps it for fit, simulate and report."
     return "no further run is asked for; see what could have been seen."

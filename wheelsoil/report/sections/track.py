@@ -38,7 +38,7 @@ _READING = (
 
 @dataclass(frozen=True)
 class _Track:
-    """Some places of a run: metres east and north, slip (NaN where left out), whether used."""
+    """Some places of a run: metres east and north, slip (NaN where left out), whether used; the extent is of all."""
 
     name: str
     east_m: FloatArray
@@ -46,6 +46,7 @@ class _Track:
     slip: FloatArray
     used: NDArray[np.bool_]
     length_m: float
+    extent_m: tuple[float, float]
 
 
 def build(material: Material) -> Section:
@@ -83,32 +84,44 @@ def build(material: Material) -> Section:
 
 
 def _tracks(runs: tuple[ProcessedRun, ...]) -> tuple[list[_Track], tuple[float, float]]:
-    placed = [run for run in runs if (np.isfinite(run.latitude_deg) & np.isfinite(run.longitude_deg)).any()]
+    placed = [run for run in runs if _known(run).any()]
     if not placed:
         raise DataError(Fault("the position was not measured: no run has latitude and longitude"))
-    latitude = float(np.nanmean(np.concatenate([run.latitude_deg for run in placed])))
-    longitude = float(np.nanmean(np.concatenate([run.longitude_deg for run in placed])))
+    latitude = float(np.mean(np.concatenate([run.latitude_deg[_known(run)] for run in placed])))
+    longitudes = np.concatenate([run.longitude_deg[_known(run)] for run in placed])
+    longitude = float(_wrapped(longitudes[0] + np.mean(_wrapped(longitudes - longitudes[0]))))
     points = min(_MOST, max(60, _POINTS_IN_ALL // len(placed)))
     return [_track(run, latitude, longitude, points) for run in placed], (latitude, longitude)
 
 
+def _known(run: ProcessedRun) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(run.latitude_deg) & np.isfinite(run.longitude_deg))
+
+
+def _wrapped(degrees: FloatArray) -> FloatArray:
+    """Return angles between -180 and 180 degrees: runs may lie across the 180th meridian."""
+    return (degrees + 180.0) % 360.0 - 180.0
+
+
 def _track(run: ProcessedRun, latitude: float, longitude: float, points: int) -> _Track:
     """Return a run on the plane that touches the earth at a place."""
-    known = np.flatnonzero(np.isfinite(run.latitude_deg) & np.isfinite(run.longitude_deg))
+    known = np.flatnonzero(_known(run))
     rows = known[np.unique(np.linspace(0, len(known) - 1, min(points, len(known))).astype(int))]
-    north = _EARTH_M * np.radians(run.latitude_deg[rows] - latitude)
-    east = _EARTH_M * np.cos(np.radians(latitude)) * np.radians(run.longitude_deg[rows] - longitude)
+    north = _EARTH_M * np.radians(run.latitude_deg - latitude)
+    east = _EARTH_M * np.cos(np.radians(latitude)) * np.radians(_wrapped(run.longitude_deg - longitude))
     way = run.distance_m[np.isfinite(run.distance_m)]
     length = float(np.ptp(way)) if len(way) else float("nan")
-    return _Track(run.run.id, east, north, np.where(run.used, run.slip, np.nan)[rows], run.used[rows], length)
+    extent = (float(np.ptp(east[known])), float(np.ptp(north[known])))
+    slip = np.where(run.used, run.slip, np.nan)
+    return _Track(run.run.id, east[rows], north[rows], slip[rows], run.used[rows], length, extent)
 
 
 def _facts(tracks: list[_Track]) -> dict[str, dict[str, float]]:
     return {
         track.name: {
             "length_m": track.length_m,
-            "east_extent_m": float(np.ptp(track.east_m)),
-            "north_extent_m": float(np.ptp(track.north_m)),
+            "east_extent_m": track.extent_m[0],
+            "north_extent_m": track.extent_m[1],
         }
         for track in tracks
     }

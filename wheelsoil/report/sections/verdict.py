@@ -9,7 +9,7 @@ import numpy as np
 
 from daq.errors import DataError
 from model.diagnosis.result import Diagnosis, Gain
-from model.fit_result import EXTENDED
+from model.fit_result import CHOSEN, EXTENDED
 from wheelsoil.diagnosis_words import plain_name
 from wheelsoil.fitting import NOT_AT_AN_END, ended
 from wheelsoil.report.comparison import Ranking, rank
@@ -112,8 +112,8 @@ def _sentence(material: Material, ranking: Ranking) -> str:
 
 def _model(name: str, *, short: bool = False) -> str:
     """Return a model as it is called in a sentence."""
-    if name == EXTENDED:
-        return "the extended model"
+    if name in (EXTENDED, CHOSEN):
+        return f"the {name} model"
     return f"{style(name).label}'s" + ("" if short else " model")
 
 
