@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import isfinite, nan
 
 import numpy as np
@@ -14,7 +14,7 @@ from processing.distance import distance_of
 from processing.inputs import MODEL_ROLES
 from processing.noise import standstill_sigma
 from processing.on_base import OnBase
-from processing.options import ProcessOptions
+from processing.options import SLIP_ROLES, ProcessOptions
 from processing.processed_run import ProcessedRun, QualityReport, Reason
 from processing.quality import combine_reasons, run_notes, sensor_notes, shares_of, speed_notes
 from processing.segments import segment
@@ -35,10 +35,12 @@ class Material:
     start_ns, time_s, cutoff_hz
         As in `ProcessedRun`.
     roles : mapping role -> OnBase
-        With both speeds; others where the run carries them.
+        Those that the run carries, one of them at least.
     latitude_deg, longitude_deg : float64 arrays
     clock : ClockFit or None
     notes : tuple of str
+    missing : mapping role -> str
+        See `QualityReport`.
     """
 
     start_ns: int
@@ -49,10 +51,20 @@ class Material:
     longitude_deg: FloatArray
     clock: ClockFit | None
     notes: tuple[str, ...]
+    missing: dict[str, str] = field(default_factory=dict)
 
     def values(self, role: str) -> FloatArray:
         """Return a role's values, NaN where the run does not carry it."""
         return self.roles[role].values if role in self.roles else self._constant(nan)
+
+    def slope(self, role: str) -> FloatArray:
+        """Return the derivative of a role, per second; NaN where the run does not carry it."""
+        return self.roles[role].slope if role in self.roles else self._constant(nan)
+
+    @property
+    def has_slip(self) -> bool:
+        """Whether both speeds were measured."""
+        return all(role in self.roles for role in SLIP_ROLES)
 
     def sigma(self, role: str) -> FloatArray:
         """Return the one-sigma of each sample of a role."""
@@ -86,11 +98,11 @@ def assemble(material: Material, radius_m: float, run: RunInfo, options: Process
         material.sigma("ground_speed"),
         options.min_speed_mps,
     )
-    acceleration = material.roles["ground_speed"].slope
+    acceleration = material.slope("ground_speed")
     torque, load = material.values("driving_torque"), material.values("vertical_load")
     segments = segment(rim, ground, acceleration, slip, torque / radius_m, load, options.rate_hz)
     material = with_standstill_noise(material, segments, options.rate_hz)
-    reason = combine_reasons(material.reasons().values(), segments, slip, load)
+    reason = combine_reasons(material.reasons().values(), segments, slip, load, slip_is_measured=material.has_slip)
     distance, bridged_m = distance_of(material.time_s, ground)
     notes = [f"distance: {bridged_m:.1f} m were not seen and are bridged with the speeds around them"] * (bridged_m > 0)
     return ProcessedRun(
@@ -115,7 +127,7 @@ def assemble(material: Material, radius_m: float, run: RunInfo, options: Process
         sinkage_m=material.values("sinkage"),
         sinkage_sigma_m=material.sigma("sinkage"),
         ground_acceleration_mps2=acceleration,
-        wheel_acceleration_radps2=material.roles["wheel_speed"].slope,
+        wheel_acceleration_radps2=material.slope("wheel_speed"),
         distance_m=distance,
         latitude_deg=material.latitude_deg,
         longitude_deg=material.longitude_deg,
@@ -177,18 +189,21 @@ def _quality(
                 material.values("driving_torque"),
                 material.values("drawbar_pull"),
                 slip,
-                material.roles["ground_speed"].slope,
+                material.slope("ground_speed"),
                 material.values("vertical_load"),
             ),
         ),
         sensors=sensors,
         standstills=standing,
+        missing=material.missing,
     )
 
 
 def _compare(material: Material, radius_m: float, rate_hz: float) -> SpeedComparison:
     """Compare the speeds where both went through the whole filter."""
-    sound = {role: material.roles[role].reason == Reason.USED for role in ("ground_speed", "wheel_speed")}
+    if not material.has_slip:
+        return SpeedComparison()
+    sound = {role: material.roles[role].reason == Reason.USED for role in SLIP_ROLES}
     return compare_speeds(
         np.where(sound["ground_speed"], material.values("ground_speed"), nan),
         np.where(sound["wheel_speed"], radius_m * material.values("wheel_speed"), nan),

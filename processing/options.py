@@ -17,9 +17,11 @@ NEEDED_ROLES: dict[str, tuple[str, ...]] = {
     "fit_torque": (*SLIP_ROLES, *FORCE_ROLES, "driving_torque"),
     "sinkage": (*SLIP_ROLES, *FORCE_ROLES, "driving_torque"),
     "diagnose": SLIP_ROLES + FORCE_ROLES,
-    "report": SLIP_ROLES + FORCE_ROLES,
 }
 """Roles that each purpose cannot do without; every other role is used where it is there."""
+
+LOOK = "look"
+"""The purpose that shows what is there: it needs some role, and no role in particular."""
 
 HIGHEST_AUTOMATIC_CUTOFF_HZ = 5.0
 
@@ -41,7 +43,7 @@ class ProcessOptions:
         Longest hole between samples that the filter may bridge; None: one standard deviation of its kernel.
         A channel's own 1.75 sampling intervals are always bridged.
     purpose : str
-        Key of `NEEDED_ROLES`.
+        Key of `NEEDED_ROLES`, or `LOOK`.
     """
 
     rate_hz: float = 100.0
@@ -67,8 +69,9 @@ class ProcessOptions:
                     next_step="lower the cut-off or raise the rate",
                 )
             )
-        if self.purpose not in NEEDED_ROLES:
-            faults.append(Fault(f"no purpose is called {self.purpose!r}", expected=nearest(self.purpose, NEEDED_ROLES)))
+        known = (*NEEDED_ROLES, LOOK)
+        if self.purpose not in known:
+            faults.append(Fault(f"no purpose is called {self.purpose!r}", expected=nearest(self.purpose, known)))
         if faults:
             raise ConfigError(*faults)
 

@@ -14,6 +14,7 @@ small.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from math import hypot, sqrt
 from typing import Literal
@@ -32,7 +33,8 @@ def at_soil(
     Parameters
     ----------
     roles : mapping role -> OnBase
-        With ``ground_speed`` and ``wheel_speed``, whose slopes are the accelerations.
+        The slopes of ``ground_speed`` and ``wheel_speed`` are the accelerations; a force without the one that it needs
+        stays as it is.
     vehicle : VehicleConfig
         Its declared outboard mass and inertia.
     kernel_s : float
@@ -45,10 +47,10 @@ def at_soil(
         return roles
     moved = dict(roles)
     for role, factor, speed in (
-        ("drawbar_pull", wheel.outboard_mass_kg, roles["ground_speed"]),
-        ("driving_torque", -wheel.outboard_inertia_kgm2, roles["wheel_speed"]),
+        ("drawbar_pull", wheel.outboard_mass_kg, roles.get("ground_speed")),
+        ("driving_torque", -wheel.outboard_inertia_kgm2, roles.get("wheel_speed")),
     ):
-        if role in roles and factor:
+        if role in roles and factor and speed is not None:
             noise = abs(factor) * speed.facts.sigma / (sqrt(2.0) * kernel_s)
             facts = replace(roles[role].facts, sigma=hypot(roles[role].facts.sigma, noise))
             moved[role] = replace(roles[role], values=roles[role].values + factor * speed.slope, facts=facts)
@@ -56,3 +58,18 @@ def at_soil(
         load = roles["vertical_load"]
         moved["vertical_load"] = replace(load, values=load.values + wheel.outboard_mass_kg * STANDARD_GRAVITY_MPS2)
     return moved
+
+
+def not_carried(roles: Collection[str], vehicle: VehicleConfig) -> list[str]:
+    """Return sentences on forces that `at_soil` leaves as the transducer feels them, for their speed is missing."""
+    wheel = vehicle.wheel
+    if wheel is None:
+        return []
+    return [
+        f"{role}: the inertia of the parts outboard of the transducer is left in it, for {speed} is missing"
+        for role, declared, speed in (
+            ("drawbar_pull", wheel.outboard_mass_kg, "ground_speed"),
+            ("driving_torque", wheel.outboard_inertia_kgm2, "wheel_speed"),
+        )
+        if declared and role in roles and speed not in roles
+    ]

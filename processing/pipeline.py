@@ -23,9 +23,10 @@ from processing.inputs import (
     without_jitter,
     without_null_island,
 )
+from processing.missing import nothing_received, noting, require_any, why_missing
 from processing.on_base import OnBase, choose_cutoff, gap_limit_s, interpolated_on_base, put_on_base, received_span_ns
-from processing.options import NEEDED_ROLES, SLIP_ROLES, ProcessOptions, require_roles
-from processing.outboard import at_soil
+from processing.options import LOOK, NEEDED_ROLES, SLIP_ROLES, ProcessOptions, require_roles
+from processing.outboard import at_soil, not_carried
 from processing.processed_run import ProcessedRun
 from processing.timebase import FloatArray, make_time_base
 from processing.transducer_status import StatusGate
@@ -59,9 +60,11 @@ def process(
     Raises
     ------
     ConfigError
-        A role that the purpose needs is missing, or ``[wheel]`` is, or a zero was taken in other axes.
+        A role that the purpose needs is missing (to look: all of them), or ``[wheel]`` is, or a zero was taken in other
+        axes.
     DataError
-        Nothing was received of a needed role, the channels share no time, or the run is too short or absurdly long.
+        Nothing was received of a needed role (to look: of any), the channels share no time, or the run is too short or
+        absurdly long.
     """
     return process_stream([channels], vehicle, run, options, zeros)
 
@@ -89,16 +92,24 @@ def process_stream(
     wheel = _wheel(vehicle)
     gate = StatusGate(round(1e9 / options.rate_hz), declared="transducer_status" in vehicle.signals)
     removal = ZeroRemoval(zeros or RunZeros(), vehicle)
-    samples = _collect(gate.without_distrusted(chunks), vehicle, options, removal, gate)
+    seen: set[str] = set()
+    came: set[str] = set()
+    samples = _collect(noting(chunks, came), vehicle, options, removal, gate, seen)
+    if options.purpose == LOOK:
+        require_any(seen, came, vehicle)
     clock, notes = _settle_gnss(samples, vehicle)
-    notes += _drop_dead(samples, options)
+    dead = _drop_dead(samples, options)
+    missing = why_missing(samples, seen, came, vehicle) if options.purpose == LOOK else {}
+    notes += [f"{role}: never a usable value; treated as not measured" for role in dead if role not in missing]
+    notes += missing.values()
     cutoff_hz, note = choose_cutoff({role: samples[role] for role in MODEL_ROLES if role in samples}, options)
     base = _time_base(samples, cutoff_hz, options)
     roles = gate.with_counts(removal.with_sigma(_put_all(samples, base, cutoff_hz, options, vehicle)))
     roles = at_soil(roles, vehicle, kernel_sigma_s(cutoff_hz), removal.zero_of_load())
+    notes += not_carried(roles, vehicle)
     latitude, longitude = _position(samples, base)
     notes += [note] * bool(note) + gate.notes() + removal.notes()
-    material = Material(*base, cutoff_hz, roles, latitude, longitude, clock, tuple(notes))
+    material = Material(*base, cutoff_hz, roles, latitude, longitude, clock, tuple(notes), missing)
     processed = assemble(material, wheel.radius_m, run or RunInfo(), options)
     quality = replace(processed.quality, zeros=removal.applied(), transducer_status=gate.words)
     return replace(processed, quality=quality)
@@ -118,34 +129,32 @@ def _collect(
     options: ProcessOptions,
     removal: ZeroRemoval,
     gate: StatusGate,
+    seen: set[str],
 ) -> dict[str, Samples]:
-    seen: set[str] = set()
+    """Thin the channels to the time base; `seen` gets every role that has a signal."""
     rotating = vehicle.transducer.frame == "wheel"
-    stream: Iterable[Mapping[str, Channel]] = ready(chunks, vehicle, seen, with_angle=rotating or removal.needs_angle)
+    stream: Iterable[Mapping[str, Channel]] = ready(
+        gate.without_distrusted(chunks), vehicle, seen, with_angle=rotating or removal.needs_angle
+    )
     stream = removal.removed(stream)
     if rotating:
         stream = to_vehicle_axes(stream, vehicle.transducer)
     samples = gate.marked(collect(stream, round(1e9 / options.rate_hz)), vehicle)
+    if options.purpose == LOOK:
+        return samples
     require_roles(seen, options.purpose, rotating=rotating)
     needed = NEEDED_ROLES[options.purpose]
     empty = [role for role in needed if role not in samples or not len(samples[role].received_ns())]
     if empty:
-        raise DataError(*(_nothing_received(role, vehicle) for role in empty))
+        raise DataError(*(nothing_received(role, vehicle) for role in empty))
     return samples
-
-
-def _nothing_received(role: str, vehicle: VehicleConfig) -> Fault:
-    return Fault(
-        f"the run holds no sample of {role}",
-        where=vehicle.signals.get(role, ""),
-        next_step="check that its frames were recorded (wheelsoil info) and that the signal is the right one",
-    )
 
 
 def _settle_gnss(samples: dict[str, Samples], vehicle: VehicleConfig) -> tuple[ClockFit | None, list[str]]:
     """Take out invalid fixes and the jitter of arrival; returns the clock fit."""
-    if "ground_speed_valid" in samples:
-        samples["ground_speed"] = without_invalid_fixes(samples["ground_speed"], samples.pop("ground_speed_valid"))
+    flags = samples.pop("ground_speed_valid", None)
+    if flags is not None and "ground_speed" in samples:
+        samples["ground_speed"] = without_invalid_fixes(samples["ground_speed"], flags)
     if "latitude" in samples and "longitude" in samples:
         samples["latitude"], samples["longitude"] = without_null_island(samples["latitude"], samples["longitude"])
     if "gnss_time" not in samples:
@@ -155,17 +164,22 @@ def _settle_gnss(samples: dict[str, Samples], vehicle: VehicleConfig) -> tuple[C
     if clock is None:
         return None, ["gnss_time: too few epochs to compare the clocks"]
     lag_ns = latency_ns(vehicle, "ground_speed") - latency_ns(vehicle, "gnss_time")
-    samples["ground_speed"] = without_jitter(samples["ground_speed"], gnss_time, clock, lag_ns)
+    if "ground_speed" in samples:
+        samples["ground_speed"] = without_jitter(samples["ground_speed"], gnss_time, clock, lag_ns)
     return clock, []
 
 
 def _drop_dead(samples: dict[str, Samples], options: ProcessOptions) -> list[str]:
-    """Drop channels without a single usable value, unless the purpose needs them."""
-    needed = NEEDED_ROLES[options.purpose]
-    dead = [role for role, held in samples.items() if not len(held.time_ns) and role not in needed]
+    """Drop channels without a single usable value, unless the purpose needs what came of them; return their roles."""
+    needed = NEEDED_ROLES.get(options.purpose, SLIP_ROLES)
+    dead = [
+        role
+        for role, held in samples.items()
+        if not len(held.time_ns) and not (role in needed and len(held.received_ns()))
+    ]
     for role in dead:
         del samples[role]
-    return [f"{role}: never a usable value; treated as not measured" for role in dead]
+    return dead
 
 
 def _time_base(samples: dict[str, Samples], cutoff_hz: float, options: ProcessOptions) -> Base:

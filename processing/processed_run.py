@@ -38,6 +38,7 @@ class Reason(IntEnum):
     SLIP_OUT_OF_RANGE = 8
     TRANSDUCER = 9
     BY_HAND = 10
+    SLIP_NOT_MEASURED = 11
 
 
 @dataclass(frozen=True)
@@ -142,6 +143,9 @@ class QualityReport:
         Empty where none was taken off.
     transducer_status : mapping str -> int
         Status samples that are not 0, by what the value table calls them.
+    missing : mapping role -> str
+        Of the speeds, load and drawbar pull those that the run does not carry, and what to do; known where the
+        purpose was to look.
     """
 
     shares: dict[str, float] = field(default_factory=dict)
@@ -155,13 +159,15 @@ class QualityReport:
     standstills: tuple[Standstill, ...] = ()
     zeros: dict[str, AppliedZero] = field(default_factory=dict)
     transducer_status: dict[str, int] = field(default_factory=dict)
+    missing: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class ProcessedRun:
     """One run on one time base; SI units, radians; every array has shape (n,).
 
-    A quantity that was not measured is all NaN. ``*_sigma`` is the one-sigma of one sample.
+    A quantity that was not measured is all NaN, and so is the slip where a speed was not.
+    ``*_sigma`` is the one-sigma of one sample.
     Signs: load positive up on the wheel, drawbar pull positive forward, torque positive driving
     (``dbc/README.md``). Slip: Eq. 6 for driving, (r omega - V)/V for braking.
     A used sample has finite values of every quantity that the run carries, but for position and sinkage, which may

@@ -27,6 +27,8 @@ def combine_reasons(
     segments: NDArray[np.uint8],
     slip: FloatArray,
     vertical_load_n: FloatArray,
+    *,
+    slip_is_measured: bool = True,
 ) -> NDArray[np.uint8]:
     """Return the first `Reason` that holds for each sample; all arrays of shape (n,).
 
@@ -39,6 +41,8 @@ def combine_reasons(
         NaN where both speeds are too small (or unknown, which the channels' reasons say).
     vertical_load_n : float64 array
         All NaN where not measured.
+    slip_is_measured : bool
+        Whether the run carries both speeds.
     """
     of_channels = np.stack(list(channels))
     hold = {
@@ -46,7 +50,7 @@ def combine_reasons(
         for why in (Reason.GAP, Reason.INVALID_FIX, Reason.TRANSDUCER, Reason.NOT_MEASURED, Reason.FILTER_EDGE)
     }
     hold[Reason.STANDSTILL] = segments == Segment.STANDSTILL
-    hold[Reason.TOO_SLOW] = ~np.isfinite(slip)
+    hold[Reason.TOO_SLOW if slip_is_measured else Reason.SLIP_NOT_MEASURED] = ~np.isfinite(slip)
     hold[Reason.NEGATIVE_LOAD] = vertical_load_n <= 0
     hold[Reason.SLIP_OUT_OF_RANGE] = np.abs(slip) > 1
     out = np.zeros(len(slip), np.uint8)

@@ -24,6 +24,7 @@ _LOOKS = {
     Reason.SLIP_OUT_OF_RANGE: ("slip out of range", "#009E73", "|"),
     Reason.TRANSDUCER: ("transducer status", "#882255", "x"),
     Reason.BY_HAND: ("left out by hand", "#999933", "+"),
+    Reason.SLIP_NOT_MEASURED: ("slip not measured", "#AA4499", "/"),
 }
 
 
