@@ -82,6 +82,7 @@ def test_what_no_cause_explains_is_unexplained() -> None:
     assert "slip" in found.what_is_wrong[0].where
 
 
+@pytest.mark.slow
 def test_two_benches_share_causes() -> None:
     rng = np.random.default_rng(5)
     softer = replace(SAND, name="softer", frictional_modulus=6.5e6)
@@ -110,6 +111,7 @@ def test_carrying_over_to_a_like_wheel_and_to_an_unlike_one() -> None:
     assert any(CauseUse("vasilev", 1) in w.hypothesis for w in unlike.both.sets)
 
 
+@pytest.mark.slow
 def test_the_same_seed_says_the_same() -> None:
     one, two = (
         diagnose_bench([bench(np.random.default_rng(7), {"vasilev": {"H_m": 0.01}})], _options()) for _ in range(2)

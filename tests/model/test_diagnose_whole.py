@@ -102,7 +102,9 @@ def test_two_campaigns_share_a_cause(digging: Campaign) -> None:
     assert "disagree" not in found.sentence
 
 
-@pytest.mark.parametrize(("sinkage_m", "verdict"), [(0.05, "named"), (0.07, "unexplained")])
+@pytest.mark.parametrize(
+    ("sinkage_m", "verdict"), [pytest.param(0.05, "named", marks=pytest.mark.slow), (0.07, "unexplained")]
+)
 def test_two_campaigns_that_differ_in_the_size_of_a_shared_cause_are_told(
     digging: Campaign, sinkage_m: float, verdict: str
 ) -> None:

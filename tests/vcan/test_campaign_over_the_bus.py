@@ -76,6 +76,7 @@ def test_a_sample_run_over_socketcan_gives_the_same_fit(vcan: Callable[..., Gues
     assert_same_fit(run, received)
 
 
+@pytest.mark.slow
 def test_a_sample_run_over_a_virtual_bus_gives_the_same_fit(tmp_path: Path) -> None:
     """The same everywhere: python-can's virtual bus, which lives within one process."""
     name = f"bus-{uuid.uuid4().hex}"

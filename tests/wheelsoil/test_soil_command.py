@@ -60,7 +60,7 @@ def test_tables_become_a_terrain(laboratory: Path, capsys: pytest.CaptureFixture
     out = capsys.readouterr().out
     assert "k_c" in out
     assert "95 % interval" in out
-    assert "6 tests, 4 degrees of freedom" in out
+    assert "6 tests, 4 degrees of freedom" in " ".join(out.split())
     terrain = load_toml(target, TerrainConfig)
     assert terrain.soil.name == "test field"
     assert terrain.uncertainty is not None
