@@ -16,6 +16,7 @@ from wheelsoil.diagnosis_words import (
     NO_GAIN,
     effect_name,
     family_of,
+    median_there,
     not_named,
     nothing_chosen,
     parameter_name,
@@ -27,6 +28,10 @@ from wheelsoil.diagnosis_words import probability as as_probability
 
 _LEAST_SHOWN = 0.01
 _MOST_FINDINGS = 8
+_FINDINGS = (
+    "median: of measured less simulated there; shape: what that shape adds by itself, beside a soil that moves with "
+    "it, so that its sign can be the other"
+)
 _LEAST_WIDTH, _MOST_WIDTH = 80, 100
 
 
@@ -128,13 +133,13 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
     rows = [
         [
             plain_name(found.channel),
-            f"{number(found.size, 3)} {FINDING_UNITS.get(found.channel, '')}",
+            *(_in_unit(value, found.channel) for value in (median_there(diagnosis, found), found.size)),
             number(found.statistic, 3),
             found.where,
         ]
         for found in findings
     ]
-    head = ["channel", "by", "sigmas", "where"]
+    head = ["channel", "median", "shape", "sigmas", "where"]
     aligned = [[*row[:-1], ""] for row in rows]
     lines = table_lines([*head[:-1], ""], aligned)
     widest = max(map(len, lines)) + 2
@@ -146,7 +151,12 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
     ]
     more = len(diagnosis.what_is_wrong) - len(findings)
     tail = [f"and {more} more (--json)"] if more else []
-    return ["Where the simulation is off, worst first", *_indented([*folded, *tail])]
+    note = wrapped(_FINDINGS, width - 2)
+    return ["Where the simulation is off, worst first", *_indented([*folded, *tail, *note])]
+
+
+def _in_unit(value: float, channel: str) -> str:
+    return f"{number(value, 3)} {FINDING_UNITS.get(channel, '')}".rstrip() if isfinite(value) else "-"
 
 
 def _gain(diagnosis: Diagnosis, width: int) -> list[str]:

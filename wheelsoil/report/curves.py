@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.observations import CHANNELS
+from wheelsoil.model_styles import style
 from wheelsoil.report.bands import model_sigma
 from wheelsoil.report.content import Figure, Panels
 from wheelsoil.report.figures import (
@@ -22,7 +23,6 @@ from wheelsoil.report.figures import (
     look_at,
     marked_line,
     see_through,
-    style,
 )
 from wheelsoil.report.material import FloatArray, Material
 from wheelsoil.report.thinning import EDGES, Bins, binned
@@ -92,10 +92,23 @@ def curves_of(material: Material, channel: str, key: str, axis: str, reading: st
         layout = axes("slip", axis, height=430)
         seen = ends if half == "driving" else (float(np.percentile(pool.slip[inside], 0.5)), 0.0)
         look_at(layout, "x", np.array(seen), margin=0.02)
-        look_at(layout, "y", measured[inside])
+        look_at(layout, "y", measured[inside], also=_medians(pool.slip, predicted, choices, inside))
         figures.append(Figure(f"{key}-{half}", half.capitalize(), data, layout, groups))
     errors, numbers = _errors(material, key, axis, measured, predicted)
     return Curves(Panels(figures, reading, list(choices)), errors, numbers)
+
+
+def _medians(
+    slip: FloatArray,
+    predicted: dict[str, FloatArray],
+    choices: dict[str, NDArray[np.bool_]],
+    inside: NDArray[np.bool_],
+) -> FloatArray:
+    """Return every point of every model's line, whichever runs are chosen."""
+    rows = [chosen & inside for chosen in choices.values()]
+    return np.concatenate(
+        [binned(slip[keep], values[keep], EDGES).median for values in predicted.values() for keep in rows]
+    )
 
 
 def _traces(
@@ -110,7 +123,7 @@ def _traces(
     s, y = slip[rows], measured[rows]
     curve = binned(s, y, EDGES)
     traces = [
-        density(s, y, ends, "samples"),
+        *density(s, y, ends, "samples"),
         *band(curve.centre, curve.lower, curve.upper, "middle half", GREY_BAND),
         line(curve.centre, curve.median, "measured", MEASURED, "solid", 2.4),
     ]

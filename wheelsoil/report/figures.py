@@ -1,17 +1,16 @@
-"""Plotly figures as plain dicts: one style, colour-blind-safe, and legible in black and white.
-
-Colours are Okabe and Ito's; every model also has its own dash and marker.
-"""
+"""Plotly figures as plain dicts: one style, colour-blind-safe, and legible in black and white."""
 
 from __future__ import annotations
 
 import html
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from wheelsoil.model_styles import Style
+from wheelsoil.report.thinning import thinned_rows
 
 FloatArray = NDArray[np.float64]
 Trace = dict[str, Any]
@@ -20,33 +19,11 @@ MEASURED = "#111111"
 CLOUD = "rgba(90,90,90,0.35)"
 GREY_BAND = "rgba(0,0,0,0.13)"
 GRID = "#e3e3e3"
-_COLUMNS, _ROWS = 50, 34
-"""Cells of a density."""
-
-
-@dataclass(frozen=True)
-class Style:
-    """How one model looks in every figure."""
-
-    label: str
-    colour: str
-    dash: str
-    symbol: str
-
-
-STYLES: dict[str, Style] = {
-    "wong": Style("Wong", "#D55E00", "dash", "circle"),
-    "vasilev": Style("Vasil'ev", "#0072B2", "dot", "square-open"),
-    "lyasko": Style("Lyasko", "#009E73", "solid", "diamond"),
-    "ding": Style("Ding", "#CC79A7", "dashdot", "triangle-up"),
-    "chosen": Style("chosen", "#882255", "longdashdot", "star"),
-}
-_SPARE = Style("", "#555555", "6px 2px 1px 2px", "hexagon")
-
-
-def style(model: str) -> Style:
-    """Return a model's style; an unknown model gets a spare one under its own name."""
-    return STYLES.get(model) or Style(model, _SPARE.colour, _SPARE.dash, _SPARE.symbol)
+_NONE: FloatArray = np.zeros(0)
+_COLUMNS, _ROWS, _LONE_CELLS = 50, 34, 12
+"""Cells of a density, and those of which one sample each is drawn where it lies outside of them."""
+_BULK = (0.5, 99.5)
+"""Percentiles between which the bulk of a figure lies."""
 
 
 def words(text: str) -> str:
@@ -107,8 +84,8 @@ def band(x: FloatArray, lower: FloatArray, upper: FloatArray, name: str, colour:
     ]
 
 
-def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: str) -> Trace:
-    """Return how many samples lie where, as grey cells: white is none, the darker the more.
+def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: str) -> list[Trace]:
+    """Return how many samples lie where, as grey cells: white is none, the darker the more; the few beyond as dots.
 
     Parameters
     ----------
@@ -117,16 +94,22 @@ def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: st
     x_range : (float, float)
         What lies outside is left out.
     name : str
+
+    Returns
+    -------
+    list of Trace
+        The cells, over all but the outermost half percent of y at either end, and dots for what lies outside of them.
     """
     known = np.isfinite(x) & np.isfinite(y) & (x >= x_range[0]) & (x <= x_range[1])
+    x, y = x[known], y[known]
     across = np.linspace(*x_range, _COLUMNS + 1)
-    low, high = np.percentile(y[known], [0.2, 99.8]) if known.any() else (0.0, 1.0)
+    low, high = np.percentile(y, _BULK) if len(y) else (0.0, 1.0)
     up = np.linspace(low, high if high > low else low + 1.0, _ROWS + 1)
-    counts = np.histogram2d(y[known], x[known], bins=[up, across])[0].astype(int)
+    counts = np.histogram2d(y, x, bins=[up, across])[0].astype(int)
     filled = np.flatnonzero(counts.any(axis=0))
     first, last = (filled[0], filled[-1] + 1) if len(filled) else (0, 1)
     seen = counts[counts > 0]
-    return {
+    cells: Trace = {
         "type": "heatmap",
         "name": words(name),
         "x0": float(f"{(across[first] + across[first + 1]) / 2:.5g}"),
@@ -140,6 +123,9 @@ def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: st
         "showscale": False,
         "hoverinfo": "skip",
     }
+    beyond = np.flatnonzero((y < up[0]) | (y > up[-1]))
+    lone = beyond[thinned_rows(x[beyond], y[beyond], cells=_LONE_CELLS, per_cell=1)]
+    return [cells, *([dots(x[lone], y[lone], name) | {"showlegend": False}] if len(lone) else [])]
 
 
 def shades(spans: Sequence[tuple[float, float]], low: float, high: float, name: str, look: tuple[str, str]) -> Trace:
@@ -209,7 +195,9 @@ def axes(x_title: str, y_title: str, *, height: int = 380, **more: Any) -> dict[
     return layout | more
 
 
-def look_at(layout: dict[str, Any], axis: str, values: FloatArray, *, margin: float = 0.08) -> None:
+def look_at(
+    layout: dict[str, Any], axis: str, values: FloatArray, *, also: FloatArray = _NONE, margin: float = 0.08
+) -> None:
     """Let an axis start at the range of some values (their outermost half percent left out); double-click shows all.
 
     Parameters
@@ -219,12 +207,26 @@ def look_at(layout: dict[str, Any], axis: str, values: FloatArray, *, margin: fl
     axis : "x" or "y"
     values : float64 array
         NaN is left out; without any number the axis stays as it is.
+    also : float64 array
+        What belongs to the view too, e.g. the lines of models, as long as that no more than doubles its range.
     margin : float
         Share of the range that is added on either side.
     """
     known = values[np.isfinite(values)]
     if not len(known):
         return
-    low, high = (float(value) for value in np.percentile(known, [0.5, 99.5]))
+    low, high = (float(value) for value in np.percentile(known, _BULK))
+    low, high = _stretched(low, high, also[np.isfinite(also)])
     pad = margin * (high - low) or 1.0
     layout[f"{axis}axis"] |= {"range": [low - pad, high + pad], "autorange": False}
+
+
+def _stretched(low: float, high: float, also: FloatArray) -> tuple[float, float]:
+    """Return a range that holds some values too, at most twice as long: what one end leaves, the other may take."""
+    if not len(also):
+        return low, high
+    span = high - low
+    below, above = max(low - float(also.min()), 0.0), max(float(also.max()) - high, 0.0)
+    if below + above > span:
+        below, above = min(below, max(span - above, span / 2)), min(above, max(span - below, span / 2))
+    return low - below, high + above

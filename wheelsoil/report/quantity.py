@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from wheelsoil.model_styles import style
 from wheelsoil.report.content import Figure
-from wheelsoil.report.figures import GREY_BAND, MEASURED, Trace, axes, band, dots, line, look_at, marked_line, style
+from wheelsoil.report.figures import GREY_BAND, MEASURED, Trace, axes, band, dots, line, look_at, marked_line
 from wheelsoil.report.material import FloatArray, Material
 from wheelsoil.report.thinning import EDGES, binned, thinned_by_sign
 
@@ -34,7 +35,8 @@ def quantity_figure(
     pool = material.pool
     data: list[Trace] = []
     numbers: dict[str, Any] = {"unit": axis}
-    seen = [measured[pool.slip > 0]]
+    driven = measured[pool.slip > 0]
+    lines = []
     if np.isfinite(measured).any():
         curve = binned(pool.slip, measured, EDGES)
         rows = thinned_by_sign(pool.slip, measured)
@@ -48,8 +50,9 @@ def quantity_figure(
         curve = binned(pool.slip, factor * pool.predicted(model.name, name), EDGES)
         data.append(marked_line(curve.centre, curve.median, style(model.name).label, style(model.name)))
         numbers[model.name] = curve
-        seen.append(curve.median[curve.centre > 0])
+        lines.append(curve.median[curve.centre > 0])
     layout = axes("slip", axis, height=380)
     look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
-    look_at(layout, "y", np.concatenate(seen))
+    said = np.concatenate(lines)
+    look_at(layout, "y", driven if np.isfinite(driven).any() else said, also=said)
     return Figure(key, axis, data, layout), numbers

@@ -15,6 +15,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from daq.errors import ConfigError, DataError, Fault, WheelsoilError
+from wheelsoil.model_styles import styles_script
 from wheelsoil.plain import to_json
 from wheelsoil.view.campaigns import NotReadyError
 from wheelsoil.view.desk import Desk, UnknownKeyError
@@ -62,7 +63,8 @@ def make_app(desk: Desk, rules: Rules) -> ASGIApp:
     def diagnose(asked: CampaignAsked) -> Any:
         return desk.diagnose(asked.campaign)
 
-    page = files_in("wheelsoil.web") | files_in("wheelsoil.view") | {"/plotly.js": _plotly()}
+    page = files_in("wheelsoil.web") | files_in("wheelsoil.view")
+    page |= {"/plotly.js": _plotly(), "/styles.js": styles_script()}
     routes = [
         _get("/api/list", lambda _: desk.list()),
         _get("/api/run", lambda of: desk.run(of("campaign"), of("run"))),

@@ -8,8 +8,9 @@ from daq.errors import DataError
 from model.observations import CHANNELS
 from processing.processed_run import ProcessedRun, Segment
 from processing.segments import runs_of
+from wheelsoil.model_styles import style
 from wheelsoil.report.content import Figure, Panels, Section
-from wheelsoil.report.figures import MEASURED, Trace, axes, line, look_at, shades, style
+from wheelsoil.report.figures import MEASURED, Trace, axes, line, look_at, shades
 from wheelsoil.report.material import FloatArray, Material
 from wheelsoil.report.thinning import decimated_rows, points_of_run
 
@@ -66,8 +67,11 @@ def _figure(material: Material, channel: str, runs: list[int]) -> Figure:
         data += traces
         groups += [run.run.id] * len(traces)
     layout = axes("time (s)", f"{name} ({unit})", height=360)
-    driven = values[material.pool.slip > 0]
-    look_at(layout, "y", driven if np.isfinite(driven).any() else values, margin=0.15)
+    driven = np.isfinite(values) & (material.pool.slip > 0)
+    shown = driven if driven.any() else np.isfinite(values)
+    said = [material.pool.predicted(model.name, CHANNELS[channel])[shown] for model in material.fit.models]
+    bulk = [np.nanpercentile(one, [1, 99]) for one in said if np.isfinite(one).any()]
+    look_at(layout, "y", values[shown], also=np.concatenate([*bulk, np.zeros(0)]), margin=0.15)
     return Figure(f"time-{channel}", name.capitalize(), data, layout, groups, wide=True)
 
 

@@ -9,8 +9,8 @@ from model.fit_problem import free_parameters
 from model.fit_result import EXTENDED, CampaignFit, Estimate, ModelFit
 from model.observations import CHANNELS
 from model.wheel_soil import WheelSoilModel
+from wheelsoil.model_styles import style
 from wheelsoil.report.content import Block, Section, Table, Text
-from wheelsoil.report.figures import style
 from wheelsoil.report.material import Material
 from wheelsoil.report.words import PARAMETERS, count, interval, listed, number, unit
 

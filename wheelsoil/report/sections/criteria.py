@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from model.fit_result import CampaignFit
+from wheelsoil.model_styles import style
 from wheelsoil.report.content import Section, Table
-from wheelsoil.report.figures import style
 from wheelsoil.report.material import Material
 from wheelsoil.report.words import PARAMETERS, count, interval, number
 

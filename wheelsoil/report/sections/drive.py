@@ -6,7 +6,8 @@ import numpy as np
 
 from processing.processed_run import ProcessedRun
 from wheelsoil.report.content import Figure, Panels, Section
-from wheelsoil.report.figures import MEASURED, STYLES, Trace, axes, line
+from wheelsoil.model_styles import STYLES
+from wheelsoil.report.figures import MEASURED, Trace, axes, line
 from wheelsoil.report.material import FloatArray, Material
 from wheelsoil.report.thinning import decimated_rows, points_of_run
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from model.diagnosis.result import Diagnosis, Seen
 from wheelsoil.diagnosis_words import CHANNEL_NAMES, CHANNEL_UNITS, effect_name
+from wheelsoil.model_styles import STYLES, Style
 from wheelsoil.report.content import Block, Figure, Panels, Section, Text
-from wheelsoil.report.figures import MEASURED, STYLES, Style, Trace, axes, dots, line, look_at, marked_line
+from wheelsoil.report.figures import MEASURED, Trace, axes, dots, line, look_at, marked_line
 from wheelsoil.report.material import FloatArray, Material
 from wheelsoil.report.thinning import EDGES, Bins, binned, parted_at_zero, thinned_rows
 from wheelsoil.report.words import listed

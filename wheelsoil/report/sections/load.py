@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from model.fit_result import ModelFit
+from wheelsoil.model_styles import style
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
-from wheelsoil.report.figures import axes, look_at, marked_line, style
+from wheelsoil.report.figures import axes, look_at, marked_line
 from wheelsoil.report.material import FloatArray, Material, Pool
 from wheelsoil.report.thinning import EDGES, binned
 from wheelsoil.report.words import number

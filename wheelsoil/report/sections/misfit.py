@@ -7,7 +7,14 @@ from typing import Any
 import numpy as np
 
 from model.diagnosis.result import Diagnosis, Seen
-from wheelsoil.diagnosis_words import CHANNEL_NAMES, CHANNEL_UNITS, FINDING_NOTE, FINDING_UNITS, plain_name
+from wheelsoil.diagnosis_words import (
+    CHANNEL_NAMES,
+    CHANNEL_UNITS,
+    FINDING_NOTE,
+    FINDING_UNITS,
+    median_there,
+    plain_name,
+)
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import GREY_BAND, MEASURED, Trace, axes, band, dots, line, look_at, words
 from wheelsoil.report.figures import numbers as plotted
@@ -20,7 +27,7 @@ TITLE = "What is wrong, and where"
 
 _BINS = 12
 _SHOWN = 12
-_MOST_SIGMAS = 6.0
+_LEAST_SIGMAS = 6.0
 """Of the axes in noise sigmas; double-click shows what lies beyond."""
 _READING = (
     "dots are measured less simulated (soil re-calibrated, no cause added), black is their median; grey holds 95 % of "
@@ -33,7 +40,11 @@ def build(material: Material) -> Section:
     """Build the section: the findings, and six panels for each measured channel."""
     found = material.diagnosis
     blocks: list[Block] = [_findings(found), *_inconsistent(found)]
-    numbers: dict[str, Any] = {"what_is_wrong": found.what_is_wrong, "inconsistent": found.inconsistent}
+    numbers: dict[str, Any] = {
+        "what_is_wrong": found.what_is_wrong,
+        "median_there": [median_there(found, one) for one in found.what_is_wrong],
+        "inconsistent": found.inconsistent,
+    }
     names = [seen.campaign for seen in found.seen]
     channels = [c for c in CHANNEL_NAMES if any(c in seen.base for seen in found.seen)]
     for channel in channels:
@@ -50,14 +61,18 @@ def _findings(found: Diagnosis) -> Block:
         [
             plain_name(one.channel),
             one.where,
-            f"{number(one.size)} {FINDING_UNITS.get(one.channel, '')}".rstrip(),
+            _with_unit(median_there(found, one), one.channel),
+            _with_unit(one.size, one.channel),
             signed(one.statistic, ".1f"),
         ]
         for one in found.what_is_wrong[:_SHOWN]
     ]
-    return Table(
-        "Where the simulation is off, worst first", ["channel", "where", "by", "sigmas"], rows, FINDING_NOTE, left=2
-    )
+    head = ["channel", "where", "median there", "size of the shape", "sigmas"]
+    return Table("Where the simulation is off, worst first", head, rows, FINDING_NOTE, left=2)
+
+
+def _with_unit(value: float, channel: str) -> str:
+    return f"{number(value)} {FINDING_UNITS.get(channel, '')}".rstrip() if np.isfinite(value) else "–"
 
 
 def _inconsistent(found: Diagnosis) -> list[Block]:
@@ -84,12 +99,22 @@ def _panels(everything: tuple[Seen, ...], channel: str) -> tuple[list[Figure], d
             look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
             look_at(layout, "y", np.concatenate([_reach(seen, channel) for seen in views]))
         else:
-            layout["yaxis"] |= {"range": [-_MOST_SIGMAS, _MOST_SIGMAS], "autorange": False}
+            reach = _sigmas_shown([numbers[f"{seen.campaign}: {title}"] for seen in views])
+            layout["yaxis"] |= {"range": [-reach, reach], "autorange": False}
         if key == "run":
             layout["xaxis"] |= {"type": "category"}
+        elif key != "slip":
+            look_at(layout, "x", np.concatenate([getattr(seen, key) for seen in views]))
         name = f"{CHANNEL_NAMES[channel].capitalize()} {title}"
         figures.append(Figure(f"misfit-{channel}-{key}", name, data, layout, groups))
     return figures, numbers
+
+
+def _sigmas_shown(panels: list[dict[str, Any]]) -> float:
+    """Return how far an axis in noise sigmas goes: as far as the medians do, at least to `_LEAST_SIGMAS`."""
+    ends = [one[key] if "run" in one else one["median"].median for one in panels for key in ("lower", "upper")]
+    far = np.abs(np.concatenate(ends))
+    return max(_LEAST_SIGMAS, 1.1 * float(np.max(far[np.isfinite(far)], initial=0.0)))
 
 
 def _reach(seen: Seen, channel: str) -> FloatArray:
@@ -116,7 +141,7 @@ _AGAINST = (
     ("vertical_load_n", "vertical load (N)", "against load"),
     ("ground_speed_mps", "ground speed (m/s)", "against speed"),
     ("time_s", "time in the run (s)", "against time"),
-    ("line_position", "place along the line (−1 to 1)", "against place"),
+    ("line_position", "place along the line (−1: one end, 1: the other)", "against place"),
     ("run", "run", "run by run"),
 )
 

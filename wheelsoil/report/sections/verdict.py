@@ -12,9 +12,9 @@ from model.diagnosis.result import Diagnosis, Gain
 from model.fit_result import CHOSEN, EXTENDED
 from wheelsoil.diagnosis_words import plain_name
 from wheelsoil.fitting import NOT_AT_AN_END, ended
+from wheelsoil.model_styles import style
 from wheelsoil.report.comparison import Ranking, rank
 from wheelsoil.report.content import Block, Section, Text
-from wheelsoil.report.figures import style
 from wheelsoil.report.material import Material
 from wheelsoil.report.words import listed, number
 

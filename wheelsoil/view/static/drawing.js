@@ -1,22 +1,20 @@
 // Plotly, and how everything looks: colours that the colour-blind can tell apart (Okabe and Ito), and never by colour alone.
 
 import { Refused } from "./api.js";
+import { BY_HAND as HAND, MODELS, SPARE } from "./styles.js";
 
 /** A colour of common.css, as it is now: light or dark. */
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
 export const B_COLOUR = "#E69F00";
 export const PICKED = "#F0E442";
-export const BY_HAND = { name: "by hand", colour: "#D55E00", dash: "solid", width: 3.5 };
+export const BY_HAND = { name: HAND.label, colour: HAND.colour, dash: HAND.dash, width: 3.5 };
 export const BY_HAND_B = { name: "by hand, on the other soil", colour: B_COLOUR, dash: "longdash", width: 3 };
-const MODELS = {
-  wong: { name: "Wong", colour: "#D55E00", dash: "dash" },
-  vasilev: { name: "Vasil'ev", colour: "#0072B2", dash: "dot" },
-  lyasko: { name: "Lyasko", colour: "#009E73", dash: "longdashdot" },
-  ding: { name: "Ding", colour: "#CC79A7", dash: "dashdot" },
-};
-const SPARE = { colour: "#56B4E9", dash: "longdash" };
-export const modelStyle = (name) => ({ ...(MODELS[name] ?? { ...SPARE, name }), width: 2 });
+/** A model looks as it does in the report; styles.js is made from the report's table. */
+export function modelStyle(key) {
+  const { label, colour: own, dash } = MODELS[key] ?? { ...SPARE, label: key };
+  return { name: label, colour: own, dash, width: 2 };
+}
 
 export const SEGMENTS = {
   drive: { letter: "D", fill: "rgba(0,158,115,0.13)" },
