@@ -26,7 +26,8 @@ FloatArray = NDArray[np.float64]
 LONGEST = 200
 """Samples whose covariance is formed at once."""
 MOST = 1500
-"""Samples that tell the hyper-parameters well enough: of a longer campaign only every so many blocks are taken."""
+"""Samples that tell the hyper-parameters well enough: of a longer campaign about so many are taken, from every run."""
+_SHORTEST = 60
 
 
 @dataclass(frozen=True)
@@ -75,12 +76,19 @@ def blocks_of(
     for run in range(samples.runs):
         own = np.flatnonzero((samples.run == run) & columns.present.any(axis=0))
         rest = np.flatnonzero(samples.rests.run == run)
-        pieces = np.array_split(own, max(1, -(-len(own) // LONGEST)))
-        for i, piece in enumerate(pieces[:: max(1, round(len(samples) / MOST))]):
+        for i, piece in enumerate(_pieces(own, len(own) if len(samples) <= MOST else MOST // samples.runs, run)):
             here = rest if i == 0 else rest[:0]
             if len(piece) or len(here):
                 found.append(_block(samples, linear, columns, second, resting, piece, here))
     return found
+
+
+def _pieces(own: NDArray[np.intp], most: int, first: int) -> list[NDArray[np.intp]]:
+    """Cut a run, and keep about `most` of its samples in whole pieces, beginning at another one in each run."""
+    most = max(most, _SHORTEST)
+    pieces = np.array_split(own, max(1, -(-len(own) // min(LONGEST, most))))
+    apart = max(1, round(len(own) / most))
+    return pieces[first % apart :: apart] or pieces[:1]
 
 
 def _block(

@@ -13,7 +13,7 @@ from model.diagnosis.columns import Columns, columns_of
 from model.diagnosis.hyper import OF_FEW, estimated, likelihood
 from model.diagnosis.linearise import Linear, Point, Simulation, linearise
 from model.diagnosis.noise import beliefs, constants, loading, processes
-from model.diagnosis.noise_blocks import blocks_of, derivatives
+from model.diagnosis.noise_blocks import LONGEST, MOST, _pieces, blocks_of, derivatives
 from model.diagnosis.samples import Samples, samples_of
 from model.diagnosis.soil_space import soil_space
 from model.diagnosis.tellable import considered
@@ -93,3 +93,16 @@ def test_every_hyper_parameter_is_used(seen: tuple[Samples, Linear, Columns]) ->
     left = set(beliefs(samples)) - used
     assert all("white" in name or "at_rest" in name for name in left)
     assert all(loading(linear, samples, p.loading).shape == linear.value.shape for p in listed)
+
+
+@pytest.mark.parametrize(("runs", "length"), [(1, 150), (6, 156), (6, 400), (20, 240), (1, 5000), (60, 200), (3, 0)])
+def test_of_a_long_campaign_every_run_tells_the_noise_a_little(runs: int, length: int) -> None:
+    whole = runs * length <= MOST
+    kept = [_pieces(np.arange(length), length if whole else MOST // runs, run) for run in range(runs)]
+    sizes = [sum(len(piece) for piece in pieces) for pieces in kept]
+    assert all(len(piece) <= LONGEST for pieces in kept for piece in pieces)
+    if whole:
+        assert sizes == [length] * runs
+    else:
+        assert min(sizes) > 0 and sum(sizes) <= max(1.5 * MOST, 1.5 * 60 * runs)
+        assert len({int(pieces[0][0]) for pieces in kept}) > 1 or runs == 1
