@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from processing.options import SLIP_ROLES
 from processing.processed_run import ProcessedRun, Reason
 
 Level = Literal["good", "fair", "poor"]
@@ -59,8 +60,9 @@ def grade_of(run: ProcessedRun, lost: Sequence[str] = ()) -> Grade:
     share = float(run.used.sum() / moving.sum()) if moving.any() else float("nan")
     slip = run.slip[run.used]
     highest = float(np.percentile(slip, 99.5)) if len(slip) else float("nan")
-    poor, fair = _of_samples(run, share, highest)
-    notes = run.quality.notes
+    notes, missing = run.quality.notes, run.quality.missing
+    poor, fair = _of_samples(run, share, highest) if not set(missing) & set(SLIP_ROLES) else ([], [])
+    poor = [*missing.values(), *poor]
     poor += [note for note in notes if _WRONG_SIGN.search(note)]
     fair += [*(note for note in notes if _DOUBTFUL.search(note)), *_zeros(run), *lost]
     level: Level = "poor" if poor else "fair" if fair else "good"

@@ -11,7 +11,8 @@ from daq.errors import DataError, WheelsoilError
 from model.diagnosis.result import Diagnosis
 from model.extended import ExtendedModel
 from model.fit_result import CampaignFit
-from processing.options import ProcessOptions
+from processing.options import LOOK, ProcessOptions
+from processing.processed_run import ProcessedRun
 from wheelsoil.choice import Choice, provenance_of
 from wheelsoil.diagnosing import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
 from wheelsoil.fitting import FitChoices, fit_runs, one_terrain
@@ -71,7 +72,7 @@ def report_of(
         that says why.
     """
     choice = choice or Choice()
-    choices, options = choice.fit_choices(extended), choice.process_options()
+    choices, options = choice.fit_choices(extended), choice.process_options(LOOK)
     processed = open_and_process(
         paths,
         options,
@@ -98,8 +99,8 @@ def report_of_processed(
 ) -> Report:
     """Fit processed runs, unless they are already, and build the report; see `report_of`."""
     first = one_terrain([run for run, _ in processed])
-    problem = ""
-    if campaign is None:
+    problem = nothing_whole([run for _, run in processed])
+    if campaign is None and not problem:
         try:
             campaign = fit_runs(processed, choices, soil)
         except DataError as error:
@@ -125,6 +126,13 @@ def report_of_processed(
     return build_report(material)
 
 
+def nothing_whole(runs: Sequence[ProcessedRun]) -> str:
+    """Return which signals are missing, and what to do, where no run carries all that a fit needs; else nothing."""
+    if not all(run.quality.missing for run in runs):
+        return ""
+    return ", and ".join(dict.fromkeys(text for run in runs for text in run.quality.missing.values()))
+
+
 def _plain(choices: FitChoices) -> dict[str, object]:
     extended = choices.extended.provenance.get("sentence", "yes") if choices.extended else None
     return {**asdict(replace(choices, extended=None)), "extended": extended}
@@ -135,6 +143,8 @@ def diagnosed_runs(paths: Sequence[Path], processed: Processed, choices: FitChoi
 
     Runs that are too poor get a verdict that says so; an error is a file that is wrong, or a fault of ours.
     """
+    if missing := nothing_whole([run for _, run in processed]):
+        return Diagnosed(why_not=missing)
     try:
         options = diagnosis_options(choices.reading)
         return Diagnosed(diagnose_campaigns(campaigns_of(paths, processed, soil), options))

@@ -84,7 +84,14 @@ def _starts_by_position(runs: Sequence[ProcessedRun], sides: list[float]) -> tup
     if max(abs(_travel(x, run)) for x, run in zip(along, runs, strict=True)) < _LEAST_LENGTH_M:
         return None, "the positions do not change: where on the line a run lies is taken from its distance"
     along = [x if turned > 0 else -x for x in along]
-    return [float(np.nanmedian(x - side * run.distance_m)) for x, side, run in zip(along, sides, runs, strict=True)], ""
+    return [_start(x, side * run.distance_m) for x, side, run in zip(along, sides, runs, strict=True)], ""
+
+
+def _start(along: FloatArray, way: FloatArray) -> float:
+    """Return where a run starts; of one whose way is not known, the first fix."""
+    starts = along - way
+    known = starts if np.isfinite(starts).any() else along[np.isfinite(along)][:1]
+    return float(np.nanmedian(known))
 
 
 def _travel(along: FloatArray, run: ProcessedRun) -> float:

@@ -171,7 +171,7 @@ def test_runs_without_forces_still_give_quality_and_provenance(processed):
     ]
     report = report_of_processed(stripped, FitChoices(), ProcessOptions())
     kept = {section.key for section in report.sections} - set(report.left_out)
-    assert kept == {"glance", "quality", "drive", "track", "sensors", "provenance"}
+    assert kept == {"glance", "quality", "time", "drive", "track", "sensors", "provenance"}
     assert "No result" in text_of(report, "glance")
     assert report.sentence.startswith("no result")
     assert "Wheel–soil model" in report.html("x.json")

@@ -1,4 +1,4 @@
-"""Drawbar pull and torque against time with each model: the paper's Fig. 4 and 5."""
+"""Drawbar pull and torque against time with each model: the paper's Fig. 4 and 5. Without a fit what was measured."""
 
 from __future__ import annotations
 
@@ -22,6 +22,10 @@ _READING = (
     "model is wrong. The ground says what the vehicle did (plain: it coasted); gaps are samples that were left out. "
     "The axis holds what was driven, which is what is fitted; double-click shows braking, too."
 )
+_READING_OF_ALL = (
+    "what was measured, all of it: no model was fitted to these runs. The ground says what the vehicle did (plain: it "
+    "coasted, or that is not known)."
+)
 _SEGMENTS = {
     Segment.DRIVE: ("driving", ("#dcebf7", "")),
     Segment.BRAKE: ("braking", ("#fbe5d3", "/")),
@@ -38,6 +42,8 @@ def build(material: Material) -> Section:
     DataError
         The drawbar pull was not measured, or no run has a sample that can be used.
     """
+    if material.campaign is None:
+        return _of_all(material)
     material.pool.measured("dp")
     runs = [i for i, run in enumerate(material.runs) if run.used.any()]
     if not runs:
@@ -51,6 +57,35 @@ def build(material: Material) -> Section:
     names = [material.runs[i].run.id for i in runs]
     lengths = {run.run.id: float(run.time_s[-1]) for run in material.runs if len(run)}
     return Section(KEY, TITLE, [Panels(figures, _READING, names)], {"length_s": lengths})
+
+
+def _of_all(material: Material) -> Section:
+    """Return the section where there is no fit: what was measured, whether it could be used or not."""
+    figures, names = [], []
+    points = points_of_run(len(material.runs))
+    for channel, (name, unit) in _SHOWN.items():
+        values = [getattr(run, CHANNELS[channel]) for run in material.runs]
+        runs = [run for run, of in zip(material.runs, values, strict=True) if np.isfinite(of).any()]
+        if not runs:
+            continue
+        everything = np.concatenate(values)
+        low, high = float(np.nanmin(everything)), float(np.nanmax(everything))
+        data: list[Trace] = []
+        groups: list[str] = []
+        for run in runs:
+            measured = getattr(run, CHANNELS[channel])
+            rows = decimated_rows(measured, points)
+            traces = [*_segments(run, low, high), line(run.time_s[rows], measured[rows], "measured", MEASURED)]
+            data += traces
+            groups += [run.run.id] * len(traces)
+        layout = axes("time (s)", f"{name} ({unit})", height=360)
+        look_at(layout, "y", everything, margin=0.15)
+        figures.append(Figure(f"time-{channel}", name.capitalize(), data, layout, groups, wide=True))
+        names += [run.run.id for run in runs]
+    if not figures:
+        raise DataError("neither drawbar pull nor driving torque was measured")
+    lengths = {run.run.id: float(run.time_s[-1]) for run in material.runs if len(run)}
+    return Section(KEY, TITLE, [Panels(figures, _READING_OF_ALL, list(dict.fromkeys(names)))], {"length_s": lengths})
 
 
 def _figure(material: Material, channel: str, runs: list[int]) -> Figure:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from processing.options import SLIP_ROLES
 from processing.processed_run import ProcessedRun
-from wheelsoil.report.content import Figure, Panels, Section
 from wheelsoil.model_styles import STYLES
+from wheelsoil.report.content import Figure, Panels, Section
 from wheelsoil.report.figures import MEASURED, Trace, axes, line
 from wheelsoil.report.material import FloatArray, Material
 from wheelsoil.report.thinning import decimated_rows, points_of_run
@@ -19,36 +20,45 @@ _READING = (
     "where it was too slow or a sample could not be used. A good test sweeps the slip several times."
 )
 
+_PANELS = (
+    ("speed", "Speeds", "speed (m/s)"),
+    ("slip", "Slip", "slip"),
+    ("load", "Vertical load", "vertical load (N)"),
+)
+
 
 def build(material: Material) -> Section:
-    """Build the section: three panels, a choice for each run."""
+    """Build the section: three panels, a choice for each run; what no run carries has no line and no panel."""
     runs = material.runs
     blue, orange = STYLES["vasilev"].colour, STYLES["wong"].colour
-    speeds: list[Trace] = []
-    slips: list[Trace] = []
-    loads: list[Trace] = []
     points = points_of_run(len(runs))
+    drawn: dict[str, list[tuple[str, Trace]]] = {"speed": [], "slip": [], "load": []}
     for run in runs:
-        speeds += [
-            _series(run, run.wheel_speed_radps * run.wheel_radius_m, points, "rim", orange, "dash"),
-            _series(run, run.ground_speed_mps, points, "ground", MEASURED),
-        ]
-        slips.append(_series(run, np.where(run.used, run.slip, np.nan), points, "slip", blue))
-        loads.append(_series(run, run.vertical_load_n, points, "load", MEASURED))
+        missing = run.quality.missing
+        series = (
+            ("speed", "wheel_speed", run.wheel_speed_radps * run.wheel_radius_m, "rim", orange, "dash"),
+            ("speed", "ground_speed", run.ground_speed_mps, "ground", MEASURED, "solid"),
+            ("slip", "slip", np.where(run.used, run.slip, np.nan), "slip", blue, "solid"),
+            ("load", "vertical_load", run.vertical_load_n, "load", MEASURED, "solid"),
+        )
+        lacking = {*missing, *(["slip"] if set(missing) & set(SLIP_ROLES) else [])}
+        for panel, role, values, name, colour, dash in series:
+            if role not in lacking:
+                drawn[panel].append((run.run.id, _series(run, values, points, name, colour, dash)))
+    if not any(np.isfinite(run.vertical_load_n).any() for run in runs):
+        drawn["load"] = []
     names = [run.run.id for run in runs]
     figures = [
         Figure(
-            "drive-speed",
-            "Speeds",
-            speeds,
-            axes("time (s)", "speed (m/s)", height=280),
-            [n for n in names for _ in (0, 1)],
-        ),
-        Figure("drive-slip", "Slip", slips, axes("time (s)", "slip", height=280, showlegend=False), names),
+            f"drive-{panel}",
+            title,
+            [trace for _, trace in drawn[panel]],
+            axes("time (s)", axis, height=280, showlegend=panel == "speed"),
+            [name for name, _ in drawn[panel]],
+        )
+        for panel, title, axis in _PANELS
+        if drawn[panel]
     ]
-    if any(np.isfinite(run.vertical_load_n).any() for run in runs):
-        layout = axes("time (s)", "vertical load (N)", height=280, showlegend=False)
-        figures.append(Figure("drive-load", "Vertical load", loads, layout, names))
     numbers = {"mean_load_n": {run.run.id: _mean(run.vertical_load_n) for run in runs}}
     return Section(KEY, TITLE, [Panels(figures, _READING, names)], numbers)
 

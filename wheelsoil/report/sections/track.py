@@ -73,6 +73,8 @@ def build(material: Material) -> Section:
         Figure("track-slip", "By slip", by_slip, _plane(), slip_groups),
         Figure("track-use", "By what could be used", by_use, _plane(), use_groups),
     ]
+    if not any(np.isfinite(track.slip).any() for track in tracks):
+        del figures[0]
     numbers = {"origin_latitude_deg": origin[0], "origin_longitude_deg": origin[1], "tracks": _facts(tracks)}
     rows = [
         [name, number(fact["length_m"]), number(fact["east_extent_m"]), number(fact["north_extent_m"])]
