@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from html import escape
 from itertools import zip_longest
+from math import isfinite
 
 _LEAST_COLUMN = 12
 _BREAK_AFTER = re.compile(r"[^\s._/]*[\s._/]+|[^\s._/]+")
@@ -14,6 +15,14 @@ _BREAK_AFTER = re.compile(r"[^\s._/]*[\s._/]+|[^\s._/]+")
 def number(value: float, digits: int = 4) -> str:
     """Return a number with `digits` significant digits, or "-" where there is none."""
     return f"{value:.{digits}g}" if value == value else "-"
+
+
+def probability(value: float) -> str:
+    """Return a probability; never 1 or 0, which no data give."""
+    if not isfinite(value):
+        return "-"
+    text = f"{value:.3f}"
+    return {"1.000": ">0.999", "0.000": "<0.001"}.get(text, text)
 
 
 def table_lines(

@@ -39,7 +39,7 @@ class Criteria:
     threshold : float
         Slip at or above which a sample counts.
     R0_per_load : float
-        R0 over the mean vertical load; NaN where no load was given.
+        R0 over the mean vertical load, a torque's over that of load times radius; NaN where no load was given.
     reason : str
         Why a criterion is NaN; empty where none is.
     """
@@ -70,7 +70,7 @@ def criteria(
     threshold : float
         Slip at or above which a sample counts; the paper's is 0.2 on clay and 0.1 on sandy soil.
     vertical_load_n : shape (n,), optional
-        For R0 over the mean load.
+        For R0 over the mean load; for a torque load times radius, N m, so that the share is a number.
 
     Returns
     -------

@@ -75,7 +75,7 @@ def fit_models(
                 for c in CHANNELS
             }
         )
-    return replace(fitted, models=judge_alike(models, everything, predicted, fitted.slip_threshold))
+    return replace(fitted, models=judge_alike(models, everything, predicted, fitted.slip_threshold, wheel.radius_m))
 
 
 @one_thread
@@ -114,7 +114,7 @@ def fit_observations(
     fits = [_fit_one(name, driven, wheel, soil, chosen) for name in chosen.names]
     predictions = [_model(wheel, soil, fit.name, chosen).predict(observations.conditions, fit.values) for fit in fits]
     predicted = [{c: getattr(p, CHANNELS[c]) for c in CHANNELS} for p in predictions]
-    models = judge_alike(fits, observations, predicted, threshold)
+    models = judge_alike(fits, observations, predicted, threshold, wheel.radius_m)
     notes = (f"{lost} driven samples left out: the soil does not carry their load above the axle",) if lost else ()
     return CampaignFit(models, wheel, soil, chosen, threshold, observations, notes)
 
@@ -210,7 +210,11 @@ def _load_ratio(prediction: Prediction, driven: Observations) -> LoadRatio:
 
 
 def judge_alike(
-    fits: Sequence[ModelFit], measured: Observations, predicted: Sequence[dict[str, FloatArray]], threshold: float
+    fits: Sequence[ModelFit],
+    measured: Observations,
+    predicted: Sequence[dict[str, FloatArray]],
+    threshold: float,
+    radius_m: float,
 ) -> tuple[ModelFit, ...]:
     """Give each model M0, R0 and R2, on the same samples: those that every one of them has an answer for.
 
@@ -220,9 +224,10 @@ def judge_alike(
     measured : Observations, n samples
     predicted : for each fit a mapping channel -> array (n,), N or N m; NaN where the model has no answer
     threshold : slip from which on a sample counts
+    radius_m : of the wheel: a torque's error is told over load times radius
     """
     answered = np.logical_and.reduce([np.isfinite(p["dp"]) for p in predicted])
-    load = measured.vertical_load_n
+    forces = {"dp": measured.vertical_load_n, "t": radius_m * measured.vertical_load_n}
     judged = []
     for fit, values in zip(fits, predicted, strict=True):
         found = {
@@ -231,7 +236,7 @@ def judge_alike(
                 np.where(answered, values[c], np.nan),
                 measured.slip,
                 threshold,
-                vertical_load_n=load,
+                vertical_load_n=forces[c],
             )
             for c in CHANNELS
             if c == "dp" or np.isfinite(measured.measured(c)).any()

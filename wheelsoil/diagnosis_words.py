@@ -8,6 +8,7 @@ from math import isfinite
 
 import numpy as np
 
+from daq.shown import probability as probability
 from model.diagnosis.result import CauseSet, Detectable, Diagnosis, Finding, Gain
 from model.diagnosis.verdict_words import SUMS
 from model.effects import EFFECTS
@@ -78,14 +79,6 @@ def reduction(gain: Gain) -> tuple[str, float, float]:
     """Return whether R0 falls or grows, and between what, in percent of the base's; the size is that of the gain."""
     low, high = gain.interval95
     return ("falls", low, high) if gain.reduction_percent >= 0 else ("grows", -high, -low)
-
-
-def probability(value: float) -> str:
-    """Return a probability; never 1 or 0, which no data give."""
-    if not isfinite(value):
-        return "-"
-    text = f"{value:.3f}"
-    return {"1.000": ">0.999", "0.000": "<0.001"}.get(text, text)
 
 
 CAN_BE_SEEN = "Can be seen, cannot be named"

@@ -165,14 +165,25 @@ def growth_sentence(growth: Growth) -> str:
     if growth.reason:
         return f"growth of sinkage with slip: {growth.reason}"
     low, high = growth.from_forces.interval95
-    told = "grows with slip" if low > 0 else "falls with slip" if high < 0 else "may grow with slip or not"
-    return f"whatever the shape of the stress, the sinkage {told}"
+    if low <= 0 <= high:
+        return "over all shapes of the stress, the sinkage may grow with slip or not"
+    told, sign = ("grows", 1.0) if low > 0 else ("falls", -1.0)
+    open_ones = [
+        name
+        for name, found in (
+            ("stays at the bottom", growth.if_peak_stays),
+            ("moves forward with slip", growth.if_peak_moves),
+        )
+        if min(sign * end for end in found.interval95) <= 0
+    ]
+    need = f", but if its peak {' or '.join(open_ones)} it need not" if open_ones else ""
+    return f"over all shapes of the stress, the sinkage {told} with slip{need}"
 
 
 def growth_rows(growth: Growth) -> list[tuple[str, str, str]]:
     """Return what is assumed, the growth from no slip to full slip in mm, and its interval, where it is known."""
     named = (
-        ("whatever the shape of the stress", growth.from_forces),
+        ("over all shapes of the stress", growth.from_forces),
         ("if the stress peaks at the bottom", growth.if_peak_stays),
         ("if its peak moves forward with slip", growth.if_peak_moves),
         ("measured", growth.measured),

@@ -51,7 +51,7 @@ def named_words(
     if alike:
         said.append(
             f"{_listed([plain(f) for f in alike]).capitalize()} would look almost the same in these runs; "
-            "that it is not has been weighed, and rests on small differences"
+            "that it is not has been weighed, and rests on differences that are small, but beyond the noise"
         )
     if alike and runs:
         said.append(f"To be surer of the name, drive next: {runs[0].change}")
@@ -185,7 +185,8 @@ def probability(p: float) -> str:
 def _cause(cause: Cause) -> str:
     form = f", likeliest as {cause.form} ({probability(cause.form_probability)})" if cause.form else ""
     sums = SUMS.get(cause.key, {})
-    sizes = ", ".join(_estimate(p, sums.get(p.name, p.name)) for p in cause.parameters)
+    known = [p for p in cause.parameters if all(map(isfinite, p.interval95))]
+    sizes = ", ".join(_estimate(p, sums.get(p.name, p.name)) for p in known or cause.parameters)
     return f"{plain(cause.name)} is at work (probability {probability(cause.probability)}{form}): {sizes}"
 
 

@@ -213,7 +213,7 @@ def test_models_are_judged_on_the_same_samples() -> None:
     for without in (0, 1):
         predicted = [{c: data.measured(c) + 10.0 * (i + 1) for c in ("dp", "t")} for i in range(2)]
         predicted[without]["dp"][data.slip >= 0.7] = np.nan
-        judged = judge_alike(fits, data, predicted, 0.2)
+        judged = judge_alike(fits, data, predicted, 0.2, 0.47)
         assert [m.criteria["dp"].samples for m in judged] == [counted.sum()] * 2
         np.testing.assert_allclose([m.criteria["dp"].R0_N for m in judged], [10.0, 20.0])
 

@@ -172,8 +172,8 @@ class Material:
             ["friction angle φ", f"{np.degrees(soil.friction_angle_rad):g}°"],
             ["shear modulus K", f"{soil.shear_modulus_m:g} m"],
             ["sinkage exponent n", f"{soil.sinkage_exponent:g}"],
-            ["cohesive modulus k_c", f"{soil.cohesive_modulus / 1e3:g} kN/m^(n+1)"],
-            ["frictional modulus k_φ", f"{soil.frictional_modulus / 1e3:g} kN/m^(n+2)"],
+            ["cohesive modulus k_c", f"{soil.cohesive_modulus / 1e3:g} kN/mⁿ⁺¹"],
+            ["frictional modulus k_φ", f"{soil.frictional_modulus / 1e3:g} kN/mⁿ⁺²"],
         ]
 
     def source_of(self, run: ProcessedRun) -> Source | None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
+
+from wheelsoil.model_styles import STYLES
 
 PARAMETERS = {
     "H_m": "H",
@@ -19,6 +22,30 @@ PARAMETERS = {
     "frictional_modulus": "k_φ",
 }
 """The textbook's letters."""
+
+
+_FORMS = {key: one.label for key, one in STYLES.items()} | {"second_order": "second order"}
+_SIGNS = {"ln_mu": "ln μ", "H2_m": "H₂", "c2": "c₂", "angle_rad": "angle"}
+_POWERS = str.maketrans("0123456789n+-", "⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ⁺⁻")
+
+
+def letter(name: str) -> str:
+    """Return the textbook's letter of a parameter, or else its name in words; its unit is told beside it."""
+    known = PARAMETERS.get(name) or _SIGNS.get(name)
+    return known or (name if "=" in name else named_with_unit(name)[0])
+
+
+def form_name(text: str) -> str:
+    """Return the form of an effect as people write it, also in brackets after its family: "slip sinkage (Vasil'ev)"."""
+    return re.sub(r"\w+", lambda found: _FORMS.get(found[0], found[0]), text)
+
+
+def measured(value: float, sigma: float) -> str:
+    """Return a value with as many digits as its standard error has two, or with four where it has none."""
+    if not (math.isfinite(value) and math.isfinite(sigma) and sigma > 0):
+        return number(value, 4)
+    decimals = max(1 - math.floor(math.log10(sigma)), 0)
+    return f"{value:,.{decimals}f}".replace(",", "\u202f").replace("-", "−")
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -62,7 +89,7 @@ def named_with_unit(name: str) -> tuple[str, str]:
 
 def unit(text: str) -> str:
     """Return a unit as people write it; a plain number has none."""
-    return "" if text == "1" else text
+    return "" if text == "1" else re.sub(r"\^\(?([\dn+-]+)\)?", lambda power: power[1].translate(_POWERS), text)
 
 
 def listed(names: Sequence[str], joint: str = "and") -> str:

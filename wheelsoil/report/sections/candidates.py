@@ -10,7 +10,7 @@ from wheelsoil.diagnosis_words import not_named, parameter_name, plain_name, pro
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes, bars
 from wheelsoil.report.material import Material
-from wheelsoil.report.words import interval, number, unit
+from wheelsoil.report.words import form_name, interval, letter, number, unit
 
 KEY = "candidates"
 TITLE = "Candidates"
@@ -77,7 +77,7 @@ def _figure(found: Diagnosis) -> Figure:
 
 
 def _table(found: Diagnosis) -> Table:
-    head = ["cause", "form", "kind", "parameter", "probability", "value", "95 % interval", "unit"]
+    head = ["cause", "parameter", "value", "95 % interval", "unit", "probability", "form", "kind"]
     rows = [row for cause in found.causes for row in _rows(cause)]
     several = "The set: each as if it were the one" if len(found.causes) > 1 else "Likeliest, and not named"
     title = several if found.verdict == "one_of" else "What was found"
@@ -85,22 +85,21 @@ def _table(found: Diagnosis) -> Table:
         "The family is named first; the form within it only conditionally, with its probability given the family in "
         "brackets. Intervals allow for the noise, for the errors of speed and load, and for the soil."
     )
-    return Table(title, head, rows, note, left=4)
+    return Table(title, head, rows, note, left=2)
 
 
 def _rows(cause: Cause) -> list[list[str]]:
-    form = f"{cause.form} ({probability(cause.form_probability)})" if cause.form else ""
-    names = [plain_name(cause.name), form, cause.kind]
+    form = f"{form_name(cause.form)} ({probability(cause.form_probability)})" if cause.form else ""
     rows = []
     for i, parameter in enumerate(cause.parameters):
         rows.append(
             [
-                *(names if i == 0 else [""] * 3),
-                parameter_name(cause.key, parameter.name),
-                probability(cause.probability) if i == 0 else "",
-                number(parameter.value, 4),
+                plain_name(cause.name) if i == 0 else "",
+                letter(parameter_name(cause.key, parameter.name)),
+                number(parameter.value),
                 interval(*parameter.interval95),
                 unit(parameter.unit),
+                *([probability(cause.probability), form, cause.kind] if i == 0 else [""] * 3),
             ]
         )
     return rows

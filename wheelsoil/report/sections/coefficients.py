@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Any
 
 from model.effects import EFFECTS
@@ -12,7 +13,7 @@ from model.wheel_soil import WheelSoilModel
 from wheelsoil.model_styles import style
 from wheelsoil.report.content import Block, Section, Table, Text
 from wheelsoil.report.material import Material
-from wheelsoil.report.words import PARAMETERS, count, interval, listed, number, unit
+from wheelsoil.report.words import count, letter, listed, measured, number, unit
 
 KEY = "coefficients"
 TITLE = "Parameters"
@@ -94,7 +95,7 @@ def _limits(fit: CampaignFit, model: ModelFit) -> dict[str, tuple[float, float, 
 def _rows(model: ModelFit, limits: dict[str, tuple[float, float, float]]) -> list[list[str]]:
     label = style(model.name).label
     held = [
-        [label if i == 0 else "", PARAMETERS.get(name, name), number(value, 4), *["–"] * 6, "", "held: not shown"]
+        [label if i == 0 else "", letter(name), number(value, 4), *["–"] * 6, "", "held: not shown"]
         for i, (name, value) in enumerate(model.fixed.items())
     ]
     if not model.estimates and not held:
@@ -109,14 +110,14 @@ def _rows(model: ModelFit, limits: dict[str, tuple[float, float, float]]) -> lis
 
 
 def _row(label: str, estimate: Estimate, limit: tuple[float, float, float] | None) -> list[str]:
-    share = relative_error(estimate)
+    share, known = relative_error(estimate), all(map(isfinite, estimate.interval))
     return [
         label,
-        PARAMETERS.get(estimate.name, estimate.name),
-        number(estimate.value, 4),
+        letter(estimate.name),
+        measured(estimate.value, estimate.sigma),
         number(estimate.sigma, 2),
         f"{number(100 * share, 2)} %" if share == share else "–",
-        interval(*estimate.interval, 4),
+        " … ".join(measured(end, estimate.sigma) for end in estimate.interval) if known else "–",
         *(map(number, limit) if limit else ["–"] * 3),
         unit(estimate.unit),
         "by its bound" if estimate.at_bound else "derived" if estimate.derived else "",
@@ -132,7 +133,7 @@ def _correlations(fit: CampaignFit) -> list[Block]:
     rows = [
         [
             style(model.name).label,
-            f"C({PARAMETERS.get(a, a)}, {PARAMETERS.get(b, b)})",
+            f"C({letter(a)}, {letter(b)})",
             f"{value:+.4f}".replace("-", "−"),
         ]
         for model in fit.models

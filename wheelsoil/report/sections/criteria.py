@@ -8,7 +8,7 @@ from model.fit_result import CampaignFit
 from wheelsoil.model_styles import style
 from wheelsoil.report.content import Section, Table
 from wheelsoil.report.material import Material
-from wheelsoil.report.words import PARAMETERS, count, interval, number
+from wheelsoil.report.words import count, interval, letter, measured, number, unit
 
 KEY = "criteria"
 TITLE = "The four models side by side"
@@ -37,7 +37,9 @@ def _laws(fit: CampaignFit) -> Table:
     rows = [
         [
             style(model.name).label,
-            ", ".join(f"{PARAMETERS.get(e.name, e.name)} = {number(e.value, 4)}" for e in model.estimates)
+            ", ".join(
+                f"{letter(e.name)} = {measured(e.value, e.sigma)} {unit(e.unit)}".rstrip() for e in model.estimates
+            )
             or "none: no slip sinkage",
         ]
         for model in fit.models
@@ -47,22 +49,23 @@ def _laws(fit: CampaignFit) -> Table:
 
 
 def _table(fit: CampaignFit, channel: str) -> Table:
-    name, unit = _CHANNELS[channel]
+    name, si = _CHANNELS[channel]
     scores = [model.criteria[channel] for model in fit.models]
     rows = [
         [
             style(model.name).label,
-            number(score.M0_percent),
             number(score.R0_N, 4),
             f"{score.R2:.4f}" if np.isfinite(score.R2) else "–",
             number(100 * score.R0_per_load),
+            number(score.M0_percent),
             number(model.load_ratio.median, 4),
             interval(model.load_ratio.lowest, model.load_ratio.highest, 4),
         ]
         for model, score in zip(fit.models, scores, strict=True)
     ]
     errors = [score.R0_N for score in scores]
-    head = ["model", "M₀ (%)", f"R₀ ({unit})", "R²", "R₀ / load (%)", "load of Eq. 7 / measured", "least … most"]
+    share = "R₀ / load (%)" if channel == "dp" else "R₀ / (load × radius) (%)"
+    head = ["model", f"R₀ ({si})", "R²", share, "M₀ (%)", "load of Eq. 7 / measured", "least … most"]
     role = "fitted" if channel in fit.options.channels else "not fitted"
     reasons = "; ".join(sorted({score.reason for score in scores if score.reason}))
     note = (

@@ -9,7 +9,7 @@ from wheelsoil.diagnosis_words import CAN_BE_SEEN, effect_name, family_of
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes, words
 from wheelsoil.report.material import Material
-from wheelsoil.report.words import number, unit
+from wheelsoil.report.words import form_name, letter, number, unit
 
 KEY = "detectable"
 TITLE = "What could have been seen"
@@ -31,8 +31,8 @@ def build(material: Material) -> Section:
     shares = {key: abs(least.value) / plausible[key] for key, least in found.items() if plausible[key] > 0}
     rows = [
         [
-            effect_name(key) + (" *" if family_of(key) in material.diagnosis.cannot_tell else ""),
-            least.parameter,
+            form_name(effect_name(key)) + (" *" if family_of(key) in material.diagnosis.cannot_tell else ""),
+            letter(least.parameter),
             number(least.value) if isfinite(least.value) else "at no size",
             number(plausible[key]),
             unit(least.unit),
@@ -67,7 +67,7 @@ def _figure(shares: dict[str, float]) -> Figure:
         "mode": "markers",
         "name": "smallest size found",
         "x": [float(f"{shares[key]:.4g}") for key in ordered],
-        "y": [words(effect_name(key)) for key in ordered],
+        "y": [words(form_name(effect_name(key))) for key in ordered],
         "marker": {
             "size": 9,
             "color": ["#0072B2" if shares[key] <= 1 else "#D55E00" for key in ordered],

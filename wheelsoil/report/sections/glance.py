@@ -14,6 +14,8 @@ from wheelsoil.report.words import count, listed
 KEY = "glance"
 TITLE = "In ten seconds"
 
+_END = ". "
+"""Of a sentence: the first is read by everyone, the others stand below the lights."""
 _WHY = 1
 """Reasons of a run that are told here; data quality tells all."""
 _MANY = 12
@@ -29,7 +31,10 @@ def build(material: Material) -> Section:
         Light(name, grade.level, "" if many and grade.level == "good" else _why(grade))
         for name, grade in grades.items()
     ]
-    blocks: list[Block] = [Text(sentence, "lead"), Text(f"{step[0].upper()}{step[1:]}", "next"), Lights("Runs", lights)]
+    first, _, rest = sentence.partition(_END)
+    lead = f"{first}{_END[0]}" if rest else sentence
+    blocks: list[Block] = [Text(lead, "lead"), Text(f"{step[0].upper()}{step[1:]}", "next"), Lights("Runs", lights)]
+    blocks += [Text(rest)] if rest else []
     return Section(KEY, TITLE, blocks, {"sentence": sentence, "next_step": step, "grades": grades})
 
 
@@ -48,7 +53,7 @@ def _why(grade: Grade) -> str:
         more = len(grade.reasons) - _WHY
         told = "; ".join(re.split("[:;] ", reason)[0] for reason in grade.reasons[:_WHY])
         return f"{told}; {count(more)} more" if more > 0 else told
-    return f"{100 * grade.usable_share:.0f} % usable, slip\u00a0to\u00a0{grade.highest_slip:.2f}"
+    return f"{100 * grade.usable_share:.0f} % of motion usable, slip\u00a0to\u00a0{grade.highest_slip:.2f}"
 
 
 def next_step(material: Material, grades: dict[str, Grade]) -> str:

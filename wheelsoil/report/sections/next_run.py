@@ -17,9 +17,10 @@ TITLE = "Next run"
 
 _NOTE = (
     "Expected ln Bayes factor: by how many nats one such run is expected to favour the true candidate over the one "
-    "that looks most like it. 1 is hardly anything, 3 is 20 to 1, 5 is 150 to 1."
+    "that looks most like it. 1 is hardly anything, 3 is 20 to 1, 5 is 150 to 1. It counts noise only: beyond 1000 "
+    "to 1 it is not noise that limits what can be told, but what the models themselves leave out."
 )
-_MOST = 1e6
+_MOST = 1e3
 
 
 def build(material: Material) -> Section:
@@ -54,4 +55,4 @@ def _odds(nats: float) -> float:
 
 
 def _told(odds: float) -> str:
-    return f"{number(odds, 2)} to 1" if odds < _MOST else "over a million to 1"
+    return f"{number(odds, 2)} to 1" if odds < _MOST else "over 1000 to 1"

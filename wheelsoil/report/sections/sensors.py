@@ -100,7 +100,8 @@ def _sensors(runs: tuple[ProcessedRun, ...]) -> list[Table]:
         "samples distrusted",
     ]
     note = (
-        "Rate and sigma: median of the runs. Sigma is of one filtered sample. Sigma of the zero: of what was "
+        "Rate and sigma: median of the runs. Sigma is of one filtered sample; that of pull and torque holds, too, what "
+        "carrying them past the parts outboard of the transducer adds. Sigma of the zero: of what was "
         "taken off, the same in all samples of a run, the largest of the runs of which it is known; the intervals of "
         "the fit do not hold it. Distrusted: the stamp ran backward, or the transducer's status was not 0."
     )

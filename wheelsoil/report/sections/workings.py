@@ -7,7 +7,7 @@ from math import isfinite
 from wheelsoil.diagnosis_words import plain_name
 from wheelsoil.report.content import Block, Section, Table, Text
 from wheelsoil.report.material import Material
-from wheelsoil.report.words import PARAMETERS, named_with_unit, number
+from wheelsoil.report.words import letter, named_with_unit, number
 
 KEY = "workings"
 TITLE = "How the diagnosis was made"
@@ -34,7 +34,7 @@ def build(material: Material) -> Section:
         blocks.append(Table("Noise model", ["quantity", "value", "unit"], rows, note))
     for soil in found.soils:
         rows = [
-            [PARAMETERS.get(name, name), number(value, 4), _sigma(soil.sigmas.get(name, float("nan"))), _SOIL[name]]
+            [letter(name), number(value, 4), _sigma(soil.sigmas.get(name, float("nan"))), _SOIL[name]]
             for name, value in soil.values.items()
         ]
         note = "With the named cause in the model, or none where none is named."

@@ -1,0 +1,125 @@
+"""Numbers, units and names as a report writes them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnosis_samples import diagnosis
+from report_support import material_of, processed_of, section_of
+
+from model.diagnosis.result import NextRun, ParameterEstimate
+from model.sinkage_growth import Estimate, Growth
+from wheelsoil.force_sinkage import growth_sentence
+from wheelsoil.report.build import build_report
+from wheelsoil.report.content import Table, Text
+from wheelsoil.report.material import Material
+from wheelsoil.report.sections import candidates, coefficients, criteria, detectable, glance, next_run
+from wheelsoil.report.words import form_name, letter, measured, unit
+
+CODE = re.compile(r"\b\w+_\w+\b")
+
+
+@pytest.fixture(scope="module")
+def material(campaign: Path) -> Material:
+    return material_of(processed_of(campaign))
+
+
+def cells(section) -> list[str]:
+    return [cell for block in section.blocks if isinstance(block, Table) for row in block.rows for cell in row]
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "said"),
+    [
+        (0.039648, 0.0284, "0.040"),
+        (-0.017131, 0.0284, "−0.017"),
+        (0.61532, 0.0012, "0.6153"),
+        (9202.3, 130.0, "9\u202f202"),
+        (0.123456, np.nan, "0.1235"),
+    ],
+)
+def test_a_value_has_the_digits_that_its_error_leaves(value, sigma, said):
+    assert measured(value, sigma) == said
+
+
+def test_names_and_units_are_those_of_a_reader():
+    assert letter("H_m") == "H" and letter("extra_delay_s") == "extra delay" and letter("ln_mu") == "ln μ"
+    assert letter("p = m1 + m2") == "p = m1 + m2"
+    assert form_name("slip sinkage (vasilev)") == "slip sinkage (Vasil'ev)"
+    assert unit("N/m^(n+1)") == "N/mⁿ⁺¹" and unit("N/m^2") == "N/m²" and unit("1") == ""
+
+
+def test_no_reader_is_shown_a_key(material):
+    found = replace(material, diagnosed=diagnosis("named"))
+    for module in (candidates, coefficients, criteria, detectable):
+        assert [cell for cell in cells(module.build(found)) if CODE.search(cell)] == [], module.KEY
+
+
+def test_a_coefficient_has_its_unit(material):
+    (laws,) = [b for b in criteria.build(material).blocks if isinstance(b, Table) and "Coefficients" in b.caption]
+    of_vasilev = next(row[1] for row in laws.rows if row[0] == "Vasil'ev")
+    assert re.fullmatch(r"H = [\d.]+ m", of_vasilev)
+
+
+def test_the_error_of_a_torque_is_over_load_times_radius(material):
+    vasilev = material.fit.model("vasilev").criteria["t"]
+    load = np.mean(material.fit.observations.vertical_load_n)
+    assert vasilev.R0_per_load == pytest.approx(vasilev.R0_N / load / material.fit.wheel.radius_m, rel=0.05)
+    heads = [block.head for block in criteria.build(material).blocks if isinstance(block, Table)]
+    assert "R₀ / (load × radius) (%)" in heads[1] and "R₀ / load (%)" in heads[0]
+
+
+def test_odds_stop_where_noise_is_no_longer_what_limits(material):
+    found = replace(diagnosis("one_of"), next_run=(NextRun("one more run like the others", ("slip_sinkage",), 22.3),))
+    section = next_run.build(replace(material, diagnosed=found))
+    assert "over 1000 to 1" in cells(section)
+    assert not [cell for cell in cells(section) if "million" in cell]
+
+
+def test_growth_is_not_said_of_every_shape_where_one_leaves_it_open():
+    def growth(moves: tuple[float, float]) -> Growth:
+        grows = Estimate(0.05, (0.001, 0.131))
+        return Growth(grows, grows, Estimate(0.02, moves), Estimate(np.nan, (np.nan, np.nan)))
+
+    assert growth_sentence(growth((-0.002, 0.039))).endswith("if its peak moves forward with slip it need not")
+    assert growth_sentence(growth((0.002, 0.039))).endswith("grows with slip")
+
+
+def test_one_sentence_leads_and_the_others_are_below(material):
+    found = replace(diagnosis("named"), sentence="It is a (p > .999): b = 0.3. On runs left out it helps. Drive c.")
+    report = build_report(replace(material, diagnosed=found))
+    blocks = section_of(report, "glance").blocks
+    texts = {block.kind: block.text for block in blocks if isinstance(block, Text)}
+    assert texts["lead"] == "It is a (p > .999): b = 0.3."
+    assert texts["text"] == "On runs left out it helps. Drive c."
+    assert report.numbers()["sections"]["glance"]["sentence"] == found.sentence
+
+
+def test_a_good_run_says_of_what_its_share_is(material):
+    (lights,) = [b for b in glance.build(material).blocks if hasattr(b, "lights")]
+    assert "% of motion usable" in lights.lights[0].why
+
+
+def test_a_notebook_is_told_gain_next_run_and_no_certainty():
+    found = diagnosis("one_of")
+    sure = replace(found, causes=tuple(replace(cause, probability=0.99999) for cause in found.causes))
+    page = sure._repr_html_()
+    assert "&gt;0.999" in page and "1.000" not in page
+    assert "on runs left out" in diagnosis("named")._repr_html_()
+    assert "next run, best first" in page
+
+
+def test_a_part_of_a_sum_is_not_in_the_sentence():
+    from model.diagnosis.verdict_words import _cause
+
+    nan = float("nan")
+    parts = (
+        ParameterEstimate("p", "1", 0.615, (0.58, 0.64), 0.02),
+        ParameterEstimate("m1", "1", 0.582, (nan, nan), nan),
+    )
+    said = _cause(replace(diagnosis("named").causes[0], key="lyasko", form="lyasko", parameters=parts))
+    assert "p = m1 + m2 = 0.615" in said and "m1 = 0.582" not in said
