@@ -148,16 +148,17 @@ def test_a_refit_is_the_command_line_s_and_the_choice_is_kept(page: Page, view: 
 
 def test_a_file_is_only_replaced_when_that_is_asked_for(page: Page, folder: Path) -> None:
     save = page.get_by_role("button", name="Save", exact=True)
-    (folder / "choice.toml").write_text("# mine\n", encoding="utf-8")
+    mine = '# mine\nschema = "wheelsoil/choice/1"\nslip_threshold = 0.3\n'
+    (folder / "choice.toml").write_text(mine, encoding="utf-8")
     save.click()
     expect(page.locator("#state")).to_have_text("NOT DONE")
     expect(page.locator("#faults")).to_contain_text("do")
-    assert (folder / "choice.toml").read_text(encoding="utf-8") == "# mine\n"
+    assert (folder / "choice.toml").read_text(encoding="utf-8") == mine
     page.get_by_label("replace the file").check()
     save.click()
     expect(page.locator("#saved")).to_contain_text("choice.toml")
     expect(page.locator("#faults li")).to_have_count(0)
-    assert "wheelsoil/choice/1" in (folder / "choice.toml").read_text(encoding="utf-8")
+    assert "[[run]]" in (folder / "choice.toml").read_text(encoding="utf-8")
     page.get_by_label("Name of the file").fill("../elsewhere.toml")
     save.click()
     expect(page.locator("#faults li")).to_have_count(1)

@@ -56,7 +56,9 @@ def test_a_stretch_of_time_is_highlighted_in_every_plot(page: Page, view: View) 
     data = samples(view)
     rows = [i for i, time_s in enumerate(data["time_s"]) if box["x0"] <= time_s <= box["x1"]]
     assert len(rows) > 20
-    expect(page.locator("#brush-count")).to_contain_text(f"{len(rows)} of {len(data['time_s'])} samples of run-1")
+    counted = view.post("/api/selected", campaign="c1", run="r1", kind="time", low=box["x0"], high=box["x1"])
+    assert counted["samples"] > 5 * len(rows) and counted["of"] == data["thinned_from"]
+    expect(page.locator("#brush-count")).to_contain_text(f"{counted['samples']} of {counted['of']} samples of run-1")
     for plot in PLOTS:
         assert picked(page, plot) == len(rows), plot
     assert set(points(page, "slip-drawbar_pull_n", "selected")) == {
@@ -98,7 +100,8 @@ def test_the_keyboard_selects_too(page: Page, view: View) -> None:
 def test_samples_that_are_left_out_are_shown_with_their_reason(page: Page, view: View) -> None:
     data = samples(view)
     standing = data["reason"].count("standstill")
-    page.get_by_role("button", name=re.compile("^Standstill")).click()
+    share = f"^Standstill {100 * data['shares']['standstill']:.1f} %"
+    page.get_by_role("button", name=re.compile(share)).click()
     assert picked(page, "time-drawbar_pull_n") == standing > 0
     left_out = trace(page, "time-drawbar_pull_n", "left out")
     assert "standstill" in left_out["customdata"]

@@ -167,7 +167,8 @@ def test_a_choice_is_of_its_folder_where_another_has_a_run_of_that_name(tmp_path
         first, second = view.settled()
         assert [c["runs"][0]["id"] for c in (first, second)] == ["run-1", "run-1"]
         view.post("/api/choose", campaign="c2", choice={"run": [{"id": "run-1", "keep": [[5, 9]]}]})
-        assert view.campaigns()[0]["runs"][0]["usable_share"] > view.campaigns()[1]["runs"][0]["usable_share"]
+        shares = [view.get(f"/api/run?campaign=c{n}&run=r{n}")["shares"] for n in (1, 2)]
+        assert "by_hand" not in shares[0] and shares[1]["by_hand"] > 0.5
 
 
 def test_a_run_that_is_named_twice_is_there_once(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from wheelsoil.plain import to_json
 from wheelsoil.view.campaigns import NotReadyError
 from wheelsoil.view.desk import Desk, UnknownKeyError
 from wheelsoil.view.entries import fault_of_ours, faults_as_json
-from wheelsoil.view.requests import Asked, CampaignAsked, ChoiceAsked, CurveAsked, SaveAsked, asked_of
+from wheelsoil.view.requests import Asked, CampaignAsked, ChoiceAsked, CurveAsked, SaveAsked, SelectedAsked, asked_of
 from wheelsoil.web.files import files_in, routes_of
 from wheelsoil.web.guard import POLICY, Guard, Rules
 
@@ -51,6 +51,9 @@ def make_app(desk: Desk, rules: Rules) -> ASGIApp:
     def curve(asked: CurveAsked) -> Any:
         return desk.curve(asked)
 
+    def selected(asked: SelectedAsked) -> Any:
+        return desk.selected(asked)
+
     def choose(asked: ChoiceAsked) -> Any:
         return desk.choose(asked.campaign, asked.choice)
 
@@ -71,6 +74,7 @@ def make_app(desk: Desk, rules: Rules) -> ASGIApp:
         _get("/api/parameters", lambda of: desk.parameters(of("campaign"))),
         _get("/api/diagnosis", lambda of: desk.diagnosis(of("campaign"))),
         _post("/api/curve", CurveAsked, curve),
+        _post("/api/selected", SelectedAsked, selected),
         _post("/api/choose", ChoiceAsked, choose),
         _post("/api/fit", CampaignAsked, fit),
         _post("/api/diagnose", CampaignAsked, diagnose, 202),

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
 from daq.errors import Fault, WheelsoilError
 from processing.options import ProcessOptions
 from wheelsoil.view.campaigns import ViewedCampaign, ViewedRun
-from wheelsoil.view.helper import Helper
+from wheelsoil.view.helper import Helper, HelperEndedError
 from wheelsoil.view.jobs import Seen, process_run
+
+_TRIES = 3
 
 
 class Processing:
@@ -79,6 +82,8 @@ class Processing:
         target = self._folder / f"{run.key}-{next(self._number)}.pickle"
         try:
             seen = self._helper.ask(process_run, run.run, options, self._zero, target).result()
+        except HelperEndedError as error:
+            self._try_again(run, options, error)
         except WheelsoilError as error:
             self._put(run, options, faults=error.faults)
         except Exception as error:  # noqa: BLE001  # one run must not take the others along
@@ -89,6 +94,16 @@ class Processing:
         else:
             self._put(run, options, seen=seen, file=target)
 
+    def _try_again(self, run: ViewedRun, options: ProcessOptions, error: HelperEndedError) -> None:
+        """Let a run wait again that the helper's end may be no fault of; after `_TRIES` ends it has failed."""
+        with self._lock:
+            run.ended += 1
+            if run.ended < _TRIES:
+                run.state = "waiting"
+                return
+        step = "close programs if memory is short; then switch the run off and on again"
+        self._put(run, options, faults=tuple(replace(fault, next_step=step) for fault in error.faults), ended=run.ended)
+
     def _put(
         self,
         run: ViewedRun,
@@ -97,9 +112,10 @@ class Processing:
         seen: Seen | None = None,
         file: Path | None = None,
         faults: tuple[Fault, ...] = (),
+        ended: int = 0,
     ) -> None:
         with self._lock:
             if run.file is not None:
                 run.file.unlink(missing_ok=True)
-            run.options, run.seen, run.file, run.faults = options, seen, file, faults
+            run.options, run.seen, run.file, run.faults, run.ended = options, seen, file, faults, ended
             run.settle(next(campaign.options for campaign in self._campaigns if run in campaign.runs))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,16 +16,17 @@ from daq.run import Run
 from model.effects.tyre_flattening import REFERENCE_KPA
 from model.soils import Soil
 from model.wheel import Wheel
-from processing.by_hand import Interval, check_within, with_by_hand
-from processing.options import ProcessOptions
-from processing.processed_run import Reason
-from wheelsoil.choice import Choice
-from wheelsoil.chosen_runs import runs_in_use
+from processing.by_hand import Interval, check_within
+from processing.options import LOOK, ProcessOptions
+from wheelsoil.choice import Choice, ChosenRun
+from wheelsoil.chosen_runs import is_called, runs_in_use
 from wheelsoil.fitting import known_soil, wheel_of
+from wheelsoil.grading import Grade, grade_of
 from wheelsoil.view.curve import Base
 from wheelsoil.view.jobs import Member, Seen
 
 RunState = Literal["waiting", "processing", "ready", "failed"]
+Keeps = tuple[tuple[Seen, tuple[Interval, ...] | None], ...]
 _USUAL_SPEED_MPS = 2.0
 DiagnosisState = Literal["none", "running", "done", "failed"]
 
@@ -47,6 +48,10 @@ class ViewedRun:
     seen : Seen or None
     file : Path or None
         Holds the processed run.
+    ended : int
+        How often in a row the helper ended while it was at it.
+    graded : tuple of (Seen, keep, Grade), or None
+        The last grade, and of what.
     """
 
     key: str
@@ -56,6 +61,8 @@ class ViewedRun:
     options: ProcessOptions | None = None
     seen: Seen | None = None
     file: Path | None = None
+    ended: int = 0
+    graded: tuple[Seen, tuple[Interval, ...] | None, Grade] | None = None
 
     def settle(self, wanted: ProcessOptions) -> None:
         """Say whether what was processed is what is wanted."""
@@ -63,6 +70,12 @@ class ViewedRun:
             self.state = "waiting"
         else:
             self.state = "failed" if self.faults else "ready"
+
+    def grade(self, seen: Seen, keep: tuple[Interval, ...] | None) -> Grade:
+        """Return the grade of what is kept of it, as the report gives it."""
+        if self.graded is None or self.graded[0] is not seen or self.graded[1] != keep:
+            self.graded = (seen, keep, grade_of(seen.kept(keep), seen.lost))
+        return self.graded[2]
 
 
 @dataclass
@@ -89,11 +102,19 @@ class ViewedCampaign:
         Of the same folder, but of another terrain or wheel.
     soil_name : str or None
         A preset in place of terrain.toml.
+    whole : bool
+        It was given as a folder, not as recordings.
     choice : Choice
     saved_at : Path or None
     diagnosis : DiagnosisOnPage
     told : mapping reading -> families that cannot be told, with the reason
         Empty until it was asked for.
+    chosen : int
+        How often somebody has chosen since the page was opened.
+    fits : list of Future
+        Fits that somebody waits for.
+    medians : tuple of (runs and what is kept of them, load in N, ground speed in m/s), or None
+        The last medians of all used samples, NaN where there is none, and of what.
     """
 
     key: str
@@ -102,10 +123,14 @@ class ViewedCampaign:
     runs: list[ViewedRun]
     others: tuple[Run, ...] = ()
     soil_name: str | None = None
+    whole: bool = True
     choice: Choice = field(default_factory=Choice)
     saved_at: Path | None = None
     diagnosis: DiagnosisOnPage = field(default_factory=DiagnosisOnPage)
     told: dict[str, dict[str, str]] = field(default_factory=dict)
+    chosen: int = 0
+    fits: list[Future[dict[str, Any]]] = field(default_factory=list)
+    medians: tuple[Keeps, float, float] | None = None
 
     @property
     def first(self) -> Run:
@@ -115,7 +140,7 @@ class ViewedCampaign:
     @property
     def options(self) -> ProcessOptions:
         """How its runs are processed."""
-        return self.choice.process_options()
+        return self.choice.process_options(LOOK)
 
     @property
     def pending(self) -> int:
@@ -152,13 +177,23 @@ class ViewedCampaign:
         ConfigError
             The choice does not fit the runs.
         """
-        ids = {run.run.id for run in self.runs}
-        named = [replace(run, sha256="", file="" if run.id in ids else run.file) for run in self.choice.runs]
+        named = [self._named(section) for section in self.choice.runs]
         in_use, faults = runs_in_use(replace(self.choice, runs=tuple(named)), [run.run for run in self.runs])
         if faults:
             raise ConfigError(*faults)
         kept = {chosen.run.id: chosen.keep for chosen in in_use}
         return {run.key: kept[run.run.id] for run in self.runs if run.run.id in kept}
+
+    def section_of(self, run: Run) -> ChosenRun:
+        """Return what the choice says of one of the runs, as it was given; an empty section where it says nothing."""
+        said = (section for section in self.choice.runs if is_called(self._named(section), run))
+        return next(said, ChosenRun())
+
+    def _named(self, section: ChosenRun) -> ChosenRun:
+        """Return a section by the id alone where that and the file fit a run; ids on the page are unique."""
+        files = {run.run.id: run.run.path.name for run in self.runs}
+        alone = files.get(section.id) == section.file
+        return replace(section, sha256="", file="" if alone else section.file)
 
     def ready_members(self) -> tuple[Member, ...]:
         """Return the runs that are used and processed by now, for a helper."""
@@ -200,8 +235,8 @@ class ViewedCampaign:
         """
         keeps = self.keeps()
         used = [run for run in self.runs if run.key in keeps and run.seen]
-        loads, speeds = (self._used(name, keeps) for name in ("vertical_load_n", "ground_speed_mps"))
-        if load_n is None and not len(loads):
+        median_n, speed_mps = self._medians(tuple((run.seen, keeps[run.key]) for run in used if run.seen))
+        if load_n is None and np.isnan(median_n):
             kind = NotReadyError if self.pending else DataError
             expected = "a run with a usable vertical load"
             raise kind(Fault("the load on the wheel is not known", self.name, expected=expected))
@@ -209,23 +244,23 @@ class ViewedCampaign:
         return Base(
             wheel=self.wheel,
             soil=self.soil,
-            load_n=float(np.median(loads)) if load_n is None else load_n,
-            ground_speed_mps=float(np.median(speeds)) if len(speeds) else _USUAL_SPEED_MPS,
+            load_n=median_n if load_n is None else load_n,
+            ground_speed_mps=_USUAL_SPEED_MPS if np.isnan(speed_mps) else speed_mps,
             direction=-1.0 if all(info.direction == "back" for info in infos) else 1.0,
             pass_number=float(max(info.pass_number for info in infos)),
             inflation_kpa=min((info.inflation_kpa for info in infos if info.inflation_kpa), default=REFERENCE_KPA),
         )
 
-    def _used(self, name: str, keeps: Mapping[str, tuple[Interval, ...] | None]) -> NDArray[np.float64]:
-        """Return the used values of a quantity in the runs that are there by now."""
-        pieces = [np.zeros(0)]
-        for run in self.runs:
-            if run.key in keeps and run.seen is not None:
-                trace, keep = run.seen.trace, keeps[run.key]
-                reason = trace.reason if keep is None else with_by_hand(trace.reason, trace.time_s, keep)
-                pieces.append(trace.quantities[name][reason == Reason.USED])
-        values = np.concatenate(pieces)
-        return values[np.isfinite(values)]
+    def _medians(self, there: Keeps) -> tuple[float, float]:
+        """Return the medians of load and ground speed over all used samples of some runs; NaN where none is known."""
+        if self.medians is None or self.medians[0] != there:
+            runs = [seen.kept(keep) for seen, keep in there]
+            load_n, speed_mps = (
+                _median([getattr(run, name)[run.used] for run in runs])
+                for name in ("vertical_load_n", "ground_speed_mps")
+            )
+            self.medians = (there, load_n, speed_mps)
+        return self.medians[1:]
 
     def check_keeps(self) -> None:
         """See that the choice fits the runs, and what is kept those that are processed by now.
@@ -239,6 +274,12 @@ class ViewedCampaign:
             kept = keeps.get(run.key)
             if run.seen is not None and kept is not None:
                 check_within(kept, run.seen.end_s, f"run {run.run.id}")
+
+
+def _median(pieces: Sequence[NDArray[np.float64]]) -> float:
+    values = np.concatenate([np.zeros(0), *pieces])
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
 
 
 class NotReadyError(WheelsoilError):

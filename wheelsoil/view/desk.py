@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from pathlib import Path
+from secrets import token_hex
 from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
@@ -13,7 +14,8 @@ from daq.errors import ConfigError, DataError, Fault, WheelsoilError
 from model.effects import EFFECTS
 from model.soil_prior import prior_of
 from model.wheel_soil import Reading
-from processing.by_hand import with_by_hand
+from processing.by_hand import Interval, with_by_hand
+from processing.quality import shares_of
 from wheelsoil import __version__
 from wheelsoil.choice import SCHEMA, Choice, parse_choice
 from wheelsoil.fitting import FitChoices
@@ -23,11 +25,12 @@ from wheelsoil.view.campaigns import DiagnosisOnPage, NotReadyError, ViewedCampa
 from wheelsoil.view.curve import curve_of
 from wheelsoil.view.entries import campaign_entry, fault_of_ours
 from wheelsoil.view.helper import Helper, HelperEndedError
-from wheelsoil.view.jobs import Member
+from wheelsoil.view.jobs import Member, Seen
 from wheelsoil.view.opening import Files, open_campaigns
 from wheelsoil.view.parameters import checked_values, effect_entries, soil_parameters
-from wheelsoil.view.requests import CurveAsked
+from wheelsoil.view.requests import CurveAsked, SelectedAsked
 from wheelsoil.view.saving import saved
+from wheelsoil.view.selecting import selected_of
 from wheelsoil.view.trace import trace_as_json
 
 _OF_DIAGNOSIS = frozenset({"run", "cutoff_hz", "min_speed_mps", "sinkage"})
@@ -58,6 +61,7 @@ class Desk:
         self.files = files
         self.campaigns, self.remarks = open_campaigns(paths, files)
         self.lock = threading.RLock()
+        self._started = token_hex(8)
         self._scratch = TemporaryDirectory(prefix="wheelsoil-view-", ignore_cleanup_errors=True)
         self._quick, self._slow = Helper("quick helper"), Helper("slow helper")
         self._processing = Processing(self.campaigns, self.lock, self._quick, files.zero, Path(self._scratch.name))
@@ -70,18 +74,36 @@ class Desk:
         self._scratch.cleanup()
 
     def list(self) -> dict[str, Any]:
-        """Return the campaigns with their runs."""
+        """Return the campaigns with their runs; `started` tells one start of the server from the next."""
         with self.lock:
-            campaigns = [campaign_entry(campaign) for campaign in self.campaigns]
-        return {"version": __version__, "remarks": self.remarks, "campaigns": campaigns}
+            campaigns = [campaign_entry(campaign, self.files) for campaign in self.campaigns]
+        return {"version": __version__, "started": self._started, "remarks": self.remarks, "campaigns": campaigns}
 
     def run(self, campaign_key: str, run_key: str) -> dict[str, Any]:
-        """Return the points of a run that are drawn.
+        """Return the points of a run that are drawn; `shares` is why samples are left out, of all samples.
 
         Raises
         ------
         UnknownKeyError, NotReadyError, WheelsoilError
         """
+        seen, keep = self._ready(campaign_key, run_key)
+        trace = seen.trace
+        reason = trace.reason if keep is None else with_by_hand(trace.reason, trace.time_s, keep)
+        shares = {why.lower(): share for why, share in shares_of(seen.kept(keep).reason).items() if why != "USED"}
+        return trace_as_json(trace, reason) | {"shares": shares}
+
+    def selected(self, asked: SelectedAsked) -> dict[str, Any]:
+        """Return what is selected of a run; see `wheelsoil.view.selecting.selected_of`.
+
+        Raises
+        ------
+        UnknownKeyError, NotReadyError, WheelsoilError
+        """
+        seen, keep = self._ready(asked.campaign, asked.run)
+        return selected_of(seen.kept(keep), asked)
+
+    def _ready(self, campaign_key: str, run_key: str) -> tuple[Seen, tuple[Interval, ...] | None]:
+        """Return a processed run and what is kept of it."""
         with self.lock:
             campaign = self.campaign(campaign_key)
             run = _run(campaign, run_key)
@@ -90,8 +112,7 @@ class Desk:
                 raise DataError(*run.faults)
             if run.seen is None or run.state != "ready":
                 raise NotReadyError(Fault("the run is still to be processed", run.run.id, found=run.state))
-            keep, trace = campaign.keeps().get(run.key), run.seen.trace
-        return trace_as_json(trace, trace.reason if keep is None else with_by_hand(trace.reason, trace.time_s, keep))
+            return run.seen, campaign.keeps().get(run.key)
 
     def parameters(self, key: str) -> dict[str, Any]:
         """Return what can be moved; `complete` is false while runs are processed, for all of them can be told then."""
@@ -105,8 +126,9 @@ class Desk:
         if told is None and not pending:
             told = self._what_cannot_be_told(members, choices)
             with self.lock:
-                if campaign.choice is choice:
-                    campaign.told[choices.reading] = told
+                if campaign.choice != choice:  # what was processed for it may be gone
+                    raise _changed_meanwhile(campaign, "ask again")
+                campaign.told[choices.reading] = told
         return {
             "complete": told is not None,
             "base": base,
@@ -147,30 +169,38 @@ class Desk:
             Everything that is wrong with it.
         """
         choice = parse_choice({"schema": SCHEMA, **raw}, "choice")
-        options = choice.process_options()
+        choice.process_options()
         with self.lock:
             campaign = self.campaign(key)
             before = campaign.choice
-            campaign.choice = choice
-            try:
-                campaign.check_keeps()
-            except ConfigError:
-                campaign.choice = before
-                raise
-            changed = _changed(before, choice)
-            if changed:
-                campaign.saved_at = None
-                campaign.told = {}
-            if changed & _OF_DIAGNOSIS:
-                if campaign.diagnosis.asked is not None:
-                    self._slow.drop(campaign.diagnosis.asked)
-                campaign.diagnosis = DiagnosisOnPage()
+            if choice != before:
+                campaign.choice = choice
+                try:
+                    campaign.check_keeps()
+                except ConfigError:
+                    campaign.choice = before
+                    raise
+                self._begin_anew(campaign, _changed(before, choice))
+            campaign.chosen += 1
             for run in campaign.runs:
+                if run.ended:
+                    run.ended, run.options = 0, None
                 if run.state != "processing":
-                    run.settle(options)
-            entry = campaign_entry(campaign)
+                    run.settle(campaign.options)
+            entry = campaign_entry(campaign, self.files)
         self._processing.look()
         return entry
+
+    def _begin_anew(self, campaign: ViewedCampaign, changed: set[str]) -> None:
+        """Forget what was found with another choice, and end what is still looking for it."""
+        campaign.saved_at, campaign.told = None, {}
+        dropped, campaign.fits = campaign.fits, []
+        for asked in dropped:
+            self._quick.drop(asked)
+        if changed & _OF_DIAGNOSIS:
+            if campaign.diagnosis.asked is not None:
+                self._slow.drop(campaign.diagnosis.asked)
+            campaign.diagnosis = DiagnosisOnPage()
 
     def fit(self, key: str) -> dict[str, Any]:
         """Fit the campaign as it is chosen; the numbers are those of ``wheelsoil fit --choice``."""
@@ -178,12 +208,15 @@ class Desk:
             campaign = self.campaign(key)
             choice = campaign.choice
             members, base, choices = campaign.members(), campaign.base(), choice.fit_choices()
-        asked = self._quick.ask(jobs.fit_members, members, choices, self.files.soil, base, urgent=True)
+            asked = self._quick.ask(jobs.fit_members, members, choices, self.files.soil, base, urgent=True)
+            campaign.fits.append(asked)
         try:
             found: dict[str, Any] = asked.result()
         finally:
-            if campaign.choice is not choice:
-                raise NotReadyError(Fault("the choice was changed meanwhile", campaign.name, next_step="fit again"))
+            with self.lock:
+                if asked not in campaign.fits:
+                    raise _changed_meanwhile(campaign, "fit again")
+                campaign.fits.remove(asked)
         return found
 
     def diagnose(self, key: str) -> dict[str, Any]:
@@ -195,7 +228,7 @@ class Desk:
             members, choices = campaign.members(), campaign.choice.fit_choices()
             asked = self._slow.ask(jobs.diagnose_members, members, self.paths, self.files.soil, choices)
             mine = campaign.diagnosis = DiagnosisOnPage("running", asked)
-            entry = campaign_entry(campaign)
+            entry = campaign_entry(campaign, self.files)
 
         def done(_: object) -> None:
             if asked.cancelled():
@@ -221,14 +254,14 @@ class Desk:
             return diagnosis.found
 
     def save(self, key: str, name: str, *, replace_it: bool) -> dict[str, Any]:
-        """Write the choice beside the runs; see `wheelsoil.view.saving.saved`."""
+        """Write the choice beside the runs and return where, with the campaign's entry; see `saved`."""
         campaign = self.campaign(key)
         choice = campaign.choice
         path = saved(campaign, name, replace_it=replace_it)
         with self.lock:
-            if campaign.choice is choice:
+            if campaign.choice == choice:
                 campaign.saved_at = path
-        return {"path": str(path)}
+            return {"path": str(path), "campaign": campaign_entry(campaign, self.files)}
 
     def campaign(self, key: str) -> ViewedCampaign:
         """Return a campaign by its key.
@@ -250,6 +283,10 @@ def _run(campaign: ViewedCampaign, key: str) -> ViewedRun:
         known = ", ".join(run.key for run in campaign.runs)
         raise UnknownKeyError(Fault("there is no such run in the campaign", "run", repr(key), known))
     return found
+
+
+def _changed_meanwhile(campaign: ViewedCampaign, step: str) -> NotReadyError:
+    return NotReadyError(Fault("the choice was changed meanwhile", campaign.name, next_step=step))
 
 
 def _faults_of(error: BaseException) -> tuple[Fault, ...]:

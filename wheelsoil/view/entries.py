@@ -6,17 +6,13 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
 from daq.errors import Fault
-from processing.by_hand import with_by_hand
-from processing.processed_run import Reason
 from wheelsoil.view.campaigns import ViewedCampaign, ViewedRun
+from wheelsoil.view.commands import commands_of
+from wheelsoil.view.opening import Files
 
-_BY_DESIGN = (Reason.STANDSTILL, Reason.TOO_SLOW, Reason.FILTER_EDGE)
 
-
-def campaign_entry(campaign: ViewedCampaign) -> dict[str, Any]:
+def campaign_entry(campaign: ViewedCampaign, files: Files) -> dict[str, Any]:
     """Return a campaign as /api/list shows it."""
     terrain, wheel = campaign.first.terrain, campaign.first.vehicle.wheel
     keeps = campaign.keeps()
@@ -37,7 +33,9 @@ def campaign_entry(campaign: ViewedCampaign) -> dict[str, Any]:
             "why": told(diagnosis.faults),
         },
         "choice": campaign.choice.to_mapping(),
+        "chosen": campaign.chosen,
         "saved_at": str(campaign.saved_at) if campaign.saved_at else None,
+        "commands": commands_of(campaign, files),
     }
 
 
@@ -78,14 +76,11 @@ def _run_entry(run: ViewedRun, use: bool, keep: tuple[tuple[float, float], ...] 
     }
     if seen is None:
         return entry
-    samples = len(seen.reason)
-    moving = np.count_nonzero(~np.isin(seen.reason, _BY_DESIGN))
-    reason = seen.reason if keep is None else with_by_hand(seen.reason, np.arange(samples) / seen.rate_hz, keep)
-    used = np.count_nonzero(reason == Reason.USED)
+    grade = run.grade(seen, keep)
     return entry | {
-        "duration_s": samples / seen.rate_hz,
-        "usable_share": used / moving if moving else 0.0,
-        "grade": seen.grade,
-        "notes": [*seen.grade_reasons, *(note for note in seen.notes if note not in seen.grade_reasons)],
+        "duration_s": len(seen.run) / seen.run.rate_hz,
+        "usable_share": grade.usable_share,
+        "grade": grade.level,
+        "notes": [*grade.reasons, *(note for note in seen.notes if note not in grade.reasons)],
         "sha256": seen.sha256,
     }

@@ -6,12 +6,11 @@ import io
 import pickle
 from collections.abc import Sequence
 from contextlib import redirect_stderr
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq.errors import DataError
 from daq.run import Run
@@ -21,42 +20,54 @@ from processing.options import ProcessOptions, require_roles
 from processing.processed_run import ProcessedRun
 from wheelsoil.diagnosing import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
 from wheelsoil.fitting import FitChoices, fit_as_json, fit_runs
-from wheelsoil.grading import grade_of
 from wheelsoil.plain import plain
 from wheelsoil.report.material import source_of
 from wheelsoil.runs import process_runs
 from wheelsoil.view.curve import Base, curve_of
 from wheelsoil.view.trace import Trace, trace_of
 
+_DRAWN = (
+    "drawbar_pull_n",
+    "driving_torque_nm",
+    "vertical_load_n",
+    "ground_speed_mps",
+    "wheel_speed_radps",
+    "sinkage_m",
+)
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Seen:
     """What the page keeps of a processed run.
 
     Attributes
     ----------
-    rate_hz, cutoff_hz : float
-    reason : uint8 array, shape (samples,)
-        Of every sample, so that what is left by hand can be counted.
+    run : ProcessedRun
+        Every sample of what is drawn, in single precision but for time and slip, so that whatever is counted or
+        averaged is so over all samples, not over the points that are drawn. Its other arrays are empty.
     trace : Trace
-    grade : "good", "fair" or "poor"
-    grade_reasons, notes : tuple of str
+    lost : tuple of str
+        What of its recording was lost, in words.
+    notes : tuple of str
     sha256 : str
     """
 
-    rate_hz: float
-    cutoff_hz: float
-    reason: NDArray[np.uint8]
+    run: ProcessedRun
     trace: Trace
-    grade: str
-    grade_reasons: tuple[str, ...]
+    lost: tuple[str, ...]
     notes: tuple[str, ...]
     sha256: str
 
     @property
     def end_s(self) -> float:
         """Time of the last sample."""
-        return (len(self.reason) - 1) / self.rate_hz
+        return float(self.run.time_s[-1])
+
+    def kept(self, keep: Sequence[Interval] | None) -> ProcessedRun:
+        """Return the run with what was left out by hand; an interval that reaches beyond its end stops there."""
+        if keep is None:
+            return self.run
+        return keep_only(self.run, [(first, min(last, self.end_s)) for first, last in keep if first <= self.end_s])
 
 
 @dataclass(frozen=True)
@@ -81,17 +92,21 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
     known = replace(run, databases={}, attachments={}, recording=None)
     target.write_bytes(pickle.dumps((known, processed), pickle.HIGHEST_PROTOCOL))
     source = source_of(run)
-    grade = grade_of(processed, source.lost)
     return Seen(
-        rate_hz=processed.rate_hz,
-        cutoff_hz=processed.cutoff_hz,
-        reason=processed.reason,
+        run=_slim(processed),
         trace=trace_of(processed),
-        grade=grade.level,
-        grade_reasons=grade.reasons,
+        lost=tuple(source.lost),
         notes=(*processed.quality.notes, *filter(None, said.getvalue().splitlines())),
         sha256=source.sha256,
     )
+
+
+def _slim(run: ProcessedRun) -> ProcessedRun:
+    """Return the run without what the page never asks for; see `Seen`."""
+    arrays = {field.name for field in fields(run) if isinstance(getattr(run, field.name), np.ndarray)}
+    changed: dict[str, Any] = {name: np.zeros(0) for name in arrays - {"time_s", "slip", "reason"}}
+    changed |= {name: getattr(run, name).astype(np.float32) for name in _DRAWN}
+    return replace(run, **changed)
 
 
 def fit_members(members: Sequence[Member], choices: FitChoices, soil: str | None, base: Base) -> dict[str, Any]:

@@ -31,19 +31,20 @@ class Files:
 def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCampaign], list[str]]:
     """Open recordings and group them: one campaign for each folder, soil and wheel.
 
-    A folder of campaign folders stands for all of them. Runs are told apart by their ids within a folder only. A
-    `choice.toml` that lies in a folder is taken up; one that cannot be is told of, and left alone.
+    A folder of campaign folders stands for all of them. Runs are told apart by their ids within a campaign only, as
+    on the command line. A `choice.toml` that lies in a folder is taken up; one that cannot be is told of, and left
+    alone.
 
     Returns
     -------
     campaigns : list of ViewedCampaign
     remarks : list of str
-        Files that were left out because they cannot be read; what of a choice does not fit.
+        Files and folders that were left out because they cannot be read; what of a choice does not fit.
 
     Raises
     ------
     WheelsoilError
-        See `daq.open.open_runs`.
+        There is nothing that can be read; see `daq.open.open_runs`.
     """
     remarks: list[str] = []
     folders = [folder for path in paths if path.is_dir() for folder in campaign_folders(path)]
@@ -53,13 +54,22 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
     for part in [*([folder] for folder in folders), *([loose] if loose else [])]:
         with collected.catch():
             opened += _opened(part, files, remarks)
-    collected.stop_if_any()
+    if not opened:
+        collected.stop_if_any()
+    faults = dict.fromkeys(fault for error in collected.errors for fault in error.faults)
+    remarks += [f"{fault.where} is left out: {fault.what}" for fault in faults]
     groups: dict[tuple[str, SoilSection | None, WheelSection | None], list[ViewedRun]] = {}
     once = {run.path.resolve(): run for run in opened}
     for number, run in enumerate(once.values(), 1):
         ground = run.terrain.soil if run.terrain and files.soil is None else None
         key = (folder_of(run, folders), ground, run.vehicle.wheel)
         groups.setdefault(key, []).append(ViewedRun(f"r{number}", run))
+    loose_groups = [group for (folder, _, _), group in groups.items() if not folder]
+    if len(loose_groups) > 1:
+        for group in loose_groups:
+            alone = _opened([viewed.run.path for viewed in group], files, [])
+            for viewed, run in zip(group, alone, strict=True):
+                viewed.run = run
     campaigns = [
         _campaign(f"c{number}", folder, runs, [r for (f, _, _), g in groups.items() if f == folder for r in g], files)
         for number, ((folder, _, _), runs) in enumerate(groups.items(), 1)
@@ -87,7 +97,7 @@ def _campaign(
     others = tuple(run.run for run in all_runs if folder and run not in runs)
     terrain = runs[0].run.terrain
     name = f"{place.name}, {terrain.soil.name}" if others and terrain else place.name
-    return ViewedCampaign(key, name, place, runs, others, files.soil)
+    return ViewedCampaign(key, name, place, runs, others, files.soil, whole=bool(folder))
 
 
 def _taken_up(campaign: ViewedCampaign) -> list[str]:

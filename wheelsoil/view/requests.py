@@ -12,6 +12,14 @@ from daq.errors import ConfigError, Fault
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Key = Annotated[str, Field(strict=True, max_length=64)]
+Channel = Literal[
+    "drawbar_pull_n",
+    "driving_torque_nm",
+    "sinkage_m",
+    "vertical_load_n",
+    "ground_speed_mps",
+    "rim_speed_mps",
+]
 Asked = TypeVar("Asked", bound="_Asked")
 
 
@@ -33,6 +41,24 @@ class CurveAsked(_Asked):
     values: dict[Key, Finite] = {}
     soil: dict[Key, Finite] = {}
     load_n: Annotated[Finite, Field(gt=0, le=1e7)] | None = None
+
+
+class SelectedAsked(_Asked):
+    """Count what is selected of a run: a stretch of time, a box over slip, or what was left out for one reason.
+
+    `low` and `high` are seconds or slips; `bottom` and `top` are limits of `channel`, for a box. `left_out` tells
+    whether samples that are not used are shown, so that they are selected, too.
+    """
+
+    run: Key
+    kind: Literal["time", "slip", "reason"]
+    low: Finite = 0.0
+    high: Finite = 0.0
+    channel: Channel | None = None
+    bottom: Finite = 0.0
+    top: Finite = 0.0
+    code: Key = ""
+    left_out: Annotated[bool, Field(strict=True)] = True
 
 
 class ChoiceAsked(_Asked):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import tomllib
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from daq.errors import ConfigError, Fault
-from wheelsoil.choice import Choice, ChosenRun
-from wheelsoil.chosen_runs import is_called
+from wheelsoil.choice import SCHEMA, Choice, ChosenRun
 from wheelsoil.facts import sha256_of
 from wheelsoil.view.campaigns import ViewedCampaign
 
@@ -26,15 +27,15 @@ def saved(campaign: ViewedCampaign, name: str, *, replace_it: bool) -> Path:
     Raises
     ------
     ConfigError
-        The name is no plain file name, the file is there already, or it cannot be written.
+        The name is no plain file name, the file is there already or is no choice, or it cannot be written.
     """
     path = _target(campaign.folder, name)
-    if path.name.lower() in _OURS:
+    if path.name.lower() in _OURS or (replace_it and _is_another(path)):
         raise ConfigError(Fault("this file is not a choice", str(path), next_step="choose another name"))
     text = complete(campaign).to_toml().encode("utf-8", "replace")
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with (beside if replace_it else path).open("xb") as file:
+        with (beside if replace_it else path).open("wb" if replace_it else "xb") as file:
             file.write(text)
         if replace_it:
             beside.replace(path)
@@ -44,6 +45,10 @@ def saved(campaign: ViewedCampaign, name: str, *, replace_it: bool) -> Path:
     except OSError as error:
         why = error.strerror or str(error)
         raise ConfigError(Fault("the choice cannot be written", str(path), why, next_step="check the folder")) from None
+    finally:
+        if replace_it:
+            with suppress(OSError):
+                beside.unlink()
     return path
 
 
@@ -51,11 +56,21 @@ def complete(campaign: ViewedCampaign) -> Choice:
     """Return the choice with every run of the folder."""
     choice, sections = campaign.choice, []
     for run in campaign.runs:
-        given = next((section for section in choice.runs if is_called(section, run.run)), ChosenRun())
+        given = campaign.section_of(run.run)
         digest = run.seen.sha256 if run.seen else sha256_of(*run.run.files)
         sections.append(replace(given, file=run.run.path.name, id=run.run.id, sha256=digest))
     sections += [ChosenRun(run.path.name, run.id, sha256_of(*run.files), use=False) for run in campaign.others]
     return replace(choice, runs=tuple(sections))
+
+
+def _is_another(path: Path) -> bool:
+    """Return whether there is a file that is no choice, or that nobody can read."""
+    try:
+        return tomllib.loads(path.read_bytes().decode()).get("schema") != SCHEMA
+    except FileNotFoundError:
+        return False
+    except (OSError, ValueError):
+        return True
 
 
 def _target(folder: Path, name: str) -> Path:

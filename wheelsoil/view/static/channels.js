@@ -31,5 +31,6 @@ export function sensible(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const size = Math.abs(value);
   const shown = size >= 1e6 || (size < 1e-4 && size > 0) ? value.toExponential(digits - 1) : String(Number(value.toPrecision(digits)));
-  return shown.replace("-", "−").replace(/\B(?=(\d{3}){2,}$)/g, "\u202f");
+  const grouped = (digits) => (digits.length > 4 ? digits.replace(/\B(?=(\d{3})+$)/g, "\u202f") : digits);
+  return shown.replace(/\d+/, grouped).replaceAll("-", "−");
 }

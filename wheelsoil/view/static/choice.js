@@ -10,14 +10,20 @@ let last = Promise.resolve();
 
 /** Change the choice of a campaign; `edit` gets a copy of it to change. Changes go one after the other. */
 export function change(key, edit) {
-  last = last.then(() => send(key, edit));
+  state.changing += 1;
+  last = last.catch(() => {}).then(() => send(key, edit)); // one that failed does not stop those after it
   return last;
 }
 
 async function send(key, edit) {
-  const choice = structuredClone(campaignOf(key).choice ?? {});
-  edit(choice);
-  const entry = await during(`applying the choice to ${campaignOf(key).name}`, ask("/api/choose", { campaign: key, choice }));
+  let entry;
+  try {
+    const campaign = campaignOf(key), choice = structuredClone(campaign?.choice ?? {});
+    edit(choice);
+    if (campaign) entry = await during(`applying the choice to ${campaign.name}`, ask("/api/choose", { campaign: key, choice }));
+  } finally {
+    state.changing -= 1;
+  }
   if (entry) took(entry);
   else tell("list");
   return entry;
@@ -25,11 +31,18 @@ async function send(key, edit) {
 
 /** Take a campaign's entry as the server has it now. */
 export function took(entry) {
-  const before = campaignOf(entry.key)?.choice;
-  state.campaigns = state.campaigns.map((each) => (each.key === entry.key ? entry : each));
-  if (ofSamples(before) !== ofSamples(entry.choice)) forget(entry.key);
+  arrive(state.campaigns.map((each) => (each.key === entry.key ? entry : each)));
   tell("list");
   load();
+}
+
+/** Take what the server says of all campaigns; somebody else may have chosen, too. */
+export function arrive(campaigns) {
+  const before = new Map(state.campaigns.map((each) => [each.key, each]));
+  state.campaigns = campaigns;
+  for (const { key, choice } of campaigns) {
+    if (before.has(key) && ofSamples(before.get(key).choice) !== ofSamples(choice)) forget(key);
+  }
 }
 
 /** The part of a choice that changes which samples are used. */

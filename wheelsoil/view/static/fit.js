@@ -21,7 +21,7 @@ async function refit() {
   fits.set(campaign.key, { fit, of });
   show();
   const own = fit.models[OWN];
-  if (own && state.a?.campaign === campaign.key) setValues(valuesOf(own));
+  if (own && state.a?.campaign === campaign.key) setValues(valuesOf(own)); // with the soil, where that was let move
 }
 
 const estimatesOf = (model) => Object.values(model?.estimates ?? {});

@@ -100,18 +100,16 @@ function showView() {
   write(get("waiting"), run ? pending : "there is no run to show");
 }
 
-/** A button for each reason: it selects the samples that are left out for it. */
+/** A button for each reason, with its share of all samples: it selects those that are left out for it. */
 function showReasons(data) {
-  const counts = new Map();
-  for (const code of data?.reason ?? []) if (code) counts.set(code, (counts.get(code) ?? 0) + 1);
-  const rows = [...counts].sort((a, b) => b[1] - a[1]);
+  const rows = Object.entries(data?.shares ?? {}).sort((a, b) => b[1] - a[1]);
   const make = () => {
     const button = part("button", "chip");
     button.type = "button";
     return button;
   };
-  list(get("reasons"), rows, make, (button, [code, count]) => {
-    write(button, `${capital(spaced(code))} ${(100 * count / data.reason.length).toFixed(1)} %`);
+  list(get("reasons"), rows, make, (button, [code, share]) => {
+    write(button, `${capital(spaced(code))} ${(100 * share).toFixed(1)} %`);
     const chosen = state.selection?.kind === "reason" && state.selection.code === code;
     button.setAttribute("aria-pressed", String(chosen));
     button.onclick = () => select(chosen ? null : { kind: "reason", code });

@@ -7,13 +7,14 @@ import { bend } from "./curve.js";
 import { get, list, part, spaced, write } from "./dom.js";
 import { Slider } from "./slider.js";
 import { current, on, state, tell } from "./store.js";
-import { tellError } from "./talk.js";
+import { during } from "./talk.js";
 
 const KINDS = { physical: "Soil and wheel", measurement: "Measurement" };
 const known = new Map(); // campaign -> {soil, effects} of /api/parameters
 const values = new Map(); // parameter -> value, of whatever effect
 const bases = new Map(); // campaign -> what these were asked for
 const sliders = new Map(); // parameter -> Slider
+const soilSliders = new Map();
 let soil = {}; // what was moved by hand
 let loadN = null;
 let shownFor = null;
@@ -49,13 +50,27 @@ export function setEffect(key, use) {
   });
 }
 
-/** Put values where the sliders are. */
+/** Put values where the sliders are, the soil's among its own. */
 export function setValues(given) {
   for (const [name, value] of Object.entries(given)) {
-    values.set(name, value);
-    sliders.get(name)?.put(value);
+    const ofSoil = about()?.soil.find((each) => each.name === name);
+    (ofSoil ? soilSliders : sliders).get(name)?.put(value);
+    if (ofSoil) moveSoil(ofSoil, value);
+    else values.set(name, value);
   }
   redraw();
+}
+
+function moveSoil({ name, value: laboratory }, value) {
+  if (value === laboratory) delete soil[name];
+  else soil[name] = value;
+  const fits = current().choice.soil_prior ? "a fit looks for its own" : "a fit takes the laboratory's";
+  write(get("soil-hint"), Object.keys(soil).length ? `moved; ${fits}` : "as the laboratory says");
+}
+
+/** The reading that is chosen; while a change is underway, the newest one stays. */
+function showSinkage() {
+  if (!state.changing) get("sinkage").querySelector(`[value=${current()?.choice.sinkage ?? "balanced"}]`).checked = true;
 }
 
 /** Say beside each slider what a fit found: estimates and held values by the parameter's name. */
@@ -72,13 +87,10 @@ async function showModel() {
   const now = basis(current());
   if (bases.get(campaign) !== now) {
     bases.set(campaign, now);
-    try {
-      known.set(campaign, await ask(query("/api/parameters", { campaign })));
-      tell("parameters");
-    } catch (error) {
-      bases.delete(campaign);
-      return tellError("the model's parameters", error);
-    }
+    const told = await during("asking for the model's parameters", ask(query("/api/parameters", { campaign })));
+    if (!told) return bases.delete(campaign);
+    known.set(campaign, told);
+    tell("parameters");
     if (state.a?.campaign === campaign && shownFor === campaign) showEffects();
   }
   if (state.a?.campaign !== campaign || !about()) return;
@@ -88,19 +100,18 @@ async function showModel() {
     showSoil();
     showEffects();
     showSliders();
-    if (current().choice?.sinkage) get("sinkage").querySelector(`[value=${current().choice.sinkage}]`).checked = true;
   }
+  showSinkage();
   redraw();
 }
 
 function showSoil() {
   const rows = about().soil.map((each) => {
     const slider = new Slider(each, each.value, (value, since) => {
-      if (value === each.value) delete soil[each.name];
-      else soil[each.name] = value;
-      write(get("soil-hint"), Object.keys(soil).length ? "moved by hand; a fit takes the laboratory's" : "as the laboratory says");
+      moveSoil(each, value);
       redraw(since);
     });
+    soilSliders.set(each.name, slider);
     slider.reset.title = `back to ${sensible(each.value)}`;
     return slider.row;
   });
@@ -170,7 +181,9 @@ function follow() {
   const now = about().effects.filter((each) => effectsOn().includes(each.key)).flatMap((each) => each.parameters.map(({ name }) => name)).join();
   for (const row of get("effects").querySelectorAll("[data-effect]")) row.querySelector("input").checked = effectsOn().includes(row.dataset.effect);
   write(get("effects-count"), effectsOn().length ? `${effectsOn().length} on` : "none on");
-  if (before === now) return;
+  const reading = sinkage();
+  showSinkage();
+  if (before === now && reading === sinkage()) return;
   showSliders();
   redraw();
 }

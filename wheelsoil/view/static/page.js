@@ -19,6 +19,7 @@ const CALM_MS = 4000;
 const PATIENCE_MS = 8000;
 let timer;
 let seen = "";
+let started; // which start of the server it was that answered
 
 const isBusy = () => state.campaigns.some(({ runs, diagnosis }) => diagnosis.state === "running" || runs.some((run) => run.state === "waiting" || run.state === "processing"));
 
@@ -26,11 +27,10 @@ async function poll() {
   clearTimeout(timer);
   try {
     const told = await ask("/api/list", undefined, PATIENCE_MS), words = JSON.stringify(told);
-    const back = !isOpen() && seen !== "";
     setLink("open");
     if (words !== seen) {
       seen = words;
-      await take(told, back);
+      await take(told);
     }
   } catch (error) {
     tellError("the list", error);
@@ -38,17 +38,30 @@ async function poll() {
   timer = setTimeout(poll, isBusy() || !isOpen() ? BUSY_MS : CALM_MS);
 }
 
-/** A server that was started again knows nothing of the choices made on this page: tell it. */
-async function take(told, back) {
-  const mine = new Map(state.campaigns.map((each) => [each.key, each.choice]));
-  state.campaigns = told.campaigns;
+async function take(told) {
+  const before = state.campaigns, again = started !== undefined && started !== told.started;
+  started = told.started;
+  if (again && !sameRuns(before, told.campaigns)) {
+    state.campaigns = told.campaigns;
+    await tellAgain(before, told.campaigns);
+    location.reload(); // keys mean other runs now
+    return;
+  }
+  choice.arrive(told.campaigns);
   state.remarks = told.remarks ?? [];
   show();
   tell("list");
-  if (!back) return;
-  for (const { key, choice: theirs } of told.campaigns) {
-    const ours = mine.get(key);
-    if (ours && JSON.stringify(ours) !== JSON.stringify(theirs)) await choice.change(key, (copy) => Object.assign(emptied(copy), ours));
+  if (again) await tellAgain(before, told.campaigns);
+}
+
+const sameRuns = (before, now) => JSON.stringify(before.map(runsOf)) === JSON.stringify(now.map(runsOf));
+const runsOf = ({ key, name, path, runs }) => [key, name, path, runs.map((run) => [run.key, run.id, run.file])];
+
+/** A server that was started again knows nothing of what was chosen here: tell it, unless somebody has chosen since. */
+async function tellAgain(before, now) {
+  for (const { key, name, path, choice: theirs, chosen } of now) {
+    const ours = before.find((each) => each.name === name && each.path === path)?.choice;
+    if (ours && !chosen && JSON.stringify(ours) !== JSON.stringify(theirs)) await choice.change(key, (copy) => Object.assign(emptied(copy), ours));
   }
 }
 

@@ -65,6 +65,7 @@ export async function draw() {
   if (pressed) return;
   const data = state.a && samplesOf(state.a);
   get("waiting").hidden = Boolean(data);
+  for (const id of ["plots", "legend"]) get(id).hidden = !data; // what stands there is of another run
   if (!data) return;
   arrange(Plotly);
   showLegend();

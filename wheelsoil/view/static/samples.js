@@ -28,7 +28,7 @@ export function entryOf(choice, run) {
   choice.run ??= [];
   const found = choice.run.find((entry) => isOf(entry, run));
   if (found) return found;
-  choice.run.push({ file: run.file, use: true });
+  choice.run.push({ file: run.file, id: run.id, use: true }); // recordings of two folders may bear one name
   return choice.run.at(-1);
 }
 

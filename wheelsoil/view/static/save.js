@@ -11,23 +11,20 @@ async function save() {
   const told = await during("saving the choice", ask("/api/save", { campaign: campaign.key, name, replace: get("replace").checked }));
   get("replace-box").hidden = Boolean(told);
   get("replace").checked = false;
-  if (told) took({ ...current(), saved_at: told.path });
+  if (told) took(told.campaign);
 }
-
-const quoted = (text) => (/^[\w./+-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
 
 function show() {
   const campaign = current(), at = campaign?.saved_at;
   get("save").disabled = !campaign;
   write(get("saved"), at ? `Saved: ${at}` : "Not saved yet. The file goes into the campaign's folder.");
-  const lines = at ? ["fit", "diagnose", "report"].map((verb) => `wheelsoil ${verb} ${quoted(campaign.path)} --choice ${quoted(at)}${verb === "report" ? " -o report.html" : ""}`) : [];
   const make = () => {
     const item = part("li"), button = part("button", "copy", "Copy");
     button.type = "button";
     item.append(part("code"), button);
     return item;
   };
-  list(get("commands"), lines, make, (item, line) => {
+  list(get("commands"), campaign?.commands ?? [], make, (item, line) => {
     const [code, button] = item.children;
     write(code, line);
     button.onclick = () => copy(code, button, line);

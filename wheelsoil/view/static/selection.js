@@ -1,9 +1,15 @@
 // What is selected: a stretch of time, a box over slip, or all samples with one reason. Every plot shows the same samples.
 
+import { ask, Refused } from "./api.js";
 import { get, write } from "./dom.js";
 import { samplesOf } from "./samples.js";
 import { runOf, state, tell, on } from "./store.js";
 import { sensible } from "./channels.js";
+import { tellError } from "./talk.js";
+
+const PATIENCE_MS = 15000;
+let wish = null; // the newest selection that is to be counted
+let counting = false;
 
 export function select(selection) {
   state.selection = selection;
@@ -25,21 +31,35 @@ export function selectedIn(data) {
   return data.time_s.map((_, i) => i).filter((i) => seen(i) && matches(i));
 }
 
-/** The time that a sample stands for: half of what is between its neighbours. */
-const share = (t, i) => ((t[i + 1] ?? t[i]) - (t[i - 1] ?? t[i])) / 2;
-
-function said() {
-  const data = state.a && samplesOf(state.a), run = runOf(state.a);
-  if (!state.selection || !data || !run) return "Nothing is selected.";
-  const rows = selectedIn(data), seconds = rows.reduce((sum, i) => sum + share(data.time_s, i), 0);
-  const slip = rows.map((i) => data.slip[i]).filter((value) => value !== null);
-  const pull = rows.map((i) => data.drawbar_pull_n?.[i]).filter((value) => value !== null && value !== undefined);
-  const parts = [`${rows.length} of ${data.time_s.length} samples of ${run.id}, ${sensible(seconds, 3)} s`];
-  const out = rows.filter((i) => !data.used[i]).length;
+function said({ samples, of, seconds, left_out: out, slip, drawbar_pull_n: pull }, run) {
+  const parts = [`${samples} of ${of} samples of ${run.id}, ${sensible(seconds, 3)} s`];
   if (out) parts.push(`${out} of them left out`);
-  if (slip.length) parts.push(`slip ${sensible(Math.min(...slip), 2)} to ${sensible(Math.max(...slip), 2)}`);
-  if (pull.length) parts.push(`mean drawbar pull ${sensible(pull.reduce((sum, value) => sum + value, 0) / pull.length, 3)} N`);
+  if (slip) parts.push(`slip ${sensible(slip[0], 2)} to ${sensible(slip[1], 2)}`);
+  if (pull !== null) parts.push(`mean drawbar pull${out && out < samples ? " of those used" : ""} ${sensible(pull, 3)} N`);
   return `${parts.join(", ")}.`;
+}
+
+/** What is drawn are few points of many samples: the server counts them all. One question at a time, with the newest limits. */
+async function count() {
+  const { a, selection: chosen } = state;
+  const limits = chosen && { kind: chosen.kind, ...(chosen.kind === "reason" ? { code: chosen.code } : { low: chosen.from, high: chosen.to }), ...(chosen.channel && { channel: chosen.channel, bottom: chosen.low, top: chosen.high }) };
+  wish = limits && a && samplesOf(a) ? { campaign: a.campaign, run: a.run, ...limits, left_out: state.leftOut } : null;
+  if (!wish) write(get("brush-count"), "Nothing is selected.");
+  if (counting) return;
+  counting = true;
+  try {
+    while (wish) {
+      const asked = wish;
+      wish = null;
+      const told = await ask("/api/selected", asked, PATIENCE_MS);
+      if (!wish && state.selection && state.a?.run === asked.run) write(get("brush-count"), said(told, runOf(state.a)));
+    }
+  } catch (error) {
+    if (error instanceof Refused) write(get("brush-count"), error.message);
+    else tellError("the selection", error);
+  } finally {
+    counting = false;
+  }
 }
 
 function show() {
@@ -50,7 +70,7 @@ function show() {
   fill("slip-from", slip ? chosen.from.toFixed(2) : "");
   fill("slip-to", slip ? chosen.to.toFixed(2) : "");
   get("clear").disabled = !chosen;
-  write(get("brush-count"), said());
+  count();
 }
 
 /** Limits that are typed: a missing one is open. */

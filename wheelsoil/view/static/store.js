@@ -11,6 +11,7 @@ export const state = {
   touchSelects: false, // a finger that drags in a plot selects; else it scrolls the page
   part: "all", // of the slip: all, driving, braking
   selection: null,
+  changing: 0, // changes of a choice that are underway
   curves: [], // { name, campaign, slip, drawbar_pull_n, ..., colour, dash, width }
 };
 

@@ -39,7 +39,9 @@ export function tellError(task, error) {
   if (error instanceof Gone) return setLink("lost");
   if (error instanceof Locked) return setLink("locked");
   if (!(error instanceof Refused)) throw error;
-  faults = [...faults.filter((fault) => fault.task !== task), ...error.faults.map((fault) => ({ ...fault, task }))];
+  const others = faults.filter((fault) => fault.task !== task), words = ({ what, where }) => JSON.stringify([what, where]);
+  const news = error.faults.filter((fault) => !others.some((other) => words(other) === words(fault))); // two askers, one fault
+  faults = [...others, ...news.map((fault) => ({ ...fault, task }))];
   show();
 }
 

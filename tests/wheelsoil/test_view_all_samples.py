@@ -1,0 +1,142 @@
+"""What the analyst's page counts, averages and grades is of all samples, not of the points that it draws."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from view_client import View, taken_from, viewing
+
+from processing.by_hand import keep_only
+from processing.options import ProcessOptions
+from processing.processed_run import ProcessedRun, Reason
+from wheelsoil.reporting import report_of
+from wheelsoil.runs import open_and_process
+
+ROOT = Path(__file__).parents[2]
+KEEP = [[0.0, 13.0]]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return taken_from(ROOT / "recordings" / "sandy", tmp_path_factory.mktemp("all") / "sandy", 2)
+
+
+@pytest.fixture(scope="module")
+def view(folder: Path) -> Iterator[View]:
+    with viewing(folder) as running:
+        running.settled()
+        yield running
+
+
+@pytest.fixture(scope="module")
+def runs(folder: Path) -> list[ProcessedRun]:
+    return [run for _, run in open_and_process([folder], ProcessOptions())]
+
+
+@pytest.fixture(autouse=True)
+def _nothing_chosen(view: View) -> Iterator[None]:
+    view.post("/api/choose", campaign="c1", choice={})
+    yield
+
+
+def selected(view: View, **asked: Any) -> dict[str, Any]:
+    found: dict[str, Any] = view.post("/api/selected", campaign="c1", run="r1", **asked)
+    return found
+
+
+@pytest.mark.parametrize(("low", "high"), [(10.0, 15.0), (20.0, 25.0), (0.0, 60.0)])
+def test_a_stretch_of_time_has_the_mean_of_its_samples(
+    view: View, runs: list[ProcessedRun], low: float, high: float
+) -> None:
+    run = runs[0]
+    rows = (run.time_s >= low) & (run.time_s <= high)
+    said = selected(view, kind="time", low=low, high=high)
+    assert (said["samples"], said["of"]) == (rows.sum(), len(run))
+    assert said["seconds"] == pytest.approx(rows.sum() / 100) and said["left_out"] == (rows & ~run.used).sum()
+    assert said["drawbar_pull_n"] == pytest.approx(run.drawbar_pull_n[rows & run.used].mean(), rel=1e-5)
+    assert said["slip"] == pytest.approx([np.nanmin(run.slip[rows]), np.nanmax(run.slip[rows])])
+    used = selected(view, kind="time", low=low, high=high, left_out=False)
+    assert used["samples"] == (rows & run.used).sum() and used["left_out"] == 0
+
+
+@pytest.mark.parametrize("channel", ["drawbar_pull_n", "driving_torque_nm", "rim_speed_mps"])
+def test_a_box_over_slip_holds_the_samples_inside(view: View, runs: list[ProcessedRun], channel: str) -> None:
+    run = runs[0]
+    values = run.wheel_radius_m * run.wheel_speed_radps if channel.startswith("rim") else getattr(run, channel)
+    bottom, top = np.percentile(values[run.used], [20, 70])
+    rows = (run.slip >= -0.2) & (run.slip <= 0.7) & (values >= bottom) & (values <= top)
+    said = selected(view, kind="slip", low=-0.2, high=0.7, channel=channel, bottom=bottom, top=top)
+    assert said["samples"] == pytest.approx(rows.sum(), abs=1) and said["samples"] > 50
+
+
+def test_a_reason_is_counted_and_has_the_share_of_the_report(view: View, runs: list[ProcessedRun]) -> None:
+    shares = view.get("/api/run?campaign=c1&run=r1")["shares"]
+    assert shares == {why.lower(): share for why, share in runs[0].quality.shares.items() if why != "USED"}
+    assert len(shares) > 2
+    for code in shares:
+        rows = runs[0].reason == Reason[code.upper()]
+        assert selected(view, kind="reason", code=code)["samples"] == rows.sum() > 0
+        assert code in view.get("/api/run?campaign=c1&run=r1")["reason"]
+    assert selected(view, kind="reason", code="nonsense")["samples"] == 0
+
+
+def test_a_cut_counts_at_once(view: View, runs: list[ProcessedRun]) -> None:
+    view.post("/api/choose", campaign="c1", choice={"run": [{"id": "run-1", "keep": KEEP}]})
+    kept = keep_only(runs[0], [(0.0, 13.0)])
+    said = selected(view, kind="time", low=0, high=99, left_out=False)
+    assert said["samples"] == kept.used.sum()
+    by_hand = view.get("/api/run?campaign=c1&run=r1")["shares"]["by_hand"]
+    assert by_hand == (kept.reason == Reason.BY_HAND).mean()
+
+
+@pytest.mark.parametrize("keep", [None, KEEP])
+def test_curves_stand_on_the_medians_of_all_used_samples(
+    view: View, runs: list[ProcessedRun], keep: list[list[float]] | None
+) -> None:
+    used = runs
+    if keep is not None:
+        view.post("/api/choose", campaign="c1", choice={"run": [{"id": "run-1", "keep": keep}]})
+        used = [keep_only(runs[0], [(0.0, 13.0)]), runs[1]]
+    base = view.get("/api/parameters?campaign=c1")["base"]
+    for name in ("load_n", "ground_speed_mps"):
+        quantity = name.replace("load_n", "vertical_load_n")
+        median = np.median(np.concatenate([getattr(run, quantity)[run.used] for run in used]))
+        assert base[name] == pytest.approx(median, rel=1e-6)
+
+
+@pytest.mark.parametrize("keep", [None, KEEP, [[0.0, 4.0]]])
+def test_grade_and_usable_share_are_those_of_the_report_also_of_a_cut_run(
+    view: View, folder: Path, keep: list[list[float]] | None
+) -> None:
+    choice = {"run": [{"id": "run-1", "keep": keep}]} if keep else {}
+    view.post("/api/choose", campaign="c1", choice=choice)
+    from wheelsoil.choice import parse_choice
+
+    graded = report_of([folder], choice=parse_choice({"schema": "wheelsoil/choice/1", **choice}), diagnose=False)
+    said = graded.numbers()["sections"]["glance"]["grades"]
+    for run in view.campaigns()[0]["runs"]:
+        theirs = said[run["id"]]
+        assert run["grade"] == theirs["level"] and run["notes"][: len(theirs["reasons"])] == theirs["reasons"]
+        assert run["usable_share"] == theirs.get("usable_share", run["usable_share"])
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {},
+        {"kind": "all"},
+        {"kind": "time", "low": "1"},
+        {"kind": "slip", "channel": "reason"},
+        {"kind": "time", "left_out": 1},
+        {"kind": "time", "surprise": 1},
+    ],
+    ids=str,
+)
+def test_a_selection_that_cannot_be_is_a_fault(view: View, asked: dict[str, Any]) -> None:
+    answer = view.tell("/api/selected", campaign="c1", run="r1", **asked)
+    assert answer.status == 400 and answer.faults
+    assert view.tell("/api/selected", campaign="c1", run="r9", kind="time").status == 404
