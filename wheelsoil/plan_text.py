@@ -27,7 +27,7 @@ def plan_lines(plan: Plan, width: int = 96) -> list[str]:
         wrapped(_sentence(plan), width),
         _effects(plan, width),
         _alike(plan, width),
-        _matrix(plan),
+        _matrix(plan, width),
         *(
             told(f"{title} ({len(texts)})", texts, width)
             for title, texts in not_named(plan.cannot_tell, plan.minimum_detectable).items()
@@ -66,9 +66,10 @@ def _effects(plan: Plan, width: int) -> list[str]:
         )
     ]
     head = ["cause", "left", "d", "d_sep", "most alike", "seen from", "told apart from"]
-    lines = table_lines(head, [_short(row) for row in rows])
+    lines = table_lines(head, [_short(row) for row in rows], width=width - 2)
+    title = "At a plausible size: share left by the soil, d (5: found), d_sep (5: told from all others)"
     return [
-        "At a plausible size: share left by the soil, d (5: found), d_sep (5: told from all others)",
+        *wrapped(title, width),
         *(f"  {line}" for line in lines),
         *_footnote(plan, width),
     ]
@@ -103,14 +104,15 @@ def _alike(plan: Plan, width: int) -> list[str]:
     return [f"Look-alikes (|cos| from {ALIKE:g} on)", *lines] if lines else []
 
 
-def _matrix(plan: Plan) -> list[str]:
+def _matrix(plan: Plan, width: int) -> list[str]:
     """Return |cos| of every pair as one digit: tenths, = from `ALIKE` on, a dot where it is faint."""
     found = plan.isolability
     names = [effect_name(key) for key in found.keys]
     longest = max(map(len, names), default=0)
-    lines = [f"  {name.ljust(longest)} {' '.join(_digits(found.cosine[i, : i + 1]))}" for i, name in enumerate(names)]
+    gap = " " if longest + 2 + 2 * len(names) <= width else ""
+    lines = [f"  {name.ljust(longest)} {gap.join(_digits(found.cosine[i, : i + 1]))}" for i, name in enumerate(names)]
     head = "|cos| of every pair, the soil projected out: tenths; = from .95 on; . below .3; + itself"
-    return [head, *lines] if lines else []
+    return [*wrapped(head, width), *lines] if lines else []
 
 
 def _digits(row: FloatArray) -> Iterable[str]:

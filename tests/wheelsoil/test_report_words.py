@@ -90,12 +90,13 @@ def test_growth_is_not_said_of_every_shape_where_one_leaves_it_open():
 
 
 def test_one_sentence_leads_and_the_others_are_below(material):
-    found = replace(diagnosis("named"), sentence="It is a (p > .999): b = 0.3. On runs left out it helps. Drive c.")
+    said = "It is a (p > .999): b = 0.3. On runs left out it helps. To be surer of the name, drive next: a run."
+    found = replace(diagnosis("named"), sentence=said, next_run=(NextRun("a run", (), 5.0),))
     report = build_report(replace(material, diagnosed=found))
     blocks = section_of(report, "glance").blocks
     texts = {block.kind: block.text for block in blocks if isinstance(block, Text)}
     assert texts["lead"] == "It is a (p > .999): b = 0.3."
-    assert texts["text"] == "On runs left out it helps. Drive c."
+    assert texts["text"] == "On runs left out it helps."
     assert report.numbers()["sections"]["glance"]["sentence"] == found.sentence
 
 

@@ -31,6 +31,15 @@ def test_a_sample_campaign_fits(command, width, monkeypatch, tmp_path):
     assert too_wide(shown.out + shown.err, width) == []
 
 
+def test_a_plan_fits(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    clay = RECORDINGS / "clay"
+    files = ["--vehicle", clay / "vehicle.toml", "--terrain", clay / "terrain.toml"]
+    shown = ok("diagnose", "--plan", *files, "--planned-runs", 2, "--planned-duration", 20)
+    assert "seen from" in shown.out
+    assert too_wide(shown.out, 80) == []
+
+
 def test_a_pipe_gets_96_columns(monkeypatch):
     monkeypatch.delenv("COLUMNS", raising=False)
     run = RECORDINGS / "clay" / "run-1.mcap"

@@ -16,6 +16,7 @@ TITLE = "In ten seconds"
 
 _END = ". "
 """Of a sentence: the first is read by everyone, the others stand below the lights."""
+_SAYS_NEXT = re.compile(r"^(Next|To be surer of the name, drive next): ")
 _WHY = 1
 """Reasons of a run that are told here; data quality tells all."""
 _MANY = 12
@@ -34,8 +35,15 @@ def build(material: Material) -> Section:
     first, _, rest = sentence.partition(_END)
     lead = f"{first}{_END[0]}" if rest else sentence
     blocks: list[Block] = [Text(lead, "lead"), Text(f"{step[0].upper()}{step[1:]}", "next"), Lights("Runs", lights)]
-    blocks += [Text(rest)] if rest else []
+    below = _without(rest, step)
+    blocks += [Text(below)] if below else []
     return Section(KEY, TITLE, blocks, {"sentence": sentence, "next_step": step, "grades": grades})
+
+
+def _without(rest: str, step: str) -> str:
+    """Return sentences but for the one that says what the next step says already."""
+    kept = [one for one in rest.split(_END) if not (_SAYS_NEXT.match(one) and _SAYS_NEXT.sub("", one)[:-1] in step)]
+    return f"{_END.join(kept).rstrip('.')}." if any(kept) else ""
 
 
 def _sentence(material: Material) -> str:
