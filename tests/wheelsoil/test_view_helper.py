@@ -84,21 +84,24 @@ def test_what_is_dropped_ends_and_what_waits_is_done(helper: Helper) -> None:
 
 
 def test_what_is_dropped_while_the_process_starts_is_not_done(helper: Helper, tmp_path: Path) -> None:
-    asked = helper.ask(_note, tmp_path / "done", "text")
+    held = tmp_path / "held"
+    os.mkfifo(held)
+    asked = helper.ask(_note, held, "text")  # it cannot be done before somebody reads
     while not asked.running():
-        pass
+        time.sleep(0.001)
     helper.drop(asked)
     with pytest.raises(HelperEndedError):
         asked.result(PATIENCE_S)
     assert helper.ask(abs, -3).result(PATIENCE_S) == 3
-    assert not (tmp_path / "done").exists()
 
 
 def test_what_is_urgent_goes_first(helper: Helper, tmp_path: Path) -> None:
-    done = tmp_path / "done"
-    helper.ask(time.sleep, 0.3)
+    done, gate = tmp_path / "done", tmp_path / "gate"
+    os.mkfifo(gate)
+    helper.ask(_note, gate, "open")  # it is at this until somebody reads
     slow = [helper.ask(_note, done, text) for text in ("first", "second")]
     helper.ask(_note, done, "urgent", urgent=True)
+    assert gate.read_text() == "open\n"
     slow[1].result(PATIENCE_S)
     assert done.read_text().split() == ["urgent", "first", "second"]
 

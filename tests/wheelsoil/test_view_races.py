@@ -1,0 +1,90 @@
+"""What happens on the analyst's page while something else is underway: nothing is lost, nothing is done for nobody."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from view_client import PATIENCE_S, Answer, View, taken_from, viewing
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return taken_from(ROOT / "recordings" / "clay", tmp_path / "clay", 2)
+
+
+@contextmanager
+def fitting(view: View) -> Iterator[list[Answer]]:
+    """A fit that is underway; its answer is there at the end."""
+    found: list[Answer] = []
+    thread = threading.Thread(target=lambda: found.append(view.tell("/api/fit", campaign="c1")))
+    thread.start()
+    time.sleep(0.2)  # nothing hangs on it: a fit that has not begun is to be treated alike
+    yield found
+    thread.join()
+
+
+def test_the_same_choice_told_again_costs_no_fit(folder: Path) -> None:
+    choice = {"slip_threshold": 0.15, "effects": ["vasilev"]}
+    with viewing(folder) as view:
+        view.settled()
+        view.post("/api/choose", campaign="c1", choice=choice)
+        with fitting(view) as found:
+            for _ in range(3):
+                view.post("/api/choose", campaign="c1", choice=choice)
+        assert found[0].status == 200 and "chosen" in found[0].json["models"]
+
+
+def test_another_choice_ends_the_fit_of_the_one_before(folder: Path) -> None:
+    with viewing(folder) as view:
+        view.settled()
+        for threshold in (0.1, 0.2):
+            with fitting(view) as found:
+                view.post("/api/choose", campaign="c1", choice={"slip_threshold": threshold})
+            [answer] = found
+            if answer.status == 200:  # it came before the choice was changed, or began after it
+                assert answer.json["slip_threshold"] in (0.1, 0.2)
+            else:
+                assert answer.status == 409 and "changed meanwhile" in answer.faults[0]["what"]
+        assert view.post("/api/fit", campaign="c1")["slip_threshold"] == 0.2
+
+
+def test_a_helper_that_ends_once_costs_no_run(folder: Path) -> None:
+    with viewing(folder) as view:
+        view.until(lambda found: found[0]["runs"][0]["state"] == "processing", "a run is processed")
+        while not _kill_helpers(view):
+            time.sleep(0.01)
+        assert [run["state"] for run in view.settled()[0]["runs"]] == ["ready", "ready"]
+
+
+def test_a_run_that_ends_every_helper_has_failed_and_may_be_tried_again(folder: Path) -> None:
+    with viewing(folder) as view:
+        end = time.monotonic() + PATIENCE_S
+        while "failed" not in (states := [run["state"] for run in view.campaigns()[0]["runs"]]):
+            assert time.monotonic() < end and "ready" not in states
+            _kill_helpers(view)
+            time.sleep(0.02)
+        run = next(run for run in view.campaigns()[0]["runs"] if run["state"] == "failed")
+        answer = view.ask("GET", f"/api/run?campaign=c1&run={run['key']}")
+        assert answer.status == 422 and "off and on again" in answer.faults[0]["next_step"]
+        view.post("/api/choose", campaign="c1", choice={})
+        assert [run["state"] for run in view.settled()[0]["runs"]] == ["ready", "ready"]
+
+
+def _kill_helpers(view: View) -> int:
+    """End the processes that the page has started, as a system does that is short of memory."""
+    found = 0
+    for task in Path(f"/proc/{view.process.pid}/task").iterdir():
+        for child in (task / "children").read_text().split():
+            if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+                os.kill(int(child), signal.SIGKILL)
+                found += 1
+    return found
