@@ -35,19 +35,6 @@ def only(view: View) -> dict[str, Any]:
     return dict(run)
 
 
-def test_a_recording_without_slip_says_so_and_leaves_the_page_up(tmp_path: Path) -> None:
-    with viewing(without(tmp_path / "clay", "wheel_speed")) as view:
-        run = only(view)
-        assert run["state"] == "failed" and "wheel_speed" in run["why"]
-        answer = view.ask("GET", "/api/run?campaign=c1&run=r1")
-        assert answer.status == 422 and "wheel_speed" in answer.faults[0]["what"]
-        for path in ("/api/fit", "/api/diagnose"):
-            answer = view.tell(path, campaign="c1")
-            assert answer.status == 400 and "wheel_speed" in answer.faults[0]["what"]
-        assert view.ask("GET", "/api/parameters?campaign=c1").status == 422
-        assert view.post("/api/curve", campaign="c1", load_n=9e3)["load_n"] == 9e3
-
-
 def test_a_recording_without_torque_is_drawn_and_fitted_without_it(tmp_path: Path) -> None:
     with viewing(without(tmp_path / "clay", "driving_torque")) as view:
         assert only(view)["state"] == "ready"

@@ -207,7 +207,7 @@ class ViewedCampaign:
         Raises
         ------
         ConfigError
-            The choice does not fit the runs, or one could not be processed.
+            The choice does not fit the runs, or one could not be processed or lacks what a fit needs.
         NotReadyError
             Some are not processed yet.
         """
@@ -221,6 +221,10 @@ class ViewedCampaign:
         if pending:
             what = f"{pending} of {len(used)} runs are still to be processed"
             raise NotReadyError(Fault(what, self.name, next_step="wait until they are, or switch them off"))
+        lacking = [(run, text) for run in used if run.seen for text in run.seen.missing.values()]
+        if lacking:
+            step = "mend vehicle.toml and open the page again, or switch the run off"
+            raise ConfigError(*(Fault(text, f"run {run.run.id}", next_step=step) for run, text in lacking))
         return self.ready_members()
 
     def base(self, load_n: float | None = None) -> Base:
@@ -239,7 +243,9 @@ class ViewedCampaign:
         if load_n is None and np.isnan(median_n):
             kind = NotReadyError if self.pending else DataError
             expected = "a run with a usable vertical load"
-            raise kind(Fault("the load on the wheel is not known", self.name, expected=expected))
+            missing = dict.fromkeys(text for run in used if run.seen for text in run.seen.missing.values())
+            what = ", and ".join(missing) or "the load on the wheel is not known"
+            raise kind(Fault(what, self.name, expected=expected))
         infos = [run.run.info for run in used] or [self.first.info]
         return Base(
             wheel=self.wheel,

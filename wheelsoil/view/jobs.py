@@ -50,6 +50,8 @@ class Seen:
         What of its recording was lost, in words.
     notes : tuple of str
     sha256 : str
+    missing : mapping role -> str
+        See `processing.processed_run.QualityReport`.
     """
 
     run: ProcessedRun
@@ -57,6 +59,7 @@ class Seen:
     lost: tuple[str, ...]
     notes: tuple[str, ...]
     sha256: str
+    missing: dict[str, str]
 
     @property
     def end_s(self) -> float:
@@ -98,6 +101,7 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
         lost=tuple(source.lost),
         notes=(*processed.quality.notes, *filter(None, said.getvalue().splitlines())),
         sha256=source.sha256,
+        missing=processed.quality.missing,
     )
 
 

@@ -16,7 +16,8 @@ IntArray = NDArray[np.int64]
 
 MOST_POINTS = 6000
 _RATE_HZ = 10.0
-_KEPT_PER_PIECE = 4
+_TELLING = 2
+_KEPT_PER_PIECE = 2 * _TELLING
 """Least and greatest drawbar pull, least and greatest slip."""
 
 _DECIMALS = {
@@ -81,8 +82,8 @@ def rows_to_draw(run: ProcessedRun) -> IntArray:
     """Choose about ten rows a second, at most `MOST_POINTS`, in rising order.
 
     The run is cut into pieces of equal length. Of each the rows of the least and the greatest drawbar pull and slip
-    stay, of its used samples where it has any, and the first row of each reason that left some out, so that a gap stays
-    one however short it is.
+    stay (of load and speeds where one of them is missing), of its used samples where it has any, and the first row of
+    each reason that left some out, so that a gap stays one however short it is.
     """
     most = min(MOST_POINTS, int(len(run) / run.rate_hz * _RATE_HZ) + _KEPT_PER_PIECE)
     if len(run) <= most:
@@ -94,12 +95,16 @@ def rows_to_draw(run: ProcessedRun) -> IntArray:
 
 
 def _rows_of_pieces(run: ProcessedRun, pieces: int) -> IntArray:
+    telling = [run.drawbar_pull_n, run.slip]
+    if run.quality.missing:
+        telling += [run.driving_torque_nm, run.vertical_load_n, run.ground_speed_mps, run.wheel_speed_radps]
+    telling = [values for values in telling if np.isfinite(values).any()][:_TELLING]
     chosen = []
     for piece in np.array_split(np.arange(len(run)), pieces):
         reasons, first = np.unique(run.reason[piece], return_index=True)
         used = piece[run.used[piece]]
         inside = used if len(used) else piece
-        found = [row for values in (run.drawbar_pull_n, run.slip) for row in _ends(values, inside)]
+        found = [row for values in telling for row in _ends(values, inside)]
         found += piece[first[(reasons != Reason.USED) | (not found)]].tolist()
         chosen.append(np.unique(found))
     return np.concatenate(chosen)

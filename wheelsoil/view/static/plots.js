@@ -21,9 +21,15 @@ function shownChannels() {
   return CHANNELS.filter(({ key }) => state.shown.has(key) && (has(data, key) || has(other, key)));
 }
 
+/** What a channel is drawn over: slip only where it is known. */
+function overs({ key }) {
+  const slip = [state.a, state.b].some((place) => place && has(samplesOf(place), "slip"));
+  return slip && key !== "slip" ? ["time", "slip"] : ["time"];
+}
+
 /** Make the pairs that are missing, drop those that are not wanted. */
 function arrange(Plotly) {
-  const wanted = shownChannels().flatMap((about) => (about.key === "slip" ? ["time"] : ["time", "slip"]).map((over) => ({ about, over, key: `${over} ${about.key}` })));
+  const wanted = shownChannels().flatMap((about) => overs(about).map((over) => ({ about, over, key: `${over} ${about.key}` })));
   for (const [key, { div }] of plots) {
     if (wanted.some((each) => each.key === key)) continue;
     Plotly.purge(div);

@@ -26,7 +26,7 @@ function overTime(place, data, about, look) {
   const out = (i) => !data.used[i] || !data.used[i - 1] || !data.used[i + 1];
   const line = (rows, more) => ({ type: "scatter", mode: "lines", x: data.time_s, y: only(y, rows), connectgaps: false, ...more });
   const traces = [];
-  if (state.leftOut) {
+  if (state.leftOut || !data.used.some(Boolean)) { // else there would be nothing to see
     traces.push(line(out, { name: "left out", line: { color: colour("soft"), width: 1, dash: "dot" }, customdata: data.reason.map((code) => words(spaced(code || "used"))), hovertemplate: hover(place, about, "time", "<br>%{customdata}") }));
   }
   traces.push(line((i) => data.used[i], { name: "used", line: { color: look.colour, width: 1.6, dash: look.dash }, hovertemplate: hover(place, about, "time") }));
