@@ -17,7 +17,7 @@ from wheelsoil.force_sinkage import growth_sentence
 from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Table, Text
 from wheelsoil.report.material import Material
-from wheelsoil.report.sections import candidates, coefficients, criteria, detectable, glance, next_run
+from wheelsoil.report.sections import candidates, coefficients, criteria, detectable, glance, next_run, provenance
 from wheelsoil.report.words import form_name, letter, measured, unit
 
 CODE = re.compile(r"\b\w+_\w+\b")
@@ -124,3 +124,11 @@ def test_a_part_of_a_sum_is_not_in_the_sentence():
     )
     said = _cause(replace(diagnosis("named").causes[0], key="lyasko", form="lyasko", parameters=parts))
     assert "p = m1 + m2 = 0.615" in said and "m1 = 0.582" not in said
+
+
+def test_what_a_default_came_to_is_told(material):
+    section = provenance.build(replace(material, options={"slip_threshold": None, "soil_prior": False, "effects": ()}))
+    said = dict(row for b in section.blocks if isinstance(b, Table) and b.caption == "Options" for row in b.rows)
+    assert said["soil prior"] == "no" and said["effects"] == "none"
+    assert said["slip threshold used"] == f"{material.fit.slip_threshold:g}"
+    assert said["cut-off used"] == f"{material.runs[0].cutoff_hz:.3g} Hz"

@@ -13,7 +13,7 @@ from wheelsoil.report.content import Block, Figure, Panels, Section, Text
 from wheelsoil.report.figures import MEASURED, Trace, axes, dots, line, look_at, marked_line
 from wheelsoil.report.material import FloatArray, Material
 from wheelsoil.report.thinning import EDGES, Bins, binned, parted_at_zero, thinned_rows
-from wheelsoil.report.words import listed
+from wheelsoil.report.words import form_name, listed
 
 KEY = "evidence"
 TITLE = "Evidence"
@@ -59,7 +59,7 @@ def build(material: Material) -> Section:
         kinds.insert(0, (_pair, _AFTER))
     shown = {channel: _of_channel(found.seen, channel, keys) for channel in CHANNEL_NAMES}
     shown = {channel: views for channel, views in shown.items() if views}
-    blocks: list[Block] = [Text(f"Shown: {listed([effect_name(key) for key in keys])}.")]
+    blocks: list[Block] = [Text(f"Shown: {listed([form_name(effect_name(key)) for key in keys])}.")]
     for draw, reading in kinds:
         figures = [draw(channel, views) for channel, views in shown.items()]
         blocks.append(Panels(figures, reading, [seen.campaign for seen in found.seen]))
@@ -125,7 +125,7 @@ def _shapes(channel: str, views: list[_Shown]) -> Figure:
         traces = [line(left.centre, left.median, "what is left", MEASURED, "solid", 2.6)]
         for look, (key, values) in zip(_LOOKS, view.signatures.items(), strict=False):
             curve = _curve(view.slip, values)
-            traces.append(marked_line(curve.centre, curve.median, effect_name(key), STYLES[look]))
+            traces.append(marked_line(curve.centre, curve.median, form_name(effect_name(key)), STYLES[look]))
         groups[view.campaign] = traces
     return _driven(_figure("shapes", channel, "signatures", groups))
 

@@ -9,7 +9,7 @@ from wheelsoil.diagnosis_words import CHANNEL_NAMES, CHANNEL_UNITS, NO_GAIN, eff
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes
 from wheelsoil.report.material import Material
-from wheelsoil.report.words import interval, listed, number, signed
+from wheelsoil.report.words import form_name, interval, listed, number, signed
 
 KEY = "gain"
 TITLE = "Gain of the extension"
@@ -104,7 +104,7 @@ def _figure(gain: Gain) -> Figure:
 def _chosen(gain: Gain) -> str:
     counts = Counter(gain.chosen)
     said = [
-        f"{listed([effect_name(key) for key in keys]) if keys else 'no cause'} in {count}"
+        f"{listed([form_name(effect_name(key)) for key in keys]) if keys else 'no cause'} in {count}"
         for keys, count in counts.most_common()
     ]
     return f"Of {len(gain.chosen)} choices without the run left out: {listed(said)}."

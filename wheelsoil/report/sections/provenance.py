@@ -17,7 +17,10 @@ def build(material: Material) -> Section:
         Table("Files", _FILE_HEAD, [_file_row(source) for source in material.sources], left=2),
         Table("Vehicle and terrain", ["what", "value"], material.facts, left=2),
         Table(
-            "Options", ["option", "value"], [[name, _plain(value)] for name, value in material.options.items()], left=2
+            "Options",
+            ["option", "value"],
+            [[name.replace("_", " "), _plain(value)] for name, value in [*material.options.items(), *_used(material)]],
+            left=2,
         ),
         Table("Versions", ["program", "version"], [[name, text] for name, text in material.versions.items()], left=2),
     ]
@@ -26,12 +29,13 @@ def build(material: Material) -> Section:
         "files": material.sources,
         "facts": material.facts,
         "options": material.options,
+        "used": dict(_used(material)),
         "versions": material.versions,
     }
     return Section(KEY, TITLE, blocks, numbers)
 
 
-_FILE_HEAD = ["run", "file", "size (MB)", "frames", "SHA-256 (first 16 digits)"]
+_FILE_HEAD = ["run", "file", "size (MB)", "frames", "SHA-256 (16 of its 64 digits; all in the JSON)"]
 
 
 def _file_row(source: Source) -> list[str]:
@@ -40,5 +44,16 @@ def _file_row(source: Source) -> list[str]:
     return [source.run_id, source.file, size, frames, source.sha256[:16]]
 
 
+def _used(material: Material) -> list[tuple[str, object]]:
+    """Return what an option that was left at its default came to."""
+    cutoffs = tuple(dict.fromkeys(f"{run.cutoff_hz:.3g} Hz" for run in material.runs))
+    threshold = [("slip threshold used", f"{material.campaign.slip_threshold:g}")] if material.campaign else []
+    return [("cut-off used", cutoffs), *threshold]
+
+
 def _plain(value: object) -> str:
-    return ", ".join(map(str, value)) if isinstance(value, tuple) else "default" if value is None else str(value)
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, tuple):
+        return ", ".join(map(str, value)) or "none"
+    return "default" if value is None else str(value)

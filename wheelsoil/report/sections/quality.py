@@ -92,7 +92,7 @@ def _table(material: Material) -> Table:
     head = ["run", "grade", "length (s)", "used (%)", "used in motion (%)", "slip up to", "most was left out for"]
     note = (
         "Used in motion: of the samples that are neither standstill, nor too slow for slip, nor at the filter's edge. "
-        "Good from 80 % on with slip beyond 0.5; below 50 %, or with slip below 0.1, poor."
+        "Good from 80 % on with slip beyond 0.5; below 50 % poor; hardly driven (slip below 0.1) fair."
     )
     return Table("Runs", head, rows, note, left=2)
 
