@@ -40,6 +40,7 @@ function show() {
   const { fit, of } = found, outdated = of !== JSON.stringify(campaign.choice);
   write(get("fit-says"), outdated ? "The choice has changed since this fit: refit." : fit.notes.join("; "));
   get("fit-says").classList.toggle("outdated", outdated);
+  get("fit-tables").classList.toggle("old", outdated);
   get("fit-tables").replaceChildren(criteria(fit), values(fit));
   const estimates = Object.assign({}, ...Object.values(fit.models).map((model) => model.estimates), fit.models[OWN]?.estimates);
   tellFit(estimates, fit.models[OWN]?.held ?? {});

@@ -70,6 +70,7 @@ function show() {
   fill("slip-from", slip ? chosen.from.toFixed(2) : "");
   fill("slip-to", slip ? chosen.to.toFixed(2) : "");
   get("clear").disabled = !chosen;
+  get("brush-box").classList.toggle("chosen", Boolean(chosen));
   count();
 }
 

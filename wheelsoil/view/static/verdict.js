@@ -47,18 +47,21 @@ function rowsOf(diagnosis) {
   return (diagnosis?.candidates ?? []).filter(({ probability }) => probability >= LEAST).slice(0, MOST).map((each) => ({ ...each, cause: causes.get(each.name) }));
 }
 
+const percent = (share) => `${(100 * share).toFixed(share < 0.995 ? 1 : 0)} %`;
+
 function makeRow() {
   const item = part("li"), button = part("button", "", "Put into the model");
   button.type = "button";
-  item.append(part("span", "name"), part("meter"), part("span", "share"), button);
+  item.append(part("span", "name"), part("meter"), part("span", "share"), part("span", "form"), button);
   return item;
 }
 
 function fillRow(item, { name, probability, cause }) {
-  const [title, meter, share, button] = item.children, effect = effectOf(name, cause?.form);
-  write(title, spaced(name) + (cause?.form ? `: ${cause.form}` : ""));
+  const [title, meter, share, form, button] = item.children, effect = effectOf(name, cause?.form);
+  write(title, spaced(name));
   meter.value = probability;
-  write(share, `${(100 * probability).toFixed(probability < 0.995 ? 1 : 0)} %`);
+  write(share, percent(probability));
+  write(form, cause?.form ? `if so, ${spaced(cause.form)} with ${percent(cause.form_probability)}` : "");
   const inside = effect && current().choice.effects?.includes(effect.key);
   button.disabled = !effect?.can || inside;
   write(button, inside ? "In the model" : "Put into the model");
