@@ -141,7 +141,7 @@ _AGAINST = (
     ("vertical_load_n", "vertical load (N)", "against load"),
     ("ground_speed_mps", "ground speed (m/s)", "against speed"),
     ("time_s", "time in the run (s)", "against time"),
-    ("line_position", "place along the line (−1: one end, 1: the other)", "against place"),
+    ("line_position", "place along the line (ends: −1, 1)", "against place"),
     ("run", "run", "run by run"),
 )
 
