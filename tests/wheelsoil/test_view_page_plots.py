@@ -194,8 +194,9 @@ def test_what_a_recording_lacks_costs_itself_only(browser: Browser, tmp_path: Pa
             expect(seen.locator("#shown")).to_contain_text(words)
             expect(seen.locator("#plots figure")).to_have_count(2)
         else:
-            expect(seen.locator("#waiting")).to_contain_text(words)
-            expect(seen.locator("button.run .tag")).to_have_text("failed")
+            expect(seen.locator(f"#{PLOTS[0]} .main-svg").first).to_be_visible()
+            expect(seen.locator("button.run .tag")).to_have_text("✕ poor")
+            expect(seen.locator("#notes")).to_contain_text(words)
 
 
 def test_a_measured_sinkage_has_its_plots(browser: Browser, tmp_path: Path) -> None:
