@@ -83,6 +83,11 @@ def points(page: Page, plot: str, name: str) -> list[tuple[float, float]]:
     return [(float(x), float(y)) for x, y in (pair.split(",") for pair in pairs)]
 
 
+def comes(page: Page, plot: str, name: str) -> None:
+    """Wait until a shape of a name lies over a plot's samples; the model's curve is asked for after they are drawn."""
+    page.wait_for_function(f"(asked) => ({_SHAPES})(asked).length > 0", arg=[plot, name])
+
+
 def picked(page: Page, plot: str) -> int:
     """How many samples a plot shows as selected; each is a stroke of no length, so two points."""
     return len(points(page, plot, "selected")) // 2

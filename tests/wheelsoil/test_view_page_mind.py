@@ -3,24 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from live_browser import chromium
 from playwright.sync_api import Browser, expect
-from view_browser import curve_on_page, drawn, looking, points
+from view_browser import comes, curve_on_page, drawn, looking
 from view_client import taken_from, viewing
 
 ROOT = Path(__file__).parents[2]
 CLAY, SANDY = ROOT / "recordings" / "clay", ROOT / "recordings" / "sandy"
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture
@@ -103,7 +95,7 @@ def test_a_run_that_failed_is_not_shown_with_the_plots_of_another(browser: Brows
     with viewing(folder, broken) as view, looking(browser, view.address, refused=True) as seen:
         view.settled()
         drawn(seen, *PLOTS)
-        assert points(seen, PLOTS[1], "curve by hand")
+        comes(seen, PLOTS[1], "curve by hand")
         seen.locator("button.run").last.click()
         expect(seen.locator("#waiting")).to_contain_text("wheel")
         expect(seen.locator("#plots")).to_be_hidden()
