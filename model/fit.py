@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.criteria import criteria
-from model.effects import EFFECTS
 from model.estimates import correlations, estimates_of, spread_of, warnings_of
 from model.fit_checks import (
     answered_by_extended,
@@ -28,7 +27,7 @@ from model.one_thread import one_thread
 from model.run_conditions import conditions_of
 from model.soils import Soil
 from model.wheel import Wheel
-from model.wheel_soil import Prediction, WheelSoilModel
+from model.wheel_soil import Prediction
 from processing.processed_run import ProcessedRun
 
 FloatArray = NDArray[np.float64]
@@ -66,7 +65,7 @@ def fit_models(
     everything = observations_of(runs, thinned=False)
     models, predicted = [], []
     for fit in fitted.models:
-        model = _model(wheel, soil, fit.name, fitted.options)
+        model = fitted.options.forward(wheel, soil, fit.name)
         predictions = tuple(model.predict(condition, fit.values) for condition in conditions)
         models.append(replace(fit, predictions=predictions))
         predicted.append(
@@ -104,7 +103,7 @@ def fit_observations(
     check_options(chosen)
     check_stiffness(soil, wheel)
     driven = driven_samples(observations, chosen)
-    answered = np.isfinite(_model(wheel, soil, "wong", chosen).predict(driven.conditions).drawbar_pull_n)
+    answered = np.isfinite(chosen.forward(wheel, soil, "wong").predict(driven.conditions).drawbar_pull_n)
     if chosen.extended is not None:
         answered &= answered_by_extended(wheel, driven, chosen.extended, answered)
     check_chosen(driven, chosen.chosen)
@@ -112,7 +111,8 @@ def fit_observations(
     check_enough(driven, lost, chosen)
     threshold = default_slip_threshold(soil) if chosen.slip_threshold is None else chosen.slip_threshold
     fits = [_fit_one(name, driven, wheel, soil, chosen) for name in chosen.names]
-    predictions = [_model(wheel, soil, fit.name, chosen).predict(observations.conditions, fit.values) for fit in fits]
+    forward = [chosen.forward(wheel, soil, fit.name) for fit in fits]
+    predictions = [model.predict(observations.conditions, fit.values) for model, fit in zip(forward, fits, strict=True)]
     predicted = [{c: getattr(p, CHANNELS[c]) for c in CHANNELS} for p in predictions]
     models = judge_alike(fits, observations, predicted, threshold, wheel.radius_m)
     notes = (f"{lost} driven samples left out: the soil does not carry their load above the axle",) if lost else ()
@@ -122,11 +122,6 @@ def fit_observations(
 def default_slip_threshold(soil: Soil) -> float:
     """Return the paper's threshold for the criteria: 0.2 on clay, else 0.1."""
     return 0.2 if "clay" in soil.name.lower() else 0.1
-
-
-def _model(wheel: Wheel, soil: Soil, name: str, options: FitOptions) -> WheelSoilModel:
-    ground = options.extended.soil if name == EXTENDED and options.extended else soil
-    return WheelSoilModel(wheel, ground, [EFFECTS[effect] for effect in options.effects_of(name)], options.reading)
 
 
 def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options: FitOptions) -> ModelFit:
@@ -164,7 +159,7 @@ def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options:
 
 
 def _problem(name: str, driven: Observations, wheel: Wheel, soil: Soil, options: FitOptions) -> FitProblem:
-    model = _model(wheel, soil, name, options)
+    model = options.forward(wheel, soil, name)
     starts = options.extended.values if name == EXTENDED and options.extended else None
     free = free_parameters(model, options.soil_prior, starts)
     ones = {c: np.ones(len(driven)) for c in options.channels}

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.criteria import Criteria
+from model.effects import EFFECTS
 from model.extended import ExtendedModel
 from model.fit_tables import fit_html
 from model.intervals import Blocks
@@ -15,7 +16,7 @@ from model.observations import Observations
 from model.soil_prior import SoilPrior
 from model.soils import Soil
 from model.wheel import Wheel
-from model.wheel_soil import Prediction, Reading
+from model.wheel_soil import Prediction, Reading, WheelSoilModel
 
 FloatArray = NDArray[np.float64]
 
@@ -68,6 +69,11 @@ class FitOptions:
         if name == CHOSEN:
             return self.chosen
         return MODELS[name]
+
+    def forward(self, wheel: Wheel, soil: Soil, name: str) -> WheelSoilModel:
+        """Return what computes a model, by its name; an extended model brings its own soil."""
+        ground = self.extended.soil if name == EXTENDED and self.extended else soil
+        return WheelSoilModel(wheel, ground, [EFFECTS[effect] for effect in self.effects_of(name)], self.reading)
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,13 @@ from daq.bench_tables import WheelTable
 from daq.config import TerrainConfig, VehicleConfig, load_toml
 from daq.errors import ConfigError, Fault, nearest
 from daq.run import Run
-from model.effects import EFFECTS
 from model.extended import ExtendedModel
-from model.fit_result import EXTENDED, CampaignFit, FitOptions, ModelFit
+from model.fit_result import CampaignFit, FitOptions, ModelFit
 from model.observations import Observations
 from model.soil_prior import prior_of
 from model.soils import SOILS, Soil, soil_from_terrain
 from model.wheel import Wheel
-from model.wheel_soil import Reading, WheelSoilModel
+from model.wheel_soil import Reading
 from processing.processed_run import ProcessedRun
 
 SCHEMA = "wheelsoil/fit/1"
@@ -42,6 +41,11 @@ class FitChoices:
     slip_threshold: float | None = None
     extended: ExtendedModel | None = None
     effects: tuple[str, ...] = ()
+
+    @property
+    def purpose(self) -> str:
+        """What runs are processed for."""
+        return "fit_torque" if "t" in self.channels else "fit"
 
     def options(self, soil: Soil, terrain: TerrainConfig | None) -> FitOptions:
         """Return the options of the fit.
@@ -199,11 +203,8 @@ def load_terrain(path: Path | None) -> TerrainConfig | None:
 
 def predicted(fit: CampaignFit, model: ModelFit) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
     """Return what a fitted model says of each row of the observations: sinkage, load, drawbar pull and torque."""
-    effects = [EFFECTS[name] for name in model.effects]
-    ground = fit.options.extended.soil if model.name == EXTENDED and fit.options.extended else fit.soil
-    said = WheelSoilModel(fit.wheel, ground, effects, fit.options.reading).predict(
-        fit.observations.conditions, model.values
-    )
+    forward = fit.options.forward(fit.wheel, fit.soil, model.name)
+    said = forward.predict(fit.observations.conditions, model.values)
     return {
         name: getattr(said, name) for name in ("sinkage_m", "vertical_load_n", "drawbar_pull_n", "driving_torque_nm")
     }

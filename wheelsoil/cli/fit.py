@@ -107,11 +107,10 @@ def _fit_runs(
     from wheelsoil.runs import open_and_process
 
     choices = by_hand.fit_choices(extended)
-    purpose = "fit_torque" if "t" in choices.channels else "fit"
     vehicle, terrain, runs_file, zero = files
     processed = open_and_process(
         runs,
-        by_hand.process_options(purpose),
+        by_hand.process_options(choices.purpose),
         vehicle=vehicle,
         terrain=terrain,
         runs_file=runs_file,

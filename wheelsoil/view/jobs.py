@@ -121,7 +121,7 @@ def fit_members(members: Sequence[Member], choices: FitChoices, soil: str | None
     ConfigError, DataError
         See `wheelsoil.fitting.fit_runs`.
     """
-    processed = _taken(members, "fit_torque" if "t" in choices.channels else "fit")
+    processed = _taken(members, choices.purpose)
     fit = fit_runs(processed, choices, soil)
     curves = {
         model.name: curve_of(replace(base, soil=fit.soil), model.effects, choices.reading, model.values)
