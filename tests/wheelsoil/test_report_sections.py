@@ -4,38 +4,26 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from diagnosis_samples import diagnosis
-from report_support import material_of, processed_of, section_of, text_of
+from report_support import material_of, section_of, text_of
 
 from daq.recording import Event
 from wheelsoil.cli.fit import print_fit
-from wheelsoil.diagnosing import Processed
 from wheelsoil.fitting import FitChoices
-from wheelsoil.report.bands import model_sigma
+from wheelsoil.report.bands import model_sigmas
 from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Table
-from wheelsoil.report.material import Material, source_of
+from wheelsoil.report.material import source_of
 from wheelsoil.report.sections.sensors import build as sensors_section
 
 EVIL = '<script>alert("x")</script>'
 _NUMBER = re.compile(r"(?<![\w.])[−+-]?\d[\d\u202f]*(?:\.(\d+))?(?:e[+-]\d+)?(?![\w.])")
 _SCALES = (1.0, 100.0, 1e3, 1e-3, 1e-6)
 """From the unit in report.json to that of a table: percent, milli, kilo, mega."""
-
-
-@pytest.fixture(scope="module")
-def processed(campaign: Path) -> Processed:
-    return processed_of(campaign)
-
-
-@pytest.fixture(scope="module")
-def material(processed: Processed) -> Material:
-    return material_of(processed)
 
 
 def all_numbers(value: Any) -> list[float]:
@@ -129,12 +117,13 @@ def test_intervals_and_bounds_are_laid_out_as_lmfit_does(material):
 
 
 def test_the_band_is_what_the_coefficients_leave_open(material):
-    ding = model_sigma(material, material.fit.model("ding"), "dp")
-    assert np.isnan(model_sigma(material, material.fit.model("wong"), "dp")).all(), "nothing is fitted in it"
+    ding = material.sigmas["dp"]["ding"]
+    assert np.isnan(material.sigmas["dp"]["wong"]).all(), "nothing is fitted in it"
     seen = np.isfinite(ding)
     assert 100 < seen.sum() < len(ding)
     (n1,) = material.fit.model("ding").estimates
     doubled = replace(material.fit.model("ding"), estimates=(replace(n1, sigma=2 * n1.sigma),))
-    assert np.allclose(model_sigma(material, doubled, "dp")[seen], 2 * ding[seen])
+    again = model_sigmas(material.runs, replace(material.fit, models=(doubled,)))
+    assert np.allclose(again["dp"]["ding"][seen], 2 * ding[seen])
     slip = material.pool.slip
     assert np.median(ding[seen & (slip > 0.5)]) > 3 * np.median(ding[seen & (slip > 0) & (slip < 0.1)])

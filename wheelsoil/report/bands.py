@@ -2,52 +2,63 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from model.conditions import Conditions
-from model.effects import EFFECTS
-from model.fit_result import EXTENDED, ModelFit
+from model.fit_result import CampaignFit, ModelFit
 from model.observations import CHANNELS
 from model.run_conditions import conditions_of
-from model.wheel_soil import WheelSoilModel
-from wheelsoil.report.material import FloatArray, Material
+from processing.processed_run import ProcessedRun
 from wheelsoil.report.thinning import EDGES
+
+FloatArray = NDArray[np.float64]
 
 _PER_BIN = 4
 """Samples of a run and a bin of slip for which it is worked out: the band is smooth."""
 
 
-def model_sigma(material: Material, model: ModelFit, channel: str) -> FloatArray:
-    """Return one-sigma of a model's prediction from its coefficients alone, on some of the used samples.
+def model_sigmas(runs: Sequence[ProcessedRun], fit: CampaignFit) -> dict[str, dict[str, FloatArray]]:
+    """Return one-sigma of each model's prediction from its coefficients alone, on some of the used samples.
 
     Parameters
     ----------
-    material : Material
-    model : ModelFit
-    channel : "dp" or "t"
+    runs : sequence of ProcessedRun
+    fit : CampaignFit
+        Of these runs.
 
     Returns
     -------
-    float64 array, shape (n,)
-        For the samples of `Material.pool`; NaN where it was not worked out, and everywhere for a model that has no
-        coefficient with a standard error.
+    mapping channel -> model -> float64 array, shape (n,)
+        For the used samples of all runs, one after the other; NaN where it was not worked out, and everywhere for a
+        model that has no coefficient with a standard error.
     """
-    pool = material.pool
-    sigma = np.full(len(pool.slip), np.nan)
+    used = [run.used for run in runs]
+    slip = np.concatenate([run.slip[keep] for run, keep in zip(runs, used, strict=True)])
+    rows = _rows(slip, np.repeat(np.arange(len(runs)), [int(keep.sum()) for keep in used]))
+    conditions = _chosen(runs, fit.soil.unit_weight_n_m3, rows)
+    found: dict[str, dict[str, FloatArray]] = {channel: {} for channel in CHANNELS}
+    for model in fit.models:
+        for channel, sigma in _of_model(fit, model, conditions).items():
+            found[channel][model.name] = np.full(len(slip), np.nan)
+            found[channel][model.name][rows] = sigma
+    return found
+
+
+def _of_model(fit: CampaignFit, model: ModelFit, conditions: Conditions) -> dict[str, FloatArray]:
+    """Return one-sigma of each channel under some conditions."""
     names, covariance = _covariance(model)
     if not names:
-        return sigma
-    rows = _rows(pool.slip, pool.run)
-    conditions = _chosen(material, rows)
-    fit = material.fit
-    ground = fit.options.extended.soil if model.name == EXTENDED and fit.options.extended else fit.soil
-    said = WheelSoilModel(fit.wheel, ground, [EFFECTS[key] for key in model.effects], fit.options.reading).predict(
-        conditions, model.values, wrt=names
-    )
-    slopes = np.stack([getattr(said.sensitivities[name], CHANNELS[channel]) for name in names])
-    sigma[rows] = np.sqrt(np.maximum(np.einsum("in,ij,jn->n", slopes, covariance, slopes), 0.0))
-    return sigma
+        return dict.fromkeys(CHANNELS, np.full(len(conditions.slip), np.nan))
+    forward = fit.options.forward(fit.wheel, fit.soil, model.name)
+    said = forward.predict(conditions, model.values, wrt=names)
+    found = {}
+    for channel, quantity in CHANNELS.items():
+        slopes = np.stack([getattr(said.sensitivities[name], quantity) for name in names])
+        found[channel] = np.sqrt(np.maximum(np.einsum("in,ij,jn->n", slopes, covariance, slopes), 0.0))
+    return found
 
 
 def _covariance(model: ModelFit) -> tuple[tuple[str, ...], FloatArray]:
@@ -74,13 +85,12 @@ def _rows(slip: FloatArray, run: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(np.sort(order[np.unique(picks)]), np.int64)
 
 
-def _chosen(material: Material, rows: NDArray[np.int64]) -> Conditions:
-    """Return the conditions of some samples of the pool."""
-    conditions = conditions_of(material.runs, material.fit.soil.unit_weight_n_m3)
-    used = [run.used for run in material.runs]
+def _chosen(runs: Sequence[ProcessedRun], unit_weight_n_m3: float, rows: NDArray[np.int64]) -> Conditions:
+    """Return the conditions of some of the used samples."""
+    conditions = conditions_of(runs, unit_weight_n_m3)
 
     def of_field(name: str) -> FloatArray:
-        pieces = [getattr(c, name)[keep] for c, keep in zip(conditions, used, strict=True)]
+        pieces = [getattr(c, name)[run.used] for c, run in zip(conditions, runs, strict=True)]
         return np.concatenate(pieces)[rows]
 
     return Conditions(**{name: of_field(name) for name in Conditions.__dataclass_fields__})

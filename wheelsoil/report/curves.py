@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from model.observations import CHANNELS
 from wheelsoil.model_styles import style
-from wheelsoil.report.bands import model_sigma
 from wheelsoil.report.content import Figure, Panels
 from wheelsoil.report.figures import (
     GREY_BAND,
@@ -74,7 +73,7 @@ def curves_of(material: Material, channel: str, key: str, axis: str, reading: st
     measured = pool.measured(channel)
     predicted = {model.name: pool.predicted(model.name, CHANNELS[channel]) for model in material.fit.models}
     predicted = {name: np.where(np.isfinite(measured), values, np.nan) for name, values in predicted.items()}
-    sigmas = {model.name: model_sigma(material, model, channel) for model in material.fit.models}
+    sigmas = material.sigmas[channel]
     choices = {ALL_RUNS: np.ones(len(measured), np.bool_)}
     if len(material.runs) > 1:
         choices |= {run.run.id: pool.run == i for i, run in enumerate(material.runs) if run.used.any()}

@@ -24,6 +24,7 @@ from processing.processed_run import ProcessedRun
 from wheelsoil import __version__
 from wheelsoil.facts import sha256_of
 from wheelsoil.grading import Grade, grade_of
+from wheelsoil.report.bands import model_sigmas
 
 FloatArray = NDArray[np.float64]
 
@@ -143,6 +144,11 @@ class Material:
     def pool(self) -> Pool:
         """The used samples of all runs in one."""
         return Pool(self.runs, self.fit.models)
+
+    @cached_property
+    def sigmas(self) -> dict[str, dict[str, FloatArray]]:
+        """One-sigma of each model on the pool's samples; see `model_sigmas`."""
+        return model_sigmas(self.runs, self.fit)
 
     @cached_property
     def grades(self) -> tuple[Grade, ...]:
