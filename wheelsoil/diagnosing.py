@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -124,23 +125,31 @@ def campaigns_of(paths: Sequence[Path], processed: Processed, soil: str | None =
     ConfigError
         A soil or a wheel is not known.
     """
-    groups: dict[tuple[str, SoilSection | None, WheelSection | None], list[tuple[Run, ProcessedRun]]] = {}
+    groups: dict[Together, list[tuple[Run, ProcessedRun]]] = {}
     for run, done in processed:
-        ground = run.terrain.soil if run.terrain and soil is None else None
-        groups.setdefault((folder_of(run, paths), ground, run.vehicle.wheel), []).append((run, done))
+        groups.setdefault(together(run, paths, soil), []).append((run, done))
     collected = Collected()
     found: list[Campaign] = []
-    for (folder, _, _), members in groups.items():
+    for group, members in groups.items():
         with collected.catch():
-            found.append(_campaign(folder, members, soil))
+            found.append(_campaign(group.folder, members, soil))
     collected.stop_if_any()
     return _told_apart(found)
 
 
-def folder_of(run: Run, paths: Sequence[Path]) -> str:
-    """Return the given folder that a run lies in, or nothing."""
+class Together(NamedTuple):
+    """What the runs of one campaign share; `folder` is empty for runs of no given folder."""
+
+    folder: str
+    ground: SoilSection | None
+    wheel: WheelSection | None
+
+
+def together(run: Run, paths: Sequence[Path], soil: str | None) -> Together:
+    """Return what a run shares with the others of its campaign; see `campaigns_of`."""
     inside = [path for path in paths if path.is_dir() and path.resolve() in run.path.resolve().parents]
-    return str(inside[0]) if inside else ""
+    ground = run.terrain.soil if run.terrain and soil is None else None
+    return Together(str(inside[0]) if inside else "", ground, run.vehicle.wheel)
 
 
 def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaign:

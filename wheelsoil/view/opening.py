@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from daq.config import SoilSection, WheelSection
 from daq.errors import ConfigError, WheelsoilError
 from daq.open import Collected, campaign_folders, open_runs
 from daq.run import Run
 from wheelsoil.choice import CHOICE_FILE, load_choice
 from wheelsoil.chosen_runs import is_called, runs_in_use
-from wheelsoil.diagnosing import folder_of
+from wheelsoil.diagnosing import Together, together
 from wheelsoil.view.campaigns import ViewedCampaign, ViewedRun
 
 
@@ -58,20 +57,18 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
         collected.stop_if_any()
     faults = dict.fromkeys(fault for error in collected.errors for fault in error.faults)
     remarks += [f"{fault.where} is left out: {fault.what}" for fault in faults]
-    groups: dict[tuple[str, SoilSection | None, WheelSection | None], list[ViewedRun]] = {}
+    groups: dict[Together, list[ViewedRun]] = {}
     once = {run.path.resolve(): run for run in opened}
     for number, run in enumerate(once.values(), 1):
-        ground = run.terrain.soil if run.terrain and files.soil is None else None
-        key = (folder_of(run, folders), ground, run.vehicle.wheel)
-        groups.setdefault(key, []).append(ViewedRun(f"r{number}", run))
-    loose_groups = [group for (folder, _, _), group in groups.items() if not folder]
+        groups.setdefault(together(run, folders, files.soil), []).append(ViewedRun(f"r{number}", run))
+    loose_groups = [group for shared, group in groups.items() if not shared.folder]
     if len(loose_groups) > 1:
         for group in loose_groups:
             alone = _opened([viewed.run.path for viewed in group], files, [])
             for viewed, run in zip(group, alone, strict=True):
                 viewed.run = run
     campaigns = [
-        _campaign(f"c{number}", folder, runs, [r for (f, _, _), g in groups.items() if f == folder for r in g], files)
+        _campaign(f"c{number}", folder, runs, [r for o, g in groups.items() if o.folder == folder for r in g], files)
         for number, ((folder, _, _), runs) in enumerate(groups.items(), 1)
     ]
     for campaign in campaigns:
