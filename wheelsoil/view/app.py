@@ -48,12 +48,6 @@ def make_app(desk: Desk, rules: Rules) -> ASGIApp:
     rules : Rules
     """
 
-    def curve(asked: CurveAsked) -> Any:
-        return desk.curve(asked)
-
-    def selected(asked: SelectedAsked) -> Any:
-        return desk.selected(asked)
-
     def choose(asked: ChoiceAsked) -> Any:
         return desk.choose(asked.campaign, asked.choice)
 
@@ -73,8 +67,8 @@ def make_app(desk: Desk, rules: Rules) -> ASGIApp:
         _get("/api/run", lambda of: desk.run(of("campaign"), of("run"))),
         _get("/api/parameters", lambda of: desk.parameters(of("campaign"))),
         _get("/api/diagnosis", lambda of: desk.diagnosis(of("campaign"))),
-        _post("/api/curve", CurveAsked, curve),
-        _post("/api/selected", SelectedAsked, selected),
+        _post("/api/curve", CurveAsked, desk.curve),
+        _post("/api/selected", SelectedAsked, desk.selected),
         _post("/api/choose", ChoiceAsked, choose),
         _post("/api/fit", CampaignAsked, fit),
         _post("/api/diagnose", CampaignAsked, diagnose, 202),

@@ -8,7 +8,7 @@ from pathlib import Path
 from secrets import token_hex
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeVar
 
 from daq.errors import ConfigError, DataError, Fault, WheelsoilError
 from model.effects import EFFECTS
@@ -35,6 +35,9 @@ from wheelsoil.view.trace import trace_as_json
 
 _OF_DIAGNOSIS = frozenset({"run", "cutoff_hz", "min_speed_mps", "sinkage"})
 """What a diagnosis takes of a choice; the rest is the fit's."""
+
+
+_Keyed = TypeVar("_Keyed", ViewedCampaign, ViewedRun)
 
 
 class UnknownKeyError(ConfigError):
@@ -106,7 +109,7 @@ class Desk:
         """Return a processed run and what is kept of it."""
         with self.lock:
             campaign = self.campaign(campaign_key)
-            run = _run(campaign, run_key)
+            run = _of_key(campaign.runs, run_key, "run")
             self._processing.prefer(run)
             if run.state == "failed":
                 raise DataError(*run.faults)
@@ -270,18 +273,14 @@ class Desk:
         ------
         UnknownKeyError
         """
-        found = next((campaign for campaign in self.campaigns if campaign.key == key), None)
-        if found is None:
-            known = ", ".join(campaign.key for campaign in self.campaigns)
-            raise UnknownKeyError(Fault("there is no such campaign", "campaign", repr(key), known))
-        return found
+        return _of_key(self.campaigns, key, "campaign")
 
 
-def _run(campaign: ViewedCampaign, key: str) -> ViewedRun:
-    found = next((run for run in campaign.runs if run.key == key), None)
+def _of_key(where: Sequence[_Keyed], key: str, what: str) -> _Keyed:
+    found = next((one for one in where if one.key == key), None)
     if found is None:
-        known = ", ".join(run.key for run in campaign.runs)
-        raise UnknownKeyError(Fault("there is no such run in the campaign", "run", repr(key), known))
+        known = ", ".join(one.key for one in where)
+        raise UnknownKeyError(Fault(f"there is no such {what}", what, repr(key), known))
     return found
 
 
