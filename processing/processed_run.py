@@ -222,6 +222,11 @@ class ProcessedRun:
         """Samples that have no reason to be left out."""
         return np.asarray(self.reason == Reason.USED)
 
+    @property
+    def rim_speed_mps(self) -> FloatArray:
+        """Wheel speed times the wheel's radius."""
+        return self.wheel_radius_m * self.wheel_speed_radps
+
     def _repr_html_(self) -> str:
         from processing.summary import summary_table  # it reads what is defined here
 

@@ -48,8 +48,7 @@ def _rows(run: ProcessedRun, asked: SelectedAsked) -> NDArray[np.bool_]:
     rows = seen & _within(run.slip, asked.low, asked.high)
     if asked.channel is None:
         return rows
-    values = run.wheel_radius_m * run.wheel_speed_radps if asked.channel == "rim_speed_mps" else None
-    return rows & _within(getattr(run, asked.channel) if values is None else values, asked.bottom, asked.top)
+    return rows & _within(getattr(run, asked.channel), asked.bottom, asked.top)
 
 
 def _within(values: NDArray[np.float64], low: float, high: float) -> NDArray[np.bool_]:

@@ -70,7 +70,7 @@ def trace_of(run: ProcessedRun) -> Trace:
         "driving_torque_nm": run.driving_torque_nm,
         "vertical_load_n": run.vertical_load_n,
         "ground_speed_mps": run.ground_speed_mps,
-        "rim_speed_mps": run.wheel_radius_m * run.wheel_speed_radps,
+        "rim_speed_mps": run.rim_speed_mps,
         "sinkage_m": run.sinkage_m,
         "distance_m": run.distance_m,
     }
