@@ -83,6 +83,8 @@ def disagreements(grams: Grams, runs: dict[str, int], causes: Sequence[Cause]) -
     """
     keys = [cause.key for cause in causes]
     columns = [i for key in keys for i in own_columns(grams, key)]
+    square = np.ix_(columns, columns)
+    whole = without_soil(grams).information[square]
     parts = {name: without_soil(own) for name, own in _by_campaign(grams, runs)}
     found = []
     for cause in causes:
@@ -90,11 +92,11 @@ def disagreements(grams: Grams, runs: dict[str, int], causes: Sequence[Cause]) -
             direction = _direction(grams, columns, cause, parameter)
             if not np.isfinite(parameter.interval95).all() or not direction.any():
                 continue
-            whole = _along(without_soil(grams).information[np.ix_(columns, columns)], direction)
-            widening = max(parameter.sigma / np.sqrt(whole), 1.0) if np.isfinite(whole) and whole > 0 else 1.0
+            plain = _along(whole, direction)
+            widening = max(parameter.sigma / np.sqrt(plain), 1.0) if np.isfinite(plain) and plain > 0 else 1.0
             own = []
             for name, part in parts.items():
-                information = part.information[np.ix_(columns, columns)]
+                information = part.information[square]
                 variance = _along(information, direction)
                 if not np.isfinite(variance):
                     continue
