@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 import re
 import signal
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from live_browser import Shower, chromium, looking_at
+from live_browser import Shower, looking_at
 from live_client import page, until
 from live_support import START_UTC_S, bus, reason
 from playwright.sync_api import Browser, Page, expect
@@ -43,12 +42,6 @@ _CONTRAST = """(element) => {
   return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
 }"""
 _COLOURED = "(canvas) => new Set(canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data).size"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 def test_the_state_is_said_in_words_with_what_to_do(browser: Browser) -> None:

@@ -11,13 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from cli_support import invoke, ok
-from report_support import material_of, processed_of, text_of
+from report_support import text_of
 
 from daq.recording import Recording, RecordingWriter
 from processing.options import ProcessOptions
-from wheelsoil.diagnosing import Processed
 from wheelsoil.fitting import FitChoices
 from wheelsoil.report.build import build_report
 from wheelsoil.report.comparison import rank
@@ -60,16 +58,6 @@ class Page(HTMLParser):
     def handle_data(self, data: str) -> None:
         if self._figure:
             self.figures[self._figure] = json.loads(data)
-
-
-@pytest.fixture(scope="module")
-def processed(campaign: Path) -> Processed:
-    return processed_of(campaign)
-
-
-@pytest.fixture(scope="module")
-def material(processed: Processed) -> Material:
-    return material_of(processed)
 
 
 def without(material: Material, **values: float) -> Material:

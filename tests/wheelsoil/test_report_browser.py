@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from cli_support import ok
-from live_browser import PATIENCE_MS, PHONE, chromium
+from live_browser import PATIENCE_MS, PHONE
 from playwright.sync_api import Browser, Page
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
@@ -61,12 +61,6 @@ class Written:
     @property
     def numbers(self) -> dict[str, Any]:
         return json.loads(self.page.with_suffix(".json").read_text(encoding="utf-8"))
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

@@ -6,21 +6,13 @@ import json
 import re
 from dataclasses import asdict, replace
 from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 import pytest
-from report_support import material_of, processed_of
 
 from wheelsoil.model_styles import BY_HAND, STYLES, styles_script
 from wheelsoil.report.curves import curves_of
 from wheelsoil.report.figures import axes, density, look_at
-from wheelsoil.report.material import Material
-
-
-@pytest.fixture(scope="module")
-def material(campaign: Path) -> Material:
-    return material_of(processed_of(campaign))
 
 
 def view_of(values: np.ndarray, also: np.ndarray) -> tuple[float, float]:

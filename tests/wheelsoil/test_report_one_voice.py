@@ -15,17 +15,9 @@ from processing.options import ProcessOptions
 from wheelsoil.fitting import FitChoices, fit_runs
 from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Panels, Section, Table, Text
-from wheelsoil.report.material import Material, versions
+from wheelsoil.report.material import Material
 from wheelsoil.report.sections import candidates, detectable, gain, glance, misfit, verdict
 from wheelsoil.runs import process_runs
-
-
-@pytest.fixture(scope="module")
-def material(campaign) -> Material:
-    processed = process_runs(open_runs([campaign]), ProcessOptions())
-    fit = fit_runs(processed, FitChoices(), None)
-    runs = tuple(run for _, run in processed)
-    return Material(runs, fit, "", processed[0][0].vehicle, fit.soil.name, versions=versions())
 
 
 def text(section: Section) -> str:

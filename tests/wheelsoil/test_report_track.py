@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from report_support import material_of, processed_of
 
 from wheelsoil.report.material import Material
 from wheelsoil.report.sections.track import build
-
-
-@pytest.fixture(scope="module")
-def material(campaign: Path) -> Material:
-    return material_of(processed_of(campaign))
 
 
 def extents(material: Material) -> list[float]:

@@ -4,28 +4,21 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from diagnosis_samples import diagnosis
-from report_support import material_of, processed_of, section_of
+from report_support import section_of
 
 from model.diagnosis.result import NextRun, ParameterEstimate
 from model.sinkage_growth import Estimate, Growth
 from wheelsoil.force_sinkage import growth_sentence
 from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Table, Text
-from wheelsoil.report.material import Material
 from wheelsoil.report.sections import candidates, coefficients, criteria, detectable, glance, next_run, provenance
 from wheelsoil.report.words import form_name, letter, measured, unit
 
 CODE = re.compile(r"\b\w+_\w+\b")
-
-
-@pytest.fixture(scope="module")
-def material(campaign: Path) -> Material:
-    return material_of(processed_of(campaign))
 
 
 def cells(section) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from view_client import View, taken_from, viewing
+from view_client import View, taken_from
 
 from processing.by_hand import keep_only
 from processing.options import ProcessOptions
@@ -23,13 +23,6 @@ KEEP = [[0.0, 13.0]]
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return taken_from(ROOT / "recordings" / "sandy", tmp_path_factory.mktemp("all") / "sandy", 2)
-
-
-@pytest.fixture(scope="module")
-def view(folder: Path) -> Iterator[View]:
-    with viewing(folder) as running:
-        running.settled()
-        yield running
 
 
 @pytest.fixture(scope="module")

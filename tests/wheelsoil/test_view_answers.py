@@ -43,13 +43,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return taken_from(ROOT / "recordings" / "clay", tmp_path_factory.mktemp("view") / "clay", 3)
 
 
-@pytest.fixture(scope="module")
-def view(folder: Path) -> Iterator[View]:
-    with viewing(folder) as running:
-        running.settled()
-        yield running
-
-
 @pytest.fixture(autouse=True)
 def _nothing_chosen(view: View) -> Iterator[None]:
     yield

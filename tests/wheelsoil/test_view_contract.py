@@ -15,6 +15,7 @@ TOKEN = "a-token-of-the-test"
 GETS = ("/api/list", "/api/run?campaign=c1&run=r1", "/api/parameters?campaign=c1", "/api/diagnosis?campaign=c1")
 POSTS: dict[str, dict[str, Any]] = {
     "/api/curve": {},
+    "/api/selected": {"run": "r1", "kind": "time"},
     "/api/choose": {"choice": {}},
     "/api/fit": {},
     "/api/diagnose": {},
@@ -25,13 +26,6 @@ POSTS: dict[str, dict[str, Any]] = {
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return taken_from(ROOT / "recordings" / "clay", tmp_path_factory.mktemp("contract") / "clay", 2)
-
-
-@pytest.fixture(scope="module")
-def view(folder: Path) -> Iterator[View]:
-    with viewing(folder) as running:
-        running.settled()
-        yield running
 
 
 @pytest.fixture(autouse=True)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from live_browser import chromium
 from playwright.sync_api import Browser, expect
 from view_browser import curve_on_page, drag, drawn, looking, picked
 from view_client import taken_from, viewing
@@ -14,12 +12,6 @@ from view_client import taken_from, viewing
 ROOT = Path(__file__).parents[2]
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n")
 TOKEN = "a-token-of-the-test"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture

@@ -8,31 +8,17 @@ from typing import Any
 
 import pytest
 from cli_support import ok
-from live_browser import chromium
 from playwright.sync_api import Browser, Locator, Page, expect
 from view_browser import curve_on_page, drawn, looking, points
-from view_client import View, taken_from, viewing
+from view_client import View, taken_from
 
 ROOT = Path(__file__).parents[2]
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n", "time-driving_torque_nm", "slip-driving_torque_nm")
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
-
-
-@pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return taken_from(ROOT / "recordings" / "clay", tmp_path_factory.mktemp("page") / "clay field", 2)
-
-
-@pytest.fixture(scope="module")
-def view(folder: Path) -> Iterator[View]:
-    with viewing(folder) as running:
-        running.settled()
-        yield running
 
 
 @pytest.fixture
