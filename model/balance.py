@@ -19,6 +19,7 @@ from model.stresses import speed_ratio
 FloatArray = NDArray[np.float64]
 Active = tuple[tuple[Effect, Values], ...]
 """Effects that are not neutral, each with its own parameters."""
+_BY_SINKAGE = "Z"
 
 
 @dataclass(frozen=True)
@@ -97,15 +98,17 @@ def solve(contact: Contact, given: Number | None, static: Number | None, *, bala
         Eq. 7 holds: Z0 from it, and the normal stress scaled where an effect moves the sinkage. Otherwise Z0 is
         the closed form of Eq. 10.
     """
+    forces: Resultants | None = None
     if given is not None:
         static = total = given
     else:
         if static is None:
-            static = _balanced(contact) if balanced else _closed(contact)
+            static, forces = _balanced(contact) if balanced else (_closed(contact), None)
         total = static
         for effect, values in contact.effects:
             total = effect.sinkage(total, contact.conditions, values)
-    forces = contact.resultants(total)
+    if forces is None or total is not static:
+        forces = contact.resultants(total)
     scale: Number = 1.0
     if balanced and (given is not None or any(e.moves_sinkage() for e, _ in contact.effects)):
         scale = (contact.conditions.vertical_load_n - forces.load_cohesion) / forces.load_stress
@@ -133,8 +136,8 @@ def _closed(contact: Contact) -> Number:
     )
 
 
-def _balanced(contact: Contact) -> Number:
-    """Solve Eq. 7 for the sinkage, with derivatives where there are any."""
+def _balanced(contact: Contact) -> tuple[Number, Resultants | None]:
+    """Solve Eq. 7 for the sinkage; with derivatives where there are any, and then Eq. 7-9 there, too."""
     load = contact.conditions.vertical_load_n
     plain = contact.map(value_of)
     n = len(value_of(load))
@@ -148,7 +151,23 @@ def _balanced(contact: Contact) -> Number:
 
     start = _closed(plain)
     solved = sinkages.balanced(full(load), full(start), full(plain.radius), full(plain.soil.exponent), load_of)
-    if not any(isinstance(x, Dual) or np.iscomplexobj(x) for x in contact.numbers()):
-        return solved
-    slope = plain.resultants(Dual(solved, {"Z": 1.0})).load().partials["Z"]
-    return sinkages.differentiate(solved, load, contact.resultants(solved).load(), slope)
+    numbers = contact.numbers()
+    if any(np.iscomplexobj(x) for x in numbers):
+        slope = plain.resultants(Dual(solved, {_BY_SINKAGE: 1.0})).load().partials[_BY_SINKAGE]
+        return sinkages.differentiate(solved, load, contact.resultants(solved).load(), slope), None
+    if not any(isinstance(x, Dual) for x in numbers):
+        return solved, None
+    forces = contact.resultants(Dual(solved, {_BY_SINKAGE: 1.0}))
+    carried = forces.load()
+    slope = carried.partials.pop(_BY_SINKAGE)
+    sinkage = sinkages.differentiate(solved, load, carried, slope)
+    return sinkage, Resultants(*(_at_balance(getattr(forces, n), sinkage) for n in Resultants.__dataclass_fields__))
+
+
+def _at_balance(x: Dual, sinkage: Dual) -> Dual:
+    """Replace the derivative by the sinkage by those of the solved sinkage."""
+    partials = dict(x.partials)
+    slope = partials.pop(_BY_SINKAGE)
+    for name, d in sinkage.partials.items():
+        partials[name] = partials.get(name, 0.0) + slope * d
+    return Dual(x.value, partials)
