@@ -246,12 +246,13 @@ def _files_of(folder: Path, known: Configuration, collected: Collected) -> list[
         return list(dict.fromkeys(listed))
     found = _logs_in(folder)
     if not found and known.runs is None:
+        inside = " or ".join(str(path) for path in campaign_folders(folder)[:4] if path != folder)
         fault = Fault(
             "the folder holds no run",
             str(folder),
             found=", ".join(sorted(path.name for path in folder.iterdir())[:8]) or "nothing",
             expected="recordings or logs (" + ", ".join(_RUN_SUFFIXES) + "), or a runs.toml that names them",
-            next_step="name the folder of a campaign, or a recording",
+            next_step=f"name {inside or 'the folder of a campaign, or a recording'}",
         )
         collected.errors.append(ConfigError(fault))
     return found if known.runs is None else []

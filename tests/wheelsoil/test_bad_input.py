@@ -201,6 +201,7 @@ CASES = (
     ),
     Case("several at once", _several, 3, ("2 faults", "a.mcap", "b.log")),
     Case("empty folder", lambda b: ["process", b.folder], 2, ("holds no run",)),
+    Case("folder of campaigns", lambda b: ["report", b.campaign.parent], 2, ("next: name /", "/clay")),
     Case("runs.toml names a missing file", lambda b: _listing(b, "gone.mcap"), 3, ("no such file", "gone.mcap")),
     Case("empty file", lambda b: ["process", b.write("empty.mcap", "")], 3, ("empty",)),
     Case("truncated recording", _truncated, 0, ("read without what is damaged", "wheelsoil recover")),
