@@ -19,7 +19,7 @@ _RING_DELAY_S = 0.015
 """One-sigma of what the estimate owes to a toothed ring, which at low speed is later than its declared delay."""
 _NOTABLE_SCALE = 0.02
 _NOTABLE_GAP_SHARE = 0.1
-_ZERO_ROLES = ("drawbar_pull", "driving_torque")
+_ZERO_ROLES = {"drawbar_pull": "N", "driving_torque": "Nm"}
 
 
 def combine_reasons(
@@ -158,9 +158,10 @@ def _opposed(name: str, values: FloatArray, cause: str, of: FloatArray, rows: ND
 
 def _zero_notes(standing: tuple[Standstill, ...]) -> list[str]:
     notes = []
-    for role in _ZERO_ROLES:
+    for role, unit in _ZERO_ROLES.items():
         seen = [(s.levels[role], s.sigmas[role]) for s in standing if role in s.levels]
         if seen and all(abs(level) > 3 * sigma for level, sigma in seen):
             values = ", ".join(f"{level:.1f} +- {sigma:.1f}" for level, sigma in seen[:4])
-            notes.append(f"{role} at standstill reads {values} (SI): a zero, a slope or a held brake; not subtracted")
+            what = f"{role.replace('_', ' ')} at standstill reads {values} {unit}"
+            notes.append(f"{what}: a zero, a slope or a held brake; not subtracted")
     return notes

@@ -48,8 +48,9 @@ def zero_notes(
     for role, zero in chosen.items():
         change, sigma = zero.drift()
         if abs(change) > _SIGNIFICANT_SIGMAS * sigma:
+            unit = "Nm" if role == "driving_torque" else "N"
             notes.append(
-                f"the zero of {role} moved by {change:+.1f} +- {sigma:.1f} (SI) from before the run to after it"
+                f"the zero of {role} moved by {change:+.1f} +- {sigma:.1f} {unit} from before the run to after it"
             )
     missing = [role for role in roles if role not in chosen]
     if missing:

@@ -75,7 +75,7 @@ def test_standstill_shows_a_zero_and_subtracts_nothing(zero_n: float) -> None:
     (standing,) = run.quality.standstills
     assert standing.levels["drawbar_pull"] == pytest.approx(zero_n, abs=5 * standing.sigmas["drawbar_pull"])
     assert standing.duration_s == pytest.approx(8.2, abs=0.5)
-    assert any("drawbar_pull at standstill reads" in note for note in run.quality.notes) == (zero_n > 0)
+    assert any("drawbar pull at standstill reads" in note for note in run.quality.notes) == (zero_n > 0)
     np.testing.assert_allclose(np.median(run.drawbar_pull_n[run.used]), zero_n + 500, atol=5)
 
 
