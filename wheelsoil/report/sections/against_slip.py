@@ -13,7 +13,7 @@ _READING = (
     "grey cells (and lone dots) are measured samples, darker where there are more; black is their median in bins of "
     "slip, the grey band their middle half. A model's line is its median over the same samples, its coloured band the "
     "95 % of its coefficients (none is fitted in Wong's). Where black leaves a band, that model is wrong. Braking is "
-    "not fitted. Click a name to hide a line."
+    "not fitted."
 )
 _ERRORS = (
     "how far each model's median lies above (+) or below (−) the measured one at each slip. A flat line off zero is an "

@@ -20,7 +20,7 @@ TITLE = "Drawbar pull and torque against time"
 _READING = (
     "black is measured, a coloured line what a model predicts from the measured slip and load; where they part, the "
     "model is wrong. The ground says what the vehicle did (plain: it coasted); gaps are samples that were left out. "
-    "The axis holds what was driven, which is what is fitted; double-click shows braking, too."
+    "The axis holds what was driven, which is what is fitted."
 )
 _READING_OF_ALL = (
     "what was measured, all of it: no model was fitted to these runs. The ground says what the vehicle did (plain: it "

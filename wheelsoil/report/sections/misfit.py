@@ -31,8 +31,8 @@ _LEAST_SIGMAS = 6.0
 """Of the axes in noise sigmas; double-click shows what lies beyond."""
 _READING = (
     "dots are measured less simulated (soil re-calibrated, no cause added), black is their median; grey holds 95 % of "
-    "them if the simulation is right. Where the line leaves zero and stays away, it is wrong. Against slip in its unit "
-    "(double-click: braking), else in sigmas of the noise (σ)."
+    "them if the simulation is right. Where the line leaves zero and stays away, it is wrong. Against slip in its "
+    "unit, else in sigmas of the noise (σ)."
 )
 
 
