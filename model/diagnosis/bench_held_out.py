@@ -1,7 +1,7 @@
 """What an extension is worth on conditions that neither the choice nor the fit has seen: one group left out at a time.
 
 A group is one condition (one speed) with its repeats, so that nothing is foretold from its own repeats. In every fold
-the causes are chosen anew among all sets that count, by probability and gate on the rows that are left.
+the causes are chosen anew among all sets that count on the rows that are left, by probability and gate on those rows.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from model.diagnosis.bench_columns import Hypothesis
 from model.diagnosis.bench_evidence import Posterior, posterior_of
 from model.diagnosis.bench_problem import BenchProblem
 from model.diagnosis.bench_search import Optimum, log_likelihood, search
-from model.diagnosis.bench_weigh import Weighing
+from model.diagnosis.bench_weigh import Weighed, Weighing
 from model.diagnosis.result import Gain, Scores
 
 FloatArray = NDArray[np.float64]
 
 _COUNTED = 6.0
-"""Nats below the best on all rows within which a set is a candidate in every fold."""
+"""Nats below the best on the rows that are kept within which a set is a candidate of a fold."""
 _MOST = 30
 _GATED = 8
 """Likeliest sets of a fold that are put to the gate; the likeliest is taken where none of them passes."""
@@ -105,16 +105,26 @@ class _Fold:
 
 def _best_in(weighing: Weighing, fold: _Fold, rng: np.random.Generator) -> tuple[Optimum, ...]:
     """Return the optima of the set that is chosen on the rows that are kept."""
-    top = max(w.score for w in weighing.sets)
-    counted = sorted((w for w in weighing.sets if w.score > top - _COUNTED), key=lambda w: -w.score)[:_MOST]
-    if all(w.hypothesis for w in counted):
-        counted.append(weighing.of_set(()))
+    counted = _candidates(weighing, fold)
     problem = weighing.problem
     found = search(problem, [w.hypothesis for w in counted], [w.optima[0].standard for w in counted], fold.kept)
     score = np.array([o.log_evidence + w.log_prior for o, w in zip(found, counted, strict=True)])
     ranked = [found[i] for i in np.argsort(-score)]
     adequate = misfits(problem, ranked[:_GATED], fold.kept) <= threshold(problem, rng, fold.kept)
     return (ranked[int(np.argmax(adequate))],)
+
+
+def _candidates(weighing: Weighing, fold: _Fold) -> list[Weighed]:
+    """Return the sets that are worth a search on the rows that are kept; no cause at all is always one."""
+    said = {c: np.stack([w.optima[0].said[c] for w in weighing.sets]) for c in weighing.sets[0].optima[0].said}
+    kept = log_likelihood(weighing.problem, said, fold.kept)
+    whole = np.array([w.optima[0].log_likelihood for w in weighing.sets])
+    possible = np.isfinite(kept) & np.isfinite(whole)
+    score = np.full(len(kept), -np.inf)
+    score[possible] = np.array([w.score for w in weighing.sets])[possible] + kept[possible] - whole[possible]
+    ranked = [i for i in np.argsort(-score)[:_MOST].tolist() if score[i] > score.max() - _COUNTED]
+    found = [weighing.sets[i] for i in ranked]
+    return found if any(not w.hypothesis for w in found) else [*found, weighing.of_set(())]
 
 
 def _foretold(
