@@ -144,7 +144,7 @@ def _diagnosis(
     null = weighing.of_set(())
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence_of(verdict, weighing, causes, beside, runs) + mixed_words(problem),
+        sentence=sentence_of(verdict, weighing, causes, beside, gain, runs) + mixed_words(problem),
         causes=causes,
         candidates=candidates_of(weighing, known),
         what_is_wrong=findings_of(weighing),

@@ -12,8 +12,9 @@ from model.diagnosis.bench_problem import BenchProblem
 from model.diagnosis.bench_sets import family_of
 from model.diagnosis.bench_skid import SkidLaw
 from model.diagnosis.bench_weigh import Weighing
-from model.diagnosis.result import Cause, NextRun, Seen, Verdict
+from model.diagnosis.result import Cause, Gain, NextRun, Seen, Verdict
 from model.diagnosis.verdict import MORE_AT
+from model.diagnosis.verdict_words import gain_words
 from model.effects import EFFECTS
 
 _CHANNELS = {"dp": "drawbar pull", "t": "torque", "z": "sinkage"}
@@ -23,7 +24,12 @@ _UNITS = {"dp": (1.0, "N"), "t": (1.0, "N m"), "z": (1e3, "mm")}
 
 
 def sentence_of(
-    verdict: Verdict, weighing: Weighing, causes: Sequence[Cause], beside: Mapping[str, float], runs: Sequence[NextRun]
+    verdict: Verdict,
+    weighing: Weighing,
+    causes: Sequence[Cause],
+    beside: Mapping[str, float],
+    gain: Gain | None,
+    runs: Sequence[NextRun],
 ) -> str:
     """Return the verdict for people, and what to do next."""
     channels = " and ".join([_CHANNELS[c] for c in weighing.problem.channels][-2:])
@@ -37,7 +43,9 @@ def sentence_of(
             if others and beside.get("nothing more", 0.0) <= 1.0 - MORE_AT
             else ""
         )
-        return f"{names.capitalize()} is seen in {channels}, among explanations that are right enough.{more}{onward}"
+        worth = f" On conditions left out {gain_words(gain)}." if gain else ""
+        seen = f"{names.capitalize()} is seen in {channels}, among explanations that are right enough."
+        return f"{seen}{worth}{more}{onward}"
     if verdict == "one_of":
         names = ", ".join(f"{plain(c.name)} ({chance(c.probability)})" for c in causes)
         if len(causes) == 1:

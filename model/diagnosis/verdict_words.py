@@ -45,7 +45,7 @@ def named_words(
     """
     said = [" and ".join(_cause(cause) for cause in causes)]
     if gain is not None and isfinite(gain.reduction_percent):
-        said.append(f"On runs left out {_gain(gain)}")
+        said.append(f"On runs left out {gain_words(gain)}")
     if judged.beside:
         said.append(f"Something more is at work: {_one_of(judged.beside, chances)}")
     if alike:
@@ -197,7 +197,8 @@ def _estimate(p: ParameterEstimate, name: str) -> str:
     return f"{name} = {_number(p.value)}{band}{_unit(p.unit)}"
 
 
-def _gain(gain: Gain) -> str:
+def gain_words(gain: Gain) -> str:
+    """Return by how much the errors of what was left out fall, without an end."""
     low, high = gain.interval95
     first, *others = gain.base
     falls, size = ("falls", 1.0) if gain.reduction_percent >= 0 else ("grows", -1.0)
