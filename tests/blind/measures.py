@@ -173,14 +173,22 @@ def forms_apart(yardstick: Yardstick, hidden: Sequence[tuple[str, float]], membe
     return min(_root(gram[0, 0] - _explained(gram, [i], [other])) for i, other in enumerate(others, 1))
 
 
-def left_by_three(yardstick: Yardstick, hidden: Sequence[tuple[str, float]]) -> float:
-    """Return what is left of a change when up to three listed causes, the best ones in turn, may explain it."""
+def left_by_three(yardstick: Yardstick, hidden: Sequence[tuple[str, float]], without: str = "") -> float:
+    """Return what is left of a change when up to three listed causes, the best ones in turn, may explain it.
+
+    Parameters
+    ----------
+    yardstick : Yardstick
+    hidden : sequence of (key, size)
+    without : str
+        A family that may not (it was taken out of the library).
+    """
     columns = np.stack([yardstick.whitened(yardstick.sight.change(hidden)), *yardstick.signatures.values()], axis=1)
     gram = yardstick.gram(columns)
-    variant = np.array([True, *(ALL[key].variant for key in yardstick.signatures)])
+    barred = np.array([True, *(ALL[key].variant or ALL[key].family == without for key in yardstick.signatures)])
     for _ in range(3):
         diagonal = np.diag(gram)
-        gain = np.where(variant | (diagonal < 1e-6), 0.0, gram[0] ** 2 / np.maximum(diagonal, 1e-6))
+        gain = np.where(barred | (diagonal < 1e-6), 0.0, gram[0] ** 2 / np.maximum(diagonal, 1e-6))
         gram = _projected(gram, [int(np.argmax(gain))])
     return _root(gram[0, 0])
 

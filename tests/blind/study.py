@@ -55,7 +55,7 @@ def truth_of(case: Case) -> dict[str, Any]:
         **asdict(case),
         "vendor": day.vendor.name,
         "members": members,
-        "left_by_three": left_by_three(yardstick, sized) if sized else 0.0,
+        "left_by_three": left_by_three(yardstick, sized, case.without) if sized else 0.0,
         "oracle": asdict(known) if known else None,
     }
 

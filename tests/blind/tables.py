@@ -133,7 +133,12 @@ def _unexplained(x: Line) -> bool:
 
 def _left_out(lines: Sequence[Line]) -> list[Figure]:
     apart = [x for x in lines if x["members"][0]["d_sep"] > 5]
-    return [share("one family left out, d_sep > 5: confidently wrong", "<= .05", apart, lambda x: bool(said(x, 0.9)))]
+    plain = [x for x in apart if x["left_by_three"] > 5]
+    what = "one family left out, d_sep > 5: confidently wrong"
+    return [
+        share(what, "<= .05", apart, lambda x: bool(said(x, 0.9))),
+        share("the same, where no three of the rest imitate it", "", plain, lambda x: bool(said(x, 0.9))),
+    ]
 
 
 def _pairs(lines: Sequence[Line]) -> list[Figure]:
