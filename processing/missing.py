@@ -84,7 +84,8 @@ def _step(role: str, seen: Collection[str], came: Collection[str], vehicle: Vehi
     rotating = vehicle.transducer.frame == "wheel" and role in FORCE_ROLES
     lacking = [one for one in (_ROTATING if rotating else (role,)) if one not in came]
     if not lacking:
-        return f"{vehicle.signals.get(role, 'its signal')} never has a usable value: check the sensor"
+        check = "check the sensor, and with GNSS its fix" if role == "ground_speed" else "check the sensor"
+        return f"{vehicle.signals.get(role, 'its signal')} never has a usable value: {check}"
     one = role if role in lacking else lacking[0]
     name = "it" if one == role else f"{one}, which turns it into vehicle axes,"
     if one not in seen:

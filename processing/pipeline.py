@@ -170,8 +170,11 @@ def _settle_gnss(samples: dict[str, Samples], vehicle: VehicleConfig) -> tuple[C
 
 
 def _drop_dead(samples: dict[str, Samples], options: ProcessOptions) -> list[str]:
-    """Drop channels without a single usable value, unless the purpose needs what came of them; return their roles."""
-    needed = NEEDED_ROLES.get(options.purpose, SLIP_ROLES)
+    """Drop channels without a single usable value, unless the purpose needs what came of them; return their roles.
+
+    To look needs none: a speed that is never there must not take the force with it that it carries to the soil.
+    """
+    needed = NEEDED_ROLES.get(options.purpose, ())
     dead = [
         role
         for role, held in samples.items()

@@ -100,10 +100,27 @@ def test_flags_and_epochs_of_a_speed_that_is_missing_do_no_harm(flags: np.ndarra
     assert set(looked_at(without("ground_speed") | empty("ground_speed") | more).quality.missing) == {"ground_speed"}
 
 
-def test_a_force_without_a_usable_value_is_missing() -> None:
-    given = everything()
-    given["drawbar_pull"] = channel("drawbar_pull", np.arange(100) / 10, np.full(100, np.nan))
-    assert "never has a usable value" in looked_at(given).quality.missing["drawbar_pull"]
+AT = np.arange(120) / 10
+DEAD = {role: {role: channel(role, AT, np.full(120, np.nan))} for role in QUANTITIES}
+NO_FIX = {
+    "ground_speed": channel("ground_speed", AT, np.full(120, 3.0)),
+    "ground_speed_valid": channel("ground_speed_valid", AT, np.zeros(120)),
+}
+
+
+@pytest.mark.parametrize(("role", "given"), [*DEAD.items(), ("ground_speed", NO_FIX)])
+def test_a_role_without_a_usable_value_costs_no_more_than_one_that_is_missing(
+    role: str, given: dict[str, Channel]
+) -> None:
+    config = vehicle(wheel=OUTBOARD)
+    run, lacking = looked_at(without(role) | given, config), looked_at(without(role), config)
+    for name in (*QUANTITIES.values(), "slip", "reason"):
+        np.testing.assert_array_equal(getattr(run, name), getattr(lacking, name))
+    assert run.cutoff_hz == lacking.cutoff_hz
+    assert set(run.quality.missing) == {role} - {"driving_torque"}
+    assert any(role in note and "never" in note and "usable value" in note for note in run.quality.notes)
+    assert all("never has a usable value: check" in said for said in run.quality.missing.values())
+    assert any("fix" in said for said in run.quality.missing.values()) == (role == "ground_speed")
 
 
 @pytest.mark.parametrize("lacking", ["wheel_angle", "vertical_load", "drawbar_pull"])
