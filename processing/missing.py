@@ -73,11 +73,11 @@ def why_missing(
         As in `require_any`.
     vehicle : VehicleConfig
     """
-    return {
-        role: f"{role} is missing; {_step(role, seen, came, vehicle)}"
-        for role in (*SLIP_ROLES, *FORCE_ROLES)
-        if role not in roles
-    }
+    return {role: _sentence(role, seen, came, vehicle) for role in (*SLIP_ROLES, *FORCE_ROLES) if role not in roles}
+
+
+def _sentence(role: str, seen: Collection[str], came: Collection[str], vehicle: VehicleConfig) -> str:
+    return f"{role} is missing; {_step(role, seen, came, vehicle)}"
 
 
 def _step(role: str, seen: Collection[str], came: Collection[str], vehicle: VehicleConfig) -> str:

@@ -63,8 +63,8 @@ def process(
         A role that the purpose needs is missing (to look: all of them), or ``[wheel]`` is, or a zero was taken in other
         axes.
     DataError
-        Nothing was received of a needed role (to look: of any), the channels share no time, or the run is too short or
-        absurdly long.
+        Nothing was received of a needed role (to look: nothing usable of any), the channels share no time, or the run
+        is too short or absurdly long.
     """
     return process_stream([channels], vehicle, run, options, zeros)
 

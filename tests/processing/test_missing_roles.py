@@ -11,7 +11,7 @@ from synthetic_run import channel, forces, speeds, vehicle
 from daq.channel import Channel
 from daq.config import TransducerSection, VehicleConfig, WheelSection
 from daq.errors import ConfigError, DataError
-from processing.options import LOOK, NEEDED_ROLES, SLIP_ROLES, ProcessOptions
+from processing.options import FORCE_ROLES, LOOK, NEEDED_ROLES, SLIP_ROLES, ProcessOptions
 from processing.pipeline import process
 from processing.processed_run import ProcessedRun, Reason, Segment
 from processing.summary import summary_table
@@ -139,6 +139,24 @@ def test_without_any_role_there_is_nothing_to_look_at() -> None:
         looked_at({})
     with pytest.raises(DataError, match="no sample of wheel_speed"):
         looked_at(empty("ground_speed") | empty("wheel_speed"))
+
+
+@pytest.mark.parametrize("roles", [("drawbar_pull",), ("driving_torque",), tuple(QUANTITIES)])
+def test_where_nothing_is_usable_each_role_says_why(roles: tuple[str, ...]) -> None:
+    position = {role: channel(role, AT, np.full(120, 48.0)) for role in ("latitude", "longitude")}
+    given = {role: DEAD[role][role] for role in roles} | position
+    with pytest.raises(DataError) as caught:
+        looked_at(given)
+    told = [fault.what for fault in caught.value.faults]
+    assert len(told) == len(roles)
+    assert all(any(text.startswith(f"{role} is missing; ") for text in told) for role in roles)
+    assert all("never has a usable value" in text for text in told)
+
+
+def test_forces_alone_that_cannot_be_turned_say_why() -> None:
+    given = {role: one for role, one in everything().items() if role in FORCE_ROLES}
+    with pytest.raises(DataError, match="name wheel_angle, which turns it into vehicle axes"):
+        looked_at(given, vehicle(transducer=TransducerSection(frame="wheel")))
 
 
 @pytest.mark.parametrize("purpose", NEEDED_ROLES)
