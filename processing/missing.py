@@ -72,7 +72,14 @@ def why_missing(
     seen, came : collection of str
         As in `require_any`.
     vehicle : VehicleConfig
+
+    Raises
+    ------
+    DataError
+        Nothing of all that has a signal can be used; says why of each.
     """
+    if not any(role in roles for role in MODEL_ROLES):
+        raise DataError(*(Fault(_sentence(role, seen, came, vehicle)) for role in MODEL_ROLES if role in seen))
     return {role: _sentence(role, seen, came, vehicle) for role in (*SLIP_ROLES, *FORCE_ROLES) if role not in roles}
 
 
