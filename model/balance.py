@@ -137,7 +137,10 @@ def _closed(contact: Contact) -> Number:
 
 
 def _balanced(contact: Contact) -> tuple[Number, Resultants | None]:
-    """Solve Eq. 7 for the sinkage; with derivatives where there are any, and then Eq. 7-9 there, too."""
+    """Solve Eq. 7 for the sinkage; with derivatives where there are any.
+
+    These take Eq. 7-9 at the solution, which are returned, too; without derivatives nothing has computed them there.
+    """
     load = contact.conditions.vertical_load_n
     plain = contact.map(value_of)
     n = len(value_of(load))
@@ -161,7 +164,8 @@ def _balanced(contact: Contact) -> tuple[Number, Resultants | None]:
     carried = forces.load()
     slope = carried.partials.pop(_BY_SINKAGE)
     sinkage = sinkages.differentiate(solved, load, carried, slope)
-    return sinkage, Resultants(*(_at_balance(getattr(forces, n), sinkage) for n in Resultants.__dataclass_fields__))
+    parts = (getattr(forces, name) for name in Resultants.__dataclass_fields__)
+    return sinkage, Resultants(*(_at_balance(part, sinkage) for part in parts))
 
 
 def _at_balance(x: Dual, sinkage: Dual) -> Dual:
