@@ -76,7 +76,7 @@ def blocks_of(
     for run in range(samples.runs):
         own = np.flatnonzero((samples.run == run) & columns.present.any(axis=0))
         rest = np.flatnonzero(samples.rests.run == run)
-        for i, piece in enumerate(_pieces(own, len(own) if len(samples) <= MOST else MOST // samples.runs, run)):
+        for i, piece in enumerate(_pieces(own, len(own) * MOST // max(len(samples), MOST), run)):
             here = rest if i == 0 else rest[:0]
             if len(piece) or len(here):
                 found.append(_block(samples, linear, columns, second, resting, piece, here))

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign
 
-from model.diagnosis.campaign import DiagnosisOptions
+from model.diagnosis import noise_blocks
+from model.diagnosis.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.columns import Columns, columns_of
 from model.diagnosis.hyper import OF_FEW, estimated, likelihood
 from model.diagnosis.linearise import Linear, Point, Simulation, linearise
@@ -23,7 +24,10 @@ from model.diagnosis.whitening import run_grams
 @pytest.fixture(scope="module")
 def seen() -> tuple[Samples, Linear, Columns]:
     campaign = simulated_campaign()
-    samples = samples_of(campaign)
+    return seen_of(campaign, samples_of(campaign))
+
+
+def seen_of(campaign: Campaign, samples: Samples) -> tuple[Samples, Linear, Columns]:
     simulation = Simulation(
         campaign.wheel,
         campaign.soil,
@@ -93,6 +97,21 @@ def test_every_hyper_parameter_is_used(seen: tuple[Samples, Linear, Columns]) ->
     left = set(beliefs(samples)) - used
     assert all("white" in name or "at_rest" in name for name in left)
     assert all(loading(linear, samples, p.loading).shape == linear.value.shape for p in listed)
+
+
+@pytest.mark.parametrize("short", [0, 25])
+def test_what_short_runs_cannot_tell_a_long_one_does(monkeypatch: pytest.MonkeyPatch, short: int) -> None:
+    campaign = simulated_campaign()
+    whole = samples_of(campaign)
+    rank = np.arange(len(whole)) - np.searchsorted(whole.run, whole.run)
+    samples, linear, columns = seen_of(campaign, whole[(whole.run == 0) | (rank < short)])
+    assert samples.runs > 2 and len(samples) > 130
+    monkeypatch.setattr(noise_blocks, "MOST", 120)
+    monkeypatch.setattr(noise_blocks, "LONGEST", 30)
+    monkeypatch.setattr(noise_blocks, "_SHORTEST", 15)
+    values = {name: b.centre for name, b in beliefs(samples).items()}
+    blocks = blocks_of(samples, linear, columns, np.zeros(len(samples)), values)
+    assert 90 <= sum(len(block.seconds) for block in blocks) <= 180
 
 
 @pytest.mark.parametrize(("runs", "length"), [(1, 150), (6, 156), (6, 400), (20, 240), (1, 5000), (60, 200), (3, 0)])
