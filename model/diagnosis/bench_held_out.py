@@ -1,7 +1,9 @@
 """What an extension is worth on conditions that neither the choice nor the fit has seen: one group left out at a time.
 
 A group is one condition (one speed) with its repeats, so that nothing is foretold from its own repeats. In every fold
-the causes are chosen anew among all sets that count on the rows that are left, by probability and gate on those rows.
+the causes are chosen anew by probability and gate on the rows that are left. The sets that are tried there are the
+likeliest by those rows at what all rows estimate, and sets of three grow from pairs of all rows: so far a fold has seen
+its own group.
 """
 
 from __future__ import annotations
@@ -23,9 +25,8 @@ from model.diagnosis.result import Gain, Scores
 
 FloatArray = NDArray[np.float64]
 
-_COUNTED = 6.0
-"""Nats below the best on the rows that are kept within which a set is a candidate of a fold."""
 _MOST = 30
+"""Candidates of a fold: the sets that are likeliest on the rows that are kept, before they are searched there."""
 _GATED = 8
 """Likeliest sets of a fold that are put to the gate; the likeliest is taken where none of them passes."""
 _RESAMPLES = 2000
@@ -122,8 +123,7 @@ def _candidates(weighing: Weighing, fold: _Fold) -> list[Weighed]:
     possible = np.isfinite(kept) & np.isfinite(whole)
     score = np.full(len(kept), -np.inf)
     score[possible] = np.array([w.score for w in weighing.sets])[possible] + kept[possible] - whole[possible]
-    ranked = [i for i in np.argsort(-score)[:_MOST].tolist() if score[i] > score.max() - _COUNTED]
-    found = [weighing.sets[i] for i in ranked]
+    found = [weighing.sets[i] for i in np.argsort(-score)[:_MOST].tolist() if np.isfinite(score[i])]
     return found if any(not w.hypothesis for w in found) else [*found, weighing.of_set(())]
 
 
@@ -177,6 +177,7 @@ def _gain(problem: BenchProblem, base: Foretold, extended: Foretold, rng: np.ran
         interval95=(float(low), float(high)),
         log_likelihood_gain=float((extended.log_likelihood - base.log_likelihood).sum()),
         chosen=tuple(tuple(use.key for use in hypothesis) for hypothesis in extended.chosen),
+        channel=first,
     )
 
 
