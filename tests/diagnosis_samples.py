@@ -84,7 +84,7 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
             Candidate("slope", 1e-5),
         ),
         what_is_wrong=(
-            Finding("drawbar_pull", "slip 0.4 to 0.9, driving", -122.0, -8.3),
+            Finding("drawbar_pull", "slip 0.4 to 0.9, driving", -122.0, -8.3, slips=(0.4, 0.9)),
             Finding("driving_torque", "load above 9.2 kN, at speeds of 2.0 to 2.5 m/s, in the second half", 31.0, 4.1),
         ),
         gain=Gain(

@@ -6,13 +6,11 @@ import textwrap
 from collections.abc import Iterable, Iterator
 from math import isfinite
 
+from model.diagnosis.channel_words import FIELD_UNITS, NAMES, UNITS
 from model.diagnosis.result import Cause, Diagnosis, Gain, Scores
 from wheelsoil.cli.talk import number, table_lines
 from wheelsoil.diagnosis_words import (
     CAN_BE_SEEN,
-    CHANNEL_NAMES,
-    CHANNEL_UNITS,
-    FINDING_UNITS,
     NO_GAIN,
     effect_name,
     family_of,
@@ -32,6 +30,7 @@ _FINDINGS = (
     "median: of measured less simulated there; shape: what that shape adds by itself, beside a soil that moves with "
     "it, so that its sign can be the other"
 )
+_MEANS = "mean: of measured less simulated over these rows"
 _LEAST_WIDTH, _MOST_WIDTH = 80, 100
 
 
@@ -130,16 +129,18 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
     if not diagnosis.what_is_wrong:
         return []
     findings = diagnosis.what_is_wrong[:_MOST_FINDINGS]
+    of_rows = all(found.of_rows for found in findings)
     rows = [
         [
             plain_name(found.channel),
-            *(_in_unit(value, found.channel) for value in (median_there(diagnosis, found), found.size)),
+            *([] if of_rows else [_in_unit(median_there(diagnosis, found), found.channel)]),
+            _in_unit(found.size, found.channel),
             number(found.statistic, 3),
             found.where,
         ]
         for found in findings
     ]
-    head = ["channel", "median", "shape", "sigmas", "where"]
+    head = ["channel", *(["mean"] if of_rows else ["median", "shape"]), "sigmas", "where"]
     aligned = [[*row[:-1], ""] for row in rows]
     lines = table_lines([*head[:-1], ""], aligned)
     widest = max(map(len, lines)) + 2
@@ -151,12 +152,12 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
     ]
     more = len(diagnosis.what_is_wrong) - len(findings)
     tail = [f"and {more} more (--json)"] if more else []
-    note = wrapped(_FINDINGS, width - 2)
+    note = wrapped(_MEANS if of_rows else _FINDINGS, width - 2)
     return ["Where the simulation is off, worst first", *_indented([*folded, *tail, *note])]
 
 
 def _in_unit(value: float, channel: str) -> str:
-    return f"{number(value, 3)} {FINDING_UNITS.get(channel, '')}".rstrip() if isfinite(value) else "-"
+    return f"{number(value, 3)} {FIELD_UNITS.get(channel, '')}".rstrip() if isfinite(value) else "-"
 
 
 def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
@@ -179,9 +180,9 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
 
 def _score_row(channel: str, which: str, scores: Scores, *, first: bool) -> list[str]:
     return [
-        f"{CHANNEL_NAMES.get(channel, channel)}, {which}",
+        f"{NAMES.get(channel, channel)}, {which}",
         number(scores.R0, 4),
-        CHANNEL_UNITS.get(channel, ""),
+        UNITS.get(channel, ""),
         number(scores.M0_percent, 3),
         number(scores.R2, 4),
         number(scores.log_likelihood, 5) if first else "",  # of the run, all its channels together
@@ -197,7 +198,7 @@ def gain_text(gain: Gain) -> str:
     chosen = sum(bool(keys) for keys in gain.chosen)
     folds = f"; {chosen} of {len(gain.chosen)} folds chose a cause" if gain.chosen else ""
     return (
-        f"R0 of the drawbar pull {how} by {number(abs(gain.reduction_percent), 3)} %{within}; "
+        f"R0 of the {NAMES[gain.channel]} {how} by {number(abs(gain.reduction_percent), 3)} %{within}; "
         f"the log likelihood gains {number(gain.log_likelihood_gain, 4)} nats{folds}."
     )
 

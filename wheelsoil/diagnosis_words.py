@@ -2,33 +2,28 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from math import isfinite
 
 import numpy as np
 
 from daq.shown import probability as probability
+from model.diagnosis.channel_words import FIELD_KEYS
 from model.diagnosis.result import CauseSet, Detectable, Diagnosis, Finding, Gain
 from model.diagnosis.verdict_words import SUMS
 from model.effects import EFFECTS
 
-CHANNEL_NAMES = {"dp": "drawbar pull", "t": "driving torque", "z": "sinkage"}
-CHANNEL_UNITS = {"dp": "N", "t": "N m", "z": "m"}
-FINDING_UNITS = {"drawbar_pull": "N", "driving_torque": "N m", "sinkage": "m"}
 FINDING_NOTE = (
     "Median there: of measured less simulated, as the panels show it. Size of the shape: what that shape (a hat over "
     "the range, or what grows as it says) adds by itself at its largest, after the soil was re-calibrated beside it "
     "and the shapes that stand out more were taken out. The two can have opposite signs: a soil that makes up for a "
-    "misfit in one range pushes the curve off in another. Of a bench table the size is the mean of the rows. Sigmas: "
+    "misfit in one range pushes the curve off in another. Sigmas: "
     "the size over its standard deviation, which allows for correlated noise, errors of speed and load, and the soil."
 )
-_CHANNEL_KEYS = {"drawbar_pull": "dp", "driving_torque": "t", "sinkage": "z"}
-_SLIPS = re.compile(r"^(?:(?P<campaign>.*): )?(?:braking, )?slip (?P<a>-?[\d.]+) to (?P<b>-?[\d.]+)(?:, driving)?$")
 
 
 def median_there(diagnosis: Diagnosis, found: Finding) -> float:
-    """Return the median of measured less simulated over a finding's range of slip, as figures show it.
+    """Return the median of measured less simulated over the slips of a finding's shape, as figures show it.
 
     Parameters
     ----------
@@ -38,16 +33,15 @@ def median_there(diagnosis: Diagnosis, found: Finding) -> float:
     Returns
     -------
     float
-        In the channel's unit; NaN where the finding is no range of slip or has no samples to be seen.
+        In the channel's unit; NaN where the shape is none over slip or has no samples to be seen.
     """
-    told, channel = _SLIPS.match(found.where), _CHANNEL_KEYS.get(found.channel, "")
-    if told is None:
+    if found.slips is None:
         return float("nan")
-    low, high = sorted((float(told["a"]), float(told["b"])))
+    (low, high), channel = found.slips, FIELD_KEYS.get(found.channel, "")
     left = [
         (seen.measured[channel] - seen.base[channel])[(seen.slip >= low) & (seen.slip <= high)]
         for seen in diagnosis.seen
-        if channel in seen.base and told["campaign"] in (None, seen.campaign)
+        if channel in seen.base and found.campaign in ("", seen.campaign)
     ]
     known = np.concatenate([*left, np.zeros(0)])
     known = known[np.isfinite(known)]

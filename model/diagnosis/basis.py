@@ -21,6 +21,7 @@ Shape = tuple[str, FloatArray]
 AMPLITUDE = {"dp": 0.02, "t": 0.02, "z": 0.02}
 """One-sigma of a shape: share of the load, of load times radius, of the radius."""
 
+_DRIVING, _BRAKING = "slip", "braking, slip -"
 _DRIVE_KNOTS = (0.05, 0.2, 0.4, 0.65, 0.95)
 _BRAKE_KNOTS = (0.05, 0.15, 0.3, 0.6)
 _PLACES = 13
@@ -47,8 +48,8 @@ def basis(samples: Samples, linear: Linear) -> tuple[tuple[str, ...], FloatArray
 def _shapes(samples: Samples, linear: Linear) -> Iterator[Shape]:
     at = linear.conditions
     slip, speed, load = (np.asarray(x) for x in (at.slip, at.ground_speed_mps, at.vertical_load_n))
-    yield from _hats("slip", slip, _DRIVE_KNOTS, slip > 0)
-    yield from _hats("braking, slip -", -slip, _BRAKE_KNOTS, slip < 0)
+    yield from _hats(_DRIVING, slip, _DRIVE_KNOTS, slip > 0)
+    yield from _hats(_BRAKING, -slip, _BRAKE_KNOTS, slip < 0)
     driving = np.where(slip > 0, 1.0, 0.0)
     relative = load / load.mean() - 1.0
     yield "load, driving", driving * relative / 0.15
@@ -80,7 +81,22 @@ def _hats(
         height = np.zeros(len(knots))
         height[i] = 1.0
         low, high = (knots[max(i - 1, 0)], knots[min(i + 1, len(knots) - 1)])
-        yield f"{what} {say(low):.2g} to {say(high):.2g}{unit}", np.where(on, np.interp(clipped, knots, height), 0.0)
+        yield _hat_label(what, say(low), say(high), unit), np.where(on, np.interp(clipped, knots, height), 0.0)
+
+
+def _hat_label(what: str, low: float, high: float, unit: str = "") -> str:
+    return f"{what} {low:.2g} to {high:.2g}{unit}"
+
+
+def _slip_ranges() -> dict[str, tuple[float, float]]:
+    """Return the slips that each hat over slip covers; the outer ones go on to no slip and to all of it."""
+    found = {}
+    for what, knots, sign in ((_DRIVING, _DRIVE_KNOTS, 1.0), (_BRAKING, _BRAKE_KNOTS, -1.0)):
+        for i in range(len(knots)):
+            first, last = max(i - 1, 0), min(i + 1, len(knots) - 1)
+            ends = (sign * (knots[first] if i else 0.0), sign * (knots[last] if i < len(knots) - 1 else 1.0))
+            found[_hat_label(what, knots[first], knots[last])] = (min(ends), max(ends))
+    return found
 
 
 def _in_time(samples: Samples) -> Iterator[Shape]:
@@ -126,3 +142,7 @@ def _of_channels(samples: Samples, linear: Linear) -> Iterator[Shape]:
         x = x / max(float(np.std(x[known])), 1e-9)
         yield f"large {words}", x * np.abs(x) / 2.0
         yield f"{words} over the campaign", np.nan_to_num(samples.conditions.campaign_time) * x
+
+
+SLIP_RANGES = _slip_ranges()
+"""Label of a hat over slip -> slips that it covers."""

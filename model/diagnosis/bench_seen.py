@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from model.diagnosis.bench_evidence import Posterior
 from model.diagnosis.bench_problem import FIELDS, BenchProblem
 from model.diagnosis.bench_weigh import Weighed, Weighing
+from model.diagnosis.channel_words import FIELDS as CHANNEL_FIELDS
 from model.diagnosis.result import Finding, Seen
 
 FloatArray = NDArray[np.float64]
 
-_NAMES = {"dp": "drawbar_pull", "t": "driving_torque", "z": "sinkage"}
 _SIGNIFICANT = 2.5
 
 
@@ -78,7 +78,7 @@ def findings_of(weighing: Weighing) -> tuple[Finding, ...]:
             statistic = size / float(np.hypot(scatter / np.sqrt(own.sum()), noise.form_scale))
             if abs(statistic) > _SIGNIFICANT:
                 where = _where(problem, rows[own])
-                found.append(Finding(_NAMES[noise.channel], where, size, statistic))
+                found.append(Finding(CHANNEL_FIELDS[noise.channel], where, size, statistic, of_rows=True))
     return tuple(sorted(found, key=lambda f: -abs(f.statistic)))
 
 

@@ -12,12 +12,12 @@ from model.diagnosis.bench_problem import BenchProblem
 from model.diagnosis.bench_sets import family_of
 from model.diagnosis.bench_skid import SkidLaw
 from model.diagnosis.bench_weigh import Weighing
+from model.diagnosis.channel_words import BRIEF
 from model.diagnosis.result import Cause, Gain, NextRun, Seen, Verdict
 from model.diagnosis.verdict import MORE_AT
 from model.diagnosis.verdict_words import gain_words
 from model.effects import EFFECTS
 
-_CHANNELS = {"dp": "drawbar pull", "t": "torque", "z": "sinkage"}
 MUCH_SCATTER = 0.05
 """Of the load, from which on repeats are hardly repeats."""
 _UNITS = {"dp": (1.0, "N"), "t": (1.0, "N m"), "z": (1e3, "mm")}
@@ -32,8 +32,8 @@ def sentence_of(
     runs: Sequence[NextRun],
 ) -> str:
     """Return the verdict for people, and what to do next."""
-    channels = " and ".join([_CHANNELS[c] for c in weighing.problem.channels][-2:])
-    channels = ", ".join([*(_CHANNELS[c] for c in weighing.problem.channels[:-2]), channels])
+    channels = " and ".join([BRIEF[c] for c in weighing.problem.channels][-2:])
+    channels = ", ".join([*(BRIEF[c] for c in weighing.problem.channels[:-2]), channels])
     onward = f" Next: {runs[0].change}." if runs else ""
     if verdict == "named":
         names = " and ".join(f"{plain(c.name)} ({chance(c.probability)})" for c in causes)
@@ -43,9 +43,10 @@ def sentence_of(
             if others and beside.get("nothing more", 0.0) <= 1.0 - MORE_AT
             else ""
         )
-        worth = f" On conditions left out {gain_words(gain)}." if gain else ""
+        worth = gain_words(gain)
+        left_out = f" On conditions left out {worth}." if worth else ""
         seen = f"{names.capitalize()} is seen in {channels}, among explanations that are right enough."
-        return f"{seen}{worth}{more}{onward}"
+        return f"{seen}{left_out}{more}{onward}"
     if verdict == "one_of":
         names = ", ".join(f"{plain(c.name)} ({chance(c.probability)})" for c in causes)
         if len(causes) == 1:
@@ -67,7 +68,7 @@ def mixed_words(problem: BenchProblem) -> str:
         share = scatter_of_repeats(noise.measured, noise.groups) / problem.size_of(noise.channel)
         if noise.channel != "z" and share > MUCH_SCATTER:
             return (
-                f" Rows of one group scatter by {100.0 * share:.0f} % of the load in {_CHANNELS[noise.channel]}: they "
+                f" Rows of one group scatter by {100.0 * share:.0f} % of the load in {BRIEF[noise.channel]}: they "
                 "may be of different wheels or tests; choose them with --where."
             )
     return ""
@@ -107,7 +108,7 @@ def notes_of(
         factor, unit = _UNITS[noise.channel]
         scatter = factor * scatter_of_repeats(noise.measured, noise.groups)
         usual = f"a right model may have an error of form of {factor * noise.form_scale:.2g} {unit}"
-        notes.append(f"{_CHANNELS[noise.channel]}: repeats scatter by {scatter:.2g} {unit}; {usual}")
+        notes.append(f"{BRIEF[noise.channel]}: repeats scatter by {scatter:.2g} {unit}; {usual}")
     if weighing.any_adequate:
         best = weighing.sets[0]
         families = ", ".join(
@@ -133,7 +134,7 @@ def _unseen(seen: Sequence[Seen]) -> list[str]:
             words = ", ".join(f"{_effect(key)} {error:.2g}" for key, error in errors.items() if isfinite(error))
             if words:
                 notes.append(
-                    f"{bench.campaign}: the {_CHANNELS[channel]} that each candidate implies misses the measured one, "
+                    f"{bench.campaign}: the {BRIEF[channel]} that each candidate implies misses the measured one, "
                     f"which it has not seen, by (rms, {unit}): {words}"
                 )
     return notes

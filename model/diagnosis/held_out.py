@@ -103,7 +103,8 @@ def held_out(
     base = [foretold(look, known[()], run, grams[()]) for run in range(count)]
     extended = [foretold(look, known[keys], run, grams[keys]) if keys else base[run] for run, keys in enumerate(chosen)]
     base, extended = _judged(base, extended)
-    squares = _squares(base, extended)
+    channel = next(c for c in ("dp", "t", "z") if any(c in run.measured for run in base))
+    squares = _squares(base, extended, channel)
     gain = Gain(
         base=_scores(base),
         extended=_scores(extended),
@@ -111,6 +112,7 @@ def held_out(
         interval95=_interval(squares, options.seed),
         log_likelihood_gain=sum(_gained(b, e) for b, e in zip(base, extended, strict=True)),
         chosen=chosen,
+        channel=channel,
     )
     return gain, TWO_RUNS if count == 2 else ""
 
@@ -182,9 +184,8 @@ def _scores(runs: Sequence[Foretold]) -> dict[str, Scores]:
     return found
 
 
-def _squares(base: Sequence[Foretold], extended: Sequence[Foretold]) -> FloatArray:
-    """Return squared errors of base and extended model in the first channel, and their number; shape (runs, 3)."""
-    channel = next(c for c in ("dp", "t", "z") if any(c in run.measured for run in base))
+def _squares(base: Sequence[Foretold], extended: Sequence[Foretold], channel: str) -> FloatArray:
+    """Return squared errors of base and extended model in a channel, and their number; shape (runs, 3)."""
     pairs = [
         (b.squares(channel), e.squares(channel)) for b, e in zip(base, extended, strict=True) if channel in b.measured
     ]

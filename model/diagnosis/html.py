@@ -6,14 +6,13 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from daq.shown import html_paragraph, html_table, number, probability
+from model.diagnosis.channel_words import FIELD_UNITS, NAMES, UNITS
 
 if TYPE_CHECKING:
     from model.diagnosis.result import Cause, Diagnosis, Gain
 
 _LEAST_SHOWN = 0.01
 _MOST_FINDINGS = 6
-_CHANNELS = (("dp", "drawbar pull", "N"), ("t", "driving torque", "N m"), ("z", "sinkage", "m"))
-_UNITS = {"drawbar_pull": "N", "driving_torque": "N m", "sinkage": "m"}
 
 
 def diagnosis_html(found: Diagnosis) -> str:
@@ -27,7 +26,7 @@ def diagnosis_html(found: Diagnosis) -> str:
     if likely:
         shown.append(html_table(["candidate", "probability"], likely))
     wrong = [
-        [_plain(w.channel), w.where, f"{number(w.size, 3)} {_UNITS.get(w.channel, '')}", number(w.statistic, 3)]
+        [_plain(w.channel), w.where, f"{number(w.size, 3)} {FIELD_UNITS.get(w.channel, '')}", number(w.statistic, 3)]
         for w in found.what_is_wrong[:_MOST_FINDINGS]
     ]
     if wrong:
@@ -44,8 +43,8 @@ def diagnosis_html(found: Diagnosis) -> str:
 
 def _gain(gain: Gain) -> list[list[str]]:
     return [
-        [name, number(gain.base[key].R0), number(gain.extended[key].R0), unit]
-        for key, name, unit in _CHANNELS
+        [name, number(gain.base[key].R0), number(gain.extended[key].R0), UNITS[key]]
+        for key, name in NAMES.items()
         if key in gain.base and key in gain.extended
     ]
 

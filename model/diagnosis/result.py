@@ -80,12 +80,21 @@ class Finding:
         taken out, where the shape is largest; of a bench table the mean of measured less simulated.
     statistic : float
         Over its standard deviation (signed).
+    slips : tuple of float, optional
+        Range of slip that the shape covers, where it is one over slip.
+    campaign : str
+        Whose shape it is, where there are several.
+    of_rows : bool
+        Whether it is of a bench table's rows.
     """
 
     channel: str
     where: str
     size: float
     statistic: float
+    slips: tuple[float, float] | None = None
+    campaign: str = ""
+    of_rows: bool = False
 
 
 @dataclass(frozen=True)
@@ -105,11 +114,12 @@ class Gain:
     Attributes
     ----------
     base, extended : mapping channel ("dp", "t", "z") -> Scores
-    reduction_percent : of R0 of drawbar pull
+    reduction_percent : of R0 of `channel`
     interval95 : of it, by bootstrap over runs
     log_likelihood_gain : nats, sum over held-out runs
     chosen : tuple of tuple of str
         Keys of the causes that each fold chose.
+    channel : "dp", "t" or "z"
     """
 
     base: dict[str, Scores]
@@ -118,6 +128,7 @@ class Gain:
     interval95: tuple[float, float]
     log_likelihood_gain: float
     chosen: tuple[tuple[str, ...], ...]
+    channel: str = "dp"
 
 
 @dataclass(frozen=True)
@@ -272,7 +283,7 @@ class Diagnosis:
             "causes": [_cause(cause) for cause in self.causes],
             "candidates": [{"name": c.name, "probability": c.probability} for c in self.candidates],
             "sets": [{"causes": list(one.causes), "probability": one.probability} for one in self.sets],
-            "what_is_wrong": [vars(finding) for finding in self.what_is_wrong],
+            "what_is_wrong": [_finding(finding) for finding in self.what_is_wrong],
             "gain": None if self.gain is None else _gain(self.gain),
             "inconsistent": [vars(item) for item in self.inconsistent],
             "adequacy": None if self.adequacy is None else vars(self.adequacy),
@@ -285,6 +296,10 @@ class Diagnosis:
             "soils": [vars(soil) for soil in self.soils],
             "stages_s": self.stages_s,
         }
+
+
+def _finding(found: Finding) -> dict[str, Any]:
+    return {"channel": found.channel, "where": found.where, "size": found.size, "statistic": found.statistic}
 
 
 def _cause(cause: Cause) -> dict[str, Any]:

@@ -27,19 +27,14 @@ _RANGES = (
 )
 
 
-def shape_words(where: str, campaigns: tuple[str, ...] = ()) -> str:
+def shape_words(where: str) -> str:
     """Return the place or the growth that a shape stands for.
 
     Parameters
     ----------
     where : str
-        Label of `model.diagnosis.basis` behind its channel; with several campaigns the campaign's name before it.
-    campaigns : tuple of str
-        Names that may stand before it.
+        Label of `model.diagnosis.basis` behind its channel.
     """
-    for name in sorted(campaigns, key=len, reverse=True):
-        if where.startswith(f"{name}: "):
-            return f"{name}: {shape_words(where.removeprefix(f'{name}: '))}"
     for pattern, said in _RANGES:
         where = pattern.sub(said, where)
     return _FIXED.get(where, where)

@@ -6,13 +6,11 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 
 from model.diagnosis.agreement import Disagreement
+from model.diagnosis.channel_words import BRIEF, FIELD_NAMES, FIELD_UNITS
 from model.diagnosis.result import Adequacy, Cause, CauseSet, Detectable, Finding, Gain, NextRun, ParameterEstimate
 from model.diagnosis.tellable import USUAL
 from model.diagnosis.verdict import Judgement
 
-CHANNELS = {"drawbar_pull": "drawbar pull", "driving_torque": "driving torque", "sinkage": "sinkage"}
-_UNITS = {"drawbar_pull": "N", "driving_torque": "N m", "sinkage": "m"}
-_CHANNELS = {"dp": "drawbar pull", "t": "torque", "z": "sinkage"}
 _MOST_EXAMPLES = 3
 _WORTH_SAYING = 0.2
 _TOGETHER_AT = 0.1
@@ -44,8 +42,8 @@ def named_words(
         What would part these from the named ones, best first.
     """
     said = [" and ".join(_cause(cause) for cause in causes)]
-    if gain is not None and isfinite(gain.reduction_percent):
-        said.append(f"On runs left out {gain_words(gain)}")
+    if worth := gain_words(gain):
+        said.append(f"On runs left out {worth}")
     if judged.beside:
         said.append(f"Something more is at work: {_one_of(judged.beside, chances)}")
     if alike:
@@ -197,20 +195,22 @@ def _estimate(p: ParameterEstimate, name: str) -> str:
     return f"{name} = {_number(p.value)}{band}{_unit(p.unit)}"
 
 
-def gain_words(gain: Gain) -> str:
-    """Return by how much the errors of what was left out fall, without an end."""
+def gain_words(gain: Gain | None) -> str:
+    """Return by how much the errors of what was left out fall, without an end; nothing where that is not known."""
+    if gain is None or not isfinite(gain.reduction_percent):
+        return ""
     low, high = gain.interval95
-    first, *others = gain.base
+    first, others = gain.channel, [channel for channel in gain.base if channel != gain.channel]
     falls, size = ("falls", 1.0) if gain.reduction_percent >= 0 else ("grows", -1.0)
     low, high = sorted((size * low, size * high))
     band = f" ({low:.0f} to {high:.0f})" if isfinite(low) and isfinite(high) else ""
-    said = [f"the error of {_CHANNELS[first]} {falls} by {size * gain.reduction_percent:.0f}{band} %"]
+    said = [f"the error of {BRIEF[first]} {falls} by {size * gain.reduction_percent:.0f}{band} %"]
     for channel in others:
         before, after = gain.base[channel].R0, gain.extended[channel].R0
         if before > 0:
             fell = 100 * (1 - after / before)
             verb = "" if (fell >= 0) == (size > 0) else "falls " if fell >= 0 else "grows "
-            said.append(f"{'that ' if verb else ''}of {_CHANNELS[channel]} {verb}by {abs(fell):.0f} %")
+            said.append(f"{'that ' if verb else ''}of {BRIEF[channel]} {verb}by {abs(fell):.0f} %")
     return _listed(said)
 
 
@@ -221,7 +221,7 @@ def _one_of(families: Sequence[str], chances: Mapping[str, float]) -> str:
 
 def _findings(found: Sequence[Finding]) -> str:
     return "; ".join(
-        f"{CHANNELS.get(f.channel, f.channel)}, {f.where}: {f.size:+.3g} {_UNITS.get(f.channel, '')} "
+        f"{FIELD_NAMES.get(f.channel, f.channel)}, {f.where}: {f.size:+.3g} {FIELD_UNITS.get(f.channel, '')} "
         f"({abs(f.statistic):.1f} sigma)"
         for f in found[:_MOST_EXAMPLES]
     )

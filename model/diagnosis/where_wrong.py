@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.adequacy import LeftOver, left_over
+from model.diagnosis.basis import SLIP_RANGES
+from model.diagnosis.channel_words import FIELDS
 from model.diagnosis.grams import Grams
 from model.diagnosis.result import Finding
 from model.diagnosis.shape_words import shape_words
@@ -21,7 +23,6 @@ from model.diagnosis.view import View
 
 FloatArray = NDArray[np.float64]
 
-CHANNEL_WORDS = {"dp": "drawbar_pull", "t": "driving_torque", "z": "sinkage"}
 LEAST = 3.5
 """Size of a statistic from which on a shape is said: one of 80 shapes exceeds it by chance in one of 30 campaigns."""
 MOST = 8
@@ -44,7 +45,18 @@ def findings(grams: Grams, views: tuple[View, ...], keys: tuple[str, ...] = (), 
     """
     found = found_in(left_over(grams, keys), grams.basis, heights(views), excess)
     names = tuple(view.campaign.name for view in views) if len(views) > 1 else ()
-    return [replace(one, where=shape_words(one.where, names)) for one in found]
+    return [_said(one, names) for one in found]
+
+
+def _said(found: Finding, campaigns: tuple[str, ...]) -> Finding:
+    """Return a finding, whose place is a label yet, in words and with what the label stands for."""
+    label, campaign = found.where, ""
+    for name in sorted(campaigns, key=len, reverse=True):
+        if label.startswith(f"{name}: "):
+            label, campaign = label.removeprefix(f"{name}: "), name
+            break
+    where = f"{campaign}: {shape_words(label)}" if campaign else shape_words(label)
+    return replace(found, where=where, slips=SLIP_RANGES.get(label), campaign=campaign)
 
 
 def found_in(left: LeftOver, labels: tuple[str, ...], height: FloatArray, excess: float = 1.0) -> list[Finding]:
@@ -72,7 +84,7 @@ def found_in(left: LeftOver, labels: tuple[str, ...], height: FloatArray, excess
             break
         channel, _, where = labels[worst].partition("|")
         size = float(score[worst] / own[worst] * height[worst])
-        found.append(Finding(CHANNEL_WORDS.get(channel, channel), where, size, float(z[worst])))
+        found.append(Finding(FIELDS.get(channel, channel), where, size, float(z[worst])))
         column = information[:, worst] / own[worst]
         score = score - column * score[worst]
         information = information - np.outer(column, information[worst])

@@ -80,6 +80,7 @@ def test_what_no_cause_explains_is_unexplained() -> None:
     assert found.what_is_wrong
     assert found.what_is_wrong[0].channel == "drawbar_pull"
     assert "slip" in found.what_is_wrong[0].where
+    assert all(one.of_rows and one.slips is None for one in found.what_is_wrong)
 
 
 @pytest.mark.slow

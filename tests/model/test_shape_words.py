@@ -11,9 +11,11 @@ from diagnosis_support import simulated_campaign
 from model.diagnosis.basis import basis
 from model.diagnosis.campaign import DiagnosisOptions
 from model.diagnosis.linearise import Point, Simulation, linearise
+from model.diagnosis.result import Finding
 from model.diagnosis.samples import samples_of
 from model.diagnosis.shape_words import shape_words
 from model.diagnosis.soil_space import soil_space
+from model.diagnosis.where_wrong import _said
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +47,10 @@ def test_every_label_reads_on_its_own(labels: list[str]) -> None:
 
 
 def test_a_campaigns_name_stays_before_it() -> None:
-    assert shape_words("a: b: load, driving", ("a", "a: b")) == "a: b: growing with load, driving"
-    assert shape_words("clay: braking, slip - 0.3 to 0.6", ("clay",)) == "clay: braking, slip -0.3 to -0.6"
+    load = _said(Finding("drawbar_pull", "a: b: load, driving", 1.0, 4.0), ("a", "a: b"))
+    assert (load.where, load.campaign, load.slips) == ("a: b: growing with load, driving", "a: b", None)
+    slip = _said(Finding("drawbar_pull", "clay: braking, slip - 0.3 to 0.6", 1.0, 4.0), ("clay",))
+    assert (slip.where, slip.campaign) == ("clay: braking, slip -0.3 to -0.6", "clay")
+    assert slip.slips == (-1.0, -0.3), "the outer hat goes on"
+    assert _said(Finding("sinkage", "slip 0.05 to 0.4", 1.0, 4.0), ()).slips == (0.05, 0.4)
     assert shape_words("run: 1, 0 to 20 s") == "run: 1, 0 to 20 s"

@@ -28,6 +28,7 @@ from model.diagnosis.tellable import PRESSURE_UNKNOWN, SAME_PASS
 from model.diagnosis.verdict import MOVING, Judgement, candidates, judgement, likely_sets, short_set
 from model.diagnosis.verdict_words import (
     disagreement_words,
+    gain_words,
     named_words,
     nothing_words,
     one_of_words,
@@ -43,6 +44,13 @@ def gain(nats: float) -> Gain:
     scores = {"dp": Scores(100.0, 20.0, 0.9, -500.0), "t": Scores(50.0, 9.0, 0.9, -500.0)}
     better = {"dp": Scores(80.0, 15.0, 0.95, -400.0), "t": Scores(25.0, 5.0, 0.95, -400.0)}
     return Gain(scores, better, 20.0, (10.0, 30.0), nats, (("a",),))
+
+
+def test_a_gain_is_that_of_its_own_channel() -> None:
+    assert gain_words(gain(5.0)) == "the error of drawbar pull falls by 20 (10 to 30) % and of torque by 50 %"
+    of_torque = replace(gain(5.0), channel="t", reduction_percent=50.0, interval95=(40.0, 60.0))
+    assert gain_words(of_torque) == "the error of torque falls by 50 (40 to 60) % and of drawbar pull by 20 %"
+    assert gain_words(replace(gain(5.0), reduction_percent=float("nan"))) == gain_words(None) == ""
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from diagnosis_samples import SENTENCES, diagnosis
 from hypothesis import given
 from hypothesis import strategies as st
 
-from model.diagnosis.result import Candidate, ParameterEstimate
+from model.diagnosis.result import Candidate, Finding, ParameterEstimate
 from wheelsoil.diagnosis_text import diagnosis_lines, stages_lines
 
 VERDICTS = tuple(SENTENCES)
@@ -31,6 +31,21 @@ def test_it_fits_and_the_sentence_comes_first(verdict, width):
     lines = diagnosis_lines(diagnosis(verdict), width)
     assert max(map(len, lines)) <= width
     assert squeezed("\n".join(lines)).startswith(SENTENCES[verdict])
+
+
+def test_of_a_bench_table_the_mean_of_the_rows_is_said():
+    rows = (Finding("sinkage", "slip 0.35, load 512 N, driving (3 rows)", -0.004, -9.1, of_rows=True),)
+    text = squeezed(text_of(replace(diagnosis("named"), what_is_wrong=rows)))
+    assert "channel mean sigmas where sinkage -0.004 m -9.1 slip 0.35, load 512 N, driving (3 rows)" in text
+    assert "mean: of measured less simulated over these rows" in text
+    assert "shape:" not in text and "median" not in text
+
+
+def test_the_gain_is_of_its_own_channel():
+    found = diagnosis("named")
+    assert found.gain is not None
+    text = squeezed(text_of(replace(found, gain=replace(found.gain, channel="t"))))
+    assert "R0 of the driving torque falls by 45 %" in text
 
 
 def test_everything_is_said():

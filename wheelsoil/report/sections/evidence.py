@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from model.diagnosis.channel_words import NAMES, UNITS
 from model.diagnosis.result import Diagnosis, Seen
-from wheelsoil.diagnosis_words import CHANNEL_NAMES, CHANNEL_UNITS, effect_name
+from wheelsoil.diagnosis_words import effect_name
 from wheelsoil.model_styles import STYLES, Style
 from wheelsoil.report.content import Block, Figure, Panels, Section, Text
 from wheelsoil.report.figures import MEASURED, Trace, axes, dots, line, look_at, marked_line
@@ -57,7 +58,7 @@ def build(material: Material) -> Section:
     kinds = [(_shapes, _SHAPES), (_diagonal, _DIAGONAL)]
     if found.verdict == "named":
         kinds.insert(0, (_pair, _AFTER))
-    shown = {channel: _of_channel(found.seen, channel, keys) for channel in CHANNEL_NAMES}
+    shown = {channel: _of_channel(found.seen, channel, keys) for channel in NAMES}
     shown = {channel: views for channel, views in shown.items() if views}
     blocks: list[Block] = [Text(f"Shown: {listed([form_name(effect_name(key)) for key in keys])}.")]
     for draw, reading in kinds:
@@ -162,10 +163,10 @@ def _driven(figure: Figure) -> Figure:
 
 
 def _figure(kind: str, channel: str, what: str, traces: dict[str, list[Trace]]) -> Figure:
-    layout = axes("slip", f"measured − simulated ({CHANNEL_UNITS[channel]})", height=340)
+    layout = axes("slip", f"measured − simulated ({UNITS[channel]})", height=340)
     return Figure(
         f"evidence-{kind}-{channel}",
-        f"{CHANNEL_NAMES[channel].capitalize()}: {what}",
+        f"{NAMES[channel].capitalize()}: {what}",
         [trace for group in traces.values() for trace in group],
         layout,
         [campaign for campaign, group in traces.items() for _ in group],

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 
+from model.diagnosis.channel_words import NAMES, UNITS
 from model.diagnosis.result import Gain, Scores
-from wheelsoil.diagnosis_words import CHANNEL_NAMES, CHANNEL_UNITS, NO_GAIN, effect_name, nothing_chosen, reduction
+from wheelsoil.diagnosis_words import NO_GAIN, effect_name, nothing_chosen, reduction
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes
 from wheelsoil.report.material import Material
@@ -52,8 +53,8 @@ def sentence(gain: Gain) -> str:
     spread = "" if within == "–" else f" (95 %: {within} %)"
     nats = signed(gain.log_likelihood_gain, ".1f")
     return (
-        f"On runs left out, R₀ of the drawbar pull {how} by {abs(gain.reduction_percent):.1f} % with the "
-        f"extension{spread}; the log likelihood of what was measured gains {nats} nats."
+        f"On runs left out, R₀ of the {NAMES[gain.channel]} {how} by {abs(gain.reduction_percent):.1f} % with "
+        f"the extension{spread}; the log likelihood of what was measured gains {nats} nats."
     )
 
 
@@ -70,9 +71,9 @@ def _table(gain: Gain) -> Table:
 
 def _row(channel: str, which: str, scores: Scores, *, first: bool) -> list[str]:
     return [
-        f"{CHANNEL_NAMES.get(channel, channel)}, {which}",
+        f"{NAMES.get(channel, channel)}, {which}",
         number(scores.R0, 4),
-        CHANNEL_UNITS.get(channel, ""),
+        UNITS.get(channel, ""),
         number(scores.M0_percent),
         number(scores.R2, 4),
         number(scores.log_likelihood, 5) if first else "",  # of the run, all its channels together
@@ -81,7 +82,7 @@ def _row(channel: str, which: str, scores: Scores, *, first: bool) -> list[str]:
 
 def _figure(gain: Gain) -> Figure:
     channels = [c for c in gain.base if c in gain.extended and gain.base[c].R0 > 0]
-    names = [CHANNEL_NAMES.get(c, c) for c in channels]
+    names = [NAMES.get(c, c) for c in channels]
     shares = [100 * gain.extended[c].R0 / gain.base[c].R0 for c in channels]
 
     def bar(name: str, values: list[float], colour: str, pattern: str) -> Trace:

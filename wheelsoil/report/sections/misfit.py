@@ -6,12 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from model.diagnosis.channel_words import FIELD_UNITS, NAMES, UNITS
 from model.diagnosis.result import Diagnosis, Seen
 from wheelsoil.diagnosis_words import (
-    CHANNEL_NAMES,
-    CHANNEL_UNITS,
     FINDING_NOTE,
-    FINDING_UNITS,
     median_there,
     plain_name,
 )
@@ -46,7 +44,7 @@ def build(material: Material) -> Section:
         "inconsistent": found.inconsistent,
     }
     names = [seen.campaign for seen in found.seen]
-    channels = [c for c in CHANNEL_NAMES if any(c in seen.base for seen in found.seen)]
+    channels = [c for c in NAMES if any(c in seen.base for seen in found.seen)]
     for channel in channels:
         figures, shown = _panels(found.seen, channel)
         blocks.append(Panels(figures, _READING, names))
@@ -57,22 +55,24 @@ def build(material: Material) -> Section:
 def _findings(found: Diagnosis) -> Block:
     if not found.what_is_wrong:
         return Text("Nothing stands out: what is left looks like noise everywhere.", "good")
+    of_rows = all(one.of_rows for one in found.what_is_wrong)
     rows = [
         [
             plain_name(one.channel),
             one.where,
-            _with_unit(median_there(found, one), one.channel),
+            *([] if of_rows else [_with_unit(median_there(found, one), one.channel)]),
             _with_unit(one.size, one.channel),
             signed(one.statistic, ".1f"),
         ]
         for one in found.what_is_wrong[:_SHOWN]
     ]
-    head = ["channel", "where", "median there", "size of the shape", "sigmas"]
-    return Table("Where the simulation is off, worst first", head, rows, FINDING_NOTE, left=2)
+    head = ["channel", "where", *(["mean there"] if of_rows else ["median there", "size of the shape"]), "sigmas"]
+    note = "Mean there: of measured less simulated over these rows." if of_rows else FINDING_NOTE
+    return Table("Where the simulation is off, worst first", head, rows, note, left=2)
 
 
 def _with_unit(value: float, channel: str) -> str:
-    return f"{number(value)} {FINDING_UNITS.get(channel, '')}".rstrip() if np.isfinite(value) else "–"
+    return f"{number(value)} {FIELD_UNITS.get(channel, '')}".rstrip() if np.isfinite(value) else "–"
 
 
 def _inconsistent(found: Diagnosis) -> list[Block]:
@@ -93,7 +93,7 @@ def _panels(everything: tuple[Seen, ...], channel: str) -> tuple[list[Figure], d
             traces, numbers[f"{seen.campaign}: {title}"] = _traces(seen, channel, key)
             data += traces
             groups += [seen.campaign] * len(traces)
-        unit = CHANNEL_UNITS[channel] if key == "slip" else "σ"
+        unit = UNITS[channel] if key == "slip" else "σ"
         layout = axes(across, f"measured − simulated ({unit})", height=310)
         if key == "slip":
             look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
@@ -105,7 +105,7 @@ def _panels(everything: tuple[Seen, ...], channel: str) -> tuple[list[Figure], d
             layout["xaxis"] |= {"type": "category"}
         elif key != "slip":
             look_at(layout, "x", np.concatenate([getattr(seen, key) for seen in views]))
-        name = f"{CHANNEL_NAMES[channel].capitalize()} {title}"
+        name = f"{NAMES[channel].capitalize()} {title}"
         figures.append(Figure(f"misfit-{channel}-{key}", name, data, layout, groups))
     return figures, numbers
 
