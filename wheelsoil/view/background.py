@@ -11,6 +11,7 @@ from pathlib import Path
 from daq.errors import Fault, WheelsoilError
 from processing.options import ProcessOptions
 from wheelsoil.view.campaigns import ViewedCampaign, ViewedRun
+from wheelsoil.view.entries import fault_of_ours
 from wheelsoil.view.helper import Helper, HelperEndedError
 from wheelsoil.view.jobs import Seen, process_run
 
@@ -87,10 +88,7 @@ class Processing:
         except WheelsoilError as error:
             self._put(run, options, faults=error.faults)
         except Exception as error:  # noqa: BLE001  # one run must not take the others along
-            said = str(error).strip().splitlines()[-1:] or [type(error).__name__]
-            self._put(
-                run, options, faults=(Fault("a fault of ours", run.run.id, said[0], next_step="please report it"),)
-            )
+            self._put(run, options, faults=(fault_of_ours(error, run.run.id),))
         else:
             self._put(run, options, seen=seen, file=target)
 
