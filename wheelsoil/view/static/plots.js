@@ -89,8 +89,7 @@ async function drawOne(Plotly, plot, size = {}) {
   const { div, about, over } = plot, { traces, layout } = contentOf(about, over);
   const more = { ...size, ...overlayOf(about, over), uirevision: JSON.stringify([state.a, state.b, state.part]), ...(over === "time" && { selectdirection: "h" }), ...(TOUCH.matches && !state.touchSelects && { dragmode: false }) };
   await Plotly.react(div, traces, { ...layout, ...more }, CONFIG);
-  const used = traces.filter((trace) => trace.name === "used").reduce((sum, trace) => sum + trace.y.filter((y) => y !== null).length, 0);
-  div.setAttribute("aria-label", `${capital(about.name)} against ${over} of ${runOf(state.a)?.id ?? ""}, ${used} samples used${over === "time" ? "; arrow keys move the selection, with Shift they stretch it" : ""}`);
+  div.setAttribute("aria-label", `${capital(about.name)} against ${over} of ${runOf(state.a)?.id ?? ""}${over === "time" ? "; arrow keys move the selection, with Shift they stretch it" : ""}`);
   if (!plot.listens) listen(Plotly, plot);
 }
 
