@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 
 from daq.bench_tables import WheelTable
 from daq.config import TerrainConfig, VehicleConfig, load_toml
-from daq.errors import ConfigError, Fault, nearest
+from daq.errors import ConfigError, DataError, Fault, nearest
 from daq.run import Run
 from model.extended import ExtendedModel
 from model.fit_result import CampaignFit, FitOptions, ModelFit
@@ -137,19 +137,38 @@ def one_terrain(runs: Sequence[Run]) -> Run:
 
 
 def fit_runs(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices, soil_name: str | None) -> CampaignFit:
-    """Fit the four models to processed runs of one terrain.
+    """Fit the four models to processed runs of one terrain; a note names those that lack a signal and are left out.
 
     Raises
     ------
     ConfigError, DataError
-        See `model.fit.fit_models`; the soil or the wheel is not known.
+        See `model.fit.fit_models`; the soil or the wheel is not known, or every run lacks a signal.
     """
     from model.fit import fit_models
 
+    runs = [run for _, run in processed]
+    if problem := nothing_whole(runs):
+        raise DataError(problem)
     first = one_terrain([run for run, _ in processed])
     soil = known_soil(soil_name, first.terrain)
     options = choices.options(soil, None if soil_name else first.terrain)
-    return fit_models([run for _, run in processed], wheel_of(first.vehicle, first.vehicle_source), soil, options)
+    fit = fit_models(whole_runs(runs), wheel_of(first.vehicle, first.vehicle_source), soil, options)
+    lacking = [f"{run.run.id} ({', '.join(run.quality.missing)})" for run in runs if run.quality.missing]
+    if not lacking:
+        return fit
+    return replace(fit, notes=(f"left out of the fit, for want of a signal: {', '.join(lacking)}", *fit.notes))
+
+
+def whole_runs(runs: Iterable[ProcessedRun]) -> tuple[ProcessedRun, ...]:
+    """Return the runs that carry all that a fit needs."""
+    return tuple(run for run in runs if not run.quality.missing)
+
+
+def nothing_whole(runs: Sequence[ProcessedRun]) -> str:
+    """Return which signals are missing, and what to do, where no run carries all that a fit needs; else nothing."""
+    if whole_runs(runs):
+        return ""
+    return ", and ".join(dict.fromkeys(text for run in runs for text in run.quality.missing.values()))
 
 
 def fit_table(

@@ -12,10 +12,9 @@ from model.diagnosis.result import Diagnosis
 from model.extended import ExtendedModel
 from model.fit_result import CampaignFit
 from processing.options import LOOK, ProcessOptions
-from processing.processed_run import ProcessedRun
 from wheelsoil.choice import Choice, provenance_of
 from wheelsoil.diagnosing import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
-from wheelsoil.fitting import FitChoices, fit_runs, one_terrain
+from wheelsoil.fitting import FitChoices, fit_runs, nothing_whole, one_terrain
 from wheelsoil.report.build import Report, build_report
 from wheelsoil.report.material import Material, command_line, source_of, versions
 from wheelsoil.runs import open_and_process
@@ -99,8 +98,8 @@ def report_of_processed(
 ) -> Report:
     """Fit processed runs, unless they are already, and build the report; see `report_of`."""
     first = one_terrain([run for run, _ in processed])
-    problem = nothing_whole([run for _, run in processed])
-    if campaign is None and not problem:
+    problem = ""
+    if campaign is None:
         try:
             campaign = fit_runs(processed, choices, soil)
         except DataError as error:
@@ -124,13 +123,6 @@ def report_of_processed(
         no_diagnosis=diagnosed.why_not,
     )
     return build_report(material)
-
-
-def nothing_whole(runs: Sequence[ProcessedRun]) -> str:
-    """Return which signals are missing, and what to do, where no run carries all that a fit needs; else nothing."""
-    if not all(run.quality.missing for run in runs):
-        return ""
-    return ", and ".join(dict.fromkeys(text for run in runs for text in run.quality.missing.values()))
 
 
 def _plain(choices: FitChoices) -> dict[str, object]:

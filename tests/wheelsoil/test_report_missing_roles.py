@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from cli_support import invoke, ok
+from report_support import text_of
 
 from daq.open import open_runs
 from processing.options import LOOK, ProcessOptions
@@ -108,3 +111,28 @@ def test_a_run_that_lacks_a_signal_leaves_the_others_their_fit(campaign, tmp_pat
     glance = numbers["sections"]["glance"]
     assert not glance["sentence"].startswith("No result")
     assert {run: grade["level"] for run, grade in glance["grades"].items()}["run-1"] == "poor"
+
+
+@pytest.mark.parametrize("role", ["ground_speed", "vertical_load", "drawbar_pull"])
+def test_figures_of_the_models_hold_the_fitted_runs_only_and_say_so(campaign, tmp_path, role):
+    folder = rewritten(campaign, tmp_path / "c", runs=2)
+    [_, whole] = process_runs(open_runs([folder]), ProcessOptions())
+    [(run, poor)] = process_runs(
+        open_runs([rewritten(campaign, tmp_path / "d", **{role: ""})]), ProcessOptions(purpose=LOOK)
+    )
+    off = replace(poor, drawbar_pull_n=poor.drawbar_pull_n + 3000.0)
+    report = report_of_processed([(run, off), whole], FitChoices(), ProcessOptions())
+    mixed, alone = (one.numbers() for one in (report, report_of_processed([whole], FitChoices(), ProcessOptions())))
+    for key in (key for key in alone["figures"] if key.startswith(("slip-", "torque-", "sinkage", "load"))):
+        traces = zip(mixed["figures"][key]["traces"], alone["figures"][key]["traces"], strict=True)
+        for ours, theirs in traces:
+            for axis in set("xyz") & set(theirs):
+                assert np.array(ours[axis], float) == pytest.approx(np.array(theirs[axis], float), nan_ok=True)
+    assert mixed["sections"]["verdict"]["sentence"] == alone["sections"]["verdict"]["sentence"]
+    assert f"left out of the fit, for want of a signal: run-1 ({role})." in text_of(report, "verdict")
+    assert "only the blue part is fitted, and nothing of run-1" in text_of(report, "quality")
+    assert "Not in it, for a signal is missing: run-1." in text_of(report, "slip")
+    names = [trace["name"] for trace in mixed["figures"]["time-t"]["traces"] if trace["shown_for"] == "run-1"]
+    assert ("measured" in names) == (role != "ground_speed") and "Lyasko" not in names
+    assert "run-1" in mixed["figures"]["shares"]["traces"][0]["y"]
+    assert "run-1" in {trace["shown_for"] for trace in mixed["figures"]["drive-speed"]["traces"]}

@@ -34,7 +34,7 @@ _HALVES = (("driving", (0.0, 1.0)), ("braking", (-1.0, 0.0)))
 
 @dataclass(frozen=True)
 class Curves:
-    """One channel of all runs against slip.
+    """One channel of all fitted runs against slip.
 
     Attributes
     ----------
@@ -75,8 +75,8 @@ def curves_of(material: Material, channel: str, key: str, axis: str, reading: st
     predicted = {name: np.where(np.isfinite(measured), values, np.nan) for name, values in predicted.items()}
     sigmas = material.sigmas[channel]
     choices = {ALL_RUNS: np.ones(len(measured), np.bool_)}
-    if len(material.runs) > 1:
-        choices |= {run.run.id: pool.run == i for i, run in enumerate(material.runs) if run.used.any()}
+    if len(material.fitted) > 1:
+        choices |= {run.run.id: pool.run == i for i, run in enumerate(material.fitted) if run.used.any()}
     figures = []
     for half, ends in _HALVES:
         inside = (pool.slip > 0) if half == "driving" else (pool.slip <= 0)
@@ -94,7 +94,8 @@ def curves_of(material: Material, channel: str, key: str, axis: str, reading: st
         look_at(layout, "y", measured[inside], also=_medians(pool.slip, predicted, choices, inside))
         figures.append(Figure(f"{key}-{half}", half.capitalize(), data, layout, groups))
     errors, numbers = _errors(material, key, axis, measured, predicted)
-    return Curves(Panels(figures, reading, list(choices)), errors, numbers)
+    lacking = f" Not in it, for a signal is missing: {material.not_fitted}." if material.not_fitted else ""
+    return Curves(Panels(figures, f"{reading}{lacking}", list(choices)), errors, numbers)
 
 
 def _medians(

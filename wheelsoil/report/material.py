@@ -20,13 +20,19 @@ from daq.run import Run
 from model.diagnosis.result import Diagnosis
 from model.fit_result import CampaignFit, ModelFit
 from model.observations import CHANNELS
+from model.wheel_soil import Prediction
 from processing.processed_run import ProcessedRun
 from wheelsoil import __version__
 from wheelsoil.facts import sha256_of
+from wheelsoil.fitting import whole_runs
 from wheelsoil.grading import Grade, grade_of
 from wheelsoil.report.bands import model_sigmas
+from wheelsoil.report.words import listed
 
 FloatArray = NDArray[np.float64]
+
+_NAMED = 5
+"""Runs that a sentence names, more are counted."""
 
 
 @dataclass(frozen=True)
@@ -140,15 +146,26 @@ class Material:
             raise DataError(self.no_fit)
         return self.campaign
 
+    @property
+    def fitted(self) -> tuple[ProcessedRun, ...]:
+        """The runs that the fit took: those that lack no signal it needs."""
+        return whole_runs(self.runs)
+
+    @property
+    def not_fitted(self) -> str:
+        """The other runs in words; empty where there are none."""
+        names = [run.run.id for run in self.runs if run.quality.missing]
+        return listed(names) if len(names) <= _NAMED else f"{len(names)} of {len(self.runs)} runs"
+
     @cached_property
     def pool(self) -> Pool:
-        """The used samples of all runs in one."""
-        return Pool(self.runs, self.fit.models)
+        """The used samples of all fitted runs in one."""
+        return Pool(self.fitted, self.fit.models)
 
     @cached_property
     def sigmas(self) -> dict[str, dict[str, FloatArray]]:
         """One-sigma of each model on the pool's samples; see `model_sigmas`."""
-        return model_sigmas(self.runs, self.fit)
+        return model_sigmas(self.fitted, self.fit)
 
     @cached_property
     def grades(self) -> tuple[Grade, ...]:
@@ -182,13 +199,18 @@ class Material:
             ["frictional modulus k_φ", f"{soil.frictional_modulus / 1e3:g} kN/mⁿ⁺²"],
         ]
 
+    def predictions_of(self, run: ProcessedRun) -> dict[str, Prediction]:
+        """Return what each model says of a run's samples, by its name; nothing of a run that was not fitted."""
+        place = next((i for i, one in enumerate(self.fitted) if one is run), None)
+        return {} if place is None else {model.name: model.predictions[place] for model in self.fit.models}
+
     def source_of(self, run: ProcessedRun) -> Source | None:
         """Return the file of a run."""
         return next((source for source in self.sources if source.run_id == run.run.id), None)
 
 
 class Pool:
-    """The used samples of all runs, one after the other, with what each model predicts for them.
+    """The used samples of fitted runs, one after the other, with what each model predicts for them.
 
     Attributes
     ----------

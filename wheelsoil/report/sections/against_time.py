@@ -45,7 +45,7 @@ def build(material: Material) -> Section:
     if material.campaign is None:
         return _of_all(material)
     material.pool.measured("dp")
-    runs = [i for i, run in enumerate(material.runs) if run.used.any()]
+    runs = [run for run in material.runs if run.used.any()]
     if not runs:
         raise DataError("no run has a sample that can be used")
     figures = []
@@ -54,7 +54,7 @@ def build(material: Material) -> Section:
             figures.append(_figure(material, channel, runs))
         except DataError:
             continue  # the section on the torque says that it was not measured
-    names = [material.runs[i].run.id for i in runs]
+    names = [run.run.id for run in runs]
     lengths = {run.run.id: float(run.time_s[-1]) for run in material.runs if len(run)}
     return Section(KEY, TITLE, [Panels(figures, _READING, names)], {"length_s": lengths})
 
@@ -88,7 +88,7 @@ def _of_all(material: Material) -> Section:
     return Section(KEY, TITLE, [Panels(figures, _READING_OF_ALL, list(dict.fromkeys(names)))], {"length_s": lengths})
 
 
-def _figure(material: Material, channel: str, runs: list[int]) -> Figure:
+def _figure(material: Material, channel: str, runs: list[ProcessedRun]) -> Figure:
     name, unit = _SHOWN[channel]
     values = material.pool.measured(channel)
     known = values[np.isfinite(values)]
@@ -96,9 +96,8 @@ def _figure(material: Material, channel: str, runs: list[int]) -> Figure:
     beyond = 0.3 * (high - low)
     data: list[Trace] = []
     groups: list[str] = []
-    for i in runs:
-        run = material.runs[i]
-        traces = [*_segments(run, low - beyond, high + beyond), *_lines(material, i, CHANNELS[channel])]
+    for run in runs:
+        traces = [*_segments(run, low - beyond, high + beyond), *_lines(material, run, CHANNELS[channel])]
         data += traces
         groups += [run.run.id] * len(traces)
     layout = axes("time (s)", f"{name} ({unit})", height=360)
@@ -122,16 +121,15 @@ def _segments(run: ProcessedRun, low: float, high: float) -> list[Trace]:
     return traces
 
 
-def _lines(material: Material, index: int, quantity: str) -> list[Trace]:
-    """Return what was measured and what every model says, at the same samples."""
-    run = material.runs[index]
+def _lines(material: Material, run: ProcessedRun, quantity: str) -> list[Trace]:
+    """Return what was measured and, of a fitted run, what every model says, at the same samples."""
     measured = _used(run, getattr(run, quantity))
     rows = decimated_rows(measured, points_of_run(len(material.runs)))
     time_s = run.time_s[rows]
     traces = [line(time_s, measured[rows], "measured", MEASURED, "solid", 2.6)]
-    for model in material.fit.models:
-        look = style(model.name)
-        predicted = _used(run, getattr(model.predictions[index], quantity))
+    for name, prediction in material.predictions_of(run).items():
+        look = style(name)
+        predicted = _used(run, getattr(prediction, quantity))
         traces.append(line(time_s, predicted[rows], look.label, look.colour, look.dash, 1.6))
     return traces
 

@@ -30,7 +30,11 @@ _LOOKS = {
 
 def build(material: Material) -> Section:
     """Build the section from the runs' quality reports."""
-    blocks: list[Block] = [Panels([_shares_figure(material.runs)], _READING), _table(material), *_notes(material.runs)]
+    blocks: list[Block] = [
+        Panels([_shares_figure(material.runs)], _reading(material)),
+        _table(material),
+        *_notes(material.runs),
+    ]
     numbers = {
         run.run.id: {
             "samples": len(run),
@@ -56,10 +60,12 @@ def _notes(runs: tuple[ProcessedRun, ...]) -> list[Text]:
     ]
 
 
-_READING = (
-    "each bar is one run, its whole length the samples of the common time base; only the blue part is fitted. "
-    "A long orange or black part means that the GNSS or the bus failed, not the model."
-)
+def _reading(material: Material) -> str:
+    lacking = f", and nothing of {material.not_fitted}, for a signal is missing" if material.not_fitted else ""
+    return (
+        "each bar is one run, its whole length the samples of the common time base; only the blue part is fitted"
+        f"{lacking}. A long orange or black part means that the GNSS or the bus failed, not the model."
+    )
 
 
 def _shares_figure(runs: tuple[ProcessedRun, ...]) -> Figure:

@@ -47,7 +47,7 @@ def build(material: Material) -> Section:
     figure, numbers = quantity_figure(material, "sinkage", "sinkage_m", 1e3 * measured, "sinkage (mm)", 1e3)
     reading = _READING
     try:
-        facts = facts_of_runs(material.runs, material.vehicle.wheel)
+        facts = facts_of_runs(material.fitted, material.vehicle.wheel)
     except DataError as error:
         blocks.append(Text(f"No sinkage from forces: {error.faults[0].what}."))
     else:

@@ -226,7 +226,7 @@ def _torque(material: Material, ranking: Ranking) -> Text:
 
 
 def _coverage(material: Material) -> Text:
-    used = float(np.mean(np.concatenate([run.used for run in material.runs])))
+    used = float(np.mean(np.concatenate([run.used for run in material.fitted])))
     slip = material.pool.slip
     low, high = float(np.min(slip)), float(np.max(slip))
     text = (
