@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import re
+import time
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import Browser, Route, expect
 from view_browser import comes, curve_on_page, drawn, looking
-from view_client import taken_from, viewing
+from view_client import PATIENCE_S, taken_from, viewing
 
 ROOT = Path(__file__).parents[2]
 CLAY, SANDY = ROOT / "recordings" / "clay", ROOT / "recordings" / "sandy"
@@ -102,6 +104,33 @@ def test_a_run_that_failed_is_not_shown_with_the_plots_of_another(browser: Brows
         expect(seen.locator("#legend")).to_be_hidden()
         seen.locator("button.run").first.click()
         drawn(seen, *PLOTS)
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_selection_is_counted_though_the_one_before_it_failed(browser: Browser, folder: Path, lost: bool) -> None:
+    with viewing(folder) as view, looking(browser, view.address, refused=True) as seen:
+        drawn(seen, *PLOTS)
+        held: list[Route] = []
+        seen.route("**/api/selected", lambda route: route.continue_() if held else held.append(route))
+        start, stop = seen.get_by_label("Selection from, seconds"), seen.get_by_label("Selection to, seconds")
+        start.fill("10")
+        start.press("Enter")
+        end = time.monotonic() + PATIENCE_S
+        while not held:
+            assert time.monotonic() < end, "nothing is counted"
+            seen.wait_for_timeout(10)
+        stop.fill("15")
+        stop.press("Enter")
+        if lost:
+            held[0].abort()
+        else:
+            said = json.dumps({"faults": [{"what": "not now"}]})
+            held[0].fulfill(status=422, content_type="application/json", body=said)
+        counted = view.post("/api/selected", campaign="c1", run="r1", kind="time", low=10, high=15)
+        expect(seen.locator("#brush-count")).to_contain_text(
+            f"{counted['samples']} of {counted['of']} samples of run-1"
+        )
+        expect(seen.locator("#state")).to_have_text("READY")
 
 
 def test_numbers_names_and_changes_hold(browser: Browser, folder: Path) -> None:

@@ -51,14 +51,22 @@ async function count() {
     while (wish) {
       const asked = wish;
       wish = null;
-      const told = await ask("/api/selected", asked, PATIENCE_MS);
-      if (!wish && state.selection && state.a?.run === asked.run) write(get("brush-count"), said(told, runOf(state.a)));
+      const words = await counted(asked);
+      if (words && !wish && state.selection && state.a?.run === asked.run) write(get("brush-count"), words);
     }
-  } catch (error) {
-    if (error instanceof Refused) write(get("brush-count"), error.message);
-    else tellError("the selection", error);
   } finally {
     counting = false;
+  }
+}
+
+/** What the server says of a selection, in words, or why it refuses; one that fails does not stop the next. */
+async function counted(asked) {
+  try {
+    return said(await ask("/api/selected", asked, PATIENCE_MS), runOf(asked));
+  } catch (error) {
+    if (error instanceof Refused) return error.message;
+    tellError("the selection", error);
+    return "";
   }
 }
 
