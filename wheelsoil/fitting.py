@@ -165,10 +165,19 @@ def whole_runs(runs: Iterable[ProcessedRun]) -> tuple[ProcessedRun, ...]:
 
 
 def nothing_whole(runs: Sequence[ProcessedRun]) -> str:
-    """Return which signals are missing, and what to do, where no run carries all that a fit needs; else nothing."""
+    """Return which signals are missing, and what to do, where no run carries all that a fit needs; else nothing.
+
+    What is so of all runs comes first; the rest begins with the names of those that it is about.
+    """
     if whole_runs(runs):
         return ""
-    return ", and ".join(dict.fromkeys(text for run in runs for text in run.quality.missing.values()))
+    about: dict[str, list[str]] = {}
+    for run in runs:
+        for text in run.quality.missing.values():
+            about.setdefault(text, []).append(run.run.id)
+    of_all = [text for text, names in about.items() if len(names) == len(runs)]
+    of_some = [f"{', '.join(names)}: {text}" for text, names in about.items() if len(names) < len(runs)]
+    return ", and ".join([*of_all, *of_some])
 
 
 def fit_table(

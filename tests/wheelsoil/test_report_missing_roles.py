@@ -136,3 +136,22 @@ def test_figures_of_the_models_hold_the_fitted_runs_only_and_say_so(campaign, tm
     assert ("measured" in names) == (role != "ground_speed") and "Lyasko" not in names
     assert "run-1" in mixed["figures"]["shares"]["traces"][0]["y"]
     assert "run-1" in {trace["shown_for"] for trace in mixed["figures"]["drive-speed"]["traces"]}
+
+
+def test_runs_that_lack_different_signals_are_named(campaign, tmp_path):
+    roles = ("wheel_speed", "drawbar_pull", "drawbar_pull")
+    runs = []
+    for number, role in enumerate(roles, 1):
+        folder = rewritten(campaign, tmp_path / f"c{number}", vertical_load="", **{role: ""})
+        [(run, lacking)] = process_runs(open_runs([folder]), ProcessOptions(purpose=LOOK))
+        runs.append((run, replace(lacking, run=lacking.run.model_copy(update={"id": f"run-{number}"}))))
+    step = "name it under [signals] of vehicle.toml"
+    found = diagnosed_runs([tmp_path], runs, FitChoices(), None)
+    assert found.why_not == (
+        f"vertical_load is missing; {step}, and run-1: wheel_speed is missing; {step}, "
+        f"and run-2, run-3: drawbar_pull is missing; {step}"
+    )
+    glance = report_of_processed(runs, FitChoices(), ProcessOptions()).numbers()["sections"]["glance"]
+    assert glance["sentence"] == f"No result: {found.why_not}."
+    alone = report_of_processed(runs[:1], FitChoices(), ProcessOptions()).numbers()["sections"]["glance"]
+    assert "run-1" not in alone["sentence"]
