@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from daq.errors import ConfigError, Fault, RecordingError, WheelsoilError, nearest
+from daq.folders import RUN_SUFFIXES, folders_in, holds_runs, logs_in, readable
 from daq.recording import RunRecording
 from daq.recording.parts import part_number, parts_on_disk
 from daq.recording.recover import RECOVERED
@@ -30,8 +31,8 @@ from daq.run import (
 )
 
 _MCAP_MAGIC = b"\x89MCAP"
-_RUN_SUFFIXES = (".mcap", ".log", ".candump", ".blf", ".asc", ".trc", ".mf4")
-"""Files that a folder without runs.toml offers as runs (a CSV may be anything)."""
+_NAMED = 4
+"""Folders that a fault names, more are counted."""
 
 
 def open_runs(
@@ -87,13 +88,16 @@ def open_runs(
     taken: set[Path] = set()
     for path in map(Path, paths):
         with collected.catch():
-            whole = path.is_dir()
-            known = known_in(path, lenient_dbc) if whole else known_in(path.parent, lenient_dbc or _is_lenient(path))
-            if known is None:
-                continue
+            with readable(path):
+                whole = path.is_dir()
+                lenient = lenient_dbc or (not whole and _is_lenient(path))
+                known = known_in(path if whole else path.parent, lenient)
+                if known is None:
+                    continue
+                files = _files_of(path, known, collected) if whole else [path]
             found: list[Run] = []
             unreadable = Collected()
-            for file in _files_of(path, known, collected) if whole else [path]:
+            for file in files:
                 with collected.catch():
                     if file.resolve() in taken:
                         continue
@@ -244,15 +248,16 @@ def _files_of(folder: Path, known: Configuration, collected: Collected) -> list[
         collected.errors.append(ConfigError(fault))
     if listed:
         return list(dict.fromkeys(listed))
-    found = _logs_in(folder)
+    found = logs_in(folder)
     if not found and known.runs is None:
-        inside = " or ".join(str(path) for path in campaign_folders(folder)[:4] if path != folder)
+        inside = [str(path) for path in folders_in(folder)[0]]
+        more = [f"{len(inside) - _NAMED} more"] if len(inside) > _NAMED else []
         fault = Fault(
             "the folder holds no run",
             str(folder),
             found=", ".join(sorted(path.name for path in folder.iterdir())[:8]) or "nothing",
-            expected="recordings or logs (" + ", ".join(_RUN_SUFFIXES) + "), or a runs.toml that names them",
-            next_step=f"name {inside or 'the folder of a campaign, or a recording'}",
+            expected="recordings or logs (" + ", ".join(RUN_SUFFIXES) + "), or a runs.toml that names them",
+            next_step=f"name {' or '.join([*inside[:_NAMED], *more]) or 'the folder of a campaign, or a recording'}",
         )
         collected.errors.append(ConfigError(fault))
     return found if known.runs is None else []
@@ -261,27 +266,18 @@ def _files_of(folder: Path, known: Configuration, collected: Collected) -> list[
 def campaign_folders(path: Path) -> list[Path]:
     """Return the folder itself where it holds runs; else those of its folders that do, by name; itself where none does.
 
+    What may not be read counts as a campaign where there are others, so that who opens it is told.
+
     Parameters
     ----------
     path : Path
         A folder.
     """
-    if _holds_runs(path):
+    try:
+        holding, closed = ([], []) if holds_runs(path) else folders_in(path)
+    except OSError:
         return [path]
-    return sorted(inside for inside in path.iterdir() if inside.is_dir() and _holds_runs(inside)) or [path]
-
-
-def _holds_runs(folder: Path) -> bool:
-    return (folder / RUNS_FILE).is_file() or bool(_logs_in(folder))
-
-
-def _logs_in(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.iterdir() if _plain_suffix(path) in _RUN_SUFFIXES and path.is_file())
-
-
-def _plain_suffix(path: Path) -> str:
-    name = path.name.lower().removesuffix(".gz")
-    return Path(name).suffix
+    return sorted([*holding, *closed]) if holding else [path]
 
 
 def _told_apart(runs: list[Run]) -> list[Run]:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
+from closed_folders import as_nobody, closed
 from view_client import taken_from, viewing
+
+from wheelsoil.view.opening import Files, open_campaigns
 
 ROOT = Path(__file__).parents[2]
 CLAY, SANDY = ROOT / "recordings" / "clay", ROOT / "recordings" / "sandy"
@@ -19,3 +23,16 @@ def test_a_folder_of_campaigns_stands_for_all_and_runs_keep_their_names(tmp_path
     assert [campaign["name"] for campaign in found] == ["clay", "sandy"]
     ids = [[run["id"] for run in campaign["runs"]] for campaign in found]
     assert ids[0] == ids[1] and len(ids[0]) == 1
+
+
+def test_a_folder_that_may_not_be_read_is_told_and_the_others_open() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        disk = Path(folder)
+        disk.chmod(0o755)
+        taken_from(CLAY, disk / "clay", 1)
+        shut = closed(disk / "shut")
+        open_campaigns([disk / "clay"], Files())  # what Python loads late lies where that user may not read
+        for given in ([disk], [disk / "clay", shut]):
+            with as_nobody():
+                [campaign], remarks = open_campaigns(given, Files())
+            assert campaign.folder.name == "clay" and remarks == [f"{shut} is left out: the path cannot be read"]
