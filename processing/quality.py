@@ -19,7 +19,7 @@ _RING_DELAY_S = 0.015
 """One-sigma of what the estimate owes to a toothed ring, which at low speed is later than its declared delay."""
 _NOTABLE_SCALE = 0.02
 _NOTABLE_GAP_SHARE = 0.1
-_ZERO_ROLES = {"drawbar_pull": "N", "driving_torque": "Nm"}
+_ZERO_ROLES = {"drawbar_pull": "N", "driving_torque": "N m"}
 
 
 def combine_reasons(

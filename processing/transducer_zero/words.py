@@ -48,7 +48,7 @@ def zero_notes(
     for role, zero in chosen.items():
         change, sigma = zero.drift()
         if abs(change) > _SIGNIFICANT_SIGMAS * sigma:
-            unit = "Nm" if role == "driving_torque" else "N"
+            unit = "N m" if role == "driving_torque" else "N"
             notes.append(
                 f"the zero of {role} moved by {change:+.1f} +- {sigma:.1f} {unit} from before the run to after it"
             )

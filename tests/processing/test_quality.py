@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from synthetic_run import RADIUS_M, channel, driven_speed, forces, speeds, stamps, vehicle
@@ -71,11 +73,14 @@ def test_standstill_shows_a_zero_and_subtracts_nothing(zero_n: float) -> None:
         return np.clip(time - 8.0, 0.0, 3.0) * (time > 8)
 
     pull = zero_n + 20 * rng.standard_normal(len(at)) + 500 * (speed(at) > 0)
-    run = process(speeds(40.0, 0.1, speed=speed) | {"drawbar_pull": channel("D", at, pull)}, vehicle())
+    felt = {"drawbar_pull": channel("D", at, pull), "driving_torque": channel("T", at, pull)}
+    run = process(speeds(40.0, 0.1, speed=speed) | felt, vehicle())
     (standing,) = run.quality.standstills
     assert standing.levels["drawbar_pull"] == pytest.approx(zero_n, abs=5 * standing.sigmas["drawbar_pull"])
     assert standing.duration_s == pytest.approx(8.2, abs=0.5)
-    assert any("drawbar pull at standstill reads" in note for note in run.quality.notes) == (zero_n > 0)
+    for name, unit in (("drawbar pull", "N"), ("driving torque", "N m")):
+        said = re.compile(rf"{name} at standstill reads 1[12]\d\.\d \+- \d\.\d {unit}: a zero")
+        assert any(said.match(note) for note in run.quality.notes) == (zero_n > 0)
     np.testing.assert_allclose(np.median(run.drawbar_pull_n[run.used]), zero_n + 500, atol=5)
 
 

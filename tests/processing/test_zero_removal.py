@@ -144,7 +144,7 @@ def test_between_two_of_a_kind_the_zero_is_interpolated_and_else_the_nearest_hol
     assert _torque(run) == pytest.approx(300.0, abs=0.1)
     facts = run.quality.sensors["driving_torque"]
     assert facts.systematic_sigma == pytest.approx(np.hypot(0.75 * 3, 0.25 * 3), rel=0.01)
-    assert any("the zero of driving_torque moved by +40.0 +- 4.2" in note for note in run.quality.notes)
+    assert any("the zero of driving_torque moved by +40.0 +- 4.2 N m from before" in note for note in run.quality.notes)
 
     resting = _zero((0.0,), (-WEIGHT,), "vehicle", hours=0.5, torque=50.0)
     alone = process(channels, config, zeros=RunZeros((before, resting)))
