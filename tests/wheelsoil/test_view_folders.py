@@ -32,7 +32,8 @@ def test_a_folder_that_may_not_be_read_is_told_and_the_others_open() -> None:
         taken_from(CLAY, disk / "clay", 1)
         shut = closed(disk / "shut")
         open_campaigns([disk / "clay"], Files())  # what Python loads late lies where that user may not read
-        for given in ([disk], [disk / "clay", shut]):
+        for given in ([disk], [disk / "clay", shut], [disk / "clay", shut / "inside"]):
             with as_nobody():
                 [campaign], remarks = open_campaigns(given, Files())
-            assert campaign.folder.name == "clay" and remarks == [f"{shut} is left out: the path cannot be read"]
+            path = given[-1] if len(given) > 1 else shut
+            assert campaign.folder.name == "clay" and remarks == [f"{path} is left out: the path cannot be read"]

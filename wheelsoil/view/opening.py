@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from daq.errors import ConfigError, WheelsoilError
+from daq.folders import readable
 from daq.open import Collected, campaign_folders, open_runs
 from daq.run import Run
 from wheelsoil.choice import CHOICE_FILE, load_choice
@@ -46,9 +47,15 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
         There is nothing that can be read; see `daq.open.open_runs`.
     """
     remarks: list[str] = []
-    folders = [folder for path in paths if path.is_dir() for folder in campaign_folders(path)]
-    loose = [path for path in paths if not path.is_dir()]
+    folders: list[Path] = []
+    loose: list[Path] = []
     collected = Collected()
+    for path in paths:
+        with collected.catch(), readable(path):
+            if path.is_dir():
+                folders += campaign_folders(path)
+            else:
+                loose.append(path)
     opened: list[Run] = []
     for part in [*([folder] for folder in folders), *([loose] if loose else [])]:
         with collected.catch():
