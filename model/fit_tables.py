@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 Table = tuple[list[str], list[list[str]]]
 """Head and rows."""
 
-UNITS = {"dp": "N", "t": "Nm"}
+UNITS = {"dp": "N", "t": "N m"}
 """Channels that can be judged, and the unit of their R0."""
 
 
