@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -66,6 +67,20 @@ def drag(page: Page, plot: str, start: tuple[float, float], end: tuple[float, fl
     page.mouse.move(x1, y1, steps=3)
     page.mouse.up()
     page.wait_for_function(_SELECTED, arg=[plot, start[0], end[0]])
+
+
+def seen_range(page: Page, plot: str, axis: str) -> list[float]:
+    """What a plot's axis holds, of "x" or "y"."""
+    return list(page.evaluate("([id, axis]) => document.getElementById(id).layout[`${axis}axis`].range", [plot, axis]))
+
+
+def show_all(page: Page, plot: str) -> None:
+    """Double-click in a plot over slip until it shows all; on a busy machine two clicks may be no double-click."""
+    end = time.monotonic() + PATIENCE_MS / 1000
+    while page.evaluate("(id) => document.getElementById(id).layout.xaxis.title.text", plot) != "slip":
+        assert time.monotonic() < end
+        page.locator(f"#{plot}").dblclick()
+        page.wait_for_timeout(500)
 
 
 def shapes(page: Page, plot: str, name: str) -> list[dict[str, Any]]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
-from view_browser import comes, drag, drawn, looking, picked, points, shapes, trace
+from view_browser import comes, drag, drawn, looking, picked, points, seen_range, shapes, show_all, trace
 from view_client import View, taken_from, viewing
 
 ROOT = Path(__file__).parents[2]
@@ -60,6 +60,7 @@ def test_a_stretch_of_time_is_highlighted_in_every_plot(page: Page, view: View) 
 
 
 def test_a_box_over_slip_is_highlighted_over_time(page: Page, view: View) -> None:
+    show_all(page, "slip-drawbar_pull_n")
     drag(page, "slip-drawbar_pull_n", (-0.25, -1500), (-0.05, -4000))
     [box] = shapes(page, "slip-drawbar_pull_n", "box")
     assert not shapes(page, "time-drawbar_pull_n", "box")
@@ -73,6 +74,24 @@ def test_a_box_over_slip_is_highlighted_over_time(page: Page, view: View) -> Non
     assert {x for x, _ in points(page, "time-driving_torque_nm", "selected")} == inside
     page.get_by_role("button", name="Clear").click()
     assert not picked(page, "time-drawbar_pull_n")
+
+
+def test_plots_over_slip_begin_with_what_was_driven(page: Page) -> None:
+    plots = {"slip-drawbar_pull_n": -4000, "slip-driving_torque_nm": -1000}
+    for plot, braking in plots.items():
+        assert seen_range(page, plot, "x")[0] > -0.1 and seen_range(page, plot, "y")[0] > braking / 2
+        used = trace(page, plot, "used")
+        assert min(used["x"]) < -0.2 and min(used["y"]) < braking  # they are there, beyond the axes
+    expect(page.locator("#part")).to_have_value("all")
+    show_all(page, PLOTS[3])
+    for plot, braking in plots.items():
+        page.wait_for_function("(id) => document.getElementById(id).layout.xaxis.range[0] < -0.2", arg=plot)
+        assert seen_range(page, plot, "y")[0] < braking
+    page.locator("#part").select_option("driving")
+    for plot in plots:
+        page.wait_for_function("(id) => document.getElementById(id).layout.xaxis.range[0] > -0.1", arg=plot)
+    show_all(page, PLOTS[1])
+    expect(page.locator("#part")).to_have_value("all")
 
 
 def test_the_keyboard_selects_too(page: Page, view: View) -> None:

@@ -70,7 +70,7 @@ export function show() {
   busy.push(...state.campaigns.filter((each) => each.diagnosis.state === "running").map((each) => `diagnosing ${each.name}`));
   if (busy.length) return band("busy", "WORKING", busy.join("; "));
   if (faults.length) return band("red", "NOT DONE", faults[0].what);
-  return band("calm", "READY", runs.length ? "drag in a plot to select; move a slider to bend the curve" : "there are no runs");
+  return band("calm", "READY", runs.length ? "drag in a plot to select, double-click slip for all; move a slider to bend the curve" : "there are no runs");
 }
 
 function showFaults() {

@@ -59,9 +59,15 @@ function cloud(places, about, marker) {
   return { type: "scatter", mode: "markers", name: "other runs", x, y, hoverinfo: "skip", marker };
 }
 
+/** The part of the slip that the axes hold: braking is so much steeper that driving would be flat beside it. */
+function partSeen() {
+  const driven = samplesOf(state.a)?.segments.some(({ kind }) => kind === "drive");
+  return state.part === "all" && driven && !state.whole ? "driving" : state.part;
+}
+
 /** The part of the slip that is looked at, and what is there: samples, and curves as far as they leave the samples room. */
 function slipLimits(traces, { key }) {
-  const seen = { all: () => true, driving: (slip) => slip > 0, braking: (slip) => slip < 0 }[state.part];
+  const seen = { all: () => true, driving: (slip) => slip > 0, braking: (slip) => slip < 0 }[partSeen()];
   const points = traces.flatMap((trace) => trace.x.map((slip, i) => [slip, trace.y[i]])).filter(([slip]) => seen(slip));
   const x = limits(points.map(([slip]) => slip), 0.04), [low, high] = limits(points.map(([, y]) => y));
   const curves = state.curves.flatMap((curve) => (curve[key] ?? []).filter((y, i) => y !== null && seen(curve.slip[i])));
@@ -80,5 +86,5 @@ export function contentOf(about, over) {
   if (has(other, about.key)) traces.push(...draw(b, other, about, look.b));
   if (has(data, about.key)) traces.push(...draw(a, data, about, look.a));
   const { x, y } = over === "time" ? { x: [0, Math.max(data?.time_s.at(-1) ?? 1, other?.time_s.at(-1) ?? 0)], y: limits(traces.flatMap((trace) => trace.y)) } : slipLimits(traces, about);
-  return { traces, layout: layoutOf(over === "time" ? "time (s)" : "slip", axisTitle(about), x, y) };
+  return { traces, layout: layoutOf(over === "time" ? "time (s)" : { all: "slip", driving: "slip, driven", braking: "slip, braked" }[partSeen()], axisTitle(about), x, y) };
 }
