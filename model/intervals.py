@@ -169,7 +169,8 @@ def sandwich(jacobian: FloatArray, scores: FloatArray, blocks: Blocks, prior: Fl
             score = np.linalg.solve(keep, score)
         meat = meat + np.outer(score, score)
         shares.append(float(np.trace(information)) / p)
-    degrees = max(1.0 / float(np.sum(np.square(shares))) - 1.0, 1.0) if shares else 1.0
+    held = float(np.sum(np.square(shares)))
+    degrees = max(1.0 / held - 1.0, 1.0) if held > 0 else 1.0
     return Sandwich(inverse @ meat @ inverse / unit, inverse / unit, degrees)
 
 
