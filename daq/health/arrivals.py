@@ -81,6 +81,11 @@ def learn(time_ns: IntArray) -> Usual | None:
     return None
 
 
+def keeps(time_ns: IntArray, usual: Usual) -> bool:
+    """Return whether frames come at the usual rate between gaps, however long these are."""
+    return _spread(np.maximum(np.diff(time_ns), 0), usual.period_ns) <= _REGULAR
+
+
 def _by_count(time_ns: IntArray, period: float) -> tuple[float, float]:
     """Return span over count between the least late frames of blocks, and the jitter.
 

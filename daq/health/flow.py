@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.health.arrivals import Usual, learn, learned_after
+from daq.health.arrivals import Usual, keeps, learn, learned_after
 from daq.health.counters import LEAST_STEPS, RollingCounter, counts, is_named_so, may_count, raw_of
 from daq.health.gaps import Gaps, Verdict
 from daq.layout import Message, Signal
@@ -198,7 +198,7 @@ class MessageFlow:
             self._judge_piece(time_ns[:piece], None if raw is None else raw[:piece])
             self._block = block if end is None else block[end - 1 : end]
             if end is not None:
-                self._review(learn(block[:end]))
+                self._review(block[:end])
             time_ns, raw = time_ns[piece:], None if raw is None else raw[piece:]
 
     def _judge_piece(self, time_ns: IntArray, raw: IntArray | None) -> None:
@@ -209,9 +209,10 @@ class MessageFlow:
         else:
             self.gaps += int(np.count_nonzero(lost > 0))
 
-    def _review(self, seen: Usual | None) -> None:
-        """Believe in another rate when it has held for some blocks."""
-        if _alike(seen, self._usual):
+    def _review(self, time_ns: IntArray) -> None:
+        """Believe in another rate when it has held for some blocks; where most frames are lost there is none to see."""
+        seen = learn(time_ns)
+        if _alike(seen, self._usual) or (seen is None and self._usual is not None and keeps(time_ns, self._usual)):
             self._other = []
             return
         self._other = [*self._other, seen] if self._other and _alike(seen, self._other[-1]) else [seen]

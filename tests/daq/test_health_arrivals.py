@@ -62,6 +62,13 @@ def test_losses_are_counted_to_one_a_gap(
     assert (cut.missing, cut.gaps, cut.period_s) == (flow.missing, flow.gaps, flow.period_s)
 
 
+def test_where_most_frames_are_lost_for_long_the_rate_stands() -> None:
+    sound = [np.arange(at, at + 12) for at in range(64, 64 + 8 * 52, 52)]
+    kept = np.concatenate([np.arange(64), *sound, np.arange(64 + 8 * 52, 900)])
+    flow = flow_of(arrivals(np.random.default_rng(0), 50.0, 900, 0.02)[kept], [])
+    assert (flow.missing, flow.gaps, flow.rate_changes) == (8 * 40, 8, 0)
+
+
 @pytest.mark.parametrize("period_ms", [1.0, 10.0])
 @pytest.mark.parametrize("stall", [3, 40, 300])
 def test_a_burst_makes_up_for_its_gap(period_ms: float, stall: int) -> None:
