@@ -13,6 +13,8 @@ from processing.timebase import FloatArray
 LEAST_SPEED_MPS = 1.0
 _FREE_SHARE = 0.06
 _LEAST_SAMPLES = 20
+_MOST_SIGMA = 0.02
+"""Relative one-sigma of a radius beyond which it is none: a wheel that rolls freely keeps its radius to a percent."""
 
 
 def rolls_freely(
@@ -25,9 +27,9 @@ def rolls_freely(
     """Return the moving samples on which the wheel hardly slips.
 
     Chosen without looking at ground speed: a choice by measured slip would confirm whatever error the speeds have.
-    Where forces are measured, neither |T|/r nor |Dp| may exceed 6 % of the load: on soft soil no sample passes, since a
-    wheel without torque is dragged there and skids. Where no force is measured every moving sample passes (a road
-    vehicle); where drawbar pull is and torque is not, none: nobody can tell then.
+    Where torque and drawbar pull are measured, neither |T|/r nor |Dp| may exceed 6 % of the load: on soft soil no
+    sample passes, since a wheel without torque is dragged there and skids. Where neither is measured every moving
+    sample passes (a road vehicle); where one of them is not, none: nobody can tell then.
 
     Parameters
     ----------
@@ -36,10 +38,10 @@ def rolls_freely(
     radius_m : float
     """
     moving = rim_speed_mps > LEAST_SPEED_MPS
-    if not np.isfinite(torque_nm).any():
-        return moving & ~np.isfinite(drawbar_pull_n).any()
-    pull = drawbar_pull_n if np.isfinite(drawbar_pull_n).any() else np.zeros_like(torque_nm)
-    force = np.maximum(np.abs(torque_nm) / radius_m, np.abs(pull))
+    measured = [bool(np.isfinite(force).any()) for force in (torque_nm, drawbar_pull_n)]
+    if not all(measured):
+        return moving & (not any(measured))
+    force = np.maximum(np.abs(torque_nm) / radius_m, np.abs(drawbar_pull_n))
     known = moving & np.isfinite(force)
     load = load_n[known & (load_n > 0)]
     scale = float(np.median(load) if len(load) else force[known].max(initial=0.0))
@@ -47,7 +49,7 @@ def rolls_freely(
 
 
 def speed_scale(ground_speed_mps: FloatArray, rim_speed_mps: FloatArray) -> tuple[float, float]:
-    """Return ground speed over rim speed and its one-sigma; NaN below 20 samples.
+    """Return ground speed over rim speed and its one-sigma; NaN below 20 samples, or where the wheel slips after all.
 
     Parameters
     ----------
@@ -59,4 +61,5 @@ def speed_scale(ground_speed_mps: FloatArray, rim_speed_mps: FloatArray) -> tupl
         return nan, nan
     matrix, y = rim_speed_mps[rows, None], ground_speed_mps[rows]
     fit = robust_linear(matrix, y)
-    return float(fit.coefficients[0]), sqrt(block_covariance(matrix, y, fit.weights)[0, 0])
+    scale, sigma = float(fit.coefficients[0]), sqrt(block_covariance(matrix, y, fit.weights)[0, 0])
+    return (scale, sigma) if sigma <= _MOST_SIGMA * abs(scale) else (nan, nan)
