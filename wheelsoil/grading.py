@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -22,6 +22,7 @@ _GOOD_SLIP, _DRIVEN_SLIP = 0.5, 0.1
 _ZERO_SHARE, _MANY_SIGMAS = 0.02, 3.0
 """Of the load: a reading at standstill that is larger than this, and than its noise, spoils a run."""
 _WRONG_SIGN = re.compile(r"check (its|the) sign")
+_HOW_SURE = re.compile(r" \(correlation [^)]*\)")
 _DOUBTFUL = re.compile(r"^ground speed is |is missing for|never a usable value|stamps run backward")
 """Notes of the processing that make a good run fair; the others only tell how it was processed."""
 
@@ -67,6 +68,15 @@ def grade_of(run: ProcessedRun, lost: Sequence[str] = ()) -> Grade:
     fair += [*(note for note in notes if _DOUBTFUL.search(note)), *_zeros(run), *lost]
     level: Level = "poor" if poor else "fair" if fair else "good"
     return Grade(level, (*poor, *fair), share, highest)
+
+
+def wrong_signs(runs: Iterable[ProcessedRun]) -> list[str]:
+    """Return what looks like the wrong sign of a force, with the names of the runs that say so."""
+    told: dict[str, list[str]] = {}
+    for run in runs:
+        for note in filter(_WRONG_SIGN.search, run.quality.notes):
+            told.setdefault(_HOW_SURE.sub("", note), []).append(run.run.id)
+    return [f"{', '.join(names)}: {text}" for text, names in told.items()]
 
 
 def _of_samples(run: ProcessedRun, share: float, highest: float) -> tuple[list[str], list[str]]:

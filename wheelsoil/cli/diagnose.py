@@ -25,7 +25,7 @@ from wheelsoil.cli.options import (
     ZeroFile,
     chosen,
 )
-from wheelsoil.cli.talk import check_output, print_json, say
+from wheelsoil.cli.talk import check_output, print_json, say, say_wrong_signs
 
 if TYPE_CHECKING:
     from model.diagnosis.campaign import Bench, Campaign, DiagnosisOptions
@@ -183,6 +183,7 @@ def _campaigns(
         lenient_dbc=lenient_dbc,
         choice=by_hand,
     )
+    say_wrong_signs(processed)
     return campaigns_of(runs, processed, soil)
 
 

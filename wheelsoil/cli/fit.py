@@ -27,7 +27,7 @@ from wheelsoil.cli.options import (
     ZeroFile,
     chosen,
 )
-from wheelsoil.cli.talk import number, print_json, print_table, say, say_folded
+from wheelsoil.cli.talk import number, print_json, print_table, say, say_folded, say_wrong_signs
 
 if TYPE_CHECKING:
     from model.extended import ExtendedModel
@@ -118,6 +118,7 @@ def _fit_runs(
         lenient_dbc=lenient_dbc,
         choice=by_hand,
     )
+    say_wrong_signs(processed)
     return fit_runs(processed, choices, soil)
 
 

@@ -9,7 +9,7 @@ import typer
 
 from daq.errors import ConfigError, Fault
 from wheelsoil.cli.options import Json, LenientDbc, MinSpeed, Rename, RunsFile, Vehicle, Where, ZeroFile, chosen
-from wheelsoil.cli.talk import number, print_json, print_table, say
+from wheelsoil.cli.talk import number, print_json, print_table, say, say_wrong_signs
 
 if TYPE_CHECKING:
     from wheelsoil.force_sinkage import SinkageFacts
@@ -65,9 +65,11 @@ def _of_runs(
     from wheelsoil.runs import open_and_process
 
     options = chosen(None, min_speed=min_speed).process_options("sinkage")
-    return sinkage_of_runs(
-        open_and_process(runs, options, vehicle=vehicle, runs_file=runs_file, zero=zero, lenient_dbc=lenient_dbc)
+    processed = open_and_process(
+        runs, options, vehicle=vehicle, runs_file=runs_file, zero=zero, lenient_dbc=lenient_dbc
     )
+    say_wrong_signs(processed)
+    return sinkage_of_runs(processed)
 
 
 def _of_table(path: Path, rename: list[str] | None, where: list[str] | None, vehicle: Path | None) -> SinkageFacts:

@@ -8,12 +8,16 @@ import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from daq.errors import ConfigError, Fault
 from daq.shown import number as number
 from daq.shown import table_lines as table_lines
 from wheelsoil.plain import to_json
+
+if TYPE_CHECKING:
+    from daq.run import Run
+    from processing.processed_run import ProcessedRun
 
 _LEAST_WIDTH = 60
 
@@ -29,6 +33,14 @@ def say_folded(text: str) -> None:
     """Tell the person a long sentence, in lines that fit (stderr)."""
     for i, line in enumerate(folded(text, terminal_width() - 2)):
         say(f"  {line}" if i else line)
+
+
+def say_wrong_signs(processed: Iterable[tuple[Run, ProcessedRun]]) -> None:
+    """Tell the person which forces seem to have the wrong sign (stderr): what follows from them is worth nothing."""
+    from wheelsoil.grading import wrong_signs
+
+    for text in wrong_signs(run for _, run in processed):
+        say_folded(text)
 
 
 def terminal_width() -> int:
