@@ -82,8 +82,9 @@ def test_plots_over_slip_begin_with_what_was_driven(page: Page) -> None:
         assert seen_range(page, plot, "x")[0] > -0.1 and seen_range(page, plot, "y")[0] > braking / 2
         used = trace(page, plot, "used")
         assert min(used["x"]) < -0.2 and min(used["y"]) < braking  # they are there, beyond the axes
-    expect(page.locator("#part")).to_have_value("all")
+    expect(page.locator("#part")).to_have_value("driving")
     show_all(page, PLOTS[3])
+    expect(page.locator("#part")).to_have_value("all")
     for plot, braking in plots.items():
         page.wait_for_function("(id) => document.getElementById(id).layout.xaxis.range[0] < -0.2", arg=plot)
         assert seen_range(page, plot, "y")[0] < braking

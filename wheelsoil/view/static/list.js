@@ -130,7 +130,7 @@ export function setUp() {
     state.b = campaign ? { campaign, run } : null;
     tell("picked");
   });
-  get("part").addEventListener("change", () => { state.part = get("part").value; state.whole += 1; tell("shown"); });
+  get("part").addEventListener("change", () => { state.part = get("part").value; tell("shown"); });
   get("touch-selects").addEventListener("change", () => { state.touchSelects = get("touch-selects").checked; tell("shown"); });
   for (const [id, name] of [["show-left-out", "leftOut"], ["show-others", "others"]]) {
     get(id).addEventListener("change", () => { state[name] = get(id).checked; load(); tell("shown"); });

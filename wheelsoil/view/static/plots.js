@@ -87,7 +87,7 @@ function paper(print) {
 
 async function drawOne(Plotly, plot, size = {}) {
   const { div, about, over } = plot, { traces, layout } = contentOf(about, over);
-  const more = { ...size, ...overlayOf(about, over), uirevision: JSON.stringify([state.a, state.b, state.part, state.whole]), ...(over === "time" && { selectdirection: "h" }), ...(TOUCH.matches && !state.touchSelects && { dragmode: false }) };
+  const more = { ...size, ...overlayOf(about, over), uirevision: JSON.stringify([state.a, state.b, state.part]), ...(over === "time" && { selectdirection: "h" }), ...(TOUCH.matches && !state.touchSelects && { dragmode: false }) };
   await Plotly.react(div, traces, { ...layout, ...more }, CONFIG);
   div.setAttribute("aria-label", `${capital(about.name)} against ${over} of ${runOf(state.a)?.id ?? ""}${over === "time" ? "; arrow keys move the selection, with Shift they stretch it" : ""}`);
   if (!plot.listens) listen(Plotly, plot);
@@ -114,7 +114,7 @@ function listen(Plotly, plot) {
     const chosen = taken(event);
     if (chosen) select(chosen);
   });
-  const showAll = () => { state.part = get("part").value = "all"; state.whole += 1; draw(); };
+  const showAll = () => { state.part = get("part").value = "all"; draw(); };
   if (over === "slip") for (const doubleClick of ["plotly_deselect", "plotly_doubleclick"]) div.on(doubleClick, showAll);
   div.on("plotly_relayout", (change) => follow(Plotly, plot, change));
 }

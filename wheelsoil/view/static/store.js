@@ -9,8 +9,7 @@ export const state = {
   leftOut: true,
   others: true,
   touchSelects: false, // a finger that drags in a plot selects; else it scrolls the page
-  part: "all", // of the slip: all, driving, braking
-  whole: 0, // how often all of the slip was asked for; before, its axes hold what was driven
+  part: "driving", // what the axes over slip hold: driving, all, braking
   selection: null,
   changing: 0, // changes of a choice that are underway
   curves: [], // { name, campaign, slip, drawbar_pull_n, ..., colour, dash, width }

@@ -62,7 +62,7 @@ function cloud(places, about, marker) {
 /** The part of the slip that the axes hold: braking is so much steeper that driving would be flat beside it. */
 function partSeen() {
   const driven = samplesOf(state.a)?.segments.some(({ kind }) => kind === "drive");
-  return state.part === "all" && driven && !state.whole ? "driving" : state.part;
+  return state.part === "driving" && !driven ? "all" : state.part;
 }
 
 /** The part of the slip that is looked at, and what is there: samples, and curves as far as they leave the samples room. */
