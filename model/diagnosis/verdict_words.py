@@ -13,6 +13,8 @@ from model.diagnosis.verdict import Judgement
 
 _MOST_EXAMPLES = 3
 _WORTH_SAYING = 0.2
+_NO_CHANGE = 0.5
+"""Percent by which an error may fall or grow and still be said to stay."""
 _TOGETHER_AT = 0.1
 """Probability from which on a set of several causes is said."""
 SUMS = {"lyasko": {"p": "p = m1 + m2"}}
@@ -204,12 +206,17 @@ def gain_words(gain: Gain | None) -> str:
     falls, size = ("falls", 1.0) if gain.reduction_percent >= 0 else ("grows", -1.0)
     low, high = sorted((size * low, size * high))
     band = f" ({low:.0f} to {high:.0f})" if isfinite(low) and isfinite(high) else ""
-    said = [f"the error of {BRIEF[first]} {falls} by {size * gain.reduction_percent:.0f}{band} %"]
+    stays = abs(gain.reduction_percent) < _NO_CHANGE
+    change = f"{falls} by {size * gain.reduction_percent:.0f}{band} %"
+    if stays:
+        change = f"stays as it is{band.replace(')', ' %)')}"
+    said = [f"the error of {BRIEF[first]} {change}"]
     for channel in others:
         before, after = gain.base[channel].R0, gain.extended[channel].R0
         if before > 0:
             fell = 100 * (1 - after / before)
-            verb = "" if (fell >= 0) == (size > 0) else "falls " if fell >= 0 else "grows "
+            verb = "falls " if fell >= 0 else "grows "
+            verb = "" if not stays and (fell >= 0) == (size > 0) else verb
             said.append(f"{'that ' if verb else ''}of {BRIEF[channel]} {verb}by {abs(fell):.0f} %")
     return _listed(said)
 

@@ -50,6 +50,8 @@ def test_a_gain_is_that_of_its_own_channel() -> None:
     assert gain_words(gain(5.0)) == "the error of drawbar pull falls by 20 (10 to 30) % and of torque by 50 %"
     of_torque = replace(gain(5.0), channel="t", reduction_percent=50.0, interval95=(40.0, 60.0))
     assert gain_words(of_torque) == "the error of torque falls by 50 (40 to 60) % and of drawbar pull by 20 %"
+    small = replace(gain(5.0), reduction_percent=-0.2, interval95=(-1.0, 0.8))
+    assert gain_words(small) == "the error of drawbar pull stays as it is (-1 to 1 %) and that of torque falls by 50 %"
     assert gain_words(replace(gain(5.0), reduction_percent=float("nan"))) == gain_words(None) == ""
 
 
