@@ -47,8 +47,8 @@ class VehicleSection(_Section):
 class WheelSection(_Section):
     """``[wheel]``: the instrumented wheel; outboard = on the soil side of the transducer."""
 
-    radius_m: Positive
-    width_m: Positive
+    radius_m: Annotated[float, Field(gt=0, lt=5)]
+    width_m: Annotated[float, Field(gt=0, lt=5)]
     position: str = ""
     outboard_mass_kg: NonNegative = 0.0
     outboard_inertia_kgm2: NonNegative = 0.0
@@ -149,7 +149,7 @@ class SoilSection(_Section):
     """``[soil]``: the laboratory's values, in the units of the paper's Tab. 1."""
 
     name: str
-    cohesion_kpa: NonNegative
+    cohesion_kpa: Annotated[float, Field(ge=0, lt=1000)]
     friction_angle_deg: Annotated[float, Field(ge=0, lt=60)]
     shear_modulus_m: Annotated[float, Field(gt=0, lt=1)]
     sinkage_exponent: Annotated[float, Field(gt=0, lt=3)]
