@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from daq.config import RunInfo
     from wheelsoil.choice import Choice
 
-Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")]
+Runs = Annotated[
+    list[Path],
+    typer.Argument(metavar="RUN...", readable=False, help="Recordings, logs or campaign folders."),  # told by daq.open
+]
 Vehicle = Annotated[
     Path | None, typer.Option("--vehicle", metavar="FILE", help="vehicle.toml; overrides what a run carries.")
 ]
