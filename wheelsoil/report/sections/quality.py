@@ -64,7 +64,7 @@ def _reading(material: Material) -> str:
     lacking = f", and nothing of {material.not_fitted}, for a signal is missing" if material.not_fitted else ""
     return (
         "each bar is one run, its whole length the samples of the common time base; only the blue part is fitted"
-        f"{lacking}. A long orange or black part means that the GNSS or the bus failed, not the model."
+        f"{lacking}. Where a gap or an invalid fix takes a long part, the bus or the GNSS failed, not the model."
     )
 
 
