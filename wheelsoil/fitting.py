@@ -21,6 +21,7 @@ from model.soils import SOILS, Soil, soil_from_terrain
 from model.wheel import Wheel
 from model.wheel_soil import Reading
 from processing.processed_run import ProcessedRun
+from wheelsoil.told import runs_by_text
 
 SCHEMA = "wheelsoil/fit/1"
 
@@ -171,10 +172,7 @@ def nothing_whole(runs: Sequence[ProcessedRun]) -> str:
     """
     if whole_runs(runs):
         return ""
-    about: dict[str, list[str]] = {}
-    for run in runs:
-        for text in run.quality.missing.values():
-            about.setdefault(text, []).append(run.run.id)
+    about = runs_by_text(runs, lambda run: run.quality.missing.values())
     of_all = [text for text, names in about.items() if len(names) == len(runs)]
     of_some = [f"{', '.join(names)}: {text}" for text, names in about.items() if len(names) < len(runs)]
     return ", and ".join([*of_all, *of_some])

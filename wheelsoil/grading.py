@@ -11,6 +11,7 @@ import numpy as np
 
 from processing.options import SLIP_ROLES
 from processing.processed_run import ProcessedRun, Reason
+from wheelsoil.told import runs_by_text
 
 Level = Literal["good", "fair", "poor"]
 
@@ -72,11 +73,12 @@ def grade_of(run: ProcessedRun, lost: Sequence[str] = ()) -> Grade:
 
 def wrong_signs(runs: Iterable[ProcessedRun]) -> list[str]:
     """Return what looks like the wrong sign of a force, with the names of the runs that say so."""
-    told: dict[str, list[str]] = {}
-    for run in runs:
-        for note in filter(_WRONG_SIGN.search, run.quality.notes):
-            told.setdefault(_HOW_SURE.sub("", note), []).append(run.run.id)
+    told = runs_by_text(runs, _signs_of)
     return [f"{', '.join(names)}: {text}" for text, names in told.items()]
+
+
+def _signs_of(run: ProcessedRun) -> list[str]:
+    return [_HOW_SURE.sub("", note) for note in run.quality.notes if _WRONG_SIGN.search(note)]
 
 
 def _of_samples(run: ProcessedRun, share: float, highest: float) -> tuple[list[str], list[str]]:

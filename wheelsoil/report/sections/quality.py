@@ -8,6 +8,7 @@ from processing.processed_run import ProcessedRun, Reason
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import axes, bars
 from wheelsoil.report.material import Material
+from wheelsoil.told import runs_by_text
 
 KEY = "quality"
 TITLE = "Quality of the runs"
@@ -51,10 +52,7 @@ def build(material: Material) -> Section:
 
 def _notes(runs: tuple[ProcessedRun, ...]) -> list[Text]:
     """Return each note once, with the runs it is about."""
-    about: dict[str, list[str]] = {}
-    for run in runs:
-        for note in run.quality.notes:
-            about.setdefault(note, []).append(run.run.id)
+    about = runs_by_text(runs, lambda run: run.quality.notes)
     return [
         Text(f"{'all runs' if len(ids) == len(runs) > 1 else ', '.join(ids)}: {note}.") for note, ids in about.items()
     ]
