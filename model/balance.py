@@ -20,6 +20,7 @@ FloatArray = NDArray[np.float64]
 Active = tuple[tuple[Effect, Values], ...]
 """Effects that are not neutral, each with its own parameters."""
 _BY_SINKAGE = "Z"
+"""Name of the derivatives by the sinkage, until the balance replaces them."""
 
 
 @dataclass(frozen=True)

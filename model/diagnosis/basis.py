@@ -80,8 +80,13 @@ def _hats(
     for i in range(len(knots)):
         height = np.zeros(len(knots))
         height[i] = 1.0
-        low, high = (knots[max(i - 1, 0)], knots[min(i + 1, len(knots) - 1)])
+        low, high = _ends(knots, i)
         yield _hat_label(what, say(low), say(high), unit), np.where(on, np.interp(clipped, knots, height), 0.0)
+
+
+def _ends(knots: tuple[float, ...], i: int) -> tuple[float, float]:
+    """Return a hat's neighbours; an outer one ends at its own knot."""
+    return knots[max(i - 1, 0)], knots[min(i + 1, len(knots) - 1)]
 
 
 def _hat_label(what: str, low: float, high: float, unit: str = "") -> str:
@@ -93,9 +98,9 @@ def _slip_ranges() -> dict[str, tuple[float, float]]:
     found = {}
     for what, knots, sign in ((_DRIVING, _DRIVE_KNOTS, 1.0), (_BRAKING, _BRAKE_KNOTS, -1.0)):
         for i in range(len(knots)):
-            first, last = max(i - 1, 0), min(i + 1, len(knots) - 1)
-            ends = (sign * (knots[first] if i else 0.0), sign * (knots[last] if i < len(knots) - 1 else 1.0))
-            found[_hat_label(what, knots[first], knots[last])] = (min(ends), max(ends))
+            low, high = _ends(knots, i)
+            ends = (sign * (low if i else 0.0), sign * (high if i < len(knots) - 1 else 1.0))
+            found[_hat_label(what, low, high)] = (min(ends), max(ends))
     return found
 
 

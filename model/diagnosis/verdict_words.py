@@ -205,11 +205,12 @@ def gain_words(gain: Gain | None) -> str:
     first, others = gain.channel, [channel for channel in gain.base if channel != gain.channel]
     falls, size = ("falls", 1.0) if gain.reduction_percent >= 0 else ("grows", -1.0)
     low, high = sorted((size * low, size * high))
-    band = f" ({low:.0f} to {high:.0f})" if isfinite(low) and isfinite(high) else ""
+    between = f"{low:.0f} to {high:.0f}" if isfinite(low) and isfinite(high) else ""
     stays = abs(gain.reduction_percent) < _NO_CHANGE
-    change = f"{falls} by {size * gain.reduction_percent:.0f}{band} %"
     if stays:
-        change = f"stays as it is{band.replace(')', ' %)')}"
+        change = f"stays as it is ({between} %)" if between else "stays as it is"
+    else:
+        change = f"{falls} by {size * gain.reduction_percent:.0f}{f' ({between})' if between else ''} %"
     said = [f"the error of {BRIEF[first]} {change}"]
     for channel in others:
         before, after = gain.base[channel].R0, gain.extended[channel].R0
