@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,7 +14,7 @@ import typer
 
 from daq.errors import ConfigError, Fault
 from wheelsoil.cli.options import Json
-from wheelsoil.cli.talk import print_facts, print_json, say
+from wheelsoil.cli.talk import print_facts, print_json, say, terminal_width
 
 if TYPE_CHECKING:
     from model.diagnosis.result import Diagnosis
@@ -66,7 +65,7 @@ def command(
             }
         )
         return
-    width = shutil.get_terminal_size((96, 24)).columns
+    width = terminal_width()
     for line in ["", *diagnosis_lines(found, width), "", *wrap(f"The envelope. {opened.sentence} {_CAVEAT}", width)]:
         say(line)
     print_facts([("report", str(page)), ("numbers", str(numbers)), ("recordings", str(output / _CAMPAIGN))])

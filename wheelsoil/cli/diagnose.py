@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -25,7 +24,7 @@ from wheelsoil.cli.options import (
     ZeroFile,
     chosen,
 )
-from wheelsoil.cli.talk import check_output, print_json, say, say_wrong_signs
+from wheelsoil.cli.talk import check_output, print_json, say, say_wrong_signs, terminal_width
 
 if TYPE_CHECKING:
     from model.diagnosis.campaign import Bench, Campaign, DiagnosisOptions
@@ -151,7 +150,7 @@ def _plan(folders: list[Path], files: PlanFiles, options: DiagnosisOptions, targ
     if json:
         print_json(found.as_json())
     else:
-        for line in plan_lines(found, shutil.get_terminal_size((96, 24)).columns):
+        for line in plan_lines(found, terminal_width()):
             print(line)
     if target:
         target.write_text(matrix_csv(found), encoding="utf-8")
@@ -204,7 +203,7 @@ def _benches(
 def _print(diagnosis: Diagnosis, *, json: bool) -> None:
     from wheelsoil.diagnosis_text import diagnosis_lines, stages_lines
 
-    width = shutil.get_terminal_size((96, 24)).columns
+    width = terminal_width()
     if json:
         print_json(diagnosis.as_json())
     else:
