@@ -1,7 +1,7 @@
 r"""Whether soil and causes leave more than noise: what the catch-all shapes still explain, all together and by kind.
 
-With soil and the set's causes integrated out, shapes of one kind (over slip, load, speed, place, time, direction, rate)
-have score v and information K, and
+With soil and the set's causes integrated out, shapes of one kind (over slip, load, speed, place, time, direction,
+rate, an error of an input) have score v and information K, and
 
 .. math:: T = v'(I + K)^{-1}v, \qquad T \sim \sum_i w_i \chi^2_1, \quad w_i = \lambda_i/(1 + \lambda_i)
 
@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
+from model.diagnosis.channel_words import INPUT_FIELDS
 from model.diagnosis.grams import Grams
 from model.diagnosis.result import Adequacy
 
@@ -133,7 +134,10 @@ def _kinds(labels: tuple[str, ...]) -> list[NDArray[np.intp]]:
     """Return the shapes of each kind, and all of them."""
     groups: dict[str, list[int]] = {}
     for i, label in enumerate(labels):
-        kind = _RANGE.sub("", label.partition("|")[2])
+        channel, _, where = label.partition("|")
+        kind = _RANGE.sub("", where)
+        if channel in INPUT_FIELDS:
+            kind = f"error of {channel}, {kind}"
         groups.setdefault("time in a run" if kind.endswith(",") else kind, []).append(i)
     several = list(groups.values()) if len(groups) > 1 else []
     return [np.array(shapes, np.intp) for shapes in [*several, list(range(len(labels)))]]

@@ -6,14 +6,18 @@ told: "dp|slip 0.35 to 0.65". They are taken at the smoothed slip, like everythi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from math import exp
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.diagnosis.hats import ends, hat_label, hats, hats_of_speed
+from model.diagnosis.input_shapes import input_shapes
 from model.diagnosis.linearise import Linear
+from model.diagnosis.rests import CHANNELS as CHANNELS_AT_REST
 from model.diagnosis.samples import Samples
+from model.diagnosis.zero_shapes import zero_shapes
 
 FloatArray = NDArray[np.float64]
 Shape = tuple[str, FloatArray]
@@ -30,67 +34,72 @@ _OF_A_CHANNEL = (0.02, 0.25, 0.5, 0.75, 0.98)
 _TIMES_IN_RUN = 3
 
 
-def basis(samples: Samples, linear: Linear) -> tuple[tuple[str, ...], FloatArray]:
-    """Return labels "channel|where" and the columns, shape (c, n, b), in N, N m and m."""
-    shapes = [(label, x) for label, x in _shapes(samples, linear) if np.std(x) > 0 or label == "everywhere"]
+@dataclass(frozen=True)
+class Basis:
+    """The shapes of a campaign.
+
+    Attributes
+    ----------
+    labels : tuple of str
+        "channel|where"; of an error of an input, "input|where".
+    columns : array, shape (c, n, b)
+        In N, N m and m.
+    rests : array, shape (2, m, b)
+        Of drawbar pull and torque at standstill.
+    heights : array, shape (b,)
+        Largest value of each shape, in the unit of its channel or input.
+    """
+
+    labels: tuple[str, ...]
+    columns: FloatArray
+    rests: FloatArray
+    heights: FloatArray
+
+
+def basis(samples: Samples, linear: Linear) -> Basis:
+    """Return the shapes of the channels, then those of the inputs."""
+    at_rest = dict(zero_shapes(samples.rests.conditions, linear.conditions))
+    shapes = [(label, x) for label, x in _shapes(samples, linear) if np.std(x) > 0]
+    inputs = list(input_shapes(linear))
     load = float(np.median(samples.conditions.vertical_load_n)) if len(samples) else 1.0
     unit = {"dp": load, "t": load * samples.wheel_radius_m, "z": samples.wheel_radius_m}
-    channels = linear.channels
-    columns = np.zeros((*linear.value.shape, len(shapes) * len(channels)))
+    own = len(shapes) * len(linear.channels)
+    columns = np.zeros((*linear.value.shape, own + len(inputs)))
+    rests = np.zeros((2, len(samples.rests), columns.shape[-1]))
     labels: list[str] = []
-    for c, channel in enumerate(channels):
+    for c, channel in enumerate(linear.channels):
         for label, x in shapes:
-            columns[c, :, len(labels)] = AMPLITUDE[channel] * unit[channel] * x
+            amplitude = AMPLITUDE[channel] * unit[channel]
+            columns[c, :, len(labels)] = amplitude * x
+            if label in at_rest and channel in CHANNELS_AT_REST:
+                rests[CHANNELS_AT_REST.index(channel), :, len(labels)] = amplitude * at_rest[label]
             labels.append(f"{channel}|{label}")
-    return tuple(labels), columns
+    heights = np.abs(columns[..., :own]).max(axis=(0, 1), initial=0.0)
+    for i, shape in enumerate(inputs, own):
+        columns[..., i] = shape.columns
+    heights = np.r_[heights, [shape.height for shape in inputs]]
+    return Basis((*labels, *(shape.label for shape in inputs)), columns, rests, heights)
 
 
 def _shapes(samples: Samples, linear: Linear) -> Iterator[Shape]:
     at = linear.conditions
     slip, speed, load = (np.asarray(x) for x in (at.slip, at.ground_speed_mps, at.vertical_load_n))
-    yield from _hats(_DRIVING, slip, _DRIVE_KNOTS, slip > 0)
-    yield from _hats(_BRAKING, -slip, _BRAKE_KNOTS, slip < 0)
+    yield from hats(_DRIVING, slip, _DRIVE_KNOTS, slip > 0)
+    yield from hats(_BRAKING, -slip, _BRAKE_KNOTS, slip < 0)
     driving = np.where(slip > 0, 1.0, 0.0)
     relative = load / load.mean() - 1.0
     yield "load, driving", driving * relative / 0.15
     yield "load, braking", (1.0 - driving) * relative / 0.15
     yield "load squared", (relative / 0.15) ** 2
-    tempo = np.log(np.maximum(speed, 0.1))
-    yield from _hats("ground speed", tempo, tuple(np.quantile(tempo, (0.02, 0.35, 0.65, 0.98))), slip > -1.0, exp)
+    yield from hats_of_speed(speed)
     place = np.asarray(samples.conditions.line_position)
-    yield from _hats("place on the line", place, tuple(np.linspace(-1.0, 1.0, _PLACES)), np.isfinite(place))
+    yield from hats("place on the line", place, tuple(np.linspace(-1.0, 1.0, _PLACES)), np.isfinite(place))
     yield from _in_time(samples)
     direction = np.asarray(samples.conditions.direction)
     yield "direction, driving", direction * driving
     yield "direction, braking", direction * (1.0 - driving)
+    yield from zero_shapes(at, at)
     yield from _products(samples, linear, driving)
-
-
-def _hats(
-    what: str,
-    x: FloatArray,
-    knots: tuple[float, ...],
-    on: NDArray[np.bool_],
-    say: Callable[[float], float] = float,
-    unit: str = "",
-) -> Iterator[Shape]:
-    """Yield a hat over each knot, straight down to its neighbours; the outer ones go on."""
-    knots = tuple(k for k, after in zip(knots, (*knots[1:], np.inf), strict=True) if after > k)
-    clipped = np.clip(np.where(on, x, knots[0]), knots[0], knots[-1])
-    for i in range(len(knots)):
-        height = np.zeros(len(knots))
-        height[i] = 1.0
-        low, high = _ends(knots, i)
-        yield _hat_label(what, say(low), say(high), unit), np.where(on, np.interp(clipped, knots, height), 0.0)
-
-
-def _ends(knots: tuple[float, ...], i: int) -> tuple[float, float]:
-    """Return a hat's neighbours; an outer one ends at its own knot."""
-    return knots[max(i - 1, 0)], knots[min(i + 1, len(knots) - 1)]
-
-
-def _hat_label(what: str, low: float, high: float, unit: str = "") -> str:
-    return f"{what} {low:.2g} to {high:.2g}{unit}"
 
 
 def _slip_ranges() -> dict[str, tuple[float, float]]:
@@ -98,9 +107,9 @@ def _slip_ranges() -> dict[str, tuple[float, float]]:
     found = {}
     for what, knots, sign in ((_DRIVING, _DRIVE_KNOTS, 1.0), (_BRAKING, _BRAKE_KNOTS, -1.0)):
         for i in range(len(knots)):
-            low, high = _ends(knots, i)
-            ends = (sign * (low if i else 0.0), sign * (high if i < len(knots) - 1 else 1.0))
-            found[_hat_label(what, low, high)] = (min(ends), max(ends))
+            low, high = ends(knots, i)
+            covered = (sign * (low if i else 0.0), sign * (high if i < len(knots) - 1 else 1.0))
+            found[hat_label(what, low, high)] = (min(covered), max(covered))
     return found
 
 
@@ -112,7 +121,7 @@ def _in_time(samples: Samples) -> Iterator[Shape]:
             continue
         at = samples.time_s
         knots = np.linspace(at[own].min(), at[own].max(), _TIMES_IN_RUN)
-        for label, x in _hats("", at, tuple(knots), own):
+        for label, x in hats("", at, tuple(knots), own):
             yield f"{name},{label} s", x
 
 
@@ -143,7 +152,7 @@ def _of_channels(samples: Samples, linear: Linear) -> Iterator[Shape]:
         if known.sum() < 2:
             continue
         x = np.where(known, x, 0.0)
-        yield from _hats(words, x, tuple(np.quantile(x[known], _OF_A_CHANNEL)), known, unit=unit)
+        yield from hats(words, x, tuple(np.quantile(x[known], _OF_A_CHANNEL)), known, unit=unit)
         x = x / max(float(np.std(x[known])), 1e-9)
         yield f"large {words}", x * np.abs(x) / 2.0
         yield f"{words} over the campaign", np.nan_to_num(samples.conditions.campaign_time) * x

@@ -11,6 +11,7 @@ from model.diagnosis.basis import basis
 from model.diagnosis.grams import CauseColumn
 from model.diagnosis.linearise import Linear, Simulation
 from model.diagnosis.noise import constants, loading
+from model.diagnosis.rests import CHANNELS
 from model.diagnosis.samples import Samples
 
 FloatArray = NDArray[np.float64]
@@ -31,6 +32,8 @@ class Columns:
     soil : tuple of str
     causes : tuple of CauseColumn
     basis : tuple of str
+    heights : array, shape (b,)
+        Of the catch-all's shapes, see `model.diagnosis.basis`.
     constants : tuple of str
         Hyper-parameter that scales each of the last columns.
     """
@@ -42,6 +45,7 @@ class Columns:
     soil: tuple[str, ...]
     causes: tuple[CauseColumn, ...]
     basis: tuple[str, ...]
+    heights: FloatArray
     constants: tuple[str, ...]
 
     @property
@@ -89,7 +93,7 @@ def columns_of(simulation: Simulation, samples: Samples, linear: Linear) -> Colu
     causes = cause_columns(simulation, linear.point.causes)
     scale = np.array([c.scale for c in causes])
     at = np.array([(c.centre - c.neutral) / c.scale for c in causes])
-    labels, shapes = basis(samples, linear)
+    shapes = basis(samples, linear)
     measured = np.stack([samples.measured[c] for c in linear.channels])
     own = linear.causes * scale
     residual = measured - linear.value + linear.soil @ linear.point.soil
@@ -97,8 +101,8 @@ def columns_of(simulation: Simulation, samples: Samples, linear: Linear) -> Colu
     present = np.isfinite(residual) & linear.usable
     by_run = constants(linear.channels)
     turning = [loading(linear, samples, name) for _, name in by_run]
-    rows = np.concatenate([residual[..., None], linear.soil, own, shapes, np.stack(turning, axis=-1)], axis=-1)
-    rests, rests_present = _at_rest(samples, linear, scale, at, rows.shape[-1])
+    rows = np.concatenate([residual[..., None], linear.soil, own, shapes.columns, np.stack(turning, axis=-1)], axis=-1)
+    rests, rests_present = _at_rest(samples, linear, scale, at, shapes.rests, rows.shape[-1])
     return Columns(
         rows=np.where(present[..., None], rows, 0.0),
         present=present,
@@ -106,15 +110,16 @@ def columns_of(simulation: Simulation, samples: Samples, linear: Linear) -> Colu
         rests_present=rests_present,
         soil=simulation.space.labels,
         causes=causes,
-        basis=labels,
+        basis=shapes.labels,
+        heights=shapes.heights,
         constants=tuple(name for name, _ in by_run),
     )
 
 
 def _at_rest(
-    samples: Samples, linear: Linear, scale: FloatArray, at: FloatArray, width: int
+    samples: Samples, linear: Linear, scale: FloatArray, at: FloatArray, shapes: FloatArray, width: int
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the standstills' columns: only causes show there, zeros of the run, and what turns with the wheel.
+    """Return the standstills' columns: only causes, zeros of every kind and what turns with the wheel show there.
 
     A torque about the wheel's own axis has no zero that turns; what it does once a turn, it does while it rolls.
     """
@@ -125,13 +130,13 @@ def _at_rest(
     own = linear.rest_causes * scale
     start = 1 + linear.soil.shape[-1]
     by_run = constants(linear.channels)
-    for row, channel in enumerate(("dp", "t")):
+    for row, channel in enumerate(CHANNELS):
         if channel not in rests.measured or channel not in linear.channels:
             continue
         residual = rests.measured[channel] - linear.rest_value[row] + own[row] @ at
         present[row] = np.isfinite(residual)
         out[row, :, 0] = residual
-        out[row, :, start : start + own.shape[-1]] = own[row]
+        out[row, :, start : start + own.shape[-1] + shapes.shape[-1]] = np.concatenate([own[row], shapes[row]], axis=-1)
         for i, (_, name) in enumerate(by_run):
             if channel == "dp" and name in ("cos dp", "sin dp"):
                 turn = np.cos if name.startswith("cos") else np.sin

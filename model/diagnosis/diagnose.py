@@ -200,8 +200,9 @@ def _weighed(
             gain, remark = held_out(seen, options, fits=fits.of((), seen.best.keys))
     verdict = judgement(found, judged, gain, seen.cannot_tell, options.name_at, seen.settled)
     with clock.stage("where"):
-        left_by = seen.best.keys if verdict.verdict == "unexplained" else ()
-        wrong = findings(seen.grams, seen.views, left_by, factor)
+        unnamed = verdict.verdict == "unexplained"
+        left_by = seen.best.keys if unnamed else ()
+        wrong = findings(seen.grams, seen.views, left_by, factor, inputs=unnamed)
     return _Weighed(judged, found, sizes, gain, verdict, wrong), remark
 
 

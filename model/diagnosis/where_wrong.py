@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from model.diagnosis.adequacy import LeftOver, left_over
 from model.diagnosis.basis import SLIP_RANGES
-from model.diagnosis.channel_words import FIELDS
+from model.diagnosis.channel_words import FIELDS, INPUT_FIELDS
 from model.diagnosis.grams import Grams
 from model.diagnosis.result import Finding
 from model.diagnosis.shape_words import shape_words
@@ -30,20 +30,29 @@ _SEEN = 0.05
 """Share of a shape's information that soil and earlier findings must have left."""
 
 
-def findings(grams: Grams, views: tuple[View, ...], keys: tuple[str, ...] = (), excess: float = 1.0) -> list[Finding]:
+def findings(
+    grams: Grams, views: tuple[View, ...], keys: tuple[str, ...] = (), excess: float = 1.0, *, inputs: bool = False
+) -> list[Finding]:
     """Return where the simulation with a set of causes is off, worst first.
 
     Parameters
     ----------
     grams : Grams
     views : tuple of View
-        For the shapes' heights in N, N m and m.
+        For the shapes' heights.
     keys : tuple of str
         Causes that the simulation has.
     excess : float
         Factor on the noise's variance.
+    inputs : bool
+        Ask for errors of ground speed and load, too. What a missing cause leaves looks like many of them: where there
+        is a name for it, they are not asked for.
     """
-    found = found_in(left_over(grams, keys), grams.basis, heights(views), excess)
+    heights = np.concatenate([view.columns.heights for view in views])
+    asked = [i for i, label in enumerate(grams.basis) if inputs or label.partition("|")[0] not in INPUT_FIELDS]
+    left = left_over(grams, keys)
+    left = LeftOver(left.misfit, left.score[asked], left.information[np.ix_(asked, asked)])
+    found = found_in(left, tuple(grams.basis[i] for i in asked), heights[asked], excess)
     names = tuple(view.campaign.name for view in views) if len(views) > 1 else ()
     return [_said(one, names) for one in found]
 
@@ -68,7 +77,7 @@ def found_in(left: LeftOver, labels: tuple[str, ...], height: FloatArray, excess
     labels : tuple of str
         "channel|where"
     height : array, shape (b,)
-        Of each shape with a coefficient of 1, in the channel's unit.
+        Of each shape with a coefficient of 1, in the unit of its channel or input.
     excess : float
         Factor on the noise's variance.
     """
@@ -84,18 +93,8 @@ def found_in(left: LeftOver, labels: tuple[str, ...], height: FloatArray, excess
             break
         channel, _, where = labels[worst].partition("|")
         size = float(score[worst] / own[worst] * height[worst])
-        found.append(Finding(FIELDS.get(channel, channel), where, size, float(z[worst])))
+        found.append(Finding({**FIELDS, **INPUT_FIELDS}.get(channel, channel), where, size, float(z[worst])))
         column = information[:, worst] / own[worst]
         score = score - column * score[worst]
         information = information - np.outer(column, information[worst])
     return sorted(found, key=lambda f: -abs(f.statistic))
-
-
-def heights(views: tuple[View, ...]) -> FloatArray:
-    """Return the height of every catch-all shape, campaign after campaign, as in the Grams."""
-    found: list[float] = []
-    for view in views:
-        start = view.columns.shared - len(view.columns.basis)
-        rows = view.columns.rows[:, :, start : view.columns.shared]
-        found += np.abs(rows).max(axis=(0, 1), initial=0.0).tolist()
-    return np.array(found)

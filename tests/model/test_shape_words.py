@@ -25,7 +25,7 @@ def labels() -> list[str]:
     samples = samples[np.arange(len(samples)) % 4 == 0]
     simulation = Simulation(campaign.wheel, campaign.soil, soil_space(campaign.soil_prior), (), "balanced")
     linear = linearise(simulation, samples, Point(np.zeros(len(simulation.space)), {}, np.zeros(len(samples))))
-    return [label.partition("|")[2] for label in basis(samples, linear)[0]]
+    return [label.partition("|")[2] for label in basis(samples, linear).labels]
 
 
 def test_every_label_reads_on_its_own(labels: list[str]) -> None:
