@@ -17,7 +17,7 @@ from model.diagnosis.input_shapes import input_shapes
 from model.diagnosis.linearise import Linear
 from model.diagnosis.rests import CHANNELS as CHANNELS_AT_REST
 from model.diagnosis.samples import Samples
-from model.diagnosis.zero_shapes import zero_shapes
+from model.diagnosis.zero_shapes import LOAD_SPREAD, ZERO_WITH_LOAD, zero_shape
 
 FloatArray = NDArray[np.float64]
 Shape = tuple[str, FloatArray]
@@ -58,7 +58,7 @@ class Basis:
 
 def basis(samples: Samples, linear: Linear) -> Basis:
     """Return the shapes of the channels, then those of the inputs."""
-    at_rest = dict(zero_shapes(samples.rests.conditions, linear.conditions))
+    at_rest = {ZERO_WITH_LOAD: zero_shape(samples.rests.conditions, linear.conditions)}
     shapes = [(label, x) for label, x in _shapes(samples, linear) if np.std(x) > 0]
     inputs = list(input_shapes(linear))
     load = float(np.median(samples.conditions.vertical_load_n)) if len(samples) else 1.0
@@ -88,9 +88,9 @@ def _shapes(samples: Samples, linear: Linear) -> Iterator[Shape]:
     yield from hats(_BRAKING, -slip, _BRAKE_KNOTS, slip < 0)
     driving = np.where(slip > 0, 1.0, 0.0)
     relative = load / load.mean() - 1.0
-    yield "load, driving", driving * relative / 0.15
-    yield "load, braking", (1.0 - driving) * relative / 0.15
-    yield "load squared", (relative / 0.15) ** 2
+    yield "load, driving", driving * relative / LOAD_SPREAD
+    yield "load, braking", (1.0 - driving) * relative / LOAD_SPREAD
+    yield "load squared", (relative / LOAD_SPREAD) ** 2
     yield from hats_of_speed(speed)
     place = np.asarray(samples.conditions.line_position)
     yield from hats("place on the line", place, tuple(np.linspace(-1.0, 1.0, _PLACES)), np.isfinite(place))
@@ -98,7 +98,7 @@ def _shapes(samples: Samples, linear: Linear) -> Iterator[Shape]:
     direction = np.asarray(samples.conditions.direction)
     yield "direction, driving", direction * driving
     yield "direction, braking", direction * (1.0 - driving)
-    yield from zero_shapes(at, at)
+    yield ZERO_WITH_LOAD, zero_shape(at, at)
     yield from _products(samples, linear, driving)
 
 

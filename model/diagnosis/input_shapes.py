@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from model.diagnosis.hats import hats_of_speed
 from model.diagnosis.linearise import Linear
+from model.diagnosis.zero_shapes import LOAD_SPREAD
 
 FloatArray = NDArray[np.float64]
 
@@ -22,8 +23,6 @@ SPEED_MPS = 0.03
 """One-sigma of an error of the ground speed that lasts over a range of speeds."""
 LOAD_SHARE = 0.02
 """One-sigma of an error of the load, as a share of the mean load."""
-LOAD_SPREAD = 0.15
-"""Departure from the mean load, as a share of it, at which a shape that grows with load is 1."""
 
 
 @dataclass(frozen=True)

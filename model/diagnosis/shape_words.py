@@ -9,8 +9,6 @@ _FIXED = {
     "load, braking": "growing with load, braking",
     "load squared": "at loads far from the mean",
     "zero, growing with load": "as a zero that grows with the load, at standstill too",
-    "zero, with the direction": "as a zero with the sign of the direction (out +, back -), at standstill too",
-    "zero, over the campaign": "as a zero that drifts over the campaign, at standstill too",
     "direction, driving": "with the sign of the direction (out +, back -), driving",
     "direction, braking": "with the sign of the direction (out +, back -), braking",
     "speeding up, driving": "speeding up (slowing down: the other sign), driving",

@@ -12,6 +12,7 @@ from model.diagnosis.diagnose import diagnose
 from model.diagnosis.linearise import Point, Simulation, linearise
 from model.diagnosis.samples import Samples, samples_of
 from model.diagnosis.soil_space import soil_space
+from model.diagnosis.zero_shapes import ZERO_WITH_LOAD
 from model.effects import EFFECTS
 
 
@@ -30,7 +31,7 @@ def test_one_zero_is_the_same_function_of_the_load_rolling_and_at_rest(
     row: int, channel: str, seen: tuple[Samples, Basis]
 ) -> None:
     samples, found = seen
-    at = found.labels.index(f"{channel}|zero, growing with load")
+    at = found.labels.index(f"{channel}|{ZERO_WITH_LOAD}")
     load = np.asarray(samples.conditions.vertical_load_n)
     rolling = np.polyfit(load, found.columns[row, :, at], 1)
     resting = np.polyfit(np.asarray(samples.rests.conditions.vertical_load_n), found.rests[row, :, at], 1)
@@ -44,7 +45,7 @@ def test_only_zeros_show_at_rest(seen: tuple[Samples, Basis]) -> None:
     found = seen[1]
     assert len(found.labels) == len(found.heights) == found.columns.shape[-1] == found.rests.shape[-1]
     showing = {label.partition("|")[2] for i, label in enumerate(found.labels) if found.rests[..., i].any()}
-    assert showing == {"zero, growing with load", "zero, with the direction", "zero, over the campaign"}
+    assert showing == {ZERO_WITH_LOAD}
 
 
 @pytest.mark.parametrize(
