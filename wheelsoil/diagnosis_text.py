@@ -14,7 +14,6 @@ from wheelsoil.diagnosis_words import (
     NO_GAIN,
     effect_name,
     family_of,
-    median_there,
     not_named,
     nothing_chosen,
     parameter_name,
@@ -133,7 +132,7 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
     rows = [
         [
             plain_name(found.channel),
-            *([] if of_rows else [_in_unit(median_there(diagnosis, found), found.channel)]),
+            *([] if of_rows else [_in_unit(diagnosis.median_there(found), found.channel)]),
             _in_unit(found.size, found.channel),
             number(found.statistic, 3),
             found.where,

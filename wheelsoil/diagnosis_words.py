@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import isfinite
 
-import numpy as np
-
 from daq.shown import probability as probability
-from model.diagnosis.channel_words import FIELD_KEYS
-from model.diagnosis.result import CauseSet, Detectable, Diagnosis, Finding, Gain
+from model.diagnosis.result import CauseSet, Detectable, Gain
 from model.diagnosis.verdict_words import SUMS
 from model.effects import EFFECTS
 
@@ -20,32 +17,6 @@ FINDING_NOTE = (
     "misfit in one range pushes the curve off in another. Sigmas: "
     "the size over its standard deviation, which allows for correlated noise, errors of speed and load, and the soil."
 )
-
-
-def median_there(diagnosis: Diagnosis, found: Finding) -> float:
-    """Return the median of measured less simulated over the slips of a finding's shape, as figures show it.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-    found : Finding
-
-    Returns
-    -------
-    float
-        In the channel's unit; NaN where the shape is none over slip or has no samples to be seen.
-    """
-    if found.slips is None:
-        return float("nan")
-    (low, high), channel = found.slips, FIELD_KEYS.get(found.channel, "")
-    left = [
-        (seen.measured[channel] - seen.base[channel])[(seen.slip >= low) & (seen.slip <= high)]
-        for seen in diagnosis.seen
-        if channel in seen.base and found.campaign in ("", seen.campaign)
-    ]
-    known = np.concatenate([*left, np.zeros(0)])
-    known = known[np.isfinite(known)]
-    return float(np.median(known)) if len(known) else float("nan")
 
 
 def plain_name(name: str) -> str:

@@ -147,7 +147,8 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) ->
         alone = {keys[0]: fit for keys, fit in fits.known.items() if len(keys) == 1}
         shown = seen_of(seen, fits[()], fits[explained.extended], explained.sizes, alone)
         disputed = _disputed(seen, verdict, explained, fits)
-        sentence = " ".join([_sentence(seen, weighed, explained, onward, alike), *disputed])
+        said = [_sentence(seen, weighed, explained, onward, alike)]
+        sentence = " ".join([*disputed, *said] if verdict.verdict == "unexplained" else [*said, *disputed])
     few = (FEW_RUNS,) if not found.resampled else ()
     return Diagnosis(
         verdict=verdict.verdict,

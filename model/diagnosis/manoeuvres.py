@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from model.conditions import Conditions, slip_of_ratio
 from model.diagnosis.rests import Rests
 from model.diagnosis.samples import Instants, Samples
+from processing.outboard import STANDARD_GRAVITY_MPS2
 
 FloatArray = NDArray[np.float64]
 
@@ -78,8 +79,8 @@ def _variants(run: Samples, all_runs: Samples) -> Iterator[tuple[str, Samples]]:
     ] or [load]
     heavy, light = _HEAVIER * max(means), _LIGHTER * min(means)
     yield LIKE_OTHERS, run
-    yield f"a run with more load: about {heavy / 1e3:.1f} kN on the wheel", with_load_times(run, heavy / load)
-    yield f"a run with less load: about {light / 1e3:.1f} kN on the wheel", with_load_times(run, light / load)
+    yield f"a run with more load: {_load_words(heavy, max(means))}", with_load_times(run, heavy / load)
+    yield f"a run with less load: {_load_words(light, min(means))}", with_load_times(run, light / load)
     pressure = float(np.median(run.conditions.inflation_kpa)) if len(run) else float("nan")
     if np.isfinite(pressure):
         yield f"a run at half the inflation pressure: {pressure / 2:.0f} kPa", with_pressure(run, pressure / 2)
@@ -93,6 +94,13 @@ def _variants(run: Samples, all_runs: Samples) -> Iterator[tuple[str, Samples]]:
         yield "a run with a sinkage sensor, or the depth of the rut", with_channel(run, "z", _SINKAGE_SIGMA_M)
     if "t" not in run.measured:
         yield "a run with the torque channel", with_channel(run, "t", _TORQUE_SIGMA_NM)
+
+
+def _load_words(load_n: float, so_far_n: float) -> str:
+    """Return a load on the wheel and the mass that makes it, counted from the most or the least so far."""
+    mass_kg = (load_n - so_far_n) / STANDARD_GRAVITY_MPS2
+    change = f"{round(abs(mass_kg), -1):.0f} kg {'more' if mass_kg > 0 else 'less'}"
+    return f"about {load_n / 1e3:.1f} kN on the wheel, {change} there than so far"
 
 
 def with_load_times(run: Samples, factor: float) -> Samples:

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from model.diagnosis.channel_words import FIELD_KEYS
 from model.diagnosis.html import diagnosis_html
 
 FloatArray = NDArray[np.float64]
@@ -274,6 +275,23 @@ class Diagnosis:
     def _repr_html_(self) -> str:
         return diagnosis_html(self)
 
+    def median_there(self, found: Finding) -> float:
+        """Return the median of measured less simulated over the slips of a finding's shape, as figures show it.
+
+        In the channel's unit; NaN where the shape is none over slip or has no samples to be seen.
+        """
+        if found.slips is None:
+            return float("nan")
+        (low, high), channel = found.slips, FIELD_KEYS.get(found.channel, "")
+        left = [
+            (seen.measured[channel] - seen.base[channel])[(seen.slip >= low) & (seen.slip <= high)]
+            for seen in self.seen
+            if channel in seen.base and found.campaign in ("", seen.campaign)
+        ]
+        known = np.concatenate([*left, np.zeros(0)])
+        known = known[np.isfinite(known)]
+        return float(np.median(known)) if len(known) else float("nan")
+
     def as_json(self) -> dict[str, Any]:
         """Return the contract's mapping; NaN stays NaN, for the writer to turn into null."""
         return {
@@ -283,7 +301,9 @@ class Diagnosis:
             "causes": [_cause(cause) for cause in self.causes],
             "candidates": [{"name": c.name, "probability": c.probability} for c in self.candidates],
             "sets": [{"causes": list(one.causes), "probability": one.probability} for one in self.sets],
-            "what_is_wrong": [_finding(finding) for finding in self.what_is_wrong],
+            "what_is_wrong": [
+                {**_finding(finding), "median_there": self.median_there(finding)} for finding in self.what_is_wrong
+            ],
             "gain": None if self.gain is None else _gain(self.gain),
             "inconsistent": [vars(item) for item in self.inconsistent],
             "adequacy": None if self.adequacy is None else vars(self.adequacy),

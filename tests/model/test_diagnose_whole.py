@@ -112,6 +112,7 @@ def test_two_campaigns_that_differ_in_the_size_of_a_shared_cause_are_told(
     found = diagnosed(digging, deeper, options=replace(FEW, effects=("vasilev", "slope")))
     assert found.verdict == verdict, found.sentence
     assert "The campaigns disagree about H_m: clay 3 0.0" in found.sentence
+    assert found.sentence.startswith("The campaigns disagree") == (verdict == "unexplained")
     assert any("disagree about H_m" in note for note in found.notes)
 
 

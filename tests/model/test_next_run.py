@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import lru_cache
 
@@ -122,6 +123,17 @@ def test_manoeuvres_keep_what_they_do_not_change() -> None:
     slow = slower_ramps(run)
     assert len(slow) == 2 * len(run) and np.ptp(slow.time_s) > 1.9 * np.ptp(run.time_s)
     assert (np.diff(slow.time_s) > 0).all()
+
+
+def test_a_load_to_drive_with_is_told_as_mass_on_that_wheel() -> None:
+    run = run_of_samples()
+    told = {m.change.partition(":")[0]: m.change for m in manoeuvres(run) if "load" in m.change}
+    for which, words in (("more", "kg more"), ("less", "kg less")):
+        change = told[f"a run with {which} load"]
+        load_n, mass_kg = (float(x) for x in re.findall(r"([\d.]+) k(?:N|g)", change))
+        so_far = float(np.mean(run.conditions.vertical_load_n))
+        assert words in change
+        assert abs(load_n * 1e3 - so_far) / 9.80665 == pytest.approx(mass_kg, abs=11.0)
 
 
 def test_a_braked_run_brakes_with_slip_that_belongs_to_its_speeds() -> None:

@@ -104,7 +104,9 @@ def test_a_run_that_lacks_a_signal_leaves_the_others_their_fit(campaign, tmp_pat
     lacking = process_runs(open_runs([poor]), ProcessOptions(purpose=LOOK))
     mixed = [lacking[0], runs[1]]
     found = diagnosed_runs([folder], mixed, FitChoices(), None)
-    numbers = report_of_processed(mixed, FitChoices(), ProcessOptions(), diagnosed=found).numbers()
+    report = report_of_processed(mixed, FitChoices(), ProcessOptions(), diagnosed=found)
+    assert report.not_fitted == "run-1"
+    numbers = report.numbers()
     assert numbers["left_out"] == {}
     criteria, alone = (one["sections"]["criteria"]["models"]["lyasko"] for one in (numbers, whole))
     assert criteria["coefficients"] == pytest.approx(alone["coefficients"], rel=1e-6)

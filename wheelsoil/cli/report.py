@@ -28,7 +28,7 @@ from wheelsoil.cli.options import (
     ZeroFile,
     chosen,
 )
-from wheelsoil.cli.talk import check_output, print_facts, print_json, say
+from wheelsoil.cli.talk import check_output, print_facts, print_json, say, say_folded
 from wheelsoil.report.pdf import find_browser
 
 
@@ -106,6 +106,8 @@ def command(
     page, numbers = report.print(target, browser) if browser else report.write(target)
     for key, why in report.left_out.items():
         say(f"section {key} left out: {why}")
+    if report.not_fitted:
+        say_folded(f"not fitted, for a signal is missing: {report.not_fitted}; the quality section says which")
     if json:
         print_json({"report": page, "numbers": numbers, "left_out": report.left_out, "result": report.sentence})
     else:

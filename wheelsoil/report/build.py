@@ -37,6 +37,8 @@ class Report:
     left_out : mapping key -> why
         Sections that could not be built; they stay on the page with the reason.
     made_at : datetime
+    not_fitted : str
+        Runs that a signal is missing of, where others were fitted; in words.
     """
 
     title: str
@@ -44,6 +46,7 @@ class Report:
     sections: tuple[Section, ...]
     left_out: dict[str, str]
     made_at: datetime
+    not_fitted: str = ""
 
     def numbers(self) -> dict[str, Any]:
         """Return every number shown, as plain values: those of the tables and texts by section, and every figure's."""
@@ -113,6 +116,7 @@ def build_report(material: Material) -> Report:
         sections=tuple(sections),
         left_out=left_out,
         made_at=datetime.now(UTC),
+        not_fitted=material.not_fitted if material.campaign else "",
     )
 
 

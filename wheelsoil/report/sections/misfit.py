@@ -10,7 +10,6 @@ from model.diagnosis.channel_words import FIELD_UNITS, NAMES, UNITS
 from model.diagnosis.result import Diagnosis, Seen
 from wheelsoil.diagnosis_words import (
     FINDING_NOTE,
-    median_there,
     plain_name,
 )
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
@@ -40,7 +39,7 @@ def build(material: Material) -> Section:
     blocks: list[Block] = [_findings(found), *_inconsistent(found)]
     numbers: dict[str, Any] = {
         "what_is_wrong": found.what_is_wrong,
-        "median_there": [median_there(found, one) for one in found.what_is_wrong],
+        "median_there": [found.median_there(one) for one in found.what_is_wrong],
         "inconsistent": found.inconsistent,
     }
     names = [seen.campaign for seen in found.seen]
@@ -60,7 +59,7 @@ def _findings(found: Diagnosis) -> Block:
         [
             plain_name(one.channel),
             one.where,
-            *([] if of_rows else [_with_unit(median_there(found, one), one.channel)]),
+            *([] if of_rows else [_with_unit(found.median_there(one), one.channel)]),
             _with_unit(one.size, one.channel),
             signed(one.statistic, ".1f"),
         ]
