@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from daq.errors import DataError
+from model.diagnosis.channel_words import NAMES, UNITS
 from model.observations import CHANNELS
 from processing.processed_run import ProcessedRun, Segment
 from processing.segments import runs_of
@@ -31,7 +32,7 @@ _SEGMENTS = {
     Segment.BRAKE: ("braking", ("#fbe5d3", "/")),
     Segment.STANDSTILL: ("standstill", ("#eeeeee", ".")),
 }
-_SHOWN = {"dp": ("drawbar pull", "N"), "t": ("driving torque", "N m")}
+_SHOWN = ("dp", "t")
 
 
 def build(material: Material) -> Section:
@@ -63,7 +64,7 @@ def _of_all(material: Material) -> Section:
     """Return the section where there is no fit: what was measured, whether it could be used or not."""
     figures, names = [], []
     points = points_of_run(len(material.runs))
-    for channel, (name, unit) in _SHOWN.items():
+    for channel in _SHOWN:
         values = [getattr(run, CHANNELS[channel]) for run in material.runs]
         runs = [run for run, of in zip(material.runs, values, strict=True) if np.isfinite(of).any()]
         if not runs:
@@ -78,9 +79,9 @@ def _of_all(material: Material) -> Section:
             traces = [*_segments(run, low, high), line(run.time_s[rows], measured[rows], "measured", MEASURED)]
             data += traces
             groups += [run.run.id] * len(traces)
-        layout = axes("time (s)", f"{name} ({unit})", height=360)
+        layout = axes("time (s)", f"{NAMES[channel]} ({UNITS[channel]})", height=360)
         look_at(layout, "y", everything, margin=0.15)
-        figures.append(Figure(f"time-{channel}", name.capitalize(), data, layout, groups, wide=True))
+        figures.append(Figure(f"time-{channel}", NAMES[channel].capitalize(), data, layout, groups, wide=True))
         names += [run.run.id for run in runs]
     if not figures:
         raise DataError("neither drawbar pull nor driving torque was measured")
@@ -89,7 +90,7 @@ def _of_all(material: Material) -> Section:
 
 
 def _figure(material: Material, channel: str, runs: list[ProcessedRun]) -> Figure:
-    name, unit = _SHOWN[channel]
+    name = NAMES[channel]
     values = material.pool.measured(channel)
     known = values[np.isfinite(values)]
     low, high = float(known.min()), float(known.max())
@@ -100,7 +101,7 @@ def _figure(material: Material, channel: str, runs: list[ProcessedRun]) -> Figur
         traces = [*_segments(run, low - beyond, high + beyond), *_lines(material, run, CHANNELS[channel])]
         data += traces
         groups += [run.run.id] * len(traces)
-    layout = axes("time (s)", f"{name} ({unit})", height=360)
+    layout = axes("time (s)", f"{NAMES[channel]} ({UNITS[channel]})", height=360)
     driven = np.isfinite(values) & (material.pool.slip > 0)
     shown = driven if driven.any() else np.isfinite(values)
     said = [material.pool.predicted(model.name, CHANNELS[channel])[shown] for model in material.fit.models]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import Any
 
+from model.diagnosis.channel_words import UNITS
 from model.effects import EFFECTS
 from model.fit_problem import free_parameters
 from model.fit_result import EXTENDED, CampaignFit, Estimate, ModelFit
@@ -58,8 +59,7 @@ _STATISTICS = [
 
 def _statistics(fit: CampaignFit, model: ModelFit) -> list[str]:
     fitted = bool(model.estimates)
-    units = {"dp": "N", "t": "N m"}
-    left = [f"{number(value)} {units[c]}" for c, value in model.residual_floor.items() if c in fit.options.channels]
+    left = [f"{number(value)} {UNITS[c]}" for c, value in model.residual_floor.items() if c in fit.options.channels]
     return [
         style(model.name).label,
         "Gauss–Newton" if fitted else "nothing to fit",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from model.diagnosis.channel_words import NAMES, UNITS
 from model.fit_result import CampaignFit
 from wheelsoil.model_styles import style
 from wheelsoil.report.content import Section, Table
@@ -13,7 +14,7 @@ from wheelsoil.report.words import count, interval, letter, measured, number, un
 KEY = "criteria"
 TITLE = "The four models side by side"
 
-_CHANNELS = {"dp": ("drawbar pull", "N"), "t": ("driving torque", "N m")}
+_CHANNELS = ("dp", "t")
 
 
 def build(material: Material) -> Section:
@@ -49,7 +50,7 @@ def _laws(fit: CampaignFit) -> Table:
 
 
 def _table(fit: CampaignFit, channel: str) -> Table:
-    name, si = _CHANNELS[channel]
+    name, si = NAMES[channel], UNITS[channel]
     scores = [model.criteria[channel] for model in fit.models]
     rows = [
         [

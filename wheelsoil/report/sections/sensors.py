@@ -130,8 +130,7 @@ def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
         for run in runs
         for stand in run.quality.standstills
     ]
-    units = {"drawbar_pull": "N", "driving_torque": "N m", "vertical_load": "N"}
-    head = ["run", "from (s)", "for (s)", *(f"{role.replace('_', ' ')} ({units[role]})" for role in roles)]
+    head = ["run", "from (s)", "for (s)", *(f"{role.replace('_', ' ')} ({_UNITS[role]})" for role in roles)]
     taken = "after the zero of zero.toml was taken off" if any(run.quality.zeros for run in runs) else "as sent"
     note = f"On level ground drawbar pull and torque should read zero. Read {taken}; nothing else was subtracted."
     return [Table("Readings at standstill", head, rows, note)] if rows and roles else []
