@@ -115,11 +115,11 @@ def trace(page: Page, plot: str, name: str) -> dict[str, Any]:
     return found
 
 
-def curve_on_page(page: Page, channel: str, expected: dict[str, Any]) -> bool:
-    """Whether the curve by hand comes to be what ``/api/curve`` said."""
+def curve_on_page(page: Page, channel: str, expected: dict[str, Any], name: str = "curve by hand") -> bool:
+    """Whether a curve comes to be what ``/api/curve`` said."""
     pairs = list(zip(expected["slip"], expected[channel], strict=True))
     for _ in range(100):
-        if points(page, f"slip-{channel}", "curve by hand") == pairs:
+        if points(page, f"slip-{channel}", name) == pairs:
             return True
         page.wait_for_timeout(100)
     return False

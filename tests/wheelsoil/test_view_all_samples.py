@@ -101,6 +101,19 @@ def test_curves_stand_on_the_medians_of_all_used_samples(
         assert base[name] == pytest.approx(median, rel=1e-6)
 
 
+@pytest.mark.parametrize("use", [True, False])
+def test_a_run_s_curve_stands_on_its_own_load(view: View, runs: list[ProcessedRun], use: bool) -> None:
+    view.post("/api/choose", campaign="c1", choice={"run": [{"id": "run-1", "use": use, "keep": KEEP}]})
+    kept = [keep_only(runs[0], [(0.0, 13.0)]) if use else runs[0], runs[1]]
+    for key, run in zip(("r1", "r2"), kept, strict=True):
+        load_n = np.median(run.vertical_load_n[run.used])
+        assert view.post("/api/curve", campaign="c1", run=key)["load_n"] == pytest.approx(load_n, rel=1e-6)
+        assert view.post("/api/curve", campaign="c1", run=key, load_n=7e3)["load_n"] == 7e3
+    assert (
+        view.post("/api/curve", campaign="c1", run="nix")["load_n"] == view.post("/api/curve", campaign="c1")["load_n"]
+    )
+
+
 @pytest.mark.parametrize("keep", [None, KEEP, [[0.0, 4.0]]])
 def test_grade_and_usable_share_are_those_of_the_report_also_of_a_cut_run(
     view: View, folder: Path, keep: list[list[float]] | None

@@ -66,10 +66,14 @@ def test_each_campaign_has_its_own_reading_of_the_sinkage(browser: Browser, fold
         seen.locator("button.run").last.click()
         expect(seen.locator("#view-title")).to_contain_text("sandy")
         expect(seen.get_by_label("balanced", exact=True)).to_be_checked()
-        assert curve_on_page(seen, "drawbar_pull_n", view.post("/api/curve", campaign="c2", sinkage="balanced"))
+        assert curve_on_page(
+            seen, "drawbar_pull_n", view.post("/api/curve", campaign="c2", run="r1", sinkage="balanced")
+        )
         seen.locator("button.run").first.click()
         expect(seen.get_by_label("literal", exact=True)).to_be_checked()
-        assert curve_on_page(seen, "drawbar_pull_n", view.post("/api/curve", campaign="c1", sinkage="literal"))
+        assert curve_on_page(
+            seen, "drawbar_pull_n", view.post("/api/curve", campaign="c1", run="r1", sinkage="literal")
+        )
 
 
 def test_a_soil_that_was_let_move_moves_the_curve_by_hand(browser: Browser, folder: Path) -> None:
@@ -83,7 +87,9 @@ def test_a_soil_that_was_let_move_moves_the_curve_by_hand(browser: Browser, fold
             seen.get_by_role("button", name="Refit").click()
             expect(seen.locator("#fit-tables table").first).to_be_visible()
             expect(seen.locator("#soil-hint")).to_contain_text("moved")
-            assert curve_on_page(seen, "drawbar_pull_n", fit["curves"]["chosen"])
+            assert curve_on_page(
+                seen, "drawbar_pull_n", view.post("/api/curve", campaign="c1", run="r1", **fit["curves"]["chosen"])
+            )
             seen.locator("#soil-box summary").click()
             found = fit["models"]["chosen"]["estimates"]["tan_phi"]["value"]
             box = seen.locator("[data-parameter=tan_phi] input[type=number]")

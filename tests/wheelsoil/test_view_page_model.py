@@ -9,11 +9,12 @@ from typing import Any
 import pytest
 from cli_support import ok
 from playwright.sync_api import Browser, Locator, Page, expect
-from view_browser import curve_on_page, drawn, looking, points
+from view_browser import curve_on_page, drawn, looking
 from view_client import View, taken_from
 
 ROOT = Path(__file__).parents[2]
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n", "time-driving_torque_nm", "slip-driving_torque_nm")
+RUN = {"campaign": "c1", "run": "r1"}
 
 
 @pytest.fixture(scope="module")
@@ -58,9 +59,9 @@ def test_the_curve_follows_a_slider_and_is_the_model_s(page: Page, view: View) -
     moved = value_of(page, "H_m")
     assert moved > 0
     for channel in ("drawbar_pull_n", "driving_torque_nm"):
-        said = view.post("/api/curve", campaign="c1", sinkage="balanced", effects=["vasilev"], values={"H_m": moved})
+        said = view.post("/api/curve", **RUN, sinkage="balanced", effects=["vasilev"], values={"H_m": moved})
         assert curve_on_page(page, channel, said)
-    base = view.post("/api/curve", campaign="c1", sinkage="balanced", effects=[], values={})
+    base = view.post("/api/curve", **RUN, sinkage="balanced", effects=[], values={})
     assert said["driving_torque_nm"] != base["driving_torque_nm"]
     measures = page.evaluate("() => performance.getEntriesByName('curve').map((each) => each.duration)")
     assert measures and all(duration > 0 for duration in measures)
@@ -79,7 +80,7 @@ def test_boxes_arrows_resets_reading_load_and_soil_bend_it_too(page: Page, view:
     page.locator("#soil-box summary").click()
     row(page, "cohesion_pa").locator("input[type=number]").fill("9000")
     row(page, "cohesion_pa").locator("input[type=number]").press("Enter")
-    asked: dict[str, Any] = {"campaign": "c1", "sinkage": "literal", "effects": ["vasilev"], "load_n": 8000}
+    asked: dict[str, Any] = {**RUN, "sinkage": "literal", "effects": ["vasilev"], "load_n": 8000}
     said = view.post("/api/curve", **asked, values={"H_m": moved}, soil={"cohesion_pa": 9000})
     assert curve_on_page(page, "drawbar_pull_n", said)
     row(page, "cohesion_pa").get_by_role("button").click()
@@ -124,10 +125,14 @@ def test_a_refit_is_the_command_line_s_and_the_choice_is_kept(page: Page, view: 
     expected = [model["criteria"]["dp"] for model in fit["models"].values()]
     shown = [[float(text.replace("−", "-").replace("\u202f", "")) for text in cells[1:]] for cells in cells]
     assert shown == [pytest.approx([each["M0_percent"], each["R0_N"], each["R2"]], rel=1e-3) for each in expected]
-    curve = view.post("/api/fit", campaign="c1")["curves"]["chosen"]
-    assert points(page, "slip-drawbar_pull_n", "curve chosen") == list(
-        zip(curve["slip"], curve["drawbar_pull_n"], strict=True)
-    )
+    asked = view.post("/api/fit", campaign="c1")["curves"]["chosen"]
+    assert curve_on_page(page, "drawbar_pull_n", view.post("/api/curve", **RUN, **asked), "curve chosen")
+    page.get_by_role("button", name="run-2").click()
+    other = view.post("/api/curve", **RUN | {"run": "r2"}, **asked)
+    assert other["load_n"] != view.post("/api/curve", **RUN)["load_n"]
+    for curve in ("curve by hand", "curve chosen"):
+        assert curve_on_page(page, "drawbar_pull_n", other, curve)
+    expect(page.locator("#load")).to_have_attribute("placeholder", f"{other['load_n']:.0f}")
     page.get_by_label("Use run-2").check()
     expect(page.locator("#fit-says")).to_contain_text("The choice has changed")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -113,8 +113,8 @@ class ViewedCampaign:
         How often somebody has chosen since the page was opened.
     fits : list of Future
         Fits that somebody waits for.
-    medians : tuple of (runs and what is kept of them, load in N, ground speed in m/s), or None
-        The last medians of all used samples, NaN where there is none, and of what.
+    medians : mapping run's key ("": all runs) -> (what is kept of the runs, load in N, ground speed in m/s)
+        The last medians of used samples, NaN where there is none, and of what.
     """
 
     key: str
@@ -130,7 +130,7 @@ class ViewedCampaign:
     told: dict[str, dict[str, str]] = field(default_factory=dict)
     chosen: int = 0
     fits: list[Future[dict[str, Any]]] = field(default_factory=list)
-    medians: tuple[Keeps, float, float] | None = None
+    medians: dict[str, tuple[Keeps, float, float]] = field(default_factory=dict)
 
     @property
     def first(self) -> Run:
@@ -227,8 +227,15 @@ class ViewedCampaign:
             raise ConfigError(*(Fault(text, f"run {run.run.id}", next_step=step) for run, text in lacking))
         return self.ready_members()
 
-    def base(self, load_n: float | None = None) -> Base:
-        """Return what curves are drawn for: medians of the used samples that are there by now, or a given load.
+    def base(self, load_n: float | None = None, run_key: str = "") -> Base:
+        """Return what curves are drawn for.
+
+        Parameters
+        ----------
+        load_n : float, optional
+            In place of the median of the used samples.
+        run_key : str
+            Draw for one run; of all used ones where it is empty, or that run has no load that can be used.
 
         Raises
         ------
@@ -239,14 +246,18 @@ class ViewedCampaign:
         """
         keeps = self.keeps()
         used = [run for run in self.runs if run.key in keeps and run.seen]
-        median_n, speed_mps = self._medians(tuple((run.seen, keeps[run.key]) for run in used if run.seen))
+        own = [run for run in self.runs if run.key == run_key and run.seen]
+        median_n, speed_mps = self._medians(run_key, own, keeps)
+        if np.isnan(median_n):
+            own = used
+            median_n, speed_mps = self._medians("", own, keeps)
         if load_n is None and np.isnan(median_n):
             kind = NotReadyError if self.pending else DataError
             expected = "a run with a usable vertical load"
             missing = dict.fromkeys(text for run in used if run.seen for text in run.seen.missing.values())
             what = ", and ".join(missing) or "the load on the wheel is not known"
             raise kind(Fault(what, self.name, expected=expected))
-        infos = [run.run.info for run in used] or [self.first.info]
+        infos = [run.run.info for run in own] or [self.first.info]
         return Base(
             wheel=self.wheel,
             soil=self.soil,
@@ -257,16 +268,19 @@ class ViewedCampaign:
             inflation_kpa=min((info.inflation_kpa for info in infos if info.inflation_kpa), default=REFERENCE_KPA),
         )
 
-    def _medians(self, there: Keeps) -> tuple[float, float]:
-        """Return the medians of load and ground speed over all used samples of some runs; NaN where none is known."""
-        if self.medians is None or self.medians[0] != there:
+    def _medians(
+        self, key: str, own: Sequence[ViewedRun], keeps: Mapping[str, tuple[Interval, ...] | None]
+    ) -> tuple[float, float]:
+        """Return the medians of load and ground speed over the used samples of some runs; NaN where none is known."""
+        there = tuple((run.seen, keeps.get(run.key)) for run in own if run.seen)
+        if key not in self.medians or self.medians[key][0] != there:
             runs = [seen.kept(keep) for seen, keep in there]
             load_n, speed_mps = (
                 _median([getattr(run, name)[run.used] for run in runs])
                 for name in ("vertical_load_n", "ground_speed_mps")
             )
-            self.medians = (there, load_n, speed_mps)
-        return self.medians[1:]
+            self.medians[key] = (there, load_n, speed_mps)
+        return self.medians[key][1:]
 
     def check_keeps(self) -> None:
         """See that the choice fits the runs, and what is kept those that are processed by now.

@@ -158,7 +158,7 @@ class Desk:
         values = checked_values(asked.effects, asked.values, asked.soil)
         with self.lock:
             campaign = self.campaign(asked.campaign)
-            base = campaign.base(asked.load_n)
+            base = campaign.base(asked.load_n, asked.run or "")
             reading: Reading = asked.sinkage or campaign.choice.fit_choices().reading
         found = curve_of(base, asked.effects, reading, values)
         return {**found, "ms": round(1e3 * (perf_counter() - began_s), 2)}
@@ -210,8 +210,8 @@ class Desk:
         with self.lock:
             campaign = self.campaign(key)
             choice = campaign.choice
-            members, base, choices = campaign.members(), campaign.base(), choice.fit_choices()
-            asked = self._quick.ask(jobs.fit_members, members, choices, self.files.soil, base, urgent=True)
+            members, choices = campaign.members(), choice.fit_choices()
+            asked = self._quick.ask(jobs.fit_members, members, choices, self.files.soil, urgent=True)
             campaign.fits.append(asked)
         try:
             found: dict[str, Any] = asked.result()

@@ -14,7 +14,7 @@ import numpy as np
 
 from daq.errors import DataError
 from daq.run import Run
-from model.wheel_soil import Reading
+from model.wheel_soil import SOIL_PARAMETERS, Reading
 from processing.by_hand import Interval, keep_only
 from processing.options import ProcessOptions, require_roles
 from processing.processed_run import ProcessedRun
@@ -23,7 +23,6 @@ from wheelsoil.fitting import FitChoices, fit_as_json, fit_runs
 from wheelsoil.plain import plain
 from wheelsoil.report.material import source_of
 from wheelsoil.runs import process_runs
-from wheelsoil.view.curve import Base, curve_of
 from wheelsoil.view.trace import Trace, trace_of
 
 _DRAWN = (
@@ -113,24 +112,25 @@ def _slim(run: ProcessedRun) -> ProcessedRun:
     return replace(run, **changed)
 
 
-def fit_members(members: Sequence[Member], choices: FitChoices, soil: str | None, base: Base) -> dict[str, Any]:
-    """Return the fit as `fit --json` prints it, and each model's curve.
+def fit_members(members: Sequence[Member], choices: FitChoices, soil: str | None) -> dict[str, Any]:
+    """Return the fit as `fit --json` prints it, and by each model's name what its curve is asked with.
 
     Raises
     ------
     ConfigError, DataError
         See `wheelsoil.fitting.fit_runs`.
     """
-    processed = _taken(members, choices.purpose)
-    fit = fit_runs(processed, choices, soil)
+    fit = fit_runs(_taken(members, choices.purpose), choices, soil)
     curves = {
-        model.name: curve_of(replace(base, soil=fit.soil), model.effects, choices.reading, model.values)
+        model.name: {
+            "sinkage": choices.reading,
+            "effects": model.effects,
+            "values": {name: x for name, x in model.values.items() if name not in SOIL_PARAMETERS},
+            "soil": {name: x for name, x in model.values.items() if name in SOIL_PARAMETERS},
+        }
         for model in fit.models
     }
-    drawn = ("slip", "drawbar_pull_n", "driving_torque_nm")
-    found: dict[str, Any] = plain(
-        fit_as_json(fit) | {"curves": {n: {k: c[k] for k in drawn} for n, c in curves.items()}}
-    )
+    found: dict[str, Any] = plain(fit_as_json(fit) | {"curves": curves})
     return found
 
 

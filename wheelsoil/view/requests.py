@@ -34,8 +34,9 @@ class CampaignAsked(_Asked):
 
 
 class CurveAsked(_Asked):
-    """A model's curve for some values; what is left out is the campaign's, or neutral."""
+    """A model's curve for some values; what is left out is the run's, the campaign's (without a run), or neutral."""
 
+    run: Key | None = None
     sinkage: Literal["balanced", "literal"] | None = None
     effects: Annotated[tuple[Key, ...], Field(max_length=32)] = ()
     values: dict[Key, Finite] = {}

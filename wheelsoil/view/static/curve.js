@@ -4,40 +4,36 @@ import { ask, Gone, Locked } from "./api.js";
 import { get, write } from "./dom.js";
 import { BY_HAND, BY_HAND_B } from "./drawing.js";
 import { drawOver } from "./plots.js";
-import { state, tell } from "./store.js";
+import { current, state, tell } from "./store.js";
 import { tellError } from "./talk.js";
 
 const PATIENCE_MS = 15000;
-let asked = null; // the newest wish: { model, since }
+const drawn = new Map(); // what was asked for a fitted model -> its curve
+let wish = null; // the last one: { model, since }
+let asked = false; // whether it is still to be asked
 let flying = false;
-let fitted = [];
-let byHand = [];
+let fitted = []; // fitted models: { name, label, colour, dash, width, model }
 
 /** Draw the curve of these values: { sinkage, effects, values, soil, load_n }; `since` is when a slider was moved. */
 export function bend(model, since) {
-  asked = { model, since };
+  wish = { model, since };
+  asked = true;
   if (!flying) fly();
 }
 
-/** Curves of fitted models, beside the one by hand. */
-export function setFitted(curves) {
-  fitted = curves;
-  put();
-}
-
-function put() {
-  state.curves = [...byHand, ...fitted];
-  tell("curves");
-  drawOver("slip");
+/** Fitted models, whose curves are drawn beside the one by hand, for the same run and load. */
+export function setFitted(models) {
+  fitted = models;
+  if (!models.length) drawn.clear();
+  if (wish) bend(wish.model);
 }
 
 async function fly() {
   flying = true;
   try {
     while (asked) {
-      const { model, since } = asked;
-      asked = null;
-      await answer(model, since);
+      asked = false;
+      await answer(wish.model, wish.since);
     }
   } finally {
     flying = false;
@@ -45,22 +41,45 @@ async function fly() {
 }
 
 async function answer(model, since) {
-  const places = [[state.a?.campaign, BY_HAND, model]];
-  if (state.b && state.b.campaign !== state.a?.campaign) places.push([state.b.campaign, BY_HAND_B, { ...model, soil: {}, load_n: null }]);
+  const a = state.a, places = [[a, BY_HAND, model]];
+  if (state.b && state.b.campaign !== a?.campaign) places.push([state.b, BY_HAND_B, { ...model, soil: {}, load_n: null }]);
   try {
-    const told = await Promise.all(places.filter(([campaign]) => campaign).map(async ([campaign, look, body]) => ({ ...(await ask("/api/curve", { campaign, ...body }, PATIENCE_MS)), ...look, campaign })));
-    byHand = told;
+    const byHand = await Promise.all(places.filter(([place]) => place).map(async ([place, look, body]) => ({ ...(await curveOf(place, body)), ...look, campaign: place.campaign })));
     why("");
-    tell("load", told[0]?.load_n ?? null);
-    put();
-    if (since) measured(since, told[0]?.ms);
+    tell("load", byHand[0]?.load_n ?? null);
+    put([...byHand, ...(a ? await fittedOnes(a, model.load_n) : [])]);
+    if (since) measured(since, byHand[0]?.ms);
   } catch (error) {
     if (error instanceof Gone || error instanceof Locked) return tellError("the curve", error);
     if (!error.faults) throw error;
-    byHand = [];
-    why(error.faults.map(({ what, next_step: next }) => (next ? `${what}: ${next}` : what)).join("; "));
-    put();
+    why(wordsOf(error));
+    put([]);
   }
+}
+
+const curveOf = ({ campaign, run }, body) => ask("/api/curve", { campaign, run, ...body }, PATIENCE_MS);
+const wordsOf = ({ faults }) => faults.map(({ what, next_step: next }) => (next ? `${what}: ${next}` : what)).join("; ");
+
+/** The fitted models' curves, those that can be drawn; each is asked for once a run, load and choice. */
+async function fittedOnes(place, load) {
+  const found = await Promise.all(fitted.map(async ({ model, ...look }) => {
+    const key = JSON.stringify([place, load, current()?.choice, model]);
+    try {
+      if (!drawn.has(key)) drawn.set(key, await curveOf(place, { ...model, load_n: load }));
+    } catch (error) {
+      if (error instanceof Gone || error instanceof Locked || !error.faults) throw error;
+      why(`${look.label}: ${wordsOf(error)}`);
+      return [];
+    }
+    return [{ ...drawn.get(key), ...look }];
+  }));
+  return found.flat();
+}
+
+function put(curves) {
+  state.curves = curves;
+  tell("curves");
+  drawOver("slip");
 }
 
 /** How long it took from the slider to the drawn curve; also in the browser's own list of measures, as "curve". */

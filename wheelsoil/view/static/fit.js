@@ -49,7 +49,7 @@ function show() {
 
 function drawCurves(fit) {
   const shown = Object.entries(fit.curves).filter(([name]) => !off.has(name));
-  setFitted(shown.map(([name, curve]) => ({ ...curve, ...modelStyle(name), name, label: `${labelOf(name)}, fitted` })));
+  setFitted(shown.map(([name, model]) => ({ model, ...modelStyle(name), name, label: `${labelOf(name)}, fitted` })));
 }
 
 const labelOf = (name) => (name === OWN ? "chosen" : modelStyle(name).name);

@@ -200,7 +200,7 @@ export function setUp() {
   get("effect-search").addEventListener("input", search);
   on("load", (newtons) => {
     get("load").placeholder = newtons === null ? "" : String(Math.round(newtons));
-    write(get("load-hint"), loadN === null ? "empty: the campaign's median load" : "");
+    write(get("load-hint"), loadN === null ? "empty: the run's median load" : "");
   });
   on("picked", showModel);
   on("list", follow);
