@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterable, Iterator
 from math import isfinite
 
-from model.diagnosis.channel_words import FIELD_UNITS, NAMES, UNITS
+from model.diagnosis.channel_words import FIELD_NAMES, FIELD_UNITS, NAMES, UNITS
 from model.diagnosis.result import Cause, Diagnosis, Gain, Scores
 from wheelsoil.cli.talk import number, table_lines
 from wheelsoil.diagnosis_words import (
@@ -14,6 +14,7 @@ from wheelsoil.diagnosis_words import (
     NO_GAIN,
     effect_name,
     family_of,
+    finding_note,
     not_named,
     nothing_chosen,
     parameter_name,
@@ -27,9 +28,9 @@ _LEAST_SHOWN = 0.01
 _MOST_FINDINGS = 8
 _FINDINGS = (
     "median: of measured less simulated there; shape: what that shape adds by itself, beside a soil that moves with "
-    "it, so that its sign can be the other"
+    "it, so that its sign can be the other."
 )
-_MEANS = "mean: of measured less simulated over these rows"
+_MEANS = "mean: of measured less simulated over these rows."
 _LEAST_WIDTH, _MOST_WIDTH = 80, 100
 
 
@@ -131,7 +132,7 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
     of_rows = all(found.of_rows for found in findings)
     rows = [
         [
-            plain_name(found.channel),
+            FIELD_NAMES.get(found.channel, found.channel),
             *([] if of_rows else [_in_unit(diagnosis.median_there(found), found.channel)]),
             _in_unit(found.size, found.channel),
             number(found.statistic, 3),
@@ -151,7 +152,7 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
     ]
     more = len(diagnosis.what_is_wrong) - len(findings)
     tail = [f"and {more} more (--json)"] if more else []
-    note = wrapped(_MEANS if of_rows else _FINDINGS, width - 2)
+    note = wrapped(finding_note(_MEANS if of_rows else _FINDINGS, findings), width - 2)
     return ["Where the simulation is off, worst first", *_indented([*folded, *tail, *note])]
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from math import isfinite
 
 from daq.shown import probability as probability
-from model.diagnosis.result import CauseSet, Detectable, Gain
+from model.diagnosis.channel_words import INPUT_FIELDS
+from model.diagnosis.result import CauseSet, Detectable, Finding, Gain
 from model.diagnosis.verdict_words import SUMS
 from model.effects import EFFECTS
 
@@ -17,6 +18,12 @@ FINDING_NOTE = (
     "misfit in one range pushes the curve off in another. Sigmas: "
     "the size over its standard deviation, which allows for correlated noise, errors of speed and load, and the soil."
 )
+MISREAD_NOTE = "As if misread: the error of that input, measured less true, that would look so; there need not be one."
+
+
+def finding_note(note: str, found: Iterable[Finding]) -> str:
+    """Return a note on findings, with what an error of an input means where one is among them."""
+    return f"{note} {MISREAD_NOTE}" if any(one.channel in INPUT_FIELDS for one in found) else note
 
 
 def plain_name(name: str) -> str:

@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
-from model.diagnosis.channel_words import INPUT_FIELDS
 from model.diagnosis.grams import Grams
 from model.diagnosis.result import Adequacy
 
@@ -134,10 +133,7 @@ def _kinds(labels: tuple[str, ...]) -> list[NDArray[np.intp]]:
     """Return the shapes of each kind, and all of them."""
     groups: dict[str, list[int]] = {}
     for i, label in enumerate(labels):
-        channel, _, where = label.partition("|")
-        kind = _RANGE.sub("", where)
-        if channel in INPUT_FIELDS:
-            kind = f"error of {channel}, {kind}"
+        kind = _RANGE.sub("", label.partition("|")[2])
         groups.setdefault("time in a run" if kind.endswith(",") else kind, []).append(i)
     several = list(groups.values()) if len(groups) > 1 else []
     return [np.array(shapes, np.intp) for shapes in [*several, list(range(len(labels)))]]

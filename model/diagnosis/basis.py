@@ -1,13 +1,17 @@
 """The catch-all: shapes of misfit that no cause of the library has to have.
 
-Smooth hats over everything that a misfit may hang on, for each channel on its own. Their labels are what a person is
-told: "dp|slip 0.35 to 0.65". They are taken at the smoothed slip, like everything else.
+Smooth hats over everything that a misfit may hang on, for each channel on its own; a zero that grows with the load,
+which standstills part from the soil; and errors of ground speed and load, which show in all channels at once. Their
+labels are what a person is told: "dp|slip 0.35 to 0.65". They are taken at the smoothed slip, like everything else.
+
+Cross-talk and a constant zero, one taken for the other, leave a zero that grows with the load. Where no shape shows it,
+it passes for zeros that differ from run to run.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +19,9 @@ from numpy.typing import NDArray
 from model.diagnosis.hats import ends, hat_label, hats, hats_of_speed
 from model.diagnosis.input_shapes import input_shapes
 from model.diagnosis.linearise import Linear
-from model.diagnosis.rests import CHANNELS as CHANNELS_AT_REST
+from model.diagnosis.rests import AT_REST
 from model.diagnosis.samples import Samples
-from model.diagnosis.zero_shapes import LOAD_SPREAD, ZERO_WITH_LOAD, zero_shape
+from model.diagnosis.with_load import LOAD_SPREAD, ZERO_WITH_LOAD, growing_with_load, several_loads
 
 FloatArray = NDArray[np.float64]
 Shape = tuple[str, FloatArray]
@@ -47,7 +51,7 @@ class Basis:
     rests : array, shape (2, m, b)
         Of drawbar pull and torque at standstill.
     heights : array, shape (b,)
-        Largest value of each shape, in the unit of its channel or input.
+        Largest error of an input, m/s or N; NaN for a shape of a channel.
     """
 
     labels: tuple[str, ...]
@@ -57,28 +61,58 @@ class Basis:
 
 
 def basis(samples: Samples, linear: Linear) -> Basis:
-    """Return the shapes of the channels, then those of the inputs."""
-    at_rest = {ZERO_WITH_LOAD: zero_shape(samples.rests.conditions, linear.conditions)}
+    """Return the shapes of the channels, then the zeros that standstills show, then those of the inputs.
+
+    Parameters
+    ----------
+    samples : Samples
+    linear : Linear
+    """
     shapes = [(label, x) for label, x in _shapes(samples, linear) if np.std(x) > 0]
-    inputs = list(input_shapes(linear))
+    zeros, inputs = _channels_with_zeros(samples, linear), list(input_shapes(linear))
+    found = _empty(samples, linear, len(shapes) * len(linear.channels) + len(zeros) + len(inputs))
+    labels: list[str] = []
+    for row, channel in enumerate(linear.channels):
+        amplitude = _amplitude(samples, channel)
+        for label, x in shapes:
+            found.columns[row, :, len(labels)] = amplitude * x
+            labels.append(f"{channel}|{label}")
+    for channel in zeros:
+        amplitude, drive = _amplitude(samples, channel), linear.conditions
+        rolling, resting = (growing_with_load(at, drive) for at in (drive, samples.rests.conditions))
+        found.columns[linear.channels.index(channel), :, len(labels)] = amplitude * rolling
+        found.rests[AT_REST.index(channel), :, len(labels)] = amplitude * resting
+        labels.append(f"{channel}|{ZERO_WITH_LOAD}")
+    for shape in inputs:
+        found.columns[..., len(labels)] = shape.columns
+        found.heights[len(labels)] = shape.height
+        labels.append(shape.label)
+    return replace(found, labels=tuple(labels))
+
+
+def no_basis(samples: Samples, linear: Linear) -> Basis:
+    """Return no shapes at all, for a fit that has no use for them."""
+    return _empty(samples, linear, 0)
+
+
+def _empty(samples: Samples, linear: Linear, count: int) -> Basis:
+    rests = np.zeros((len(AT_REST), len(samples.rests), count))
+    return Basis((), np.zeros((*linear.value.shape, count)), rests, np.full(count, np.nan))
+
+
+def _channels_with_zeros(samples: Samples, linear: Linear) -> list[str]:
+    """Return the channels whose standstills part a zero that grows with the load from the soil."""
+    if not several_loads(linear.conditions):
+        return []
+    known = [c for c in AT_REST if c in linear.channels and c in samples.rests.measured]
+    return [c for c in known if np.isfinite(samples.rests.measured[c]).any()]
+
+
+def _amplitude(samples: Samples, channel: str) -> float:
+    """Return one-sigma of a shape, in the channel's unit."""
     load = float(np.median(samples.conditions.vertical_load_n)) if len(samples) else 1.0
     unit = {"dp": load, "t": load * samples.wheel_radius_m, "z": samples.wheel_radius_m}
-    own = len(shapes) * len(linear.channels)
-    columns = np.zeros((*linear.value.shape, own + len(inputs)))
-    rests = np.zeros((2, len(samples.rests), columns.shape[-1]))
-    labels: list[str] = []
-    for c, channel in enumerate(linear.channels):
-        for label, x in shapes:
-            amplitude = AMPLITUDE[channel] * unit[channel]
-            columns[c, :, len(labels)] = amplitude * x
-            if label in at_rest and channel in CHANNELS_AT_REST:
-                rests[CHANNELS_AT_REST.index(channel), :, len(labels)] = amplitude * at_rest[label]
-            labels.append(f"{channel}|{label}")
-    heights = np.abs(columns[..., :own]).max(axis=(0, 1), initial=0.0)
-    for i, shape in enumerate(inputs, own):
-        columns[..., i] = shape.columns
-    heights = np.r_[heights, [shape.height for shape in inputs]]
-    return Basis((*labels, *(shape.label for shape in inputs)), columns, rests, heights)
+    return AMPLITUDE[channel] * unit[channel]
 
 
 def _shapes(samples: Samples, linear: Linear) -> Iterator[Shape]:
@@ -98,7 +132,6 @@ def _shapes(samples: Samples, linear: Linear) -> Iterator[Shape]:
     direction = np.asarray(samples.conditions.direction)
     yield "direction, driving", direction * driving
     yield "direction, braking", direction * (1.0 - driving)
-    yield ZERO_WITH_LOAD, zero_shape(at, at)
     yield from _products(samples, linear, driving)
 
 

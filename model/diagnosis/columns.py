@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.diagnosis.basis import basis
+from model.diagnosis.basis import basis, no_basis
 from model.diagnosis.grams import CauseColumn
 from model.diagnosis.linearise import Linear, Simulation
 from model.diagnosis.noise import constants, loading
-from model.diagnosis.rests import CHANNELS
+from model.diagnosis.rests import AT_REST
 from model.diagnosis.samples import Samples
 
 FloatArray = NDArray[np.float64]
@@ -33,7 +33,8 @@ class Columns:
     causes : tuple of CauseColumn
     basis : tuple of str
     heights : array, shape (b,)
-        Of the catch-all's shapes, see `model.diagnosis.basis`.
+        Of the catch-all's shapes: the largest value where it was measured, in the channel's unit; of an error of an
+        input the largest error.
     constants : tuple of str
         Hyper-parameter that scales each of the last columns.
     """
@@ -78,7 +79,7 @@ def cause_columns(simulation: Simulation, causes: dict[str, float]) -> tuple[Cau
     return tuple(found)
 
 
-def columns_of(simulation: Simulation, samples: Samples, linear: Linear) -> Columns:
+def columns_of(simulation: Simulation, samples: Samples, linear: Linear, *, catch_all: bool = True) -> Columns:
     """Put the columns together.
 
     The model is y = f + S (u - u0) + X (c - c0) + f' (e - e0) + ..., so that what is whitened is
@@ -89,11 +90,13 @@ def columns_of(simulation: Simulation, samples: Samples, linear: Linear) -> Colu
     simulation : Simulation
     samples : Samples
     linear : Linear
+    catch_all : bool
+        Whether to take up the catch-all's shapes.
     """
     causes = cause_columns(simulation, linear.point.causes)
     scale = np.array([c.scale for c in causes])
     at = np.array([(c.centre - c.neutral) / c.scale for c in causes])
-    shapes = basis(samples, linear)
+    shapes = basis(samples, linear) if catch_all else no_basis(samples, linear)
     measured = np.stack([samples.measured[c] for c in linear.channels])
     own = linear.causes * scale
     residual = measured - linear.value + linear.soil @ linear.point.soil
@@ -102,16 +105,20 @@ def columns_of(simulation: Simulation, samples: Samples, linear: Linear) -> Colu
     by_run = constants(linear.channels)
     turning = [loading(linear, samples, name) for _, name in by_run]
     rows = np.concatenate([residual[..., None], linear.soil, own, shapes.columns, np.stack(turning, axis=-1)], axis=-1)
+    rows = np.where(present[..., None], rows, 0.0)
+    first = 1 + linear.soil.shape[-1] + own.shape[-1]
+    block = rows[..., first : first + len(shapes.labels)]
+    heights = np.maximum(block.max(axis=(0, 1), initial=0.0), -block.min(axis=(0, 1), initial=0.0))
     rests, rests_present = _at_rest(samples, linear, scale, at, shapes.rests, rows.shape[-1])
     return Columns(
-        rows=np.where(present[..., None], rows, 0.0),
+        rows=rows,
         present=present,
         rests=rests,
         rests_present=rests_present,
         soil=simulation.space.labels,
         causes=causes,
         basis=shapes.labels,
-        heights=shapes.heights,
+        heights=np.where(np.isnan(shapes.heights), heights, shapes.heights),
         constants=tuple(name for name, _ in by_run),
     )
 
@@ -130,7 +137,7 @@ def _at_rest(
     own = linear.rest_causes * scale
     start = 1 + linear.soil.shape[-1]
     by_run = constants(linear.channels)
-    for row, channel in enumerate(CHANNELS):
+    for row, channel in enumerate(AT_REST):
         if channel not in rests.measured or channel not in linear.channels:
             continue
         residual = rests.measured[channel] - linear.rest_value[row] + own[row] @ at

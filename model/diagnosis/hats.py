@@ -33,7 +33,7 @@ def hats(
     knots : tuple of float
         Ascending; of equal ones the last is kept.
     on : bool array, shape (n,)
-        Where the shape is not zero anyway.
+        Where it may differ from zero; elsewhere it is zero.
     say : callable
         Turns a knot into what is said of it.
     unit : str

@@ -6,7 +6,7 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from daq.shown import html_paragraph, html_table, number, probability
-from model.diagnosis.channel_words import FIELD_UNITS, NAMES, UNITS
+from model.diagnosis.channel_words import FIELD_NAMES, FIELD_UNITS, NAMES, UNITS
 
 if TYPE_CHECKING:
     from model.diagnosis.result import Cause, Diagnosis, Gain
@@ -26,7 +26,12 @@ def diagnosis_html(found: Diagnosis) -> str:
     if likely:
         shown.append(html_table(["candidate", "probability"], likely))
     wrong = [
-        [_plain(w.channel), w.where, f"{number(w.size, 3)} {FIELD_UNITS.get(w.channel, '')}", number(w.statistic, 3)]
+        [
+            FIELD_NAMES.get(w.channel, w.channel),
+            w.where,
+            f"{number(w.size, 3)} {FIELD_UNITS.get(w.channel, '')}",
+            number(w.statistic, 3),
+        ]
         for w in found.what_is_wrong[:_MOST_FINDINGS]
     ]
     if wrong:

@@ -99,7 +99,7 @@ def _variants(run: Samples, all_runs: Samples) -> Iterator[tuple[str, Samples]]:
 def _load_words(load_n: float, so_far_n: float) -> str:
     """Return a load on the wheel and the mass that makes it, counted from the most or the least so far."""
     mass_kg = (load_n - so_far_n) / STANDARD_GRAVITY_MPS2
-    change = f"{round(abs(mass_kg), -1):.0f} kg {'more' if mass_kg > 0 else 'less'}"
+    change = f"{float(f'{abs(mass_kg):.2g}'):g} kg {'more' if mass_kg > 0 else 'less'}"
     return f"about {load_n / 1e3:.1f} kN on the wheel, {change} there than so far"
 
 

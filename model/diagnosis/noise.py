@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.linearise import Linear
+from model.diagnosis.rests import AT_REST
 from model.diagnosis.samples import Samples
 
 FloatArray = NDArray[np.float64]
@@ -206,7 +207,7 @@ def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float])
     what differs from one standstill to the next.
     """
     found = np.ones((2, len(samples.rests)))
-    for row, c in enumerate(("dp", "t")):
+    for row, c in enumerate(AT_REST):
         if c not in linear.channels:
             continue
         length = np.maximum(samples.rests.duration_s, 0.1) / values[f"{UNITS[c][0]}_noise_time_s"]

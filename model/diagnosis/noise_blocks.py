@@ -19,6 +19,7 @@ from model.diagnosis.noise import (
     rest_variance,
     second_order_variance,
 )
+from model.diagnosis.rests import AT_REST
 from model.diagnosis.samples import Samples
 
 FloatArray = NDArray[np.float64]
@@ -71,7 +72,7 @@ def blocks_of(
         Hyper-parameters that say how well a standstill's level is known from its own length.
     """
     found = []
-    resting = rest_variance(linear, samples, {**values, **{named(c, "at_rest"): 0.0 for c in ("dp", "t")}})
+    resting = rest_variance(linear, samples, {**values, **{named(c, "at_rest"): 0.0 for c in AT_REST}})
     second = second_order_variance(linear, speed_variance)
     for run in range(samples.runs):
         own = np.flatnonzero((samples.run == run) & columns.present.any(axis=0))
@@ -115,7 +116,7 @@ def _block(
     for i, c in enumerate(channels):
         white.append((named(c, "white"), np.concatenate([channel == i, np.zeros(len(row), bool)])))
         if c != "z":
-            mine = row == ("dp", "t").index(c)
+            mine = row == AT_REST.index(c)
             white.append((named(c, "at_rest"), np.concatenate([np.zeros(drives, bool), mine])))
     return Block(
         columns=np.concatenate([columns.rows[channel, at, :keep], columns.rests[row, standing, :keep]]),

@@ -11,6 +11,7 @@ from model.conditions import Conditions
 from model.diagnosis.linearise import Simulation, at_rest
 from model.diagnosis.manoeuvres import with_standstills
 from model.diagnosis.noise import rest_variance
+from model.diagnosis.rests import AT_REST
 from model.diagnosis.samples import Samples
 from model.diagnosis.view import View
 from model.dual import Dual, Number, column
@@ -39,7 +40,7 @@ def lifted_wheel(view: View, simulation: Simulation, run: Samples) -> FloatArray
     lifted = replace(standing, rests=replace(standing.rests, conditions=conditions))
     _, by_cause = at_rest(simulation, lifted, _known(view, simulation))
     variance = rest_variance(view.linear, lifted, view.noise.values)
-    present = np.array([c in view.linear.channels for c in ("dp", "t")])
+    present = np.array([c in view.linear.channels for c in AT_REST])
     rows = (by_cause / np.sqrt(variance)[..., None])[present].reshape(-1, by_cause.shape[-1])
     by_load = _by_inputs(simulation, conditions, "vertical_load_n") / view.noise.values["load_noise_n"]
     return _products(np.concatenate([rows, by_load]), simulation)

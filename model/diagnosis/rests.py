@@ -15,7 +15,7 @@ from processing.processed_run import ProcessedRun, Standstill
 FloatArray = NDArray[np.float64]
 
 _FIELDS = {"dp": "drawbar_pull_n", "t": "driving_torque_nm"}
-CHANNELS = tuple(_FIELDS)
+AT_REST = tuple(_FIELDS)
 """What is measured at standstill, in the order of arrays over it."""
 _CUT_S = 0.8
 """Left out at an end of a standstill that a motion follows or precedes: the wheel is seen to turn only after the first

@@ -73,12 +73,13 @@ class Finding:
 
     Attributes
     ----------
-    channel : "drawbar_pull", "driving_torque" or "sinkage"
+    channel : "drawbar_pull", "driving_torque" or "sinkage"; or an input, "ground_speed" or "vertical_load"
     where : str
         e.g. "slip 0.4 to 0.9, driving".
     size : float
-        N, N m or m. Of recorded runs the height of the shape of misfit there, once soil and the stronger findings were
-        taken out, where the shape is largest; of a bench table the mean of measured less simulated.
+        N, N m, m or m/s. Of recorded runs the height of the shape of misfit there, once soil and the stronger findings
+        were taken out, where the shape is largest; of a bench table the mean of measured less simulated. Of an input
+        the error, measured less true, that would look like this misfit.
     statistic : float
         Over its standard deviation (signed).
     slips : tuple of float, optional

@@ -146,9 +146,7 @@ class SetProblem:
 
     @staticmethod
     def _columns(part: Part, linear: Linear) -> Columns:
-        full = columns_of(part.simulation, part.view.samples, linear)
-        keep = np.r_[0 : 1 + len(full.soil) + len(full.causes), full.shared : full.rows.shape[-1]]
-        return replace(full, rows=full.rows[..., keep], rests=full.rests[..., keep], basis=(), heights=np.zeros(0))
+        return columns_of(part.simulation, part.view.samples, linear, catch_all=False)
 
     def _rows(self, part: Part, x: FloatArray) -> list[FloatArray]:
         """Return residual and derivatives of each run of a campaign, in the layout of x."""

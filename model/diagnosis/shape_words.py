@@ -23,6 +23,7 @@ _FIXED = {
 _RANGES = (
     (re.compile(r"^braking, slip - (\S+) to (\S+)$"), r"braking, slip -\1 to -\2"),
     (re.compile(r"^ground speed (\S+) to (\S+)$"), r"ground speed \1 to \2 m/s"),
+    (re.compile(r"^as if misread, ground speed (\S+) to (\S+)$"), r"as if misread, at \1 to \2 m/s"),
     (re.compile(r"^place on the line (\S+) to (\S+)$"), r"place on the line \1 to \2 (of -1 to 1)"),
     (re.compile(r"^(drawbar pull|torque) (\S+ to \S+ kN.*)$"), r"simulated \1 \2"),
 )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from model.diagnosis.adequacy import LeftOver, left_over
 from model.diagnosis.basis import SLIP_RANGES
-from model.diagnosis.channel_words import FIELDS, INPUT_FIELDS
+from model.diagnosis.channel_words import FINDING_FIELDS, INPUTS
 from model.diagnosis.grams import Grams
 from model.diagnosis.result import Finding
 from model.diagnosis.shape_words import shape_words
@@ -24,7 +24,7 @@ from model.diagnosis.view import View
 FloatArray = NDArray[np.float64]
 
 LEAST = 3.5
-"""Size of a statistic from which on a shape is said: one of 80 shapes exceeds it by chance in one of 30 campaigns."""
+"""Size of a statistic from which on a shape is said: one of 140 shapes exceeds it by chance in one of 15 campaigns."""
 MOST = 8
 _SEEN = 0.05
 """Share of a shape's information that soil and earlier findings must have left."""
@@ -49,7 +49,7 @@ def findings(
         is a name for it, they are not asked for.
     """
     heights = np.concatenate([view.columns.heights for view in views])
-    asked = [i for i, label in enumerate(grams.basis) if inputs or label.partition("|")[0] not in INPUT_FIELDS]
+    asked = [i for i, label in enumerate(grams.basis) if inputs or label.partition("|")[0] not in INPUTS]
     left = left_over(grams, keys)
     left = LeftOver(left.misfit, left.score[asked], left.information[np.ix_(asked, asked)])
     found = found_in(left, tuple(grams.basis[i] for i in asked), heights[asked], excess)
@@ -93,7 +93,7 @@ def found_in(left: LeftOver, labels: tuple[str, ...], height: FloatArray, excess
             break
         channel, _, where = labels[worst].partition("|")
         size = float(score[worst] / own[worst] * height[worst])
-        found.append(Finding({**FIELDS, **INPUT_FIELDS}.get(channel, channel), where, size, float(z[worst])))
+        found.append(Finding(FINDING_FIELDS.get(channel, channel), where, size, float(z[worst])))
         column = information[:, worst] / own[worst]
         score = score - column * score[worst]
         information = information - np.outer(column, information[worst])

@@ -108,6 +108,7 @@ def test_a_run_that_lacks_a_signal_leaves_the_others_their_fit(campaign, tmp_pat
     assert report.not_fitted == "run-1"
     numbers = report.numbers()
     assert numbers["left_out"] == {}
+    assert numbers["not_fitted"] == "run-1"
     criteria, alone = (one["sections"]["criteria"]["models"]["lyasko"] for one in (numbers, whole))
     assert criteria["coefficients"] == pytest.approx(alone["coefficients"], rel=1e-6)
     glance = numbers["sections"]["glance"]
@@ -138,6 +139,17 @@ def test_figures_of_the_models_hold_the_fitted_runs_only_and_say_so(campaign, tm
     assert ("measured" in names) == (role != "ground_speed") and "Lyasko" not in names
     assert "run-1" in mixed["figures"]["shares"]["traces"][0]["y"]
     assert "run-1" in {trace["shown_for"] for trace in mixed["figures"]["drive-speed"]["traces"]}
+
+
+def test_the_terminal_tells_what_was_not_fitted(campaign, tmp_path):
+    whole = rewritten(campaign, tmp_path / "c", runs=2)
+    poor = rewritten(campaign, tmp_path / "d", ground_speed="")
+    page = ("-o", tmp_path / "r.html", "--no-diagnosis", "--json")
+    shown = ok("report", poor / "run-1.mcap", whole / "run-2.mcap", *page)
+    assert "not fitted, for a signal is missing (the page says which): run-1" in shown.err
+    assert shown.json["not_fitted"] == "run-1"
+    alone = ok("report", poor, *page, "--force")
+    assert "not fitted" not in alone.err and alone.json["not_fitted"] == ""
 
 
 def test_runs_that_lack_different_signals_are_named(campaign, tmp_path):

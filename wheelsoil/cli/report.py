@@ -107,9 +107,19 @@ def command(
     for key, why in report.left_out.items():
         say(f"section {key} left out: {why}")
     if report.not_fitted:
-        say_folded(f"not fitted, for a signal is missing: {report.not_fitted}; the quality section says which")
+        say_folded(
+            f"not fitted, for a signal is missing (the page says which): {report.not_fitted}"
+        )
     if json:
-        print_json({"report": page, "numbers": numbers, "left_out": report.left_out, "result": report.sentence})
+        print_json(
+            {
+                "report": page,
+                "numbers": numbers,
+                "left_out": report.left_out,
+                "not_fitted": report.not_fitted,
+                "result": report.sentence,
+            }
+        )
     else:
         print_facts([("report", str(page)), ("numbers", str(numbers))])
         say(report.sentence)

@@ -55,6 +55,7 @@ class Report:
             "title": self.title,
             "made_at": self.made_at.isoformat(timespec="seconds"),
             "left_out": self.left_out,
+            "not_fitted": self.not_fitted,
             "sections": {section.key: plain(section.numbers) for section in self.sections},
             "texts": {section.key: texts_of(section) for section in self.sections},
             "figures": {figure.key: drawn(figure) for section in self.sections for figure in figures_of(section)},
@@ -116,7 +117,7 @@ def build_report(material: Material) -> Report:
         sections=tuple(sections),
         left_out=left_out,
         made_at=datetime.now(UTC),
-        not_fitted=material.not_fitted if material.campaign else "",
+        not_fitted=material.not_fitted,
     )
 
 

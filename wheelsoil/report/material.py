@@ -153,8 +153,8 @@ class Material:
 
     @property
     def not_fitted(self) -> str:
-        """The other runs in words; empty where there are none."""
-        names = [run.run.id for run in self.runs if run.quality.missing]
+        """The other runs in words; empty where there are none, or none was fitted."""
+        names = [run.run.id for run in self.runs if run.quality.missing and self.campaign]
         return listed(names) if len(names) <= _NAMED else f"{len(names)} of {len(self.runs)} runs"
 
     @cached_property

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from model.diagnosis.channel_words import FIELD_UNITS, NAMES, UNITS
+from model.diagnosis.channel_words import FIELD_NAMES, FIELD_UNITS, NAMES, UNITS
 from model.diagnosis.result import Diagnosis, Seen
 from wheelsoil.diagnosis_words import (
     FINDING_NOTE,
+    finding_note,
     plain_name,
 )
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
@@ -57,7 +58,7 @@ def _findings(found: Diagnosis) -> Block:
     of_rows = all(one.of_rows for one in found.what_is_wrong)
     rows = [
         [
-            plain_name(one.channel),
+            FIELD_NAMES.get(one.channel, one.channel),
             one.where,
             *([] if of_rows else [_with_unit(found.median_there(one), one.channel)]),
             _with_unit(one.size, one.channel),
@@ -67,6 +68,7 @@ def _findings(found: Diagnosis) -> Block:
     ]
     head = ["channel", "where", *(["mean there"] if of_rows else ["median there", "size of the shape"]), "sigmas"]
     note = "Mean there: of measured less simulated over these rows." if of_rows else FINDING_NOTE
+    note = finding_note(note, found.what_is_wrong[:_SHOWN])
     return Table("Where the simulation is off, worst first", head, rows, note, left=2)
 
 

@@ -1,8 +1,4 @@
-"""A zero that nobody lists: what a channel reads too much of, rolling or not, the more the larger the load.
-
-A standstill shows it without any soil. Cross-talk and a constant zero, one taken for the other, leave it behind; where
-no shape shows it, it passes for zeros that differ from run to run.
-"""
+"""What grows with the load."""
 
 from __future__ import annotations
 
@@ -16,10 +12,12 @@ FloatArray = NDArray[np.float64]
 ZERO_WITH_LOAD = "zero, growing with load"
 LOAD_SPREAD = 0.15
 """Departure from the mean load, as a share of it, at which a shape that grows with load is 1."""
+_SAME_LOAD = 1e-6
+"""Share of the mean by which loads must differ to be two."""
 
 
-def zero_shape(at: Conditions, drive: Conditions) -> FloatArray:
-    """Return a zero that grows with the load, shape (n,): 1 where the load is `LOAD_SPREAD` above its mean.
+def growing_with_load(at: Conditions, drive: Conditions) -> FloatArray:
+    """Return a shape that grows with the load, shape (n,): 1 where the load is `LOAD_SPREAD` above its mean.
 
     Parameters
     ----------
@@ -30,3 +28,9 @@ def zero_shape(at: Conditions, drive: Conditions) -> FloatArray:
     """
     mean = float(np.mean(np.asarray(drive.vertical_load_n)))
     return (np.asarray(at.vertical_load_n) / mean - 1.0) / LOAD_SPREAD
+
+
+def several_loads(drive: Conditions) -> bool:
+    """Return whether there is more than one load."""
+    load = np.asarray(drive.vertical_load_n)
+    return bool(np.ptp(load) > _SAME_LOAD * load.mean())

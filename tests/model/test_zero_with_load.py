@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign
@@ -12,16 +14,20 @@ from model.diagnosis.diagnose import diagnose
 from model.diagnosis.linearise import Point, Simulation, linearise
 from model.diagnosis.samples import Samples, samples_of
 from model.diagnosis.soil_space import soil_space
-from model.diagnosis.zero_shapes import ZERO_WITH_LOAD
+from model.diagnosis.with_load import ZERO_WITH_LOAD
 from model.effects import EFFECTS
+
+
+def sampled() -> tuple[Samples, Simulation]:
+    campaign = simulated_campaign(runs=3)
+    samples = samples_of(campaign, DiagnosisOptions().channels)
+    samples = samples[np.arange(len(samples)) % 4 == 0]
+    return samples, Simulation(campaign.wheel, campaign.soil, soil_space(campaign.soil_prior), (), "balanced")
 
 
 @pytest.fixture(scope="module")
 def seen() -> tuple[Samples, Basis]:
-    campaign = simulated_campaign(runs=3)
-    samples = samples_of(campaign, DiagnosisOptions().channels)
-    samples = samples[np.arange(len(samples)) % 4 == 0]
-    simulation = Simulation(campaign.wheel, campaign.soil, soil_space(campaign.soil_prior), (), "balanced")
+    samples, simulation = sampled()
     linear = linearise(simulation, samples, Point(np.zeros(len(simulation.space)), {}, np.zeros(len(samples))))
     return samples, basis(samples, linear)
 
@@ -36,9 +42,24 @@ def test_one_zero_is_the_same_function_of_the_load_rolling_and_at_rest(
     rolling = np.polyfit(load, found.columns[row, :, at], 1)
     resting = np.polyfit(np.asarray(samples.rests.conditions.vertical_load_n), found.rests[row, :, at], 1)
     np.testing.assert_allclose(resting, rolling, rtol=1e-6)
-    assert np.polyval(rolling, load.mean()) == pytest.approx(0.0, abs=1e-6 * found.heights[at])
+    assert np.polyval(rolling, load.mean()) == pytest.approx(0.0, abs=1e-6 * np.abs(found.columns[row, :, at]).max())
     assert not found.columns[1 - row, :, at].any()
     assert not found.rests[1 - row, :, at].any()
+
+
+def test_without_a_standstill_there_is_no_such_shape() -> None:
+    samples, simulation = sampled()
+    none = samples.rests.run < 0
+    rests = replace(samples.rests, run=samples.rests.run[none])
+    measured = {channel: values[none] for channel, values in samples.rests.measured.items()}
+    never = replace(samples, rests=replace(rests, measured=measured))
+    point = Point(np.zeros(len(simulation.space)), {}, np.zeros(len(samples)))
+    linear = linearise(simulation, samples, point)
+    assert f"dp|{ZERO_WITH_LOAD}" in basis(samples, linear).labels
+    assert not [label for label in basis(never, linear).labels if ZERO_WITH_LOAD in label]
+    unread = {**samples.rests.measured, "t": np.full(len(samples.rests), np.nan)}
+    only_dp = replace(samples, rests=replace(samples.rests, measured=unread))
+    assert [label for label in basis(only_dp, linear).labels if ZERO_WITH_LOAD in label] == [f"dp|{ZERO_WITH_LOAD}"]
 
 
 def test_only_zeros_show_at_rest(seen: tuple[Samples, Basis]) -> None:
