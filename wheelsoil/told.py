@@ -17,6 +17,10 @@ def runs_by_text(
     runs : iterable of ProcessedRun
     texts_of : callable
         What is said of a run.
+
+    Returns
+    -------
+    mapping text -> list of str
     """
     about: dict[str, list[str]] = {}
     for run in runs:

@@ -1,4 +1,4 @@
-"""What a diagnosis says; `as_json` gives the contract that other programs read (``wheelsoil/diagnosis/1``)."""
+"""What a diagnosis says."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.channel_words import FIELD_KEYS
+from model.diagnosis.contract import diagnosis_json
 from model.diagnosis.html import diagnosis_html
 
 FloatArray = NDArray[np.float64]
 
-SCHEMA = "wheelsoil/diagnosis/1"
 Verdict = Literal["named", "one_of", "unexplained", "nothing_detectable"]
 
 
@@ -279,7 +279,14 @@ class Diagnosis:
     def median_there(self, found: Finding) -> float:
         """Return the median of measured less simulated over the slips of a finding's shape, as figures show it.
 
-        In the channel's unit; NaN where the shape is none over slip or has no samples to be seen.
+        Parameters
+        ----------
+        found : Finding
+
+        Returns
+        -------
+        float
+            In the channel's unit; NaN where the shape is none over slip or has no samples to be seen.
         """
         if found.slips is None:
             return float("nan")
@@ -295,63 +302,4 @@ class Diagnosis:
 
     def as_json(self) -> dict[str, Any]:
         """Return the contract's mapping; NaN stays NaN, for the writer to turn into null."""
-        return {
-            "schema": SCHEMA,
-            "verdict": self.verdict,
-            "sentence": self.sentence,
-            "causes": [_cause(cause) for cause in self.causes],
-            "candidates": [{"name": c.name, "probability": c.probability} for c in self.candidates],
-            "sets": [{"causes": list(one.causes), "probability": one.probability} for one in self.sets],
-            "what_is_wrong": [
-                {**_finding(finding), "median_there": self.median_there(finding)} for finding in self.what_is_wrong
-            ],
-            "gain": None if self.gain is None else _gain(self.gain),
-            "inconsistent": [vars(item) for item in self.inconsistent],
-            "adequacy": None if self.adequacy is None else vars(self.adequacy),
-            "proposal": None if self.proposal is None else vars(self.proposal),
-            "minimum_detectable": {key: vars(found) for key, found in self.minimum_detectable.items()},
-            "next_run": [{**vars(run), "separates": list(run.separates)} for run in self.next_run],
-            "cannot_tell": self.cannot_tell,
-            "notes": list(self.notes),
-            "noise": self.noise,
-            "soils": [vars(soil) for soil in self.soils],
-            "stages_s": self.stages_s,
-        }
-
-
-def _finding(found: Finding) -> dict[str, Any]:
-    return {"channel": found.channel, "where": found.where, "size": found.size, "statistic": found.statistic}
-
-
-def _cause(cause: Cause) -> dict[str, Any]:
-    return {
-        "name": cause.name,
-        "form": cause.form,
-        "kind": cause.kind,
-        "probability": cause.probability,
-        "form_probability": cause.form_probability,
-        "parameters": [
-            {"name": p.name, "unit": p.unit, "value": p.value, "interval95": list(p.interval95)}
-            for p in cause.parameters
-        ],
-    }
-
-
-def _gain(gain: Gain) -> dict[str, Any]:
-    def scores(found: dict[str, Scores]) -> dict[str, Any]:
-        pull = found.get("dp")
-        top = {"R0_N": pull.R0, "M0_percent": pull.M0_percent, "R2": pull.R2} if pull else {}
-        likelihood = next((one.log_likelihood for one in found.values()), float("nan"))  # of a run, all its channels
-        return {
-            **top,
-            "log_likelihood_of_a_run": likelihood,
-            "channels": {channel: vars(s) for channel, s in found.items()},
-        }
-
-    return {
-        "held_out": {"base": scores(gain.base), "extended": scores(gain.extended)},
-        "reduction_percent": gain.reduction_percent,
-        "interval95": list(gain.interval95),
-        "log_likelihood_gain": gain.log_likelihood_gain,
-        "chosen": [list(keys) for keys in gain.chosen],
-    }
+        return diagnosis_json(self)
