@@ -107,9 +107,7 @@ def command(
     for key, why in report.left_out.items():
         say(f"section {key} left out: {why}")
     if report.not_fitted:
-        say_folded(
-            f"not fitted, for a signal is missing (the page says which): {report.not_fitted}"
-        )
+        say_folded(f"not fitted, for a signal is missing (the page says which): {report.not_fitted}")
     if json:
         print_json(
             {
