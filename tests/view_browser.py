@@ -37,12 +37,13 @@ def looking(
     page.set_default_timeout(PATIENCE_MS)
     said: list[str] = []
     page.on("pageerror", lambda error: said.append(str(error)))
-    page.on("console", lambda message: said.append(message.text) if message.type in ("error", "warning") else None)
+    page.on("console", lambda m: said.append(f"{m.text} {m.location}") if m.type in ("error", "warning") else None)
     page.on("request", lambda request: said.append(request.url) if _elsewhere(request.url, address) else None)
     page.goto(address)
     yield page
     context.close()
-    assert [words for words in said if not (refused and "Failed to load resource" in words)] == []
+    told = [words for words in said if not (refused and "Failed to load resource" in words)]
+    assert not told, told
 
 
 def _elsewhere(url: str, address: str) -> bool:

@@ -121,17 +121,17 @@ class Desk:
         """Return what can be moved; `complete` is false while runs are processed, for all of them can be told then."""
         with self.lock:
             campaign = self.campaign(key)
-            choice = campaign.choice
-            base, choices = campaign.base(), choice.fit_choices()
+            base, choices = campaign.base(), campaign.choice.fit_choices()
             soil, terrain = campaign.soil, campaign.first.terrain if campaign.soil_name is None else None
-            told, members = campaign.told.get(choices.reading), campaign.ready_members()
+            told, asked = campaign.told.get(choices.reading), (campaign.ready_members(), campaign.options)
             pending = campaign.pending
         if told is None and not pending:
-            told = self._what_cannot_be_told(members, choices)
+            told = self._what_cannot_be_told(asked[0], choices)
             with self.lock:
-                if campaign.choice != choice:  # what was processed for it may be gone
-                    raise _changed_meanwhile(campaign, "ask again")
-                campaign.told[choices.reading] = told
+                if (campaign.ready_members(), campaign.options) == asked:
+                    campaign.told[choices.reading] = told
+                else:
+                    told = None  # of runs that are processed anew
         return {
             "complete": told is not None,
             "base": base,
