@@ -130,8 +130,9 @@ def _shapes(samples: Samples, linear: Linear) -> Iterator[Shape]:
     yield from hats("place on the line", place, tuple(np.linspace(-1.0, 1.0, _PLACES)), np.isfinite(place))
     yield from _in_time(samples)
     direction = np.asarray(samples.conditions.direction)
-    yield "direction, driving", direction * driving
-    yield "direction, braking", direction * (1.0 - driving)
+    what, sense = ("direction", direction) if np.ptp(direction) > 0 else ("all alike", np.ones(len(direction)))
+    yield f"{what}, driving", sense * driving
+    yield f"{what}, braking", sense * (1.0 - driving)
     yield from _products(samples, linear, driving)
 
 

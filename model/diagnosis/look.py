@@ -11,7 +11,8 @@ from model.diagnosis.aim import first_aim
 from model.diagnosis.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.evidence import SetEstimate, best_set
 from model.diagnosis.grams import Grams
-from model.diagnosis.noise import Noise, remarks
+from model.diagnosis.noise import Noise, beliefs
+from model.diagnosis.noise_words import remarks
 from model.diagnosis.predictive import log_evidence
 from model.diagnosis.rivals import still
 from model.diagnosis.settle import Settled, settle
@@ -103,7 +104,7 @@ def look(
         most_causes=options.most_causes,
         rounds=len(likeliest.seemed),
         settled=likeliest.still,
-        notes=tuple(n for v in likeliest.views for n in (*v.samples.notes, *remarks(v.noise, v.linear.channels))),
+        notes=tuple(note for view in likeliest.views for note in _notes(view)),
         stages_s=clock.stages_s,
     )
 
@@ -112,6 +113,10 @@ def _first(starts: Sequence[Start], delay_s: float, options: DiagnosisOptions, c
     """Settle at what is likeliest, from the laboratory's soil and no cause."""
     aims = [first_aim(s, delay_s) for s in starts]
     return settle(starts, aims, _choice(options), clock)
+
+
+def _notes(view: View) -> tuple[str, ...]:
+    return (*view.samples.notes, *remarks(view.noise, beliefs(view.samples), view.linear.channels))
 
 
 def _choice(options: DiagnosisOptions) -> Callable[[Grams, SetEstimate | None], SetEstimate]:

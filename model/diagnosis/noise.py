@@ -35,10 +35,6 @@ FloatArray = NDArray[np.float64]
 UNITS = {"dp": ("drawbar_pull", "n"), "t": ("driving_torque", "nm"), "z": ("sinkage", "m")}
 """Name and unit of a channel in the names of hyper-parameters."""
 _LEAST_RADPS = 0.3
-_TOLD = 0.4
-"""One-sigma of a logarithm from which on the data told it, not belief."""
-_NOTABLE_SWING = 0.5
-"""Of what turns with the wheel, over the channel's noise."""
 
 
 @dataclass(frozen=True)
@@ -135,19 +131,6 @@ def beliefs(samples: Samples) -> dict[str, Belief]:
         "wheel_speed_delay_s": Belief(0.005, 0.7),
         "wheel_edge_delay_rad": Belief(0.03, 0.8),
     }
-
-
-def remarks(noise: Noise, channels: tuple[str, ...]) -> tuple[str, ...]:
-    """Return sentences for people on what the noise itself says of the sensors."""
-    found = []
-    for c in channels:
-        name = named(c, "wheel_order")
-        size, unsure = noise.values.get(name, 0.0) * np.sqrt(2.0), noise.log_sigmas.get(name, np.inf)
-        if unsure < _TOLD and size > _NOTABLE_SWING * noise.values[named(c, "noise")]:
-            words, unit = UNITS[c][0].replace("_", " "), {"n": "N", "nm": "N m"}[UNITS[c][1]]
-            why = "a zero that turns with the wheel, or a wheel" if c == "dp" else "a wheel"
-            found.append(f"{words} swings by {size:.0f} {unit} once a turn of the wheel: {why} that is not round")
-    return tuple(found)
 
 
 def named(channel: str, what: str) -> str:

@@ -9,6 +9,8 @@ _FIXED = {
     "load, braking": "growing with load, braking",
     "load squared": "at loads far from the mean",
     "zero, growing with load": "as a zero that grows with the load, at standstill too",
+    "all alike, driving": "the same wherever it drives",
+    "all alike, braking": "the same wherever it brakes",
     "direction, driving": "with the sign of the direction (out +, back -), driving",
     "direction, braking": "with the sign of the direction (out +, back -), braking",
     "speeding up, driving": "speeding up (slowing down: the other sign), driving",

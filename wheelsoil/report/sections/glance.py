@@ -86,6 +86,11 @@ def next_step(material: Material, grades: dict[str, Grade]) -> str:
             "look at what is wrong, and where: nothing known explains it, so do not rely on the model there. "
             "Check zeros, signs and configuration first, and whether all runs are on one soil."
         )
+    if found.verdict == "named" and any(cause.kind == "measurement" for cause in found.causes):
+        faulty = listed([cause.name.replace("_", " ") for cause in found.causes if cause.kind == "measurement"])
+        return (
+            f"mend or correct what is measured ({faulty}) and look again; the extended model holds only for these runs."
+        )
     if found.verdict == "named":
         return "take the extended model: `wheelsoil diagnose -o model.toml` keeps it for fit, simulate and report."
     return "no further run is asked for; see what could have been seen."

@@ -1,0 +1,57 @@
+"""What the noise says of the sensors: zeros that swallow a cause, wheels that are not round."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnosis_support import simulated_campaign
+
+from model.diagnosis.basis import basis
+from model.diagnosis.campaign import DiagnosisOptions
+from model.diagnosis.diagnose import diagnose
+from model.diagnosis.linearise import Point, Simulation, linearise
+from model.diagnosis.noise import Belief, Noise
+from model.diagnosis.noise_words import remarks
+from model.diagnosis.samples import samples_of
+from model.diagnosis.soil_space import soil_space
+
+VALUES = {
+    "drawbar_pull_noise_n": 40.0,
+    "drawbar_pull_of_run_n": 8.0,
+    "drawbar_pull_wheel_order_n": 5.0,
+}
+BELIEVED = {"drawbar_pull_of_run_n": Belief(7.0, 0.8)}
+
+
+@pytest.mark.parametrize(("size_n", "told"), [(8.0, False), (30.0, False), (48.0, True)])
+def test_zeros_far_beyond_what_is_usual_are_told(size_n: float, told: bool) -> None:
+    said = remarks(Noise(VALUES | {"drawbar_pull_of_run_n": size_n}), BELIEVED, ("dp",))
+    assert bool(said) == told
+    assert all("zeros that differ by 48 N from run to run" in text and "where 7 are usual" in text for text in said)
+
+
+@pytest.mark.parametrize(("size_n", "sure", "told"), [(30.0, 0.1, True), (30.0, 0.9, False), (5.0, 0.1, False)])
+def test_a_swing_is_told_where_the_data_tell_it(size_n: float, sure: float, told: bool) -> None:
+    values = VALUES | {"drawbar_pull_wheel_order_n": size_n}
+    said = remarks(Noise(values, {"drawbar_pull_wheel_order_n": sure}), BELIEVED, ("dp",))
+    assert any("once a turn of the wheel" in text for text in said) == told
+
+
+def test_a_zero_that_nobody_asks_for_is_told_where_the_noise_takes_it() -> None:
+    campaign = simulated_campaign(effect="torque_zero:offset_nm=60")
+    listed = ("torque_zero", "torque_gain", "slope", "vasilev")
+    assert [cause.name for cause in diagnose([campaign], DiagnosisOptions(effects=listed)).causes] == ["torque_zero"]
+    found = diagnose([campaign], DiagnosisOptions(effects=listed[1:]))
+    assert found.verdict != "named", found.sentence
+    if found.verdict != "unexplained":
+        assert any(note.startswith("driving torque: zeros that differ by") for note in found.notes)
+
+
+def test_one_direction_is_not_told_as_the_direction() -> None:
+    campaign = simulated_campaign(runs=1)
+    samples = samples_of(campaign, DiagnosisOptions().channels)
+    simulation = Simulation(campaign.wheel, campaign.soil, soil_space(campaign.soil_prior), (), "balanced")
+    linear = linearise(simulation, samples, Point(np.zeros(len(simulation.space)), {}, np.zeros(len(samples))))
+    labels = [label.partition("|")[2] for label in basis(samples, linear).labels]
+    assert "all alike, driving" in labels
+    assert not [label for label in labels if label.startswith("direction")]
