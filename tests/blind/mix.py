@@ -77,7 +77,7 @@ class Mix:
     literal: int = 2
 
 
-FULL = Mix(nulls=200, singles=8, pairs=60, outside=16, left_out=4, literal=10)
+FULL = Mix(nulls=200, singles=6, pairs=60, outside=16, left_out=4, literal=10)
 FRESH = {"outside": 8, "left_out": 2}
 """First seed that nobody had seen when the gate's shapes were last changed."""
 
