@@ -7,7 +7,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from model.diagnosis.campaign import Campaign
+from model.diagnosis.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.linearise import Linear, Point, Simulation, linearise
+from model.diagnosis.samples import Samples, samples_of
+from model.diagnosis.soil_space import soil_space
 from model.soil_prior import prior_of
 from model.virtual_test import VirtualSetup
 from model.virtual_test.noise import coloured_noise
@@ -25,6 +28,21 @@ def simulated_campaign(soil: str = "clay", seed: int = 0, runs: int = 6, effect:
     processed = tuple(process(*simulated_roles(options, index)) for index in range(runs))
     laboratory = options.laboratory_soil
     return Campaign(f"{soil} {seed}", processed, options.wheel, laboratory, prior_of(laboratory, options.terrain))
+
+
+def linearised(runs: int) -> tuple[Simulation, Samples, Linear]:
+    """Return every fourth sample of a campaign on clay, and Wong's model on the laboratory's soil about it."""
+    campaign = simulated_campaign(runs=runs)
+    samples = samples_of(campaign, DiagnosisOptions().channels)
+    samples = samples[np.arange(len(samples)) % 4 == 0]
+    simulation = Simulation(campaign.wheel, campaign.soil, soil_space(campaign.soil_prior), (), "balanced")
+    return simulation, samples, at_speed(simulation, samples, 0.0)
+
+
+def at_speed(simulation: Simulation, samples: Samples, offset_mps: float) -> Linear:
+    """Return a model about samples whose ground speed is higher by an offset."""
+    point = Point(np.zeros(len(simulation.space)), {}, np.full(len(samples), offset_mps))
+    return linearise(simulation, samples, point)
 
 
 def with_sinkage(campaign: Campaign, effect: str = "", sigma_m: float = 0.003) -> Campaign:

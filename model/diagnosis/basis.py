@@ -21,7 +21,7 @@ from model.diagnosis.input_shapes import input_shapes
 from model.diagnosis.linearise import Linear
 from model.diagnosis.rests import AT_REST
 from model.diagnosis.samples import Samples
-from model.diagnosis.with_load import LOAD_SPREAD, ZERO_WITH_LOAD, growing_with_load, several_loads
+from model.diagnosis.with_load import ZERO_WITH_LOAD, growing_with_load, several_loads
 
 FloatArray = NDArray[np.float64]
 Shape = tuple[str, FloatArray]
@@ -50,14 +50,14 @@ class Basis:
         In N, N m and m.
     rests : array, shape (2, m, b)
         Of drawbar pull and torque at standstill.
-    heights : array, shape (b,)
+    input_heights : array, shape (b,)
         Largest error of an input, m/s or N; NaN for a shape of a channel.
     """
 
     labels: tuple[str, ...]
     columns: FloatArray
     rests: FloatArray
-    heights: FloatArray
+    input_heights: FloatArray
 
 
 def basis(samples: Samples, linear: Linear) -> Basis:
@@ -85,7 +85,7 @@ def basis(samples: Samples, linear: Linear) -> Basis:
         labels.append(f"{channel}|{ZERO_WITH_LOAD}")
     for shape in inputs:
         found.columns[..., len(labels)] = shape.columns
-        found.heights[len(labels)] = shape.height
+        found.input_heights[len(labels)] = shape.height
         labels.append(shape.label)
     return replace(found, labels=tuple(labels))
 
@@ -117,14 +117,14 @@ def _amplitude(samples: Samples, channel: str) -> float:
 
 def _shapes(samples: Samples, linear: Linear) -> Iterator[Shape]:
     at = linear.conditions
-    slip, speed, load = (np.asarray(x) for x in (at.slip, at.ground_speed_mps, at.vertical_load_n))
+    slip, speed = np.asarray(at.slip), np.asarray(at.ground_speed_mps)
     yield from hats(_DRIVING, slip, _DRIVE_KNOTS, slip > 0)
     yield from hats(_BRAKING, -slip, _BRAKE_KNOTS, slip < 0)
     driving = np.where(slip > 0, 1.0, 0.0)
-    relative = load / load.mean() - 1.0
-    yield "load, driving", driving * relative / LOAD_SPREAD
-    yield "load, braking", (1.0 - driving) * relative / LOAD_SPREAD
-    yield "load squared", (relative / LOAD_SPREAD) ** 2
+    growing = growing_with_load(at, at)
+    yield "load, driving", driving * growing
+    yield "load, braking", (1.0 - driving) * growing
+    yield "load squared", growing**2
     yield from hats_of_speed(speed)
     place = np.asarray(samples.conditions.line_position)
     yield from hats("place on the line", place, tuple(np.linspace(-1.0, 1.0, _PLACES)), np.isfinite(place))

@@ -32,9 +32,8 @@ class Columns:
     soil : tuple of str
     causes : tuple of CauseColumn
     basis : tuple of str
-    heights : array, shape (b,)
-        Of the catch-all's shapes: the largest value where it was measured, in the channel's unit; of an error of an
-        input the largest error.
+    input_heights : array, shape (b,)
+        Of the catch-all's shapes, see `model.diagnosis.basis`: NaN but for errors of an input.
     constants : tuple of str
         Hyper-parameter that scales each of the last columns.
     """
@@ -46,13 +45,20 @@ class Columns:
     soil: tuple[str, ...]
     causes: tuple[CauseColumn, ...]
     basis: tuple[str, ...]
-    heights: FloatArray
+    input_heights: FloatArray
     constants: tuple[str, ...]
 
     @property
     def shared(self) -> int:
         """Number of columns before the constants."""
         return 1 + len(self.soil) + len(self.causes) + len(self.basis)
+
+    @property
+    def heights(self) -> FloatArray:
+        """Largest value of each shape where it was measured, in the channel's unit; of an input the largest error."""
+        block = self.rows[..., self.shared - len(self.basis) : self.shared]
+        largest = np.maximum(block.max(axis=(0, 1), initial=0.0), -block.min(axis=(0, 1), initial=0.0))
+        return np.where(np.isnan(self.input_heights), largest, self.input_heights)
 
 
 def cause_columns(simulation: Simulation, causes: dict[str, float]) -> tuple[CauseColumn, ...]:
@@ -105,20 +111,16 @@ def columns_of(simulation: Simulation, samples: Samples, linear: Linear, *, catc
     by_run = constants(linear.channels)
     turning = [loading(linear, samples, name) for _, name in by_run]
     rows = np.concatenate([residual[..., None], linear.soil, own, shapes.columns, np.stack(turning, axis=-1)], axis=-1)
-    rows = np.where(present[..., None], rows, 0.0)
-    first = 1 + linear.soil.shape[-1] + own.shape[-1]
-    block = rows[..., first : first + len(shapes.labels)]
-    heights = np.maximum(block.max(axis=(0, 1), initial=0.0), -block.min(axis=(0, 1), initial=0.0))
     rests, rests_present = _at_rest(samples, linear, scale, at, shapes.rests, rows.shape[-1])
     return Columns(
-        rows=rows,
+        rows=np.where(present[..., None], rows, 0.0),
         present=present,
         rests=rests,
         rests_present=rests_present,
         soil=simulation.space.labels,
         causes=causes,
         basis=shapes.labels,
-        heights=np.where(np.isnan(shapes.heights), heights, shapes.heights),
+        input_heights=shapes.input_heights,
         constants=tuple(name for name, _ in by_run),
     )
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_support import simulated_campaign
+from diagnosis_support import at_speed, linearised
 
 from model.diagnosis.adequacy import _kinds
 from model.diagnosis.basis import basis
@@ -15,9 +15,8 @@ from model.diagnosis.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.channel_words import INPUTS
 from model.diagnosis.diagnose import diagnose
 from model.diagnosis.input_shapes import MISREAD, SPEED_MPS, input_shapes
-from model.diagnosis.linearise import Linear, Point, Simulation, linearise
-from model.diagnosis.samples import Samples, samples_of
-from model.diagnosis.soil_space import soil_space
+from model.diagnosis.linearise import Linear, Simulation
+from model.diagnosis.samples import Samples
 from model.soil_prior import prior_of
 from processing.pipeline import process
 from wheelsoil.virtual_campaign import simulated_roles
@@ -28,16 +27,7 @@ LISTED = ("vasilev", "speed_bias", "speed_latency", "wheel_radius", "load_gain",
 
 @pytest.fixture(scope="module")
 def seen() -> tuple[Simulation, Samples, Linear]:
-    campaign = simulated_campaign(runs=2)
-    samples = samples_of(campaign, DiagnosisOptions().channels)
-    samples = samples[np.arange(len(samples)) % 4 == 0]
-    simulation = Simulation(campaign.wheel, campaign.soil, soil_space(campaign.soil_prior), (), "balanced")
-    return simulation, samples, at_speed(simulation, samples, 0.0)
-
-
-def at_speed(simulation: Simulation, samples: Samples, offset_mps: float) -> Linear:
-    point = Point(np.zeros(len(simulation.space)), {}, np.full(len(samples), offset_mps))
-    return linearise(simulation, samples, point)
+    return linearised(2)
 
 
 def test_the_hats_together_are_one_error_of_the_speed(seen: tuple[Simulation, Samples, Linear]) -> None:

@@ -4,27 +4,18 @@ from __future__ import annotations
 
 import re
 
-import numpy as np
 import pytest
-from diagnosis_support import simulated_campaign
+from diagnosis_support import linearised
 
 from model.diagnosis.basis import basis
-from model.diagnosis.campaign import DiagnosisOptions
-from model.diagnosis.linearise import Point, Simulation, linearise
 from model.diagnosis.result import Finding
-from model.diagnosis.samples import samples_of
 from model.diagnosis.shape_words import shape_words
-from model.diagnosis.soil_space import soil_space
 from model.diagnosis.where_wrong import _said
 
 
 @pytest.fixture(scope="module")
 def labels() -> list[str]:
-    campaign = simulated_campaign(runs=2)
-    samples = samples_of(campaign, DiagnosisOptions().channels)
-    samples = samples[np.arange(len(samples)) % 4 == 0]
-    simulation = Simulation(campaign.wheel, campaign.soil, soil_space(campaign.soil_prior), (), "balanced")
-    linear = linearise(simulation, samples, Point(np.zeros(len(simulation.space)), {}, np.zeros(len(samples))))
+    _, samples, linear = linearised(2)
     return [label.partition("|")[2] for label in basis(samples, linear).labels]
 
 

@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_support import simulated_campaign
+from diagnosis_support import linearised, simulated_campaign
 
-from model.diagnosis.basis import Basis, basis
+from model.diagnosis.basis import basis
 from model.diagnosis.campaign import DiagnosisOptions
 from model.diagnosis.diagnose import diagnose
-from model.diagnosis.linearise import Point, Simulation, linearise
-from model.diagnosis.samples import Samples, samples_of
-from model.diagnosis.soil_space import soil_space
+from model.diagnosis.linearise import Linear
+from model.diagnosis.samples import Samples
 from model.diagnosis.with_load import ZERO_WITH_LOAD
 
 LISTED = (
@@ -28,25 +27,18 @@ LISTED = (
 )
 
 
-def sampled() -> tuple[Samples, Simulation]:
-    campaign = simulated_campaign(runs=3)
-    samples = samples_of(campaign, DiagnosisOptions().channels)
-    samples = samples[np.arange(len(samples)) % 4 == 0]
-    return samples, Simulation(campaign.wheel, campaign.soil, soil_space(campaign.soil_prior), (), "balanced")
-
-
 @pytest.fixture(scope="module")
-def seen() -> tuple[Samples, Basis]:
-    samples, simulation = sampled()
-    linear = linearise(simulation, samples, Point(np.zeros(len(simulation.space)), {}, np.zeros(len(samples))))
-    return samples, basis(samples, linear)
+def seen() -> tuple[Samples, Linear]:
+    _, samples, linear = linearised(3)
+    return samples, linear
 
 
 @pytest.mark.parametrize(("row", "channel"), [(0, "dp"), (1, "t")])
 def test_one_zero_is_the_same_function_of_the_load_rolling_and_at_rest(
-    row: int, channel: str, seen: tuple[Samples, Basis]
+    row: int, channel: str, seen: tuple[Samples, Linear]
 ) -> None:
-    samples, found = seen
+    samples, linear = seen
+    found = basis(samples, linear)
     at = found.labels.index(f"{channel}|{ZERO_WITH_LOAD}")
     load = np.asarray(samples.conditions.vertical_load_n)
     rolling = np.polyfit(load, found.columns[row, :, at], 1)
@@ -57,14 +49,12 @@ def test_one_zero_is_the_same_function_of_the_load_rolling_and_at_rest(
     assert not found.rests[1 - row, :, at].any()
 
 
-def test_without_a_standstill_there_is_no_such_shape() -> None:
-    samples, simulation = sampled()
+def test_without_a_standstill_there_is_no_such_shape(seen: tuple[Samples, Linear]) -> None:
+    samples, linear = seen
     none = samples.rests.run < 0
     rests = replace(samples.rests, run=samples.rests.run[none])
     measured = {channel: values[none] for channel, values in samples.rests.measured.items()}
     never = replace(samples, rests=replace(rests, measured=measured))
-    point = Point(np.zeros(len(simulation.space)), {}, np.zeros(len(samples)))
-    linear = linearise(simulation, samples, point)
     assert f"dp|{ZERO_WITH_LOAD}" in basis(samples, linear).labels
     assert not [label for label in basis(never, linear).labels if ZERO_WITH_LOAD in label]
     unread = {**samples.rests.measured, "t": np.full(len(samples.rests), np.nan)}
@@ -72,9 +62,9 @@ def test_without_a_standstill_there_is_no_such_shape() -> None:
     assert [label for label in basis(only_dp, linear).labels if ZERO_WITH_LOAD in label] == [f"dp|{ZERO_WITH_LOAD}"]
 
 
-def test_only_zeros_show_at_rest(seen: tuple[Samples, Basis]) -> None:
-    found = seen[1]
-    assert len(found.labels) == len(found.heights) == found.columns.shape[-1] == found.rests.shape[-1]
+def test_only_zeros_show_at_rest(seen: tuple[Samples, Linear]) -> None:
+    found = basis(*seen)
+    assert len(found.labels) == len(found.input_heights) == found.columns.shape[-1] == found.rests.shape[-1]
     showing = {label.partition("|")[2] for i, label in enumerate(found.labels) if found.rests[..., i].any()}
     assert showing == {ZERO_WITH_LOAD}
 
