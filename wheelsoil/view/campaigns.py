@@ -247,7 +247,7 @@ class ViewedCampaign:
         keeps = self.keeps()
         used = [run for run in self.runs if run.key in keeps and run.seen]
         own = [run for run in self.runs if run.key == run_key and run.seen]
-        median_n, speed_mps = self._medians(run_key, own, keeps)
+        median_n, speed_mps = self._medians(run_key, own, keeps) if own else (np.nan, np.nan)
         if np.isnan(median_n):
             own = used
             median_n, speed_mps = self._medians("", own, keeps)

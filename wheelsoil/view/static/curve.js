@@ -9,14 +9,15 @@ import { tellError } from "./talk.js";
 
 const PATIENCE_MS = 15000;
 const drawn = new Map(); // what was asked for a fitted model -> its curve
-let wish = null; // the last one: { model, since }
+let wish = null; // the last one: { model, since, campaign }
 let asked = false; // whether it is still to be asked
 let flying = false;
+let byHand = [];
 let fitted = []; // fitted models: { name, label, colour, dash, width, model }
 
 /** Draw the curve of these values: { sinkage, effects, values, soil, load_n }; `since` is when a slider was moved. */
 export function bend(model, since) {
-  wish = { model, since };
+  wish = { model, since, campaign: state.a?.campaign };
   asked = true;
   if (!flying) fly();
 }
@@ -25,7 +26,8 @@ export function bend(model, since) {
 export function setFitted(models) {
   fitted = models;
   if (!models.length) drawn.clear();
-  if (wish) bend(wish.model);
+  if (wish && wish.campaign === state.a?.campaign) bend(wish.model);
+  else put(byHand); // the sliders of another campaign bend its own
 }
 
 async function fly() {
@@ -44,7 +46,7 @@ async function answer(model, since) {
   const a = state.a, places = [[a, BY_HAND, model]];
   if (state.b && state.b.campaign !== a?.campaign) places.push([state.b, BY_HAND_B, { ...model, soil: {}, load_n: null }]);
   try {
-    const byHand = await Promise.all(places.filter(([place]) => place).map(async ([place, look, body]) => ({ ...(await curveOf(place, body)), ...look, campaign: place.campaign })));
+    byHand = await Promise.all(places.filter(([place]) => place).map(async ([place, look, body]) => ({ ...(await curveOf(place, body)), ...look, campaign: place.campaign })));
     why("");
     tell("load", byHand[0]?.load_n ?? null);
     put([...byHand, ...(a ? await fittedOnes(a, model.load_n) : [])]);
@@ -53,7 +55,8 @@ async function answer(model, since) {
     if (error instanceof Gone || error instanceof Locked) return tellError("the curve", error);
     if (!error.faults) throw error;
     why(wordsOf(error));
-    put([]);
+    byHand = [];
+    put(byHand);
   }
 }
 
