@@ -118,21 +118,22 @@ def _set_lengths(lines: Sequence[Line]) -> list[Figure]:
 
 def _outside(lines: Sequence[Line]) -> list[Figure]:
     loud = [x for x in lines if x["members"][0]["L"] >= 1.9]
-    plain = [x for x in loud if x["left_by_three"] > 5]
+    plain = _unlike(loud, 5.0)
     fresh = [x for x in plain if x["seed"] >= FRESH["outside"]]
     singly = [x for x in loud if x["members"][0]["d_sep"] > 5]
     return [
         share("outside the library, no look-alike, L >= 2: unexplained", ">= .98", plain, _unexplained),
         share("the same, on seeds that nobody had seen", "", fresh, _unexplained),
-        share("the same, all seeds, plainly no look-alike (three leave 8 sigma)", "", _plainly(loud), _unexplained),
+        share("the same, all seeds, plainly no look-alike (three leave 8 sigma)", "", _unlike(loud, 8.0), _unexplained),
         share("the same, unlike any one family (d_sep > 5), three may still imitate it", "", singly, _unexplained),
         share("the same, look-alikes too", "", loud, _unexplained),
         share("outside: confidently wrong (named at p > .9)", "", loud, _named),
     ]
 
 
-def _plainly(lines: Sequence[Line]) -> list[Line]:
-    return [x for x in lines if x["left_by_three"] > 8]
+def _unlike(lines: Sequence[Line], sigmas: float) -> list[Line]:
+    """Return the campaigns that the best three other families leave more than so many sigma of."""
+    return [x for x in lines if x["left_by_three"] > sigmas]
 
 
 def _unexplained(x: Line) -> bool:
@@ -141,14 +142,14 @@ def _unexplained(x: Line) -> bool:
 
 def _left_out(lines: Sequence[Line]) -> list[Figure]:
     apart = [x for x in lines if x["members"][0]["d_sep"] > 5]
-    plain = [x for x in apart if x["left_by_three"] > 5]
+    plain = _unlike(apart, 5.0)
     fresh = [x for x in plain if x["seed"] >= FRESH["left_out"]]
     what = "one family left out, d_sep > 5: confidently wrong"
     return [
         share(what, "<= .05", apart, _named),
         share("the same, where no three of the rest imitate it", "", plain, _named),
         share("the same, on seeds that nobody had seen", "", fresh, _named),
-        share("the same, all seeds, where three plainly do not (they leave 8 sigma)", "", _plainly(apart), _named),
+        share("the same, all seeds, where three plainly do not (they leave 8 sigma)", "", _unlike(apart, 8.0), _named),
     ]
 
 

@@ -101,7 +101,7 @@ def _figure(material: Material, channel: str, runs: list[ProcessedRun]) -> Figur
         traces = [*_segments(run, low - beyond, high + beyond), *_lines(material, run, CHANNELS[channel])]
         data += traces
         groups += [run.run.id] * len(traces)
-    layout = axes("time (s)", f"{NAMES[channel]} ({UNITS[channel]})", height=360)
+    layout = axes("time (s)", f"{name} ({UNITS[channel]})", height=360)
     driven = np.isfinite(values) & (material.pool.slip > 0)
     shown = driven if driven.any() else np.isfinite(values)
     said = [material.pool.predicted(model.name, CHANNELS[channel])[shown] for model in material.fit.models]

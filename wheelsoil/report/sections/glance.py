@@ -86,8 +86,8 @@ def next_step(material: Material, grades: dict[str, Grade]) -> str:
             "look at what is wrong, and where: nothing known explains it, so do not rely on the model there. "
             "Check zeros, signs and configuration first, and whether all runs are on one soil."
         )
-    if found.verdict == "named" and any(cause.kind == "measurement" for cause in found.causes):
-        faulty = listed([cause.name.replace("_", " ") for cause in found.causes if cause.kind == "measurement"])
+    faulty = listed([cause.name.replace("_", " ") for cause in found.causes if cause.kind == "measurement"])
+    if found.verdict == "named" and faulty:
         return (
             f"mend or correct what is measured ({faulty}) and look again; the extended model holds only for these runs."
         )
