@@ -4,32 +4,43 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from pathlib import Path
 
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else every command that a test starts compiles all of us anew
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: threads of two workers wait for each other
 os.environ["COLUMNS"] = "96"  # what a command prints is folded to the terminal: not to that of whoever runs the tests
 
 import pytest
 from cli_support import ok, small_campaign
+from shared_results import made_once
 
 
 def pytest_configure() -> None:
-    """Have commands see the signals that a terminal sends, although `nohup` or `&` had them ignored here."""
+    """Have bytecode kept, and commands see the signals that a terminal sends, although `nohup` had them ignored."""
+    sys.dont_write_bytecode = False
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keep the tests of a file on one worker, unless they name a group of their own."""
+    for item in items:
+        if not item.get_closest_marker("xdist_group"):
+            item.add_marker(pytest.mark.xdist_group(str(item.path.relative_to(config.rootpath))))
+
+
 @pytest.fixture(scope="session")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a campaign folder: two runs of 20 s on clay. Not to be written to."""
-    return small_campaign(tmp_path_factory.mktemp("campaign") / "clay")
+    return made_once(tmp_path_factory, "campaign", lambda folder: small_campaign(folder / "clay")) / "clay"
 
 
 @pytest.fixture(scope="session")
 def report(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the report of `campaign`; its numbers lie beside it."""
-    page = tmp_path_factory.mktemp("report") / "report.html"
-    ok("report", campaign, "-o", page)
-    return page
+    made = made_once(tmp_path_factory, "report", lambda folder: ok("report", campaign, "-o", folder / "report.html"))
+    return made / "report.html"
