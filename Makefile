@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test slow lint bench blind clean
+.PHONY: demo test fast slow study lint bench blind clean
 .DEFAULT_GOAL := demo
 
 $(STAMP): pyproject.toml constraints.txt
@@ -22,11 +22,20 @@ lint: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-test: lint
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow"
+# The checks run beside the tests: mypy has a core while tests wait. docs/testing.md says which test belongs where.
+test: $(STAMP)
+	@$(MAKE) --no-print-directory -j 2 lint fast
+
+PYTEST = $(BIN)/pytest -n 3 --dist loadgroup --no-loadscope-reorder --durations 15
+
+fast: $(STAMP)
+	$(PYTEST) --hypothesis-profile gate -m "not slow and not study"
 
 slow: $(STAMP)
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m slow
+	$(PYTEST) --hypothesis-profile random -m "(slow or hypothesis) and not study"
+
+study: $(STAMP)
+	$(BIN)/pytest -s -m study
 
 # Hides causes and lets the diagnosis find them; resumable. BLIND="--full" takes hours and is what docs/blind_results.md is from.
 BLIND ?= --nulls 10 --singles 1 --levels 5 --pairs 2 --outside 1

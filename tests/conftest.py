@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from collections import Counter
 from pathlib import Path
 
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else every command that a test starts compiles all of us anew
@@ -13,7 +14,12 @@ os.environ["COLUMNS"] = "96"  # what a command prints is folded to the terminal:
 
 import pytest
 from cli_support import ok, small_campaign
+from hypothesis import settings
 from shared_results import made_once
+
+settings.register_profile("gate", deadline=None, derandomize=True)
+settings.register_profile("random", deadline=None, print_blob=True)
+settings.load_profile("random")  # also where CI is set, for which Hypothesis has a profile of its own
 
 
 def pytest_configure() -> None:
@@ -31,6 +37,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         if not item.get_closest_marker("xdist_group"):
             item.add_marker(pytest.mark.xdist_group(str(item.path.relative_to(config.rootpath))))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Print how long the tests of each folder took, with their fixtures: one worker's seconds."""
+    seconds: Counter[str] = Counter()
+    for reports in terminalreporter.stats.values():
+        for report in (one for one in reports if isinstance(one, pytest.TestReport)):
+            seconds["/".join(report.nodeid.split("/")[:2])] += report.duration
+    terminalreporter.section("seconds of each folder")
+    for folder, total in seconds.most_common():
+        terminalreporter.write_line(f"{total:7.1f} s  {folder}")
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_support import invoke, ok
+from cli_support import invoke, ok, small_campaign
 
 from model.diagnosis.samples import samples_of
 from wheelsoil.choice import Choice, ChosenRun, load_choice
@@ -15,9 +15,7 @@ from wheelsoil.fitting import fit_runs
 from wheelsoil.plain import plain
 from wheelsoil.runs import open_and_process
 
-CLAY = Path(__file__).parents[2] / "recordings" / "clay"
-TWO = [CLAY / "run-1.mcap", CLAY / "run-3.mcap"]
-KEEP = ((2.0, 10.5), (20.0, 30.0))
+KEEP = ((4.0, 6.5), (10.0, 12.0))
 OTHERS = {
     "channels": ("dp", "t"),
     "soil_prior": True,
@@ -27,6 +25,17 @@ OTHERS = {
     "cutoff_hz": 2.0,
 }
 """Something else than the default, of everything."""
+
+
+@pytest.fixture(scope="session")
+def clay(tmp_path_factory):
+    """Six short runs."""
+    return small_campaign(tmp_path_factory.mktemp("choice") / "clay", runs=6, duration_s=15.0)
+
+
+@pytest.fixture
+def two(clay):
+    return [clay / "run-1.mcap", clay / "run-3.mcap"]
 
 
 @pytest.fixture
@@ -39,64 +48,64 @@ def write(tmp_path):
     return written
 
 
-def test_a_run_that_is_switched_off_is_as_if_it_were_not_given(write):
+def test_a_run_that_is_switched_off_is_as_if_it_were_not_given(clay, write):
     choice = write(runs=(ChosenRun("run-2.mcap", use=False), ChosenRun(id="run-4", use=False)))
-    given = [CLAY / f"run-{i}.mcap" for i in (1, 3, 5, 6)]
-    assert ok("fit", CLAY, "--choice", choice, "--json").json == ok("fit", *given, "--json").json
+    given = [clay / f"run-{i}.mcap" for i in (1, 3, 5, 6)]
+    assert ok("fit", clay, "--choice", choice, "--json").json == ok("fit", *given, "--json").json
 
 
-def test_settings_of_the_file_are_those_of_the_options(write):
+def test_settings_of_the_file_are_those_of_the_options(two, write):
     same = ["--channels", "dp,t", "--soil-prior", "--slip-threshold", 0.3, "--min-speed", 0.8, "--sinkage", "literal"]
-    by_options = ok("fit", *TWO, "--choice", write(cutoff_hz=2.0), *same, "--json").json
-    assert ok("fit", *TWO, "--choice", write(**OTHERS), "--json").json == by_options
+    by_options = ok("fit", *two, "--choice", write(cutoff_hz=2.0), *same, "--json").json
+    assert ok("fit", *two, "--choice", write(**OTHERS), "--json").json == by_options
     assert by_options["reading"] == "literal"
-    facts = ok("process", TWO[0], "--choice", write(**OTHERS), "--json").json
+    facts = ok("process", two[0], "--choice", write(**OTHERS), "--json").json
     assert facts[0]["cutoff_hz"] == 2.0
 
 
-def test_an_option_beats_the_file(write):
+def test_an_option_beats_the_file(two, write):
     over = ["--channels", "dp", "--no-soil-prior", "--slip-threshold", 0.2, "--min-speed", 0.5, "--sinkage", "balanced"]
-    expected = ok("fit", *TWO, "--choice", write(cutoff_hz=2.0), "--json").json
-    assert ok("fit", *TWO, "--choice", write(**OTHERS), *over, "--json").json == expected
-    facts = ok("process", TWO[0], "--choice", write(**OTHERS), "--cutoff", 3, "--json").json
+    expected = ok("fit", *two, "--choice", write(cutoff_hz=2.0), "--json").json
+    assert ok("fit", *two, "--choice", write(**OTHERS), *over, "--json").json == expected
+    facts = ok("process", two[0], "--choice", write(**OTHERS), "--cutoff", 3, "--json").json
     assert facts[0]["cutoff_hz"] == 3.0
 
 
-def test_only_what_is_kept_is_fitted_and_the_reason_is_told(write):
+def test_only_what_is_kept_is_fitted_and_the_reason_is_told(two, write):
     path = write(runs=(ChosenRun("run-1.mcap", "run-1", keep=KEEP),))
     choice = load_choice(path)
-    processed = open_and_process(TWO, choice.process_options("fit"), choice=choice)
+    processed = open_and_process(two, choice.process_options("fit"), choice=choice)
     seen = fit_runs(processed, choice.fit_choices(), None).observations
     times = seen.time_s[seen.run == 0]
     assert len(times) and all(any(a <= t <= b for a, b in KEEP) for t in times)
-    whole = fit_runs(open_and_process(TWO, choice.process_options("fit")), choice.fit_choices(), None).observations
+    whole = fit_runs(open_and_process(two, choice.process_options("fit")), choice.fit_choices(), None).observations
     np.testing.assert_array_equal(seen.time_s[seen.run > 0], whole.time_s[whole.run > 0])
-    shares = ok("process", *TWO, "--choice", path, "--json").json[0]["quality"]["shares"]
+    shares = ok("process", *two, "--choice", path, "--json").json[0]["quality"]["shares"]
     assert 0.3 < shares["BY_HAND"] < 0.6
-    assert re.search(r"left out .*by hand \d", ok("process", *TWO, "--choice", path).out)
+    assert re.search(r"left out .*by hand \d", ok("process", *two, "--choice", path).out)
 
 
-def test_a_model_of_ones_own_is_fitted_beside_the_four(write):
-    found = ok("fit", *TWO, "--choice", write(effects=("vasilev",)), "--json").json["models"]
+def test_a_model_of_ones_own_is_fitted_beside_the_four(two, write):
+    found = ok("fit", *two, "--choice", write(effects=("vasilev",)), "--json").json["models"]
     assert list(found) == ["wong", "vasilev", "lyasko", "ding", "chosen"]
     assert found["chosen"] == found["vasilev"]
-    four = ok("fit", *TWO, "--json").json["models"]
+    four = ok("fit", *two, "--json").json["models"]
     assert {name: model for name, model in found.items() if name != "chosen"} == four
 
 
-def test_what_nothing_fitted_shows_is_held_at_neutral(write):
-    found = ok("fit", *TWO, "--choice", write(effects=("lyasko", "torque_zero", "track_drift")), "--json").json
+def test_what_nothing_fitted_shows_is_held_at_neutral(two, write):
+    found = ok("fit", *two, "--choice", write(effects=("lyasko", "torque_zero", "track_drift")), "--json").json
     chosen = found["models"]["chosen"]
     assert chosen["held"] == {"torque_zero.offset_nm": 0.0}
     assert {"m1", "m2", "track_drift.log_stiffness_half_span"} < set(chosen["estimates"])
 
 
-def test_the_diagnosis_sees_only_what_is_kept(write):
+def test_the_diagnosis_sees_only_what_is_kept(clay, write):
     path = write(runs=(ChosenRun("run-1.mcap", keep=KEEP), ChosenRun("run-2.mcap", use=False)))
     choice = load_choice(path)
-    three = [CLAY / f"run-{i}.mcap" for i in (1, 2, 3)]
+    three = [clay / f"run-{i}.mcap" for i in (1, 2, 3)]
     processed = open_and_process(three, choice.process_options("diagnose"), choice=choice)
-    (seen,) = map(samples_of, campaigns_of([CLAY], processed))
+    (seen,) = map(samples_of, campaigns_of([clay], processed))
     assert seen.run_names == ("run-1", "run-3")
     times = seen.time_s[seen.run == 0]
     assert len(times) and all(any(a <= t <= b for a, b in KEEP) for t in times)
@@ -109,15 +118,15 @@ def test_the_diagnosis_sees_only_what_is_kept(write):
     assert found["noise"] == plain(expected["noise"])
 
 
-def test_the_report_says_what_was_chosen(write, tmp_path):
+def test_the_report_says_what_was_chosen(clay, write, tmp_path):
     choice = write(
         runs=(ChosenRun(id="run-1", keep=KEEP), ChosenRun("run-2.mcap", use=False)), effects=("second_order",)
     )
     page = tmp_path / "report.html"
-    said = ok("report", CLAY, "--choice", choice, "--no-diagnosis", "-o", page, "--json").json
+    said = ok("report", clay, "--choice", choice, "--no-diagnosis", "-o", page, "--json").json
     numbers = Path(said["numbers"]).read_text(encoding="utf-8")
     for text in (
-        "run-1: 2 to 10.5 s and 20 to 30 s",
+        "run-1: 4 to 6.5 s and 10 to 12 s",
         "run-2.mcap left out",
         sha256_of(choice),
         '"BY_HAND"',
@@ -129,29 +138,28 @@ def test_the_report_says_what_was_chosen(write, tmp_path):
         assert text in shown, text
 
 
-def test_another_recording_under_the_same_name_is_a_warning(write):
-    right = sha256_of(CLAY / "run-1.mcap")
+def test_another_recording_under_the_same_name_is_a_warning(clay, two, write):
+    right = sha256_of(clay / "run-1.mcap")
     assert (
         "another recording"
-        not in ok("process", *TWO, "--choice", write(runs=(ChosenRun("run-1.mcap", sha256=right),))).err
+        not in ok("process", *two, "--choice", write(runs=(ChosenRun("run-1.mcap", sha256=right),))).err
     )
     choice = write(runs=(ChosenRun("run-1.mcap", sha256="0" * 64),))
-    assert "run run-1: run-1.mcap is another recording" in ok("fit", *TWO, "--choice", choice).err
-    (first, *_) = ok("process", *TWO, "--choice", choice, "--json").json
+    assert "run run-1: run-1.mcap is another recording" in ok("fit", *two, "--choice", choice).err
+    (first, *_) = ok("process", *two, "--choice", choice, "--json").json
     assert "another recording" in first["quality"]["notes"][0]
 
 
-def test_the_hash_tells_runs_of_two_campaigns_apart(write):
-    sandy = CLAY.parent / "sandy"
-    run = ChosenRun("run-1.mcap", "run-1", sha256_of(sandy / "run-1.mcap"), use=False)
-    ids = [one["run"]["id"] for one in ok("process", CLAY, sandy, "--choice", write(runs=(run,)), "--json").json]
-    assert len(ids) == 11 and "run-1" in ids
-    unsure = invoke("process", CLAY, sandy, "--choice", write(runs=(ChosenRun("run-1.mcap", use=False),)))
+def test_the_hash_tells_runs_of_two_campaigns_apart(clay, campaign, write):
+    run = ChosenRun("run-1.mcap", "run-1", sha256_of(campaign / "run-1.mcap"), use=False)
+    ids = [one["run"]["id"] for one in ok("process", clay, campaign, "--choice", write(runs=(run,)), "--json").json]
+    assert len(ids) == 7 and "run-1" in ids
+    unsure = invoke("process", clay, campaign, "--choice", write(runs=(ChosenRun("run-1.mcap", use=False),)))
     assert unsure.code == 2
     assert "can be several runs" in unsure.err and "give its sha256" in unsure.err
 
 
-def test_what_does_not_fit_the_runs_is_said_at_once(write):
+def test_what_does_not_fit_the_runs_is_said_at_once(clay, write):
     choice = write(
         runs=(
             ChosenRun(id="run-7"),
@@ -163,7 +171,7 @@ def test_what_does_not_fit_the_runs_is_said_at_once(write):
     )
     for command in ("process", "report"):
         more = ["-o", choice.with_name("r.html")] if command == "report" else []
-        refused = invoke(command, CLAY, "--choice", choice, *more)
+        refused = invoke(command, clay, "--choice", choice, *more)
         assert refused.code == 2
         for text in (
             "5 faults",
@@ -177,15 +185,15 @@ def test_what_does_not_fit_the_runs_is_said_at_once(write):
     assert not choice.with_name("r.html").exists()
 
 
-def test_every_run_switched_off_is_refused(write):
+def test_every_run_switched_off_is_refused(clay, write):
     refused = invoke(
-        "fit", CLAY, "--choice", write(runs=tuple(ChosenRun(id=f"run-{i}", use=False) for i in range(1, 7)))
+        "fit", clay, "--choice", write(runs=tuple(ChosenRun(id=f"run-{i}", use=False) for i in range(1, 7)))
     )
     assert refused.code == 2 and "every run is switched off" in refused.err
 
 
-def test_an_effect_that_the_data_cannot_tell_is_refused(write):
-    refused = invoke("fit", CLAY, "--choice", write(effects=("closed_form_sinkage",)))
+def test_an_effect_that_the_data_cannot_tell_is_refused(clay, write):
+    refused = invoke("fit", clay, "--choice", write(effects=("closed_form_sinkage",)))
     assert refused.code == 2 and "literal reading only" in refused.err
 
 

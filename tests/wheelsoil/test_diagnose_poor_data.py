@@ -23,6 +23,7 @@ from wheelsoil.runs import process_runs
 
 STEADY_S = 12
 VERDICTS = {"named", "one_of", "unexplained", "nothing_detectable"}
+ALONE = ("--most-causes", 1)
 WFT = ("WFT_Forces", "WFT_Moments", "WFT_Wheel")
 
 
@@ -79,7 +80,7 @@ def test_one_run_only(driven):
 
 
 def test_one_direction(driven):
-    found = diagnosed(driven / "run-1.mcap", driven / "run-3.mcap")
+    found = diagnosed(driven / "run-1.mcap", driven / "run-3.mcap", "--effects", "vasilev,slope", *ALONE)
     assert "slope" in found["cannot_tell"]
     assert "one way" in found["cannot_tell"]["slope"]
 
@@ -97,7 +98,7 @@ def test_no_braking(driven, tmp_path):
         before = at[np.clip(np.searchsorted(at, stamps) - 1, 0, len(at) - 1)]
         return np.asarray(np.minimum(abs(nearest - stamps), abs(before - stamps)) > 10_000_000)
 
-    found = diagnosed(copied(driven, tmp_path / "clay", keep))
+    found = diagnosed(copied(driven, tmp_path / "clay", keep), "--effects", "vasilev,skid_sinkage", *ALONE)
     assert "skid_sinkage" in found["cannot_tell"]
     assert "brak" in found["cannot_tell"]["skid_sinkage"]
 
@@ -106,7 +107,7 @@ def test_no_torque_channel(driven, tmp_path):
     folder = edited(
         driven, tmp_path / "clay", "vehicle.toml", lambda t: re.sub(r'(?m)^driving_torque = "[^"]*"\n', "", t)
     )
-    found = diagnosed(folder)
+    found = diagnosed(folder, "--effects", "vasilev,torque_zero,torque_gain", *ALONE)
     assert {finding["channel"] for finding in found["what_is_wrong"]} <= {"drawbar_pull"}
     for family in ("torque_zero", "torque_gain"):
         assert "torque" in found["cannot_tell"][family]
@@ -125,7 +126,8 @@ def test_channels_that_were_measured_and_not_looked_at_are_not_said_to_be_missin
 
 def test_no_soil_uncertainty(driven, tmp_path):
     folder = edited(driven, tmp_path / "clay", "terrain.toml", lambda t: t.split("[uncertainty]")[0])
-    assert any("no uncertainty of the soil is stated" in note for note in diagnosed(folder)["notes"])
+    found = diagnosed(folder, "--effects", "vasilev", *ALONE)
+    assert any("no uncertainty of the soil is stated" in note for note in found["notes"])
 
 
 def test_fewer_than_50_usable_samples(driven, tmp_path):
@@ -199,7 +201,7 @@ def test_two_terrains_that_say_so_are_two_campaigns(driven, tmp_path):
     mixed.mkdir()
     for source, name in ((driven, "run-1"), (driven, "run-2"), (sand, "run-1"), (sand, "run-2")):
         shutil.copy(source / f"{name}.mcap", mixed / f"{source.name}-{name}.mcap")
-    found = diagnosed(mixed)
+    found = diagnosed(mixed, "--effects", "vasilev", *ALONE)
     assert len(found["soils"]) == 2
 
 

@@ -136,6 +136,7 @@ def test_with_sinkage_slip_sinkage_is_named(study: Any, capsys: pytest.CaptureFi
     assert found["gain"]["held_out"]["extended"]["R0_N"] < 0.6 * found["gain"]["held_out"]["base"]["R0_N"]
 
 
+@pytest.mark.slow
 def test_the_form_of_slip_sinkage_stays_open(seeing: Weighing) -> None:
     friction = CauseUse("interface_friction")
     evidence = [
@@ -145,6 +146,7 @@ def test_the_form_of_slip_sinkage_stays_open(seeing: Weighing) -> None:
     assert max(evidence) - min(evidence) < 2.5
 
 
+@pytest.mark.slow
 def test_left_out_speeds(seeing: Weighing) -> None:
     problem = seeing.problem
     best = seeing.sets[0]
@@ -157,6 +159,7 @@ def test_left_out_speeds(seeing: Weighing) -> None:
     assert wong.rms(problem, "dp") > 1.7
 
 
+@pytest.mark.slow
 def test_slip_sinkage_is_too_large_by_drawbar_pull_alone(blind: Weighing, seeing: Weighing) -> None:
     """And its interval says so: it holds what the measured sinkage gives."""
     without, known = _vasilev(blind), _vasilev(seeing)
@@ -167,6 +170,7 @@ def test_slip_sinkage_is_too_large_by_drawbar_pull_alone(blind: Weighing, seeing
     assert without.sigma > 3 * known.sigma
 
 
+@pytest.mark.slow
 def test_calibration_does_not_carry_over(smooth: Bench, grousered: Bench) -> None:
     found = transfer(smooth, grousered, DiagnosisOptions(channels=DP, most_causes=1))
     assert found.p_value < 1e-3
@@ -194,6 +198,7 @@ def test_braked_wheels_have_their_own_law(study: Any, wheel: str) -> None:
     assert law.H2_m == pytest.approx(0.0355, abs=0.002)
 
 
+@pytest.mark.slow
 def test_only_braked_rows(smooth: Bench) -> None:
     """No law of a driven wheel is asked for rows with s < 0."""
     braked = replace(smooth, rows=smooth.rows[smooth.rows.slip < -0.1])
