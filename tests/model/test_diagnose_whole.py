@@ -94,6 +94,7 @@ def test_nothing_is_seen_where_nothing_is_hidden(plain: Campaign) -> None:
     assert all(0 < abs(d.value) < inf for d in found.minimum_detectable.values())
 
 
+@pytest.mark.slow
 def test_two_campaigns_share_a_cause(digging: Campaign) -> None:
     found = diagnosed(replace(digging, runs=digging.runs[:2]), replace(digging, name="more", runs=digging.runs[2:]))
     assert found.verdict == "named", found.sentence

@@ -75,7 +75,7 @@ def test_effects_without_a_trace_are_left_out(null: Look) -> None:
     ("effect", "parameter", "truth"),
     [
         ("vasilev:H_m=0.03", "vasilev.H_m", 0.03),
-        ("crosstalk:coefficient=-0.01", "crosstalk.coefficient", -0.01),
+        pytest.param("crosstalk:coefficient=-0.01", "crosstalk.coefficient", -0.01, marks=pytest.mark.slow),
         ("speed_latency:extra_delay_s=0.2", "speed_latency.extra_delay_s", 0.2),
     ],
 )

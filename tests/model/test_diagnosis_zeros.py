@@ -35,6 +35,7 @@ def test_zeros_taken_anew_are_seen_as_such_and_not_named() -> None:
     assert found.verdict != "named"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset_m", [-0.015, 0.015])
 def test_a_zero_of_the_sinkage_sensor_is_not_given_another_causes_name(offset_m: float) -> None:
     campaign = with_sinkage(simulated_campaign("clay", 0))

@@ -20,6 +20,7 @@ from wheelsoil.fitting import FitChoices
 from wheelsoil.reporting import diagnosed_runs, report_of, report_of_processed
 from wheelsoil.runs import process_runs
 
+OTHER_ROLES = [pytest.param(role, marks=pytest.mark.slow) for role in ("vertical_load", "drawbar_pull")]
 SHOWN = ("wheel_speed", "ground_speed", "vertical_load", "drawbar_pull", "driving_torque")
 OF_THE_FIT = {"verdict", "coefficients", "slip", "torque", "criteria", "sinkage", "load"}
 OF_THE_DIAGNOSIS = {"misfit", "candidates", "evidence", "gain", "detectable", "next_run", "workings"}
@@ -95,7 +96,7 @@ def test_who_calculates_still_asks_for_it(campaign, tmp_path, command):
     assert result.code == 2 and "no signal has the role 'wheel_speed'" in result.err
 
 
-@pytest.mark.parametrize("role", ["ground_speed", "vertical_load", "drawbar_pull"])
+@pytest.mark.parametrize("role", ["ground_speed", *OTHER_ROLES])
 def test_a_run_that_lacks_a_signal_leaves_the_others_their_fit(campaign, tmp_path, role):
     folder = rewritten(campaign, tmp_path / "c", runs=2)
     whole = report_of([folder / "run-2.mcap"], diagnose=False).numbers()
@@ -116,7 +117,7 @@ def test_a_run_that_lacks_a_signal_leaves_the_others_their_fit(campaign, tmp_pat
     assert {run: grade["level"] for run, grade in glance["grades"].items()}["run-1"] == "poor"
 
 
-@pytest.mark.parametrize("role", ["ground_speed", "vertical_load", "drawbar_pull"])
+@pytest.mark.parametrize("role", ["ground_speed", *OTHER_ROLES])
 def test_figures_of_the_models_hold_the_fitted_runs_only_and_say_so(campaign, tmp_path, role):
     folder = rewritten(campaign, tmp_path / "c", runs=2)
     [_, whole] = process_runs(open_runs([folder]), ProcessOptions())

@@ -81,6 +81,7 @@ def test_a_run_without_a_usable_sample_is_poor_and_named_first(campaign):
     assert glance["next_step"].startswith("look at data quality first; run-1 is poor")
 
 
+@pytest.mark.slow
 def test_fifty_runs_are_one_page_of_bearable_size(campaign, tmp_path):
     material = material_of(processed_of(campaign))
     copies = 25

@@ -20,13 +20,15 @@ def too_wide(text, width):
 
 @pytest.mark.parametrize("width", [80, 100])
 @pytest.mark.parametrize("command", ["info", "process", "fit", "diagnose"])
-def test_a_sample_campaign_fits(command, width, monkeypatch, tmp_path):
+def test_a_campaign_fits(command, width, campaign, monkeypatch, tmp_path):
     monkeypatch.setenv("COLUMNS", str(width))
     choice = tmp_path / "choice.toml"
     choice.write_text(Choice(effects=("track_drift", "stress_peak_shift"), channels=("dp", "t")).to_toml())
-    more = {"fit": ["--soil-prior", "--choice", choice], "diagnose": ["--effects", "lyasko,track_drift"]}
-    runs = [RECORDINGS / "sandy" / f"run-{i}.mcap" for i in (1, 3)]
-    shown = ok(command, *runs, *more.get(command, []))
+    more = {
+        "fit": ["--soil-prior", "--choice", choice],
+        "diagnose": ["--effects", "lyasko,track_drift", "--most-causes", 1],
+    }
+    shown = ok(command, campaign, *more.get(command, []))
     assert shown.out
     assert too_wide(shown.out + shown.err, width) == []
 

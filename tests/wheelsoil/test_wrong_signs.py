@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 from cli_support import invoke
 
-CLAY = Path(__file__).parents[2] / "recordings" / "clay"
 
-
-@pytest.mark.parametrize("command", [("sinkage",), ("fit", "--channels", "dp"), ("diagnose", "--most-causes", "1")])
-def test_a_torque_that_is_turned_is_told(tmp_path: Path, command: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    "command", [("sinkage",), ("fit", "--channels", "dp"), ("diagnose", "--most-causes", "1", "--effects", "vasilev")]
+)
+def test_a_torque_that_is_turned_is_told(campaign: Path, tmp_path: Path, command: tuple[str, ...]) -> None:
     for name in ("run-1.mcap", "run-2.mcap"):
-        shutil.copy(CLAY / name, tmp_path)
+        shutil.copy(campaign / name, tmp_path)
     for name in ("vehicle.toml", "terrain.toml"):
-        text = (CLAY / name).read_text(encoding="utf-8")
+        text = (campaign / name).read_text(encoding="utf-8")
         (tmp_path / name).write_text(text.replace('"WFT_Moments.My"', '"-WFT_Moments.My"'), encoding="utf-8")
     found = invoke(command[0], tmp_path, *command[1:])
     said = " ".join(found.err.split())
