@@ -33,6 +33,7 @@ def test_a_swing_is_told_where_the_data_tell_it(size_n: float, sure: float, told
     assert any("once a turn of the wheel" in text for text in said) == told
 
 
+@pytest.mark.slow
 def test_a_zero_that_nobody_asks_for_is_told_where_the_noise_takes_it() -> None:
     campaign = simulated_campaign(effect="torque_zero:offset_nm=60")
     listed = ("torque_zero", "torque_gain", "slope", "vasilev")

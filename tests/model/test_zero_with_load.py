@@ -71,7 +71,10 @@ def test_only_zeros_show_at_rest(seen: tuple[Samples, Linear]) -> None:
 
 @pytest.mark.parametrize(
     ("hidden", "family"),
-    [("crosstalk:coefficient=0.03", "crosstalk"), ("drawbar_pull_zero:offset_n=-300", "drawbar_pull_zero")],
+    [
+        ("crosstalk:coefficient=0.03", "crosstalk"),
+        pytest.param("drawbar_pull_zero:offset_n=-300", "drawbar_pull_zero", marks=pytest.mark.slow),
+    ],
 )
 def test_cross_talk_and_a_zero_are_not_taken_for_each_other(hidden: str, family: str) -> None:
     campaign = simulated_campaign(effect=hidden)
