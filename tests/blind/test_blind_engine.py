@@ -24,7 +24,10 @@ def diagnosed(seed: int, soil: str, hidden: list[tuple[str, float]]) -> Diagnosi
 
 @pytest.mark.parametrize(
     ("soil", "key", "parameter", "size"),
-    [("clay", "vasilev", "H_m", 0.1), ("sandy", "torque_zero", "offset_nm", -90.0)],
+    [
+        ("clay", "vasilev", "H_m", 0.1),
+        pytest.param("sandy", "torque_zero", "offset_nm", -90.0, marks=pytest.mark.slow),
+    ],
 )
 def test_a_large_cause_is_named_with_its_size(soil: str, key: str, parameter: str, size: float) -> None:
     said = diagnosed(1, soil, [(key, size)])
