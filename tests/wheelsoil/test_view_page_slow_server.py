@@ -8,45 +8,33 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import APIResponse, Browser, Page, Route, expect
-from view_browser import drawn, looking
-from view_client import PATIENCE_S, View, taken_from
+from view_browser import Held, drawn, looking
+from view_client import PATIENCE_S, View
+from view_field_day import FieldDay
 
 from wheelsoil.choice import load_choice
 
-ROOT = Path(__file__).parents[2]
+pytestmark = pytest.mark.xdist_group("view-page-model")
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n")
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return taken_from(ROOT / "recordings" / "clay", tmp_path_factory.mktemp("page") / "clay", 2)
+@pytest.fixture
+def view(field_day: FieldDay) -> View:
+    field_day.view.reset()
+    return field_day.view
 
 
 @pytest.fixture
-def page(browser: Browser, view: View, folder: Path) -> Iterator[Page]:
-    (folder / "choice.toml").unlink(missing_ok=True)
-    view.post("/api/choose", campaign="c1", choice={})
-    view.settled()
+def folder(field_day: FieldDay) -> Path:
+    (field_day.clay / "choice.toml").unlink(missing_ok=True)
+    return field_day.clay
+
+
+@pytest.fixture
+def page(browser: Browser, view: View) -> Iterator[Page]:
     with looking(browser, view.address, refused=True) as seen:
         drawn(seen, *PLOTS)
         yield seen
-
-
-class Held:
-    """Questions of a page to a path, which reach the server only when they are let go."""
-
-    def __init__(self, page: Page, path: str) -> None:
-        self._page = page
-        self._routes: list[Route] = []
-        page.route(f"**{path}", lambda route: self._routes.append(route))
-
-    def next(self) -> Route:
-        """The next question, as soon as it is asked."""
-        end = time.monotonic() + PATIENCE_S
-        while not self._routes:
-            assert time.monotonic() < end, "nothing is asked"
-            self._page.wait_for_timeout(10)
-        return self._routes.pop(0)
 
 
 def set_threshold(page: Page, value: str) -> None:
@@ -88,7 +76,7 @@ def test_clicks_while_a_change_is_underway_are_shown_and_taken(page: Page, view:
 def test_a_click_that_the_server_refuses_is_taken_back(page: Page) -> None:
     held = Held(page, "/api/choose")
     for run in ("run-1", "run-2"):
-        page.get_by_label(f"Use {run}").uncheck()
+        page.get_by_label(f"Use {run}").first.uncheck()
     held.next().continue_()
     refused = held.next()
     expect(page.locator("button.run.unused")).to_have_count(2)
@@ -114,7 +102,12 @@ def test_save_and_refit_take_the_changes_before_them(page: Page, folder: Path) -
 
 def test_a_list_that_was_overtaken_by_a_choice_changes_nothing(page: Page, view: View) -> None:
     late: list[tuple[Route, APIResponse]] = []
-    page.route("**/api/list", lambda route: late.append((route, route.fetch())), times=1)
+
+    def hold(route: Route) -> None:
+        view.post("/api/choose", campaign="c1", choice={"slip_threshold": 0.3})  # so that the list has news
+        late.append((route, route.fetch()))
+
+    page.route("**/api/list", hold, times=1)
     end = time.monotonic() + PATIENCE_S
     while not late:
         assert time.monotonic() < end, "the list is not asked for"
@@ -125,11 +118,11 @@ def test_a_list_that_was_overtaken_by_a_choice_changes_nothing(page: Page, view:
     assert answer.json()["campaigns"][0]["chosen"] < view.campaigns()[0]["chosen"]
     with page.expect_request_finished(lambda request: request.url.endswith("/api/list")):
         route.fulfill(response=answer)
-    set_threshold(page, "0.15")
+    page.get_by_label("let the soil move").check()
     expect(page.get_by_label("Use run-2")).not_to_be_checked()
     expect(page.locator("#state")).to_have_text("READY")
     choice = view.campaigns()[0]["choice"]
-    assert choice["slip_threshold"] == 0.15 and [run["use"] for run in choice["run"]] == [False]
+    assert choice["soil_prior"] and [run["use"] for run in choice["run"]] == [False]
 
 
 def test_an_answer_leaves_focus_and_half_typed_numbers_alone(page: Page) -> None:
