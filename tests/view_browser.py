@@ -5,11 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import lru_cache
 from typing import Any
 from urllib.parse import urlsplit
 
-from live_browser import PATIENCE_MS
+from live_browser import PATIENCE_MS, tab
 from playwright.sync_api import Browser, Locator, Page, Route, expect
 
 READY = "READY"
@@ -33,7 +32,7 @@ def looking(
 
     With `refused` the browser may say that the server refused something, which it does on its own.
     """
-    page = _tab(browser, width < 900)
+    page = tab(browser, touch=width < 900)
     page.set_viewport_size({"width": width, "height": height})
     page.mouse.move(0, 0)
     said: list[str] = []
@@ -55,14 +54,6 @@ def looking(
         page.goto("about:blank")
     told = [words for words in said if not (refused and "Failed to load resource" in words)]
     assert not told, told
-
-
-@lru_cache(maxsize=2)
-def _tab(browser: Browser, touch: bool) -> Page:
-    """Return an open tab. A page that is opened in it again takes a third of the time: its scripts are compiled."""
-    page = browser.new_context(has_touch=touch).new_page()
-    page.set_default_timeout(PATIENCE_MS)
-    return page
 
 
 def _elsewhere(url: str, address: str) -> bool:
