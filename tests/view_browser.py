@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from typing import Any
 from urllib.parse import urlsplit
 
-from live_browser import PATIENCE_MS
-from playwright.sync_api import Browser, Page, expect
+from live_browser import PATIENCE_MS, tab
+from playwright.sync_api import Browser, Locator, Page, Route, expect
 
 READY = "READY"
 _AT = """([id, x, y]) => {
@@ -32,16 +32,26 @@ def looking(
 
     With `refused` the browser may say that the server refused something, which it does on its own.
     """
-    context = browser.new_context(viewport={"width": width, "height": height}, has_touch=width < 900)
-    page = context.new_page()
-    page.set_default_timeout(PATIENCE_MS)
+    page = tab(browser, touch=width < 900)
+    page.set_viewport_size({"width": width, "height": height})
+    page.mouse.move(0, 0)
     said: list[str] = []
-    page.on("pageerror", lambda error: said.append(str(error)))
-    page.on("console", lambda m: said.append(f"{m.text} {m.location}") if m.type in ("error", "warning") else None)
-    page.on("request", lambda request: said.append(request.url) if _elsewhere(request.url, address) else None)
-    page.goto(address)
-    yield page
-    context.close()
+    listeners = {
+        "pageerror": lambda error: said.append(str(error)),
+        "console": lambda m: said.append(f"{m.text} {m.location}") if m.type in ("error", "warning") else None,
+        "request": lambda request: said.append(request.url) if _elsewhere(request.url, address) else None,
+    }
+    for event, listener in listeners.items():
+        page.on(event, listener)  # type: ignore[call-overload]
+    try:
+        page.goto(address)
+        yield page
+    finally:
+        for event, listener in listeners.items():
+            page.remove_listener(event, listener)
+        page.unroute_all(behavior="ignoreErrors")
+        page.context.set_offline(False)
+        page.goto("about:blank")
     told = [words for words in said if not (refused and "Failed to load resource" in words)]
     assert not told, told
 
@@ -51,11 +61,37 @@ def _elsewhere(url: str, address: str) -> bool:
     return asked.scheme not in ("data", "blob") and asked.netloc != here.netloc
 
 
+class Held:
+    """Questions of a page to a path, which reach the server only when they are let go; the first `times` of them."""
+
+    def __init__(self, page: Page, path: str, times: int | None = None) -> None:
+        self._page = page
+        self._routes: list[Route] = []
+        page.route(f"**{path}", lambda route: self._routes.append(route), times=times)
+
+    def next(self) -> Route:
+        """The next question, as soon as it is asked."""
+        end = time.monotonic() + PATIENCE_MS / 1000
+        while not self._routes:
+            assert time.monotonic() < end, "nothing is asked"
+            self._page.wait_for_timeout(10)
+        return self._routes.pop(0)
+
+
 def drawn(page: Page, *plots: str) -> None:
-    """Wait until the server is done and these plots are there."""
+    """Wait until the server is done and these plots are drawn of what it said."""
+    expect(page.locator("#state")).to_have_text(READY)
+    expect(page.locator("#plots")).to_have_attribute("aria-busy", "false")
     for plot in plots:
         expect(page.locator(f"#{plot} .main-svg").first).to_be_visible()
-    expect(page.locator("#state")).to_have_text(READY)
+
+
+def open_run(page: Page, campaign: str, run: str = "run-1") -> Locator:
+    """Look at a run of a campaign; return the campaign's part of the list."""
+    section = page.locator("section.campaign").filter(has=page.get_by_role("heading", name=campaign, exact=True))
+    section.locator("button.run", has_text=run).click()
+    expect(page.locator("#view-title")).to_contain_text(f"{campaign}: {run}")
+    return section
 
 
 def drag(page: Page, plot: str, start: tuple[float, float], end: tuple[float, float]) -> None:
@@ -119,8 +155,9 @@ def trace(page: Page, plot: str, name: str) -> dict[str, Any]:
 def curve_on_page(page: Page, channel: str, expected: dict[str, Any], name: str = "curve by hand") -> bool:
     """Whether a curve comes to be what ``/api/curve`` said."""
     pairs = list(zip(expected["slip"], expected[channel], strict=True))
-    for _ in range(100):
-        if points(page, f"slip-{channel}", name) == pairs:
-            return True
-        page.wait_for_timeout(100)
-    return False
+    end = time.monotonic() + PATIENCE_MS / 1000
+    while points(page, f"slip-{channel}", name) != pairs:
+        if time.monotonic() > end:
+            return False
+        page.wait_for_timeout(20)
+    return True

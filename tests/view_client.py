@@ -49,6 +49,11 @@ class View:
     address: str
     said: list[str]
 
+    def end(self) -> None:
+        """End it, as by Ctrl-C."""
+        self.process.send_signal(2)
+        self.process.wait(PATIENCE_S)
+
     @property
     def port(self) -> int:
         """Where it listens."""
@@ -98,6 +103,15 @@ class View:
             lambda found: all(run["state"] in ("ready", "failed") for c in found for run in c["runs"]),
             "all runs processed",
         )
+
+    def reset(self) -> None:
+        """Take back every choice, and forget where it was saved."""
+        for campaign in self.campaigns():
+            if not campaign["saved_at"] and campaign["choice"].keys() == {"schema"}:
+                continue
+            for choice in ({"slip_threshold": 0.5}, {}):  # only a choice that changes is no longer the saved one
+                self.post("/api/choose", campaign=campaign["key"], choice=choice)
+        self.settled()
 
     def until(self, holds: Callable[[list[dict[str, Any]]], bool], what: str) -> list[dict[str, Any]]:
         """Ask for the list until something holds."""

@@ -9,21 +9,35 @@ from typing import TYPE_CHECKING
 import pytest
 from report_support import material_of, processed_of
 from view_client import View, viewing
+from view_field_day import FieldDay, field_day_in
 
 from wheelsoil.diagnosing import Processed
 from wheelsoil.report.material import Material
 
 if TYPE_CHECKING:
+    from live_browser import SharedChromium
     from playwright.sync_api import Browser
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """Return a Chromium; each file has its own, for Playwright keeps its thread's event loop to itself."""
-    from live_browser import chromium
+_chromium: list[SharedChromium] = []
 
-    with chromium() as found:
-        yield found
+
+@pytest.fixture
+def browser(request: pytest.FixtureRequest) -> Browser:
+    """Return a Chromium, one for all tests in a row that use it."""
+    from live_browser import SharedChromium
+
+    if not _chromium:
+        _chromium.append(SharedChromium())
+        request.session.addfinalizer(_chromium[0].close)
+    return _chromium[0].browser()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(nextitem: pytest.Item | None) -> None:
+    """Close Chromium before a test that does not use it: Playwright keeps the thread's event loop to itself."""
+    if _chromium and "browser" not in getattr(nextitem, "fixturenames", ()):
+        _chromium[0].close()
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +46,13 @@ def view(folder: Path) -> Iterator[View]:
     with viewing(folder) as running:
         running.settled()
         yield running
+
+
+@pytest.fixture(scope="session")
+def field_day(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FieldDay]:
+    """Return the analyst's page on several campaigns, for all tests of the page that take back what they choose."""
+    with field_day_in(tmp_path_factory.mktemp("page")) as found:
+        yield found
 
 
 @pytest.fixture(scope="session")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import signal
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from live_support import START_UTC_S, bus, reason
 from playwright.sync_api import Browser, Page, expect
 
 from daq.panel import Command
+from wheelsoil.live.panel import PagePanel
 
 STUCK = reason(
     "amber", "signal_stuck", "can0: WFT_Forces.Fx", "has stood at 3104 N for 6.2 s.", "check the transducer's plug"
@@ -44,8 +46,21 @@ _CONTRAST = """(element) => {
 _COLOURED = "(canvas) => new Set(canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data).size"
 
 
-def test_the_state_is_said_in_words_with_what_to_do(browser: Browser) -> None:
-    with page() as panel, Shower(panel) as shower, looking_at(browser, panel.address) as seen:
+@pytest.fixture(scope="module")
+def shared() -> Iterator[PagePanel]:
+    with page() as panel:
+        yield panel
+
+
+@pytest.fixture
+def panel(shared: PagePanel) -> PagePanel:
+    """The file's page, for tests to which it does not matter what was shown before; no command waits in it."""
+    shared.commands()
+    return shared
+
+
+def test_the_state_is_said_in_words_with_what_to_do(browser: Browser, panel: PagePanel) -> None:
+    with Shower(panel) as shower, looking_at(browser, panel.address) as seen:
         for state, changes in STATES.items():
             shower.changes = changes
             level = "green" if state == "between" else state
@@ -63,8 +78,8 @@ def test_the_state_is_said_in_words_with_what_to_do(browser: Browser) -> None:
                 assert seen.evaluate("document.documentElement.scrollWidth") == width
 
 
-def test_it_is_sharp_and_its_buttons_are_large(browser: Browser) -> None:
-    with page() as panel, Shower(panel), looking_at(browser, panel.address, width=360) as seen:
+def test_it_is_sharp_and_its_buttons_are_large(browser: Browser, panel: PagePanel) -> None:
+    with Shower(panel), looking_at(browser, panel.address, width=360) as seen:
         expect(seen.locator("#state")).to_have_text("RECORDING")
         for button in seen.locator("#bar button, #bar input").all():
             box = button.bounding_box()
@@ -86,16 +101,18 @@ def test_live_values_buses_and_curves_move(browser: Browser) -> None:
 
 
 def test_without_news_it_is_neither_green_nor_red(browser: Browser) -> None:
-    with page() as panel, looking_at(browser, panel.address) as seen:
+    with page() as panel, looking_at(browser, panel.address, clock=True) as seen:
         expect(seen.locator("#headline")).to_contain_text("no news from the logger yet")
         with Shower(panel):
             expect(seen.locator("#state")).to_have_text("RECORDING")
             expect(seen.locator("#mark")).to_be_enabled()
+        seen.clock.fast_forward("00:04")
         expect(seen.locator("#headline")).to_contain_text("no news from the logger for")
         expect(seen.locator("#band")).to_have_attribute("data-level", "none")
         expect(seen.locator("#mark")).to_be_disabled()
         assert panel.pid is not None
         os.kill(panel.pid, signal.SIGSTOP)
+        seen.clock.fast_forward("00:05")
         expect(seen.locator("#state")).to_have_text("NO CONNECTION")
         os.kill(panel.pid, signal.SIGCONT)
         with Shower(panel):
@@ -104,8 +121,8 @@ def test_without_news_it_is_neither_green_nor_red(browser: Browser) -> None:
         expect(seen.locator("#state")).to_have_text("LOGGER ENDED")
 
 
-def test_a_mark_is_told_when_sent_and_when_it_stands_in_the_file(browser: Browser) -> None:
-    with page() as panel, Shower(panel) as shower, looking_at(browser, panel.address) as seen:
+def test_a_mark_is_told_when_sent_and_when_it_stands_in_the_file(browser: Browser, panel: PagePanel) -> None:
+    with Shower(panel) as shower, looking_at(browser, panel.address) as seen:
         _press_mark(seen, "left rut")
         expect(seen.locator("#feedback")).to_contain_text("was sent")
         assert until(panel.commands, "the mark") == [Command("mark", "left rut")]
@@ -115,14 +132,16 @@ def test_a_mark_is_told_when_sent_and_when_it_stands_in_the_file(browser: Browse
         expect(seen.locator("#note")).to_have_value("")
 
 
-def test_a_mark_that_nobody_takes_is_told_too(browser: Browser) -> None:
-    with page() as panel, Shower(panel), looking_at(browser, panel.address) as seen:
+def test_a_mark_that_nobody_takes_is_told_too(browser: Browser, panel: PagePanel) -> None:
+    with Shower(panel), looking_at(browser, panel.address, clock=True) as seen:
         _press_mark(seen, "")
+        expect(seen.locator("#feedback")).to_contain_text("was sent")
+        seen.clock.fast_forward("00:06")
         expect(seen.locator("#feedback")).to_contain_text("has not confirmed it")
 
 
-def test_a_run_is_started_by_name_and_stopped_after_a_question(browser: Browser) -> None:
-    with page() as panel, Shower(panel) as shower, looking_at(browser, panel.address) as seen:
+def test_a_run_is_started_by_name_and_stopped_after_a_question(browser: Browser, panel: PagePanel) -> None:
+    with Shower(panel) as shower, looking_at(browser, panel.address) as seen:
         stop, start = seen.get_by_role("button", name="Stop run"), seen.get_by_role("button", name="Start run")
         expect(stop.first).to_be_enabled()
         stop.first.click()
@@ -159,10 +178,10 @@ def test_nothing_is_shown_without_the_token_and_all_with_it(browser: Browser) ->
             assert until(panel.commands, "the mark") == [Command("mark")]
 
 
-def test_names_from_data_are_text(browser: Browser) -> None:
+def test_names_from_data_are_text(browser: Browser, panel: PagePanel) -> None:
     name = "<img src=x onerror=document.body.remove()>"
     changes = {"vehicle": name, "remarks": [name], "reasons": [STUCK | {"what": name}]}
-    with page() as panel, Shower(panel, **changes), looking_at(browser, panel.address) as seen:
+    with Shower(panel, **changes), looking_at(browser, panel.address) as seen:
         for place in ("#run-title", "#remarks", "#reasons"):
             expect(seen.locator(place)).to_contain_text(name)
         expect(seen.locator("img")).to_have_count(0)

@@ -34,6 +34,19 @@ time.sleep(600)
 """
 
 
+@pytest.fixture(scope="module")
+def shared() -> Iterator[PagePanel]:
+    with page() as panel:
+        yield panel
+
+
+@pytest.fixture
+def panel(shared: PagePanel) -> PagePanel:
+    """The file's page, for tests to which it does not matter what was asked before; no command waits in it."""
+    shared.commands()
+    return shared
+
+
 def test_a_snapshot_reaches_every_browser_and_a_late_one_too() -> None:
     with page() as panel, events(panel) as first:
         assert next_event(first, "hello") == {"vehicle": "a tractor"}
@@ -57,8 +70,8 @@ def test_curves_are_sent_whole_once_and_then_only_what_is_new() -> None:
             assert more["pull"][0][0] > whole["pull"][-1][0]
 
 
-def test_what_no_json_holds_becomes_null() -> None:
-    with page() as panel, events(panel) as stream:
+def test_what_no_json_holds_becomes_null(panel: PagePanel) -> None:
+    with events(panel) as stream:
         panel.show(snapshot(4.75, 5.0, cpu_percent=float("nan"), rss_mb=float("inf")))
         seen = next_event(stream, "snapshot")["snapshot"]
         assert seen["cpu_percent"] is None and seen["rss_mb"] is None
@@ -74,11 +87,10 @@ def test_a_snapshot_that_cannot_be_shown_leaves_the_page_alive(capfd: pytest.Cap
 
 
 @pytest.mark.parametrize("kind", ["start", "stop", "mark"])
-def test_a_command_comes_back_to_the_logger(kind: str) -> None:
-    with page() as panel:
-        assert panel.commands() == []
-        assert command(panel, {"kind": kind, "text": "left  rut\nwet"}) == 202
-        assert until(panel.commands, "the command") == [Command(kind, "left rut wet")]  # type: ignore[arg-type]
+def test_a_command_comes_back_to_the_logger(panel: PagePanel, kind: str) -> None:
+    assert panel.commands() == []
+    assert command(panel, {"kind": kind, "text": "left  rut\nwet"}) == 202
+    assert until(panel.commands, "the command") == [Command(kind, "left rut wet")]  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -97,10 +109,9 @@ def test_a_command_comes_back_to_the_logger(kind: str) -> None:
         {"kind": "mark", "run": "../x"},
     ],
 )
-def test_what_is_no_command_is_refused(body: object) -> None:
-    with page() as panel:
-        assert command(panel, body) == 400
-        assert panel.commands() == []
+def test_what_is_no_command_is_refused(panel: PagePanel, body: object) -> None:
+    assert command(panel, body) == 400
+    assert panel.commands() == []
 
 
 def test_a_logger_that_does_not_listen_is_told_to_the_browser() -> None:

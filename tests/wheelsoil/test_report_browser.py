@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from cli_support import ok
-from live_browser import PATIENCE_MS, PHONE
+from live_browser import PHONE, tab
 from playwright.sync_api import Browser, Page
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
@@ -80,17 +80,25 @@ def written(reports: dict[str, Written]) -> Written:
 @contextmanager
 def opened(browser: Browser, path: Path, size: dict[str, int] = LAPTOP) -> Iterator[Page]:
     """Open a report; a message on the console or a request beyond the file itself fails the test."""
-    context = browser.new_context(viewport=size, is_mobile=size["width"] < 900)
-    page = context.new_page()
-    page.set_default_timeout(PATIENCE_MS)
+    page = tab(browser, mobile=size["width"] < 900)
+    page.set_viewport_size({"width": size["width"], "height": size["height"]})
     said: list[str] = []
     asked: list[str] = []
-    page.on("console", lambda message: said.append(message.text))
-    page.on("pageerror", lambda error: said.append(str(error)))
-    page.on("request", lambda request: asked.append(request.url) if not request.url.startswith("data:") else None)
-    page.goto(path.as_uri())
-    yield page
-    context.close()
+    listeners = {
+        "console": lambda message: said.append(message.text),
+        "pageerror": lambda error: said.append(str(error)),
+        "request": lambda request: asked.append(request.url) if not request.url.startswith("data:") else None,
+    }
+    for event, listener in listeners.items():
+        page.on(event, listener)  # type: ignore[call-overload]
+    try:
+        page.goto(path.as_uri())
+        yield page
+    finally:
+        for event, listener in listeners.items():
+            page.remove_listener(event, listener)
+        page.emulate_media(media="null")
+        page.goto("about:blank")
     assert said == []
     assert [address for address in asked if not address.startswith("blob:")] == [path.as_uri()]
 

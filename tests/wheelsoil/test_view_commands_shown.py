@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,21 @@ from view_client import View, taken_from, viewing
 
 ROOT = Path(__file__).parents[2]
 CLAY, SANDY = ROOT / "recordings" / "clay", ROOT / "recordings" / "sandy"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return taken_from(CLAY, tmp_path_factory.mktemp("shown") / "clay", 2)
+
+
+@pytest.fixture(scope="module")
+def view(folder: Path) -> Iterator[View]:
+    """The page on a folder, and on one that holds nothing."""
+    empty = folder.parent / "empty"
+    empty.mkdir()
+    with viewing(folder, empty) as running:
+        running.settled()
+        yield running
 
 
 def repeated(view: View, campaign: dict[str, Any], choice: dict[str, Any]) -> list[str]:
@@ -76,35 +92,30 @@ def test_recordings_of_two_terrains_and_one_name_are_two_campaigns(tmp_path: Pat
             repeated(view, campaign, {"run": [{"id": "run-1", "keep": [[0, 30]]}]})
 
 
-def test_a_run_named_by_its_id_and_another_file_is_a_fault(tmp_path: Path) -> None:
-    folder = taken_from(CLAY, tmp_path / "clay", 2)
-    with viewing(folder) as view:
-        answer = view.tell("/api/choose", campaign="c1", choice={"run": [{"id": "run-1", "file": "run-2.mcap"}]})
-        assert answer.status == 400 and "run-2.mcap" in answer.faults[0]["what"]
-        view.post("/api/choose", campaign="c1", choice={"run": [{"id": "run-1", "use": False, "keep": [[1, 9]]}]})
-        path = view.post("/api/save", campaign="c1", name="mine.toml")["path"]
-        [unused, _] = view.campaigns()[0]["runs"]
-        assert not unused["use"] and "keep" in Path(path).read_text()
+def test_a_run_named_by_its_id_and_another_file_is_a_fault(view: View) -> None:
+    answer = view.tell("/api/choose", campaign="c1", choice={"run": [{"id": "run-1", "file": "run-2.mcap"}]})
+    assert answer.status == 400 and "run-2.mcap" in answer.faults[0]["what"]
+    view.post("/api/choose", campaign="c1", choice={"run": [{"id": "run-1", "use": False, "keep": [[1, 9]]}]})
+    path = view.post("/api/save", campaign="c1", name="unused.toml")["path"]
+    [unused, _] = view.campaigns()[0]["runs"]
+    assert not unused["use"] and "keep" in Path(path).read_text()
 
 
-def test_a_replacement_that_fails_leaves_nothing_behind(tmp_path: Path) -> None:
-    folder = taken_from(CLAY, tmp_path / "clay", 1)
-    with viewing(folder) as view:
-        path = Path(view.post("/api/save", campaign="c1", name="mine.toml")["path"])
-        before = path.read_bytes()
-        (folder / f".mine.toml.{view.process.pid}").write_bytes(b"of a replacement that failed")
-        view.post("/api/choose", campaign="c1", choice={"slip_threshold": 0.3})
-        view.post("/api/save", campaign="c1", name="mine.toml", replace=True)
-        assert path.read_bytes() != before
-        assert not [file for file in folder.iterdir() if file.name.startswith(".")]
+def test_a_replacement_that_fails_leaves_nothing_behind(view: View, folder: Path) -> None:
+    view.post("/api/choose", campaign="c1", choice={})
+    path = Path(view.post("/api/save", campaign="c1", name="mine.toml")["path"])
+    before = path.read_bytes()
+    (folder / f".mine.toml.{view.process.pid}").write_bytes(b"of a replacement that failed")
+    view.post("/api/choose", campaign="c1", choice={"slip_threshold": 0.3})
+    view.post("/api/save", campaign="c1", name="mine.toml", replace=True)
+    assert path.read_bytes() != before
+    assert not [file for file in folder.iterdir() if file.name.startswith(".")]
 
 
-def test_a_folder_that_cannot_be_read_costs_itself(tmp_path: Path) -> None:
-    folder, empty = taken_from(CLAY, tmp_path / "clay", 1), tmp_path / "empty"
-    empty.mkdir()
-    with viewing(folder, empty) as view:
-        [campaign] = view.settled()
-        assert campaign["name"] == "clay" and campaign["runs"][0]["state"] == "ready"
-        [remark] = view.get("/api/list")["remarks"]
-        assert str(empty) in remark and "left out" in remark
-        assert any(str(empty) in line for line in view.said)
+def test_a_folder_that_cannot_be_read_costs_itself(view: View, folder: Path) -> None:
+    [campaign] = view.campaigns()
+    assert campaign["name"] == "clay" and campaign["runs"][0]["state"] == "ready"
+    [remark] = view.get("/api/list")["remarks"]
+    empty = str(folder.parent / "empty")
+    assert empty in remark and "left out" in remark
+    assert any(empty in line for line in view.said)

@@ -1,47 +1,66 @@
-"""The analyst's page when its server is gone, is locked, or has nothing to show."""
+"""The analyst's page when its server is gone, is locked, refuses, or has a recording that cannot be read."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import Browser, Page, expect
 from view_browser import curve_on_page, drag, drawn, looking, picked
-from view_client import taken_from, viewing
+from view_client import View, taken_from, viewing
+from view_field_day import FieldDay
 
-ROOT = Path(__file__).parents[2]
+RECORDINGS = Path(__file__).parents[2] / "recordings"
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n")
 TOKEN = "a-token-of-the-test"
+pytestmark = pytest.mark.xdist_group("view-page-plots")
+
+
+@pytest.fixture
+def view(field_day: FieldDay) -> View:
+    field_day.view.reset()
+    return field_day.view
+
+
+@pytest.fixture
+def page(browser: Browser, view: View) -> Iterator[Page]:
+    with looking(browser, view.address, refused=True) as seen:
+        drawn(seen, *PLOTS)
+        yield seen
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    return taken_from(ROOT / "recordings" / "clay", tmp_path / "clay", 1)
+    return taken_from(RECORDINGS / "clay", tmp_path / "clay", 1)
 
 
 def test_the_page_outlives_its_server_and_tells_the_next_one_what_was_chosen(browser: Browser, folder: Path) -> None:
-    with viewing(folder) as first:
-        port = first.port
-        with looking(browser, first.address, refused=True) as seen:
+    sandy = taken_from(RECORDINGS / "sandy", folder.parent / "sandy", 1)
+    with viewing(folder) as first, looking(browser, first.address, refused=True) as seen:
+        drawn(seen, *PLOTS)
+        seen.locator("[data-effect=vasilev] input").check()
+        drag(seen, "time-drawbar_pull_n", (20, -1000), (30, -2000))
+        seen.get_by_role("button", name="Leave this out").click()
+        expect(seen.locator("#kept")).to_contain_text("Kept of run-1")
+        drawn(seen, *PLOTS)
+        asked = {"sinkage": "balanced", "effects": ["vasilev"], "values": {"H_m": 0.02}}
+        before = first.post("/api/curve", campaign="c1", **asked)
+        assert curve_on_page(seen, "drawbar_pull_n", before)
+        first.end()
+        expect(seen.locator("#state")).to_have_text("NO CONNECTION")
+        seen.locator("[data-parameter=H_m] input[type=range]").press("ArrowRight")
+        assert picked(seen, PLOTS[1]) and curve_on_page(seen, "drawbar_pull_n", before)
+        with viewing(folder, port=first.port) as second:
             drawn(seen, *PLOTS)
-            seen.locator("[data-effect=vasilev] input").check()
-            drag(seen, "time-drawbar_pull_n", (20, -1000), (30, -2000))
-            seen.get_by_role("button", name="Leave this out").click()
             expect(seen.locator("#kept")).to_contain_text("Kept of run-1")
+            choice = second.settled()[0]["choice"]
+            assert choice["effects"] == ["vasilev"] and len(choice["run"][0]["keep"]) == 2
+        with viewing(sandy, port=first.port) as other:  # on other folders, of which nothing is chosen yet
+            expect(seen.locator("#view-title")).to_contain_text("sandy")
             drawn(seen, *PLOTS)
-            asked = {"sinkage": "balanced", "effects": ["vasilev"], "values": {"H_m": 0.02}}
-            before = first.post("/api/curve", campaign="c1", **asked)
-            assert curve_on_page(seen, "drawbar_pull_n", before)
-            first.process.send_signal(2)
-            first.process.wait()
-            expect(seen.locator("#state")).to_have_text("NO CONNECTION")
-            seen.locator("[data-parameter=H_m] input[type=range]").press("ArrowRight")
-            assert picked(seen, PLOTS[1]) and curve_on_page(seen, "drawbar_pull_n", before)
-            with viewing(folder, port=port) as second:
-                drawn(seen, *PLOTS)
-                expect(seen.locator("#kept")).to_contain_text("Kept of run-1")
-                choice = second.settled()[0]["choice"]
-                assert choice["effects"] == ["vasilev"] and len(choice["run"][0]["keep"]) == 2
+            expect(seen.locator("[data-effect=vasilev] input")).not_to_be_checked()
+            assert other.campaigns()[0]["chosen"] == 0
 
 
 def test_without_the_token_nothing_is_shown(browser: Browser, folder: Path) -> None:
@@ -57,23 +76,19 @@ def test_without_the_token_nothing_is_shown(browser: Browser, folder: Path) -> N
             drawn(seen, *PLOTS)
 
 
-def test_what_the_server_refuses_is_told_with_what_to_do(browser: Browser, folder: Path) -> None:
-    with viewing(folder) as view, looking(browser, view.address, refused=True) as seen:
-        drawn(seen, *PLOTS)
-        seen.get_by_label("Filter cut-off").fill("50")
-        seen.get_by_label("Filter cut-off").press("Enter")
-        expect(seen.locator("#faults li")).to_contain_text("cutoff_hz")
-        expect(seen.locator("#faults dt").last).to_have_text("do")
-        expect(seen.locator("#state")).to_have_text("NOT DONE")
-        assert "cutoff_hz" not in view.campaigns()[0]["choice"]
-        seen.get_by_label("Filter cut-off").fill("2")
-        seen.get_by_label("Filter cut-off").press("Enter")
-        drawn(seen, *PLOTS)
-        assert view.settled()[0]["choice"]["cutoff_hz"] == 2
+def test_what_the_server_refuses_is_told_with_what_to_do(page: Page, view: View) -> None:
+    page.get_by_label("Filter cut-off").fill("50")
+    page.get_by_label("Filter cut-off").press("Enter")
+    expect(page.locator("#faults li")).to_contain_text("cutoff_hz")
+    expect(page.locator("#faults dt").last).to_have_text("do")
+    expect(page.locator("#state")).to_have_text("NOT DONE")
+    assert "cutoff_hz" not in view.campaigns()[0]["choice"]
+    page.get_by_label("Filter cut-off").fill("2")
+    page.get_by_label("Filter cut-off").press("Enter")
+    drawn(page, *PLOTS)
+    assert view.settled()[0]["choice"]["cutoff_hz"] == 2
 
 
-def test_a_run_that_cannot_be_read_is_told_and_the_others_work(browser: Browser, folder: Path) -> None:
-    (folder / "run-0.mcap").write_bytes((folder / "run-1.mcap").read_bytes()[:3000])
-    with viewing(folder) as view, looking(browser, view.address, refused=True) as seen:
-        drawn(seen, *PLOTS)
-        expect(seen.locator("#list")).to_contain_text("run-0")
+def test_a_run_that_cannot_be_read_is_told_and_the_others_work(page: Page) -> None:
+    expect(page.locator("#remarks")).to_contain_text("run-0")
+    expect(page.locator("section.campaign").last.locator("button.run")).to_contain_text("run-1")

@@ -4,34 +4,26 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
-from view_browser import comes, drag, drawn, looking, picked, points, seen_range, shapes, show_all, trace
-from view_client import View, taken_from, viewing
+from view_browser import comes, drag, drawn, looking, open_run, picked, points, seen_range, shapes, show_all, trace
+from view_client import View
+from view_field_day import SCRIPT, FieldDay
 
-ROOT = Path(__file__).parents[2]
+pytestmark = pytest.mark.xdist_group("view-page-plots")
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n", "time-driving_torque_nm", "slip-driving_torque_nm")
-SCRIPT = "<script>document.title='taken'</script><img src=x onerror=alert(1)>"
 
 
-@pytest.fixture(scope="module")
-def view(tmp_path_factory: pytest.TempPathFactory) -> Iterator[View]:
-    home = tmp_path_factory.mktemp("page")
-    clay = taken_from(ROOT / "recordings" / "clay", home / "clay", 2)
-    sandy = taken_from(ROOT / "recordings" / "sandy", home / "sandy", 1)
-    with viewing(clay, sandy) as running:
-        running.settled()
-        yield running
+@pytest.fixture
+def view(field_day: FieldDay) -> View:
+    field_day.view.reset()
+    return field_day.view
 
 
 @pytest.fixture
 def page(browser: Browser, view: View) -> Iterator[Page]:
-    for campaign in view.campaigns():
-        view.post("/api/choose", campaign=campaign["key"], choice={})
-    view.settled()
     with looking(browser, view.address) as seen:
         drawn(seen, *PLOTS)
         yield seen
@@ -146,7 +138,7 @@ def test_a_stretch_is_left_out_by_hand_and_taken_back(page: Page, view: View) ->
 
 
 def test_a_run_is_taken_out_and_thresholds_are_set(page: Page, view: View) -> None:
-    page.get_by_label("Use run-2").first.uncheck()
+    page.get_by_label("Use run-2").uncheck()
     expect(page.locator("button.run.unused")).to_have_count(1)
     for label, text in (("Slip threshold", "0.15"), ("Filter cut-off", "2"), ("Least speed", "0.6")):
         page.get_by_label(label).fill(text)
@@ -161,7 +153,7 @@ def test_a_run_is_taken_out_and_thresholds_are_set(page: Page, view: View) -> No
 
 
 def test_two_runs_and_two_campaigns_are_compared(page: Page, view: View) -> None:
-    page.get_by_label("Compare with").select_option(label="clay: run-2")
+    page.get_by_label("Compare with").select_option(label="clay field: run-2")
     expect(page.locator("#legend")).to_contain_text("run-2, used")
     drawn(page, *PLOTS)
     used = "(plot) => plot.data.filter((trace) => trace.name === 'used').map((trace) => trace.line.dash).sort()"
@@ -179,48 +171,37 @@ def test_two_runs_and_two_campaigns_are_compared(page: Page, view: View) -> None
     assert clay != sandy
 
 
-def test_names_from_data_are_text(browser: Browser, tmp_path: Path) -> None:
-    folder = taken_from(ROOT / "recordings" / "clay", tmp_path / "<b>clay", 1)
-    (folder / "runs.toml").write_text(f'[[run]]\nfile = "run-1.mcap"\nid = "{SCRIPT}"\n', encoding="utf-8")
-    with viewing(folder) as view, looking(browser, view.address) as seen:
-        drawn(seen, *PLOTS)
-        expect(seen.locator("button.run .name")).to_have_text(SCRIPT)
-        expect(seen.locator("#view-title")).to_contain_text(SCRIPT)
-        seen.locator("#time-drawbar_pull_n").hover()
-        drag(seen, "time-drawbar_pull_n", (10, -1000), (18, -2000))
-        expect(seen.locator("#plots .hoverlayer").first).to_contain_text("<script>")
-        expect(seen.locator("img, main script")).to_have_count(0)
-        assert seen.title() != "taken"
+def test_names_from_data_are_text(page: Page) -> None:
+    open_run(page, "<b>markup", SCRIPT)
+    drawn(page, *PLOTS)
+    page.locator("#time-drawbar_pull_n").hover()
+    drag(page, "time-drawbar_pull_n", (10, -1000), (18, -2000))
+    expect(page.locator("#plots .hoverlayer").first).to_contain_text("<script>")
+    expect(page.locator("img, main script, main b")).to_have_count(0)
+    assert page.title() != "taken"
 
 
-@pytest.mark.parametrize(
-    ("role", "words"), [("driving_torque", "torque: not measured"), ("ground_speed", "ground_speed")]
-)
-def test_what_a_recording_lacks_costs_itself_only(browser: Browser, tmp_path: Path, role: str, words: str) -> None:
-    folder = taken_from(ROOT / "recordings" / "clay", tmp_path / "clay", 1)
-    lines = (folder / "vehicle.toml").read_text(encoding="utf-8").splitlines(keepends=True)
-    kept = "".join(line for line in lines if not line.startswith(f"{role} ="))
-    assert len(kept.splitlines()) == len(lines) - 1
-    (folder / "vehicle.toml").write_text(kept, encoding="utf-8")
-    with viewing(folder) as view, looking(browser, view.address, refused=True) as seen:
-        if role == "driving_torque":
-            drawn(seen, *PLOTS[:2])
-            expect(seen.locator("#shown")).to_contain_text(words)
-            expect(seen.locator("#plots figure")).to_have_count(2)
-        else:
-            expect(seen.locator(f"#{PLOTS[0]} .main-svg").first).to_be_visible()
-            expect(seen.locator("button.run .tag")).to_have_text("✕ poor")
-            expect(seen.locator("#notes")).to_contain_text(words)
+def test_a_missing_torque_costs_its_own_plots_only(page: Page) -> None:
+    open_run(page, "no driving_torque")
+    drawn(page, *PLOTS[:2])
+    expect(page.locator("#shown")).to_contain_text("torque: not measured")
+    expect(page.locator("#plots figure")).to_have_count(2)
 
 
-def test_a_measured_sinkage_has_its_plots(browser: Browser, tmp_path: Path) -> None:
-    folder = taken_from(ROOT / "recordings" / "clay", tmp_path / "clay", 1)
-    text = (folder / "vehicle.toml").read_text(encoding="utf-8")
-    height = '[signals]\nsinkage = "GNSS_3.Altitude"'  # the one length in the recording stands in for it
-    (folder / "vehicle.toml").write_text(text.replace("[signals]", height), encoding="utf-8")
-    with viewing(folder) as view, looking(browser, view.address) as seen:
-        drawn(seen, *PLOTS, "time-sinkage_m", "slip-sinkage_m")
-        expect(seen.locator("#legend")).to_contain_text("by hand")
-        comes(seen, "slip-sinkage_m", "curve by hand")
-        seen.locator("#shown").get_by_label("sinkage").uncheck()
-        expect(seen.locator("#plots figure")).to_have_count(4)
+def test_a_missing_ground_speed_is_said_and_the_rest_is_drawn(browser: Browser, view: View) -> None:
+    with looking(browser, view.address, refused=True) as page:
+        drawn(page, *PLOTS)
+        campaign = open_run(page, "no ground_speed")
+        expect(page.locator("#plots")).to_have_attribute("aria-busy", "false")
+        expect(page.locator("#plots figure")).to_have_count(2)
+        expect(campaign.locator("button.run .tag")).to_have_text("✕ poor")
+        expect(page.locator("#notes")).to_contain_text("ground_speed")
+
+
+def test_a_measured_sinkage_has_its_plots(page: Page) -> None:
+    open_run(page, "measured sinkage")
+    drawn(page, *PLOTS, "time-sinkage_m", "slip-sinkage_m")
+    expect(page.locator("#legend")).to_contain_text("by hand")
+    comes(page, "slip-sinkage_m", "curve by hand")
+    page.locator("#shown").get_by_label("sinkage").uncheck()
+    expect(page.locator("#plots figure")).to_have_count(4)

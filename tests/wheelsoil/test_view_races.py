@@ -32,7 +32,7 @@ def fitting(view: View) -> Iterator[list[Answer]]:
     thread.join()
 
 
-def test_the_same_choice_told_again_costs_no_fit(folder: Path) -> None:
+def test_the_same_choice_told_again_costs_no_fit_and_another_one_ends_it(folder: Path) -> None:
     choice = {"slip_threshold": 0.15, "effects": ["vasilev"]}
     with viewing(folder) as view:
         view.settled()
@@ -41,11 +41,6 @@ def test_the_same_choice_told_again_costs_no_fit(folder: Path) -> None:
             for _ in range(3):
                 view.post("/api/choose", campaign="c1", choice=choice)
         assert found[0].status == 200 and "chosen" in found[0].json["models"]
-
-
-def test_another_choice_ends_the_fit_of_the_one_before(folder: Path) -> None:
-    with viewing(folder) as view:
-        view.settled()
         for threshold in (0.1, 0.2):
             with fitting(view) as found:
                 view.post("/api/choose", campaign="c1", choice={"slip_threshold": threshold})

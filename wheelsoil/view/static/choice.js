@@ -1,32 +1,40 @@
-// What is chosen by hand: thresholds, runs, stretches of time. Each change goes to the server at once and comes back as it was taken.
+// What is chosen by hand: thresholds, runs, stretches of time. A change is shown at once, goes to the server, and stands as the server confirms it.
 
 import { ask } from "./api.js";
 import { get, write } from "./dom.js";
 import { chosenRun, entryOf, forget, load, samplesOf } from "./samples.js";
-import { campaignOf, current, on, runOf, state, tell } from "./store.js";
+import { campaignOf, choiceOf, current, edited, on, runOf, state, tell } from "./store.js";
 import { during } from "./talk.js";
 
 let last = Promise.resolve();
 
-/** Change the choice of a campaign; `edit` gets a copy of it to change. Changes go one after the other. */
-export function change(key, edit) {
-  state.changing += 1;
-  last = last.catch(() => {}).then(() => send(key, edit)); // one that failed does not stop those after it
+/**
+ * Change the choice of a campaign. Changes go to the server one after the other, and stand on the page meanwhile.
+ * `edit` changes a copy of the choice, more than once: what it sets is read before, from the event, never from the page.
+ */
+export async function change(key, edit) {
+  edited(campaignOf(key)?.choice ?? {}, [{ edit }]); // one that throws does so here
+  const made = { campaign: key, edit };
+  state.changes.push(made);
+  tell("list");
+  last = last.catch(() => {}).then(() => send(made)); // one that failed does not stop those after it
   return last;
 }
 
-async function send(key, edit) {
+/** Wait for the changes that were made so far: the server has confirmed or refused them. */
+export const confirmed = () => last.catch(() => {});
+
+async function send(made) {
+  const campaign = campaignOf(made.campaign);
   let entry;
   try {
-    const campaign = campaignOf(key), choice = structuredClone(campaign?.choice ?? {});
-    edit(choice);
-    if (campaign) entry = await during(`applying the choice to ${campaign.name}`, ask("/api/choose", { campaign: key, choice }));
+    const body = campaign && { campaign: campaign.key, choice: edited(campaign.choice, [made]) };
+    if (body) entry = await during(`applying the choice to ${campaign.name}`, ask("/api/choose", body));
   } finally {
-    state.changing -= 1;
+    state.changes = state.changes.filter((each) => each !== made);
   }
   if (entry) took(entry);
   else tell("list");
-  return entry;
 }
 
 /** Take a campaign's entry as the server has it now. */
@@ -36,11 +44,11 @@ export function took(entry) {
   load();
 }
 
-/** Take what the server says of all campaigns; somebody else may have chosen, too. */
-export function arrive(campaigns) {
+/** Take what the server says of all campaigns; somebody else may have chosen, too. An answer from before the last choice came late. */
+export function arrive(campaigns, anew = false) {
   const before = new Map(state.campaigns.map((each) => [each.key, each]));
-  state.campaigns = campaigns;
-  for (const { key, choice } of campaigns) {
+  state.campaigns = campaigns.map((each) => (!anew && before.get(each.key)?.chosen > each.chosen ? before.get(each.key) : each));
+  for (const { key, choice } of state.campaigns) {
     if (before.has(key) && ofSamples(before.get(key).choice) !== ofSamples(choice)) forget(key);
   }
 }
@@ -88,7 +96,7 @@ function showKeep() {
 const NUMBERS = [["slip-threshold", "slip_threshold"], ["cutoff", "cutoff_hz"], ["min-speed", "min_speed_mps"]];
 
 function showForm() {
-  const choice = current()?.choice ?? {};
+  const choice = choiceOf(state.a?.campaign);
   for (const [id, name] of NUMBERS) if (document.activeElement !== get(id)) get(id).value = choice[name] ?? "";
   const channels = choice.channels ?? ["dp"];
   get("fit-dp").checked = channels.includes("dp");

@@ -1,21 +1,25 @@
 // Refit: the four models and the one of one's own, their values with intervals, their criteria.
 
 import { ask } from "./api.js";
+import { confirmed } from "./choice.js";
 import { sensible } from "./channels.js";
 import { setFitted } from "./curve.js";
 import { modelStyle } from "./drawing.js";
 import { get, part, write } from "./dom.js";
 import { setValues, tellFit } from "./model.js";
-import { current, on, state } from "./store.js";
+import { campaignOf, current, on, state } from "./store.js";
 import { during } from "./talk.js";
 
 const OWN = "chosen";
 const CHANNELS = { dp: ["drawbar pull", "N"], t: ["torque", "N m"] };
 const fits = new Map(); // campaign -> { fit, of: the choice it was made with }
 const off = new Set(); // models whose curve is not drawn
+let inTables; // the fit that stands in the tables
 
 async function refit() {
-  const campaign = current(), of = JSON.stringify(campaign.choice);
+  const { key } = current();
+  await confirmed();
+  const campaign = campaignOf(key), of = JSON.stringify(campaign.choice);
   const fit = await during(`fitting the models to ${campaign.name}`, ask("/api/fit", { campaign: campaign.key }));
   if (!fit) return;
   fits.set(campaign.key, { fit, of });
@@ -41,7 +45,8 @@ function show() {
   write(get("fit-says"), outdated ? "The choice has changed since this fit: refit." : fit.notes.join("; "));
   get("fit-says").classList.toggle("outdated", outdated);
   get("fit-tables").classList.toggle("old", outdated);
-  get("fit-tables").replaceChildren(criteria(fit), values(fit));
+  if (inTables !== fit) get("fit-tables").replaceChildren(criteria(fit), values(fit));
+  inTables = fit;
   const estimates = Object.assign({}, ...Object.values(fit.models).map((model) => model.estimates), fit.models[OWN]?.estimates);
   tellFit(estimates, fit.models[OWN]?.held ?? {});
   drawCurves(fit);

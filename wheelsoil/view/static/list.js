@@ -60,7 +60,10 @@ function showRun(item, campaign, run) {
   const mine = state.a?.campaign === campaign.key && state.a.run === run.key;
   use.checked = used;
   use.setAttribute("aria-label", `Use ${run.id}`);
-  use.onchange = () => change(campaign.key, (choice) => { entryOf(choice, run).use = use.checked; });
+  use.onchange = () => {
+    const wanted = use.checked;
+    change(campaign.key, (choice) => { entryOf(choice, run).use = wanted; });
+  };
   button.setAttribute("aria-pressed", String(mine));
   button.classList.toggle("unused", !used);
   button.onclick = () => pick({ campaign: campaign.key, run: run.key });
@@ -85,7 +88,8 @@ function showCompare() {
     option.value = value;
     write(option, words);
   });
-  menu.value = state.b ? JSON.stringify([state.b.campaign, state.b.run]) : "";
+  const compared = state.b ? JSON.stringify([state.b.campaign, state.b.run]) : "";
+  if (menu.value !== compared) menu.value = compared; // else an open menu would lose what the keys have reached
 }
 
 function showView() {

@@ -4,15 +4,16 @@ import { ask, query } from "./api.js";
 import { sensible } from "./channels.js";
 import { change } from "./choice.js";
 import { bend } from "./curve.js";
-import { get, list, part, spaced, write } from "./dom.js";
+import { get, list, part, place, spaced, write } from "./dom.js";
 import { Slider } from "./slider.js";
-import { current, on, state, tell } from "./store.js";
+import { choiceOf, current, on, state, tell } from "./store.js";
 import { during } from "./talk.js";
 
 const KINDS = { physical: "Soil and wheel", measurement: "Measurement" };
 const known = new Map(); // campaign -> {soil, effects} of /api/parameters
 const values = new Map(); // parameter -> value, of whatever effect
 const bases = new Map(); // campaign -> what these were asked for
+const boxes = new Map(); // effect that is on -> { box, sliders }
 const sliders = new Map(); // parameter -> Slider
 const soilSliders = new Map();
 let soil = {}; // what was moved by hand
@@ -22,7 +23,8 @@ let shownFor = null;
 /** An effect that is switched on begins where an estimate would, so that it is seen. */
 const startOf = ({ start, value }) => start ?? value;
 const about = () => known.get(state.a?.campaign);
-const effectsOn = () => current()?.choice?.effects ?? [];
+const chosen = () => choiceOf(state.a?.campaign);
+const effectsOn = () => chosen().effects ?? [];
 export const sinkage = () => get("sinkage").querySelector("input:checked").value;
 
 /** The effect of a name: its key, or the family's only form. */
@@ -44,7 +46,7 @@ function redraw(since) {
 
 /** Put an effect into the model or take it out; the choice remembers it. */
 export function setEffect(key, use) {
-  return change(state.a.campaign, (choice) => {
+  change(state.a.campaign, (choice) => {
     const rest = (choice.effects ?? []).filter((each) => each !== key);
     choice.effects = use ? [...rest, key] : rest;
   });
@@ -64,13 +66,12 @@ export function setValues(given) {
 function moveSoil({ name, value: laboratory }, value) {
   if (value === laboratory) delete soil[name];
   else soil[name] = value;
-  const fits = current().choice.soil_prior ? "a fit looks for its own" : "a fit takes the laboratory's";
+  const fits = chosen().soil_prior ? "a fit looks for its own" : "a fit takes the laboratory's";
   write(get("soil-hint"), Object.keys(soil).length ? `moved; ${fits}` : "as the laboratory says");
 }
 
-/** The reading that is chosen; while a change is underway, the newest one stays. */
 function showSinkage() {
-  if (!state.changing) get("sinkage").querySelector(`[value=${current()?.choice.sinkage ?? "balanced"}]`).checked = true;
+  get("sinkage").querySelector(`[value=${chosen().sinkage ?? "balanced"}]`).checked = true;
 }
 
 /** Say beside each slider what a fit found: estimates and held values by the parameter's name. */
@@ -97,6 +98,7 @@ async function showModel() {
   if (shownFor !== campaign) {
     shownFor = campaign;
     soil = {};
+    boxes.clear();
     showSoil();
     showEffects();
     showSliders();
@@ -119,50 +121,63 @@ function showSoil() {
   write(get("soil-hint"), "as the laboratory says");
 }
 
-/** A slider for each parameter of the effects that are on. */
+/** A slider for each parameter of the effects that are on. Those that stay on are left as they are, in the middle of a drag or a number. */
 function showSliders() {
+  const used = about().effects.filter((each) => effectsOn().includes(each.key));
+  for (const key of boxes.keys()) if (!used.some((each) => each.key === key)) boxes.delete(key);
+  for (const effect of used) if (!boxes.has(effect.key)) boxes.set(effect.key, slidersOf(effect));
+  const shown = used.map(({ key }) => boxes.get(key));
+  place(get("sliders"), shown.map(({ box }) => box));
   sliders.clear();
-  const boxes = about().effects.filter((each) => effectsOn().includes(each.key)).map((effect) => {
-    const box = part("div", "effect-on");
-    box.append(part("h3", "", nameOf(effect)));
-    for (const parameter of effect.parameters) {
-      const slider = new Slider(parameter, values.get(parameter.name) ?? startOf(parameter), (value, since) => {
-        values.set(parameter.name, value);
-        redraw(since);
-      });
-      sliders.set(parameter.name, slider);
-      box.append(slider.row);
-    }
-    return box;
-  });
-  get("sliders").replaceChildren(...(boxes.length ? boxes : [part("p", "hint", "No effect is on: this is Wong's model. Switch one on below.")]));
+  for (const slider of shown.flatMap((each) => each.sliders)) sliders.set(slider.about.name, slider);
+  get("no-effect").hidden = shown.length > 0;
+}
+
+function slidersOf(effect) {
+  const box = part("div", "effect-on");
+  const made = effect.parameters.map((parameter) => new Slider(parameter, values.get(parameter.name) ?? startOf(parameter), (value, since) => {
+    values.set(parameter.name, value);
+    redraw(since);
+  }));
+  box.append(part("h3", "", nameOf(effect)), ...made.map((slider) => slider.row));
+  return { box, sliders: made };
 }
 
 const nameOf = ({ family, form }) => (form ? `${spaced(family)}: ${form}` : spaced(family));
 
 function showEffects() {
-  const groups = Object.entries(KINDS).map(([kind, title]) => {
-    const box = part("fieldset", "effects");
-    box.append(part("legend", "", title));
-    for (const effect of about().effects.filter((each) => each.kind === kind)) box.append(effectRow(effect));
-    return box;
+  list(get("effects"), Object.entries(KINDS), makeGroup, (box, [kind, title]) => {
+    const [legend, rows] = box.children;
+    write(legend, title);
+    list(rows, about().effects.filter((each) => each.kind === kind), makeEffect, showEffect);
   });
-  get("effects").replaceChildren(...groups);
   search();
 }
 
-function effectRow(effect) {
+function makeGroup() {
+  const box = part("fieldset", "effects");
+  box.append(part("legend"), part("div"));
+  return box;
+}
+
+function makeEffect() {
   const label = part("label", "effect"), input = part("input"), text = part("span");
   input.type = "checkbox";
+  text.append(part("strong"), part("small"));
+  label.append(input, text);
+  return label;
+}
+
+function showEffect(label, effect) {
+  const [input, text] = label.children, [name, small] = text.children;
   input.checked = effectsOn().includes(effect.key);
   input.disabled = !effect.can && !input.checked;
-  input.addEventListener("change", () => setEffect(effect.key, input.checked));
+  input.onchange = () => setEffect(effect.key, input.checked);
   const unseen = effect.in_curve === false ? " It does not show in this curve, only in a fit." : "";
-  text.append(part("strong", "", nameOf(effect)), part("small", "", effect.can ? effect.summary + unseen : `cannot be told here: ${effect.why_not}`));
-  label.append(input, text);
+  write(name, nameOf(effect));
+  write(small, effect.can ? effect.summary + unseen : `cannot be told here: ${effect.why_not}`);
   label.dataset.effect = effect.key;
   label.dataset.words = `${effect.key} ${nameOf(effect)} ${effect.summary}`.toLowerCase();
-  return label;
 }
 
 function search() {
@@ -190,8 +205,9 @@ function follow() {
 
 export function setUp() {
   get("sinkage").addEventListener("change", () => {
+    const reading = sinkage();
     redraw();
-    change(state.a.campaign, (choice) => { choice.sinkage = sinkage(); });
+    change(state.a.campaign, (choice) => { choice.sinkage = reading; });
   });
   get("load").addEventListener("change", (event) => {
     loadN = Number(get("load").value) > 0 ? Number(get("load").value) : null;

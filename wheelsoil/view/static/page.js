@@ -47,7 +47,7 @@ async function take(told) {
     location.reload(); // keys mean other runs now
     return;
   }
-  choice.arrive(told.campaigns);
+  choice.arrive(told.campaigns, again);
   state.remarks = told.remarks ?? [];
   show();
   tell("list");

@@ -2,7 +2,7 @@
 
 import { capital, CHANNELS, has } from "./channels.js";
 import { CONFIG, plotly, SEGMENTS } from "./drawing.js";
-import { get, list, part, write } from "./dom.js";
+import { get, list, part, place, write } from "./dom.js";
 import { legendOf, overlayOf } from "./overlay.js";
 import { samplesOf } from "./samples.js";
 import { arrow, select } from "./selection.js";
@@ -15,6 +15,7 @@ const TOUCH = matchMedia("(pointer: coarse)");
 let waiting = false;
 let pressed = false; // a mouse button or finger is down in a plot: drawing anew would break the drag off
 let late = false;
+let drawing = 0; // how many draws are underway
 
 function shownChannels() {
   const data = state.a && samplesOf(state.a), other = state.b && samplesOf(state.b);
@@ -33,13 +34,10 @@ function arrange(Plotly) {
   for (const [key, { div }] of plots) {
     if (wanted.some((each) => each.key === key)) continue;
     Plotly.purge(div);
-    div.closest("figure").remove();
     plots.delete(key);
   }
-  for (const { about, over, key } of wanted) {
-    if (!plots.has(key)) plots.set(key, made(about, over));
-    get("plots").append(plots.get(key).div.closest("figure"));
-  }
+  for (const { about, over, key } of wanted) if (!plots.has(key)) plots.set(key, made(about, over));
+  place(get("plots"), wanted.map(({ key }) => plots.get(key).div.closest("figure")));
 }
 
 function made(about, over) {
@@ -55,12 +53,23 @@ function made(about, over) {
 
 function release() {
   pressed = false;
-  if (late) setTimeout(draw);
+  if (late) draw();
   late = false;
 }
 
 /** Draw all again: other samples, other channels. */
 export async function draw() {
+  drawing += 1;
+  get("plots").setAttribute("aria-busy", "true");
+  try {
+    await drawAll();
+  } finally {
+    drawing -= 1;
+    get("plots").setAttribute("aria-busy", String(drawing > 0 || late));
+  }
+}
+
+async function drawAll() {
   if (pressed) late = true;
   if (waiting || pressed) return;
   waiting = true;

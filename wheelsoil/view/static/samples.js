@@ -1,7 +1,7 @@
 // The samples of runs: asked for once, kept until the choice changes them.
 
 import { ask, query } from "./api.js";
-import { campaignOf, state, tell } from "./store.js";
+import { campaignOf, choiceOf, state, tell } from "./store.js";
 import { during } from "./talk.js";
 
 const kept = new Map(); // "campaign run" -> { revision, data, asked }
@@ -21,7 +21,7 @@ export function othersOf(campaign, but) {
 const isOf = (entry, run) => (!entry.file || entry.file === run.file) && (!entry.id || entry.id === run.id);
 
 /** What the choice says of a run, if anything. */
-export const chosenRun = (campaign, run) => (campaignOf(campaign)?.choice?.run ?? []).find((entry) => isOf(entry, run));
+export const chosenRun = (campaign, run) => (choiceOf(campaign).run ?? []).find((entry) => isOf(entry, run));
 
 /** The choice's entry of a run, made where there is none. */
 export function entryOf(choice, run) {

@@ -1,16 +1,17 @@
 // Save: the choice as a file, and the commands that do by it what was done by hand.
 
 import { ask } from "./api.js";
-import { took } from "./choice.js";
+import { confirmed, took } from "./choice.js";
 import { get, list, part, write } from "./dom.js";
 import { current, on } from "./store.js";
 import { during } from "./talk.js";
 
 async function save() {
-  const campaign = current(), name = get("save-name").value.trim();
-  const told = await during("saving the choice", ask("/api/save", { campaign: campaign.key, name, replace: get("replace").checked }));
-  get("replace-box").hidden = Boolean(told);
+  const body = { campaign: current().key, name: get("save-name").value.trim(), replace: get("replace").checked };
   get("replace").checked = false;
+  await confirmed();
+  const told = await during("saving the choice", ask("/api/save", body));
+  get("replace-box").hidden = Boolean(told);
   if (told) took(told.campaign);
 }
 

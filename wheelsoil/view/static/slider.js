@@ -30,6 +30,7 @@ export class Slider {
     this.range.addEventListener("input", (event) => this.take(Number(this.range.value), event.timeStamp));
     this.box.addEventListener("change", (event) => this.box.value !== "" && this.take(Number(this.box.value), event.timeStamp));
     this.reset.addEventListener("click", (event) => this.take(about.neutral, event.timeStamp));
+    this.box.addEventListener("blur", () => this.write()); // what was typed by halves, or fitted meanwhile
     this.put(start);
   }
 
@@ -42,6 +43,7 @@ export class Slider {
 
   take(value, since) {
     this.put(value);
+    this.write();
     this.on(this.value, since);
   }
 
@@ -49,6 +51,10 @@ export class Slider {
     const { low, high, lowest = low, highest = high } = this.about; // the box takes what the model does, the slider what is plausible
     this.value = Math.min(highest, Math.max(lowest, value));
     this.range.value = String(this.value);
+    if (document.activeElement !== this.box) this.write(); // somebody types in it
+  }
+
+  write() {
     this.box.value = String(Number(this.value.toPrecision(6)));
   }
 

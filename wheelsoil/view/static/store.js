@@ -11,7 +11,7 @@ export const state = {
   touchSelects: false, // a finger that drags in a plot selects; else it scrolls the page
   part: "driving", // what the axes over slip hold: driving, all, braking
   selection: null,
-  changing: 0, // changes of a choice that are underway
+  changes: [], // of a choice, that the server has not confirmed yet: { campaign, edit }
   curves: [], // { name, campaign, slip, drawbar_pull_n, ..., colour, dash, width }
 };
 
@@ -29,3 +29,16 @@ export function tell(what, ...details) {
 export const campaignOf = (key) => state.campaigns.find((each) => each.key === key);
 export const runOf = (place) => campaignOf(place?.campaign)?.runs.find((each) => each.key === place.run);
 export const current = () => campaignOf(state.a?.campaign);
+
+/** What is chosen for a campaign: what the server confirmed, with the changes that it has not confirmed yet. Not to be changed. */
+export function choiceOf(key) {
+  const confirmed = campaignOf(key)?.choice ?? {}, changes = state.changes.filter((each) => each.campaign === key);
+  return changes.length ? edited(confirmed, changes) : confirmed;
+}
+
+/** A copy of a choice with changes made to it. */
+export function edited(choice, changes) {
+  const copy = structuredClone(choice);
+  for (const { edit } of changes) edit(copy);
+  return copy;
+}

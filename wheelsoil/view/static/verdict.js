@@ -1,11 +1,11 @@
 // Diagnose: the sentence, and the candidates; a click puts one into the model.
 
 import { ask, query } from "./api.js";
-import { took } from "./choice.js";
+import { confirmed, took } from "./choice.js";
 import { get, list, part, spaced, write } from "./dom.js";
 import { verdictOf } from "./list.js";
 import { effectOf, setEffect, setValues } from "./model.js";
-import { current, on } from "./store.js";
+import { choiceOf, current, on } from "./store.js";
 import { during, tellError } from "./talk.js";
 
 const MOST = 8;
@@ -15,6 +15,7 @@ const kept = new Map(); // campaign -> { sentence, diagnosis }
 async function diagnose() {
   const campaign = current();
   kept.delete(campaign.key);
+  await confirmed();
   const entry = await during(`asking for a diagnosis of ${campaign.name}`, ask("/api/diagnose", { campaign: campaign.key }));
   if (entry) took(entry);
 }
@@ -62,12 +63,12 @@ function fillRow(item, { name, probability, cause }) {
   meter.value = probability;
   write(share, percent(probability));
   write(form, cause?.form ? `if so, ${spaced(cause.form)} with ${percent(cause.form_probability)}` : "");
-  const inside = effect && current().choice.effects?.includes(effect.key);
+  const inside = effect && choiceOf(current().key).effects?.includes(effect.key);
   button.disabled = !effect?.can || inside;
   write(button, inside ? "In the model" : "Put into the model");
   button.title = effect ? effect.summary : "";
-  button.onclick = async () => {
-    await setEffect(effect.key, true);
+  button.onclick = () => {
+    setEffect(effect.key, true);
     const found = Object.fromEntries((cause?.parameters ?? []).map((each) => [each.name, each.value]));
     setValues(found);
   };

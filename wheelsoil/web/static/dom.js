@@ -21,6 +21,14 @@ export function list(parent, items, make, fill) {
   items.forEach((item, i) => fill(parent.children[i] ?? parent.appendChild(make()), item));
 }
 
+/** Have these children, in order. One that stands in its place is not touched: it keeps the focus and what is typed in it. */
+export function place(parent, children) {
+  for (const child of [...parent.children]) if (!children.includes(child)) child.remove();
+  children.forEach((child, i) => {
+    if (parent.children[i] !== child) parent.insertBefore(child, parent.children[i] ?? null);
+  });
+}
+
 /** Facts are [name, text, level, wide]. */
 export function facts(parent, items) {
   const make = () => {
