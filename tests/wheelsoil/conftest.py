@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from cli_support import ok
 from report_support import material_of, processed_of
+from shared_results import made_once
 from view_client import View, viewing
 from view_field_day import FieldDay, field_day_in
 
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 
+RECORDINGS = Path(__file__).parents[2] / "recordings"
 _chromium: list[SharedChromium] = []
 
 
@@ -53,6 +56,19 @@ def field_day(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FieldDay]:
     """Return the analyst's page on several campaigns, for all tests of the page that take back what they choose."""
     with field_day_in(tmp_path_factory.mktemp("page")) as found:
         yield found
+
+
+@pytest.fixture(scope="session")
+def sample_reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Return the report, with a diagnosis, of each campaign that is shipped; its numbers lie beside it."""
+
+    def report(name: str) -> Path:
+        made = made_once(
+            tmp_path_factory, name, lambda folder: ok("report", RECORDINGS / name, "-o", folder / f"{name}.html")
+        )
+        return made / f"{name}.html"
+
+    return {name: report(name) for name in ("clay", "sandy")}
 
 
 @pytest.fixture(scope="session")

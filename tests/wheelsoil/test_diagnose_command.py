@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import tomllib
 from pathlib import Path
@@ -192,10 +193,10 @@ def test_a_bench_table_is_diagnosed(tmp_path):
     assert "driving_torque" not in {finding["channel"] for finding in answer["what_is_wrong"]}
 
 
-def test_the_sample_campaign_of_lyaskos_law_is_named_with_its_p():
-    said = ok("diagnose", Path(__file__).parents[2] / "recordings" / "sandy", "--json").json
-    assert said["verdict"] == "named"
-    [cause] = said["causes"]
+def test_the_sample_campaign_of_lyaskos_law_is_named_with_its_p(sample_reports):
+    sections = json.loads(sample_reports["sandy"].with_suffix(".json").read_text(encoding="utf-8"))["sections"]
+    assert sections["verdict"]["verdict"] == "named"
+    [cause] = sections["candidates"]["causes"]
     assert (cause["name"], cause["form"]) == ("slip_sinkage", "lyasko")
     p = next(parameter for parameter in cause["parameters"] if parameter["name"] == "p")
     low, high = p["interval95"]

@@ -63,13 +63,10 @@ class Written:
         return json.loads(self.page.with_suffix(".json").read_text(encoding="utf-8"))
 
 
-@pytest.fixture(scope="module")
-def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Written]:
+@pytest.fixture
+def reports(sample_reports: dict[str, Path]) -> dict[str, Written]:
     """Return the report of each campaign that is shipped."""
-    folder = tmp_path_factory.mktemp("reports")
-    for name in ("clay", "sandy"):
-        ok("report", RECORDINGS / name, "-o", folder / f"{name}.html")
-    return {name: Written(folder / f"{name}.html") for name in ("clay", "sandy")}
+    return {name: Written(page) for name, page in sample_reports.items()}
 
 
 @pytest.fixture
