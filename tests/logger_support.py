@@ -22,6 +22,26 @@ from daq.logger import LogSummary, log
 from daq.panel import Command
 
 
+class Clocks:
+    """The host's clocks, which stand still until a test moves them."""
+
+    def __init__(self) -> None:
+        self.monotonic_ns = 5_000 * 10**9
+        self.offset_ns = 1_780_000_000 * 10**9
+
+    def pass_s(self, seconds: float) -> None:
+        self.monotonic_ns += round(seconds * 1e9)
+
+    def monotonic(self) -> int:
+        return self.monotonic_ns
+
+    def seconds(self) -> float:
+        return self.monotonic_ns * 1e-9
+
+    def realtime(self) -> int:
+        return self.monotonic_ns + self.offset_ns
+
+
 def virtual_bus() -> BusSection:
     return BusSection(channel=f"bus-{uuid.uuid4().hex}", interface="virtual", fd=True)
 
