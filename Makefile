@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test slow lint bench blind clean
+.PHONY: demo test slow study lint bench blind clean
 .DEFAULT_GOAL := demo
 
 $(STAMP): pyproject.toml constraints.txt
@@ -23,10 +23,13 @@ lint: $(STAMP)
 	$(BIN)/lint-imports
 
 test: lint
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow"
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow and not study"
 
 slow: $(STAMP)
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m slow
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m "slow and not study"
+
+study: $(STAMP)
+	$(BIN)/pytest -s -m study
 
 # Hides causes and lets the diagnosis find them; resumable. BLIND="--full" takes hours and is what docs/blind_results.md is from.
 BLIND ?= --nulls 10 --singles 1 --levels 5 --pairs 2 --outside 1
