@@ -1,23 +1,30 @@
 """Starts loggers one after the other and kills each: ``kills.py OUT NOTES WAIT_S ...``, in a guest.
 
-The program is loaded once, and every logger is a process forked from there that runs ``wheelsoil log``: what is tried
-is how it ends, not how it starts. Each is killed so many seconds after its file has begun to grow; the notes are
-CLOCK_MONOTONIC of every kill, ns, a line each. The last logger is ended as a service manager would.
+The program is loaded once, by a short run, and every logger is a process forked from there that runs
+``wheelsoil log``: what is tried is how it ends, not how it starts. Each is killed so many seconds after the first
+frames are in its file; the notes are CLOCK_MONOTONIC of every kill, ns, a line each. The last logger is ended as a
+service manager would.
 """
 
 from __future__ import annotations
 
-import importlib
+import contextlib
+import gc
 import os
 import signal
 import sys
 import time
 from pathlib import Path
 
+from daq.recording import Recording
 from wheelsoil.cli.app import main
 
-LOADED = ("daq.logger", "wheelsoil.cli.log", "daq.socketcan", "daq.recording", "zstandard")
 AFTER_THE_LAST_S = 0.5
+
+
+def log(out: str, *options: str) -> None:
+    sys.argv = ["wheelsoil", "log", "vehicle.toml", "--out", out, "--no-page", *options]
+    main()
 
 
 def logger(out: str) -> int:
@@ -25,9 +32,8 @@ def logger(out: str) -> int:
     pid = os.fork()
     if pid:
         return pid
-    sys.argv = ["wheelsoil", "log", "vehicle.toml", "--out", out, "--no-page"]
     try:
-        main()
+        log(out)
     except SystemExit as ended:
         os._exit(int(ended.code or 0))
     finally:
@@ -35,20 +41,22 @@ def logger(out: str) -> int:
 
 
 def wait_for_frames(out: Path, pid: int, before: set[Path]) -> None:
-    """Wait until the logger's file is there and grows."""
+    """Wait until there are frames in the logger's file."""
     while not (new := set(out.glob("*.mcap")) - before):
         assert os.waitpid(pid, os.WNOHANG) == (0, 0), "the logger has ended"
         time.sleep(0.005)
     [path] = new
-    began = path.stat().st_size
-    while path.stat().st_size == began:
-        time.sleep(0.005)
+    seen = 0
+    while path.stat().st_size == seen or not Recording.open(path).has_raw_frames:
+        seen = path.stat().st_size
+        time.sleep(0.01)
 
 
 def run(out: Path, notes: Path, waits_s: list[float]) -> None:
     """Start, wait and kill."""
-    for name in LOADED:
-        importlib.import_module(name)
+    with contextlib.suppress(SystemExit):
+        log("first", "--duration", "0.1")
+    gc.freeze()  # what is loaded stays shared
     with notes.open("w", buffering=1) as file:
         for wait_s in (*waits_s, None):
             before = set(out.glob("*.mcap"))
