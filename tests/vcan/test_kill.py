@@ -2,8 +2,9 @@
 
 The guest has a disk of its own: a file of this machine that it syncs would stop all of it. What a kill takes is counted
 in frames that the guest had handed to its kernel before, by the sender's own notes, and told in seconds of a bus of
-8 kHz. A sender that is kept waiting does not make up for it, so that time in which this machine gives the guest no
-processor is on neither side of the account.
+8 kHz. On a vehicle frames come from elsewhere; in a guest with one processor, of which a busy machine gives it a part,
+the sender has what the logger leaves, and does not make up for what it was kept waiting. Where the guest has its
+processor this changes nothing, and where it has not, both are slow.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ pytestmark = pytest.mark.vcan
 
 RATE_HZ = 8000
 MOST_LOST_S, NEVER_MORE_S = 0.25, 0.5
+LEAST_RATE_HZ = 1000
 USUAL_SHARE = 0.8
 CONFIDENCE = 0.95
 
@@ -38,6 +40,7 @@ mkdir -p mnt
 mount -t ext4 /dev/ubda mnt
 mkdir -p mnt/out
 sending {RATE_HZ} 100000 sent.log vcan0
+renice -n 19 -p $sender > /dev/null
 PYTHONPATH={REPOSITORY} {sys.executable} {kills.__file__} mnt/out killed.txt {" ".join(f"{s:.3f}" for s in waits_s)}
 kill $sender
 cp -a mnt/out out
@@ -49,6 +52,7 @@ def seconds_lost(folder: Path, count: int) -> np.ndarray:
     files = sorted((folder / "out").glob("*.mcap"), key=lambda path: path.stat().st_mtime)
     assert len(files) == count + 1
     sent = sent_log(folder / "sent.log")
+    assert sent["end"][-1] / ((sent["time_ns"][-1] - sent["time_ns"][0]) / 1e9) > LEAST_RATE_HZ
     killed_ns = np.loadtxt(folder / "killed.txt", np.int64, ndmin=1)
     before_kill = sent["end"][np.searchsorted(sent["time_ns"], killed_ns, side="right") - 1]
     numbers = [received_numbers(Recording.open(path)) for path in files]
