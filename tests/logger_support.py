@@ -134,11 +134,17 @@ class ScriptedSource:
         self.closed = 0
         self.dropped = 0
         self.up = True
-        self._received = 0
+        self._given = self._received = 0
         self._waiting: queue.Queue[FrameBatch | HardwareError] = queue.Queue()
 
     def give(self, item: FrameBatch | HardwareError) -> None:
+        if isinstance(item, FrameBatch):
+            self._given += len(item)
         self._waiting.put(item)
+
+    def drain(self) -> None:
+        """Wait until all that was given has been read: it is recorded then, however soon the logger ends."""
+        wait_until(lambda: self._received == self._given)
 
     def fail(self, what: str = "the interface failed") -> None:
         self.give(HardwareError(Fault(what, f"bus {self.name}")))

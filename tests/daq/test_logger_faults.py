@@ -187,7 +187,8 @@ def test_with_a_full_queue_the_readers_wait_and_nothing_is_lost(
     sent = [recent_frames(seed, 200) for seed in range(10)]  # 16 kB each
     for batch in sent:
         opener.source("x").give(batch)
-    time.sleep(0.3)
+    wait_until(lambda: opener.source("x").counters.received >= 600)
+    time.sleep(0.1)
     assert opener.source("x").counters.received < 2000
     held.set()
     wait_until(lambda: opener.source("x").counters.received == 2000)
@@ -262,7 +263,7 @@ def test_recording_ends_with_a_whole_file_when_the_reserve_is_reached(
     recorder = Recorder(SCRIPTED, tmp_path, opener=opener)
     batch = recent_frames(1, 100)
     opener.source("x").give(batch)
-    time.sleep(0.2)
+    opener.source("x").drain()
     taken.append(True)
     summary = recorder.result()
     assert summary.ended_by == "disk"
@@ -411,5 +412,5 @@ def test_a_source_that_is_never_empty_is_left_at_the_end(tmp_path: Path) -> None
     assert summary.frames["x"] == received
     assert summary.losses == {}
     assert source.closed
-    time.sleep(0.3)
+    assert "source x" not in [thread.name for thread in threading.enumerate()]
     assert source.counters.received == received
