@@ -52,7 +52,7 @@ class Growing:
         self.path = path
         self.frames = {0: 0}
 
-    def look(self) -> int:
+    def count(self) -> int:
         size = self.path.stat().st_size
         if size not in self.frames:
             self.frames[size] = len(Recording.open(self.path).frames())
@@ -118,7 +118,7 @@ def test_a_frame_is_in_the_file_after_the_flush_interval(tmp_path: Path, flush_s
         recorder.write(frame_now(clocks, recorder))
         clocks.pass_s(TICK_S)
         recorder.tick()
-        oldest_s.append((sent - file.look()) * TICK_S)
+        oldest_s.append((sent - file.count()) * TICK_S)
     recorder.close("ok")
     assert flush_s - 2 * TICK_S <= max(oldest_s) <= flush_s
     assert max(oldest_s) <= MOST_LOST_BY_A_KILL_S
@@ -151,7 +151,7 @@ def test_a_frame_is_on_the_disk_after_the_sync_interval(tmp_path: Path, disk: Di
         recorder.write(frame_now(clocks, recorder))
         clocks.pass_s(TICK_S)
         recorder.tick()
-        file.look()
+        file.count()
         before = file.frames[disk.syncs[-1].size if disk.syncs else 0]
         put_down()
         oldest_s.append(clocks.seconds() - came_s[before] if before < len(came_s) else 0.0)

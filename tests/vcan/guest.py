@@ -15,7 +15,7 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -27,9 +27,13 @@ _MODULES = ("net/can/can", "net/can/can-raw", "drivers/net/can/dev/can-dev", "dr
 _PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 _BUS_UP = "ip link set lo up; ip link add dev vcan0 type vcan && ip link set vcan0 up"
 _CONSOLE_LINES = 15
-_FIRST = ("nice", "-n", "-15")
-"""A guest's processes hand the processor to each other at every system call: beside others they would wait each time.
-Who may not have it is told so by ``nice`` and goes on without."""
+_ONE_OF_SEVERAL = f"""
+run_one() {{
+  for bus in $(ip -o link show type vcan | cut -d: -f2); do ip link del $bus; done
+  {_BUS_UP}
+  sh $1.sh > $1.out 2>&1
+  echo $? > $1.code
+}}"""
 TOOLS = {
     "ip": "iproute2",
     "insmod": "kmod",
@@ -125,6 +129,24 @@ def run_or_skip(script: str, *, timeout_s: float = 120.0, memory: str = "1G") ->
         return run_with_vcan(script, timeout_s=timeout_s, memory=memory)
 
 
+def run_all_or_skip(scripts: Mapping[str, str], folder: Path, *, timeout_s: float = 120.0) -> dict[str, GuestResult]:
+    """Do as `run_or_skip` with several scripts, one after the other, each beside a new ``vcan0`` and no other bus.
+
+    `folder` is for the scripts and what they say.
+    """
+    steps = [_ONE_OF_SEVERAL]
+    for name, script in scripts.items():
+        (folder / f"{name}.sh").write_text(script, encoding="utf-8")
+        steps.append(f"run_one {shlex.quote(str(folder / name))}")
+    with or_skip():
+        require(*(tool for script in scripts.values() for tool in tools_of(script)))
+    whole = run_or_skip("\n".join(steps), timeout_s=timeout_s)
+    return {
+        name: GuestResult(int(_text(folder / f"{name}.code") or whole.exit_code), _text(folder / f"{name}.out"))
+        for name in scripts
+    }
+
+
 def guest_or_skip(
     script: str, *, timeout_s: float = 120.0, disks: Sequence[Path] = (), power_cut: PowerCut | None = None
 ) -> GuestResult:
@@ -200,16 +222,7 @@ def _run_guest(
     init = work / "init.sh"
     init.write_text(_init_script(work, modules), encoding="utf-8")
     init.chmod(0o755)
-    command = [
-        *_FIRST,
-        kernel,
-        f"mem={memory}",
-        "root=/dev/root",
-        "rootfstype=hostfs",
-        "rootflags=/",
-        "rw",
-        f"init={init}",
-    ]
+    command = [kernel, f"mem={memory}", "root=/dev/root", "rootfstype=hostfs", "rootflags=/", "rw", f"init={init}"]
     command += [f"ubd{number}={disk}" for number, disk in enumerate(disks)]
     environment = {"PATH": _PATH, "HOME": str(work)}
     if Path("/dev/shm").is_dir():
