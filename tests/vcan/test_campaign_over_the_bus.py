@@ -69,7 +69,8 @@ def sample(folder: Path, name: str) -> Path:
     run = Recording.open(CLAY / name)
     batch = run.frames()
     time_ns = batch.frames["time_ns"]
-    path = folder / "sent.mcap"
+    path = folder / "sent" / "run.mcap"  # away from the vehicle.toml of the other bus
+    path.parent.mkdir()
     with RecordingWriter(path, run=run.run, attachments=run.attachments) as writer:
         writer.write_frames(batch[time_ns < time_ns[0] + int(DRIVEN_S * 1e9)])
     return path
