@@ -23,6 +23,7 @@ from daq.host_clock import HostClock
 from daq.notify import Notifier
 from daq.panel import NoPanel, Panel
 from daq.reconnect import ReconnectingSource
+from daq.recording.disk_file import make_folder
 from daq.roles import resolve_roles
 from daq.session.folder_lock import folder_lock
 from daq.session.inspection import Inspection, Inspector
@@ -233,7 +234,7 @@ def _check_folder(folder: Path) -> None:
 
 def _make_folder(folder: Path) -> None:
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
     except OSError as error:
         found = error.strerror or str(error)
         raise ConfigError(Fault("the folder cannot be made", str(folder), found, next_step=_OTHER_FOLDER)) from None

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import ipaddress
 import logging
+import os
+import socket
 import struct
+import sys
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +46,10 @@ _NOISY_LOGGERS = ("can.bus", "can.pcan")
 """They warn of a bus that could not be opened, and of a package that stamps do not need; the fault says what counts."""
 
 
+_MULTICAST_ALL = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
+"""Linux's IP_MULTICAST_ALL and IPV6_MULTICAST_ALL, which the socket module does not name."""
+
+
 def open_bus(bus: BusSection) -> can.BusABC:
     """Open a python-can bus.
 
@@ -65,7 +72,10 @@ def open_bus(bus: BusSection) -> can.BusABC:
     if bus.bitrate is not None:
         options["bitrate"] = bus.bitrate
     try:
-        return can.Bus(interface=interface, channel=bus.channel, ignore_config=True, **options)
+        opened = can.Bus(interface=interface, channel=bus.channel, ignore_config=True, **options)
+        if interface == "udp_multicast":
+            _hear_only_its_group(opened)
+        return opened
     except (can.CanError, OSError, ImportError, ValueError, TypeError, NameError) as error:
         # NameError: what python-can's kvaser raises without its driver
         raise HardwareError(
@@ -76,6 +86,13 @@ def open_bus(bus: BusSection) -> can.BusABC:
                 next_step=_next_step(interface, bus.channel, error),
             )
         ) from None
+
+
+def _hear_only_its_group(bus: can.BusABC) -> None:
+    """Have a multicast bus ignore the groups that other programs of this machine have joined, as it shares a port."""
+    if sys.platform == "linux":
+        with socket.socket(fileno=os.dup(bus.fileno())) as same:
+            same.setsockopt(*_MULTICAST_ALL[socket.AddressFamily(same.family)], 0)
 
 
 def _next_step(interface: str, channel: str, error: Exception) -> str:

@@ -22,6 +22,26 @@ from daq.logger import LogSummary, log
 from daq.panel import Command
 
 
+class Clocks:
+    """The host's clocks, which stand still until a test moves them."""
+
+    def __init__(self) -> None:
+        self.monotonic_ns = 5_000 * 10**9
+        self.offset_ns = 1_780_000_000 * 10**9
+
+    def pass_s(self, seconds: float) -> None:
+        self.monotonic_ns += round(seconds * 1e9)
+
+    def monotonic(self) -> int:
+        return self.monotonic_ns
+
+    def seconds(self) -> float:
+        return self.monotonic_ns * 1e-9
+
+    def realtime(self) -> int:
+        return self.monotonic_ns + self.offset_ns
+
+
 def virtual_bus() -> BusSection:
     return BusSection(channel=f"bus-{uuid.uuid4().hex}", interface="virtual", fd=True)
 
@@ -114,11 +134,17 @@ class ScriptedSource:
         self.closed = 0
         self.dropped = 0
         self.up = True
-        self._received = 0
+        self._given = self._received = 0
         self._waiting: queue.Queue[FrameBatch | HardwareError] = queue.Queue()
 
     def give(self, item: FrameBatch | HardwareError) -> None:
+        if isinstance(item, FrameBatch):
+            self._given += len(item)
         self._waiting.put(item)
+
+    def drain(self) -> None:
+        """Wait until all that was given has been read: it is recorded then, however soon the logger ends."""
+        wait_until(lambda: self._received == self._given)
 
     def fail(self, what: str = "the interface failed") -> None:
         self.give(HardwareError(Fault(what, f"bus {self.name}")))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import resource
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +24,17 @@ def random_frames(seed: int, count: int, *, fd: bool = False, bus_count: int = 1
     frames["time_ns"] = START_NS + np.cumsum(rng.integers(0, 600_000, count))
     frames["bus"] = rng.integers(0, bus_count, count)
     return frames
+
+
+@contextmanager
+def limited(what: int, soft: int) -> Iterator[None]:
+    """Hold the process to a limit of its resources: the operating system then refuses, as it does in earnest."""
+    before = resource.getrlimit(what)
+    resource.setrlimit(what, (soft, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(what, before)
 
 
 def write_recording(path: Path, batches: Sequence[FrameBatch], **options: object) -> None:

@@ -6,6 +6,7 @@ import contextlib
 import os
 import threading
 import time
+from collections.abc import Callable
 from io import FileIO
 from pathlib import Path
 
@@ -20,6 +21,8 @@ class DiskFile:
     path : Path
     overwrite : bool
         Whether a file that is there may be replaced.
+    clock : callable
+        Monotonic time, s.
 
     Attributes
     ----------
@@ -38,15 +41,16 @@ class DiskFile:
         From `write`, `sync` and `begin_sync`, if the disk fails or is full.
     """
 
-    def __init__(self, path: Path, *, overwrite: bool) -> None:
+    def __init__(self, path: Path, *, overwrite: bool, clock: Callable[[], float] = time.monotonic) -> None:
         self.position = 0
         self.failed = False
         self.sync_took_s = 0.0
         self._path = path
+        self._clock = clock
         self._syncing: threading.Thread | None = None
         self._sync_error: OSError | None = None
         self._file = _create(path, overwrite)
-        _sync_folder(path)
+        sync_folder(path)
 
     def write(self, data: bytes) -> None:
         """Append all of `data`, or nothing."""
@@ -93,12 +97,12 @@ class DiskFile:
             self._syncing.join()
 
     def _fsync(self) -> None:
-        began_at = time.monotonic()
+        began_at = self._clock()
         try:
             os.fsync(self._file.fileno())
         except OSError as error:
             self._sync_error = error
-        self.sync_took_s = time.monotonic() - began_at
+        self.sync_took_s = self._clock() - began_at
 
     def _raise_sync_error(self) -> None:
         if self._sync_error is not None:
@@ -135,8 +139,22 @@ def _create(path: Path, overwrite: bool) -> FileIO:
         ) from None
 
 
-def _sync_folder(path: Path) -> None:
-    """Have the file's name survive a power cut; where a folder cannot be synced there is nothing to do."""
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it that are missing, so that their names survive a power cut.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+    """
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in missing:
+        sync_folder(path)
+
+
+def sync_folder(path: Path) -> None:
+    """Have the name of a new file or folder survive a power cut; where its folder cannot be synced nothing is done."""
     with contextlib.suppress(OSError):
         folder = os.open(path.parent, os.O_RDONLY)
         try:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from daq.recording.counts import since
 from daq.recording.format import LOSSES
@@ -16,13 +15,19 @@ _EVERY_S = 1.0
 class LossTeller:
     """Keeps counts of what was lost, and writes a metadata record of them when there is news.
 
+    Parameters
+    ----------
+    clock : callable
+        Monotonic time, s.
+
     Attributes
     ----------
     drops : dict str -> int
         Frames lost before they were recorded, per bus, since the session's first part.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
         self.drops: dict[str, int] = {}
         self._drops_before: dict[str, int] = {}
         self._losses: dict[str, int] = {}
@@ -41,14 +46,14 @@ class LossTeller:
 
     def tell_if_due(self, writer: RecordingWriter) -> None:
         """Tell the file of news, at most once a second."""
-        if time.monotonic() - self._told_at >= _EVERY_S:
+        if self._clock() - self._told_at >= _EVERY_S:
             self.tell(writer)
 
     def tell(self, writer: RecordingWriter) -> None:
         """Tell the file of news."""
         if self._losses != self._told:
             writer.add_metadata(LOSSES, {key: str(count) for key, count in self._losses.items()})
-            self._told, self._told_at = dict(self._losses), time.monotonic()
+            self._told, self._told_at = dict(self._losses), self._clock()
 
     def begin_part(self) -> None:
         """Count and tell from here on for the next part."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TypedDict, Unpack
@@ -29,6 +29,7 @@ class WriterOptions(TypedDict, total=False):
     flush_every_s: float | None
     sync_every_s: float | None
     decoded_rate_hz: float | None
+    clock: Callable[[], float]
 
 
 class PartWriter(TopicWriter):
@@ -86,11 +87,12 @@ class PartWriter(TopicWriter):
         self._rotate_bytes = rotate_bytes
         self._rotate_s = rotate_s
         self._options = options
+        self._clock = options.get("clock", time.monotonic)
         self._closed = False
         self._frames_before: dict[str, int] = {}
         self._counts_hold = True
         self._bytes_before = 0
-        self._lost = LossTeller()
+        self._lost = LossTeller(self._clock)
         self.rotation_fault: Fault | None = None
         before = part_path(self.first_path, first_part - 1).name if first_part > 1 else None
         self._begin(first_part, self._opened(first_part, before))
@@ -242,13 +244,13 @@ class PartWriter(TopicWriter):
 
     def _begin(self, number: int, writer: RecordingWriter) -> None:
         self._part, self._writer = number, writer
-        self._begun_at = time.monotonic()
+        self._begun_at = self._clock()
         self._retry_at = self._begun_at
         self._begun_bytes = writer.bytes_written
         self._lost.begin_part()
 
     def _rotate_if_due(self) -> None:
-        now = time.monotonic()
+        now = self._clock()
         grown = self._writer.bytes_written - self._begun_bytes
         big = self._rotate_bytes is not None and grown >= self._rotate_bytes
         old = self._rotate_s is not None and now - self._begun_at >= self._rotate_s

@@ -34,10 +34,10 @@ class RawTopics:
 
     @property
     def frame_counts(self) -> dict[str, int]:
-        """Frames taken so far, per bus."""
+        """Frames taken so far, per bus; after a failed write, those of them that are in the file."""
         counts = dict.fromkeys(self._buses, 0)
         for (bus, _), stream in self._streams.items():
-            counts[bus] += stream.count
+            counts[bus] += stream.written if self._sink.failed else stream.count
         return counts
 
     @property
@@ -63,8 +63,11 @@ class RawTopics:
 
     def write_chunk(self) -> None:
         """Write what is gathered."""
-        self._sink.write_chunk(stream.release() for stream in self._streams.values() if stream.pending)
+        gathered = [stream for stream in self._streams.values() if stream.pending]
+        self._sink.write_chunk([stream.release() for stream in gathered])
         self._pending_bytes = 0
+        for stream in gathered:
+            stream.written = stream.count
 
     def _stream(self, bus: str, is_fd: bool) -> _Stream:
         stream = self._streams.get((bus, is_fd))
@@ -93,7 +96,7 @@ class _Stream:
         self.channel_id = channel_id
         self.bus_index = bus_index
         self.pending: list[FrameArray] = []
-        self.count = 0
+        self.count = self.written = 0
         self.steps_back = 0
         self._sequence = 0
         self._last_ns: int | None = None

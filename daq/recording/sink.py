@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,6 +70,8 @@ class McapSink:
     overwrite : bool
         Whether a file that is there may be replaced.
     profile : str
+    clock : callable
+        Monotonic time, s.
 
     Raises
     ------
@@ -80,12 +82,18 @@ class McapSink:
     """
 
     def __init__(
-        self, path: Path, *, compression: Compression = "zstd", overwrite: bool = False, profile: str = PROFILE
+        self,
+        path: Path,
+        *,
+        compression: Compression = "zstd",
+        overwrite: bool = False,
+        profile: str = PROFILE,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.path = path
         self._compression = "" if compression == "none" else compression
         self._compress = compressor(compression)
-        self._file = DiskFile(path, overwrite=overwrite)
+        self._file = DiskFile(path, overwrite=overwrite, clock=clock)
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self._defined: set[int] = set()

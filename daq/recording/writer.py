@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -45,6 +45,8 @@ class RecordingWriter(TopicWriter):
         Decoded topics are thinned to this rate; None: every sample.
     overwrite : bool
         Whether a file that is there may be replaced.
+    clock : callable
+        Monotonic time, s.
 
     Raises
     ------
@@ -67,11 +69,13 @@ class RecordingWriter(TopicWriter):
         sync_every_s: float | None = 1.0,
         decoded_rate_hz: float | None = 100.0,
         overwrite: bool = False,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.path = Path(path)
+        self._clock = clock
         self._flush_every_s = flush_every_s
         self._sync_every_s = sync_every_s
-        self._sink = McapSink(self.path, compression=compression, overwrite=overwrite)
+        self._sink = McapSink(self.path, compression=compression, overwrite=overwrite, clock=clock)
         names = TopicNames()
         self._raw = RawTopics(self._sink, names, chunk_bytes)
         self._beside = Topics(
@@ -79,7 +83,7 @@ class RecordingWriter(TopicWriter):
         )
         self._closed = False
         self._settled = self._counts_hold = True
-        self._flushed_at = self._synced_at = time.monotonic()
+        self._flushed_at = self._synced_at = clock()
         started = {"created_ns": str(time.time_ns()), **(metadata or {})}
         if run is not None:
             started["run"] = run.model_dump_json()
@@ -95,7 +99,7 @@ class RecordingWriter(TopicWriter):
 
     @property
     def frame_counts(self) -> dict[str, int]:
-        """Frames taken so far, per bus."""
+        """Frames taken so far, per bus; after a failed write, those of them that are in the file."""
         return self._raw.frame_counts
 
     @property
@@ -145,7 +149,7 @@ class RecordingWriter(TopicWriter):
 
     def sync(self) -> None:
         """Flush, and have it put on the disk; a power cut cannot take it any more."""
-        self._synced_at = time.monotonic()
+        self._synced_at = self._clock()
         self.flush()
         self._sink.sync()
 
@@ -154,7 +158,7 @@ class RecordingWriter(TopicWriter):
         """In how many seconds it is time to flush; negative when it is, infinite if that is only done when told."""
         if self._flush_every_s is None:
             return math.inf
-        return self._flushed_at + self._flush_every_s - time.monotonic()
+        return self._flushed_at + self._flush_every_s - self._clock()
 
     def tick(self) -> None:
         """Flush and sync if it is time to. Every write does this; call it when there is nothing to write.
@@ -163,7 +167,7 @@ class RecordingWriter(TopicWriter):
         time took, so that it does not stretch what a power cut can take. Decoded topics, which can be had again from
         the raw frames, are written when it is time to sync only: in small pieces they take much room.
         """
-        now = time.monotonic()
+        now = self._clock()
         if self._sync_is_due(now) and not self._sink.syncing:
             self._synced_at = now
             self.flush()
@@ -223,7 +227,7 @@ class RecordingWriter(TopicWriter):
 
     def _flush(self, *, decoded: bool) -> None:
         self._begin()
-        self._flushed_at = time.monotonic()
+        self._flushed_at = self._clock()
         self._raw.write_chunk()
         if decoded:
             self._beside.decoded.write_chunk()

@@ -63,8 +63,10 @@ class Listener(threading.Thread):
     ----------
     alive_at : float
         Monotonic time at which it last went round, for the watchdog.
+    fetched : int
+        Frames that were read so far.
     unwritten : int
-        Frames that were read, and for which there was no room any more when all was over.
+        Those of them that were never recorded, known when the recording is closed.
     """
 
     def __init__(
@@ -79,6 +81,7 @@ class Listener(threading.Thread):
         super().__init__(name=f"source {source.name}", daemon=True)
         self.source = source
         self.alive_at = time.monotonic()
+        self.fetched = 0
         self.unwritten = 0
         self._number = number
         self._buses = buses
@@ -135,6 +138,7 @@ class Listener(threading.Thread):
         batch = self._stamps.after_read(self.source.read(timeout_s))
         if not len(batch):
             return 0
+        self.fetched += len(batch)
         batch.frames["bus"] = self._number
         arrival = Arrival(
             FrameBatch(batch.frames, self._buses), self.source.name, self._stamps.realtime_minus_monotonic_ns
@@ -142,6 +146,5 @@ class Listener(threading.Thread):
         while not self._queue.put(arrival, batch.frames.nbytes, _WAIT_FOR_ROOM_S):
             self.alive_at = time.monotonic()
             if self._abandoned:
-                self.unwritten += len(batch)
                 break
         return len(batch)

@@ -16,6 +16,7 @@ from daq.errors import Fault, HardwareError, RecordingError
 from daq.host_clock import HostClock
 from daq.recording import DiagnosticStatus, Event, PartWriter
 from daq.recording.counts import since, total
+from daq.recording.disk_file import make_folder
 from daq.recording.events import Severity
 from daq.session.folder_lock import BETWEEN_FOLDER
 from daq.session.listener import Arrival
@@ -208,7 +209,7 @@ class Recorder:
         try:
             if lost.exists():
                 return ""
-            lost.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(lost.parent)
             self._writer.rotate()
         except (OSError, RecordingError, HardwareError) as error:
             return f"{lost.name} was moved or removed, and no other can be begun: {error}"
@@ -244,7 +245,7 @@ class Recorder:
         if run is None:
             folder = options.folder / BETWEEN_FOLDER
             try:
-                folder.mkdir(exist_ok=True)
+                make_folder(folder)
             except OSError as error:
                 what = error.strerror or str(error)
                 raise RecordingError(Fault("the folder cannot be made", str(folder), what)) from None
@@ -262,6 +263,7 @@ class Recorder:
             flush_every_s=logger.flush_s,
             sync_every_s=logger.sync_s,
             decoded_rate_hz=logger.decoded_rate_hz,
+            clock=lambda: self._clock.monotonic_ns() * 1e-9,
         )
 
     def _switch(self, run: RunFiles | None) -> str:
@@ -273,12 +275,12 @@ class Recorder:
             text = f"it goes on in {old.path.name}: {error.faults[0]}"
             self.event("run", text, "error")
             return text
-        self._frames_before = total([self._frames_before, old.frame_counts])
-        self._bytes_before += old.bytes_written
         try:
             self._conclude()
             old.close()
         finally:
+            self._frames_before = total([self._frames_before, old.frame_counts])
+            self._bytes_before += old.bytes_written
             self._begin(run, following)
         return ""
 

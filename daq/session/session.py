@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import threading
 import time
 from collections.abc import Mapping
@@ -77,7 +76,6 @@ class Session:
             for number, source in enumerate(parts.sources)
         ]
         self._feed = Feed()
-        self._taken: list[Arrival] = []
         self._watch = Watch(parts.clock, self._listeners, self._queue, parts.guard)
         self._shield = parts.inspector.shield
         self._attendance = Attendance(parts, self._watch, self._feed)
@@ -127,14 +125,13 @@ class Session:
         """Write what has come, then attend to everything else; say whether something had come."""
         self._queue.wait(wait_s)
         share = self._queue.share
-        self._taken = together(self._queue.take_some(_MOST_AT_ONCE))
-        came = bool(self._taken)
-        while self._taken:
-            self._recorder.write(self._taken[0])
-            self._feed.take(self._taken.pop(0).batch, share)
+        came = together(self._queue.take_some(_MOST_AT_ONCE))
+        for arrival in came:
+            self._recorder.write(arrival)
+            self._feed.take(arrival.batch, share)
         self._recorder.tick()
         self._shield.run(lambda: self._attendance.attend(time.monotonic()))
-        return came
+        return bool(came)
 
     def _ending(self, deadline: float | None) -> Ending | None:
         """Return why it ends now, if it does."""
@@ -174,21 +171,27 @@ class Session:
                 one.join(max(until - time.monotonic(), 0.0))
             if one.is_alive():
                 self._parts.remarks.append(f"the driver of {one.source.name} does not answer; it was left behind")
-        for arrival in (*self._taken, *self._queue.take_some(sys.maxsize)):
-            self._listeners[self._buses.index(arrival.bus)].unwritten += len(arrival.batch)
         try:
             self._close_files(status)
         except HardwareError as error:
             self._disk_faults = self._disk_faults or error.faults
+        finally:
+            self._count_unwritten()
         for one in self._listeners:
             if not one.is_alive():
                 one.source.close()
 
     def _close_files(self, status: str) -> None:
+        self._count_unwritten()
         try:
             self._attendance.note_losses()
         finally:
             self._recorder.close(status)
+
+    def _count_unwritten(self) -> None:
+        recorded = self._recorder.frame_counts
+        for one in self._listeners:
+            one.unwritten = one.fetched - recorded.get(one.source.name, 0)
 
     def _summary(self, ending: Ending, duration_s: float) -> LogSummary:
         counters: Mapping[str, SourceCounters] = {one.source.name: one.source.counters for one in self._listeners}

@@ -133,7 +133,6 @@ def test_ctrl_c_ends_with_130_and_a_closed_recording(tmp_path):
     target = tmp_path / "run.mcap"
     process = subprocess.Popen([*PROGRAM, "log", str(vehicle), "-o", str(target)], stderr=subprocess.PIPE, text=True)
     _wait_for(lambda: target.exists() and target.stat().st_size > 0)
-    time.sleep(0.3)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=20)
     assert process.returncode == 130, err

@@ -7,14 +7,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from frames_support import content, some_frames
-from logger_support import Recorder, virtual_bus
+from logger_support import Handset, Recorder, virtual_bus, wait_until
 
 from daq.can_source import Sink, open_sink
 from daq.config import BusSection, VehicleConfig
@@ -34,11 +33,12 @@ def sinks() -> Iterator[list[Sink]]:
 def test_two_buses_are_recorded_frame_for_frame(tmp_path: Path, sinks: list[Sink]) -> None:
     buses = [virtual_bus(), virtual_bus()]
     sent = [some_frames(np.random.default_rng(seed), 1500, buses=(bus.channel,)) for seed, bus in enumerate(buses)]
-    recorder = Recorder(VehicleConfig(bus=tuple(buses)), tmp_path)
+    panel = Handset()
+    recorder = Recorder(VehicleConfig(bus=tuple(buses)), tmp_path, panel=panel)
     for bus, batch in zip(buses, sent, strict=True):
         sinks.append(open_sink(bus))
         sinks[-1].send(batch.frames, 5.0)
-    time.sleep(0.2)
+    panel.wait_for(lambda now: [bus["frames"] for bus in now["buses"]] == [1500, 1500])
     summary = recorder.end()
 
     assert summary.ended_by == "stop"
@@ -103,7 +103,7 @@ bus.shutdown()
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
-    time.sleep(0.5)
+    wait_until(lambda: sum(Recording.open(tmp_path / "run.mcap").frame_counts.values()) > 5)
     os.kill(process.pid, number)
     said, _ = process.communicate(timeout=20)
     assert process.returncode == 0

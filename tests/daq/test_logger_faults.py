@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import resource
 import shutil
+import socket
 import subprocess
 import sys
 import threading
@@ -12,6 +14,7 @@ from pathlib import Path
 import pytest
 from frames_support import content
 from logger_support import Handset, Opener, Recorder, ScriptedSource, recent_frames, virtual_bus, wait_until
+from recording_support import limited
 
 from daq.can_source import InterfaceDownError, open_sink
 from daq.config import BusSection, LoggerSection, RunInfo, VehicleConfig
@@ -184,7 +187,8 @@ def test_with_a_full_queue_the_readers_wait_and_nothing_is_lost(
     sent = [recent_frames(seed, 200) for seed in range(10)]  # 16 kB each
     for batch in sent:
         opener.source("x").give(batch)
-    time.sleep(0.3)
+    wait_until(lambda: opener.source("x").counters.received >= 600)
+    time.sleep(0.1)
     assert opener.source("x").counters.received < 2000
     held.set()
     wait_until(lambda: opener.source("x").counters.received == 2000)
@@ -192,6 +196,50 @@ def test_with_a_full_queue_the_readers_wait_and_nothing_is_lost(
     assert summary.losses == {}
     assert content(Recording.open(summary.path).frames()) == content(concatenate(sent))
     assert "frames are recorded, but not decoded" in texts(summary, "logger")[0]
+
+
+@pytest.mark.parametrize("taken", [0, 150])
+def test_what_a_failing_disk_does_not_take_is_counted(tmp_path: Path, taken: int) -> None:
+    """Each frame received is in the file or counted: those gathered, queued, and waiting for the queue."""
+    opener, panel = Opener("x"), Handset()
+    vehicle = SCRIPTED.model_copy(update={"logger": LoggerSection(queue_mb=0.05)})
+    recorder = Recorder(vehicle, tmp_path, opener=opener, panel=panel)
+    source = opener.source("x")
+    if taken:
+        source.give(recent_frames(9, taken))
+        panel.wait_for(lambda now: now["buses"][0]["frames"] == taken and now["run"]["mb"] * 1e6 > 2000)
+    [path] = tmp_path.glob("*.mcap")
+    with limited(resource.RLIMIT_FSIZE, path.stat().st_size + 1000):
+        for seed in range(20):
+            source.give(recent_frames(seed, 200))
+        summary = recorder.result()
+    assert summary.ended_by == "disk"
+    assert len(Recording.open(path).frames()) == summary.frames["x"] == taken
+    received = source.counters.received
+    assert received > taken
+    assert summary.losses == {"queue.x": received - taken}
+
+
+@pytest.mark.parametrize("stuck", [False, True])
+def test_the_service_manager_hears_of_life_until_no_source_answers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stuck: bool
+) -> None:
+    monkeypatch.setattr("daq.session.watch._LOOK_EVERY_S", 0.02)
+    monkeypatch.setattr("daq.session.watch._STUCK_S", 0.2)
+    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+    released, source = threading.Event(), ScriptedSource("x")
+    if stuck:
+        source.read = lambda _: released.wait(60) and FrameBatch.empty(("x",))  # type: ignore[assignment, method-assign]
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(20)
+        recorder = Recorder(SCRIPTED, tmp_path / "out", opener=lambda _: source)
+        while not (heard := manager.recv(1000).decode()).startswith("STATUS=red" if stuck else "STATUS=green"):
+            assert "READY" in heard or "STATUS" in heard or "WATCHDOG" in heard
+        later = {manager.recv(1000).decode().partition("=")[0] for _ in range(6)}
+        released.set()
+        recorder.end()
+    assert later == ({"STATUS"} if stuck else {"STATUS", "WATCHDOG"})
 
 
 def test_a_disk_without_its_reserve_is_told_before_a_file_is_made(tmp_path: Path) -> None:
@@ -215,7 +263,7 @@ def test_recording_ends_with_a_whole_file_when_the_reserve_is_reached(
     recorder = Recorder(SCRIPTED, tmp_path, opener=opener)
     batch = recent_frames(1, 100)
     opener.source("x").give(batch)
-    time.sleep(0.2)
+    opener.source("x").drain()
     taken.append(True)
     summary = recorder.result()
     assert summary.ended_by == "disk"
@@ -364,5 +412,5 @@ def test_a_source_that_is_never_empty_is_left_at_the_end(tmp_path: Path) -> None
     assert summary.frames["x"] == received
     assert summary.losses == {}
     assert source.closed
-    time.sleep(0.3)
+    assert "source x" not in [thread.name for thread in threading.enumerate()]
     assert source.counters.received == received

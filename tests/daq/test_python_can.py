@@ -1,10 +1,14 @@
-"""Interfaces of python-can that cannot be opened: what is missing, and what to do."""
+"""Interfaces of python-can: those that cannot be opened say why, and a multicast bus hears its own group only."""
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
+import os
 import sys
+from contextlib import ExitStack
 
+import can
 import pytest
 
 from daq.config import BusSection
@@ -13,10 +17,10 @@ from daq.python_can import _EXTRAS, open_bus
 
 
 def test_an_interface_without_its_package_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    importlib.import_module("can.interfaces.udp_multicast")  # what is loaded now is back after the test
     monkeypatch.setitem(sys.modules, "msgpack", None)  # as where it is not installed
-    monkeypatch.delitem(sys.modules, "can.interfaces.udp_multicast.utils", raising=False)
-    monkeypatch.delitem(sys.modules, "can.interfaces.udp_multicast.bus", raising=False)
-    monkeypatch.delitem(sys.modules, "can.interfaces.udp_multicast", raising=False)
+    for name in [name for name in sys.modules if name.startswith("can.interfaces.udp_multicast")]:
+        monkeypatch.delitem(sys.modules, name)
     with pytest.raises(HardwareError, match="msgpack") as caught:
         open_bus(BusSection(channel="239.74.163.2", interface="udp_multicast"))
     (fault,) = caught.value.faults
@@ -39,3 +43,23 @@ def test_an_adapter_that_is_not_there_is_to_be_plugged_in() -> None:
     with pytest.raises(HardwareError, match="socketcan interface cannot be opened") as caught:
         open_bus(BusSection(channel="nowhere0", interface="socketcan"))
     assert "plugged in" in caught.value.faults[0].next_step
+
+
+@pytest.mark.parametrize("group", ["239.74.163.{}", "ff15::7079:7468:6f6e:6465:6d6f:{:x}"])
+def test_a_multicast_bus_hears_its_own_group_only(group: str) -> None:
+    """All of them share a port: without more, each would hear what any program of this machine has joined."""
+    number = 1 + os.getpid() % 250
+    with ExitStack() as stack:
+        try:
+            near, other, sender = (
+                stack.enter_context(open_bus(BusSection(channel=group.format(n), interface="udp_multicast")))
+                for n in (number, number + 1, number)
+            )
+            other.send(can.Message(arbitration_id=1))
+            sender.send(can.Message(arbitration_id=2))
+        except (HardwareError, can.CanError) as error:
+            assert "msgpack" not in str(error)
+            pytest.skip(f"no multicast here: {error}")
+        heard = near.recv(5.0)
+        assert heard is not None
+        assert heard.arbitration_id == 2

@@ -44,11 +44,11 @@ def test_a_file_without_a_chunk(whole, tmp_path):
         check_cut(cut_path, size, truth)
 
 
-@pytest.mark.slow
-def test_cut_at_every_byte(whole, tmp_path):
+@pytest.mark.parametrize("step", [pytest.param(7, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.study)])
+def test_cut_at_every_seventh_byte_and_at_every_one(whole, tmp_path, step):
     truth, size = truth_of(whole), whole.stat().st_size
     edges = np.linspace(size - TAIL_BYTES, size, _PIECES + 1).astype(int).tolist()
-    pieces = [range(low, high) for low, high in itertools.pairwise(edges)]
+    pieces = [range(low, high, step) for low, high in itertools.pairwise(edges)]
     with ProcessPoolExecutor(_PROCESSES, mp_context=multiprocessing.get_context("spawn")) as pool:
         checked = [pool.submit(check_cuts, whole, tmp_path, truth, piece) for piece in pieces]
-        assert sum(one.result() for one in checked) == TAIL_BYTES
+        assert sum(one.result() for one in checked) == sum(map(len, pieces))

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import resource
-import time
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recording_support import START_NS, random_frames
+from logger_support import Clocks
+from recording_support import START_NS, limited, random_frames
 
 from daq.config import RunInfo
 from daq.errors import HardwareError, RecordingError
@@ -113,23 +112,35 @@ def test_losses_are_told_while_recording(tmp_path):
 
 
 def test_a_part_is_followed_after_its_time(tmp_path):
-    with writer(tmp_path / "r.mcap", rotate_s=0.05) as parts:
+    clocks = Clocks()
+    with writer(tmp_path / "r.mcap", rotate_s=60.0, clock=clocks.seconds) as parts:
+        for part in (1, 2, 3):
+            clocks.pass_s(59.9)
+            parts.tick()
+            assert parts.part == part
+            clocks.pass_s(0.2)
+            parts.tick()
+            assert parts.part == part + 1
+
+
+def test_what_a_part_may_grow_by_is_counted_from_what_it_begins_with(tmp_path):
+    """Attachments that are larger than a part is to be begin no part after part."""
+    with writer(tmp_path / "r.mcap", attachments={"a.dbc": bytes(50_000)}, rotate_bytes=20_000) as parts:
+        parts.write_frames(FRAMES[:100])
+        parts.flush()
         parts.tick()
         assert parts.part == 1
-        time.sleep(0.06)
-        parts.tick()
-        assert parts.part == 2
 
 
-@contextmanager
-def limited(what: int, soft: int):
-    """Hold the process to a limit of its resources: the operating system then refuses, as it does in earnest."""
-    before = resource.getrlimit(what)
-    resource.setrlimit(what, (soft, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(what, before)
+def test_a_part_that_cannot_be_begun_is_tried_again_after_a_while(tmp_path):
+    clocks = Clocks()
+    with writer(tmp_path / "r.mcap", rotate_bytes=1, flush_every_s=0.0, clock=clocks.seconds) as parts:
+        with limited(resource.RLIMIT_NOFILE, 3):
+            parts.write_frames(FRAMES[:100])
+        for seconds, part in ((9.9, 1), (0.2, 2)):
+            clocks.pass_s(seconds)
+            parts.write_frames(FRAMES[100:200])
+            assert parts.part == part
 
 
 def test_an_old_part_is_kept_when_the_next_cannot_be_opened(tmp_path, monkeypatch):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-import time
 
 import numpy as np
 import pytest
+from logger_support import Clocks
 from recording_support import START_NS, random_frames
 
 from daq.frames import FrameBatch, split
@@ -218,11 +218,13 @@ def test_a_timed_flush_costs_little_and_is_kept(tmp_path):
                     assert path.stat().st_size == writer.bytes_written
         sizes[flush_every] = path.stat().st_size
     assert sizes[640] < 1.1 * sizes[None]
-    with RecordingWriter(tmp_path / "clock.mcap", flush_every_s=0.05) as writer:
+    clocks = Clocks()
+    with RecordingWriter(tmp_path / "clock.mcap", flush_every_s=0.05, clock=clocks.seconds) as writer:
         before = writer.bytes_written
         writer.write_frames(FrameBatch(frames[:10], ("can0",)))
+        clocks.pass_s(0.049)
         writer.tick()
         assert writer.bytes_written == before
-        time.sleep(0.06)
+        clocks.pass_s(0.002)
         writer.tick()
         assert writer.bytes_written > before

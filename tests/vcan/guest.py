@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shlex
 import shutil
 import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -26,10 +27,27 @@ _MODULES = ("net/can/can", "net/can/can-raw", "drivers/net/can/dev/can-dev", "dr
 _PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 _BUS_UP = "ip link set lo up; ip link add dev vcan0 type vcan && ip link set vcan0 up"
 _CONSOLE_LINES = 15
+_ONE_OF_SEVERAL = f"""
+run_one() {{
+  for bus in $(ip -o link show type vcan | cut -d: -f2); do ip link del $bus; done
+  {_BUS_UP}
+  sh $1.sh > $1.out 2>&1
+  echo $? > $1.code
+}}"""
+TOOLS = {
+    "ip": "iproute2",
+    "insmod": "kmod",
+    "mke2fs": "e2fsprogs",
+    "e2fsck": "e2fsprogs",
+    "debugfs": "e2fsprogs",
+    "cansend": "can-utils",
+    "curl": "curl",
+}
+"""Every program that a test uses and Debian does not always have, with its package."""
 
 
 class NoGuestError(Exception):
-    """No kernel with vcan can be had here; says why."""
+    """No kernel with vcan can be had here, or not all that a script needs; says why."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +73,9 @@ def run_with_vcan(script: str, *, timeout_s: float = 120.0, memory: str = "1G") 
     Raises
     ------
     NoGuestError
-        If neither this kernel nor user-mode-linux offers vcan.
+        If neither this kernel nor user-mode-linux offers vcan, or a tool is missing that the script names.
     """
+    require("ip", *tools_of(script))
     with tempfile.TemporaryDirectory(prefix="vcan-", dir=_work_root()) as name:
         work = Path(name)
         (work / "script.sh").write_text(script, encoding="utf-8")
@@ -95,8 +114,9 @@ def run_in_guest(
     Raises
     ------
     NoGuestError
-        If there is no user-mode-linux.
+        If there is no user-mode-linux, or a tool is missing that the script names.
     """
+    require("ip", *tools_of(script))
     with tempfile.TemporaryDirectory(prefix="vcan-", dir=_work_root()) as name:
         work = Path(name)
         (work / "script.sh").write_text(script, encoding="utf-8")
@@ -105,20 +125,64 @@ def run_in_guest(
 
 def run_or_skip(script: str, *, timeout_s: float = 120.0, memory: str = "1G") -> GuestResult:
     """Do as `run_with_vcan`; without a kernel skip the test, or fail it if WHEELSOIL_REQUIRE_VCAN is 1."""
-    with _or_skip():
+    with or_skip():
         return run_with_vcan(script, timeout_s=timeout_s, memory=memory)
+
+
+def run_all_or_skip(scripts: Mapping[str, str], folder: Path, *, timeout_s: float = 120.0) -> dict[str, GuestResult]:
+    """Do as `run_or_skip` with several scripts, one after the other, each beside a new ``vcan0`` and no other bus.
+
+    `folder` is for the scripts and what they say.
+    """
+    steps = [_ONE_OF_SEVERAL]
+    for name, script in scripts.items():
+        (folder / f"{name}.sh").write_text(script, encoding="utf-8")
+        steps.append(f"run_one {shlex.quote(str(folder / name))}")
+    with or_skip():
+        require(*(tool for script in scripts.values() for tool in tools_of(script)))
+    whole = run_or_skip("\n".join(steps), timeout_s=timeout_s)
+    return {
+        name: GuestResult(int(_text(folder / f"{name}.code") or whole.exit_code), _text(folder / f"{name}.out"))
+        for name in scripts
+    }
 
 
 def guest_or_skip(
     script: str, *, timeout_s: float = 120.0, disks: Sequence[Path] = (), power_cut: PowerCut | None = None
 ) -> GuestResult:
     """Do as `run_in_guest`; skip or fail as `run_or_skip` does."""
-    with _or_skip():
+    with or_skip():
         return run_in_guest(script, timeout_s=timeout_s, disks=disks, power_cut=power_cut)
 
 
+def tool_or_skip(name: str) -> str:
+    """Return the path of one of the `TOOLS`; skip or fail as `run_or_skip` does."""
+    with or_skip():
+        require(name)
+    return str(shutil.which(name, path=_PATH))
+
+
+def tools_of(script: str) -> list[str]:
+    """Return those of the `TOOLS` that a script names."""
+    return [name for name in TOOLS if re.search(rf"(?<![\w./-]){name}(?![\w-])", script)]
+
+
+def require(*names: str) -> None:
+    """See that tools are there.
+
+    Raises
+    ------
+    NoGuestError
+        If one is not; names it and its package.
+    """
+    missing = {name: TOOLS[name] for name in names if not shutil.which(name, path=_PATH)}
+    if missing:
+        packages = " ".join(dict.fromkeys(missing.values()))
+        raise NoGuestError(f"not installed: {', '.join(missing)}; on Debian: apt-get install {packages}")
+
+
 @contextlib.contextmanager
-def _or_skip() -> Iterator[None]:
+def or_skip() -> Iterator[None]:
     try:
         yield
     except NoGuestError as error:
@@ -195,13 +259,11 @@ def _user_mode_linux() -> tuple[str, Path, Path | None]:
     """Return the kernel, the folder of its modules, and the source of a shim where the processor needs one."""
     kernel = shutil.which("linux.uml", path=_PATH)
     if kernel is None:
-        raise NoGuestError("this kernel has no vcan, and user-mode-linux is not installed")
+        raise NoGuestError("this kernel has no vcan, and user-mode-linux (Debian's package) is not installed")
     folders = sorted(Path("/usr/lib/uml/modules").glob("*/kernel"))
     if not folders or not (folders[-1] / f"{_MODULES[-1]}.ko").exists():
         raise NoGuestError("user-mode-linux is installed without its vcan module")
-    missing = [tool for tool in ("insmod", "ip") if not shutil.which(tool, path=_PATH)]
-    if missing:
-        raise NoGuestError(f"not installed: {', '.join(missing)} (packages kmod and iproute2)")
+    require("insmod")
     if " amx_tile" not in _text(Path("/proc/cpuinfo")):
         return kernel, folders[-1], None
     if not shutil.which("cc"):

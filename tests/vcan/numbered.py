@@ -20,7 +20,7 @@ from daq.socketcan import SocketCanSink
 
 IDS = 8
 FIRST_ID = 0x300
-BATCH_S = 0.005
+BATCH_S = 0.01
 SENT_DTYPE = np.dtype([("end", "<i8"), ("time_ns", "<i8")])
 """After a batch: the number of frames sent so far, and CLOCK_MONOTONIC."""
 

@@ -68,7 +68,7 @@ def watched() -> str:
     """Return what to do before the reader is held: look on, wait for a frozen sensor, put a mark."""
     return f"""
 curl --silent --no-buffer {PAGE}/events > watched.txt &
-until test $(stat --format %s sent.log) -gt {FREEZE_AT // 40 * 16}; do sleep 0.1; done
+until test $(stat --format %s sent.log) -gt {FREEZE_AT // 80 * 16}; do sleep 0.1; done
 sleep 3
 curl --silent --fail --header 'Content-Type: application/json' --header 'Origin: {PAGE}' \\
   --data '{{"kind": "mark", "text": "stone on the track"}}' {PAGE}/command

@@ -140,6 +140,16 @@ def test_a_mark_that_nobody_takes_is_told_too(browser: Browser, panel: PagePanel
         expect(seen.locator("#feedback")).to_contain_text("has not confirmed it")
 
 
+def test_a_mark_whose_answer_is_lost_is_confirmed_by_the_file(browser: Browser, panel: PagePanel) -> None:
+    """The page was too slow to answer: that does not mean that nothing was sent."""
+    with Shower(panel) as shower, looking_at(browser, panel.address) as seen:
+        seen.route("**/command", lambda _: None)
+        _press_mark(seen, "left rut")
+        expect(seen.locator("#feedback")).to_contain_text("has not confirmed it")
+        shower.changes = {"marks": [{"time_utc_s": START_UTC_S + 21, "text": "left rut"}]}
+        expect(seen.locator("#feedback")).to_contain_text("stands in the file")
+
+
 def test_a_run_is_started_by_name_and_stopped_after_a_question(browser: Browser, panel: PagePanel) -> None:
     with Shower(panel) as shower, looking_at(browser, panel.address) as seen:
         stop, start = seen.get_by_role("button", name="Stop run"), seen.get_by_role("button", name="Start run")

@@ -66,6 +66,12 @@ def test_standstill_holes_and_missing_values_give_no_slip() -> None:
     assert slow.slip.since(-np.inf) == []
 
 
+def test_a_sample_that_is_a_minute_old_is_forgotten() -> None:
+    curve = Curve()
+    curve.add([(t, 1.0) for t in (1.0, 31.0, 61.0)])
+    assert [row[0] for row in curve.since(-np.inf)] == [31.0, 61.0]
+
+
 @given(st.lists(st.floats(0.01, 30.0), min_size=1, max_size=60), st.floats(0, 400))
 def test_a_curve_holds_the_last_minute_and_gives_what_is_new(steps_s: list[float], after_s: float) -> None:
     curve, times = Curve(), np.cumsum(steps_s).tolist()

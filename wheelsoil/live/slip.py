@@ -33,7 +33,7 @@ class Curve:
         last = self._rows[-1][0] if self._rows else -np.inf
         self._rows += [row for row in rows if row[0] > last]
         if self._rows:
-            del self._rows[: bisect_right(self._rows, (self._rows[-1][0] - SPAN_S,))]
+            del self._rows[: bisect_right(self._rows, (self._rows[-1][0] - SPAN_S, np.inf))]
 
     def since(self, time_s: float) -> list[tuple[float, ...]]:
         """Return the rows after an instant."""

@@ -99,7 +99,8 @@ export class Commands {
       if (!answer.ok) throw new Error((await answer.text()).trim() || `answer ${answer.status}`);
       if (this.waiting.includes(asked)) this.tell("sent", `${words} was sent (${asked.at}), waiting for the logger …`);
     } catch (error) {
-      const why = error instanceof TypeError || error.name === "TimeoutError" ? "no connection" : error.message;
+      if (error.name === "TimeoutError") return; // it may have been sent: a snapshot tells, or giveUp
+      const why = error instanceof TypeError ? "no connection" : error.message;
       this.drop(asked, `✕ ${words} was NOT sent: ${why}.`);
     }
   }
