@@ -60,7 +60,7 @@ OTHERS = {
     "short-fit": "fit {short} --json",
     "run-sinkage": "sinkage {clay}/run-1.mcap --json",
     "table-diagnose": "diagnose --table {single_wheel} --vehicle {wheels}/hurrell.toml"
-    " --terrain {wheels}/hurrell-soil.toml --most-causes 1 --effects slip_sinkage,interface_friction --json",
+    " --terrain {wheels}/hurrell-soil.toml --most-causes 1 --effects vasilev,interface_friction --channels dp,z --json",
 }
 IN_EVERY_TEST = ("run-info", "run-process", "bevameter-soil", "run-sinkage", "short-fit", "table-diagnose")
 """Cases that `make test` runs: each room, in a few seconds."""

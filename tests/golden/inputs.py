@@ -85,8 +85,8 @@ def _bevameter(folder: Path) -> Path:
 
 
 def _single_wheel(folder: Path) -> Path:
-    """Write a single-wheel test whose sinkage grows with slip: nine slips, each three times."""
-    slip = np.repeat(np.linspace(0.0, 0.8, 9), 3)
+    """Write a single-wheel test whose sinkage grows with slip: six slips, each twice."""
+    slip = np.repeat(np.linspace(0.0, 0.75, 6), 2)
     error = 1.0 + 0.02 * np.sin(7.0 * np.arange(slip.size))
     load, pull = np.full(slip.size, 24.5), (9.0 * (1.0 - np.exp(-slip / 0.2)) - 3.0) * error
     columns = (slip, load, pull, (1.0 + 0.1 * pull) * error, (0.006 + 0.016 * slip) * error)

@@ -30,7 +30,7 @@ def kept(value: Any, place: str) -> Any:
         return ASIDE
     if len(flat) <= ROWS or any(isinstance(item, dict) for item in flat):
         return [kept(item, place) for item in value] if isinstance(value, list) else _rounded(value)
-    return {"length": len(value), **_thinned(flat)}
+    return ({"lists": len(value)} if len(value) < len(flat) else {}) | _thinned(flat)
 
 
 def _flat(value: Any) -> Iterator[Any]:
@@ -51,7 +51,7 @@ def _thinned(values: Sequence[Any]) -> dict[str, Any]:
     """Return what is kept of a long series: what it is over all rows, and some rows."""
     numbers = [value for value in values if isinstance(value, int | float) and not isinstance(value, bool)]
     others = Counter(str(value) for value in values if value is None or isinstance(value, bool | str))
-    found: dict[str, Any] = {"count": len(values), "others": dict(sorted(others.items()))}
+    found: dict[str, Any] = {"count": len(values)} | ({"others": dict(sorted(others.items()))} if others else {})
     if all(isinstance(value, int) for value in numbers):
         found["sum"] = sum(numbers)
     else:

@@ -34,7 +34,6 @@ WORDS = (
     "*.result",
     "*.sentence",
     "*.fit_sentence",
-    "*.soil.source",
     "*.summary*",
     "*.text",
     "*.texts.*",
@@ -65,7 +64,7 @@ OF_THE_RUN = (
     "*.versions",
     "*.written_by",
 )
-"""Times, versions, sizes and places: of this run of a command and not of its result. Whatever is there is put aside."""
+"""Times, versions, sizes, paths and files: of this run of a command and not of its result; always put aside."""
 
 
 class Tolerance(NamedTuple):
