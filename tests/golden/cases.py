@@ -50,8 +50,7 @@ OTHERS = {
     "clay-export": "export {clay}/run-1.mcap -o {out} --format csv --json",
     "clay-plan": "diagnose --plan {clay} -o {out}/cosines.csv --json",
     "literal-fit-literal": "fit {literal} --sinkage literal --channels dp,t --json",
-    "joint-diagnose": "diagnose {clay} {sandy} --json",
-    "joint-short-diagnose": "diagnose {biased} {braked} --next-run --json",
+    "joint-diagnose": "diagnose {biased} {braked} --next-run --json",
     "plates-soil": "soil --plate {plates}/*.csv --json",
     "bevameter-soil": "soil --plate {bevameter}/plate-*.csv --radius 0.05 0.05 0.1 0.1"
     " --shear {bevameter}/shear-*.csv -o {out}/terrain.toml --json",

@@ -57,7 +57,7 @@ def _thinned(values: Sequence[Any]) -> dict[str, Any]:
     else:
         rms = math.sqrt(math.fsum(value * value for value in numbers) / len(numbers))
         found |= {"mean": _rounded(math.fsum(numbers) / len(numbers)), "rms": _rounded(rms)}
-    return found | {"spread": [_rounded(values[row]) for row in spread_rows(len(values))]}
+    return found | {"some_rows": [_rounded(values[row]) for row in spread_rows(len(values))]}
 
 
 def _rounded(value: Any) -> Any:

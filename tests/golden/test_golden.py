@@ -30,9 +30,9 @@ def test_numbers_are_as_kept(name: str, inputs: Inputs) -> None:
     assert not found, f"{len(found)} differences\n{report(found)}"
 
 
-def test_every_case_is_kept_in_few_bytes() -> None:
+def test_kept_numbers_are_of_a_case_and_few() -> None:
     files = list(NUMBERS.glob("*.json"))
-    assert {path.stem for path in files} == set(CASES)
+    assert {path.stem for path in files} <= set(CASES)
     assert sum(path.stat().st_size for path in files) <= MOST_BYTES
 
 
@@ -64,7 +64,7 @@ def test_the_same_numbers_do_not_differ() -> None:
     ("path", "place"),
     [
         (("stdout", 0, "duration_s"), "run-process.stdout[0].duration_s"),
-        ((*COLUMN, "spread", 2), "run-process.samples.csv.columns.vertical_load_n [N]"),
+        ((*COLUMN, "some_rows", 2), "run-process.samples.csv.columns.vertical_load_n [N]"),
         ((*COLUMN, "mean"), "run-process.samples.csv.columns.vertical_load_n [N].mean"),
         ((*COLUMN, "rms"), "run-process.samples.csv.columns.vertical_load_n [N].rms"),
     ],
@@ -76,11 +76,16 @@ def test_a_number_that_moves_by_1e_8_is_reported(path: tuple[Any, ...], place: s
     assert not list(differences(*_moved(*path, by=lambda value: value * (1 + 2e-10)), "run-process"))
 
 
+def test_keys_of_an_output_are_no_aggregates() -> None:
+    output = {"spread": 0.01, "mean": 1.0, "rms": 2.0}
+    assert len(list(differences(kept(output, "case"), kept(output | {"mean": 1.0 + 1e-8}, "case"), "case"))) == 1
+
+
 def test_a_row_is_counted_in_the_whole_series() -> None:
     series = {"x": [float(i) for i in range(1, 1001)]}
     expected = kept(series, "case")
     moved = deepcopy(expected)
-    moved["x"]["spread"][-1] *= 1 + 1e-8
+    moved["x"]["some_rows"][-1] *= 1 + 1e-8
     (one,) = differences(expected, moved, "case")
     assert one.place == "case.x[999]"
     series["x"][500] *= 1.001  # a row that is not kept itself
