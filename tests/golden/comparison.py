@@ -52,9 +52,7 @@ def _of_mappings(expected: dict[str, Any], got: dict[str, Any], place: str) -> I
             yield Difference(inner, expected.get(key, ABSENT), got.get(key, ABSENT))
         elif key == "some_rows" and expected.get("count") == got.get("count"):
             yield from _of_lists(expected[key], got[key], place, spread_rows(expected["count"]))
-        elif (
-            key == "mean" and "some_rows" in expected
-        ):  # a mean near zero is as exact as the values that it is taken of
+        elif key == "mean" and "some_rows" in expected:  # near zero as exact as its values
             yield from _of_values(expected[key], got[key], inner, expected["rms"] * tolerance(inner))
         else:
             yield from differences(expected[key], got[key], inner)
