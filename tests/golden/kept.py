@@ -9,7 +9,7 @@ from typing import Any
 
 from golden.rules import are_words, is_labelled, is_of_the_run
 
-ROWS = 48
+ROWS = 32
 """Longest list that is kept whole."""
 SPREAD = 24
 """Rows that are kept of a longer one, beside its length and its mean and root mean square over all rows."""
@@ -23,7 +23,7 @@ def kept(value: Any, place: str) -> Any:
         return ASIDE
     if isinstance(value, dict):
         if is_labelled(place):
-            return [kept(item, place) for item in value.values()]
+            return [kept(item, f"{place}.{i}") for i, item in enumerate(value.values())]
         return {name: kept(item, f"{place}.{name}") for name, item in value.items()}
     flat = list(_flat(value))
     if are_words(place) and all(isinstance(item, str) for item in flat):

@@ -32,9 +32,10 @@ WORDS = (
     "*.reasons",
     "*.remarks",
     "*.result",
-    "*.sentence",
     "*.fit_sentence",
-    "*.summary*",
+    "*.sections.sinkage.unit",
+    "*.sentence",
+    "*.summary.*",
     "*.text",
     "*.texts.*",
     "*.title",
@@ -45,7 +46,7 @@ WORDS = (
 )
 """Sentences, notes and labels for people: texts and lists of texts are put aside, numbers at such a place are not."""
 
-LABELLED = ("*.sections.misfit.*", "*.sections.provenance.used", "*.summary")
+LABELLED = ("*.misfit.dp", "*.misfit.t", "*.misfit.z", "*.provenance.used", "*.summary")
 """Mappings whose keys are labels for people: their values are kept in order."""
 
 OF_THE_RUN = (
