@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test fast slow study lint bench blind clean
+.PHONY: demo test fast slow study lint bench blind golden golden-keep mutants clean
 .DEFAULT_GOAL := demo
 
 $(STAMP): pyproject.toml constraints.txt
@@ -36,6 +36,14 @@ slow: $(STAMP)
 
 study: $(STAMP)
 	$(BIN)/pytest -s -m study
+
+# Compares what the commands give with the numbers kept in tests/golden; CASES="clay-fit joint-*" takes some of them.
+GOLDEN := OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python -m golden $(foreach case,$(CASES),'$(case)')
+golden: $(STAMP)
+	$(GOLDEN)
+
+golden-keep: $(STAMP)
+	$(GOLDEN) --keep "$$WHY"
 
 # Hides causes and lets the diagnosis find them; resumable. BLIND="--full" takes hours and is what docs/blind_results.md is from.
 BLIND ?= --nulls 10 --singles 1 --levels 5 --pairs 2 --outside 1

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bench_soil import plate_tests, shear_tests
+from measured_plates import TESTBED, measured_plates, write_table
 from support import data_dir
 
 from daq.config import TerrainConfig, load_toml
@@ -26,26 +27,19 @@ def laboratory(tmp_path: Path) -> Path:
     rng = np.random.default_rng(11)
     for i, test in enumerate(plate_tests(rng, widths_m=(0.05, 0.1), scatter=(0.05, 0.02), noise=0.01)):
         force = test.pressure_pa * np.pi * test.width_m**2
-        _write(tmp_path / f"plate{i}.csv", ["z_mm", "force_n"], [test.sinkage_m * 1e3, force])
+        write_table(tmp_path / f"plate{i}.csv", ["z_mm", "force_n"], [test.sinkage_m * 1e3, force])
     shears = shear_tests(rng, scatter=(0.03, 0.1), noise=0.01)
     columns = [
         np.concatenate([getattr(test, name) for test in shears]) for name in ("displacement_m", "shear_stress_pa")
     ]
     stress = np.concatenate([np.full(test.displacement_m.size, test.normal_stress_pa) for test in shears])
     number = np.concatenate([np.full(test.displacement_m.size, i) for i, test in enumerate(shears)])
-    _write(
+    write_table(
         tmp_path / "shear.csv",
         ["displacement_m", "shear_stress_pa", "normal_stress_pa", "test"],
         [*columns, stress, number],
     )
     return tmp_path
-
-
-def _write(path: Path, names: Sequence[str], columns: Sequence[Any]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(names)
-        writer.writerows(zip(*columns, strict=True))
 
 
 def _plate_args(folder: Path) -> list[str]:
@@ -143,29 +137,6 @@ def test_greedy_options_take_all_that_follows() -> None:
 
 # --- measured plates: a public single-wheel test bed ------------------------------------------------------------------
 
-TESTBED = ("cmu-terramech-testbed", "pressure_sinkage")
-CLOCKS_S = 18_000  # the kinematics are stamped in local time
-
-
-def _measured_plates(folder: Path, *, whole: bool) -> list[Path]:
-    """Join each plate's kinematics and forces to a table; in the authors' window and from their zero, or all of it."""
-    source = data_dir(*TESTBED)
-    written = []
-    with (source / "index.csv").open(encoding="utf-8") as file:
-        rows = [row for row in csv.DictReader(file) if row["body"].startswith("circular plate")]
-    for row in rows:
-        kinematics = np.loadtxt(source / f"{row['run']}.txt", delimiter=",")
-        t_s, force = np.loadtxt(source / f"{row['run']}_ft.csv", delimiter=",", skiprows=1, usecols=(0, 3)).T
-        time, down = kinematics[:, 6] + CLOCKS_S - float(row["bag_start_unix"]), -kinematics[:, 4] * 1e-3
-        start, end = (t_s[0], t_s[-1]) if whole else (float(row["window_start_s"]), float(row["window_end_s"]))
-        kept = (time >= start) & (time <= end)
-        load = -np.interp(time[kept], t_s, force) - (0.0 if whole else float(row["Fz_offset_N"]))
-        sinkage = down[kept] + (0.0 if whole else float(row["z_zero_mm"]) * 1e-3)
-        radius = np.full(sinkage.size, float(row["body"].split()[2]) / 2e3)
-        written.append(folder / f"{row['run']}.csv")
-        _write(written[-1], ["sinkage_m", "force_n", "radius_m"], [sinkage, load, radius])
-    return written
-
 
 def _fitted(files: Sequence[Path], capsys: pytest.CaptureFixture[str], *options: str) -> tuple[dict[str, Any], str]:
     capsys.readouterr()
@@ -175,7 +146,7 @@ def _fitted(files: Sequence[Path], capsys: pytest.CaptureFixture[str], *options:
 
 
 def test_measured_plates_by_the_authors_window(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    facts, notes = _fitted(_measured_plates(tmp_path, whole=False), capsys)
+    facts, notes = _fitted(measured_plates(tmp_path, whole=False), capsys)
     assert len(facts["plates"]) == 9
     with data_dir(*TESTBED, "index.csv").open(encoding="utf-8") as file:
         checks = {row["run"]: row for row in csv.DictReader(file) if row["check_n"]}
@@ -193,7 +164,7 @@ def test_measured_plates_by_the_authors_window(tmp_path: Path, capsys: pytest.Ca
 
 
 def test_measured_plates_from_the_whole_record(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    facts, notes = _fitted(_measured_plates(tmp_path, whole=True), capsys, "--zero", "contact")
+    facts, notes = _fitted(measured_plates(tmp_path, whole=True), capsys, "--zero", "contact")
     with data_dir(*TESTBED, "index.csv").open(encoding="utf-8") as file:
         zeros = {row["run"]: -float(row["z_zero_mm"]) * 1e-3 for row in csv.DictReader(file)}
     for plate in facts["plates"]:  # found without the authors' hand-set zeros, 0.4 mm deeper in the mean

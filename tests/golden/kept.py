@@ -1,0 +1,64 @@
+"""The form in which an output is kept: words and timings put aside, long series thinned, floats rounded."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from golden.rules import are_words, is_labelled, is_of_the_run
+
+ROWS = 32
+"""Longest list that is kept whole."""
+SPREAD = 24
+"""Rows that are kept of a longer one, beside its length and its mean and root mean square over all rows."""
+DIGITS = 13
+ASIDE = "(put aside)"
+
+
+def kept(value: Any, place: str) -> Any:
+    """Return the output at a place as it is kept; what is put aside leaves its key."""
+    if is_of_the_run(place):
+        return ASIDE
+    if isinstance(value, dict):
+        if is_labelled(place):
+            return [kept(item, f"{place}.{i}") for i, item in enumerate(value.values())]
+        return {name: kept(item, f"{place}.{name}") for name, item in value.items()}
+    flat = list(_flat(value))
+    if are_words(place) and all(isinstance(item, str) for item in flat):
+        return ASIDE
+    if len(flat) <= ROWS or any(isinstance(item, dict) for item in flat):
+        return [kept(item, place) for item in value] if isinstance(value, list) else _rounded(value)
+    return ({"lists": len(value)} if len(value) < len(flat) else {}) | _thinned(flat)
+
+
+def _flat(value: Any) -> Iterator[Any]:
+    """Yield what is in a list, its lists and so on; of anything else itself."""
+    if isinstance(value, list):
+        for item in value:
+            yield from _flat(item)
+    else:
+        yield value
+
+
+def spread_rows(count: int) -> list[int]:
+    """Return the rows that are kept of a series of `count`, spread evenly from the first to the last."""
+    return [round(i * (count - 1) / (SPREAD - 1)) for i in range(SPREAD)]
+
+
+def _thinned(values: Sequence[Any]) -> dict[str, Any]:
+    """Return what is kept of a long series: what it is over all rows, and some rows."""
+    numbers = [value for value in values if isinstance(value, int | float) and not isinstance(value, bool)]
+    others = Counter(str(value) for value in values if value is None or isinstance(value, bool | str))
+    found: dict[str, Any] = {"count": len(values)} | ({"others": dict(sorted(others.items()))} if others else {})
+    if all(isinstance(value, int) for value in numbers):
+        found["sum"] = sum(numbers)
+    else:
+        rms = math.sqrt(math.fsum(value * value for value in numbers) / len(numbers))
+        found |= {"mean": _rounded(math.fsum(numbers) / len(numbers)), "rms": _rounded(rms)}
+    return found | {"some_rows": [_rounded(values[row]) for row in spread_rows(len(values))]}
+
+
+def _rounded(value: Any) -> Any:
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
