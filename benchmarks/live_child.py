@@ -6,6 +6,7 @@ the first line there to the closed file, how much of it for judging (health), an
 
 from __future__ import annotations
 
+import _thread
 import json
 import sys
 import threading
@@ -68,17 +69,38 @@ def ours(folder: Path, stop: threading.Event, ready: Ready, flush_s: float = 0.2
     return done.frames["lo"]
 
 
-def theirs(folder: Path, stop: threading.Event, ready: Ready) -> int:
-    """Record as python-can's logger does, into a BLF."""
+def can_logger(folder: Path, ready: Ready) -> int:
+    """Record into a BLF as python-can's script `can_logger` does, which ends by an interrupt."""
     import can
 
     receiver = stand_in.listening()
     bus = stand_in.python_can_bus(receiver)
-    writer = can.Logger(str(folder / "theirs.blf"))
-    notifier = can.Notifier(bus, [writer])
+    logger = can.Logger(str(folder / "can_logger.blf"))
+    ready(receiver.getsockname()[1])
+    try:
+        while True:
+            msg = bus.recv(1)
+            if msg is not None:
+                logger(msg)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        bus.shutdown()
+        logger.stop()
+    return int(logger.object_count)
+
+
+def notifier(folder: Path, stop: threading.Event, ready: Ready) -> int:
+    """Record into a BLF with python-can's Notifier, the way its documentation shows for programs of one's own."""
+    import can
+
+    receiver = stand_in.listening()
+    bus = stand_in.python_can_bus(receiver)
+    writer = can.Logger(str(folder / "notifier.blf"))
+    listening = can.Notifier(bus, [writer])
     ready(receiver.getsockname()[1])
     stop.wait()
-    notifier.stop()  # and the writer
+    listening.stop()  # and the writer
     bus.shutdown()
     return int(writer.object_count)
 
@@ -100,12 +122,15 @@ def main(kind: str, folder: Path) -> None:
         began.append((time.process_time(), judging.seconds))
         sys.stdin.read()
         stop.set()
+        if kind == "can_logger":
+            _thread.interrupt_main()
 
     threading.Thread(target=listen, daemon=True).start()
     frames = {
         "ours": lambda: ours(folder, stop, ready),
         "unflushed": lambda: ours(folder, stop, ready, flush_s=1e6),
-        "theirs": lambda: theirs(folder, stop, ready),
+        "can_logger": lambda: can_logger(folder, ready),
+        "notifier": lambda: notifier(folder, stop, ready),
     }[kind]()
     [(cpu_s, judged_s)] = began
     print(json.dumps([time.process_time() - cpu_s, judging.seconds - judged_s, frames]), flush=True)
