@@ -74,18 +74,15 @@ def _whole_logger(frames: FrameArray, folder: Path) -> list[Row]:
     unflushed_mb = _size_mb(folder / "unflushed.mcap")
     whole = [cost for cost, _ in found["ours"]]
     logging = [cost - judging for cost, judging in found["ours"]]
-    peers = {
-        "python-can can_logger to BLF": [cost for cost, _ in found["can_logger"]],
-        "python-can Notifier to BLF": [cost for cost, _ in found["notifier"]],
-    }
-    what = f"whole logger at {RATE_HZ / 1e3:g} kframes/s, a frame"
-    marks = (at_least(1, "x"), at_least(4, "x"))
+    what = f"logger at {RATE_HZ / 1e3:g} kframes/s: receive, decode and write a frame"
     table = []
-    for (peer, theirs), mark in zip(peers.items(), marks, strict=True):
-        judging = f"{what}: receive, write, decode, judge (health); the peer receives and writes"
-        table.append(compared(judging, whole, peer, theirs, _microseconds, at_least(1, "x")))
-        less = f"{what}: receive, write, decode, without health; the peer receives and writes"
-        table.append(compared(less, logging, peer, theirs, _microseconds, mark))
+    for kind, less in (("can_logger", 1), ("notifier", 4)):
+        peer = f"python-can {kind} to BLF, receive and write"
+        theirs = [cost for cost, _ in found[kind]]
+        table += [
+            compared(f"{what}, with health", whole, peer, theirs, _microseconds, at_least(1, "x")),
+            compared(f"{what}, without health", logging, peer, theirs, _microseconds, at_least(less, "x")),
+        ]
     share, growth = 100 * statistics.median(whole) * RATE_HZ, 100 * (flushed_mb / unflushed_mb - 1)
     return [
         *table,
@@ -124,7 +121,6 @@ def _session(kind: str, messages: list[bytes], folder: Path) -> tuple[float, flo
         child.stdin.write("\n")
         child.stdin.flush()
         stand_in.send(sender, messages[warm_up:], RATE_HZ)
-        time.sleep(0.3)
         child.stdin.close()
         cpu_s, judged_s, count = json.loads(child.stdout.readline())
         sender.close()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import _thread
 import json
+import socket
 import sys
 import threading
 import time
@@ -18,7 +19,7 @@ from typing import Any
 from benchmarks import stand_in
 from benchmarks.can_log import databases
 
-Ready = Callable[[int], None]
+Ready = Callable[[socket.socket], None]
 
 
 class Judging:
@@ -63,7 +64,7 @@ def ours(folder: Path, stop: threading.Event, ready: Ready, flush_s: float = 0.2
         folder / f"{'flushed' if flush_s < 1 else 'unflushed'}.mcap",
         databases={"lo": tuple(databases())},
         stop=stop,
-        progress=lambda _: ready(receiver.getsockname()[1]),
+        progress=lambda _: ready(receiver),
         opener=lambda bus: SocketCanSource(bus.channel, made=receiver),
     )
     return done.frames["lo"]
@@ -76,7 +77,7 @@ def can_logger(folder: Path, ready: Ready) -> int:
     receiver = stand_in.listening()
     bus = stand_in.python_can_bus(receiver)
     logger = can.Logger(str(folder / "can_logger.blf"))
-    ready(receiver.getsockname()[1])
+    ready(receiver)
     try:
         while True:
             msg = bus.recv(1)
@@ -98,7 +99,7 @@ def notifier(folder: Path, stop: threading.Event, ready: Ready) -> int:
     bus = stand_in.python_can_bus(receiver)
     writer = can.Logger(str(folder / "notifier.blf"))
     listening = can.Notifier(bus, [writer])
-    ready(receiver.getsockname()[1])
+    ready(receiver)
     stop.wait()
     listening.stop()  # and the writer
     bus.shutdown()
@@ -107,20 +108,21 @@ def notifier(folder: Path, stop: threading.Event, ready: Ready) -> int:
 
 def main(kind: str, folder: Path) -> None:
     stop = threading.Event()
-    told: list[int] = []
+    listening: list[socket.socket] = []
     began: list[tuple[float, float]] = []
     judging = Judging()
     judging.watch()
 
-    def ready(port: int) -> None:
-        if not told:
-            told.append(port)
-            print(port, flush=True)
+    def ready(receiver: socket.socket) -> None:
+        if not listening:
+            listening.append(receiver)
+            print(receiver.getsockname()[1], flush=True)
 
     def listen() -> None:
         sys.stdin.readline()
         began.append((time.process_time(), judging.seconds))
         sys.stdin.read()
+        stand_in.wait_until_read(listening[0])
         stop.set()
         if kind == "can_logger":
             _thread.interrupt_main()

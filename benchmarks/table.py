@@ -93,8 +93,8 @@ def compared(
 
 
 def times(ratio: float) -> str:
-    """Return a ratio with two or three digits."""
-    return f"{ratio:.2f}x" if ratio < 10 else f"{ratio:.0f}x"
+    """Return a ratio with three digits."""
+    return f"{ratio:.2f}x" if ratio < 10 else f"{ratio:.1f}x" if ratio < 100 else f"{ratio:.0f}x"
 
 
 def rate_of(count: int, what: str = "frames") -> Callable[[float], str]:
