@@ -84,7 +84,7 @@ def _whole_logger(frames: FrameArray, folder: Path) -> list[Row]:
         theirs = [cost for cost, _ in found[kind]]
         table += [
             compared(f"{what}, with health", whole, peer, theirs, _microseconds, at_least(1, "x")),
-            compared(f"{what}, without health", logging, peer, theirs, _microseconds, at_least(less, "x")),
+            compared(f"{what}, health not counted", logging, peer, theirs, _microseconds, at_least(less, "x")),
         ]
     share, growth = 100 * statistics.median(whole) * RATE_HZ, 100 * (flushed_mb / unflushed_mb - 1)
     return [

@@ -36,7 +36,10 @@ def median_cpu_seconds(function: Callable[[], object], repeats: int = 5) -> floa
 
 @dataclass(frozen=True)
 class CommandCost:
-    """Processor time of a command and its children, wall time, and its largest resident memory."""
+    """Processor time of a command and its children, wall time, and its largest resident memory.
+
+    Linux counts the memory of the process that starts it as the least; start it from a small one.
+    """
 
     cpu_s: float
     wall_s: float

@@ -36,7 +36,7 @@ def test_the_table_goes_to_out_and_the_tracked_one_stays(tmp_path: Path) -> None
 
 def test_only_bench_keep_renews_the_tracked_table() -> None:
     def recipe(target: str) -> str:
-        command = ["make", "--dry-run", "--always-make", target]
+        command = ["make", "--dry-run", "--no-print-directory", target]
         return subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
 
     assert "-m benchmarks" in recipe("bench")
