@@ -7,14 +7,17 @@ import platform
 import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
+
+from benchmarks.peer_environment import PEERS
 
 HEAD = """\
 # Benchmarks
 
 How to read this:
 
-- Times are **CPU time** (all threads and child processes) unless the row says *wall*; medians of several calls. What is
-  compared takes turns in one run.
+- Times are **CPU time** (all threads and child processes) unless the row says *wall*; medians of several calls, the report
+  of one. What is compared takes turns in one run.
 - **Ratio** = our speed over the peer's: above 1x wheelsoil is faster. For sizes: our size over the peer's, below 1x is
   smaller.
 - `stated`: no mark is set. **no**: the mark is missed, and nothing else follows from it: these are measurements.
@@ -107,5 +110,10 @@ def page(rows: Sequence[Row], load: float) -> str:
     machine = f"{os.cpu_count()} cores, Python {platform.python_version()}, {platform.machine()}"
     missed = sum(row.reached is False for row in rows)
     marks = sum(row.reached is not None for row in rows)
-    summary = f"{machine}; load before the measurement {load:.1f}. {marks - missed} of {marks} marks reached."
+    peers = [f"{name} {version(name)}" for name in ("python-can", "cantools", "mcap")]
+    peers += [peer.replace("==", " ") for peer in PEERS]
+    summary = (
+        f"{marks - missed} of {marks} marks reached. {machine}; load before the measurement {load:.1f}.\n"
+        f"Peers: {', '.join(peers)}."
+    )
     return f"{HEAD}\n{summary}\n\n{COLUMNS}" + "\n".join(row.line() for row in rows) + "\n"
