@@ -16,8 +16,8 @@ HEAD = """\
 
 How to read this:
 
-- Times are **CPU time** (all threads and child processes) unless the row says *wall*; medians of several calls, the report
-  of one. What is compared takes turns in one run.
+- Times are **CPU time** (all threads and child processes) unless the row says *wall*; medians of several calls, of
+  one for the report. What is compared takes turns in one run.
 - **Ratio** = our speed over the peer's: above 1x wheelsoil is faster. For sizes: our size over the peer's, below 1x is
   smaller.
 - `stated`: no mark is set. **no**: the mark is missed, and nothing else follows from it: these are measurements.
