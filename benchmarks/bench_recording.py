@@ -44,7 +44,7 @@ def _equal_batches() -> list[Row]:
     for compression, (write_s, read_s, size_mb, batch) in found.items():
         how = f"equal batches ({batch} frames a message), {compression}"
         for peer in ("mcap", "foxglove-sdk"):
-            remark = ", times checked and synced"
+            remark = ", with time check and fsync"
             table.append(
                 compared(f"MCAP write, {how}", write_s["ours"], peer, write_s[peer], shown, at_least(1, "x"), remark)
             )
@@ -56,7 +56,7 @@ def _equal_batches() -> list[Row]:
                 read_s["mcap"],
                 shown,
                 at_least(1, "x"),
-                ", checksums verified",
+                ", with checksums verified",
             )
         )
         table.append(_size_row(f"MCAP size of {BATCHED_COUNT:,} frames, {how}", size_mb["ours"], size_mb["mcap"], 1.02))
