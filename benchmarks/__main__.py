@@ -32,7 +32,7 @@ class BenchmarkError(Exception):
 def main(arguments: Sequence[str]) -> int:
     """Run the benchmarks named, or all; return the exit status."""
     if arguments[:1] == [_ROWS_ONLY]:
-        signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs and their children ignore it
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a shell ignores it
         module = importlib.import_module(f"benchmarks.bench_{arguments[1]}")
         print(json.dumps([asdict(row) for row in module.rows()]))
         return 0
