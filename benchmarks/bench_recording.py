@@ -1,83 +1,95 @@
-"""Recordings against python mcap with a message a frame: the same frames, the same compression."""
+"""Recordings against python mcap and foxglove-sdk: the same frames, compression and chunk size.
+
+Beside peers that write batches as we do, and beside the usual way, a message a frame.
+"""
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.row import Row, median_seconds
+from benchmarks.can_log import wft_frames
+from benchmarks.peer_environment import PeersMissingError, run_beside_peers
+from benchmarks.table import Row, at_least, at_most, compared, judged, rate_of
+from benchmarks.timing import side_by_side
 from daq.frames import CLASSIC_DTYPE, FrameArray, FrameBatch, split
 from daq.recording import Recording, RecordingWriter
 
-FRAME_COUNT = 200_000
-BATCH = 640
-"""Frames a batch: what 0.2 s bring at 3.2 kframes/s."""
-REPEATS = 3
+FRAME_COUNT, BATCHED_COUNT = 200_000, 1_000_000
+ARRIVING = 640
+"""Frames that come together: what 0.2 s bring at 3.2 kframes/s."""
+REPEATS, BATCHED_REPEATS = 3, 7
 COMPRESSIONS = ("zstd", "lz4", "none")
 
 
 def rows() -> list[Row]:
     frames = wft_frames(FRAME_COUNT)
     with tempfile.TemporaryDirectory() as folder:
-        return [row for name in COMPRESSIONS for row in _against_mcap(frames, Path(folder), name)]
+        single = [row for name in COMPRESSIONS for row in _message_a_frame(frames, Path(folder), name)]
+    return [*_equal_batches(), *single]
 
 
-def wft_frames(count: int) -> FrameArray:
-    """Return frames as a wheel force transducer sends them: three messages at 1 kHz, four 16-bit signals each."""
-    rng = np.random.default_rng(0)
-    number = np.arange(count)
-    signals = 8000 * np.sin(number[:, None] * [1e-4, 2e-4, 3e-4, 5e-5]) + rng.normal(scale=20, size=(count, 4))
-    frames = np.zeros(count, CLASSIC_DTYPE)
-    frames["time_ns"] = 1_700_000_000_000_000_000 + number // 3 * 1_000_000 + rng.integers(0, 90_000, count)
-    frames["can_id"] = 0x100 + number % 3
-    frames["length"] = 8
-    frames["data"] = signals.astype("<i2").view(np.uint8)
-    return frames
+def _equal_batches() -> list[Row]:
+    what = "MCAP in equal batches"
+    try:
+        found = run_beside_peers("batched_mcap", str(BATCHED_COUNT), str(BATCHED_REPEATS), *COMPRESSIONS)
+    except PeersMissingError as error:
+        return [Row(what, "-", str(error))]
+    shown = rate_of(BATCHED_COUNT)
+    table = []
+    for compression, (write_s, read_s, size_mb, batch) in found.items():
+        how = f"equal batches ({batch} frames a message), {compression}"
+        for peer in ("mcap", "foxglove-sdk"):
+            remark = ", with time check and fsync"
+            table.append(
+                compared(f"MCAP write, {how}", write_s["ours"], peer, write_s[peer], shown, at_least(1, "x"), remark)
+            )
+        table.append(
+            compared(
+                f"MCAP read to numpy, {how}",
+                read_s["ours"],
+                "mcap",
+                read_s["mcap"],
+                shown,
+                at_least(1, "x"),
+                ", with checksums verified",
+            )
+        )
+        table.append(_size_row(f"MCAP size of {BATCHED_COUNT:,} frames, {how}", size_mb["ours"], size_mb["mcap"], 1.02))
+    return table
 
 
-def _against_mcap(frames: FrameArray, folder: Path, compression: str) -> list[Row]:
+def _message_a_frame(frames: FrameArray, folder: Path, compression: str) -> list[Row]:
     ours, theirs = folder / f"ours_{compression}.mcap", folder / f"theirs_{compression}.mcap"
-    write_peer_s = median_seconds(lambda: _write_mcap(theirs, frames, compression), REPEATS)
-    write_s = median_seconds(lambda: _write(ours, frames, compression), REPEATS)
+    write_s = _in_turns(partial(_write, ours, frames, compression), partial(_write_mcap, theirs, frames, compression))
     assert np.array_equal(Recording.open(ours).frames().frames, frames)
     assert np.array_equal(_read_mcap(theirs, "time_ns"), frames["time_ns"])
-    read_peer_s = median_seconds(lambda: _read_mcap(theirs, "time_ns"), REPEATS)
-    read_s = median_seconds(lambda: _read(ours), REPEATS * 3)
-    size, size_peer = ours.stat().st_size, theirs.stat().st_size
+    read_s = _in_turns(partial(_read, ours), partial(_read_mcap, theirs, "time_ns"))
+    how, peer, shown = f"ours in batches, {compression}", "mcap, a message a frame", rate_of(len(frames))
+    size, peer_size = (path.stat().st_size / 1e6 for path in (ours, theirs))
     return [
-        _speed_row(f"MCAP write, {compression}", write_s, write_peer_s, 5),
-        _speed_row(f"MCAP read to numpy, {compression}", read_s, read_peer_s, 40),
-        Row(
-            f"MCAP size of {FRAME_COUNT} frames, {compression}",
-            f"{size / 1e6:.2f} MB",
-            f"{size_peer / 1e6:.2f} MB",
-            f"{size / size_peer:.2f}",
-            "smaller",
-            size < size_peer,
-        ),
+        compared(f"MCAP write, {how}", write_s["ours"], peer, write_s["peer"], shown, at_least(5, "x")),
+        compared(f"MCAP read to numpy, {how}", read_s["ours"], peer, read_s["peer"], shown, at_least(40, "x")),
+        _size_row(f"MCAP size of {len(frames):,} frames, {how}", size, peer_size, 1, peer),
     ]
 
 
-def _speed_row(what: str, ours_s: float, peer_s: float, to_reach: float) -> Row:
-    def rate(seconds: float) -> str:
-        return f"{FRAME_COUNT / seconds / 1e6:.3g} Mframes/s"
+def _in_turns(ours: Callable[[], object], peer: Callable[[], object]) -> dict[str, list[float]]:
+    return side_by_side({"ours": ours, "peer": peer}, REPEATS)
 
-    ratio = peer_s / ours_s
-    return Row(
-        what,
-        rate(ours_s),
-        f"mcap, a message a frame: {rate(peer_s)}",
-        f"{ratio:.1f}x",
-        f">= {to_reach}x",
-        ratio >= to_reach,
-    )
+
+def _size_row(what: str, mb: float, peer_mb: float, most: float, peer: str = "mcap") -> Row:
+    ratio = mb / peer_mb
+    return judged(what, f"{mb:.2f} MB", ratio, at_most(most, "x"), f"{peer}: {peer_mb:.2f} MB", f"{ratio:.2f}x")
 
 
 def _write(path: Path, frames: FrameArray, compression: str) -> None:
     with RecordingWriter(path, compression=compression, overwrite=True) as writer:  # type: ignore[arg-type]
-        for batch in split(FrameBatch(frames, ("can0",)), BATCH):
+        for batch in split(FrameBatch(frames, ("can0",)), ARRIVING):
             writer.write_frames(batch)
 
 

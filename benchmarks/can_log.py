@@ -1,4 +1,4 @@
-"""The test log: a wheel force transducer, wheel speeds, GNSS and a multiplexed message on one bus."""
+"""The test logs: a wheel force transducer, wheel speeds, GNSS and a multiplexed message on one bus."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from daq.databases import Database, load_database, shipped_dbc
 from daq.encode import encode, merge, rolling_counter
-from daq.frames import FrameBatch
+from daq.frames import CLASSIC_DTYPE, FrameArray, FrameBatch
 from daq.layout import Message
 
 AUX_DBC = """VERSION ""
@@ -36,6 +36,16 @@ def databases() -> list[Database]:
     return [*shipped, load_database(AUX_DBC.encode(), "aux.dbc")]
 
 
+def merged_dbc() -> str:
+    """Return all of these databases as one DBC, as peers that open one at a time like it best."""
+    import cantools.database
+
+    merged = cantools.database.Database()
+    for database in databases():
+        merged.add_dbc_string(database.content.decode())
+    return str(merged.as_dbc_string())
+
+
 def test_log(seconds: float, known: list[Database]) -> FrameBatch:
     """Return every message of these databases at its cycle time: 3.21 kframes/s.
 
@@ -43,6 +53,19 @@ def test_log(seconds: float, known: list[Database]) -> FrameBatch:
     """
     rng = np.random.default_rng(0)
     return merge([_frames(message, seconds, rng) for database in known for message in database.messages])
+
+
+def wft_frames(count: int) -> FrameArray:
+    """Return frames as a wheel force transducer sends them: three messages at 1 kHz, four 16-bit signals each."""
+    rng = np.random.default_rng(0)
+    number = np.arange(count)
+    signals = 8000 * np.sin(number[:, None] * [1e-4, 2e-4, 3e-4, 5e-5]) + rng.normal(scale=20, size=(count, 4))
+    frames = np.zeros(count, CLASSIC_DTYPE)
+    frames["time_ns"] = START_NS + number // 3 * 1_000_000 + rng.integers(0, 90_000, count)
+    frames["can_id"] = 0x100 + number % 3
+    frames["length"] = 8
+    frames["data"] = signals.astype("<i2").view(np.uint8)
+    return frames
 
 
 def _frames(message: Message, seconds: float, rng: np.random.Generator) -> FrameBatch:

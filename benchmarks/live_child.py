@@ -6,7 +6,9 @@ the first line there to the closed file, how much of it for judging (health), an
 
 from __future__ import annotations
 
+import _thread
 import json
+import socket
 import sys
 import threading
 import time
@@ -17,7 +19,7 @@ from typing import Any
 from benchmarks import stand_in
 from benchmarks.can_log import databases
 
-Ready = Callable[[int], None]
+Ready = Callable[[socket.socket], None]
 
 
 class Judging:
@@ -62,50 +64,75 @@ def ours(folder: Path, stop: threading.Event, ready: Ready, flush_s: float = 0.2
         folder / f"{'flushed' if flush_s < 1 else 'unflushed'}.mcap",
         databases={"lo": tuple(databases())},
         stop=stop,
-        progress=lambda _: ready(receiver.getsockname()[1]),
+        progress=lambda _: ready(receiver),
         opener=lambda bus: SocketCanSource(bus.channel, made=receiver),
     )
     return done.frames["lo"]
 
 
-def theirs(folder: Path, stop: threading.Event, ready: Ready) -> int:
-    """Record as python-can's logger does, into a BLF."""
+def can_logger(folder: Path, ready: Ready) -> int:
+    """Record into a BLF as python-can's script `can_logger` does, which ends by an interrupt."""
     import can
 
     receiver = stand_in.listening()
     bus = stand_in.python_can_bus(receiver)
-    writer = can.Logger(str(folder / "theirs.blf"))
-    notifier = can.Notifier(bus, [writer])
-    ready(receiver.getsockname()[1])
+    logger = can.Logger(str(folder / "can_logger.blf"))
+    ready(receiver)
+    try:
+        while True:
+            msg = bus.recv(1)
+            if msg is not None:
+                logger(msg)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        bus.shutdown()
+        logger.stop()
+    return int(logger.object_count)
+
+
+def notifier(folder: Path, stop: threading.Event, ready: Ready) -> int:
+    """Record into a BLF with python-can's Notifier, the way its documentation shows for programs of one's own."""
+    import can
+
+    receiver = stand_in.listening()
+    bus = stand_in.python_can_bus(receiver)
+    writer = can.Logger(str(folder / "notifier.blf"))
+    listening = can.Notifier(bus, [writer])
+    ready(receiver)
     stop.wait()
-    notifier.stop()  # and the writer
+    listening.stop()  # and the writer
     bus.shutdown()
     return int(writer.object_count)
 
 
 def main(kind: str, folder: Path) -> None:
     stop = threading.Event()
-    told: list[int] = []
+    listening: list[socket.socket] = []
     began: list[tuple[float, float]] = []
     judging = Judging()
     judging.watch()
 
-    def ready(port: int) -> None:
-        if not told:
-            told.append(port)
-            print(port, flush=True)
+    def ready(receiver: socket.socket) -> None:
+        if not listening:
+            listening.append(receiver)
+            print(receiver.getsockname()[1], flush=True)
 
     def listen() -> None:
         sys.stdin.readline()
         began.append((time.process_time(), judging.seconds))
         sys.stdin.read()
+        stand_in.wait_until_read(listening[0])
         stop.set()
+        if kind == "can_logger":
+            _thread.interrupt_main()
 
     threading.Thread(target=listen, daemon=True).start()
     frames = {
         "ours": lambda: ours(folder, stop, ready),
         "unflushed": lambda: ours(folder, stop, ready, flush_s=1e6),
-        "theirs": lambda: theirs(folder, stop, ready),
+        "can_logger": lambda: can_logger(folder, ready),
+        "notifier": lambda: notifier(folder, stop, ready),
     }[kind]()
     [(cpu_s, judged_s)] = began
     print(json.dumps([time.process_time() - cpu_s, judging.seconds - judged_s, frames]), flush=True)

@@ -5,8 +5,11 @@ What receiving costs lies in the system call, the time stamp and what Python mak
 
 from __future__ import annotations
 
+import fcntl
 import logging
 import socket
+import sys
+import termios
 import time
 
 import can
@@ -17,6 +20,8 @@ from daq.frames import FrameArray
 
 _CAN_FRAME = np.dtype([("id", "u4"), ("length", "u1"), ("reserved", "V3"), ("data", "u1", (8,))])
 _BURST_S = 0.001
+_SO_RCVBUFFORCE = 33
+_RECEIVE_BYTES = 64 << 20
 
 
 def pair(port: int = 0) -> tuple[socket.socket, socket.socket]:
@@ -28,7 +33,10 @@ def pair(port: int = 0) -> tuple[socket.socket, socket.socket]:
 def listening(port: int = 0) -> socket.socket:
     """Return a socket that receives at a port of this machine."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    made.setsockopt(socket.SOL_SOCKET, 33, 8 << 20)  # SO_RCVBUFFORCE
+    try:
+        made.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BYTES)
+    except PermissionError:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BYTES)
     made.bind(("127.0.0.1", port))
     return made
 
@@ -46,6 +54,15 @@ def datagrams(frames: FrameArray) -> list[bytes]:
     raw["id"], raw["length"], raw["data"] = frames["can_id"], frames["length"], frames["data"]
     whole = raw.tobytes()
     return [whole[i : i + 16] for i in range(0, len(whole), 16)]
+
+
+def wait_until_read(receiver: socket.socket) -> None:
+    """Return when nothing has waited there for a while: a busy machine may be behind."""
+    quiet = 0
+    while quiet < 3:
+        time.sleep(0.1)
+        waiting = int.from_bytes(fcntl.ioctl(receiver, termios.FIONREAD, bytes(4)), sys.byteorder)
+        quiet = 0 if waiting else quiet + 1
 
 
 def send(sender: socket.socket, messages: list[bytes], rate_hz: float) -> None:

@@ -1,0 +1,123 @@
+"""The harness of the benchmarks: where the table goes, which marks are missed, what is measured."""
+
+import math
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from benchmarks.__main__ import NAMES, RESULTS, BenchmarkError, in_own_process, main, run
+from benchmarks.table import Mark, Row, at_least, at_most, compared, judged, page, rate_of, times
+from benchmarks.timing import command_cost, cpu_seconds, side_by_side
+
+ROOT = Path(__file__).parents[2]
+TRACKED = ROOT / "benchmarks" / "results.md"
+
+
+def spin(seconds: float) -> None:
+    """Work for so much processor time."""
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+
+
+def test_the_table_goes_to_out_and_the_tracked_one_stays(tmp_path: Path) -> None:
+    tracked = TRACKED.read_bytes()
+    results = tmp_path / "bench" / "results.md"
+    missed = judged("twice two", "5", 5, at_most(4, "s"))
+    assert run(["sums"], results, lambda _: [missed]) == 0
+    assert "| twice two | 5 | - | - | <= 4 s | **no** |" in results.read_text(encoding="utf-8")
+    assert TRACKED.read_bytes() == tracked
+    assert RESULTS == ROOT / "out" / "bench" / "results.md"
+    assert "/out/" in (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
+
+
+def test_only_bench_keep_renews_the_tracked_table() -> None:
+    def recipe(target: str) -> str:
+        command = ["make", "--dry-run", "--no-print-directory", target]
+        return subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+
+    assert "-m benchmarks" in recipe("bench")
+    assert str(TRACKED.relative_to(ROOT)) not in recipe("bench")
+    assert recipe("bench-keep").splitlines()[-1] == "cp out/bench/results.md benchmarks/results.md"
+
+
+def test_a_benchmark_that_fails_is_in_the_table_and_the_others_go_on(tmp_path: Path) -> None:
+    def measure(name: str) -> list[Row]:
+        if name == "broken":
+            raise BenchmarkError("exit status 1")
+        return [Row("sound", "1 s")]
+
+    assert run(["broken", "sound"], tmp_path / "results.md", measure) == 1
+    assert (tmp_path / "results.md").read_text(encoding="utf-8").splitlines()[-2:] == [
+        "| broken: failed | exit status 1 | - | - | stated | - |",
+        "| sound | 1 s | - | - | stated | - |",
+    ]
+
+
+def test_a_benchmark_runs_in_a_process_of_its_own() -> None:
+    with pytest.raises(BenchmarkError, match="exit status 1"):
+        in_own_process("none_of_this_name")
+
+
+def test_unknown_names_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["logs", "bench_nothing"]) == 2
+    said = capsys.readouterr().err
+    assert "no benchmark nothing" in said
+    assert all(name in said for name in NAMES)
+
+
+@pytest.mark.parametrize(
+    ("mark", "reached", "missed", "text"),
+    [
+        (at_least(4, "x"), 4.0, 3.99, ">= 4x"),
+        (at_most(1.5, "s"), 1.5, 1.51, "<= 1.5 s"),
+        (at_least(10, "Mframes/s"), math.inf, math.nan, ">= 10 Mframes/s"),
+        (at_most(1, "us"), -1.0, math.nan, "<= 1 us"),
+    ],
+)
+def test_a_mark_is_reached_or_missed(mark: Mark, reached: float, missed: float, text: str) -> None:
+    assert mark.reached(reached)
+    assert not mark.reached(missed)
+    assert str(mark) == text
+    assert judged("a", "b", missed, mark).line().endswith(f"| {text} | **no** |")
+    assert judged("a", "b", reached, mark).line().endswith(f"| {text} | yes |")
+
+
+def test_a_ratio_above_one_means_that_we_are_faster() -> None:
+    shown = rate_of(1_000_000)
+    row = compared("read", [0.1, 0.2, 9.0], "peer", [0.5, 0.1, 0.6], shown, at_least(2.5, "x"), ", checked")
+    assert row == Row("read", "5 Mframes/s, checked", "peer: 2 Mframes/s", "2.50x", ">= 2.5x", True)
+    slower = compared("read", [0.2], "peer", [0.1], shown, at_least(1, "x"))
+    assert (slower.ratio, slower.reached) == ("0.50x", False)
+    assert compared("read", [0.2], "peer", [0.1], shown).line().endswith("| 0.50x | stated | - |")
+    assert [times(ratio) for ratio in (0.876, 9.64, 85.4, 162.2)] == ["0.88x", "9.64x", "85.4x", "162x"]
+
+
+def test_the_page_counts_marks_that_are_set() -> None:
+    rows = [judged("a", "1", 1, at_least(2, "x")), judged("b", "1", 1, at_most(2, "x")), Row("c", "1 s")]
+    assert "1 of 2 marks reached" in page(rows, 0.1)
+
+
+def test_functions_take_turns_after_a_call_that_does_not_count() -> None:
+    calls: list[str] = []
+    found = side_by_side({"a": lambda: calls.append("a"), "b": lambda: calls.append("b")}, 2)
+    assert calls == ["a", "b", "a", "b", "a", "b"]
+    assert {name: len(seconds) for name, seconds in found.items()} == {"a": 2, "b": 2}
+
+
+def test_waiting_costs_no_processor_time_and_work_does() -> None:
+    assert cpu_seconds(lambda: time.sleep(0.1)) < 0.05
+    assert cpu_seconds(lambda: spin(0.05)) >= 0.05
+
+
+def test_a_command_costs_what_its_children_cost() -> None:
+    spinning = "import time\nwhile time.process_time() < 0.1: pass"
+    child = f"import subprocess, sys, time; subprocess.run([sys.executable, '-c', {spinning!r}]); time.sleep(0.2)"
+    cost = command_cost([sys.executable, "-c", child])
+    assert cost.cpu_s >= 0.1
+    assert cost.wall_s >= 0.3
+    with pytest.raises(subprocess.CalledProcessError):
+        command_cost([sys.executable, "-c", "raise SystemExit(3)"])
