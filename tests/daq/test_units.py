@@ -66,7 +66,7 @@ NIST_SP_811: dict[Quantity, dict[str, float]] = {
     Quantity.TEMPERATURE: {"K": 1.0, "degC": 1.0, "degF": 5.555556e-1},
     Quantity.RATIO: {"1": 1.0, "%": 1.0e-2, "permille": 1.0e-3},
 }
-"""Thompson & Taylor (2008), NIST Special Publication 811, appendix B.8 and Table 5 (prefixes), seven digits as printed."""
+"""Thompson & Taylor (2008), NIST Special Publication 811, appendix B.8 and prefixes of Table 5, to seven digits."""
 
 EXACT: dict[tuple[Quantity, str], float] = {
     (Quantity.FORCE, "kgf"): constants.kgf,

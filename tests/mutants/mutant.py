@@ -56,11 +56,11 @@ class Mutant:
 
 def all_mutants() -> list[Mutant]:
     """Return the mutants of every list in this folder."""
-    mutants = []
-    for path in sorted(HERE.glob("*.toml")):
-        for entry in tomllib.loads(path.read_text(encoding="utf-8"))["mutant"]:
-            mutants.append(Mutant(room=path.stem, **entry | {"tests": tuple(entry["tests"])}))
-    return mutants
+    return [
+        Mutant(room=path.stem, **entry | {"tests": tuple(entry["tests"])})
+        for path in sorted(HERE.glob("*.toml"))
+        for entry in tomllib.loads(path.read_text(encoding="utf-8"))["mutant"]
+    ]
 
 
 def problems(mutants: list[Mutant], root: Path = ROOT) -> list[str]:
@@ -81,8 +81,15 @@ def problems(mutants: list[Mutant], root: Path = ROOT) -> list[str]:
             mutant.applied(texts[mutant.file])
         except ValueError as error:
             wrong.append(str(error))
-        names = [test.split("::")[0] for test in mutant.tests]
-        wrong += [f"{mutant.id}: expected the test {name}, got none" for name in names if not (root / name).is_file()]
-        if not names:
+        wrong += [
+            f"{mutant.id}: expected the test {test}, got none" for test in mutant.tests if not _is_there(root, test)
+        ]
+        if not mutant.tests:
             wrong.append(f"{mutant.id}: names no test")
     return wrong
+
+
+def _is_there(root: Path, test: str) -> bool:
+    name, _, function = test.partition("::")
+    path = root / name
+    return path.is_file() and (not function or f"def {function.split('[')[0]}(" in path.read_text(encoding="utf-8"))

@@ -8,8 +8,8 @@ from pathlib import Path
 from mutants.mutant import Mutant
 
 HEAD = """# Mutants
-A mutant is one deliberate error in the source. It is killed when a test fails; one that survives is an error that no test
-would notice. Made by `make mutants` (how: [CONTRIBUTING.md](../CONTRIBUTING.md)); not written by hand.
+A mutant is one deliberate error in the source. It is killed when a test fails; one that survives is an error that no
+test would notice. Made by `make mutants` (how: [CONTRIBUTING.md](../CONTRIBUTING.md)); not written by hand.
 """
 NOT_RUN = "not run yet"
 

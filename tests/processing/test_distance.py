@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.distance import distance_of
@@ -12,6 +12,7 @@ INTERVALS_S = st.lists(st.floats(1e-3, 0.5), min_size=1, max_size=40)
 NAN = np.nan
 
 
+@settings(deadline=None)
 @given(INTERVALS_S, st.floats(0.0, 20.0), st.floats(-2.0, 2.0))
 def test_a_uniform_acceleration_is_integrated_exactly(intervals_s: list[float], start: float, rate: float) -> None:
     time = np.concatenate([[0.0], np.cumsum(intervals_s)])

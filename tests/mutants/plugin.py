@@ -1,0 +1,17 @@
+"""Pytest plugin of the runner: the first example that fails ends a test, and so does a mutant that never ends."""
+
+from __future__ import annotations
+
+import os
+import resource
+
+from hypothesis import Phase, settings
+
+CPU_SECONDS = "MUTANTS_CPU_SECONDS"
+"""Environment variable: limit of the CPU time of a process, which does not depend on the load of the machine."""
+
+settings.register_profile("mutants", phases=(Phase.explicit, Phase.generate), database=None)
+settings.load_profile("mutants")
+if CPU_SECONDS in os.environ:
+    limit = int(os.environ[CPU_SECONDS])
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5))
