@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test slow lint bench blind clean
+.PHONY: demo test slow lint bench blind mutants clean
 .DEFAULT_GOAL := demo
 
 $(STAMP): pyproject.toml constraints.txt
@@ -32,6 +32,10 @@ slow: $(STAMP)
 BLIND ?= --nulls 10 --singles 1 --levels 5 --pairs 2 --outside 1
 blind: $(STAMP)
 	PYTHONPATH=tests $(BIN)/python -m blind.study --out out/blind --report out/blind/results.md $(BLIND)
+
+# Measures the strength of the tests and writes docs/mutants.md; MUTANTS="--only 'model/*'" for a part of the lists.
+mutants: $(STAMP)
+	PYTHONPATH=tests $(BIN)/python -m mutants.run $(MUTANTS)
 
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks

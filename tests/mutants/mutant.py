@@ -8,6 +8,8 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
+CPU_SECONDS = "MUTANTS_CPU_SECONDS"
+"""Environment variable: limit of the CPU time of a process, which does not depend on the load of the machine."""
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,7 @@ import os
 import resource
 
 from hypothesis import Phase, settings
-
-CPU_SECONDS = "MUTANTS_CPU_SECONDS"
-"""Environment variable: limit of the CPU time of a process, which does not depend on the load of the machine."""
+from mutants.mutant import CPU_SECONDS
 
 settings.register_profile("mutants", phases=(Phase.explicit, Phase.generate), database=None)
 settings.load_profile("mutants")
