@@ -30,6 +30,7 @@ def test_the_papers_soils_are_those_of_its_table(name: str) -> None:
         assert soil.frictional_modulus == pytest.approx(values[5] * 1000, rel=1e-12)
         assert soil.unit_weight_n_m3 == 16_500.0
         assert soil.tan_phi == pytest.approx(np.tan(np.radians(values[1])))
+        assert soil.stiffness(0.318) == pytest.approx(1000 * (values[4] / 0.318 + values[5]), rel=1e-12)
 
 
 def test_a_declared_unit_weight_is_in_kilonewton() -> None:

@@ -62,3 +62,17 @@ def test_a_load_that_cohesion_alone_carries_has_no_stress_scale() -> None:
     found = model.predict(Conditions(slip, load), sinkage_m=np.full(2, 0.2))
     assert np.isfinite(found.drawbar_pull_n[0])
     assert np.isnan(found.drawbar_pull_n[1])
+
+
+@pytest.mark.parametrize("name", ["frictional_modulus", "sinkage_exponent", "tan_phi"])
+def test_the_derivative_of_the_sinkage_is_that_of_small_changes(name: str) -> None:
+    soil = SOILS["clay"]
+    model, conditions = (
+        WheelSoilModel(Wheel(0.47, 0.318), soil),
+        Conditions(np.array([-0.3, 0.1, 0.6]), np.full(3, 8e3)),
+    )
+    value = getattr(soil, name)
+    step = 1e-4 * value
+    above, below = (model.predict(conditions, {name: value + side}).sinkage_m for side in (step, -step))
+    found = model.predict(conditions, {}, wrt=(name,)).sensitivities[name].sinkage_m
+    np.testing.assert_allclose(found, (above - below) / (2 * step), rtol=1e-5)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 from diagnosis_samples import diagnosis
 
+from model.diagnosis.result import ParameterEstimate
 from model.sinkage_growth import Estimate, Growth
 from wheelsoil.envelope import Hidden, open_envelope
 from wheelsoil.force_sinkage import growth_rows, growth_sentence
@@ -38,3 +39,12 @@ def test_a_hidden_size_is_inside_both_ends(truth: float, inside: bool) -> None:
     """The interval of the sample diagnosis is 0.04 to 0.06 m."""
     opened = open_envelope(replace(Hidden("vasilev", {}), values={"H_m": truth}), diagnosis("named"))
     assert opened.parameters[0]["inside"] is inside
+
+
+def test_of_lyaskos_coefficients_the_sum_is_compared() -> None:
+    found = diagnosis("named")
+    size = ParameterEstimate("p", "1", 0.15, (0.14, 0.17), 0.01)
+    cause = replace(found.causes[0], key="lyasko", form="lyasko", parameters=(size,))
+    opened = open_envelope(Hidden("lyasko", {"m1": 0.1, "m2": 0.05}), replace(found, causes=(cause,)))
+    assert opened.parameters[0]["truth"] == pytest.approx(0.15)
+    assert opened.parameters[0]["inside"] is True
