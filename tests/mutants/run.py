@@ -42,7 +42,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         copies = [Checkout(Path(folder).resolve() / str(number)) for number in range(min(options.jobs, len(chosen)))]
         try:
-            _require_passing_tests(copies[0], chosen)
+            if not options.passing:
+                _require_passing_tests(copies[0], chosen)
             for outcome in _tested(chosen, copies, options.limit):
                 outcomes.append(outcome)
                 said = f"{outcome.state}, {outcome.seconds:.1f} s  {outcome.test}"
@@ -60,6 +61,7 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true", help="only check that the lists fit the source")
     parser.add_argument("--only", nargs="+", default=["*"], metavar="ID", help="ids, or list/id; * stands for anything")
+    parser.add_argument("--passing", action="store_true", help="take it that all tests pass, as after `make test`")
     parser.add_argument("--jobs", type=int, default=2, help="copies of the checkout at work at the same time")
     parser.add_argument("--limit", type=int, default=60, help="CPU seconds for the tests of one mutant")
     return parser.parse_args()
