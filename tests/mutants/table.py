@@ -22,8 +22,10 @@ def write_table(path: Path, mutants: list[Mutant], killed_by: dict[str, str]) ->
     parts = [HEAD]
     for room in dict.fromkeys(mutant.room for mutant in mutants):
         listed = [mutant for mutant in mutants if mutant.room == room]
-        killed = sum(not results[m.id].startswith("**") and results[m.id] != NOT_RUN for m in listed)
-        parts.append(f"## {room}: {killed} of {len(listed)} killed\n\n| id | change | killed by |\n|---|---|---|\n")
+        run = [results[m.id] for m in listed if results[m.id] != NOT_RUN]
+        killed = sum(not result.startswith("**") for result in run)
+        rest = f", {len(listed) - len(run)} not run yet" if len(run) < len(listed) else ""
+        parts.append(f"## {room}: {killed} of {len(run)} killed{rest}\n\n| id | change | killed by |\n|---|---|---|\n")
         parts += [f"| `{m.id}` | {_change(m)} | {results[m.id]} |\n" for m in listed]
         parts.append("\n")
     path.write_text("".join(parts).rstrip("\n") + "\n", encoding="utf-8")
