@@ -50,6 +50,10 @@ BLIND ?= --nulls 10 --singles 1 --levels 5 --pairs 2 --outside 1
 blind: $(STAMP)
 	PYTHONPATH=tests $(BIN)/python -m blind.study --out out/blind --report out/blind/results.md $(BLIND)
 
+# Measures the strength of the tests and writes docs/mutants.md; MUTANTS="--only 'model/*'" for a part of the lists.
+mutants: $(STAMP)
+	PYTHONPATH=tests $(BIN)/python -m mutants.run $(MUTANTS)
+
 # Side by side with the peers, into out/bench/results.md; takes ten minutes on an idle machine.
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from synthetic_run import RADIUS_M, channel, driven_speed, speeds, stamps, vehicle
 
 from daq.channel import Channel
+from processing.latency import SpeedSignals, residual_latency
 from processing.pipeline import process
 from processing.processed_run import ProcessedRun
 from processing.rolling_radius import rolls_freely, speed_scale
@@ -93,3 +94,22 @@ def test_slip_that_follows_torque_is_not_taken_for_delay() -> None:
     quality = process(channels, vehicle()).quality
     assert quality.residual_latency_s == pytest.approx(0.05, abs=0.005)
     assert quality.speed_scale == pytest.approx(1.0, abs=0.01)
+
+
+def _bent_slip(seed: int) -> SpeedSignals:
+    """Return a drive, ground speed late by 0.1 s, whose slip rises with traction as steeply as no cubic does."""
+    rate, delay, rng = 50.0, 0.1, np.random.default_rng(seed)
+    time = np.arange(0.0, 60.0, 1 / rate)
+    ground = 4 + 1.5 * np.sin(0.5 * time) + 0.6 * np.sin(1.3 * time + seed)
+    traction = 0.1 + 0.15 * np.gradient(ground, time) + 0.05 * np.sin(0.23 * time + seed)
+    slip = 0.25 / (1 + np.exp(-20 * (traction - np.median(traction))))
+    shown = np.interp(time - delay, time, ground) + 0.02 * rng.standard_normal(len(time))
+    return SpeedSignals(shown, ground / (1 - slip), traction, rate)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_slip_curve_beyond_the_model_is_in_the_sigma(seed: int) -> None:
+    """Leaving out stretches alone would state a sigma three to five times too small."""
+    delay, sigma = residual_latency(_bent_slip(seed))
+    assert sigma < 0.03
+    assert abs(delay - 0.1) < 2 * sigma

@@ -1,0 +1,48 @@
+"""Numbers of the gain on held-out runs and of Cochran's Q against textbooks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gram_support import column, world
+from scipy.stats import chi2, norm
+
+from model.diagnosis.agreement import disagreements
+from model.diagnosis.held_out import _interval, _reduction
+from model.diagnosis.result import Cause, ParameterEstimate
+
+
+def test_the_gain_is_of_the_error_and_not_of_its_square() -> None:
+    assert _reduction(np.array([[400.0, 100.0, 10.0], [0.0, 0.0, 10.0]])) == pytest.approx(50.0)
+    assert _reduction(np.array([[100.0, 400.0, 10.0]])) == pytest.approx(-100.0)
+    assert np.isnan(_reduction(np.array([[0.0, 1.0, 10.0]])))
+
+
+def test_its_interval_is_that_of_many_runs() -> None:
+    """With many runs the gain is normal: 1.96 of its standard deviations to either side."""
+    rng = np.random.default_rng(1)
+    squares = np.column_stack([np.full(400, 100.0), rng.uniform(10.0, 90.0, 400), np.full(400, 10.0)])
+    low, high = _interval(squares, 0)
+    share = squares[:, 1].mean() / 100.0
+    sigma = 100.0 * np.std(squares[:, 1] / 100.0) / np.sqrt(400) / (2 * np.sqrt(share))
+    assert high - low == pytest.approx(2 * norm.ppf(0.975) * sigma, rel=0.08)
+    assert np.isnan(_interval(squares[:2], 0)).all()
+    assert np.isfinite(_interval(squares[:3], 0)).all()
+
+
+@pytest.mark.parametrize("campaigns", [2, 3])
+def test_cochrans_q_has_one_degree_of_freedom_less_than_campaigns(campaigns: int) -> None:
+    drawn = world(4, (column("a"), column("b")), runs=3 * campaigns, strength=(30, 40))
+    rng = np.random.default_rng(5)
+    parts = [drawn.grams(np.array([0.2 + 0.8 * i, 0.0]), rng) for i in range(campaigns)]
+    own = [part.matrices[3 * i : 3 * i + 3] for i, part in enumerate(parts)]
+    size = ParameterEstimate("a", "m", 0.1, (0.0, 0.2), 0.0)
+    cause = Cause("a", "", "physical", "a", 0.99, 1.0, (size,))
+    runs = {f"campaign {i}": 3 for i in range(campaigns)}
+    (found,) = disagreements(replace(parts[0], matrices=np.concatenate(own)), runs, [cause])
+    values, weights = np.array([[one.value, one.sigma**-2] for one in found.own]).T
+    q = np.sum(weights * (values - np.average(values, weights=weights)) ** 2)
+    assert found.q == pytest.approx(q)
+    assert found.chance == pytest.approx(chi2.sf(q, campaigns - 1))

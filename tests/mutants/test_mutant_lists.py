@@ -1,0 +1,42 @@
+"""The lists of mutants still fit the source, so that `make mutants` measures what it says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from mutants.mutant import Mutant, all_mutants, problems
+
+ONE = Mutant("room", "one", "a.py", "x = 1", "x = 2", "why", True, ("test_a.py",))
+
+
+def test_every_mutant_applies_to_the_source() -> None:
+    mutants = all_mutants()
+    assert {mutant.room for mutant in mutants} >= {"daq", "processing", "model", "wheelsoil"}
+    assert problems(mutants) == []
+
+
+def test_a_mutant_changes_the_occurrence_that_it_names() -> None:
+    assert ONE.applied("x = 1\ny = 3\n") == "x = 2\ny = 3\n"
+    assert replace(ONE, occurrence=2).applied("x = 1\nx = 1\nx = 1\n") == "x = 1\nx = 2\nx = 1\n"
+    for text, mutant in (("y\n", ONE), ("x = 1\nx = 1\n", ONE), ("x = 1\n", replace(ONE, occurrence=2))):
+        with pytest.raises(ValueError, match="expected 'x = 1' once"):
+            mutant.applied(text)
+
+
+def test_what_is_wrong_with_a_list_is_reported(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text("x = 1\n")
+    (tmp_path / "test_a.py").touch()
+    assert problems([ONE], tmp_path) == []
+    bad = {
+        "listed more than once": [ONE, ONE],
+        "expected 'x = 9' once": [replace(ONE, old="x = 9")],
+        "the same": [replace(ONE, new=ONE.old)],
+        "expected the file b.py": [replace(ONE, file="b.py")],
+        "expected the test test_b.py": [replace(ONE, tests=("test_b.py",))],
+        "names no test": [replace(ONE, tests=())],
+    }
+    for said, mutants in bad.items():
+        (found,) = problems(mutants, tmp_path)
+        assert said in found

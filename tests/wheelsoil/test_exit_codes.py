@@ -1,0 +1,43 @@
+"""What `--help` promises of exit codes, and that a fault is a message on stderr."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+import pytest
+from cli_support import invoke
+
+from daq.errors import ConfigError, DatabaseError, DataError, HardwareError, RecordingError, WheelsoilError
+from wheelsoil.cli.app import _from_system
+
+
+@pytest.mark.parametrize(
+    ("error", "code"), [(DataError, 1), (ConfigError, 2), (DatabaseError, 2), (RecordingError, 3), (HardwareError, 4)]
+)
+def test_each_kind_of_error_has_its_code(error: type[WheelsoilError], code: int) -> None:
+    assert error("x").exit_code == code
+
+
+@pytest.mark.parametrize(
+    ("number", "kind"),
+    [
+        (errno.ENOENT, ConfigError),
+        (errno.EACCES, ConfigError),
+        (errno.EISDIR, ConfigError),
+        (errno.ENOSPC, HardwareError),
+        (errno.EIO, HardwareError),
+    ],
+)
+def test_a_wrong_path_is_usage_and_a_full_disk_is_hardware(number: int, kind: type[WheelsoilError]) -> None:
+    assert type(_from_system(OSError(number, "what", "where"))) is kind
+
+
+def test_a_fault_is_a_message_on_stderr(tmp_path: Path) -> None:
+    (tmp_path / "run.mcap").write_bytes(b"no recording at all")
+    found = invoke("info", tmp_path / "run.mcap")
+    assert (found.code, found.out) == (3, "")
+    assert found.err.startswith("wheelsoil: ")
+    assert "Traceback" not in found.err
+    usage = invoke("info", tmp_path / "absent.mcap")
+    assert (usage.code, usage.out) == (2, "") or usage.code == 3

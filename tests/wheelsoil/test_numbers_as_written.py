@@ -1,0 +1,65 @@
+"""Numbers as a report writes them, at the edges of each rule."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from daq.shown import probability
+from wheelsoil.report.words import count, interval, measured, named_with_unit, number, signed
+from wheelsoil.times import utc
+
+NAN, INF = math.nan, math.inf
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "said"),
+    [
+        (0.0, 3, "0"),
+        (1.0, 3, "1.00"),
+        (9.994, 3, "9.99"),
+        (9.996, 3, "10.0"),
+        (-0.012345, 3, "−0.0123"),
+        (1234.5, 3, "1\u202f234"),
+        (9_999_999.0, 7, "9\u202f999\u202f999"),
+        (12_345_678.0, 3, "1.23e+07"),
+        (0.000123, 3, "0.000123"),
+        (0.0000123, 3, "1.23e-05"),
+        (NAN, 3, "–"),
+        (INF, 3, "∞"),
+    ],
+)
+def test_a_number_has_its_significant_digits(value: float, digits: int, said: str) -> None:
+    assert number(value, digits) == said
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "said"),
+    [(0.123456, 0.012, "0.123"), (0.123456, 0.0099, "0.1235"), (123.4, 12.0, "123"), (5.0, 0.0, "5.000")],
+)
+def test_a_value_has_two_digits_of_its_error(value: float, sigma: float, said: str) -> None:
+    assert measured(value, sigma) == said
+
+
+def test_signs_counts_and_intervals() -> None:
+    assert (signed(-0.04, "+.1f"), signed(-3.0, "+.1f"), signed(3.0, "+.1f")) == ("0.0", "−3.0", "+3.0")
+    assert count(1_234_567) == "1\u202f234\u202f567"
+    assert interval(0.1, 0.2) == "0.100 … 0.200"
+    assert interval(0.1, NAN) == interval(NAN, 0.1) == interval(0.1, INF) == "–"
+
+
+def test_names_end_in_their_unit() -> None:
+    assert named_with_unit("torque_noise_nm") == ("torque noise", "N m")
+    assert named_with_unit("drawbar_pull_noise_n") == ("drawbar pull noise", "N")
+    assert named_with_unit("ground_speed_mps") == ("ground speed", "m/s")
+    assert named_with_unit("m") == ("m", "")
+
+
+def test_a_probability_has_three_digits_and_is_never_certain() -> None:
+    said = [probability(p) for p in (0.0, 0.0004, 0.9064, 0.9996, 1.0, NAN)]
+    assert said == ["<0.001", "<0.001", "0.906", ">0.999", ">0.999", "-"]
+
+
+def test_a_time_has_milliseconds() -> None:
+    assert utc(1_700_000_000_123_456_789) == "2023-11-14T22:13:20.123Z"

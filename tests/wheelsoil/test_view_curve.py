@@ -1,0 +1,54 @@
+"""The curve that the analyst's sliders move: what it is drawn for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from model.effects import EFFECTS
+from model.soils import SOILS, Soil
+from model.stresses import speed_ratio
+from model.wheel import Wheel
+from wheelsoil.view.curve import SLIPS, Base, curve_of
+
+WHEEL = Wheel(0.47, 0.318)
+CLAY = SOILS["clay"]
+
+
+def base(soil: Soil = CLAY, load_n: float = 8e3, **more: float) -> Base:
+    return Base(WHEEL, soil, load_n, 2.0, **more)
+
+
+def test_the_wheel_turns_as_the_slip_has_it() -> None:
+    """V/(r omega) is 1 - s when driving and 1/(1 + s) when braking."""
+    conditions = base().conditions()
+    rim = WHEEL.radius_m * conditions.wheel_speed_radps
+    np.testing.assert_allclose(conditions.ground_speed_mps / rim, speed_ratio(SLIPS), rtol=1e-12)
+    assert SLIPS.min() < -0.2 and SLIPS.max() > 0.7
+
+
+def test_it_is_that_of_the_load_of_the_campaign() -> None:
+    light, heavy = (curve_of(base(load_n=load), (), "balanced", {}) for load in (5e3, 9e3))
+    assert (light["load_n"], heavy["load_n"]) == (5e3, 9e3)
+    assert np.all(heavy["sinkage_m"] > light["sinkage_m"])
+    np.testing.assert_array_equal(base(load_n=5e3).conditions().vertical_load_n, 5e3)
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "change_n"),
+    [
+        ("zero_drift", {"zero_drift.campaign_span_n": 100.0}, 50.0),  # at the end of the campaign
+        ("drawbar_pull_zero", {"drawbar_pull_zero.offset_n": 30.0}, 30.0),
+    ],
+)
+def test_an_effect_moves_it_by_its_size(key: str, values: dict[str, float], change_n: float) -> None:
+    assert set(values) == set(EFFECTS[key].parameter_keys().values())
+    with_it, without = (curve_of(base(), (key,), "balanced", own) for own in (values, {}))
+    np.testing.assert_allclose(with_it["drawbar_pull_n"] - without["drawbar_pull_n"], change_n, rtol=1e-9)
+
+
+def test_the_soil_in_front_of_the_wheel_has_the_weight_of_its_soil() -> None:
+    from dataclasses import replace
+
+    light = base(replace(CLAY, unit_weight_n_m3=15e3)).conditions()
+    np.testing.assert_array_equal(light.unit_weight_n_m3, 15e3)
