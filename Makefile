@@ -26,7 +26,7 @@ lint: $(STAMP)
 test: $(STAMP)
 	@$(MAKE) --no-print-directory -j 2 lint fast
 
-PYTEST = $(BIN)/pytest -n 3 --dist loadgroup --no-loadscope-reorder --durations 15
+PYTEST = $(BIN)/pytest -n 3 --no-loadscope-reorder --durations 15
 
 fast: $(STAMP)
 	$(PYTEST) --hypothesis-profile gate -m "not slow and not study"

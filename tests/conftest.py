@@ -7,6 +7,7 @@ import signal
 import sys
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else every command that a test starts compiles all of us anew
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: threads of two workers wait for each other
@@ -15,9 +16,8 @@ os.environ["COLUMNS"] = "96"  # what a command prints is folded to the terminal:
 import pytest
 from cli_support import ok, small_campaign
 from hypothesis import settings
+from scheduling import GroupScheduling, rank
 from shared_results import made_once
-
-_FIRST = {"vcan": 0, "wheelsoil": 1}
 
 settings.register_profile("gate", deadline=None, derandomize=True)
 settings.register_profile("random", deadline=None, print_blob=True)
@@ -33,14 +33,15 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Keep the tests of a file on one worker, and all of vcan: one guest at a time. Folders that wait begin first."""
-    for item in items:
-        if not item.get_closest_marker("xdist_group"):
-            file = item.path.relative_to(config.rootpath)
-            item.add_marker(pytest.mark.xdist_group("vcan" if file.parent.name == "vcan" else str(file)))
-    items.sort(key=lambda item: _FIRST.get(item.path.parent.name, len(_FIRST)))
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Have files run as groups, and those that share a server or a guest."""
+    return GroupScheduling(config, log)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the folders whose tests wait."""
+    items.sort(key=lambda item: rank(item.path.parent.name))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -51,7 +51,7 @@ def _of_mappings(expected: dict[str, Any], got: dict[str, Any], place: str) -> I
         if key not in got or key not in expected:
             yield Difference(inner, expected.get(key, ABSENT), got.get(key, ABSENT))
         elif key == "some_rows" and expected.get("count") == got.get("count"):
-            yield from _of_lists(expected[key], got[key], place, spread_rows(expected["count"]))
+            yield from _of_lists(expected[key], got[key], place, spread_rows(expected["count"], len(expected[key])))
         elif key == "mean" and "some_rows" in expected:  # near zero as exact as its values
             yield from _of_values(expected[key], got[key], inner, expected["rms"] * tolerance(inner))
         else:
@@ -74,6 +74,10 @@ def _of_lists(expected: list[Any], got: list[Any], place: str, rows: Sequence[in
 def _of_values(expected: Any, got: Any, place: str, floor: float = 0.0) -> Iterator[Difference]:
     if not (_is_number(expected) and _is_number(got)):
         if type(expected) is not type(got) or expected != got:
+            yield Difference(place, expected, got)
+        return
+    if not (math.isfinite(expected) and math.isfinite(got)):
+        if repr(expected) != repr(got):
             yield Difference(place, expected, got)
         return
     apart, size = abs(expected - got), max(abs(expected), abs(got))

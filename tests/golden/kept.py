@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from golden.rules import are_words, is_labelled, is_of_the_run
+from golden.rules import are_words, has_numbers, is_labelled, is_of_the_run
 
 ROWS = 32
 """Longest list that is kept whole."""
-SPREAD = 24
-"""Rows that are kept of a longer one, beside its length and its mean and root mean square over all rows."""
+SPREAD = 200
+"""Rows that are kept at most of a longer one that a command prints or exports, beside its sums over all rows."""
+DRAWN = 24
+"""The same of a figure's trace: its numbers stand elsewhere, too."""
 DIGITS = 13
 ASIDE = "(put aside)"
+_NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
 def kept(value: Any, place: str) -> Any:
@@ -26,11 +29,15 @@ def kept(value: Any, place: str) -> Any:
             return [kept(item, f"{place}.{i}") for i, item in enumerate(value.values())]
         return {name: kept(item, f"{place}.{name}") for name, item in value.items()}
     flat = list(_flat(value))
+    if has_numbers(place) and isinstance(value, str):
+        return [float(number) for number in _NUMBER.findall(value)]
     if are_words(place) and all(isinstance(item, str) for item in flat):
-        return ASIDE
+        return [ASIDE] * len(flat) if isinstance(value, list) else ASIDE
     if len(flat) <= ROWS or any(isinstance(item, dict) for item in flat):
         return [kept(item, place) for item in value] if isinstance(value, list) else _rounded(value)
-    return ({"lists": len(value)} if len(value) < len(flat) else {}) | _thinned(flat)
+    return ({"lists": len(value)} if len(value) < len(flat) else {}) | _thinned(
+        flat, DRAWN if ".figures." in place else SPREAD
+    )
 
 
 def _flat(value: Any) -> Iterator[Any]:
@@ -42,22 +49,30 @@ def _flat(value: Any) -> Iterator[Any]:
         yield value
 
 
-def spread_rows(count: int) -> list[int]:
+def spread_rows(count: int, kept_rows: int) -> list[int]:
     """Return the rows that are kept of a series of `count`, spread evenly from the first to the last."""
-    return [round(i * (count - 1) / (SPREAD - 1)) for i in range(SPREAD)]
+    return [round(i * (count - 1) / (kept_rows - 1)) for i in range(kept_rows)]
 
 
-def _thinned(values: Sequence[Any]) -> dict[str, Any]:
-    """Return what is kept of a long series: what it is over all rows, and some rows."""
+def _thinned(values: Sequence[Any], most: int) -> dict[str, Any]:
+    """Return what is kept of a long series: what it is over all rows, and some rows.
+
+    The row numbers of each text, and integers weighed by theirs, are summed: a stretch that moves by a row is seen.
+    """
     numbers = [value for value in values if isinstance(value, int | float) and not isinstance(value, bool)]
-    others = Counter(str(value) for value in values if value is None or isinstance(value, bool | str))
-    found: dict[str, Any] = {"count": len(values)} | ({"others": dict(sorted(others.items()))} if others else {})
+    others: dict[str, list[int]] = {}
+    for row, value in enumerate(values):
+        if value is None or isinstance(value, bool | str):
+            others.setdefault(str(value), []).append(row)
+    found: dict[str, Any] = {"count": len(values)}
+    if others:
+        found["others"] = {name: {"count": len(rows), "rows": sum(rows)} for name, rows in sorted(others.items())}
     if all(isinstance(value, int) for value in numbers):
-        found["sum"] = sum(numbers)
+        found |= {"sum": sum(numbers), "by_row": sum(row * value for row, value in enumerate(numbers))}
     else:
         rms = math.sqrt(math.fsum(value * value for value in numbers) / len(numbers))
         found |= {"mean": _rounded(math.fsum(numbers) / len(numbers)), "rms": _rounded(rms)}
-    return found | {"some_rows": [_rounded(values[row]) for row in spread_rows(len(values))]}
+    return found | {"some_rows": [_rounded(values[row]) for row in spread_rows(len(values), min(most, len(values)))]}
 
 
 def _rounded(value: Any) -> Any:

@@ -15,7 +15,6 @@ FLOOR = 1e-11
 
 WORDS = (
     "*.cannot_tell.*",
-    "*.change",
     "*.criteria.*.reason",
     "*.figures.*",
     "*.formula",
@@ -41,10 +40,12 @@ WORDS = (
     "*.title",
     "*.trust",
     "*.warnings",
-    "*.where",
     "*.why",
 )
 """Sentences, notes and labels for people: texts and lists of texts are put aside, numbers at such a place are not."""
+
+WITH_NUMBERS = ("*.change", "*.where")
+"""Texts that hold a decision as numbers: which run to drive next, where a misfit is. Their numbers are compared."""
 
 LABELLED = ("*.misfit.dp", "*.misfit.t", "*.misfit.z", "*.provenance.used", "*.summary")
 """Mappings whose keys are labels for people: their values are kept in order."""
@@ -82,6 +83,11 @@ TOLERANCES: tuple[Tolerance, ...] = ()
 def are_words(place: str) -> bool:
     """Return whether texts at a place are for people."""
     return _matches(place, WORDS)
+
+
+def has_numbers(place: str) -> bool:
+    """Return whether the numbers of a text at a place count, and not its words."""
+    return _matches(place, WITH_NUMBERS)
 
 
 def is_labelled(place: str) -> bool:

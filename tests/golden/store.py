@@ -39,10 +39,16 @@ def keep(name: str, outputs: Any) -> None:
 
 def note(why: str, names: Sequence[str]) -> None:
     """Append to the list of changes why the numbers of some cases are renewed, and on which commit."""
-    asked = ["git", "rev-parse", "--short", "HEAD"]
-    commit = subprocess.run(asked, cwd=Path(__file__).parent, capture_output=True, text=True, check=True).stdout.strip()
     with CHANGES.open("a", encoding="utf-8") as file:
-        file.write(f"- {datetime.now(UTC):%Y-%m-%d}, on {commit}: {why} ({' '.join(names)})\n")
+        file.write(f"- {datetime.now(UTC):%Y-%m-%d}, on {_commit()}: {why} ({' '.join(names)})\n")
+
+
+def _commit() -> str:
+    asked = ["git", "rev-parse", "--short", "HEAD"]
+    try:
+        return subprocess.run(asked, cwd=NUMBERS.parent, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "an unknown commit"
 
 
 def forget_unknown(names: Container[str]) -> list[str]:

@@ -32,7 +32,7 @@ def test_numbers_are_as_kept(name: str, inputs: Inputs) -> None:
 
 def test_kept_numbers_are_of_a_case_and_few() -> None:
     files = list(NUMBERS.glob("*.json"))
-    assert {path.stem for path in files} <= set(CASES)
+    assert {path.stem for path in files} == set(CASES)
     assert sum(path.stat().st_size for path in files) <= MOST_BYTES
 
 
@@ -92,6 +92,24 @@ def test_a_row_is_counted_in_the_whole_series() -> None:
     assert {one.place for one in differences(expected, kept(series, "case"), "case")} == {"case.x.mean", "case.x.rms"}
 
 
+@pytest.mark.parametrize("values", [[None, 7.0], [0, 1], ["used", "slow"]])
+def test_a_stretch_that_moves_by_a_row_is_reported(values: list[Any]) -> None:
+    before, after = ([values[start <= row < start + 600] for row in range(2000)] for start in (500, 501))
+    assert list(differences(kept({"x": before}, "case"), kept({"x": after}, "case"), "case"))
+
+
+@pytest.mark.parametrize("got", [float("inf"), float("nan"), -1.0])
+def test_what_is_not_finite_is_no_number(got: float) -> None:
+    assert list(differences(1.0, got, "case")) and list(differences(got, 1.0, "case"))
+    assert not list(differences(got, got, "case"))
+
+
+def test_a_warning_that_comes_and_another_next_run_are_reported() -> None:
+    assert list(differences(kept({"notes": []}, "case"), kept({"notes": ["one"]}, "case"), "case"))
+    runs = [kept({"change": f"one run with {mass} kg more"}, "case") for mass in (200, 300)]
+    assert list(differences(*runs, "case"))
+
+
 def test_a_whole_number_is_exact() -> None:
     start = ("stdout", 0, "start_ns")
     (one,) = differences(*_moved(*start, by=lambda value: value + 1), "run-process")
@@ -125,7 +143,7 @@ def test_the_rounding_error_of_large_values_is_no_difference_at_a_zero_crossing(
 
 def test_words_and_times_are_put_aside() -> None:
     output = {"sentence": "39 % less", "notes": ["one"], "stages_s": {"fit": 1.2}, "cannot_tell": {"ding": "why"}}
-    aside = {"sentence": ASIDE, "notes": ASIDE, "stages_s": ASIDE, "cannot_tell": {"ding": ASIDE}}
+    aside = {"sentence": ASIDE, "notes": [ASIDE], "stages_s": ASIDE, "cannot_tell": {"ding": ASIDE}}
     assert kept(output | {"verdict": "named"}, "case") == aside | {"verdict": "named"}
 
 

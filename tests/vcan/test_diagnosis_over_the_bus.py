@@ -82,8 +82,9 @@ def collect(root: Path, cause: str) -> Path:
     return root / cause
 
 
+@pytest.mark.slow
 @pytest.mark.vcan
-@pytest.mark.parametrize("cause", ["slip_sinkage", pytest.param("torque_zero", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cause", ["slip_sinkage", pytest.param("torque_zero", marks=pytest.mark.study)])
 def test_a_cause_hidden_in_frames_is_named_from_what_the_logger_recorded(
     vcan: Callable[..., GuestResult], tmp_path: Path, cause: str
 ) -> None:

@@ -109,6 +109,7 @@ doctor("bus_off.json")
 """
 
 
+@pytest.mark.slow
 def test_a_controller_with_a_bit_rate_of_its_own(vcan: Callable[..., GuestResult], tmp_path: Path) -> None:
     vehicle_folder(tmp_path, channel='"can0"', interface='"socketcan"')
     (tmp_path / "adapter.py").write_text(f"WHEELSOIL = {str(WHEELSOIL)!r}\n{ADAPTER}")

@@ -98,6 +98,7 @@ cp -a small/guarded small/defeated .
 """
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_it_with_a_valid_file(guest: Callable[..., GuestResult], tmp_path: Path) -> None:
     """The guard ends it in time; where another program is quicker than the guard, what was written stays."""
     make_vehicle(tmp_path, "vcan0", logger="disk_reserve_mb = 3")

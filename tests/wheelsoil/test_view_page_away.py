@@ -14,7 +14,6 @@ from view_field_day import FieldDay
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n")
 TOKEN = "a-token-of-the-test"
-pytestmark = pytest.mark.xdist_group("view-page-plots")
 
 
 @pytest.fixture

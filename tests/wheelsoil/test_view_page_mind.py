@@ -12,7 +12,6 @@ from view_client import View
 from view_field_day import FieldDay
 
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n")
-pytestmark = pytest.mark.xdist_group("view-page-plots")
 
 
 @pytest.fixture

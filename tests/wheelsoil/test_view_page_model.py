@@ -13,7 +13,6 @@ from view_browser import curve_on_page, drawn, looking
 from view_client import View
 from view_field_day import FieldDay
 
-pytestmark = pytest.mark.xdist_group("view-page-model")
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n", "time-driving_torque_nm", "slip-driving_torque_nm")
 _FITS = """([width, ...plots]) => document.documentElement.scrollWidth === width && plots.every(
   (id) => document.querySelector(`#${id} .main-svg`).getBoundingClientRect().right < width)"""

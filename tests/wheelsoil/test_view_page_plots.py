@@ -12,7 +12,6 @@ from view_browser import comes, drag, drawn, looking, open_run, picked, points, 
 from view_client import View
 from view_field_day import SCRIPT, FieldDay
 
-pytestmark = pytest.mark.xdist_group("view-page-plots")
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n", "time-driving_torque_nm", "slip-driving_torque_nm")
 
 

@@ -14,7 +14,6 @@ from view_field_day import FieldDay
 
 from wheelsoil.choice import load_choice
 
-pytestmark = pytest.mark.xdist_group("view-page-model")
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n")
 
 
