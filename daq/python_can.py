@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ipaddress
 import logging
 import os
@@ -91,7 +92,7 @@ def open_bus(bus: BusSection) -> can.BusABC:
 def _hear_only_its_group(bus: can.BusABC) -> None:
     """Have a multicast bus ignore the groups that other programs of this machine have joined, as it shares a port."""
     if sys.platform == "linux":
-        with socket.socket(fileno=os.dup(bus.fileno())) as same:
+        with socket.socket(fileno=os.dup(bus.fileno())) as same, contextlib.suppress(OSError):  # an old kernel
             same.setsockopt(*_MULTICAST_ALL[socket.AddressFamily(same.family)], 0)
 
 

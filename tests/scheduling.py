@@ -1,7 +1,7 @@
 """Which tests run one after the other on one worker, and which begin first.
 
-A file is a group: its fixtures are made once. So are the files that share a server or a guest. The groups of pytest-xdist
-go by a mark that pytest 9.2 no longer lets it pass on.
+A file is a group: its fixtures are made once. So are the files that share a server or a guest. The groups of
+pytest-xdist itself go by a mark that pytest 9.2 no longer lets it pass on.
 """
 
 from __future__ import annotations

@@ -99,6 +99,20 @@ def test_save_and_refit_take_the_changes_before_them(page: Page, folder: Path) -
     expect(page.locator("#fit-says")).not_to_contain_text("has changed")
 
 
+def test_nothing_is_saved_where_a_change_before_it_is_refused(page: Page, folder: Path) -> None:
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    held = Held(page, "/api/choose")
+    set_threshold(page, "0.15")
+    page.get_by_role("button", name="Save", exact=True).click()
+    held.next().fulfill(status=400, json={"faults": [{"what": "no such threshold"}]})
+    page.get_by_label("Use run-2").uncheck()
+    held.next().continue_()
+    drawn(page, *PLOTS)
+    assert not [url for url in asked if url.endswith("/api/save")]
+    assert not (folder / "choice.toml").exists()
+
+
 def test_a_list_that_was_overtaken_by_a_choice_changes_nothing(page: Page, view: View) -> None:
     late: list[tuple[Route, APIResponse]] = []
 

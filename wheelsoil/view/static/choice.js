@@ -7,6 +7,7 @@ import { campaignOf, choiceOf, current, edited, on, runOf, state, tell } from ".
 import { during } from "./talk.js";
 
 let last = Promise.resolve();
+let refused = 0; // changes that the server did not take
 
 /**
  * Change the choice of a campaign. Changes go to the server one after the other, and stand on the page meanwhile.
@@ -21,8 +22,12 @@ export async function change(key, edit) {
   return last;
 }
 
-/** Wait for the changes that were made so far: the server has confirmed or refused them. */
-export const confirmed = () => last.catch(() => {});
+/** Wait for the changes that are underway; false where the server did not take one of them, which the page reports. */
+export async function confirmed() {
+  const before = refused;
+  await last.catch(() => {});
+  return refused === before;
+}
 
 async function send(made) {
   const campaign = campaignOf(made.campaign);
@@ -33,8 +38,9 @@ async function send(made) {
   } finally {
     state.changes = state.changes.filter((each) => each !== made);
   }
-  if (entry) took(entry);
-  else tell("list");
+  if (entry) return took(entry);
+  refused += 1;
+  tell("list");
 }
 
 /** Take a campaign's entry as the server has it now. */

@@ -18,7 +18,7 @@ let inTables; // the fit that stands in the tables
 
 async function refit() {
   const { key } = current();
-  await confirmed();
+  if (!(await confirmed())) return;
   const campaign = campaignOf(key), of = JSON.stringify(campaign.choice);
   const fit = await during(`fitting the models to ${campaign.name}`, ask("/api/fit", { campaign: campaign.key }));
   if (!fit) return;

@@ -9,7 +9,7 @@ import { during } from "./talk.js";
 async function save() {
   const body = { campaign: current().key, name: get("save-name").value.trim(), replace: get("replace").checked };
   get("replace").checked = false;
-  await confirmed();
+  if (!(await confirmed())) return;
   const told = await during("saving the choice", ask("/api/save", body));
   get("replace-box").hidden = Boolean(told);
   if (told) took(told.campaign);

@@ -14,8 +14,8 @@ const kept = new Map(); // campaign -> { sentence, diagnosis }
 
 async function diagnose() {
   const campaign = current();
+  if (!(await confirmed())) return;
   kept.delete(campaign.key);
-  await confirmed();
   const entry = await during(`asking for a diagnosis of ${campaign.name}`, ask("/api/diagnose", { campaign: campaign.key }));
   if (entry) took(entry);
 }
