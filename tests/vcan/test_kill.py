@@ -54,7 +54,11 @@ def seconds_lost(folder: Path, count: int) -> np.ndarray:
     sent = sent_log(folder / "sent.log")
     assert sent["end"][-1] / ((sent["time_ns"][-1] - sent["time_ns"][0]) / 1e9) > LEAST_RATE_HZ
     killed_ns = np.loadtxt(folder / "killed.txt", np.int64, ndmin=1)
-    before_kill = sent["end"][np.searchsorted(sent["time_ns"], killed_ns, side="right") - 1]
+    before_kill, earlier = (
+        sent["end"][np.searchsorted(sent["time_ns"], killed_ns - ago_ns, side="right") - 1].astype(np.int64)
+        for ago_ns in (0, 500_000_000)
+    )
+    print(f"frames a second before each kill: {((before_kill - earlier) / 0.5).astype(int).tolist()}")
     numbers = [received_numbers(Recording.open(path)) for path in files]
     for number in numbers:
         assert (np.diff(number) == 1).all(), "frames are missing in the middle"
@@ -66,7 +70,7 @@ def seconds_lost(folder: Path, count: int) -> np.ndarray:
         ]
     assert not Recording.open(files[-1]).loss
     last = np.array([number[-1] for number in numbers[:-1]])
-    return np.maximum(before_kill.astype(np.int64) - last - 1, 0) / RATE_HZ
+    return np.maximum(before_kill - last - 1, 0) / RATE_HZ
 
 
 @pytest.mark.parametrize("count", [10, pytest.param(50, marks=pytest.mark.study)])
