@@ -169,5 +169,5 @@ def likeliest_of(
     for own in sorted(total, key=lambda key: -total[key])[:SETS_SHOWN]:
         if sum(one.probability for one in chosen) >= LEVEL:
             break
-        chosen.append(CauseSet(tuple(sorted(own, key=lambda family: -families[family])), total[own]))
+        chosen.append(CauseSet(tuple(sorted(own, key=lambda family: (-families[family], family))), total[own]))
     return tuple(chosen)

@@ -13,7 +13,7 @@ ROWS = 32
 """Longest list that is kept whole."""
 SPREAD = 200
 """Rows that are kept at most of a longer one that a command prints or exports, beside its sums over all rows."""
-DRAWN = 24
+DRAWN = 6
 """The same of a figure's trace: its numbers stand elsewhere, too."""
 DIGITS = 13
 ASIDE = "(put aside)"
