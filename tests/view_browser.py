@@ -46,12 +46,14 @@ def looking(
     try:
         page.goto(address)
         yield page
-    finally:
-        for event, listener in listeners.items():
-            page.remove_listener(event, listener)
-        page.unroute_all(behavior="ignoreErrors")
-        page.context.set_offline(False)
-        page.goto("about:blank")
+    except BaseException:
+        tab.cache_clear()  # a tab in which a test failed is not used again
+        raise
+    for event, listener in listeners.items():
+        page.remove_listener(event, listener)
+    page.unroute_all(behavior="ignoreErrors")
+    page.context.set_offline(False)
+    page.goto("about:blank")
     told = [words for words in said if not (refused and "Failed to load resource" in words)]
     assert not told, told
 

@@ -404,6 +404,7 @@ def test_a_source_that_is_never_empty_is_left_at_the_end(tmp_path: Path) -> None
             self._received += 1024
             return FrameBatch(flood.frames.copy(), ("x",))
 
+    before = set(threading.enumerate())
     flood, source = recent_frames(1, 1024), Flood("x")
     recorder = Recorder(SCRIPTED, tmp_path, opener=lambda _: source)
     wait_until(lambda: source.counters.received > 0)
@@ -412,5 +413,5 @@ def test_a_source_that_is_never_empty_is_left_at_the_end(tmp_path: Path) -> None
     assert summary.frames["x"] == received
     assert summary.losses == {}
     assert source.closed
-    assert "source x" not in [thread.name for thread in threading.enumerate()]
+    assert "source x" not in [thread.name for thread in set(threading.enumerate()) - before]
     assert source.counters.received == received

@@ -1,4 +1,7 @@
-"""A power cut: the guest's kernel is killed, its page cache is gone, and the disk keeps what was written through."""
+"""A power cut: the guest's kernel is killed, its page cache is gone, and the disk keeps what was written through.
+
+The sender has what the logger leaves, as in `test_kill`.
+"""
 
 from __future__ import annotations
 
@@ -26,6 +29,7 @@ mount -t ext4 /dev/ubda mnt
 out=mnt/out
 begin
 sending {RATE_HZ} 100000 sent.log vcan0
+renice -n 19 -p $sender > /dev/null
 touch alive
 wait $sender
 """
