@@ -15,6 +15,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from recording_support import START_NS, by_topic, random_frames, write_recording
 from support import data_dir
+from zstandard import ZstdDecompressor
 
 from daq.config import RunInfo
 from daq.errors import HardwareError, RecordingError
@@ -157,6 +158,28 @@ def test_one_damaged_chunk_in_the_middle_costs_only_itself(whole, tmp_path):
     recording = Recording.open(tmp_path / "broken.mcap")
     assert 0 < sum(map(len, BATCHES)) - len(recording.frames()) <= 12
     assert [loss.at_byte for loss in recording.loss] == [chunk.offset]
+
+
+def test_the_index_of_a_recovered_file_points_at_its_messages(whole, tmp_path):
+    from mcap.opcode import Opcode
+    from mcap.records import Chunk, MessageIndex
+    from mcap.stream_reader import StreamReader
+
+    _, data, _ = whole
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 2 // 3])
+    recover(tmp_path / "cut.mcap", tmp_path / "clean.mcap")
+    with (tmp_path / "clean.mcap").open("rb") as file:
+        records = list(StreamReader(file, emit_chunks=True).records)
+    checked, content = 0, b""
+    for record in records:
+        if isinstance(record, Chunk):
+            content = ZstdDecompressor().decompress(record.data) if record.compression == "zstd" else record.data
+        elif isinstance(record, MessageIndex):
+            for log_time_ns, at in record.records:
+                assert content[at] == Opcode.MESSAGE
+                assert int.from_bytes(content[at + 15 : at + 23], "little") == log_time_ns
+                checked += 1
+    assert checked > 10
 
 
 def test_recovered_files_are_whole_to_everyone(whole, tmp_path):

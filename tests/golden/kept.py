@@ -33,11 +33,10 @@ def kept(value: Any, place: str) -> Any:
         return [float(number) for number in _NUMBER.findall(value)]
     if are_words(place) and all(isinstance(item, str) for item in flat):
         return [ASIDE] * len(flat) if isinstance(value, list) else ASIDE
-    if len(flat) <= ROWS or any(isinstance(item, dict) for item in flat):
+    drawn = ".figures." in place
+    if len(flat) <= (DRAWN if drawn else ROWS) or any(isinstance(item, dict) for item in flat):
         return [kept(item, place) for item in value] if isinstance(value, list) else _rounded(value)
-    return ({"lists": len(value)} if len(value) < len(flat) else {}) | _thinned(
-        flat, DRAWN if ".figures." in place else SPREAD
-    )
+    return ({"lists": len(value)} if len(value) < len(flat) else {}) | _thinned(flat, DRAWN if drawn else SPREAD)
 
 
 def _flat(value: Any) -> Iterator[Any]:

@@ -22,15 +22,15 @@ HELD = 12
 """Neighbours that share their noise."""
 
 
-def measured(H_m: float, seed: int = 1) -> Observations:
-    """Return driven samples at 10 Hz with noise of 50 N that stays as it is for 1.2 s, on true slip and load."""
+def measured(H_m: float, seed: int = 1, noise_n: float = 50.0) -> Observations:
+    """Return driven samples at 10 Hz with noise that stays as it is for 1.2 s, on true slip and load."""
     rng = np.random.default_rng(seed)
     time = np.arange(COUNT) / 10.0
     slip, load = 0.5 + 0.35 * np.sin(1.7 * time), np.full(COUNT, 8e3)
     model = WheelSoilModel(WHEEL, SOILS["clay"], (EFFECTS["vasilev"],))
     found = model.predict(Conditions(slip, load), {"H_m": H_m})
     none, zero = np.full(COUNT, np.nan), np.zeros(COUNT)
-    noise = 50.0 * np.repeat(rng.standard_normal(COUNT // HELD), HELD)
+    noise = noise_n * np.repeat(rng.standard_normal(COUNT // HELD), HELD)
     pull, torque = found.drawbar_pull_n + noise, found.driving_torque_nm
     return Observations(slip, load, pull, torque, none, zero, zero, time, np.zeros(COUNT, np.intp), ("a",))
 
@@ -52,6 +52,7 @@ def test_samples_that_share_their_noise_do_not_count_singly() -> None:
     data = measured(0.05)
     alone, together = fitted(replace(data, independent=True)), fitted(data)
     assert together.sigma / alone.sigma == pytest.approx(np.sqrt(HELD), rel=0.35)
+    assert 1.95 < (together.interval[1] - together.value) / together.sigma < 2.6
 
 
 def test_an_interval_ends_at_the_bound_of_what_can_be() -> None:
@@ -61,3 +62,13 @@ def test_an_interval_ends_at_the_bound_of_what_can_be() -> None:
     )
     assert low == 0.0
     assert high > 0.0
+
+
+def test_noise_that_is_larger_where_it_matters_widens_the_interval() -> None:
+    """Weights are those of the mean noise: where slip is high, and tells H_m, it is three times as large."""
+    calm = measured(0.05)
+    exact = measured(0.05, noise_n=0.0).drawbar_pull_n
+    large = np.where(calm.slip > 0.6, 3.0, 0.1)
+    rough = replace(calm, drawbar_pull_n=exact + large * (calm.drawbar_pull_n - exact))
+    spread = [np.std(np.where(large > 1, x.drawbar_pull_n - exact, np.nan)[large > 1]) for x in (calm, rough)]
+    assert fitted(rough).sigma > 0.9 * spread[1] / spread[0] * fitted(calm).sigma

@@ -25,6 +25,14 @@ def test_every_rate_has_the_same_transfer_function(rate: float, frequency: float
     np.testing.assert_allclose(_gain_and_phase(out, frequency), expected, atol=1.5e-3)
 
 
+def test_a_sample_counts_for_the_time_that_it_stands_for() -> None:
+    """Ten times as many samples in every other 50 ms pull the mean of a wave that rises and falls with them."""
+    at = stamps(20.0, 1000.0)
+    at = at[(at % 0.1 < 0.05) | (np.arange(len(at)) % 10 == 0)]
+    out = smooth(BASE, at, np.sin(2 * np.pi * 10.0 * at), SIGMA, 0.2).values
+    assert abs(np.mean(out)) < 2e-2
+
+
 def test_cutoff_is_minus_three_decibels() -> None:
     at = stamps(20.0, 1000.0)
     out = smooth(BASE, at, np.cos(2 * np.pi * CUTOFF * at), SIGMA, 0.2).values
