@@ -108,7 +108,8 @@ def adequacy(grams: Grams, keys: tuple[str, ...], rng: np.random.Generator) -> A
         explained = float(_kind(before.information, shapes).statistic(before.score)) - found
         ratios.append(found / (kind.far + form**2 * max(explained, 0.0)))
     values, vectors = np.linalg.eigh(left.information)
-    drawn = (rng.normal(size=(_DRAWS, values.size)) * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T  # whatever signs a processor gives the vectors
+    drawn = rng.normal(size=(_DRAWS, values.size)) @ root
     largest = np.max([k.statistic(drawn) / k.far for k in kinds], axis=0)
     threshold = SLACK * float(np.quantile(largest, LEVEL))
     return Adequacy(max(ratios), threshold, ok=max(ratios) <= threshold)
