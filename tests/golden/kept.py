@@ -11,7 +11,7 @@ from golden.rules import are_words, has_numbers, is_labelled, is_of_the_run
 
 ROWS = 32
 """Longest list that is kept whole."""
-SPREAD = 200
+SPREAD = 80
 """Rows that are kept at most of a longer one that a command prints or exports, beside its sums over all rows."""
 DRAWN = 6
 """The same of a figure's trace: its numbers stand elsewhere, too."""

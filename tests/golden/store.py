@@ -31,7 +31,7 @@ def compared(case: Case, inputs: Inputs) -> tuple[list[Difference], Any]:
 
 def keep(name: str, outputs: Any) -> None:
     """Write what a case gave, a series to a line."""
-    text = json.dumps(outputs, indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(outputs, indent=0, ensure_ascii=False, allow_nan=False)
     lines = _LIST_OF_NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text)
     NUMBERS.mkdir(exist_ok=True)
     (NUMBERS / f"{name}.json").write_text(lines + "\n", encoding="utf-8")
