@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import lru_cache
 from typing import Any
@@ -59,6 +59,25 @@ def tab(browser: Browser, touch: bool = False, mobile: bool = False) -> Page:
     page = browser.new_context(has_touch=touch, is_mobile=mobile).new_page()
     page.set_default_timeout(PATIENCE_MS)
     return page
+
+
+@contextmanager
+def shown(page: Page, address: str, listeners: dict[str, Callable[[Any], None]]) -> Iterator[None]:
+    """Have a tab show an address, and tell `listeners` of its events meanwhile."""
+    for event, listener in listeners.items():
+        page.on(event, listener)  # type: ignore[call-overload]
+    try:
+        page.goto(address)
+        yield
+    except BaseException:
+        tab.cache_clear()  # a tab in which a test failed is not used again
+        raise
+    for event, listener in listeners.items():
+        page.remove_listener(event, listener)
+    page.unroute_all(behavior="ignoreErrors")
+    page.context.set_offline(False)
+    page.emulate_media(media="null")
+    page.goto("about:blank")
 
 
 @contextmanager

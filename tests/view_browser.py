@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import Any
 from urllib.parse import urlsplit
 
-from live_browser import PATIENCE_MS, tab
+from live_browser import PATIENCE_MS, shown, tab
 from playwright.sync_api import Browser, Locator, Page, Route, expect
 
 READY = "READY"
@@ -41,19 +41,8 @@ def looking(
         "console": lambda m: said.append(f"{m.text} {m.location}") if m.type in ("error", "warning") else None,
         "request": lambda request: said.append(request.url) if _elsewhere(request.url, address) else None,
     }
-    for event, listener in listeners.items():
-        page.on(event, listener)  # type: ignore[call-overload]
-    try:
-        page.goto(address)
+    with shown(page, address, listeners):
         yield page
-    except BaseException:
-        tab.cache_clear()  # a tab in which a test failed is not used again
-        raise
-    for event, listener in listeners.items():
-        page.remove_listener(event, listener)
-    page.unroute_all(behavior="ignoreErrors")
-    page.context.set_offline(False)
-    page.goto("about:blank")
     told = [words for words in said if not (refused and "Failed to load resource" in words)]
     assert not told, told
 

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 from cli_support import ok
+from live_client import page
 from report_support import material_of, processed_of
 from shared_results import made_once
 from view_client import View, viewing
 from view_field_day import FieldDay, field_day_in
 
 from wheelsoil.diagnosing import Processed
+from wheelsoil.live.panel import PagePanel
 from wheelsoil.report.material import Material
 
 if TYPE_CHECKING:
@@ -41,6 +43,20 @@ def pytest_runtest_teardown(nextitem: pytest.Item | None) -> None:
     """Close Chromium before a test that does not use it: Playwright keeps the thread's event loop to itself."""
     if _chromium and "browser" not in getattr(nextitem, "fixturenames", ()):
         _chromium[0].close()
+
+
+@pytest.fixture(scope="module")
+def shared_panel() -> Iterator[PagePanel]:
+    """Return the status page of a logger, for a file's tests."""
+    with page() as panel:
+        yield panel
+
+
+@pytest.fixture
+def panel(shared_panel: PagePanel) -> PagePanel:
+    """Return it for a test to which it does not matter what was shown before; no command waits in it."""
+    shared_panel.commands()
+    return shared_panel
 
 
 @pytest.fixture(scope="module")

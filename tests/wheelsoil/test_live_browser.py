@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import signal
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -44,19 +43,6 @@ _CONTRAST = """(element) => {
   return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
 }"""
 _COLOURED = "(canvas) => new Set(canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data).size"
-
-
-@pytest.fixture(scope="module")
-def shared() -> Iterator[PagePanel]:
-    with page() as panel:
-        yield panel
-
-
-@pytest.fixture
-def panel(shared: PagePanel) -> PagePanel:
-    """The file's page, for tests to which it does not matter what was shown before; no command waits in it."""
-    shared.commands()
-    return shared
 
 
 def test_the_state_is_said_in_words_with_what_to_do(browser: Browser, panel: PagePanel) -> None:

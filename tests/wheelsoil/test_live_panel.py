@@ -34,19 +34,6 @@ time.sleep(600)
 """
 
 
-@pytest.fixture(scope="module")
-def shared() -> Iterator[PagePanel]:
-    with page() as panel:
-        yield panel
-
-
-@pytest.fixture
-def panel(shared: PagePanel) -> PagePanel:
-    """The file's page, for tests to which it does not matter what was asked before; no command waits in it."""
-    shared.commands()
-    return shared
-
-
 def test_a_snapshot_reaches_every_browser_and_a_late_one_too() -> None:
     with page() as panel, events(panel) as first:
         assert next_event(first, "hello") == {"vehicle": "a tractor"}

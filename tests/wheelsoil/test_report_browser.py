@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from cli_support import ok
-from live_browser import PHONE, tab
+from live_browser import PHONE, shown, tab
 from playwright.sync_api import Browser, Page
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
@@ -86,18 +86,8 @@ def opened(browser: Browser, path: Path, size: dict[str, int] = LAPTOP) -> Itera
         "pageerror": lambda error: said.append(str(error)),
         "request": lambda request: asked.append(request.url) if not request.url.startswith("data:") else None,
     }
-    for event, listener in listeners.items():
-        page.on(event, listener)  # type: ignore[call-overload]
-    try:
-        page.goto(path.as_uri())
+    with shown(page, path.as_uri(), listeners):
         yield page
-    except BaseException:
-        tab.cache_clear()  # a tab in which a test failed is not used again
-        raise
-    for event, listener in listeners.items():
-        page.remove_listener(event, listener)
-    page.emulate_media(media="null")
-    page.goto("about:blank")
     assert said == []
     assert [address for address in asked if not address.startswith("blob:")] == [path.as_uri()]
 

@@ -3,37 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-from playwright.sync_api import APIResponse, Browser, Page, Route, expect
-from view_browser import Held, drawn, looking
+from playwright.sync_api import APIResponse, Page, Route, expect
+from view_browser import Held, drawn
 from view_client import PATIENCE_S, View
-from view_field_day import FieldDay
 
 from wheelsoil.choice import load_choice
 
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n")
-
-
-@pytest.fixture
-def view(field_day: FieldDay) -> View:
-    field_day.view.reset()
-    return field_day.view
-
-
-@pytest.fixture
-def folder(field_day: FieldDay) -> Path:
-    (field_day.clay / "choice.toml").unlink(missing_ok=True)
-    return field_day.clay
-
-
-@pytest.fixture
-def page(browser: Browser, view: View) -> Iterator[Page]:
-    with looking(browser, view.address, refused=True) as seen:
-        drawn(seen, *PLOTS)
-        yield seen
 
 
 def set_threshold(page: Page, value: str) -> None:

@@ -2,31 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
 from view_browser import curve_on_page, drag, drawn, looking, picked
 from view_client import View, taken_from, viewing
-from view_field_day import FieldDay
 
-RECORDINGS = Path(__file__).parents[2] / "recordings"
+RECORDINGS = Path(__file__).parents[3] / "recordings"
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n")
 TOKEN = "a-token-of-the-test"
-
-
-@pytest.fixture
-def view(field_day: FieldDay) -> View:
-    field_day.view.reset()
-    return field_day.view
-
-
-@pytest.fixture
-def page(browser: Browser, view: View) -> Iterator[Page]:
-    with looking(browser, view.address, refused=True) as seen:
-        drawn(seen, *PLOTS)
-        yield seen
 
 
 @pytest.fixture

@@ -3,28 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
 from view_browser import Held, comes, curve_on_page, drawn, looking, open_run
 from view_client import View
-from view_field_day import FieldDay
 
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n")
-
-
-@pytest.fixture
-def view(field_day: FieldDay) -> View:
-    field_day.view.reset()
-    return field_day.view
-
-
-@pytest.fixture
-def page(browser: Browser, view: View) -> Iterator[Page]:
-    with looking(browser, view.address, refused=True) as seen:
-        drawn(seen, *PLOTS)
-        yield seen
 
 
 def test_a_page_that_was_away_takes_what_another_one_chose(page: Page, view: View) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,31 +10,11 @@ from cli_support import ok
 from playwright.sync_api import Browser, Locator, Page, expect
 from view_browser import curve_on_page, drawn, looking
 from view_client import View
-from view_field_day import FieldDay
 
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n", "time-driving_torque_nm", "slip-driving_torque_nm")
 _FITS = """([width, ...plots]) => document.documentElement.scrollWidth === width && plots.every(
   (id) => document.querySelector(`#${id} .main-svg`).getBoundingClientRect().right < width)"""
 RUN = {"campaign": "c1", "run": "r1"}
-
-
-@pytest.fixture
-def view(field_day: FieldDay) -> View:
-    field_day.view.reset()
-    return field_day.view
-
-
-@pytest.fixture
-def folder(field_day: FieldDay) -> Path:
-    (field_day.clay / "choice.toml").unlink(missing_ok=True)
-    return field_day.clay
-
-
-@pytest.fixture
-def page(browser: Browser, view: View) -> Iterator[Page]:
-    with looking(browser, view.address, refused=True) as seen:
-        drawn(seen, *PLOTS)
-        yield seen
 
 
 def row(page: Page, parameter: str) -> Locator:

@@ -10,19 +10,14 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 from view_browser import comes, drag, drawn, looking, open_run, picked, points, seen_range, shapes, show_all, trace
 from view_client import View
-from view_field_day import SCRIPT, FieldDay
+from view_field_day import SCRIPT
 
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n", "time-driving_torque_nm", "slip-driving_torque_nm")
 
 
 @pytest.fixture
-def view(field_day: FieldDay) -> View:
-    field_day.view.reset()
-    return field_day.view
-
-
-@pytest.fixture
 def page(browser: Browser, view: View) -> Iterator[Page]:
+    """Return the page, at which nothing is refused."""
     with looking(browser, view.address) as seen:
         drawn(seen, *PLOTS)
         yield seen
