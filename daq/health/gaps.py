@@ -230,6 +230,7 @@ class Gaps:
             jitter = self.usual.jitter_ns / self.period_ns
             return (int(frames + 1 - _SURE) if frames > _SLACK * jitter else 0), True
         turns = max(round(frames / self.modulus), 0)
-        doubt = min(1 + _RATE_ERROR * (after.time_ns - base.time_ns) / self.period_ns, self.modulus / 4)
+        early = 1 if base.gaps else 0  # a frame between two gaps may have come before the loss
+        doubt = min(1 + early + _RATE_ERROR * (after.time_ns - base.time_ns) / self.period_ns, self.modulus / 4)
         sure = self._still < _FROZEN and (abs(frames - turns * self.modulus) <= doubt or frames < 0)
         return (turns * self.modulus if sure else 0), sure

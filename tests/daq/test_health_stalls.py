@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -73,6 +73,7 @@ def test_stalls_and_bursts_are_never_losses(
     places=STREAMS["places"],
     seed=STREAMS["seed"],
 )
+@example(period_ms=1.0, jitter=0.05, lost=16, length_ms=15.0, places=[], seed=1)  # a frame inside the gap, one early
 def test_losses_inside_a_stall_are_counted_with_their_turns(
     period_ms: float, jitter: float, lost: int, length_ms: float, places: list[int], seed: int
 ) -> None:
