@@ -14,8 +14,9 @@ import numpy as np
 
 from benchmarks.table import Row, at_most, judged
 from daq.frames import CLASSIC_DTYPE, FrameArray, FrameBatch, split
+from daq.player import ReplaySummary
 from daq.recording import Recording, RecordingWriter
-from daq.replay import ReplaySummary, replay_batches
+from daq.replay import replay_batches
 
 SECONDS = 10
 REPEATS = 3

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from daq.config import BusSection
 from daq.errors import HardwareError
 from daq.frames import FrameArray, FrameBatch
 
@@ -69,32 +68,6 @@ class Source(Protocol):
         """Stop listening; a second call does nothing."""
 
 
-def open_source(bus: BusSection, buffer_bytes: int | None = None) -> Source:
-    """Start to listen to a bus.
-
-    Parameters
-    ----------
-    bus : BusSection
-        ``interface`` is one that python-can knows; SocketCAN where none is given.
-    buffer_bytes : int, optional
-        Receive buffer to ask for, where the interface lets one choose.
-
-    Raises
-    ------
-    ConfigError
-        If python-can knows no such interface.
-    HardwareError
-        If the interface is not there or must not be opened.
-    """
-    if _is_socketcan(bus):
-        from daq.socketcan import RECEIVE_BUFFER_BYTES, SocketCanSource
-
-        return SocketCanSource(bus.channel, buffer_bytes or RECEIVE_BUFFER_BYTES)
-    from daq.python_can import PythonCanSource
-
-    return PythonCanSource(bus)
-
-
 class Sink(Protocol):
     """A bus that frames are sent to."""
 
@@ -113,23 +86,3 @@ class Sink(Protocol):
 
     def close(self) -> None:
         """Let go of the interface; a second call does nothing."""
-
-
-def open_sink(bus: BusSection) -> Sink:
-    """Open a bus to send to; see `open_source`."""
-    if _is_socketcan(bus):
-        from daq.socketcan import SocketCanSink
-
-        return SocketCanSink(bus.channel)
-    from daq.python_can import PythonCanSink
-
-    return PythonCanSink(bus)
-
-
-def _is_socketcan(bus: BusSection) -> bool:
-    """Whether `daq.socketcan` is for this bus; where its structures are not the kernel's, python-can is."""
-    if bus.interface not in (None, "socketcan"):
-        return False
-    from daq.socketcan import SUPPORTED
-
-    return SUPPORTED

@@ -13,13 +13,14 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from daq.can_source import Source, open_source
+from daq.can_source import Source
 from daq.config import BusSection, RunInfo, VehicleConfig
 from daq.databases import Database
 from daq.disk_guard import DiskGuard
 from daq.errors import ConfigError, Fault, HardwareError
 from daq.health.names import unknown_names
 from daq.host_clock import HostClock
+from daq.interfaces import open_source
 from daq.notify import Notifier
 from daq.panel import NoPanel, Panel
 from daq.reconnect import ReconnectingSource
@@ -27,9 +28,10 @@ from daq.recording.disk_file import make_folder
 from daq.roles import resolve_roles
 from daq.session.folder_lock import folder_lock
 from daq.session.inspection import Inspection, Inspector
+from daq.session.parts import SessionParts
 from daq.session.recorder import Recorder, RecorderOptions
 from daq.session.run_files import SUFFIX, RunFiles, named_run, new_run, safe_name, unfinished_run
-from daq.session.session import Session, SessionParts
+from daq.session.session import Session
 from daq.session.signals import caught_signals
 from daq.session.summary import LogStatus, LogSummary, Progress
 from daq.session.switching import quick_switching

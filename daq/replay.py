@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.can_source import Sink, open_sink
+from daq.can_source import Sink
 from daq.config import BusSection
 from daq.errors import ConfigError, DataError, Fault, nearest
 from daq.frames import FrameBatch, FrameFlag
+from daq.interfaces import open_sink
 from daq.logs import read_log
 from daq.open import is_recording
 from daq.player import Player, ReplaySummary

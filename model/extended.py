@@ -18,9 +18,9 @@ from daq.errors import ConfigError, Fault, nearest
 from model.conditions import Conditions
 from model.diagnosis.result import Cause, ParameterEstimate, SoilEstimate
 from model.effects import EFFECTS
-from model.soils import Soil
+from model.soils import SOIL_PARAMETERS, Soil
 from model.wheel import Wheel
-from model.wheel_soil import SOIL_PARAMETERS, Prediction, Reading, WheelSoilModel
+from model.wheel_soil import Prediction, Reading, WheelSoilModel
 
 SCHEMA = "wheelsoil/model/1"
 Fact = str | float | tuple[str, ...]

@@ -12,9 +12,9 @@ from model.effects import EFFECTS, Effect
 from model.extended import ExtendedModel
 from model.fit_result import MODELS, FitOptions
 from model.observations import CHANNELS, Observations
-from model.soils import Soil
+from model.soils import SOIL_PARAMETERS, Soil
 from model.wheel import Wheel
-from model.wheel_soil import SOIL_PARAMETERS, WheelSoilModel
+from model.wheel_soil import WheelSoilModel
 
 MIN_SAMPLES = 20
 """Driven samples of a time series below which nothing is fitted."""

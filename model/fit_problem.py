@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from model.observations import CHANNELS, Observations
 from model.soil_prior import SoilPrior
-from model.wheel_soil import SOIL_PARAMETERS, Prediction, WheelSoilModel
+from model.soils import SOIL_PARAMETERS
+from model.wheel_soil import Prediction, WheelSoilModel
 
 FloatArray = NDArray[np.float64]
 

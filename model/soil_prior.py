@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.config import SOIL_KEYS, TerrainConfig
-from model.soils import LABORATORY_SPREAD, Soil
-from model.wheel_soil import SOIL_PARAMETERS
+from model.soils import LABORATORY_SPREAD, SOIL_PARAMETERS, Soil
 
 FloatArray = NDArray[np.float64]
 

@@ -7,6 +7,16 @@ from math import radians, tan
 
 from daq.config import TerrainConfig
 
+SOIL_PARAMETERS = (
+    "cohesion_pa",
+    "tan_phi",
+    "shear_modulus_m",
+    "sinkage_exponent",
+    "cohesive_modulus",
+    "frictional_modulus",
+)
+"""Names of the parameters that Eq. 2 and 4 take, in the order of every covariance."""
+
 
 @dataclass(frozen=True)
 class Soil:

@@ -15,7 +15,7 @@ from model.conditions import Conditions
 from model.contact import Quadrature
 from model.dual import Dual, Number, column, value_of
 from model.effects.base import Effect
-from model.soils import Soil
+from model.soils import SOIL_PARAMETERS, Soil
 from model.state import Reaction, SoilState, WheelState
 from model.wheel import Wheel
 
@@ -23,14 +23,6 @@ FloatArray = NDArray[np.float64]
 Reading = Literal["balanced", "literal"]
 """How the slip-sinkage laws are read (docs/decisions/sinkage-readings.md)."""
 
-SOIL_PARAMETERS = (
-    "cohesion_pa",
-    "tan_phi",
-    "shear_modulus_m",
-    "sinkage_exponent",
-    "cohesive_modulus",
-    "frictional_modulus",
-)
 WHEEL_PARAMETERS = ("radius_m", "width_m")
 INPUTS = ("slip", "vertical_load_n")
 

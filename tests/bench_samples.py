@@ -12,9 +12,9 @@ from model.diagnosis.campaign import Bench
 from model.effects import EFFECTS
 from model.observations import Observations
 from model.soil_prior import SoilPrior
-from model.soils import Soil
+from model.soils import SOIL_PARAMETERS, Soil
 from model.wheel import Wheel
-from model.wheel_soil import SOIL_PARAMETERS, WheelSoilModel
+from model.wheel_soil import WheelSoilModel
 
 WHEEL = Wheel(0.058, 0.050)
 SAND = Soil("sand", 500.0, radians(29), 0.0112, 1.468, 0.0, 8.476e6, 13_050.0)

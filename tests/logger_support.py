@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 from frames_support import some_frames
 
-from daq.can_source import Source, SourceCounters, open_source
+from daq.can_source import Source, SourceCounters
 from daq.config import BusSection, VehicleConfig
 from daq.errors import Fault, HardwareError, WheelsoilError
 from daq.frames import FrameBatch
-from daq.logger import LogSummary, log
+from daq.interfaces import open_source
+from daq.logger import log
 from daq.panel import Command
+from daq.session.summary import LogSummary
 
 
 class Clocks:

@@ -6,9 +6,10 @@ import textwrap
 from collections.abc import Iterable, Iterator
 from math import isfinite
 
+from daq.shown import number, table_lines
+from daq.shown import probability as as_probability
 from model.diagnosis.channel_words import FIELD_NAMES, FIELD_UNITS, NAMES, UNITS
 from model.diagnosis.result import Cause, Diagnosis, Gain, Scores
-from wheelsoil.cli.talk import number, table_lines
 from wheelsoil.diagnosis_words import (
     CAN_BE_SEEN,
     NO_GAIN,
@@ -22,7 +23,6 @@ from wheelsoil.diagnosis_words import (
     reduction,
     set_name,
 )
-from wheelsoil.diagnosis_words import probability as as_probability
 
 _LEAST_SHOWN = 0.01
 _MOST_FINDINGS = 8

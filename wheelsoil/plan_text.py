@@ -8,10 +8,10 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.shown import number, table_lines
 from model.diagnosis.isolability import SEEN
 from model.diagnosis.plan import ALIKE, Plan
 from model.diagnosis.result import Detectable
-from wheelsoil.cli.talk import number, table_lines
 from wheelsoil.diagnosis_text import limited, told, wrapped
 from wheelsoil.diagnosis_words import CAN_BE_SEEN, effect_name, not_named, plain_name
 

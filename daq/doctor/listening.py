@@ -7,11 +7,12 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from daq.can_source import Source, SourceCounters, open_source
+from daq.can_source import Source, SourceCounters
 from daq.config import BusSection, LoggerSection
 from daq.doctor.links import stamp_age_s
 from daq.errors import ConfigError, Fault, HardwareError
 from daq.frames import FrameBatch, concatenate
+from daq.interfaces import open_source
 
 _READ_S = 0.05
 

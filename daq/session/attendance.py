@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING
 
 from daq.health.board import reason
 from daq.health.board import worst as worst_level
@@ -13,13 +12,11 @@ from daq.health.report import HealthReport, Level, Reason
 from daq.panel import Command
 from daq.session.feed import Feed
 from daq.session.inspection import Findings
+from daq.session.parts import SessionParts
 from daq.session.summary import LogStatus
 from daq.session.traces import Samples
 from daq.session.watch import Watch
 from daq.snapshot import RunState, SessionState, snapshot, worst
-
-if TYPE_CHECKING:
-    from daq.session.session import SessionParts
 
 _LOOK_EVERY_S = 0.05
 _INSPECT_EVERY_S = 0.4

@@ -6,24 +6,17 @@ import math
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
 from daq.can_source import SourceCounters
-from daq.config import VehicleConfig
-from daq.disk_guard import DiskGuard, disk_fault
+from daq.disk_guard import disk_fault
 from daq.errors import Fault, HardwareError
 from daq.health.report import Level
-from daq.host_clock import HostClock
-from daq.notify import Notifier
-from daq.panel import Panel
-from daq.reconnect import ReconnectingSource
 from daq.session.attendance import Attendance
 from daq.session.byte_queue import ByteQueue
 from daq.session.feed import Feed
-from daq.session.inspection import Inspector
 from daq.session.listener import Arrival, Listener, together
-from daq.session.recorder import Recorder
-from daq.session.summary import Ending, LogSummary, Progress
+from daq.session.parts import SessionParts
+from daq.session.summary import Ending, LogSummary
 from daq.session.watch import Watch
 
 _WAIT_S = 0.05
@@ -36,25 +29,6 @@ _PROGRESS_EVERY_S = 1.0
 _JOIN_S = 5.0
 _MB = 1_000_000
 _STATUS = {"signal": "interrupted", "duration": "ok", "stop": "ok", "disk": "disk full or failed"}
-
-
-@dataclass
-class SessionParts:
-    """What a session is made of; everything is open and checked."""
-
-    vehicle: VehicleConfig
-    clock: HostClock
-    sources: list[ReconnectingSource]
-    recorder: Recorder
-    inspector: Inspector
-    guard: DiskGuard
-    panel: Panel
-    notifier: Notifier
-    asked_to_stop: threading.Event
-    caught: list[int]
-    """Numbers of the signals that came."""
-    progress: Progress | None = None
-    remarks: list[str] = field(default_factory=list)
 
 
 class Session:

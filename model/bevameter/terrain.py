@@ -15,8 +15,7 @@ from model.bevameter.joint import JointFit
 from model.bevameter.pressure_sinkage import PressureSinkage
 from model.bevameter.shear_strength import ShearStrength
 from model.soil_prior import prior_of
-from model.soils import soil_from_terrain
-from model.wheel_soil import SOIL_PARAMETERS
+from model.soils import SOIL_PARAMETERS, soil_from_terrain
 
 FloatArray = NDArray[np.float64]
 

@@ -19,8 +19,8 @@ from scipy.special import ndtr, ndtri
 from daq.errors import ConfigError, Fault
 from model.diagnosis.campaign import Bench
 from model.effects.base import Parameter
+from model.soils import SOIL_PARAMETERS
 from model.wheel import Wheel
-from model.wheel_soil import SOIL_PARAMETERS
 
 FloatArray = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from model.diagnosis.spread import Spread, interval, spread_of
 from model.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
 from model.one_thread import one_thread
 from model.profile import profile_of_sum
-from model.wheel_soil import SOIL_PARAMETERS
+from model.soils import SOIL_PARAMETERS
 
 FloatArray = NDArray[np.float64]
 

@@ -19,9 +19,9 @@ from model.diagnosis.samples import CHANNELS, STENCIL, Samples
 from model.diagnosis.soil_space import SoilSpace
 from model.dual import Dual, Number, column, value_of
 from model.effects.base import Effect
-from model.soils import Soil
+from model.soils import SOIL_PARAMETERS, Soil
 from model.wheel import Wheel
-from model.wheel_soil import SOIL_PARAMETERS, Reading, WheelSoilModel
+from model.wheel_soil import Reading, WheelSoilModel
 
 FloatArray = NDArray[np.float64]
 

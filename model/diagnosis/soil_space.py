@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.soil_prior import SoilPrior
-from model.wheel_soil import SOIL_PARAMETERS
+from model.soils import SOIL_PARAMETERS
 
 FloatArray = NDArray[np.float64]
 

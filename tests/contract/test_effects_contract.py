@@ -14,8 +14,8 @@ from model.conditions import Conditions
 from model.dual import column
 from model.effects import EFFECTS, MEASUREMENT, PHYSICAL, Parameter
 from model.gauss_newton import gauss_newton
-from model.soils import SOILS
-from model.wheel_soil import SOIL_PARAMETERS, WheelSoilModel
+from model.soils import SOIL_PARAMETERS, SOILS
+from model.wheel_soil import WheelSoilModel
 
 DOCS = Path(__file__).parents[2] / "docs" / "effects"
 CONDITIONS = full_conditions()

@@ -15,9 +15,10 @@ import pytest
 from frames_support import content, some_frames
 from logger_support import Handset, Recorder, virtual_bus, wait_until
 
-from daq.can_source import Sink, open_sink
+from daq.can_source import Sink
 from daq.config import BusSection, VehicleConfig
 from daq.errors import ConfigError, HardwareError
+from daq.interfaces import open_sink
 from daq.logger import log
 from daq.recording import Recording
 

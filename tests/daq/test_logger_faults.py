@@ -16,15 +16,17 @@ from frames_support import content
 from logger_support import Handset, Opener, Recorder, ScriptedSource, recent_frames, virtual_bus, wait_until
 from recording_support import limited
 
-from daq.can_source import InterfaceDownError, open_sink
+from daq.can_source import InterfaceDownError
 from daq.config import BusSection, LoggerSection, RunInfo, VehicleConfig
 from daq.databases import load_database, shipped_dbc
 from daq.errors import ConfigError, Fault, HardwareError
 from daq.frames import FrameBatch, concatenate
-from daq.logger import LogSummary, log
+from daq.interfaces import open_sink
+from daq.logger import log
 from daq.python_can import PythonCanSource
 from daq.recording import PartWriter, Recording
 from daq.session.inspection import Inspection
+from daq.session.summary import LogSummary
 
 SCRIPTED = VehicleConfig(bus=(BusSection(channel="x"),))
 

@@ -18,14 +18,16 @@ from frames_support import START_NS, classical, content, same, some_frames
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.can_source import Source, open_source
+from daq.can_source import Source
 from daq.config import BusSection, RunInfo
 from daq.errors import ConfigError, DataError, HardwareError, RecordingError
 from daq.frames import FrameArray, FrameBatch, FrameFlag, concatenate, split
+from daq.interfaces import open_source
 from daq.logs import write_candump
+from daq.player import ReplaySummary
 from daq.recording import PartWriter, RecordingWriter, raw_frames
 from daq.recording.chunks import ChunkEntry, read_chunk
-from daq.replay import ReplaySummary, replay, replay_batches
+from daq.replay import replay, replay_batches
 from daq.rounds import Rounds
 
 

@@ -9,9 +9,8 @@ from model.balance import Contact, solve
 from model.conditions import Conditions
 from model.contact import CHUNK, Quadrature
 from model.dual import Dual, column
-from model.soils import SOILS
+from model.soils import SOIL_PARAMETERS, SOILS
 from model.state import SoilState
-from model.wheel_soil import SOIL_PARAMETERS
 
 UNSOLVABLE = 7
 

@@ -9,9 +9,9 @@ from effects_support import WHEEL
 from model.conditions import Conditions
 from model.effects import EFFECTS
 from model.effects.wheel_inertia import INERTIA_KGM2, MASS_KG
-from model.soils import SOILS
+from model.soils import SOIL_PARAMETERS, SOILS
 from model.state import Reaction, SoilState, WheelState
-from model.wheel_soil import SOIL_PARAMETERS, WheelSoilModel
+from model.wheel_soil import WheelSoilModel
 
 CONDITIONS = Conditions(
     slip=np.array([0.2, 0.2]),

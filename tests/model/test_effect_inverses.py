@@ -12,9 +12,8 @@ from effects_support import WHEEL
 from model.conditions import Conditions, slip_of_ratio
 from model.effects import EFFECTS, MEASUREMENT, Effect
 from model.effects.signals import Signals
-from model.soils import SOILS
+from model.soils import SOIL_PARAMETERS, SOILS
 from model.state import Reaction, SoilState, WheelState
-from model.wheel_soil import SOIL_PARAMETERS
 
 RATE_HZ = 200.0
 TIME = np.arange(0.0, 30.0, 1.0 / RATE_HZ)

@@ -17,9 +17,9 @@ from model.conditions import Conditions
 from model.diagnosis.result import Cause, ParameterEstimate, SoilEstimate
 from model.effects import EFFECTS
 from model.extended import ExtendedEffect, ExtendedModel, extended_model
-from model.soils import SOILS
+from model.soils import SOIL_PARAMETERS, SOILS
 from model.wheel import Wheel
-from model.wheel_soil import SOIL_PARAMETERS, WheelSoilModel
+from model.wheel_soil import WheelSoilModel
 
 WHEEL = Wheel(0.47, 0.318)
 NAN = float("nan")

@@ -14,9 +14,9 @@ from model.conditions import Conditions
 from model.contact import Quadrature
 from model.effects import EFFECTS
 from model.sinkage import closed_form
-from model.soils import SOILS
+from model.soils import SOIL_PARAMETERS, SOILS
 from model.wheel import Wheel
-from model.wheel_soil import INPUTS, SOIL_PARAMETERS, WHEEL_PARAMETERS, WheelSoilModel
+from model.wheel_soil import INPUTS, WHEEL_PARAMETERS, WheelSoilModel
 
 WHEEL = Wheel(0.47, 0.318)
 VALUES = {"vasilev": {"H_m": 0.03}, "lyasko": {"m1": 0.3, "m2": 0.1}, "ding": {"n1": 0.3}}

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from cli_support import ok, small_campaign
 
-from daq.can_source import open_source
 from daq.config import BusSection
 from daq.frames import concatenate, split
+from daq.interfaces import open_source
 from daq.open import open_runs
 from daq.recording import Event, PartWriter, Recording
 from daq.recording.parts import part_path, parts_on_disk

@@ -19,10 +19,9 @@ from daq.logs import write_candump
 from daq.open import open_runs
 from processing.options import ProcessOptions
 from processing.pipeline import process
-from wheelsoil.fitting import FitChoices
+from wheelsoil.fitting import FitChoices, fit_runs
 from wheelsoil.report.material import Material
 from wheelsoil.report.sections.sinkage import build
-from wheelsoil.reporting import fit_runs
 from wheelsoil.runs import process_runs
 from wheelsoil.virtual_campaign import simulated_run
 from wheelsoil.virtual_frames import virtual_frames

@@ -15,7 +15,8 @@ from cli_support import ok
 from view_client import View, taken_from, viewing
 
 from model.effects import EFFECTS
-from model.wheel_soil import SOIL_PARAMETERS, WheelSoilModel
+from model.soils import SOIL_PARAMETERS
+from model.wheel_soil import WheelSoilModel
 from processing.options import ProcessOptions
 from processing.processed_run import ProcessedRun
 from wheelsoil.choice import load_choice

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq.errors import ConfigError, Fault
+from daq.shown import number
 from wheelsoil.cli.options import (
     Channels,
     ChoiceFile,
@@ -27,7 +28,7 @@ from wheelsoil.cli.options import (
     ZeroFile,
     chosen,
 )
-from wheelsoil.cli.talk import number, print_json, print_table, say, say_folded, say_wrong_signs
+from wheelsoil.cli.talk import print_json, print_table, say, say_folded, say_wrong_signs
 
 if TYPE_CHECKING:
     from model.extended import ExtendedModel

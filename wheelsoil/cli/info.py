@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from daq.shown import number
 from wheelsoil.cli.options import Json, LenientDbc, Runs, RunsFile, Terrain, Vehicle
-from wheelsoil.cli.talk import counter, number, print_facts, print_json, print_table, say
+from wheelsoil.cli.talk import counter, print_facts, print_json, print_table, say
 
 if TYPE_CHECKING:
     from wheelsoil.facts import FileFacts

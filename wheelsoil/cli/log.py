@@ -32,8 +32,8 @@ from wheelsoil.cli.talk import addresses_to_tell, print_facts, print_json, say
 
 if TYPE_CHECKING:
     from daq.config import VehicleConfig
-    from daq.logger import LogStatus, LogSummary, Progress
     from daq.panel import Panel
+    from daq.session.summary import LogStatus, LogSummary, Progress
 
 _SIGNAL_EXIT = 128
 _PAGE_PORT = 8100

@@ -167,8 +167,8 @@ def _start(text: str | None, *, live: bool) -> datetime:
 
 def _send(options: SimulationOptions, interface: str, channel: str, speed: float) -> None:
     """Send one run after the other, each with its own timing."""
-    from daq.can_source import open_sink
     from daq.config import BusSection
+    from daq.interfaces import open_sink
     from daq.replay import replay_batches
     from wheelsoil.virtual_campaign import BUS, campaign_frames
 

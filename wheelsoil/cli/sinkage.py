@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq.errors import ConfigError, Fault
+from daq.shown import number
 from wheelsoil.cli.options import Json, LenientDbc, MinSpeed, Rename, RunsFile, Vehicle, Where, ZeroFile, chosen
-from wheelsoil.cli.talk import number, print_json, print_table, say, say_wrong_signs
+from wheelsoil.cli.talk import print_json, print_table, say, say_wrong_signs
 
 if TYPE_CHECKING:
     from wheelsoil.force_sinkage import SinkageFacts

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq.errors import ConfigError, Fault
+from daq.shown import number
 from wheelsoil.cli.options import Json, LenientDbc, Vehicle
-from wheelsoil.cli.talk import number, print_facts, print_json, print_table, say
+from wheelsoil.cli.talk import print_facts, print_json, print_table, say
 
 if TYPE_CHECKING:
     from daq.units import Quantity

@@ -14,7 +14,8 @@ import numpy as np
 
 from daq.errors import DataError
 from daq.run import Run
-from model.wheel_soil import SOIL_PARAMETERS, Reading
+from model.soils import SOIL_PARAMETERS
+from model.wheel_soil import Reading
 from processing.by_hand import Interval, keep_only
 from processing.options import ProcessOptions, require_roles
 from processing.processed_run import ProcessedRun

@@ -13,9 +13,9 @@ from daq.errors import ConfigError, Fault, nearest
 from model.effects import EFFECTS
 from model.effects.base import Parameter as EffectParameter
 from model.soil_prior import SoilPrior
-from model.soils import LABORATORY_SPREAD, Soil
+from model.soils import LABORATORY_SPREAD, SOIL_PARAMETERS, Soil
 from model.wheel import Wheel
-from model.wheel_soil import SOIL_PARAMETERS, Reading
+from model.wheel_soil import Reading
 from wheelsoil.view.curve import Base, curve_of
 
 _SIGMAS = 4.0

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from math import isfinite
 
+from daq.shown import probability
 from model.diagnosis.result import Candidate, Cause, Diagnosis
 from model.effects import EFFECTS
-from wheelsoil.diagnosis_words import not_named, parameter_name, plain_name, probability, set_name
+from wheelsoil.diagnosis_words import not_named, parameter_name, plain_name, set_name
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes, bars
 from wheelsoil.report.material import Material
