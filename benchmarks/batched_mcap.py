@@ -22,18 +22,19 @@ from mcap.writer import CompressionType, Writer
 
 from benchmarks.can_log import BUS, wft_frames
 from benchmarks.timing import side_by_side
-from daq.frames import CLASSIC_DTYPE, FrameArray, FrameBatch, split
-from daq.recording import Recording, RecordingWriter
-from daq.recording.format import (
+from daq.can import CLASSIC_DTYPE, FrameArray, FrameBatch, split
+from daq.recording import (
     CLASSIC_SCHEMA,
+    FRAMES_PER_MESSAGE,
     MESSAGE_ENCODING,
     PROFILE,
     RAW_PREFIX_SIZE,
     SCHEMA_ENCODING,
+    Recording,
+    RecordingWriter,
     raw_message_head,
     raw_schema_text,
 )
-from daq.recording.raw_topics import FRAMES_PER_MESSAGE
 
 CHUNK_BYTES = 1 << 20
 TOPIC = f"/can/{BUS}/raw"

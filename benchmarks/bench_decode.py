@@ -16,9 +16,7 @@ from benchmarks.can_log import AUX_DBC, BUS, databases, merged_dbc, test_log
 from benchmarks.peer_environment import PeersMissingError, run_beside_peers
 from benchmarks.table import Row, at_least, compared, judged, rate_of
 from benchmarks.timing import side_by_side
-from daq.databases import Database, shipped_dbc
-from daq.decode import Decoder
-from daq.frames import FrameBatch, split
+from daq.can import Database, Decoder, FrameBatch, shipped_dbc, split
 from daq.recording import RecordingWriter
 
 SECONDS = 310.0

@@ -9,13 +9,12 @@ from pathlib import Path
 
 from benchmarks.table import Row, at_most, judged, times
 from benchmarks.timing import CommandCost, command_cost, median_cpu_seconds
-from model.diagnosis.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.look import look
+from model.diagnosis.core import Campaign, DiagnosisOptions
+from model.diagnosis.time_series import look
 from model.effects import EFFECTS
-from model.soil_prior import prior_of
+from model.wheel_soil import prior_of
 from processing.pipeline import process
-from wheelsoil.virtual_campaign import simulated_roles
-from wheelsoil.virtual_options import SimulationOptions, parse_effect
+from wheelsoil.simulation import SimulationOptions, parse_effect, simulated_roles
 
 EFFECT = "vasilev:H_m=0.02"
 ALL = DiagnosisOptions(effects=tuple(key for key, effect in EFFECTS.items() if effect.reading == "any"))

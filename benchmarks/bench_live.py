@@ -16,9 +16,9 @@ from benchmarks import stand_in
 from benchmarks.can_log import databases, test_log
 from benchmarks.table import Row, at_least, at_most, compared, judged
 from benchmarks.timing import cpu_seconds
-from daq.frames import FrameArray, FrameBatch
+from daq.can import FrameArray, FrameBatch
 from daq.recording import RecordingWriter
-from daq.socketcan import SocketCanSource
+from daq.sources import SocketCanSource
 
 READ = 160
 """Frames a reading: what 20 ms bring at 8 kframes/s."""

@@ -12,9 +12,8 @@ import numpy as np
 
 from benchmarks.table import Row, at_least, compared, rate_of
 from benchmarks.timing import side_by_side
-from daq.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
+from daq.can import CLASSIC_DTYPE, FrameBatch, FrameFlag, messages_from_frames
 from daq.logs import read_log, write_candump
-from daq.messages import messages_from_frames
 
 FRAMES, TEXT_FRAMES = 300_000, 60_000
 """In a log; fewer in the formats that python-can reads slowly."""

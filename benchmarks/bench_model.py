@@ -9,17 +9,21 @@ import numpy as np
 
 from benchmarks.table import Row, at_most, judged
 from benchmarks.timing import median_cpu_seconds
-from daq.config import RunInfo
-from model.conditions import Conditions
-from model.contact import Patch, Quadrature, entry_angle, resultants
+from daq import RunInfo
 from model.effects import EFFECTS
-from model.fit import fit_models
-from model.fit_result import FitOptions
-from model.soils import SOILS
-from model.stresses import speed_ratio
-from model.wheel import Wheel
-from model.wheel_soil import WheelSoilModel
-from processing.processed_run import ProcessedRun, QualityReport, Segment
+from model.fit import FitOptions, fit_models
+from model.wheel_soil import (
+    SOILS,
+    Conditions,
+    Patch,
+    Quadrature,
+    Wheel,
+    WheelSoilModel,
+    entry_angle,
+    resultants,
+    speed_ratio,
+)
+from processing import ProcessedRun, QualityReport, Segment
 
 SAMPLES = 20_000
 WHEEL = Wheel(0.47, 0.318)

@@ -6,8 +6,7 @@ import numpy as np
 
 from benchmarks.table import Row, at_most, judged
 from benchmarks.timing import median_cpu_seconds
-from daq.channel import Channel
-from daq.config import VehicleConfig, WheelSection
+from daq import Channel, VehicleConfig, WheelSection
 from processing.pipeline import process
 
 _DURATION_S = 60.0

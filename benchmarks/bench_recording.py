@@ -16,7 +16,7 @@ from benchmarks.can_log import wft_frames
 from benchmarks.peer_environment import PeersMissingError, run_beside_peers
 from benchmarks.table import Row, at_least, at_most, compared, judged, rate_of
 from benchmarks.timing import side_by_side
-from daq.frames import CLASSIC_DTYPE, FrameArray, FrameBatch, split
+from daq.can import CLASSIC_DTYPE, FrameArray, FrameBatch, split
 from daq.recording import Recording, RecordingWriter
 
 FRAME_COUNT, BATCHED_COUNT = 200_000, 1_000_000

@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.table import Row, at_most, judged
-from daq.frames import CLASSIC_DTYPE, FrameArray, FrameBatch, split
-from daq.player import ReplaySummary
+from daq.can import CLASSIC_DTYPE, FrameArray, FrameBatch, split
 from daq.recording import Recording, RecordingWriter
-from daq.replay import replay_batches
+from daq.sources import ReplaySummary, replay_batches
 
 SECONDS = 10
 REPEATS = 3
@@ -34,12 +33,12 @@ class UdpSink:
         self._sender.connect(self._receiver.getsockname())
 
     def send(self, frames: FrameArray, timeout_s: float) -> None:
-        """See `daq.can_source.Sink`."""
+        """See `daq.sources.can_source.Sink`."""
         for frame in frames.view(f"V{frames.dtype.itemsize}").tolist():
             self._sender.send(frame)
 
     def close(self) -> None:
-        """See `daq.can_source.Sink`."""
+        """See `daq.sources.can_source.Sink`."""
         self._sender.close()
         self._receiver.close()
 

@@ -10,10 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.databases import Database
-from daq.frames import FrameBatch
-from daq.layout import Message, RawKind
-from daq.plan import SignalPlan, compile_plan
+from daq.can import Database, FrameBatch, Message, RawKind, SignalPlan, compile_plan
 
 _HEAD = """#include <math.h>
 #include <stdint.h>

@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from daq.databases import Database, load_database, shipped_dbc
-from daq.encode import encode, merge, rolling_counter
-from daq.frames import CLASSIC_DTYPE, FrameArray, FrameBatch
-from daq.layout import Message
+from daq.can import (
+    CLASSIC_DTYPE,
+    Database,
+    FrameArray,
+    FrameBatch,
+    Message,
+    encode,
+    load_database,
+    merge,
+    rolling_counter,
+    shipped_dbc,
+)
 
 AUX_DBC = """VERSION ""
 

@@ -17,10 +17,8 @@ from asammdf.blocks.v4_constants import BUS_TYPE_CAN, SOURCE_BUS
 
 from benchmarks.can_log import BUS
 from benchmarks.timing import side_by_side
-from daq.channel import Channel
-from daq.databases import load_database
-from daq.decode import Decoder
-from daq.frames import FrameArray, FrameBatch, concatenate
+from daq import Channel
+from daq.can import Decoder, FrameArray, FrameBatch, concatenate, load_database
 from daq.logs import read_log
 from daq.recording import Recording
 

@@ -29,7 +29,7 @@ class Judging:
 
     def watch(self) -> None:
         """Measure from now on."""
-        from daq.health.monitor import HealthMonitor
+        from daq.logger.health import HealthMonitor
 
         for name in ("take", "report"):
             setattr(HealthMonitor, name, self._timed(getattr(HealthMonitor, name)))
@@ -47,9 +47,9 @@ class Judging:
 
 def ours(folder: Path, stop: threading.Event, ready: Ready, flush_s: float = 0.2) -> int:
     """Record as `wheelsoil log` does: receive, write, decode, judge."""
-    from daq.config import VehicleConfig
+    from daq import VehicleConfig
     from daq.logger import log
-    from daq.socketcan import SocketCanSource
+    from daq.sources import SocketCanSource
 
     receiver = stand_in.listening()
     vehicle = VehicleConfig.model_validate(

@@ -17,13 +17,11 @@ from pathlib import Path
 
 from scipy.special import betaincinv
 
-from model.fit import fit_models
-from model.fit_result import FitOptions
-from model.soils import SOILS
+from model.fit import FitOptions, fit_models
+from model.wheel_soil import SOILS
+from processing import ProcessedRun
 from processing.pipeline import process
-from processing.processed_run import ProcessedRun
-from wheelsoil.virtual_campaign import simulated_roles
-from wheelsoil.virtual_options import SimulationOptions
+from wheelsoil.simulation import SimulationOptions, simulated_roles
 
 PARAMETER = {"vasilev": "H_m", "lyasko": "p", "ding": "n1"}
 TRUTH: dict[str, dict[str, dict[str, float]]] = {

@@ -16,7 +16,7 @@ import can
 import numpy as np
 from can.interfaces.socketcan import socketcan
 
-from daq.frames import FrameArray
+from daq.can import FrameArray
 
 _CAN_FRAME = np.dtype([("id", "u4"), ("length", "u1"), ("reserved", "V3"), ("data", "u1", (8,))])
 _BURST_S = 0.001

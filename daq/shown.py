@@ -1,4 +1,7 @@
-"""Numbers and tables as people see them, in a terminal and in a notebook."""
+"""Names from data as names of files.
+
+Numbers and tables as people see them, in a terminal and in a notebook.
+"""
 
 from __future__ import annotations
 
@@ -95,3 +98,8 @@ def _html_cells(tag: str, texts: Sequence[str], left: int) -> str:
 def html_paragraph(text: str) -> str:
     """Return an escaped text as a paragraph, or nothing of an empty one."""
     return f"<p>{escape(text)}</p>" if text else ""
+
+
+def file_name(name: str, fallback: str = "run") -> str:
+    """Return a name that stays in its folder: letters, digits, ``_ . - @``, no leading dot."""
+    return re.sub(r"[^\w.@-]+", "-", name).strip(".-") or fallback

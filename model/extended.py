@@ -13,14 +13,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from daq.config import parse_mapping
-from daq.errors import ConfigError, Fault, nearest
-from model.conditions import Conditions
-from model.diagnosis.result import Cause, ParameterEstimate, SoilEstimate
-from model.effects import EFFECTS
-from model.soils import SOIL_PARAMETERS, Soil
-from model.wheel import Wheel
-from model.wheel_soil import Prediction, Reading, WheelSoilModel
+from daq import ConfigError, Fault, nearest, parse_mapping
+from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
+from model.effects.catalogue import EFFECTS
+from model.wheel_soil.conditions import Conditions, Wheel
+from model.wheel_soil.soils import SOIL_PARAMETERS, Soil
+from model.wheel_soil.wheel_soil_model import Prediction, Reading, WheelSoilModel
 
 SCHEMA = "wheelsoil/model/1"
 Fact = str | float | tuple[str, ...]

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from math import isfinite
 
-from daq.errors import ConfigError, Fault, nearest
+from daq import ConfigError, Fault, nearest
 
 SLIP_ROLES = ("wheel_speed", "ground_speed")
 FORCE_ROLES = ("vertical_load", "drawbar_pull")
@@ -28,7 +28,7 @@ HIGHEST_AUTOMATIC_CUTOFF_HZ = 5.0
 
 @dataclass(frozen=True)
 class ProcessOptions:
-    """Choices for `processing.pipeline.process`.
+    """Choices for `processing.pipeline.pipeline.process`.
 
     Attributes
     ----------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.errors import DataError, Fault
+from daq import DataError, Fault
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -7,14 +7,12 @@ from math import radians
 
 import numpy as np
 
-from model.conditions import Conditions
-from model.diagnosis.campaign import Bench
-from model.effects import EFFECTS
-from model.observations import Observations
-from model.soil_prior import SoilPrior
-from model.soils import SOIL_PARAMETERS, Soil
-from model.wheel import Wheel
-from model.wheel_soil import WheelSoilModel
+from model.diagnosis.core.campaign import Bench
+from model.effects.catalogue import EFFECTS
+from model.fit.observations import Observations
+from model.wheel_soil.conditions import Conditions, Wheel
+from model.wheel_soil.soils import SOIL_PARAMETERS, Soil, SoilPrior
+from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
 WHEEL = Wheel(0.058, 0.050)
 SAND = Soil("sand", 500.0, radians(29), 0.0112, 1.468, 0.0, 8.476e6, 13_050.0)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.diagnosis.result import (
+from model.diagnosis.core.result import (
     Adequacy,
     Candidate,
     Cause,

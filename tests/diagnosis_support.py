@@ -7,16 +7,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from model.diagnosis.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.linearise import Linear, Point, Simulation, linearise
-from model.diagnosis.samples import Samples, samples_of
-from model.diagnosis.soil_space import soil_space
-from model.soil_prior import prior_of
-from model.virtual_test import VirtualSetup
-from model.virtual_test.noise import coloured_noise
-from processing.pipeline import process
-from wheelsoil.virtual_campaign import simulated_roles, simulated_run
-from wheelsoil.virtual_options import SimulationOptions, parse_effect
+from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.time_series.linearise import Linear, Point, Simulation, linearise, soil_space
+from model.diagnosis.time_series.samples import Samples, samples_of
+from model.simulation import VirtualSetup
+from model.simulation.transducer import coloured_noise
+from model.wheel_soil.soils import prior_of
+from processing.pipeline.pipeline import process
+from wheelsoil.simulation.campaign import simulated_roles, simulated_run
+from wheelsoil.simulation.options import SimulationOptions, parse_effect
 
 
 @lru_cache(maxsize=8)

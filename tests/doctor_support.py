@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.buses import load_for_vehicle
+from daq.can.buses import load_for_vehicle
+from daq.can.encoding import encode, merge
+from daq.can.frames import CLASSIC_DTYPE, FrameFlag
 from daq.config import VehicleConfig, load_toml
-from daq.encode import encode, merge
-from daq.frames import CLASSIC_DTYPE, FrameFlag
-from daq.interfaces import open_sink
+from daq.sources.interfaces import open_sink
 
 SHIPPED = Path(__file__).parents[1] / "dbc"
 PERIOD_S = 0.01

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from model.conditions import Conditions
-from model.contact import Quadrature
-from model.effects import EFFECTS, Effect
-from model.soils import SOILS
-from model.stresses import speed_ratio
-from model.wheel import Wheel
-from model.wheel_soil import Prediction, Reading, WheelSoilModel
+from model.effects.base import Effect
+from model.effects.catalogue import EFFECTS
+from model.wheel_soil.conditions import Conditions, Wheel
+from model.wheel_soil.contact import Quadrature
+from model.wheel_soil.soils import SOILS
+from model.wheel_soil.stresses import speed_ratio
+from model.wheel_soil.wheel_soil_model import Prediction, Reading, WheelSoilModel
 
 WHEEL = Wheel(0.47, 0.318)
 FINE = Quadrature(40, 4)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.diagnosis.grams import CauseColumn, Grams
+from model.diagnosis.time_series.grams import CauseColumn, Grams
 
 FloatArray = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from daq.can.databases import Database
+from daq.can.decoding import Decoder
+from daq.can.frames import FrameBatch, concatenate
 from daq.config import VehicleConfig
-from daq.databases import Database
-from daq.decode import Decoder
-from daq.frames import FrameBatch, concatenate
-from daq.health.monitor import HealthMonitor
-from daq.health.report import HealthReport, HostFacts, Reason
+from daq.logger.health.monitor import HealthMonitor
+from daq.logger.health.report import HealthReport, HostFacts, Reason
 
 STEP_NS = 200_000_000
 

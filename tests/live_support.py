@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from daq.open import open_runs
-from daq.panel import SNAPSHOT_SCHEMA
-from daq.run import Run
+from daq.logger.panel import SNAPSHOT_SCHEMA
+from daq.runs.open import open_runs
+from daq.runs.run import Run
 from processing.timebase import FloatArray
 
 SAMPLE = Path(__file__).parents[1] / "recordings" / "clay" / "run-1.mcap"

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch
+from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch
 from daq.recording import Recording, RecordingWriter
-from daq.recording.raw_frames import raw_batches, raw_channels
+from daq.recording.reader import raw_batches, raw_channels
 
 START_NS = 1_700_000_000_000_000_000
 

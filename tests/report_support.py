@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from daq.open import open_runs
+from daq.runs.open import open_runs
 from processing.options import ProcessOptions
-from wheelsoil.diagnosing import Processed
-from wheelsoil.fitting import FitChoices, fit_runs
 from wheelsoil.report.build import Report
 from wheelsoil.report.content import Panels, Section, Table, Text
-from wheelsoil.report.material import Material, source_of, versions
-from wheelsoil.runs import process_runs
+from wheelsoil.report.inputs import Material, source_of, versions
+from wheelsoil.workflows.diagnosis import Processed
+from wheelsoil.workflows.fit import FitChoices, fit_runs
+from wheelsoil.workflows.runs import process_runs
 
 
 def processed_of(campaign: Path) -> Processed:

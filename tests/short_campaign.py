@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from model.diagnosis.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.look import Look, look
-from model.diagnosis.noise import Noise, beliefs
-from model.diagnosis.samples import samples_of
-from model.soil_prior import prior_of
-from processing.pipeline import process
-from wheelsoil.virtual_campaign import simulated_roles
-from wheelsoil.virtual_options import SimulationOptions, parse_effect
+from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.time_series.looks import Look, look
+from model.diagnosis.time_series.noise import Noise, beliefs
+from model.diagnosis.time_series.samples import samples_of
+from model.wheel_soil.soils import prior_of
+from processing.pipeline.pipeline import process
+from wheelsoil.simulation.campaign import simulated_roles
+from wheelsoil.simulation.options import SimulationOptions, parse_effect
 
 
 @lru_cache(maxsize=12)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channel import Channel
+from daq.channels import Channel
 from daq.config import SensorSection, VehicleConfig, WheelSection
 
 FloatArray = NDArray[np.float64]

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.databases import load_database, shipped_dbc
-from daq.encode import encode, merge
-from daq.frames import FrameBatch
-from daq.layout import Message
+from daq.can.bits import Message
+from daq.can.databases import load_database, shipped_dbc
+from daq.can.encoding import encode, merge
+from daq.can.frames import FrameBatch
 from daq.recording import RecordingWriter
 
 FloatArray = NDArray[np.float64]

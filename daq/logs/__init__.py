@@ -1,8 +1,5 @@
 """Logs of other programs -> frames, and frames -> candump text; streaming, in bounded memory."""
 
-from daq.logs.candump_writer import write_candump
-from daq.logs.formats import LOG_FORMATS, LOG_SUFFIXES, LogFormat
-from daq.logs.reading import LogReading, read_log
-from daq.logs.report import LogReport
+import lazy_loader
 
-__all__ = ["LOG_FORMATS", "LOG_SUFFIXES", "LogFormat", "LogReading", "LogReport", "read_log", "write_candump"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,7 @@
-"""Which reader reads what: by suffix, checked against what the file looks like."""
+"""read_log: any log, in batches of a known size.
+
+Which reader reads what: by suffix, checked against what the file looks like.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,10 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Self
 
+from daq.can.frames import FrameBatch, concatenate, split
 from daq.errors import Fault, RecordingError, nearest
-from daq.frames import FrameBatch
 from daq.logs.blf import read_blf
 from daq.logs.candump import LINE, read_candump
 from daq.logs.gunzip import MAGIC, Gunzip
@@ -156,3 +159,106 @@ def _look(head: bytes) -> LogFormat | str | None:
 
 def _shown(head: bytes) -> str:
     return f"begins with {head[:40]!r}"
+
+
+class LogReading(Iterator[FrameBatch]):
+    """The batches of a log, and the report that grows with them.
+
+    Attributes
+    ----------
+    report : LogReport
+        Complete when the last batch has been read.
+    """
+
+    def __init__(self, batches: Iterator[FrameBatch], report: LogReport) -> None:
+        self._batches = batches
+        self.report = report
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> FrameBatch:
+        return next(self._batches)
+
+
+def read_log(path: str | Path, *, batch_frames: int = 65_536) -> LogReading:
+    """Read a CAN log: candump -L, BLF, ASC, TRC, MF4 or CSV, the text ones and BLF gzipped too.
+
+    Times are UTC where the log has a date (ASC, TRC and BLF dates are taken for UTC); otherwise they count from the
+    logger's own zero, and ``report.absolute_time`` is False. Frames stay in the order of the file. What cannot be read
+    is left out, counted and shown in the report.
+
+    Buses are called as in the log (candump), ``can0`` for the first channel of BLF, ASC and TRC, as python-can does,
+    ``can<BusChannel>`` in MF4, and ``can0`` in CSV, which names none.
+
+    Parameters
+    ----------
+    path : str or Path
+    batch_frames : int
+        Frames in a batch, at most; small pieces of a log are joined.
+
+    Returns
+    -------
+    LogReading
+        An iterator over `FrameBatch`. Each batch names the buses seen so far, the first ones first.
+
+    Raises
+    ------
+    RecordingError
+        At once if there is no such file, it is empty or no log; when reading if it breaks off or holds no frame.
+    ConfigError
+        If it is an MF4 file and asammdf is not installed.
+    """
+    place = Path(path)
+    file, known = open_log(place)
+    file.close()  # opened again when it is read: a reading that nobody starts holds no file open
+    report = LogReport(str(place), known.name)
+
+    def batches() -> Iterator[FrameBatch]:
+        file, _ = open_log(place)
+        with file:
+            yield from _regrouped(_guarded(known.read(file, report), file, report), batch_frames)
+        if not report.frames:
+            raise _nothing_readable(report)
+
+    return LogReading(batches(), report)
+
+
+def _guarded(batches: Iterator[FrameBatch], file: io.BufferedReader, report: LogReport) -> Iterator[FrameBatch]:
+    """Report a gzipped file that is cut off; any failure of the disk is an error."""
+    raw = file.raw
+    try:
+        yield from batches
+    except RecordingError:
+        raise
+    except OSError as error:
+        raise RecordingError(Fault("the log cannot be read any further", report.path, str(error))) from None
+    if isinstance(raw, Gunzip) and raw.damage:
+        report.damage = raw.damage
+
+
+def _regrouped(batches: Iterator[FrameBatch], size: int) -> Iterator[FrameBatch]:
+    pending: list[FrameBatch] = []
+    for batch in batches:
+        for piece in split(batch, size):
+            if pending and sum(map(len, pending)) + len(piece) > size:
+                yield concatenate(pending)
+                pending = []
+            pending.append(piece)
+            if sum(map(len, pending)) >= size // 4:
+                yield concatenate(pending) if len(pending) > 1 else piece
+                pending = []
+    if pending:
+        yield concatenate(pending)
+
+
+def _nothing_readable(report: LogReport) -> RecordingError:
+    said = report.remarks()
+    return RecordingError(
+        Fault(
+            f"no frame could be read as {report.format}",
+            report.path,
+            found="; ".join(said) or "no line that looks like a frame",
+            next_step="check that this is the right file; wheelsoil names a format by the file's suffix",
+        )
+    )

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from daq.can.frames import FrameArray
 from daq.errors import Fault, RecordingError
-from daq.frames import FrameArray
 
 EARLIEST_DATE_NS = 631_152_000 * 10**9
 """1990-01-01: a time stamp before it is not a date but counts from some zero of the logger's own."""

@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, BinaryIO
 
+from daq.can.frames import FrameBatch
+from daq.can.messages import frames_from_messages
 from daq.errors import Fault, RecordingError
-from daq.frames import FrameBatch
 from daq.logs.report import LogReport
-from daq.messages import frames_from_messages
 
 if TYPE_CHECKING:
     import can

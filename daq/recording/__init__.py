@@ -1,25 +1,5 @@
 """MCAP recordings, written and read as columns."""
 
-from daq.recording.contents import Loss
-from daq.recording.diagnostics import DiagnosticStatus
-from daq.recording.events import Event
-from daq.recording.gaps import Gap
-from daq.recording.part_writer import PartWriter
-from daq.recording.reader import Recording, Topic
-from daq.recording.recover import Recovery, recover
-from daq.recording.run_recording import RunRecording
-from daq.recording.writer import RecordingWriter
+import lazy_loader
 
-__all__ = [
-    "DiagnosticStatus",
-    "Event",
-    "Gap",
-    "Loss",
-    "PartWriter",
-    "Recording",
-    "RecordingWriter",
-    "Recovery",
-    "RunRecording",
-    "Topic",
-    "recover",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

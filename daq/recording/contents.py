@@ -1,13 +1,21 @@
-"""What an MCAP file holds and where, and the parsing of its small records.
+"""Find out what an MCAP file holds: from its summary, or, when that is lost, by walking the records.
+
+What an MCAP file holds and where, and the parsing of its small records.
 
 Nothing here trusts the file: a cut or a flipped byte becomes a `DamagedError`, and that a `Loss`.
+
+The summary of an MCAP file, taken only when its checksum holds.
+
+Walking the records of an MCAP file that has no summary, over damaged places.
 """
 
 from __future__ import annotations
 
+import contextlib
 import struct
-from collections.abc import Callable
-from dataclasses import dataclass, field
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO, TypeVar
@@ -15,10 +23,20 @@ from typing import BinaryIO, TypeVar
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Schema
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    Header,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
 
 from daq.errors import Fault, RecordingError
-from daq.recording.chunks import ChunkEntry, DamagedError, read_at
+from daq.recording.chunks import ChunkEntry, DamagedError, content_records, message_head, read_at, read_chunk
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")
@@ -126,3 +144,275 @@ def read_record(file: BinaryIO, offset: int, size: int | None, opcode: int) -> b
     if len(body) != length:
         raise DamagedError("the record is cut off")
     return body
+
+
+_FOOTER = struct.Struct("<BQQQI")
+_FOOTER_BODY_SIZE = 20
+
+
+def take_summary(file: BinaryIO, contents: Contents) -> bool:
+    """Take what the summary says, and say whether there was a whole one."""
+    footer_start = contents.size - _FOOTER.size - len(MAGIC)
+    tail = read_at(file, max(footer_start, 0), _FOOTER.size + len(MAGIC))
+    if footer_start < len(MAGIC) or tail[_FOOTER.size :] != MAGIC:
+        contents.losses.append(Loss("the end of the file is missing: no footer, no summary", contents.size, 0))
+        return False
+    opcode, length, start, _, crc = _FOOTER.unpack(tail[: _FOOTER.size])
+    if (opcode, length) == (Opcode.FOOTER, _FOOTER_BODY_SIZE) and start == 0:
+        return False
+    summary = read_at(file, start, footer_start - start) if len(MAGIC) <= start <= footer_start else b""
+    if not summary or (opcode, length) != (Opcode.FOOTER, _FOOTER_BODY_SIZE):
+        contents.losses.append(Loss("the footer is damaged", footer_start, _FOOTER.size))
+        return False
+    if crc and zlib.crc32(summary + tail[: _FOOTER.size - 4]) != crc:
+        contents.losses.append(Loss("the summary is damaged", start, len(summary)))
+        return False
+    found = Contents(contents.path, contents.size, contents.profile, contents.library, has_summary=True)
+    try:
+        whole = _take_records(found, summary)
+    except DamagedError as damage:
+        contents.losses.append(Loss(f"the summary is damaged: {damage}", start, len(summary)))
+        return False
+    if whole:
+        found.losses = contents.losses
+        vars(contents).update(vars(found))
+    return whole
+
+
+def _take_records(contents: Contents, summary: bytes) -> bool:
+    """Note what the summary lists, and say whether that is all there is."""
+    statistics: Statistics | None = None
+    for opcode, start, length in content_records(summary):
+        body = summary[start : start + length]
+        contents.define(opcode, body)
+        if opcode == Opcode.STATISTICS:
+            statistics = parsed(Statistics.read, body)
+            contents.message_counts = dict(statistics.channel_message_counts)
+            if statistics.message_count:
+                contents.log_time_range_ns = statistics.message_start_time, statistics.message_end_time
+        elif opcode == Opcode.CHUNK_INDEX:
+            contents.chunks.append(_entry(parsed(ChunkIndex.read, body)))
+        elif opcode == Opcode.ATTACHMENT_INDEX:
+            attachment = parsed(AttachmentIndex.read, body)
+            contents.attachments.append((attachment.offset, attachment.length))
+        elif opcode == Opcode.METADATA_INDEX:
+            metadata = parsed(MetadataIndex.read, body)
+            contents.metadata.append((metadata.offset, metadata.length))
+    if statistics is None:
+        return False
+    return (
+        len(contents.chunks) == statistics.chunk_count
+        and len(contents.attachments) == statistics.attachment_count
+        and len(contents.metadata) == statistics.metadata_count
+        and (statistics.chunk_count > 0 or statistics.message_count == 0)
+    )
+
+
+def _entry(record: ChunkIndex) -> ChunkEntry:
+    return ChunkEntry(
+        record.chunk_start_offset,
+        record.chunk_length,
+        record.message_start_time,
+        record.message_end_time,
+        frozenset(record.message_index_offsets) or None,
+    )
+
+
+_MESSAGE_INDEX_HEAD = struct.Struct("<HI")
+_SCAN_BLOCK = 1 << 20
+_CHUNK_MARKS = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")
+_MARK_OFFSET = 9 + 28
+"""Where the compression stands in a chunk record."""
+
+
+def walk(file: BinaryIO, contents: Contents) -> None:
+    """Note every whole record from the first to the last.
+
+    Where the next record is none, the length of the one before may be what is damaged: the search for the next
+    chunk goes on from there.
+    """
+    position = before = len(MAGIC)
+    while position < contents.size:
+        head = read_at(file, position, 9)
+        opcode, length = RECORD.unpack(head.ljust(9, b"\0"))
+        end = position + 9 + length
+        try:
+            if len(head) < 9 or end > contents.size:
+                raise DamagedError("a record is cut off")
+            if not _take_record(file, contents, opcode, position, length):
+                return
+            before, position = position, end
+        except DamagedError as damage:
+            _doubt_channels(contents)
+            resumed = _next_chunk(file, contents, before + 1)
+            contents.losses.append(Loss(str(damage), position, max(resumed - position, 0)))
+            before = position = resumed
+    _doubt_channels(contents)
+
+
+def _doubt_channels(contents: Contents) -> None:
+    """Take it that the last chunk may hold more channels than those whose index came before the damage."""
+    if contents.chunks and not contents.chunks[-1].bare:
+        contents.chunks[-1] = replace(contents.chunks[-1], channel_ids=None)
+
+
+def _take_record(file: BinaryIO, contents: Contents, opcode: int, position: int, length: int) -> bool:
+    """Note one record of the data section; say whether to walk on."""
+    size = 9 + length
+    if opcode == Opcode.CHUNK:
+        contents.chunks.append(ChunkEntry.at(file, position, size))
+    elif opcode == Opcode.MESSAGE_INDEX:
+        _take_message_index(file, contents, position, length)
+    elif opcode == Opcode.ATTACHMENT:
+        parsed(Attachment.read, read_at(file, position + 9, length))
+        contents.attachments.append((position, size))
+    elif opcode == Opcode.METADATA:
+        parsed(Metadata.read, read_at(file, position + 9, length))
+        contents.metadata.append((position, size))
+    elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+        contents.define(opcode, read_at(file, position + 9, length))
+    elif opcode == Opcode.MESSAGE and length >= 22:
+        _take_bare_message(file, contents, position, size)
+    elif opcode == Opcode.DATA_END and length == 4:
+        return False
+    elif opcode != Opcode.HEADER or position != len(MAGIC):
+        raise DamagedError("bytes that are no record")
+    return True
+
+
+def _take_message_index(file: BinaryIO, contents: Contents, position: int, length: int) -> None:
+    """Note which channel the chunk before holds, and how many messages of it."""
+    channel_id, size = _MESSAGE_INDEX_HEAD.unpack(read_at(file, position + 9, 6).ljust(6, b"\xff"))
+    if size != length - 6 or size % 16:
+        raise DamagedError("a message index contradicts itself about its length")
+    if contents.chunks:
+        contents.chunks[-1] = contents.chunks[-1].with_channel(channel_id)
+    contents.message_counts[channel_id] = contents.message_counts.get(channel_id, 0) + size // 16
+
+
+def _take_bare_message(file: BinaryIO, contents: Contents, position: int, size: int) -> None:
+    """Take messages that lie in no chunk as if they were one, run by run."""
+    channel_id, _, time_ns = struct.unpack("<HIQ", read_at(file, position + 9, 14))
+    if channel_id not in contents.channels:
+        raise DamagedError("a message of an unknown channel")
+    contents.message_counts[channel_id] = contents.message_counts.get(channel_id, 0) + 1
+    last = contents.chunks[-1] if contents.chunks else None
+    if last is not None and last.bare and last.offset + last.size == position and last.size < _SCAN_BLOCK:
+        contents.chunks[-1] = last.grown(size, time_ns, channel_id)
+    else:
+        contents.chunks.append(ChunkEntry(position, size, time_ns, time_ns, frozenset([channel_id]), bare=True))
+
+
+def _next_chunk(file: BinaryIO, contents: Contents, position: int) -> int:
+    """Return where the next believable chunk begins, or the end of the file."""
+    while position < contents.size:
+        block = read_at(file, position, _SCAN_BLOCK + _MARK_OFFSET + 8)
+        for start in _marked(block):
+            offset = position + start
+            try:
+                opcode, length = RECORD.unpack_from(block, start)
+                if opcode == Opcode.CHUNK and offset + 9 + length <= contents.size:
+                    ChunkEntry.at(file, offset, 9 + length)
+                    return offset
+            except DamagedError:
+                continue
+        position += _SCAN_BLOCK
+    return contents.size
+
+
+def _marked(block: bytes) -> Iterator[int]:
+    """Yield where in `block` a chunk could begin, by the name of its compression."""
+    found = []
+    for mark in _CHUNK_MARKS:
+        at = block.find(mark, _MARK_OFFSET)
+        while at >= 0:
+            found.append(at - _MARK_OFFSET)
+            at = block.find(mark, at + 1)
+    yield from sorted(found)
+
+
+def read_contents(path: Path) -> Contents:
+    """Find out what lies where in an MCAP file, whole or cut.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file, or it is no MCAP file.
+    """
+    try:
+        with path.open("rb") as file:
+            contents = Contents(path, file.seek(0, 2))
+            _check_magic(file, contents)
+            _take_header(file, contents)
+            if not take_summary(file, contents):
+                walk(file, contents)
+            _define_channels(file, contents)
+            return contents
+    except FileNotFoundError:
+        raise RecordingError(Fault("no such file", str(path), next_step="check the path")) from None
+    except IsADirectoryError:
+        raise RecordingError(Fault("a folder, not a recording", str(path), expected="an .mcap file")) from None
+    except OSError as error:
+        if isinstance(error, RecordingError):
+            raise
+        raise unreadable(path, error) from None
+
+
+def _check_magic(file: BinaryIO, contents: Contents) -> None:
+    head = read_at(file, 0, len(MAGIC))
+    if not head:
+        raise RecordingError(
+            Fault("the file is empty", str(contents.path), next_step="nothing was recorded; look for another file")
+        )
+    if head != MAGIC:
+        raise RecordingError(
+            Fault(
+                "not an MCAP file",
+                str(contents.path),
+                found=f"it begins with {head!r}",
+                expected=repr(MAGIC),
+                next_step="a log of another format goes through `wheelsoil import`",
+            )
+        )
+
+
+def _take_header(file: BinaryIO, contents: Contents) -> None:
+    try:
+        header = parsed(Header.read, read_record(file, len(MAGIC), None, Opcode.HEADER))
+        contents.profile, contents.library = header.profile, header.library
+    except DamagedError as damage:
+        contents.losses.append(Loss(f"the header: {damage}", len(MAGIC), 0))
+
+
+def _define_channels(file: BinaryIO, contents: Contents) -> None:
+    """Read chunks until every channel that one uses is defined, as far as any of them does.
+
+    A chunk may use what an earlier one defines that has no message of it: the nearest is looked into first.
+    """
+    looked_into: set[int] = set()
+    all_up_to = -1
+    for i, entry in enumerate(contents.chunks):
+        used = entry.channel_ids
+        if used is None:
+            looked_into.add(i)
+            used = _define_from(file, contents, entry)
+        for earlier in range(i, all_up_to, -1):
+            if all(map(contents.is_defined, used)):
+                break
+            if earlier not in looked_into:
+                looked_into.add(earlier)
+                _define_from(file, contents, contents.chunks[earlier])
+        else:
+            all_up_to = i
+
+
+def _define_from(file: BinaryIO, contents: Contents, entry: ChunkEntry) -> frozenset[int]:
+    """Take what a chunk defines, and return the channels of its messages."""
+    used: set[int] = set()
+    with contextlib.suppress(DamagedError):  # told where its frames are read
+        for opcode, start, length in content_records(content := read_chunk(file, entry)):
+            if opcode == Opcode.MESSAGE:
+                used.add(message_head(content, start, length)[0])
+            else:
+                contents.define(opcode, content[start : start + length])
+    return frozenset(used)

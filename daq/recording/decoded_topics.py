@@ -1,15 +1,27 @@
-"""Decoded topics: physical values as fixed-size messages, beside the raw frames they come from."""
+"""The decoded view of a recording: physical values beside the raw frames, for people and other tools.
+
+Decoded topics: physical values as fixed-size messages, beside the raw frames they come from.
+
+Writing what lies beside the raw frames: decoded topics, and what the host has to say.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.can.buses import messages_by_bus
+from daq.can.databases import Database
+from daq.can.frames import joined
+from daq.can.roles import resolve_roles
+from daq.channels import Channel
+from daq.config import VehicleConfig
 from daq.errors import DataError, Fault, nearest
-from daq.frames import joined
+from daq.recording.events import DiagnosticStatus, Event, HostTopics
 from daq.recording.format import NAVSATFIX_SCHEMA, NAVSATFIX_TEXT, fill_prefix, fixed_message_dtype
 from daq.recording.sink import McapSink, MessageGroup
 from daq.recording.topics import DecodedLayout, TopicNames, decoded_layout
@@ -158,3 +170,176 @@ def _group(topic: _Topic) -> MessageGroup:
     topic.pending = []
     offsets = np.arange(len(records), dtype=np.int64) * records.dtype.itemsize
     return MessageGroup(topic.channel_id, [records.tobytes()], offsets, records["log_time"].astype(np.int64))
+
+
+@dataclass(frozen=True)
+class Topics:
+    """The topics of one file beside the raw ones.
+
+    Attributes
+    ----------
+    decoded : DecodedTopics
+    host : HostTopics
+    chunk_bytes : int
+        Uncompressed size at which a chunk is written.
+    tick : callable
+        Is called after every write.
+    """
+
+    decoded: DecodedTopics
+    host: HostTopics
+    chunk_bytes: int
+    tick: Callable[[], None]
+
+    def settle(self, written: DecodedTopics | HostTopics) -> None:
+        """Write a chunk if there is enough for one."""
+        if written.pending_bytes >= self.chunk_bytes:
+            written.write_chunk()
+        self.tick()
+
+
+class TopicWriter(ABC):
+    """What decoded values, events, diagnostics and clock offsets are written to."""
+
+    @property
+    @abstractmethod
+    def topics(self) -> Topics:
+        """Of the file that is written now."""
+
+    def write_decoded(
+        self,
+        message: str,
+        bus: str,
+        time_ns: NDArray[np.int64],
+        signals: Mapping[str, NDArray[np.float64]],
+        units: Mapping[str, str],
+        *,
+        publish_ns: NDArray[np.int64] | None = None,
+    ) -> None:
+        """Write a DBC message's physical values as a topic of its own.
+
+        Parameters
+        ----------
+        message, bus : str
+        time_ns : int64 array, shape (n,)
+            Host receive time.
+        signals : mapping str -> float64 array, shape (n,)
+            NaN where a frame did not carry the signal.
+        units : mapping str -> str
+            Unit of every signal of the message; the first call for a message settles which there are.
+        publish_ns : int64 array, shape (n,), optional
+            Best estimate of the measurement time; `time_ns` where there is none.
+        """
+        self.topics.decoded.write(message, bus, time_ns, signals, units, time_ns if publish_ns is None else publish_ns)
+        self.topics.settle(self.topics.decoded)
+
+    def write_position(
+        self,
+        bus: str,
+        time_ns: NDArray[np.int64],
+        latitude_deg: NDArray[np.float64],
+        longitude_deg: NDArray[np.float64],
+        altitude_m: NDArray[np.float64] | None = None,
+    ) -> None:
+        """Write positions as a ROS 2 NavSatFix topic, for map panels; NaN is written as "no fix"."""
+        self.topics.decoded.write_position(bus, time_ns, latitude_deg, longitude_deg, altitude_m)
+        self.topics.settle(self.topics.decoded)
+
+    def write_event(self, event: Event) -> None:
+        """Write an event, topic ``/events``."""
+        self.topics.host.write_event(event)
+        self.topics.settle(self.topics.host)
+
+    def write_diagnostics(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
+        """Write how everything is at one moment, topic ``/diagnostics``.
+
+        Raises
+        ------
+        DataError
+            If a level is none of 0 to 3.
+        """
+        self.topics.host.write_diagnostics(time_ns, statuses)
+        self.topics.settle(self.topics.host)
+
+    def write_clock(
+        self, time_ns: int, bus: str, realtime_minus_monotonic_ns: int, file_minus_realtime_ns: int
+    ) -> None:
+        """Tell which clock offsets hold for the frames of a bus, topic ``/clock/host``.
+
+        To be called with every batch: it is written when an offset differs by more than 1 ms from what was written
+        last, and once a second.
+
+        Parameters
+        ----------
+        time_ns : int
+            On the recording's time base.
+        bus : str
+        realtime_minus_monotonic_ns : int
+            The host's CLOCK_REALTIME less its monotonic clock (`daq.host_clock.monotonic_ns`: on Linux CLOCK_BOOTTIME).
+        file_minus_realtime_ns : int
+            The recording's time base less the host's CLOCK_REALTIME.
+        """
+        self.topics.host.write_clock(time_ns, bus, realtime_minus_monotonic_ns, file_minus_realtime_ns)
+        self.topics.settle(self.topics.host)
+
+
+_SAME_FIX_NS = 100_000_000
+
+
+class DecodedView:
+    """Writes decoded topics, and positions where latitude and longitude have roles.
+
+    Parameters
+    ----------
+    writer : TopicWriter
+    vehicle : VehicleConfig
+    databases : mapping bus -> databases
+
+    Raises
+    ------
+    ConfigError
+        A position's role names no signal, or one with an unknown unit.
+    """
+
+    def __init__(
+        self, writer: TopicWriter, vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]
+    ) -> None:
+        self._writer = writer
+        self._units = {
+            (bus, name): {signal.name: signal.unit for signal in message.signals}
+            for bus, messages in messages_by_bus(databases).items()
+            for name, message in messages.items()
+        }
+        self._position = resolve_roles(vehicle, databases, (), ("latitude", "longitude"))
+
+    def write(self, decoded: Mapping[tuple[str, str], Channel]) -> None:
+        """Write what `daq.can.decoding.Decoder` made of a batch of frames."""
+        messages: dict[tuple[str, str], dict[str, Channel]] = {}
+        for (bus, name), channel in decoded.items():
+            message, _, signal = name.rpartition(".")
+            messages.setdefault((bus, message), {})[signal] = channel
+        for (bus, message), signals in messages.items():
+            time_ns = next(iter(signals.values())).time_ns
+            values = {name: channel.values for name, channel in signals.items()}
+            self._writer.write_decoded(message, bus, time_ns, values, self._units[bus, message])
+        self._write_position(decoded)
+
+    def _write_position(self, decoded: Mapping[tuple[str, str], Channel]) -> None:
+        """Join each latitude to the longitude of its own fix, which may travel in another message."""
+        found = {role: decoded.get(reference.key) for role, reference in self._position.items()}
+        latitude, longitude = found.get("latitude"), found.get("longitude")
+        if latitude is None or longitude is None or not len(latitude) or not len(longitude):
+            return
+        after = np.clip(np.searchsorted(longitude.time_ns, latitude.time_ns), 1, max(len(longitude) - 1, 1))
+        before = after - 1
+        after = np.minimum(after, len(longitude) - 1)
+        late = latitude.time_ns - longitude.time_ns[before] < longitude.time_ns[after] - latitude.time_ns
+        nearest = np.where(late, before, after)
+        rows = np.abs(longitude.time_ns[nearest] - latitude.time_ns) < _SAME_FIX_NS
+        in_si = {role: self._position[role].to_si(channel) for role, channel in found.items() if channel is not None}
+        self._writer.write_position(
+            self._position["latitude"].bus,
+            latitude.time_ns[rows],
+            np.degrees(in_si["latitude"].values[rows]),
+            np.degrees(in_si["longitude"].values[nearest[rows]]),
+        )

@@ -1,12 +1,37 @@
-"""Events of a recording: marks, clock steps, lost and returned buses; topic ``/events``, rcl_interfaces/msg/Log."""
+"""Events out of a recording's chunks.
+
+Events of a recording: marks, clock steps, lost and returned buses; topic ``/events``, rcl_interfaces/msg/Log.
+
+Diagnostics of a recording: topic ``/diagnostics``, diagnostic_msgs/msg/DiagnosticArray, as Foxglove shows them.
+
+Topics of the logger itself: events, diagnostics and the host's clock, in chunks that readers of frames skip.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal, get_args
 
-from daq.recording.cdr import CdrDecoder, CdrEncoder
-from daq.recording.format import TIME_DEFINITION
+import numpy as np
+from mcap.opcode import Opcode
+
+from daq.errors import DataError, Fault
+from daq.recording.chunks import MESSAGE_HEAD_SIZE, ChunkEntry, DamagedError, content_records, message_head, read_chunk
+from daq.recording.contents import Contents, unreadable
+from daq.recording.format import (
+    DEFINITION_RULE,
+    HEADER_DEFINITIONS,
+    MESSAGE_ENCODING,
+    MESSAGE_OPCODE,
+    PACKAGE,
+    RECORD_HEAD_SIZE,
+    TIME_DEFINITION,
+)
+from daq.recording.sink import McapSink, MessageGroup
+from daq.recording.topics import CdrDecoder, CdrEncoder
 
 Severity = Literal["info", "warning", "error"]
 
@@ -80,3 +105,213 @@ def decode_event(data: bytes, time_ns: int) -> Event:
     level = message.uint8()
     severity: Severity = "error" if level >= _LEVELS["error"] else "warning" if level >= _LEVELS["warning"] else "info"
     return Event(time_ns or stamp_ns, message.text(), message.text(), severity)
+
+
+DIAGNOSTIC_TOPIC = "/diagnostics"
+DIAGNOSTIC_SCHEMA = "diagnostic_msgs/msg/DiagnosticArray"
+DIAGNOSTIC_TEXT = f"""\
+std_msgs/Header header
+diagnostic_msgs/DiagnosticStatus[] status
+{HEADER_DEFINITIONS}{DEFINITION_RULE}
+MSG: diagnostic_msgs/DiagnosticStatus
+byte OK=0
+byte WARN=1
+byte ERROR=2
+byte STALE=3
+byte level
+string name
+string message
+string hardware_id
+diagnostic_msgs/KeyValue[] values
+{DEFINITION_RULE}
+MSG: diagnostic_msgs/KeyValue
+string key
+string value
+"""
+
+
+@dataclass(frozen=True)
+class DiagnosticStatus:
+    """How one thing is: a bus, a message, a signal, the disk.
+
+    Attributes
+    ----------
+    level : int
+        0 ok, 1 warning, 2 error, 3 stale.
+    name : str
+        Unique among the statuses of one moment; slashes make a tree of it, e.g. ``"bus/can0"``.
+    message : str
+    hardware_id : str
+    values : mapping str -> str
+    """
+
+    level: int
+    name: str
+    message: str = ""
+    hardware_id: str = ""
+    values: Mapping[str, str] = field(default_factory=dict)
+
+
+def encode_diagnostics(time_ns: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
+    """Return the CDR bytes of a diagnostic_msgs/msg/DiagnosticArray.
+
+    Raises
+    ------
+    DataError
+        If a level is none of 0 to 3.
+    """
+    message = CdrEncoder()
+    message.stamp(time_ns)
+    message.text("")
+    message.uint32(len(statuses))
+    for status in statuses:
+        if status.level not in range(4):
+            raise DataError(Fault(f"{status.name}: level {status.level}", expected="0 to 3"))
+        message.uint8(status.level)
+        message.text(status.name)
+        message.text(status.message)
+        message.text(status.hardware_id)
+        message.uint32(len(status.values))
+        for key, value in status.values.items():
+            message.text(key)
+            message.text(value)
+    return message.message()
+
+
+CLOCK_TOPIC = "/clock/host"
+CLOCK_SCHEMA = f"{PACKAGE}/msg/HostClock"
+CLOCK_TEXT = f"""\
+std_msgs/Header header
+int64 time_ns
+int64 realtime_minus_monotonic_ns
+int64 file_minus_realtime_ns
+{HEADER_DEFINITIONS}"""
+_CLOCK_CHANGE_NS = 1_000_000
+_CLOCK_EVERY_NS = 1_000_000_000
+_HEAD = struct.Struct("<BQHIQQ")
+
+
+@dataclass
+class _Topic:
+    channel_id: int
+    sequence: int = 0
+    records: list[bytes] = field(default_factory=list)
+    times_ns: list[int] = field(default_factory=list)
+
+
+class HostTopics:
+    """The topics of a recording that tell of the logger and its machine.
+
+    Parameters
+    ----------
+    sink : McapSink
+    """
+
+    def __init__(self, sink: McapSink) -> None:
+        self._sink = sink
+        self._topics: dict[str, _Topic] = {}
+        self._clocks: dict[str, tuple[int, int, int]] = {}
+        self.pending_bytes = 0
+
+    def write_event(self, event: Event) -> None:
+        """Gather an event."""
+        self._gather(EVENT_TOPIC, EVENT_SCHEMA, EVENT_TEXT, event.time_ns, encode_event(event))
+
+    def write_diagnostics(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
+        """Gather the statuses of one moment."""
+        data = encode_diagnostics(time_ns, statuses)
+        self._gather(DIAGNOSTIC_TOPIC, DIAGNOSTIC_SCHEMA, DIAGNOSTIC_TEXT, time_ns, data)
+
+    def write_clock(
+        self, time_ns: int, bus: str, realtime_minus_monotonic_ns: int, file_minus_realtime_ns: int
+    ) -> None:
+        """Gather a bus's clock offsets if they are news; see `RecordingWriter.write_clock`."""
+        told = self._clocks.get(bus)
+        if (
+            told is not None
+            and 0 <= time_ns - told[0] < _CLOCK_EVERY_NS
+            and abs(realtime_minus_monotonic_ns - told[1]) <= _CLOCK_CHANGE_NS
+            and abs(file_minus_realtime_ns - told[2]) <= _CLOCK_CHANGE_NS
+        ):
+            return
+        self._clocks[bus] = (time_ns, realtime_minus_monotonic_ns, file_minus_realtime_ns)
+        message = CdrEncoder()
+        message.stamp(time_ns)
+        message.text(bus)
+        for number in self._clocks[bus]:
+            message.int64(number)
+        self._gather(CLOCK_TOPIC, CLOCK_SCHEMA, CLOCK_TEXT, time_ns, message.message())
+
+    def write_chunk(self) -> None:
+        """Write what is gathered."""
+        self._sink.write_chunk(_group(topic) for topic in self._topics.values() if topic.records)
+        self.pending_bytes = 0
+
+    def _gather(self, name: str, schema: str, text: str, time_ns: int, data: bytes) -> None:
+        topic = self._topics.get(name)
+        if topic is None:
+            schema_id = self._sink.add_schema(schema, text)
+            topic = self._topics[name] = _Topic(self._sink.add_channel(name, schema_id, {}))
+        length = _HEAD.size - RECORD_HEAD_SIZE + len(data)
+        sequence, unsigned_ns = topic.sequence & 0xFFFFFFFF, max(time_ns, 0)
+        head = _HEAD.pack(MESSAGE_OPCODE, length, topic.channel_id, sequence, unsigned_ns, unsigned_ns)
+        topic.sequence += 1
+        topic.records.append(head + data)
+        topic.times_ns.append(unsigned_ns)
+        self.pending_bytes += len(head) + len(data)
+
+
+def _group(topic: _Topic) -> MessageGroup:
+    records, times_ns = topic.records, topic.times_ns
+    topic.records, topic.times_ns = [], []
+    sizes = np.array([0, *map(len, records[:-1])], np.int64)
+    return MessageGroup(topic.channel_id, records, np.cumsum(sizes), np.array(times_ns, np.int64))
+
+
+def read_events(path: Path, contents: Contents, damaged: Callable[[ChunkEntry, str], None]) -> tuple[Event, ...]:
+    """Return the events of a file, in its order.
+
+    Parameters
+    ----------
+    path : Path
+    contents : Contents
+    damaged : callable
+        Is told of each chunk that cannot be read, and why.
+
+    Raises
+    ------
+    RecordingError
+        If the file is gone, or the disk fails.
+    """
+    channels = {
+        channel.id
+        for channel in contents.channels.values()
+        if channel.topic == EVENT_TOPIC
+        and channel.message_encoding == MESSAGE_ENCODING
+        and channel.schema_id in contents.schemas
+        and contents.schemas[channel.schema_id].name == EVENT_SCHEMA
+    }
+    found: list[Event] = []
+    try:
+        with path.open("rb") as file:
+            for entry in contents.chunks if channels else ():
+                # only a summary is sure to name all channels of a chunk
+                if contents.has_summary and entry.channel_ids is not None and entry.channel_ids.isdisjoint(channels):
+                    continue
+                try:
+                    found += _events(read_chunk(file, entry), channels)
+                except DamagedError as damage:
+                    damaged(entry, str(damage))
+    except OSError as error:
+        raise unreadable(path, error) from None
+    return tuple(found)
+
+
+def _events(content: bytes, channels: set[int]) -> list[Event]:
+    found = []
+    for opcode, start, length in content_records(content):
+        if opcode == Opcode.MESSAGE:
+            channel_id, log_time_ns = message_head(content, start, length)
+            if channel_id in channels:
+                found.append(decode_event(content[start + MESSAGE_HEAD_SIZE : start + length], log_time_ns))
+    return found

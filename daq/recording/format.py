@@ -16,7 +16,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray
+from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray
 
 PROFILE = "ros2"
 MESSAGE_ENCODING = "cdr"

@@ -1,22 +1,145 @@
-"""PartWriter: a run in one recording after the other, without losing or doubling a frame between them."""
+"""PartWriter: a run in one recording after the other, without losing or doubling a frame between them.
+
+Sums of counts that are kept per bus or per kind.
+
+What a session has lost, as the parts of a run tell it.
+
+Which files are the parts of a run: ``R.mcap``, ``R.part2.mcap``, ``R.part3.mcap``, ...
+"""
 
 from __future__ import annotations
 
+import math
+import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TypedDict, Unpack
 
+from daq.can.frames import FrameBatch
 from daq.config import RunInfo
 from daq.errors import Fault, HardwareError, RecordingError
-from daq.frames import FrameBatch
 from daq.recording.chunks import Compression
-from daq.recording.counts import total
-from daq.recording.losses import LossTeller
-from daq.recording.parts import ROTATED, part_number, part_path, parts_on_disk
-from daq.recording.topic_writer import Topics, TopicWriter
+from daq.recording.decoded_topics import Topics, TopicWriter
+from daq.recording.format import LOSSES
 from daq.recording.writer import RecordingWriter
+
+
+def total(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
+    """Return the sum of counts, key by key."""
+    summed: dict[str, int] = {}
+    for one in counts:
+        for key, count in one.items():
+            summed[key] = summed.get(key, 0) + count
+    return summed
+
+
+def since(now: Mapping[str, int], before: Mapping[str, int]) -> dict[str, int]:
+    """Return by how much counts have grown."""
+    return {key: count - before.get(key, 0) for key, count in now.items()}
+
+
+_EVERY_S = 1.0
+
+
+class LossTeller:
+    """Keeps counts of what was lost, and writes a metadata record of them when there is news.
+
+    Parameters
+    ----------
+    clock : callable
+        Monotonic time, s.
+
+    Attributes
+    ----------
+    drops : dict str -> int
+        Frames lost before they were recorded, per bus, since the session's first part.
+    """
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self.drops: dict[str, int] = {}
+        self._drops_before: dict[str, int] = {}
+        self._losses: dict[str, int] = {}
+        self._told: dict[str, int] = {}
+        self._told_at = -math.inf
+
+    @property
+    def part_drops(self) -> dict[str, int]:
+        """The drops of this part."""
+        return since(self.drops, self._drops_before)
+
+    def note(self, drops: Mapping[str, int] | None, losses: Mapping[str, int] | None) -> None:
+        """Take what has been lost so far; what was noted last holds where nothing is given."""
+        self.drops = self.drops if drops is None else dict(drops)
+        self._losses = self._losses if losses is None else dict(losses)
+
+    def tell_if_due(self, writer: RecordingWriter) -> None:
+        """Tell the file of news, at most once a second."""
+        if self._clock() - self._told_at >= _EVERY_S:
+            self.tell(writer)
+
+    def tell(self, writer: RecordingWriter) -> None:
+        """Tell the file of news."""
+        if self._losses != self._told:
+            writer.add_metadata(LOSSES, {key: str(count) for key, count in self._losses.items()})
+            self._told, self._told_at = dict(self._losses), self._clock()
+
+    def begin_part(self) -> None:
+        """Count and tell from here on for the next part."""
+        self._drops_before, self._told = self.drops, {}
+
+
+ROTATED = "rotated"
+"""Exit status of a part that another one follows."""
+
+_PART_NAME = re.compile(r"(?P<first>.+)\.part(?P<number>[1-9]\d*)")
+
+
+def part_path(first: Path, number: int) -> Path:
+    """Return the file of a part: ``R.mcap``, ``R.part2.mcap``, ...; `first` is that of the first part."""
+    return first if number == 1 else first.with_name(f"{first.stem}.part{number}{first.suffix}")
+
+
+def part_number(path: Path) -> tuple[Path, int]:
+    """Return the first part's file and the number of a part; ``(path, 1)`` where the name tells no part."""
+    match = _PART_NAME.fullmatch(path.stem)
+    if match is None or match["number"] == "1":
+        return path, 1
+    return path.with_name(match["first"] + path.suffix), int(match["number"])
+
+
+def parts_on_disk(first: Path) -> dict[int, Path]:
+    """Return the parts of a run that are there, by number, in order.
+
+    Raises
+    ------
+    RecordingError
+        If the folder cannot be read.
+    """
+    try:
+        found = [path for path in first.parent.iterdir() if path.name.startswith(first.stem)]
+    except FileNotFoundError:
+        return {}
+    except OSError as error:
+        what = error.strerror or str(error)
+        raise RecordingError(Fault("the folder cannot be read", str(first.parent), what)) from None
+    numbered = {part_number(path)[1]: path for path in found if part_number(path)[0] == first}
+    return dict(sorted(numbered.items()))
+
+
+def next_part(first: Path) -> tuple[Path, int]:
+    """Return the file and the number of the part that comes after those that are there.
+
+    Raises
+    ------
+    RecordingError
+        If the folder cannot be read.
+    """
+    number = max(parts_on_disk(first), default=0) + 1
+    return part_path(first, number), number
+
 
 _RETRY_AFTER_S = 10.0
 

@@ -15,12 +15,8 @@ from playwright.sync_api import sync_playwright
 from plotly.subplots import make_subplots
 from study import CHANNELS, HERE, bench, weighed
 
-from model.diagnosis.bench import diagnose_bench
-from model.diagnosis.bench_skid import driven_rows, skid_law
-from model.diagnosis.bench_transfer import transfer
-from model.diagnosis.bench_weigh import Weighed, Weighing
-from model.diagnosis.campaign import DiagnosisOptions
-from model.diagnosis.result import Seen
+from model.diagnosis.core import DiagnosisOptions, Seen
+from model.diagnosis.single_wheel import Weighed, Weighing, diagnose_bench, driven_rows, skid_law, transfer
 
 FloatArray = NDArray[np.float64]
 IMAGES = HERE.parent / "images"

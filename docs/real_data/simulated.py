@@ -14,17 +14,12 @@ from dataclasses import replace
 import numpy as np
 from study import HERE
 
-from daq.config import TerrainConfig, load_toml
-from model.conditions import Conditions
-from model.diagnosis.bench import diagnose_bench
-from model.diagnosis.bench_coordinates import SoilCoordinates
-from model.diagnosis.campaign import Bench, DiagnosisOptions
+from daq import TerrainConfig, load_toml
+from model.diagnosis.core import Bench, DiagnosisOptions
+from model.diagnosis.single_wheel import SoilCoordinates, diagnose_bench
 from model.effects import EFFECTS
-from model.observations import Observations
-from model.soil_prior import prior_of
-from model.soils import soil_from_terrain
-from model.wheel import Wheel
-from model.wheel_soil import WheelSoilModel
+from model.fit import Observations
+from model.wheel_soil import Conditions, Wheel, WheelSoilModel, prior_of, soil_from_terrain
 
 SLIPS = np.repeat([0.0, 0.23, 0.5, 0.75, 0.9], 3)
 SCATTER = {"dp": 0.3, "z": 0.6e-3}

@@ -14,20 +14,25 @@ from typing import Any
 
 import numpy as np
 
-from model.diagnosis import bench_noise
-from model.diagnosis.bench import diagnose_bench
-from model.diagnosis.bench_columns import CauseUse, Hypothesis
-from model.diagnosis.bench_estimates import parameter_draws
-from model.diagnosis.bench_held_out import foretell
-from model.diagnosis.bench_problem import BenchProblem
-from model.diagnosis.bench_sets import library
-from model.diagnosis.bench_skid import driven_rows, skid_law
-from model.diagnosis.bench_transfer import OWN, Transfer, transfer
-from model.diagnosis.bench_weigh import Weighing, weigh
-from model.diagnosis.campaign import Bench, DiagnosisOptions
-from model.diagnosis.result import Diagnosis
-from wheelsoil.bench_files import read_bench
-from wheelsoil.diagnosing import bench_of
+from model.diagnosis.core import Bench, Diagnosis, DiagnosisOptions
+from model.diagnosis.single_wheel import (
+    OWN,
+    BenchProblem,
+    CauseUse,
+    Hypothesis,
+    Transfer,
+    Weighing,
+    diagnose_bench,
+    driven_rows,
+    foretell,
+    library,
+    parameter_draws,
+    skid_law,
+    transfer,
+    weigh,
+)
+from model.diagnosis.single_wheel import noise as bench_noise
+from wheelsoil.workflows import bench_of, read_bench
 
 HERE = Path(__file__).parent
 TABLE = ("cmu-terramech-testbed", "wheel_trials.csv")

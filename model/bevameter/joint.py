@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
-from daq.errors import DataError, Fault
-from model.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
+from daq import DataError, Fault
+from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
 
 FloatArray = NDArray[np.float64]
 Common = Callable[[FloatArray], tuple[FloatArray, FloatArray]]

@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from daq.config import SOIL_KEYS, SoilSection, TerrainConfig, UncertaintySection
-from daq.errors import ConfigError, DataError, Fault
+from daq import SOIL_KEYS, ConfigError, DataError, Fault, SoilSection, TerrainConfig, UncertaintySection
 from model.bevameter.joint import JointFit
 from model.bevameter.pressure_sinkage import PressureSinkage
 from model.bevameter.shear_strength import ShearStrength
-from model.soil_prior import prior_of
-from model.soils import SOIL_PARAMETERS, soil_from_terrain
+from model.wheel_soil.soils import SOIL_PARAMETERS, prior_of, soil_from_terrain
 
 FloatArray = NDArray[np.float64]
 

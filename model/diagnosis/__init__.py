@@ -1,1 +1,1 @@
-"""The diagnosis: what the simulation gets wrong, its cause, the extended model, the gain."""
+"""What the simulation gets wrong, and why."""

@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
-from model.dual import Dual, Number
+from model.wheel_soil.dual import Dual, Number
 
 if TYPE_CHECKING:
-    from model.conditions import Conditions
-    from model.contact import Patch
     from model.effects.signals import Signals
-    from model.state import Reaction, SoilState, WheelState
-    from model.wheel import Wheel
+    from model.wheel_soil.conditions import Conditions, Reaction, SoilState, Wheel, WheelState
+    from model.wheel_soil.contact import Patch
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,8 @@ class Effect:
     """A change of the base model that vanishes at its parameters' neutral values.
 
     A subclass states the class variables and overrides only the hooks it needs. Hooks are plain numpy formulas on
-    columns (n, 1) and get sensitivities by themselves (`model.dual`): no ``if`` on a value, `model.dual.where` instead.
+    columns (n, 1) and get sensitivities by themselves (`model.wheel_soil.dual`): no ``if`` on a value, but its
+    ``where``.
     A hook's ``values`` hold the effect's own parameters by their short names.
 
     Attributes

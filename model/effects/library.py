@@ -7,7 +7,7 @@ from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from daq.errors import ConfigError, Fault
+from daq import ConfigError, Fault
 from model.effects.base import Effect, Parameter
 
 GROUP = "wheelsoil.effects"

@@ -14,19 +14,6 @@ zero: spin slowly.
 Taking a, b and c off leaves, in either axes, nothing for a lifted wheel and the load of the ground for one that stands.
 """
 
-from processing.transducer_zero.apply import RunZeros, ZeroRemoval
-from processing.transducer_zero.checks import WeightCheck, check_weight
-from processing.transducer_zero.determine import Lifted, TransducerSignal, determine
-from processing.transducer_zero.drift import Drift, drift_between
+import lazy_loader
 
-__all__ = [
-    "Drift",
-    "Lifted",
-    "RunZeros",
-    "TransducerSignal",
-    "WeightCheck",
-    "ZeroRemoval",
-    "check_weight",
-    "determine",
-    "drift_between",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -16,18 +16,17 @@ from blind.folders import run_info, terrain_config, vehicle_config, write_campai
 from blind.mix import Case
 
 from daq.config import TerrainConfig, WheelSection
-from daq.open import open_runs
-from model.diagnosis.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.result import Diagnosis
-from model.effects import EFFECTS
-from model.soil_prior import prior_of
-from model.soils import soil_from_terrain
-from model.wheel import Wheel
+from daq.runs.open import open_runs
+from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.core.result import Diagnosis
+from model.effects.catalogue import EFFECTS
+from model.wheel_soil.conditions import Wheel
+from model.wheel_soil.soils import prior_of, soil_from_terrain
 from processing.options import ProcessOptions
-from processing.pipeline import process
+from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun
-from wheelsoil.diagnosing import campaigns_of
-from wheelsoil.runs import process_runs
+from wheelsoil.workflows.diagnosis import campaigns_of
+from wheelsoil.workflows.runs import process_runs
 
 OPTIONS = ProcessOptions(purpose="diagnose")
 _GIVEN_EVERY = 3
@@ -63,7 +62,7 @@ def _campaign(runs: tuple[ProcessedRun, ...], terrain: TerrainConfig, wheel: Whe
 
 def asked(campaign: Campaign, case: Case, truth: dict[str, Any]) -> dict[str, Any]:
     """Diagnose a campaign; where something listed is hidden, once more with nothing else in the library."""
-    from model.diagnosis.diagnose import diagnose
+    from model.diagnosis.time_series.diagnosis import diagnose
 
     options = DiagnosisOptions(
         reading="literal" if case.kind == "literal" else "balanced",

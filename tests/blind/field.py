@@ -14,7 +14,7 @@ from blind.sensors import Suite, measured
 from blind.vendors import VENDORS, Vendor
 from blind.wheel import RADIUS_M, Care, Moments, Physics, Reading, readings, soil_forces
 
-from daq.channel import Channel
+from daq.channels import Channel
 
 _SOLVE_EVERY = 4
 

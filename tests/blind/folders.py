@@ -16,12 +16,12 @@ from blind.sensors import Suite
 from blind.vendors import Vendor
 from blind.wheel import OUTBOARD_KG, OUTBOARD_KGM2, RADIUS_M, WIDTH_M
 
-from daq.channel import Channel
+from daq.can.bits import Message
+from daq.can.databases import load_database
+from daq.can.encoding import encode, merge
+from daq.can.frames import FrameBatch
+from daq.channels import Channel
 from daq.config import RunInfo, TerrainConfig, VehicleConfig
-from daq.databases import load_database
-from daq.encode import encode, merge
-from daq.frames import FrameBatch
-from daq.layout import Message
 from daq.logs import write_candump
 from daq.recording import RecordingWriter
 

@@ -10,7 +10,7 @@ from blind.rim import FloatArray
 from blind.wheel import Reading
 from scipy.signal import lfilter
 
-from daq.channel import Channel
+from daq.channels import Channel
 
 START_NS = 1_751_350_000_000_000_000
 _METRES_PER_DEGREE = 111_195.0

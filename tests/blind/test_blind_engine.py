@@ -11,10 +11,10 @@ from blind.mix import Mix, cases
 from blind.study import run
 from blind.tables import figures, joined
 
-from model.diagnosis.campaign import DiagnosisOptions
-from model.diagnosis.diagnose import diagnose
-from model.diagnosis.result import Diagnosis
-from model.effects import EFFECTS
+from model.diagnosis.core.campaign import DiagnosisOptions
+from model.diagnosis.core.result import Diagnosis
+from model.diagnosis.time_series.diagnosis import diagnose
+from model.effects.catalogue import EFFECTS
 
 
 def diagnosed(seed: int, soil: str, hidden: list[tuple[str, float]]) -> Diagnosis:

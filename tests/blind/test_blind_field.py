@@ -18,11 +18,11 @@ from blind.vendors import VENDORS
 from blind.wheel import RADIUS_M, Reading, simulated, slip_of
 from scipy.linalg import cholesky, solve_triangular
 
-from daq.open import open_runs
+from daq.runs.open import open_runs
 from processing.options import ProcessOptions
-from processing.pipeline import process
+from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun
-from wheelsoil.runs import process_runs
+from wheelsoil.workflows.runs import process_runs
 
 HERE = Path(__file__).parent
 _MEETS_THE_ENGINE = ("engine", "study", "tables")

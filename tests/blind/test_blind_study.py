@@ -13,7 +13,7 @@ from blind.mix import FULL, Mix, cases
 from blind.study import read_lines
 from blind.tables import figures, write_report
 
-from model.effects import EFFECTS
+from model.effects.catalogue import EFFECTS
 
 
 def test_every_family_of_the_library_is_hidden_but_the_literal_readings_own() -> None:

@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from support import shared_file
 
-from model.conditions import Conditions
-from model.contact import Patch, Quadrature, entry_angle, resultants
-from model.effects import EFFECTS
-from model.sinkage import balanced
-from model.soils import SOILS
-from model.stresses import speed_ratio
-from model.wheel import Wheel
-from model.wheel_soil import WheelSoilModel
+from model.effects.catalogue import EFFECTS
+from model.wheel_soil.balance import balanced
+from model.wheel_soil.conditions import Conditions, Wheel
+from model.wheel_soil.contact import Patch, Quadrature, entry_angle, resultants
+from model.wheel_soil.soils import SOILS
+from model.wheel_soil.stresses import speed_ratio
+from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
 TAB3 = {
     "clay": {"H_m": 0.02, "m1": 0.1, "m2": 0.05, "n1": 0.35},

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from effects_support import FINE, OUTPUTS, WHEEL, away, full_conditions, measured, model_with, reading_of, slopes
 
-from model.conditions import Conditions
-from model.dual import column
-from model.effects import EFFECTS, MEASUREMENT, PHYSICAL, Parameter
-from model.gauss_newton import gauss_newton
-from model.soils import SOIL_PARAMETERS, SOILS
-from model.wheel_soil import WheelSoilModel
+from model.effects.base import Parameter
+from model.effects.catalogue import EFFECTS, MEASUREMENT, PHYSICAL
+from model.fit.gauss_newton import gauss_newton
+from model.wheel_soil.conditions import Conditions
+from model.wheel_soil.dual import column
+from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
+from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
 DOCS = Path(__file__).parents[2] / "docs" / "effects"
 CONDITIONS = full_conditions()

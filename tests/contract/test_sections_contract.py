@@ -12,14 +12,14 @@ from diagnosis_samples import diagnosis
 
 import wheelsoil.report.sections
 from daq.errors import WheelsoilError
-from daq.open import open_runs
+from daq.runs.open import open_runs
 from processing.options import ProcessOptions
-from wheelsoil.fitting import FitChoices, fit_runs
-from wheelsoil.plain import to_json
 from wheelsoil.report.content import Panels, Section, Table
-from wheelsoil.report.material import Material, source_of, versions
+from wheelsoil.report.inputs import Material, source_of, versions
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
-from wheelsoil.runs import process_runs
+from wheelsoil.wording.to_json import to_json
+from wheelsoil.workflows.fit import FitChoices, fit_runs
+from wheelsoil.workflows.runs import process_runs
 
 every_section = pytest.mark.parametrize("module", SECTIONS, ids=lambda module: module.KEY)
 

@@ -9,17 +9,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from daq.channel import Channel
+from daq.channels import Channel
 from daq.config import RunInfo, VehicleConfig
-from model.conditions import Conditions
-from model.effects import EFFECTS
-from model.soils import SOILS
-from model.virtual_test import VirtualRun
-from model.wheel_soil import Reading, WheelSoilModel
-from processing.pipeline import process
+from model.effects.catalogue import EFFECTS
+from model.simulation import VirtualRun
+from model.wheel_soil.conditions import Conditions
+from model.wheel_soil.soils import SOILS
+from model.wheel_soil.wheel_soil_model import Reading, WheelSoilModel
+from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun
-from wheelsoil.virtual_campaign import simulated_roles, simulated_run
-from wheelsoil.virtual_options import SimulationOptions
+from wheelsoil.simulation.campaign import simulated_roles, simulated_run
+from wheelsoil.simulation.options import SimulationOptions
 
 SEEN = ("drawbar_pull", "driving_torque", "vertical_load", "ground_speed", "wheel_speed", "latitude", "longitude")
 

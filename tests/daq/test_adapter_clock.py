@@ -15,11 +15,10 @@ from can.interfaces.virtual import VirtualBus
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from daq.adapter_clock import AdapterClock
+from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
 from daq.config import BusSection
-from daq.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
 from daq.host_clock import HostClock, StampTracker
-from daq.python_can import PythonCanSource
+from daq.sources.python_can import AdapterClock, PythonCanSource
 
 MS = 10**6
 SECOND = 10**9

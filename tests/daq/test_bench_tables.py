@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from support import data_dir
 
-from daq.bench_tables import read_plate_tests, read_shear_tests, read_wheel_table
 from daq.errors import ConfigError, DataError
-from daq.table_options import parse_rename, parse_where
+from daq.series.single_wheel_tables import read_plate_tests, read_shear_tests, read_wheel_table
+from daq.series.tables import parse_rename, parse_where
 
 
 def _write(folder: Path, text: str, name: str = "table.csv") -> Path:

@@ -10,10 +10,9 @@ from dbc_layouts import dbc
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.bits import bit_field, read_raw, write_raw
-from daq.databases import load_database
-from daq.decode import decode
-from daq.layout import RawKind, Signal
+from daq.can.bits import RawKind, Signal, bit_field, read_raw, write_raw
+from daq.can.databases import load_database
+from daq.can.decoding import decode
 
 WIDTH = 64
 """Bytes of a CAN FD frame."""

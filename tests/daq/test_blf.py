@@ -11,12 +11,12 @@ from frames_support import content, some_frames
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from daq.can.frames import FrameBatch, FrameFlag, concatenate
+from daq.can.messages import messages_from_frames
 from daq.errors import RecordingError
-from daq.frames import FrameBatch, FrameFlag, concatenate
 from daq.logs import blf, read_log
 from daq.logs.blf import read_blf
 from daq.logs.report import LogReport
-from daq.messages import messages_from_frames
 
 
 def written(batch: FrameBatch, **options: int) -> bytes:

@@ -14,14 +14,13 @@ from frames_support import START_NS, classical, content, same, some_frames
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from daq.can.frames import FrameBatch, FrameFlag, concatenate, split
+from daq.can.messages import messages_from_frames
 from daq.errors import DataError, RecordingError
-from daq.frames import FrameBatch, FrameFlag, concatenate, split
 from daq.logs import candump as candump_module
 from daq.logs import read_log, write_candump
-from daq.logs.candump import read_candump
-from daq.logs.candump_writer import candump_text
+from daq.logs.candump import candump_text, read_candump
 from daq.logs.report import LogReport
-from daq.messages import messages_from_frames
 
 BUSES = ("can0", "can1", "vcan17")
 

@@ -9,11 +9,10 @@ import pytest
 from cantools_reference import assert_same, load_reference
 from support import data_dir
 
-from daq.bits import bit_field, write_raw
-from daq.databases import load_database
-from daq.decode import Decoder
+from daq.can.bits import EXTENDED_BIT, Message, bit_field, write_raw
+from daq.can.databases import load_database
+from daq.can.decoding import Decoder
 from daq.errors import DatabaseError
-from daq.layout import EXTENDED_BIT, Message
 
 LOADABLE = 179
 NOTHING_LEFT = ("issue_199", "issue_199_extended", "gm_global_a_lowspeed", "generator__honda__honda_crv_ex_2017_body")

@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from daq import decode as decode_module
-from daq.databases import Database, load_database
-from daq.decode import Decoder, decode
+from daq.can import decoding as decode_module
+from daq.can.databases import Database, load_database
+from daq.can.decoding import Decoder, decode
+from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag, concatenate
+from daq.can.identify import Coverage, coverage
 from daq.errors import DatabaseError
-from daq.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag, concatenate
-from daq.identify import Coverage, coverage
 
 DBC = """VERSION ""
 BU_: A

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from support import data_dir
 
-from daq.databases import load_database
-from daq.decode import decode
+from daq.can.databases import load_database
+from daq.can.decoding import decode
+from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
+from daq.can.identify import coverage
 from daq.errors import DatabaseError
-from daq.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
-from daq.identify import coverage
 
 LINE = re.compile(rb"\((\d+)\.(\d{6})\) (\S+) ([0-9A-F]+)#([0-9A-F]*)")
 

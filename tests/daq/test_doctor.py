@@ -14,15 +14,20 @@ import numpy as np
 import pytest
 from doctor_support import free_port, nodes, vehicle_folder
 
-from daq.can_source import SourceCounters
-from daq.channel import Channel
-from daq.databases import load_database
-from daq.doctor import CHECKS, Line, Situation, Verdict, examine, gather
-from daq.doctor.clocks import judged_status, judged_time, kernel_clock_status
-from daq.doctor.disk import judged_times, sync_times_s
-from daq.doctor.host import judged_unit
-from daq.doctor.links import Link, with_details
-from daq.session.folder_lock import folder_lock
+from daq.can.databases import load_database
+from daq.channels import Channel
+from daq.logger.doctor import CHECKS, Line, Situation, Verdict, examine, gather
+from daq.logger.doctor.host import (
+    judged_status,
+    judged_time,
+    judged_times,
+    judged_unit,
+    kernel_clock_status,
+    sync_times_s,
+)
+from daq.logger.doctor.links import Link, with_details
+from daq.logger.run_files import folder_lock
+from daq.sources.can_source import SourceCounters
 from daq.zero_file import ChannelZero, Determination, ZeroConfig, zeros_toml
 
 ROOT = Path(__file__).parents[2]

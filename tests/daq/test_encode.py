@@ -11,12 +11,12 @@ from dbc_layouts import HEAD, MULTIPLEXED, dbc, signals
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.databases import Database, load_database, shipped_dbc
-from daq.decode import decode
-from daq.encode import encode, merge, rolling_counter
+from daq.can.bits import Message, RawKind
+from daq.can.databases import Database, load_database, shipped_dbc
+from daq.can.decoding import decode
+from daq.can.encoding import encode, merge, rolling_counter
+from daq.can.frames import FrameFlag
 from daq.errors import DatabaseError
-from daq.frames import FrameFlag
-from daq.layout import Message, RawKind
 
 
 def message_of(database: Database, name: str) -> Message:

@@ -10,10 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from daq.health.arrivals import learn, learned_after
-from daq.health.flow import MessageFlow
-from daq.health.gaps import Gaps
-from daq.layout import Message
+from daq.can.bits import Message
+from daq.logger.health.flow import MessageFlow
+from daq.logger.health.gaps import Gaps, learn, learned_after
 
 MS = 1_000_000
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.health.counters import NO_VALUE, RollingCounter, counts, is_named_so, may_count, raw_of
-from daq.layout import RawKind, Signal
+from daq.can.bits import RawKind, Signal
+from daq.logger.health.counters import NO_VALUE, RollingCounter, counts, is_named_so, may_count, raw_of
 
 
 def signal(name: str = "Counter", bits: int = 4, **more: object) -> Signal:

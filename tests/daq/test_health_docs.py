@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from daq.health.board import reason
-from daq.health.codes import CODES, Code
-from daq.health.report import Level
+from daq.logger.health.codes import CODES, Code
+from daq.logger.health.report import Level, reason
 
 PAGE = Path(__file__).parents[2] / "docs" / "health.md"
 

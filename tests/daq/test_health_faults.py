@@ -11,11 +11,11 @@ import pytest
 from health_support import Seen, watch
 from numpy.typing import NDArray
 
+from daq.can.frames import FrameArray, FrameBatch, FrameFlag, concatenate
 from daq.config import VehicleConfig
-from daq.frames import FrameArray, FrameBatch, FrameFlag, concatenate
-from daq.health.report import BusFacts, BusState, HostFacts, Level
-from daq.open import open_runs
-from daq.run import Run
+from daq.logger.health.report import BusFacts, BusState, HostFacts, Level
+from daq.runs.open import open_runs
+from daq.runs.run import Run
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 FORCES, MOMENTS, WHEEL, SPEEDS, GNSS_2, GNSS_3 = 256, 257, 258, 464, 770, 771
@@ -102,8 +102,8 @@ def test_frames_dropped_of_a_message_without_counter() -> None:
 def test_skipped_frames_are_not_lost() -> None:
     from health_support import in_steps
 
-    from daq.decode import Decoder
-    from daq.health.monitor import HealthMonitor
+    from daq.can.decoding import Decoder
+    from daq.logger.health.monitor import HealthMonitor
 
     batch = recorded()
     monitor = HealthMonitor(run().vehicle, run().databases, started_ns=int(batch.frames["time_ns"][0]))

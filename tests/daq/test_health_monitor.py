@@ -14,19 +14,17 @@ from health_support import watch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from daq.can.bits import Message, RawKind, Signal
+from daq.can.databases import load_database, shipped_dbc
+from daq.can.decoding import Decoder
+from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, FrameFlag, concatenate
 from daq.config import VehicleConfig
-from daq.databases import load_database, shipped_dbc
-from daq.decode import Decoder
-from daq.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, FrameFlag, concatenate
-from daq.health.board import Board, Recent, Since, reason
-from daq.health.diagnostics import statuses
-from daq.health.monitor import HealthMonitor
-from daq.health.report import BusFacts, HostFacts, Level
-from daq.health.traffic import bits_on_wire
-from daq.health.values import SATURATED_RUN, SignalValues
-from daq.layout import Message, RawKind, Signal
-from daq.open import open_runs
-from daq.recording.diagnostics import encode_diagnostics
+from daq.logger.health.monitor import HealthMonitor, statuses
+from daq.logger.health.report import Board, BusFacts, HostFacts, Level, Recent, Since, reason
+from daq.logger.health.traffic import bits_on_wire
+from daq.logger.health.values import SATURATED_RUN, SignalValues
+from daq.recording.events import encode_diagnostics
+from daq.runs.open import open_runs
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 SECOND_NS = 10**9

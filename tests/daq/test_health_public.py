@@ -8,9 +8,9 @@ import pytest
 from health_support import Seen, watch
 from support import data_dir
 
+from daq.can.databases import load_database
 from daq.config import VehicleConfig
-from daq.databases import load_database
-from daq.health.report import Level
+from daq.logger.health.report import Level
 from daq.logs import read_log
 
 

@@ -10,8 +10,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from daq.health.flow import MessageFlow
-from daq.layout import Message, RawKind, Signal
+from daq.can.bits import Message, RawKind, Signal
+from daq.logger.health.flow import MessageFlow
 
 MS = 1_000_000
 COUNTER = Signal("Counter", "", 0, 4, big_endian=False, kind=RawKind.UNSIGNED)

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from daq.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
+from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
 from daq.host_clock import EARLY_NS, HostClock, StampTracker, monotonic_ns
 
 MS = 10**6

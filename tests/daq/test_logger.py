@@ -15,12 +15,12 @@ import pytest
 from frames_support import content, some_frames
 from logger_support import Handset, Recorder, virtual_bus, wait_until
 
-from daq.can_source import Sink
 from daq.config import BusSection, VehicleConfig
 from daq.errors import ConfigError, HardwareError
-from daq.interfaces import open_sink
-from daq.logger import log
+from daq.logger.field_logger import log
 from daq.recording import Recording
+from daq.sources.can_source import Sink
+from daq.sources.interfaces import open_sink
 
 
 @pytest.fixture
@@ -86,7 +86,7 @@ def test_a_signal_leaves_a_closed_recording(tmp_path: Path, number: signal.Signa
 import json, sys, threading
 import can
 from daq.config import BusSection, VehicleConfig
-from daq.logger import log
+from daq.logger.field_logger import log
 bus = can.Bus(interface="virtual", channel="x")
 def send(_):
     bus.send_periodic(can.Message(arbitration_id=0x123, data=[1, 2, 3]), 0.01)

@@ -16,17 +16,17 @@ from frames_support import content
 from logger_support import Handset, Opener, Recorder, ScriptedSource, recent_frames, virtual_bus, wait_until
 from recording_support import limited
 
-from daq.can_source import InterfaceDownError
+from daq.can.databases import load_database, shipped_dbc
+from daq.can.frames import FrameBatch, concatenate
 from daq.config import BusSection, LoggerSection, RunInfo, VehicleConfig
-from daq.databases import load_database, shipped_dbc
 from daq.errors import ConfigError, Fault, HardwareError
-from daq.frames import FrameBatch, concatenate
-from daq.interfaces import open_sink
-from daq.logger import log
-from daq.python_can import PythonCanSource
+from daq.logger.field_logger import log
+from daq.logger.inspection import Inspection
+from daq.logger.session_monitor import LogSummary
 from daq.recording import PartWriter, Recording
-from daq.session.inspection import Inspection
-from daq.session.summary import LogSummary
+from daq.sources.can_source import InterfaceDownError
+from daq.sources.interfaces import open_sink
+from daq.sources.python_can import PythonCanSource
 
 SCRIPTED = VehicleConfig(bus=(BusSection(channel="x"),))
 
@@ -157,7 +157,7 @@ def test_an_inspection_that_fails_costs_no_frame(tmp_path: Path, monkeypatch: py
 def test_an_inspection_that_is_stuck_costs_no_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     release = threading.Event()
     monkeypatch.setattr(Inspection, "inspect", lambda *_: release.wait(60))
-    monkeypatch.setattr("daq.session.attendance._INSPECTION_STUCK_S", 0.3)
+    monkeypatch.setattr("daq.logger.session_monitor._INSPECTION_STUCK_S", 0.3)
     opener, panel = Opener("x"), Handset()
     recorder = Recorder(SCRIPTED, tmp_path, opener=opener, panel=panel)
     now = panel.wait_for(lambda now: now["level"] == "red")
@@ -226,8 +226,8 @@ def test_what_a_failing_disk_does_not_take_is_counted(tmp_path: Path, taken: int
 def test_the_service_manager_hears_of_life_until_no_source_answers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stuck: bool
 ) -> None:
-    monkeypatch.setattr("daq.session.watch._LOOK_EVERY_S", 0.02)
-    monkeypatch.setattr("daq.session.watch._STUCK_S", 0.2)
+    monkeypatch.setattr("daq.logger.watch._LOOK_EVERY_S", 0.02)
+    monkeypatch.setattr("daq.logger.watch._STUCK_S", 0.2)
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
     released, source = threading.Event(), ScriptedSource("x")
     if stuck:
@@ -259,7 +259,7 @@ def test_recording_ends_with_a_whole_file_when_the_reserve_is_reached(
 
     real, taken = shutil.disk_usage, []
     monkeypatch.setattr(
-        "daq.disk_guard.shutil.disk_usage", lambda path: real(path)._replace(free=0) if taken else real(path)
+        "daq.logger.disk_guard.shutil.disk_usage", lambda path: real(path)._replace(free=0) if taken else real(path)
     )
     opener = Opener("x")
     recorder = Recorder(SCRIPTED, tmp_path, opener=opener)

@@ -16,24 +16,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 from logger_support import Opener, recent_frames
 
-from daq.channel import Channel
+from daq.can.databases import load_database, shipped_dbc
+from daq.can.frames import FrameBatch, concatenate
+from daq.channels import Channel
 from daq.config import BusSection, VehicleConfig
-from daq.databases import load_database, shipped_dbc
-from daq.disk_guard import DiskGuard
 from daq.errors import HardwareError
-from daq.frames import FrameBatch, concatenate
-from daq.health.report import HostFacts, Level
 from daq.host_clock import HostClock
-from daq.notify import Notifier
-from daq.reconnect import ReconnectingSource
-from daq.session.byte_queue import ByteQueue
-from daq.session.feed import Feed
-from daq.session.folder_lock import folder_lock
-from daq.session.listener import Arrival, Listener
-from daq.session.run_clock import RunClock
-from daq.session.run_files import safe_name
-from daq.session.traces import Traces
-from daq.session.watch import Watch
+from daq.logger.disk_guard import DiskGuard
+from daq.logger.health.report import HostFacts, Level
+from daq.logger.inspection import Feed
+from daq.logger.listener import Arrival, ByteQueue, Listener
+from daq.logger.panel import Traces
+from daq.logger.recorder import RunClock
+from daq.logger.run_files import folder_lock, safe_name
+from daq.logger.session_monitor import Notifier
+from daq.logger.watch import Watch
+from daq.sources.reconnect import ReconnectingSource
 
 
 @given(sizes=st.lists(st.integers(1, 50), max_size=30), limit=st.integers(1, 60))
@@ -112,7 +110,7 @@ def test_a_source_counts_over_its_reopenings() -> None:
 
 def test_the_disk_lasts_as_long_as_its_growth_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     free = [10_000_000_000]
-    monkeypatch.setattr("daq.disk_guard.shutil.disk_usage", lambda _: type("Usage", (), {"free": free[0]}))
+    monkeypatch.setattr("daq.logger.disk_guard.shutil.disk_usage", lambda _: type("Usage", (), {"free": free[0]}))
     guard = DiskGuard(tmp_path, warn_min=60.0, reserve_mb=1000.0)
     assert math.isnan(guard.look(0.0, 0).minutes)
     state = guard.look(10.0, 10_000_000)

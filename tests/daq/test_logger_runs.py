@@ -16,11 +16,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from logger_support import Handset, Opener, Recorder, recent_frames, virtual_bus, wait_until
 
+from daq.can.frames import concatenate
 from daq.config import BusSection, LoggerSection, RunInfo, VehicleConfig, VehicleSection
 from daq.errors import HardwareError, RecordingError
-from daq.frames import concatenate
-from daq.logger import log
-from daq.panel import Command
+from daq.logger.field_logger import log
+from daq.logger.panel import Command
 from daq.recording import Event, PartWriter, Recording, RunRecording
 
 SCRIPTED = VehicleConfig(vehicle=VehicleSection(name="test rig"), bus=(BusSection(channel="x"),))
@@ -111,7 +111,7 @@ def test_a_killed_logger_goes_on_in_the_next_part_of_its_run(tmp_path: Path) -> 
 import sys, time
 import can
 from daq.config import BusSection, LoggerSection, VehicleConfig, VehicleSection
-from daq.logger import log
+from daq.logger.field_logger import log
 bus = can.Bus(interface="virtual", channel="x")
 bus.send_periodic(can.Message(arbitration_id=0x123, data=[1, 2, 3]), 0.002)
 vehicle = VehicleConfig(vehicle=VehicleSection(name="test rig"), bus=(BusSection(channel="x", interface="virtual"),))
@@ -266,7 +266,7 @@ def test_every_run_has_its_own_losses_and_the_id_that_was_asked_for(tmp_path: Pa
 
 def test_a_storm_of_commands_holds_up_no_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A button that sticks: what is asked for too often is not done."""
-    monkeypatch.setattr("daq.session.attendance._SWITCH_EVERY_S", 0.2)
+    monkeypatch.setattr("daq.logger.session_monitor._SWITCH_EVERY_S", 0.2)
     opener, panel = Opener("x"), Handset()
     recorder = Recorder(SCRIPTED, tmp_path, opener=opener, panel=panel)
     for _ in range(10):

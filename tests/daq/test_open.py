@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daq.can.databases import load_database, shipped_dbc
+from daq.can.encoding import encode
+from daq.can.frames import FrameBatch, concatenate
 from daq.config import RunInfo, VehicleConfig
-from daq.databases import load_database, shipped_dbc
-from daq.encode import encode
 from daq.errors import ConfigError, DatabaseError, RecordingError
-from daq.frames import FrameBatch, concatenate
 from daq.logs import write_candump
-from daq.open import open_runs
-from daq.recording import RecordingWriter, recover
+from daq.recording import RecordingWriter
+from daq.recording import recovery as recover
+from daq.runs.open import open_runs
 
 START_NS = 1_700_000_000_000_000_000
 VEHICLE = """

@@ -11,7 +11,7 @@ import pytest
 from closed_folders import as_nobody, closed
 
 from daq.errors import WheelsoilError
-from daq.open import campaign_folders, open_runs
+from daq.runs.open import campaign_folders, open_runs
 
 RUN = Path(__file__).parents[2] / "recordings" / "clay" / "run-1.mcap"
 

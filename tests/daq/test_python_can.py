@@ -13,7 +13,7 @@ import pytest
 
 from daq.config import BusSection
 from daq.errors import HardwareError
-from daq.python_can import _EXTRAS, open_bus
+from daq.sources.python_can import _EXTRAS, open_bus
 
 
 def test_an_interface_without_its_package_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,13 +17,13 @@ from logger_support import Clocks
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
+from daq.can.frames import FrameBatch
 from daq.config import BusSection, LoggerSection, RunInfo, VehicleConfig
-from daq.frames import FrameBatch
 from daq.host_clock import HostClock
+from daq.logger.listener import Arrival
+from daq.logger.recorder import Recorder, RecorderOptions
+from daq.logger.run_files import new_run
 from daq.recording import Recording
-from daq.session.listener import Arrival
-from daq.session.recorder import Recorder, RecorderOptions
-from daq.session.run_files import new_run
 
 TICK_S = 0.01
 MOST_LOST_BY_A_KILL_S, MOST_LOST_BY_A_POWER_CUT_S = 0.25, 1.2

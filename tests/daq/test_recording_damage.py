@@ -17,10 +17,11 @@ from recording_support import START_NS, by_topic, random_frames, write_recording
 from support import data_dir
 from zstandard import ZstdDecompressor
 
+from daq.can.frames import FrameBatch, concatenate
 from daq.config import RunInfo
 from daq.errors import HardwareError, RecordingError
-from daq.frames import FrameBatch, concatenate
-from daq.recording import Recording, RecordingWriter, recover
+from daq.recording import Recording, RecordingWriter
+from daq.recording import recovery as recover
 
 FILES = {"wft.dbc": bytes(range(256)) * 2, "vehicle.toml": b"[wheel]\n"}
 RUN = RunInfo(id="7", direction="back")
@@ -213,7 +214,7 @@ WRITER = """
 import sys, time
 sys.path.insert(0, sys.argv[2])
 from recording_support import random_frames
-from daq.frames import FrameBatch
+from daq.can.frames import FrameBatch
 from daq.recording import RecordingWriter
 writer = RecordingWriter(sys.argv[1], flush_every_s=0.02)
 for seed in range(10_000):

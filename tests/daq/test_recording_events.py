@@ -9,13 +9,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from recording_support import START_NS, random_frames
 
+from daq.can.frames import FrameBatch
 from daq.errors import DataError
-from daq.frames import FrameBatch
 from daq.recording import DiagnosticStatus, Event, Recording, RecordingWriter
-from daq.recording.cdr import CdrDecoder
 from daq.recording.chunks import DamagedError
-from daq.recording.diagnostics import encode_diagnostics
-from daq.recording.events import decode_event, encode_event
+from daq.recording.events import decode_event, encode_diagnostics, encode_event
+from daq.recording.topics import CdrDecoder
 
 # Lone surrogates are no text, and ROS strings end at a NUL.
 TEXT = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=40)

@@ -10,7 +10,7 @@ import pytest
 from logger_support import Clocks
 from recording_support import START_NS, random_frames
 
-from daq.frames import FrameBatch, split
+from daq.can.frames import FrameBatch, split
 from daq.recording import DiagnosticStatus, Event, Recording, RecordingWriter
 from daq.recording.topics import TopicNames, field_names, snake_case
 

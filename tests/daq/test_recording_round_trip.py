@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recording_support import START_NS, by_topic, expected_by_topic, plain_bytes, random_frames, write_recording
 
+from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, concatenate, split
 from daq.config import RunInfo
 from daq.errors import ConfigError, DataError, RecordingError
-from daq.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, concatenate, split
 from daq.recording import Recording, RecordingWriter
 
 BUSES = ("can0", "can-0", "vehicle bus", "9")

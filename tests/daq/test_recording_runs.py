@@ -11,12 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recording_support import START_NS, plain_bytes, random_frames
 
+from daq.can.frames import FrameBatch, concatenate
 from daq.config import RunInfo
 from daq.errors import ConfigError, DataError, RecordingError
-from daq.frames import FrameBatch, concatenate
-from daq.open import open_runs
-from daq.recording import Event, PartWriter, RecordingWriter, RunRecording, recover
-from daq.recording.parts import next_part, part_path, parts_on_disk
+from daq.recording import Event, PartWriter, RecordingWriter, RunRecording
+from daq.recording import recovery as recover
+from daq.recording.part_writer import next_part, part_path, parts_on_disk
+from daq.runs.open import open_runs
 
 RUN = RunInfo(id="7", direction="back")
 BATCHES = [FrameBatch(random_frames(number, 40 + 7 * number, bus_count=2), ("can0", "can1")) for number in range(4)]

@@ -18,17 +18,17 @@ from frames_support import START_NS, classical, content, same, some_frames
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.can_source import Source
+from daq.can.frames import FrameArray, FrameBatch, FrameFlag, concatenate, split
 from daq.config import BusSection, RunInfo
 from daq.errors import ConfigError, DataError, HardwareError, RecordingError
-from daq.frames import FrameArray, FrameBatch, FrameFlag, concatenate, split
-from daq.interfaces import open_source
 from daq.logs import write_candump
-from daq.player import ReplaySummary
-from daq.recording import PartWriter, RecordingWriter, raw_frames
+from daq.recording import PartWriter, RecordingWriter
+from daq.recording import reader as raw_frames
 from daq.recording.chunks import ChunkEntry, read_chunk
-from daq.replay import replay, replay_batches
-from daq.rounds import Rounds
+from daq.sources.can_source import Source
+from daq.sources.interfaces import open_source
+from daq.sources.player import ReplaySummary
+from daq.sources.replaying import Rounds, replay, replay_batches
 
 
 def listening() -> Source:

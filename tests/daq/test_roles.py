@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.channel import Channel
+from daq.can.databases import Database, load_database, shipped_dbc
+from daq.can.roles import ROLE_QUANTITIES, SignalRef, resolve_roles
+from daq.channels import Channel
 from daq.config import ROLES, VehicleConfig
-from daq.databases import Database, load_database, shipped_dbc
 from daq.errors import ConfigError
-from daq.roles import ROLE_QUANTITIES, SignalRef, resolve_roles
 from daq.units import Quantity, find_unit, known_units
 
 HUB = """VERSION ""
@@ -136,7 +136,7 @@ def test_a_signal_on_several_buses_needs_the_bus() -> None:
 
 def test_the_shipped_files_serve_all_roles_but_sinkage() -> None:
     path = shipped_dbc("wft.dbc")
-    from daq.buses import load_for_vehicle
+    from daq.can.buses import load_for_vehicle
     from daq.config import load_toml
 
     config = load_toml(path.with_name("vehicle.toml"), VehicleConfig)

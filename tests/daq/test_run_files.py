@@ -10,8 +10,8 @@ import pytest
 from frames_support import some_frames
 
 from daq.config import RunInfo, VehicleConfig, VehicleSection
+from daq.logger.run_files import VEHICLE_KEY, RunFiles, named_run, unfinished_run
 from daq.recording import PartWriter, Recording
-from daq.session.run_files import VEHICLE_KEY, RunFiles, named_run, unfinished_run
 
 VEHICLE = VehicleConfig(vehicle=VehicleSection(name="test rig"))
 

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.errors import ConfigError, DataError
-from daq.table_options import SharedOptions, Source, parse_rename, parse_where
-from daq.tables import read_table
+from daq.series.tables import SharedOptions, Source, parse_rename, parse_where, read_table
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 

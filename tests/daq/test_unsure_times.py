@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag, split
-from daq.unsure_times import UnsureTimes
+from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag, split
+from daq.host_clock import UnsureTimes
 
 _BUSES = ("can0", "can1")
 MS = 1_000_000

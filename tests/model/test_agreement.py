@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from gram_support import column, world
 
-from model.diagnosis.agreement import disagreements, other_forms
-from model.diagnosis.grams import Grams
-from model.diagnosis.result import Cause, ParameterEstimate
+from model.diagnosis.core.result import Cause, ParameterEstimate
+from model.diagnosis.findings.agreement import disagreements, other_forms
+from model.diagnosis.time_series.grams import Grams
 
 RUNS = {"clay": 3, "sand": 3}
 COLUMNS = (column("a"), column("b"), column("c", "c1"), column("c", "c2"))

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model.balance import Contact, solve
-from model.conditions import Conditions
-from model.contact import CHUNK, Quadrature
-from model.dual import Dual, column
-from model.soils import SOIL_PARAMETERS, SOILS
-from model.state import SoilState
+from model.wheel_soil.balance import Contact, solve
+from model.wheel_soil.conditions import Conditions, SoilState
+from model.wheel_soil.contact import CHUNK, Quadrature
+from model.wheel_soil.dual import Dual, column
+from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
 
 UNSOLVABLE = 7
 

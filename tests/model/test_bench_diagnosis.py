@@ -10,11 +10,11 @@ import pytest
 from bench_samples import SAND, bench, prior
 
 from daq.errors import ConfigError, DataError
-from model.diagnosis.bench import diagnose_bench
-from model.diagnosis.bench_columns import CauseUse
-from model.diagnosis.bench_transfer import transfer
-from model.diagnosis.campaign import DiagnosisOptions
-from model.diagnosis.result import Diagnosis
+from model.diagnosis.core.campaign import DiagnosisOptions
+from model.diagnosis.core.result import Diagnosis
+from model.diagnosis.single_wheel.diagnose import diagnose_bench
+from model.diagnosis.single_wheel.problem import CauseUse
+from model.diagnosis.single_wheel.transfer_study import transfer
 
 FEW = ("vasilev", "interface_friction", "stress_peak_shift", "drawbar_pull_zero", "load_gain", "skid_sinkage")
 """A short library: what is tested is the machine, not its length."""

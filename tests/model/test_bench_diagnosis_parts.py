@@ -12,18 +12,15 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 from scipy.stats import multivariate_normal
 
-from model.diagnosis.bench_adequacy import misfits, threshold
-from model.diagnosis.bench_columns import CauseUse, Hypothesis
-from model.diagnosis.bench_coordinates import CauseCoordinate, SoilCoordinates, cut_off
-from model.diagnosis.bench_evidence import posterior_of
-from model.diagnosis.bench_noise import ChannelNoise, groups_of_rows, scatter_of_repeats
-from model.diagnosis.bench_optima import answered
-from model.diagnosis.bench_problem import BenchProblem
-from model.diagnosis.bench_search import log_likelihood, search
-from model.diagnosis.bench_sets import Sets, family_of, library
-from model.diagnosis.bench_skid import driven_rows, skid_law
-from model.diagnosis.campaign import DiagnosisOptions
-from model.effects import EFFECTS
+from model.diagnosis.core.campaign import DiagnosisOptions
+from model.diagnosis.single_wheel.coordinates import CauseCoordinate, SoilCoordinates, cut_off
+from model.diagnosis.single_wheel.evidence import posterior_of
+from model.diagnosis.single_wheel.noise import ChannelNoise, groups_of_rows, scatter_of_repeats
+from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
+from model.diagnosis.single_wheel.search import answered, log_likelihood, search
+from model.diagnosis.single_wheel.sets import Sets, driven_rows, family_of, library, skid_law
+from model.diagnosis.single_wheel.weighing import misfits, threshold
+from model.effects.catalogue import EFFECTS
 
 BOTH = DiagnosisOptions(channels=("dp", "z"))
 

@@ -6,8 +6,8 @@ from bench_soil import plate_tests
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.bench_tables import PlateTest
 from daq.errors import ConfigError, DataError
+from daq.series.single_wheel_tables import PlateTest
 from model.bevameter import PressureSinkage, WindowOptions, fit_plate, fit_pressure_sinkage
 
 Z = np.linspace(0.0005, 0.03, 60)

@@ -6,8 +6,8 @@ from bench_soil import shear_tests
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.bench_tables import ShearTest
 from daq.errors import ConfigError, DataError
+from daq.series.single_wheel_tables import ShearTest
 from model.bevameter import fit_shear, fit_shear_strength
 
 J = np.linspace(0, 0.08, 60)

@@ -7,8 +7,7 @@ from bench_soil import plate_tests, shear_tests
 from daq.config import SOIL_KEYS, TerrainConfig, parse_toml
 from daq.errors import ConfigError, DataError
 from model.bevameter import fit_pressure_sinkage, fit_shear_strength, terrain_of, terrain_toml
-from model.soil_prior import prior_of
-from model.soils import soil_from_terrain
+from model.wheel_soil.soils import prior_of, soil_from_terrain
 
 BASE = """
 [soil]

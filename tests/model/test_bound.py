@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from stressed_wheel import StressedWheel
 
-from model.bound import BoundRows, inconsistent
+from model.diagnosis.core.consistency import BoundRows, inconsistent
 
 POINTS = 400
 

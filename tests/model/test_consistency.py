@@ -7,15 +7,14 @@ from dataclasses import replace
 import numpy as np
 from stressed_wheel import StressedWheel
 
-from model.diagnosis.campaign import Bench, Campaign
-from model.diagnosis.consistency import inconsistencies
-from model.observations import Observations
-from model.soil_prior import prior_of
-from model.soils import SOILS
-from model.wheel import Wheel
-from processing.pipeline import process
-from wheelsoil.virtual_campaign import simulated_roles
-from wheelsoil.virtual_options import SimulationOptions
+from model.diagnosis.core.campaign import Bench, Campaign
+from model.diagnosis.core.consistency import inconsistencies
+from model.fit.observations import Observations
+from model.wheel_soil.conditions import Wheel
+from model.wheel_soil.soils import SOILS, prior_of
+from processing.pipeline.pipeline import process
+from wheelsoil.simulation.campaign import simulated_roles
+from wheelsoil.simulation.options import SimulationOptions
 
 SLIP = np.linspace(0.1, 0.9, 9)
 WHEEL = Wheel(0.47, 0.3)

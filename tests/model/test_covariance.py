@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from model.covariance import covariance
+from model.fit.covariance import covariance
 
 seeds = st.integers(0, 2**32 - 1)
 

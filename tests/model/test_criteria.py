@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from model.criteria import criteria
+from model.fit.criteria import criteria
 
 numbers = st.floats(-1e4, 1e4, width=32)
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign
 
-from model.diagnosis.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.diagnose import FEW_RUNS, NOTHING_TO_TEST, diagnose
-from model.diagnosis.noise import Noise, beliefs
-from model.diagnosis.result import Diagnosis
-from model.diagnosis.samples import samples_of
+from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.core.result import Diagnosis
+from model.diagnosis.time_series.diagnosis import FEW_RUNS, NOTHING_TO_TEST, diagnose
+from model.diagnosis.time_series.noise import Noise, beliefs
+from model.diagnosis.time_series.samples import samples_of
 from processing.processed_run import ProcessedRun, Reason
 
 FEW = DiagnosisOptions(

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.diagnosis.kalman import StateSpace, smoothed, whiten
+from model.diagnosis.time_series.whitening import StateSpace, smoothed, whiten
 
 RUNS, COUNT, CHANNELS, STATES, WIDTH = 3, 25, 2, 5, 4
 

@@ -6,12 +6,20 @@ import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign
 
-from model.diagnosis.campaign import DiagnosisOptions
-from model.diagnosis.linearise import SECANT_SHARE, SECANTS, Linear, Point, Simulation, linearise, simulated
-from model.diagnosis.samples import Samples, samples_of
-from model.diagnosis.soil_space import soil_space
-from model.diagnosis.tellable import considered
-from model.soil_prior import SoilPrior
+from model.diagnosis.core.campaign import DiagnosisOptions
+from model.diagnosis.core.tellable import considered
+from model.diagnosis.time_series.linearise import (
+    SECANT_SHARE,
+    SECANTS,
+    Linear,
+    Point,
+    Simulation,
+    linearise,
+    simulated,
+    soil_space,
+)
+from model.diagnosis.time_series.samples import Samples, samples_of
+from model.wheel_soil.soils import SoilPrior
 
 CAUSES = {"H_m": 0.02, "crosstalk.coefficient": 0.01, "torque_gain.relative": 0.03, "wheel_radius.relative": 0.01}
 

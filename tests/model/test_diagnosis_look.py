@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign, with_sinkage
 
-from model.diagnosis.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.look import Look, look
-from model.diagnosis.places import places_of
-from model.diagnosis.whitening import whitened_rows
+from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.time_series.looks import Look, look
+from model.diagnosis.time_series.samples import places_of
+from model.diagnosis.time_series.whitening import whitened_rows
 
 RUNS = 3
 FEW = ("vasilev", "crosstalk", "drawbar_pull_zero", "speed_latency", "wheel_radius")

@@ -8,17 +8,24 @@ import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign
 
-from model.diagnosis import noise_blocks
-from model.diagnosis.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.columns import Columns, columns_of
-from model.diagnosis.hyper import OF_FEW, estimated, likelihood
-from model.diagnosis.linearise import Linear, Point, Simulation, linearise
-from model.diagnosis.noise import beliefs, constants, loading, processes
-from model.diagnosis.noise_blocks import LONGEST, MOST, _pieces, blocks_of, derivatives
-from model.diagnosis.samples import Samples, samples_of
-from model.diagnosis.soil_space import soil_space
-from model.diagnosis.tellable import considered
-from model.diagnosis.whitening import run_grams
+from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.core.tellable import considered
+from model.diagnosis.time_series import hyper as noise_blocks
+from model.diagnosis.time_series.columns import Columns, columns_of
+from model.diagnosis.time_series.hyper import (
+    LONGEST,
+    MOST,
+    OF_FEW,
+    _pieces,
+    blocks_of,
+    derivatives,
+    estimated,
+    likelihood,
+)
+from model.diagnosis.time_series.linearise import Linear, Point, Simulation, linearise, soil_space
+from model.diagnosis.time_series.noise import beliefs, constants, loading, processes
+from model.diagnosis.time_series.samples import Samples, samples_of
+from model.diagnosis.time_series.whitening import run_grams
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,11 @@ from diagnosis_support import simulated_campaign
 
 from daq.config import RunInfo
 from daq.errors import DataError
-from model.diagnosis.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.look import look
-from model.diagnosis.positions import campaign_times, line_positions
-from model.diagnosis.samples import STENCIL, samples_of
-from model.diagnosis.tellable import cannot_tell, considered
+from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.core.tellable import cannot_tell, considered
+from model.diagnosis.time_series.looks import look
+from model.diagnosis.time_series.samples import STENCIL, samples_of
+from model.wheel_soil.run_conditions import campaign_times, line_positions
 from processing.processed_run import ProcessedRun, Reason
 
 RUNS = 2

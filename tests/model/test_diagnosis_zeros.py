@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign, with_sinkage
 
-from model.diagnosis.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.diagnose import diagnose
-from model.diagnosis.loads import with_likely_load
-from model.diagnosis.look import look
-from model.diagnosis.noise import beliefs
-from model.diagnosis.samples import samples_of
+from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.time_series.diagnosis import diagnose
+from model.diagnosis.time_series.looks import look, with_likely_load
+from model.diagnosis.time_series.noise import beliefs
+from model.diagnosis.time_series.samples import samples_of
 
 
 def taken_anew(campaign: Campaign, pull_n: float, torque_nm: float) -> Campaign:

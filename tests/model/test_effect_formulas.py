@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from effects_support import WHEEL
 
-from model.conditions import Conditions
-from model.effects import EFFECTS
-from model.effects.wheel_inertia import INERTIA_KGM2, MASS_KG
-from model.soils import SOIL_PARAMETERS, SOILS
-from model.state import Reaction, SoilState, WheelState
-from model.wheel_soil import WheelSoilModel
+from model.effects.catalogue import EFFECTS
+from model.effects.vehicle.wheel_inertia import INERTIA_KGM2, MASS_KG
+from model.wheel_soil.conditions import Conditions, Reaction, SoilState, WheelState
+from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
+from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
 CONDITIONS = Conditions(
     slip=np.array([0.2, 0.2]),

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from effects_support import WHEEL
 
-from model.conditions import Conditions, slip_of_ratio
-from model.effects import EFFECTS, MEASUREMENT, Effect
+from model.effects.base import Effect
+from model.effects.catalogue import EFFECTS, MEASUREMENT
 from model.effects.signals import Signals
-from model.soils import SOIL_PARAMETERS, SOILS
-from model.state import Reaction, SoilState, WheelState
+from model.wheel_soil.conditions import Conditions, Reaction, SoilState, WheelState, slip_of_ratio
+from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
 
 RATE_HZ = 200.0
 TIME = np.arange(0.0, 30.0, 1.0 / RATE_HZ)

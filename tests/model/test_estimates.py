@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.conditions import Conditions
-from model.effects import EFFECTS
-from model.fit import fit_observations
-from model.fit_result import Estimate, FitOptions
-from model.observations import Observations
-from model.soils import SOILS
-from model.wheel import Wheel
-from model.wheel_soil import WheelSoilModel
+from model.effects.catalogue import EFFECTS
+from model.fit.fit import fit_observations
+from model.fit.observations import Observations
+from model.fit.result import Estimate, FitOptions
+from model.wheel_soil.conditions import Conditions, Wheel
+from model.wheel_soil.soils import SOILS
+from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
 WHEEL = Wheel(0.47, 0.318)
 COUNT = 360

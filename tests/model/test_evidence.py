@@ -10,9 +10,9 @@ import pytest
 from gram_support import World, column, library, world
 from scipy.stats import multivariate_normal, norm
 
-from model.diagnosis.evidence import Posterior, best_set, box, estimate, posterior, weighed, without_soil
-from model.diagnosis.grams import Grams
-from model.diagnosis.prior import SIZE_PRIOR, hypotheses
+from model.diagnosis.core.prior import SIZE_PRIOR, hypotheses
+from model.diagnosis.time_series.evidence import Posterior, best_set, box, estimate, posterior, weighed, without_soil
+from model.diagnosis.time_series.grams import Grams
 
 
 @pytest.fixture(scope="module")

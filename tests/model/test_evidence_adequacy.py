@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from gram_support import World, column, library, world
 
-from model.diagnosis.adequacy import MOST_EXCESS, SLACK, adequacy, excess, left_over
-from model.diagnosis.detectable import minimum_detectable
-from model.diagnosis.evidence import posterior
-from model.diagnosis.prior import hypotheses
-from model.diagnosis.two_soils import two_soils
-from model.diagnosis.where_wrong import found_in
+from model.diagnosis.core.prior import hypotheses
+from model.diagnosis.findings.adequacy import MOST_EXCESS, SLACK, adequacy, excess, left_over, two_soils
+from model.diagnosis.findings.detectable import minimum_detectable
+from model.diagnosis.findings.where_wrong import found_in
+from model.diagnosis.time_series.evidence import posterior
 
 
 @pytest.fixture(scope="module")

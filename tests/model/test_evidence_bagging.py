@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from gram_support import World, column, library, world
 
-from model.diagnosis.adequacy import excess
-from model.diagnosis.bagging import bagged
-from model.diagnosis.evidence import Posterior, posterior
-from model.diagnosis.grams import Grams
+from model.diagnosis.findings.adequacy import excess
+from model.diagnosis.time_series.evidence import Posterior, posterior
+from model.diagnosis.time_series.grams import Grams
+from model.diagnosis.time_series.held_out import bagged
 
 RUNS = 6
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from model.diagnosis.box_probability import log_box_probability, log_interval_probability
+from model.diagnosis.time_series.evidence import log_box_probability, log_interval_probability
 
 
 @pytest.mark.parametrize(

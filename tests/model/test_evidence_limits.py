@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from gram_support import column, world
 
-from model.diagnosis.detectable import minimum_detectable
-from model.diagnosis.evidence import probabilities, without_soil
-from model.diagnosis.prior import hypotheses
+from model.diagnosis.core.prior import hypotheses
+from model.diagnosis.findings.detectable import minimum_detectable
+from model.diagnosis.time_series.evidence import probabilities, without_soil
 
 COLUMNS = (column("a"), column("b", one_sided=True), column("c"))
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from model.diagnosis.explained import doubtful
-from model.diagnosis.result import Cause, ParameterEstimate
-from model.effects import EFFECTS
+from model.diagnosis.core.result import Cause, ParameterEstimate
+from model.diagnosis.findings.explained import doubtful
+from model.effects.catalogue import EFFECTS
 
 
 def cause(key: str, *values: tuple[float, float, float]) -> Cause:

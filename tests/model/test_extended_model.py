@@ -13,13 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.errors import ConfigError
-from model.conditions import Conditions
-from model.diagnosis.result import Cause, ParameterEstimate, SoilEstimate
-from model.effects import EFFECTS
+from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
+from model.effects.catalogue import EFFECTS
 from model.extended import ExtendedEffect, ExtendedModel, extended_model
-from model.soils import SOIL_PARAMETERS, SOILS
-from model.wheel import Wheel
-from model.wheel_soil import WheelSoilModel
+from model.wheel_soil.conditions import Conditions, Wheel
+from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
+from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
 WHEEL = Wheel(0.47, 0.318)
 NAN = float("nan")

@@ -9,17 +9,15 @@ import pytest
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from daq.errors import ConfigError, DataError
-from model.conditions import Conditions
-from model.contact import Quadrature
-from model.effects import EFFECTS
-from model.fit import fit_observations, judge_alike
-from model.fit_result import FitOptions
-from model.intervals import blocks_of, correlation_time, sandwich
-from model.observations import Observations
-from model.soil_prior import prior_of
-from model.soils import SOILS
-from model.wheel import Wheel
-from model.wheel_soil import WheelSoilModel
+from model.effects.catalogue import EFFECTS
+from model.fit.fit import fit_observations, judge_alike
+from model.fit.intervals import blocks_of, correlation_time, sandwich
+from model.fit.observations import Observations
+from model.fit.result import FitOptions
+from model.wheel_soil.conditions import Conditions, Wheel
+from model.wheel_soil.contact import Quadrature
+from model.wheel_soil.soils import SOILS, prior_of
+from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
 WHEEL = Wheel(0.47, 0.318)
 TRUTH = {"vasilev": {"H_m": 0.02}, "lyasko": {"m1": 0.1, "m2": 0.05}, "ding": {"n1": 0.35}, "wong": {}}

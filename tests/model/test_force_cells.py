@@ -10,10 +10,10 @@ import pytest
 from stressed_wheel import StressedWheel
 from synthetic_run import forces, speeds, vehicle
 
-from daq.bench_tables import WheelTable
-from model.force_cells import Forces, cells_of_runs, cells_of_table
-from model.sinkage_growth import sinkage_from_forces
-from processing.pipeline import process
+from daq.series.single_wheel_tables import WheelTable
+from model.sinkage_from_forces.force_cells import Forces, cells_of_runs, cells_of_table
+from model.sinkage_from_forces.sinkage_growth import sinkage_from_forces
+from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun, Reason
 
 RATE_HZ = 50

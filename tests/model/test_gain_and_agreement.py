@@ -9,9 +9,9 @@ import pytest
 from gram_support import column, world
 from scipy.stats import chi2, norm
 
-from model.diagnosis.agreement import disagreements
-from model.diagnosis.held_out import _interval, _reduction
-from model.diagnosis.result import Cause, ParameterEstimate
+from model.diagnosis.core.result import Cause, ParameterEstimate
+from model.diagnosis.findings.agreement import disagreements
+from model.diagnosis.time_series.held_out import _interval, _reduction
 
 
 def test_the_gain_is_of_the_error_and_not_of_its_square() -> None:

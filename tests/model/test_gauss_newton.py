@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from daq.errors import ConfigError
-from model.bounded_problem import ResidualAndJacobian
-from model.gauss_newton import GaussNewtonOptions, StopReason, gauss_newton
+from model.fit.gauss_newton import GaussNewtonOptions, StopReason, gauss_newton
+from model.fit.linear_step import ResidualAndJacobian
 
 Array = NDArray[np.float64]
 seeds = st.integers(0, 2**32 - 1)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
-from model.diagnosis.predictive import log_evidence, log_likelihood_of_run
+from model.diagnosis.time_series.evidence import log_evidence, log_likelihood_of_run
 
 
 def made(seed: int):

@@ -9,18 +9,17 @@ import numpy as np
 import pytest
 from diagnosis_support import at_speed, linearised
 
-from model.diagnosis.adequacy import _kinds
-from model.diagnosis.basis import basis
-from model.diagnosis.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.channel_words import INPUTS
-from model.diagnosis.diagnose import diagnose
-from model.diagnosis.input_shapes import MISREAD, SPEED_MPS, input_shapes
-from model.diagnosis.linearise import Linear, Simulation
-from model.diagnosis.samples import Samples
-from model.soil_prior import prior_of
-from processing.pipeline import process
-from wheelsoil.virtual_campaign import simulated_roles
-from wheelsoil.virtual_options import SimulationOptions
+from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.core.result import INPUTS
+from model.diagnosis.findings.adequacy import _kinds
+from model.diagnosis.time_series.basis import MISREAD, SPEED_MPS, basis, input_shapes
+from model.diagnosis.time_series.diagnosis import diagnose
+from model.diagnosis.time_series.linearise import Linear, Simulation
+from model.diagnosis.time_series.samples import Samples
+from model.wheel_soil.soils import prior_of
+from processing.pipeline.pipeline import process
+from wheelsoil.simulation.campaign import simulated_roles
+from wheelsoil.simulation.options import SimulationOptions
 
 LISTED = ("vasilev", "speed_bias", "speed_latency", "wheel_radius", "load_gain", "torque_gain", "drawbar_pull_gain")
 

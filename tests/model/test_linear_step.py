@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.linear_step import LinearProblem, bounded_least_squares
+from model.fit.linear_step import LinearProblem, bounded_least_squares
 
 
 @settings(deadline=None, max_examples=200)

@@ -10,17 +10,25 @@ import numpy as np
 import pytest
 from short_campaign import driven, noise_of
 
-from model.diagnosis.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.isolability import least_left, own_columns, without_soil
-from model.diagnosis.look import Look, look
-from model.diagnosis.manoeuvres import LIKE_OTHERS, braked, manoeuvres, only_run, slower_ramps, turned, with_load_times
-from model.diagnosis.next_run import next_runs
-from model.diagnosis.samples import Samples, samples_of
-from model.diagnosis.split import Member, against_rest
-from model.soil_prior import prior_of
-from processing.pipeline import process
-from wheelsoil.virtual_campaign import simulated_roles
-from wheelsoil.virtual_options import SimulationOptions
+from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.findings.detectable import least_left, own_columns
+from model.diagnosis.findings.detectable import projected_without_soil as without_soil
+from model.diagnosis.planning.manoeuvres import (
+    LIKE_OTHERS,
+    braked,
+    manoeuvres,
+    only_run,
+    slower_ramps,
+    turned,
+    with_load_times,
+)
+from model.diagnosis.planning.next_run import Member, against_rest, next_runs
+from model.diagnosis.time_series.looks import Look, look
+from model.diagnosis.time_series.samples import Samples, samples_of
+from model.wheel_soil.soils import prior_of
+from processing.pipeline.pipeline import process
+from wheelsoil.simulation.campaign import simulated_roles
+from wheelsoil.simulation.options import SimulationOptions
 
 EFFECTS = ("slope", "drawbar_pull_zero", "crosstalk", "torque_zero", "bulldozing")
 

@@ -8,8 +8,8 @@ from diagnosis_grams import columns_of_runs, grams_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.diagnosis.predictive import log_evidence
-from model.diagnosis.split import Member, split
+from model.diagnosis.planning.next_run import Member, split
+from model.diagnosis.time_series.evidence import log_evidence
 
 
 def alike(seed: int):

@@ -5,11 +5,10 @@ from __future__ import annotations
 import pytest
 from diagnosis_support import linearised, simulated_campaign
 
-from model.diagnosis.basis import basis
-from model.diagnosis.campaign import DiagnosisOptions
-from model.diagnosis.diagnose import diagnose
-from model.diagnosis.noise import Belief, Noise
-from model.diagnosis.noise_words import remarks
+from model.diagnosis.core.campaign import DiagnosisOptions
+from model.diagnosis.time_series.basis import basis
+from model.diagnosis.time_series.diagnosis import diagnose
+from model.diagnosis.time_series.noise import Belief, Noise, remarks
 
 VALUES = {
     "drawbar_pull_noise_n": 40.0,

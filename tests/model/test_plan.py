@@ -12,13 +12,13 @@ from short_campaign import driven, looked, noise_of
 
 from daq.config import RunInfo, VehicleConfig
 from daq.errors import ConfigError, DataError
-from model.diagnosis.campaign import DiagnosisOptions
-from model.diagnosis.isolability import isolability
-from model.diagnosis.look import look
-from model.diagnosis.plan import Plan, plan_from_look, plan_of
-from model.diagnosis.planned_runs import CampaignPlan, plan_for, planned_campaign, usual_runs
-from model.soils import SOILS
-from model.wheel import Wheel
+from model.diagnosis.core.campaign import DiagnosisOptions
+from model.diagnosis.findings.detectable import isolability
+from model.diagnosis.planning.plan import Plan, plan_from_look, plan_of
+from model.diagnosis.planning.planned_runs import CampaignPlan, plan_for, planned_campaign, usual_runs
+from model.diagnosis.time_series.looks import look
+from model.wheel_soil.conditions import Wheel
+from model.wheel_soil.soils import SOILS
 
 EFFECTS = ("vasilev", "slope", "drawbar_pull_zero", "crosstalk", "torque_zero")
 OPTIONS = DiagnosisOptions(effects=EFFECTS)

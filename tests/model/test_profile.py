@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from model.profile import profile_of_sum
+from model.fit.intervals import profile_of_sum
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ import pytest
 from diagnosis_grams import grams_of
 from short_campaign import driven, looked
 
-from model.diagnosis.evidence import posterior
-from model.diagnosis.final import fit_set
-from model.diagnosis.proposal import TermColumn, chosen_terms, propose, propose_for
+from model.diagnosis.findings.proposal import TermColumn, chosen_terms, propose, propose_for
+from model.diagnosis.time_series.evidence import posterior
+from model.diagnosis.time_series.final import fit_set
 from processing.processed_run import ProcessedRun
 
 NAMES = {f"{channel}: {text}": (f"{channel}: {text}", False) for channel in ("dp", "t") for text in ("s^2", "W", "V x")}

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.conditions import Conditions
-from model.diagnosis.terms import terms
+from model.diagnosis.findings.proposal import terms
+from model.wheel_soil.conditions import Conditions
 
 
 def driven(n: int = 50) -> Conditions:

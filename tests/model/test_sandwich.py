@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model.intervals import Blocks, sandwich
+from model.fit.intervals import Blocks, sandwich
 
 
 @pytest.mark.parametrize("samples", [0, 6])

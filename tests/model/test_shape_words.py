@@ -7,10 +7,10 @@ import re
 import pytest
 from diagnosis_support import linearised
 
-from model.diagnosis.basis import basis
-from model.diagnosis.result import Finding
-from model.diagnosis.shape_words import shape_words
-from model.diagnosis.where_wrong import _said
+from model.diagnosis.core.result import Finding
+from model.diagnosis.core.verdict_words import shape_words
+from model.diagnosis.findings.where_wrong import _said
+from model.diagnosis.time_series.basis import basis
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from stressed_wheel import StressedWheel
 
-from model.sinkage_from_forces import (
+from model.sinkage_from_forces.sinkage import (
     CENTRAL,
     ShapeRanges,
     draw_shapes,

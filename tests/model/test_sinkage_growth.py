@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from stressed_wheel import StressedWheel
 
-from daq.bench_tables import WheelTable
-from daq.channel import Channel
-from model.bound import bound_rows_of_runs, bound_rows_of_table, inconsistent
-from model.force_cells import ForceCells, cells_of_runs, cells_of_table
-from model.sinkage_from_forces import ShapeRanges
-from model.sinkage_growth import Growth, sinkage_from_forces
-from processing.pipeline import process
+from daq.channels import Channel
+from daq.series.single_wheel_tables import WheelTable
+from model.diagnosis.core.consistency import bound_rows_of_runs, bound_rows_of_table, inconsistent
+from model.sinkage_from_forces.force_cells import ForceCells, cells_of_runs, cells_of_table
+from model.sinkage_from_forces.sinkage import ShapeRanges
+from model.sinkage_from_forces.sinkage_growth import Growth, sinkage_from_forces
+from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun
-from wheelsoil.virtual_campaign import simulated_roles, simulated_run
-from wheelsoil.virtual_options import SimulationOptions
+from wheelsoil.simulation.campaign import simulated_roles, simulated_run
+from wheelsoil.simulation.options import SimulationOptions
 
 SLIPS = np.linspace(0.1, 0.9, 9)
 

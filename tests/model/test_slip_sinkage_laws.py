@@ -7,11 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from model.conditions import Conditions
-from model.effects import EFFECTS
-from model.soils import SOILS
-from model.wheel import Wheel
-from model.wheel_soil import WheelSoilModel
+from model.effects.catalogue import EFFECTS
+from model.wheel_soil.conditions import Conditions, Wheel
+from model.wheel_soil.soils import SOILS
+from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
 SLIP = np.array([-0.6, -0.1, 0.0, 0.2, 0.5, 0.9, 1.0])
 DRIVEN = np.array([0.0, 0.0, 0.0, 0.2, 0.5, 0.9, 1.0])

@@ -7,13 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.conditions import Conditions
-from model.contact import entry_angle
-from model.effects import EFFECTS
-from model.sinkage import balanced, closed_form
-from model.soils import SOILS
-from model.wheel import Wheel
-from model.wheel_soil import WheelSoilModel
+from model.effects.catalogue import EFFECTS
+from model.wheel_soil.balance import balanced, closed_form
+from model.wheel_soil.conditions import Conditions, Wheel
+from model.wheel_soil.contact import entry_angle
+from model.wheel_soil.soils import SOILS
+from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
 
 def solved(share: float, exponent: float, guess: float) -> float:

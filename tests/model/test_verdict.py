@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 from gram_support import column, world
 
-from model.diagnosis.agreement import Disagreement, Own
-from model.diagnosis.evidence import Posterior
-from model.diagnosis.grams import Grams
-from model.diagnosis.prior import hypotheses
-from model.diagnosis.result import (
+from model.diagnosis.core.prior import hypotheses
+from model.diagnosis.core.result import (
     Adequacy,
     Cause,
     CauseSet,
@@ -24,9 +21,9 @@ from model.diagnosis.result import (
     ParameterEstimate,
     Scores,
 )
-from model.diagnosis.tellable import PRESSURE_UNKNOWN, SAME_PASS
-from model.diagnosis.verdict import MOVING, Judgement, candidates, judgement, likely_sets, short_set
-from model.diagnosis.verdict_words import (
+from model.diagnosis.core.tellable import PRESSURE_UNKNOWN, SAME_PASS
+from model.diagnosis.core.verdict import MOVING, Judgement, candidates, judgement, likely_sets, short_set
+from model.diagnosis.core.verdict_words import (
     disagreement_words,
     gain_words,
     named_words,
@@ -35,6 +32,9 @@ from model.diagnosis.verdict_words import (
     unexplained_words,
     want_words,
 )
+from model.diagnosis.findings.agreement import Disagreement, Own
+from model.diagnosis.time_series.evidence import Posterior
+from model.diagnosis.time_series.grams import Grams
 
 FINE = Adequacy(1.0, 1.8, ok=True)
 POOR = Adequacy(3.0, 1.8, ok=False)

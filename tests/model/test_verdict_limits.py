@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from gram_support import column, world
 
-from model.diagnosis.evidence import Posterior
-from model.diagnosis.grams import Grams
-from model.diagnosis.prior import hypotheses
-from model.diagnosis.result import Adequacy, Gain
-from model.diagnosis.verdict import judgement
+from model.diagnosis.core.prior import hypotheses
+from model.diagnosis.core.result import Adequacy, Gain
+from model.diagnosis.core.verdict import judgement
+from model.diagnosis.time_series.evidence import Posterior
+from model.diagnosis.time_series.grams import Grams
 
 FINE = Adequacy(0.9, 1.8, ok=True)
 

@@ -8,8 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.errors import ConfigError
-from model.virtual_test.load import VehicleSetup, road_load_n, static_load_n, vertical_load_n
-from model.virtual_test.motion import SHORTEST_RUN_S, drive, smooth_steps
+from model.simulation.motion import (
+    SHORTEST_RUN_S,
+    VehicleSetup,
+    drive,
+    road_load_n,
+    smooth_steps,
+    static_load_n,
+    vertical_load_n,
+)
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -10,9 +10,7 @@ from virtual_support import LYASKO, START_NS, WHEEL, lyasko_model, simulated
 
 from daq.config import RunInfo
 from daq.errors import ConfigError, DataError
-from model.conditions import Conditions
-from model.soils import LABORATORY_SPREAD, SOILS
-from model.virtual_test import (
+from model.simulation import (
     TRUTH_QUADRATURE,
     GnssSetup,
     TransducerSetup,
@@ -21,9 +19,10 @@ from model.virtual_test import (
     drawn_soil,
     virtual_run,
 )
-from model.virtual_test.circumstances import Circumstances
-from model.virtual_test.truth import free_rolling_slip
-from model.wheel_soil import WheelSoilModel
+from model.simulation.truth import Circumstances, free_rolling_slip
+from model.wheel_soil.conditions import Conditions
+from model.wheel_soil.soils import LABORATORY_SPREAD, SOILS
+from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
 SHORT = VirtualSetup(duration_s=20.0)
 

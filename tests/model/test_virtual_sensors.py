@@ -11,12 +11,17 @@ from hypothesis import strategies as st
 
 from daq.clock import fit_clock
 from daq.config import TransducerSection
-from model.virtual_test.clock import HostClock, sample_times_s
-from model.virtual_test.motion import Motion, drive
-from model.virtual_test.noise import coloured_noise
-from model.virtual_test.speed_sensors import GnssSetup, Track, WheelSpeedSetup, measure_gnss, measure_wheel_speed
-from model.virtual_test.transducer import HubLoads, TransducerSetup, measure_loads
-from processing.wheel_frames import rotate
+from model.simulation.motion import Motion, drive
+from model.simulation.speed_sensors import GnssSetup, Track, WheelSpeedSetup, measure_gnss, measure_wheel_speed
+from model.simulation.transducer import (
+    HostClock,
+    HubLoads,
+    TransducerSetup,
+    coloured_noise,
+    measure_loads,
+    sample_times_s,
+)
+from processing.pipeline.wheel_frames import rotate
 
 QUIET = TransducerSetup(
     drawbar_pull_noise_n=0,

@@ -10,13 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq.errors import ConfigError
-from model.conditions import Conditions
-from model.contact import Quadrature
-from model.effects import EFFECTS
-from model.sinkage import closed_form
-from model.soils import SOIL_PARAMETERS, SOILS
-from model.wheel import Wheel
-from model.wheel_soil import INPUTS, WHEEL_PARAMETERS, WheelSoilModel
+from model.effects.catalogue import EFFECTS
+from model.wheel_soil.balance import closed_form
+from model.wheel_soil.conditions import Conditions, Wheel
+from model.wheel_soil.contact import Quadrature
+from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
+from model.wheel_soil.wheel_soil_model import INPUTS, WHEEL_PARAMETERS, WheelSoilModel
 
 WHEEL = Wheel(0.47, 0.318)
 VALUES = {"vasilev": {"H_m": 0.03}, "lyasko": {"m1": 0.3, "m2": 0.1}, "ding": {"n1": 0.3}}

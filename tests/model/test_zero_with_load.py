@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from diagnosis_support import linearised, simulated_campaign
 
-from model.diagnosis.basis import basis
-from model.diagnosis.campaign import DiagnosisOptions
-from model.diagnosis.diagnose import diagnose
-from model.diagnosis.linearise import Linear
-from model.diagnosis.samples import Samples
-from model.diagnosis.with_load import ZERO_WITH_LOAD
+from model.diagnosis.core.campaign import DiagnosisOptions
+from model.diagnosis.time_series.basis import basis
+from model.diagnosis.time_series.diagnosis import diagnose
+from model.diagnosis.time_series.linearise import Linear
+from model.diagnosis.time_series.rests import ZERO_WITH_LOAD
+from model.diagnosis.time_series.samples import Samples
 
 LISTED = (
     "crosstalk",

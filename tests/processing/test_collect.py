@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing.collect import Collector, resolution, rethin, thin
+from processing.pipeline.collection import Collector, resolution, rethin, thin
 
 NODE_NS = 10_000_000
 ORIGIN = 1_700_000_000_123_456_789

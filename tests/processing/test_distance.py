@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing.distance import distance_of
+from processing.pipeline.assembly import distance_of
 
 INTERVALS_S = st.lists(st.floats(1e-3, 0.5), min_size=1, max_size=40)
 NAN = np.nan

@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_run import stamps
 
-from processing.collect import thin
-from processing.filters import kernel_sigma_s, smooth, white_noise_bandwidth
+from processing.pipeline.collection import thin
+from processing.pipeline.filters import kernel_sigma_s, smooth, white_noise_bandwidth
 
 BASE = np.arange(400, 1600) / 100.0
 CUTOFF = 4.0

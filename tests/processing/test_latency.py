@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_run import RADIUS_M, channel, driven_speed, speeds, stamps, vehicle
 
-from daq.channel import Channel
-from processing.latency import SpeedSignals, residual_latency
-from processing.pipeline import process
+from daq.channels import Channel
+from processing.pipeline.latency import SpeedSignals, residual_latency
+from processing.pipeline.pipeline import process
+from processing.pipeline.slip import rolls_freely, speed_scale
 from processing.processed_run import ProcessedRun
-from processing.rolling_radius import rolls_freely, speed_scale
 
 
 def _road(delay_s: float, scale: float, seed: int, duration_s: float = 60.0) -> ProcessedRun:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from processing.collect import Collector
+from processing.pipeline.collection import Collector
+from processing.pipeline.quality import combine_reasons
+from processing.pipeline.segments import segment
+from processing.pipeline.slip import slip_sigma
 from processing.processed_run import Reason, Segment
-from processing.quality import combine_reasons
 from processing.robust import robust_linear
-from processing.segments import segment
-from processing.slip import slip_sigma
 
 RATE_HZ = 100.0
 COUNT = 600

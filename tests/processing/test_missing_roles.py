@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from synthetic_run import channel, forces, speeds, vehicle
 
-from daq.channel import Channel
+from daq.channels import Channel
 from daq.config import TransducerSection, VehicleConfig, WheelSection
 from daq.errors import ConfigError, DataError
 from processing.options import FORCE_ROLES, LOOK, NEEDED_ROLES, SLIP_ROLES, ProcessOptions
-from processing.pipeline import process
+from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun, Reason, Segment
 from processing.summary import summary_table
 

@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from processing.collect import Collector, Samples
-from processing.filters import kernel_sigma_s, smooth
-from processing.noise import filtered_sigma, standstill_sigma
+from processing.pipeline.collection import Collector, Samples
+from processing.pipeline.filters import filtered_sigma, kernel_sigma_s, smooth, standstill_sigma
 from processing.processed_run import Segment
 
 CUTOFF = 4.0

@@ -7,7 +7,7 @@ from synthetic_run import channel, forces, speeds, stamps, vehicle
 from daq.config import TransducerSection, VehicleConfig
 from daq.errors import ConfigError, DataError, WheelsoilError
 from processing.options import NEEDED_ROLES, ProcessOptions, require_roles
-from processing.pipeline import process
+from processing.pipeline.pipeline import process
 
 SPEEDS = NEEDED_ROLES["process"]
 

@@ -5,7 +5,7 @@ import pytest
 from synthetic_run import RADIUS_M, START_NS, channel, driven_speed, speeds, stamps, vehicle
 
 from daq.config import TransducerSection, VehicleConfig, WheelSection
-from processing.pipeline import process
+from processing.pipeline.pipeline import process
 
 MASS, INERTIA = 75.0, 10.0
 

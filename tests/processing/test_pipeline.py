@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_run import RADIUS_M, START_NS, channel, driven_speed, forces, speeds, stamps, vehicle
 
-from daq.channel import Channel
+from daq.channels import Channel
 from daq.config import RunInfo, SensorSection
-from processing.inputs import MODEL_ROLES
 from processing.options import ProcessOptions
-from processing.pipeline import process
+from processing.pipeline.inputs import MODEL_ROLES
+from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun, Reason, Segment
 
 ARRAYS = [f.name for f in fields(ProcessedRun) if f.name not in ("run", "quality")]

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from synthetic_run import RADIUS_M, channel, driven_speed, forces, speeds, stamps, vehicle
 
-from daq.channel import Channel
-from processing.pipeline import process
+from daq.channels import Channel
+from processing.pipeline.latency import SpeedComparison
+from processing.pipeline.pipeline import process
+from processing.pipeline.quality import speed_notes
 from processing.processed_run import SensorFacts
-from processing.quality import speed_notes
-from processing.speeds import SpeedComparison
 
 
 def _notes(channels: dict[str, Channel]) -> str:

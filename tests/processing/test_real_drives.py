@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from support import data_dir
 
-from daq.channel import Channel
+from daq.channels import Channel
 from daq.config import SensorSection, VehicleConfig, parse_toml
-from daq.open import open_runs
-from daq.run import Run
-from processing.pipeline import process, process_stream
+from daq.runs.open import open_runs
+from daq.runs.run import Run
+from processing.pipeline.pipeline import process, process_stream
 from processing.processed_run import ProcessedRun, Reason, Segment
 from processing.summary import summary_table
 

@@ -2,9 +2,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from processing.pipeline.assembly import standstills
+from processing.pipeline.segments import runs_of, segment
 from processing.processed_run import Segment
-from processing.segments import runs_of, segment
-from processing.zeroing import standstills
 
 RATE = 100.0
 NOTHING = np.full(3000, np.nan)

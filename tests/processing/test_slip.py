@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from processing.slip import slip_of, slip_sigma
+from processing.pipeline.slip import slip_of, slip_sigma
 
 speed = st.floats(0.0, 30.0)
 sigma = st.floats(1e-3, 0.1)

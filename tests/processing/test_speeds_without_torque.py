@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.open import open_runs
+from daq.runs.open import open_runs
 from processing.options import ProcessOptions
-from processing.pipeline import process_stream
+from processing.pipeline.pipeline import process_stream
+from processing.pipeline.slip import rolls_freely
 from processing.processed_run import QualityReport
-from processing.rolling_radius import rolls_freely
 
 SANDY = Path(__file__).parents[2] / "recordings" / "sandy"
 

@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_run import START_NS, forces, speeds, vehicle
 
-from daq.channel import Channel
+from daq.channels import Channel
 from daq.config import TransducerSection
-from processing.pipeline import process, process_stream
+from processing.pipeline.pipeline import process, process_stream
 
 COLUMNS = ["slip", "ground_speed_mps", "vertical_load_n", "drawbar_pull_n", "driving_torque_nm", "distance_m"]
 
@@ -64,8 +64,8 @@ _LONG_RUN = """
     import sys
     import numpy as np
     from memory_support import peak_rss_mb
-    from daq.channel import Channel
-    from processing.pipeline import process_stream
+    from daq.channels import Channel
+    from processing.pipeline.pipeline import process_stream
     from synthetic_run import START_NS, driven_speed, vehicle
 
     FORCES = {"vertical_load": 1000, "drawbar_pull": 1000, "driving_torque": 1000}

@@ -3,9 +3,8 @@ import pytest
 from synthetic_run import forces, speeds, vehicle
 
 from daq.config import RunInfo
-from processing.columns import UNITS, Column, block_of, units_of
-from processing.pipeline import process
-from processing.processed_run import ProcessedRun, Reason
+from processing.pipeline.pipeline import process
+from processing.processed_run import UNITS, Column, ProcessedRun, Reason, block_of, units_of
 from processing.summary import summary_table
 
 

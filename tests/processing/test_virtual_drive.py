@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daq.channel import Channel
+from daq.channels import Channel
 from daq.config import ROLES, RunInfo, VehicleConfig
-from model.soils import SOILS
-from model.virtual_test import (
+from model.simulation import (
     TRUTH_QUADRATURE,
     HostClock,
     TransducerSetup,
@@ -19,9 +18,10 @@ from model.virtual_test import (
     VirtualSetup,
     virtual_run,
 )
-from model.wheel import Wheel
-from model.wheel_soil import WheelSoilModel
-from processing.pipeline import process
+from model.wheel_soil.conditions import Wheel
+from model.wheel_soil.soils import SOILS
+from model.wheel_soil.wheel_soil_model import WheelSoilModel
+from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun, Segment
 
 RADIUS_M, WIDTH_M = 0.47, 0.318

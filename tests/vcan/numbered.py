@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.frames import CLASSIC_DTYPE, FrameArray
-from daq.socketcan import SocketCanSink
+from daq.can.frames import CLASSIC_DTYPE, FrameArray
+from daq.sources.socketcan import SocketCanSink
 
 IDS = 8
 FIRST_ID = 0x300

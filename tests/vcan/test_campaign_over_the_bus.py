@@ -18,19 +18,19 @@ from frames_support import content
 from vcan.guest import GuestResult
 from vcan.session import WHEELSOIL, check, logged
 
+from daq.can.databases import shipped_dbc
 from daq.config import VehicleConfig
-from daq.databases import shipped_dbc
-from daq.logger import log
-from daq.open import open_runs
+from daq.logger.field_logger import log
 from daq.recording import Recording, RecordingWriter
-from daq.replay import replay
-from daq.run import vehicle_from_file
-from model.fit import fit_models
-from model.fit_result import CampaignFit, FitOptions
-from model.soils import SOILS
-from model.wheel import Wheel
+from daq.runs.open import open_runs
+from daq.runs.run import vehicle_from_file
+from daq.sources.replaying import replay
+from model.fit.fit import fit_models
+from model.fit.result import CampaignFit, FitOptions
+from model.wheel_soil.conditions import Wheel
+from model.wheel_soil.soils import SOILS
 from processing.options import ProcessOptions
-from wheelsoil.runs import process_runs
+from wheelsoil.workflows.runs import process_runs
 
 CLAY = Path(__file__).parents[2] / "recordings" / "clay"
 DRIVEN_S = 25.0

@@ -15,8 +15,8 @@ from vcan import numbered
 from vcan.guest import GuestResult
 from vcan.session import WHEELSOIL, in_folder, sent_log
 
-from daq.databases import shipped_dbc
-from daq.frames import FrameBatch
+from daq.can.databases import shipped_dbc
+from daq.can.frames import FrameBatch
 from daq.recording import Recording, RecordingWriter
 
 pytestmark = [pytest.mark.vcan, pytest.mark.slow]

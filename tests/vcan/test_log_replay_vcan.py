@@ -13,7 +13,7 @@ from frames_support import some_frames
 from vcan.guest import GuestResult, run_all_or_skip
 from vcan.session import ADD_BUS, WHEELSOIL, check, logged
 
-from daq.frames import FrameBatch, FrameFlag
+from daq.can.frames import FrameBatch, FrameFlag
 from daq.recording import RecordingWriter
 
 pytestmark = pytest.mark.vcan
@@ -42,7 +42,7 @@ def what_can_be_sent(seed: int, buses: tuple[str, ...]) -> FrameBatch:
 ONE_BUS, TWO_BUSES = what_can_be_sent(7, ("vcan0",)), what_can_be_sent(9, ("vcan0", "vcan1"))
 BURST = some_frames(np.random.default_rng(8), 15_000)
 SEND_BURST = """
-from daq.replay import replay
+from daq.sources.replaying import replay
 replay("sent.mcap", channels={"can0": "vcan0"}, speed=None, send_error_frames=True)
 """
 LOSE = """
@@ -50,7 +50,7 @@ import json, sys
 import numpy as np
 sys.path.insert(0, sys.argv[1])
 from frames_support import classical, some_frames
-from daq.socketcan import SocketCanSink, SocketCanSource
+from daq.sources.socketcan import SocketCanSink, SocketCanSource
 frames = classical(some_frames(np.random.default_rng(1), 20_000)).frames
 source, sink = SocketCanSource("vcan0", buffer_bytes=100_000), SocketCanSink("vcan0")
 sink.send(frames, 1.0)
@@ -63,7 +63,7 @@ print(json.dumps([len(frames), received, source.counters.dropped, source.counter
 FAIL = """
 import subprocess
 from daq.errors import HardwareError
-from daq.socketcan import SocketCanSink, SocketCanSource
+from daq.sources.socketcan import SocketCanSink, SocketCanSource
 def attempt(act):
     try:
         act()

@@ -10,7 +10,7 @@ import pytest
 from vcan.guest import GuestResult
 from vcan.session import in_folder, info, make_vehicle, received_numbers, sent_log
 
-from daq.frames import FrameFlag
+from daq.can.frames import FrameFlag
 from daq.recording import Recording
 
 pytestmark = pytest.mark.vcan

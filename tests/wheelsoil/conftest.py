@@ -14,9 +14,9 @@ from shared_results import made_once
 from view_client import View, viewing
 from view_field_day import FieldDay, field_day_in
 
-from wheelsoil.diagnosing import Processed
 from wheelsoil.live.panel import PagePanel
-from wheelsoil.report.material import Material
+from wheelsoil.report.inputs import Material
+from wheelsoil.workflows.diagnosis import Processed
 
 if TYPE_CHECKING:
     from live_browser import SharedChromium

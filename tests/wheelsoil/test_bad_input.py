@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from cli_support import invoke
 
+from daq.can.databases import load_database, shipped_dbc
+from daq.can.encoding import encode, merge
+from daq.can.frames import FrameBatch
 from daq.config import RunInfo
-from daq.databases import load_database, shipped_dbc
-from daq.encode import encode, merge
-from daq.frames import FrameBatch
 from daq.recording import Recording, RecordingWriter
 
 Make = Callable[["Bench"], list[object]]

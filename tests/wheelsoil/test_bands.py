@@ -6,9 +6,9 @@ from math import nan
 
 import numpy as np
 
-from model.fit_result import Estimate, LoadRatio, ModelFit
-from model.intervals import Blocks
-from wheelsoil.report.bands import _covariance
+from model.fit.intervals import Blocks
+from model.fit.result import Estimate, LoadRatio, ModelFit
+from wheelsoil.report.inputs import _covariance
 
 ESTIMATES = (
     Estimate("m1", "1", 0.1, 0.2, (0.0, 0.5)),

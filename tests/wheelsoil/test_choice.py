@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.errors import ConfigError
-from model.effects import EFFECTS
-from wheelsoil.choice import SCHEMA, Choice, ChosenRun, load_choice, parse_choice
-from wheelsoil.fitting import FitChoices
-from wheelsoil.plain import to_json
+from model.effects.catalogue import EFFECTS
+from wheelsoil.wording.to_json import to_json
+from wheelsoil.workflows.choice import SCHEMA, Choice, ChosenRun, load_choice, parse_choice
+from wheelsoil.workflows.fit import FitChoices
 
 names = st.text(st.characters(codec="utf-8"), min_size=1, max_size=12)
 positive = st.floats(1e-6, 1e6)

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from cli_support import invoke, ok, small_campaign
 
-from model.diagnosis.samples import samples_of
-from wheelsoil.choice import Choice, ChosenRun, load_choice
-from wheelsoil.diagnosing import campaigns_of, diagnose_campaigns, diagnosis_options
-from wheelsoil.facts import sha256_of
-from wheelsoil.fitting import fit_runs
-from wheelsoil.plain import plain
-from wheelsoil.runs import open_and_process
+from model.diagnosis.time_series.samples import samples_of
+from wheelsoil.wording.to_json import plain
+from wheelsoil.workflows.choice import Choice, ChosenRun, load_choice
+from wheelsoil.workflows.diagnosis import campaigns_of, diagnose_campaigns, diagnosis_options
+from wheelsoil.workflows.fit import fit_runs
+from wheelsoil.workflows.recording_summary import sha256_of
+from wheelsoil.workflows.runs import open_and_process
 
 KEEP = ((3.0, 6.5), (10.0, 13.0))
 OTHERS = {

@@ -13,12 +13,12 @@ import pytest
 from cli_support import busy, invoke, ok
 from support import data_dir
 
+from daq.can.frames import concatenate
 from daq.config import VehicleConfig, load_toml
-from daq.frames import concatenate
-from daq.open import open_runs
 from daq.recording import Recording
-from model.soils import SOILS
-from processing.pipeline import process
+from daq.runs.open import open_runs
+from model.wheel_soil.soils import SOILS
+from processing.pipeline.pipeline import process
 
 MESSAGES = ("WFT_Forces", "WFT_Moments", "WFT_Wheel", "WheelSpeeds", "GNSS_1", "GNSS_2", "GNSS_3")
 

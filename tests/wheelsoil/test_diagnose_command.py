@@ -13,12 +13,12 @@ from cli_support import invoke, ok
 from diagnosis_samples import SENTENCES, diagnosis
 
 from daq.errors import ConfigError
-from daq.open import open_runs
-from model.effects import EFFECTS
+from daq.runs.open import open_runs
+from model.effects.catalogue import EFFECTS
 from processing.options import ProcessOptions
-from wheelsoil.diagnosing import campaigns_of, diagnosis_options
-from wheelsoil.plain import plain
-from wheelsoil.runs import process_runs
+from wheelsoil.wording.to_json import plain
+from wheelsoil.workflows.diagnosis import campaigns_of, diagnosis_options
+from wheelsoil.workflows.runs import process_runs
 
 NUMBER = (int, float, type(None))
 QUICK = ("--effects", "vasilev,slope,torque_zero", "--most-causes", 1)

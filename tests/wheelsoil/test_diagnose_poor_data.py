@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from cli_support import invoke, ok
 
+from daq.can.databases import load_database, shipped_dbc
+from daq.can.encoding import encode, merge
+from daq.can.frames import FrameBatch
 from daq.config import RunInfo
-from daq.databases import load_database, shipped_dbc
-from daq.encode import encode, merge
-from daq.frames import FrameBatch
-from daq.open import open_runs
 from daq.recording import Recording, RecordingWriter
+from daq.runs.open import open_runs
 from processing.options import ProcessOptions
-from wheelsoil.runs import process_runs
+from wheelsoil.workflows.runs import process_runs
 
 STEADY_S = 12
 VERDICTS = {"named", "one_of", "unexplained", "nothing_detectable"}

@@ -16,18 +16,18 @@ import numpy as np
 import pytest
 from support import data_dir
 
-from daq.bench_tables import PlateTest
 from daq.config import TerrainConfig, load_toml
+from daq.series.single_wheel_tables import PlateTest
 from model.bevameter import WindowOptions, fit_pressure_sinkage
-from model.diagnosis.bench import diagnose_bench
-from model.diagnosis.bench_columns import CauseUse
-from model.diagnosis.bench_estimates import parameter_draws
-from model.diagnosis.bench_held_out import foretell
-from model.diagnosis.bench_skid import skid_law
-from model.diagnosis.bench_transfer import transfer
-from model.diagnosis.bench_weigh import Weighing
-from model.diagnosis.campaign import Bench, DiagnosisOptions
-from model.diagnosis.result import ParameterEstimate
+from model.diagnosis.core.campaign import Bench, DiagnosisOptions
+from model.diagnosis.core.result import ParameterEstimate
+from model.diagnosis.single_wheel.diagnose import diagnose_bench
+from model.diagnosis.single_wheel.findings import parameter_draws
+from model.diagnosis.single_wheel.held_out import foretell
+from model.diagnosis.single_wheel.problem import CauseUse
+from model.diagnosis.single_wheel.sets import skid_law
+from model.diagnosis.single_wheel.transfer_study import transfer
+from model.diagnosis.single_wheel.weighing import Weighing
 from wheelsoil.cli.app import run
 
 REAL = Path(__file__).parents[2] / "docs" / "real_data"

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from diagnosis_samples import SENTENCES, diagnosis, seen
 
-from daq.open import open_runs
-from model.diagnosis.result import Candidate, Diagnosis, Seen
+from daq.runs.open import open_runs
+from model.diagnosis.core.result import Candidate, Diagnosis, Seen
 from processing.options import ProcessOptions
-from wheelsoil.fitting import FitChoices, fit_runs
-from wheelsoil.plain import to_json
 from wheelsoil.report.build import Report, build_report
 from wheelsoil.report.content import Figure, Panels, Section, Table, Text
-from wheelsoil.report.material import Material, versions
+from wheelsoil.report.inputs import Material, versions
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
-from wheelsoil.runs import process_runs
+from wheelsoil.wording.to_json import to_json
+from wheelsoil.workflows.fit import FitChoices, fit_runs
+from wheelsoil.workflows.runs import process_runs
 
 EVIL = "<img src=x onerror=alert(1)>&{{7*7}}"
 KEYS = [module.KEY for module in OF_THE_DIAGNOSIS]

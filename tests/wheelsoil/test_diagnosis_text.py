@@ -11,8 +11,8 @@ from diagnosis_samples import SENTENCES, diagnosis
 from hypothesis import given
 from hypothesis import strategies as st
 
-from model.diagnosis.result import Candidate, Finding, ParameterEstimate
-from wheelsoil.diagnosis_text import diagnosis_lines, stages_lines
+from model.diagnosis.core.result import Candidate, Finding, ParameterEstimate
+from wheelsoil.wording.diagnosis_text import diagnosis_lines, stages_lines
 
 VERDICTS = tuple(SENTENCES)
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daq.open import open_runs
+from daq.runs.open import open_runs
 from processing.options import ProcessOptions
 from processing.processed_run import ProcessedRun, Reason, Standstill
-from wheelsoil.grading import grade_of
-from wheelsoil.runs import process_runs
+from wheelsoil.wording.notes import grade_of
+from wheelsoil.workflows.runs import process_runs
 
 
 @pytest.fixture(scope="module")

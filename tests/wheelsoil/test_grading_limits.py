@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from synthetic_run import forces, speeds, vehicle
 
-from processing.pipeline import process
+from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun, Reason, Standstill
-from wheelsoil.grading import grade_of
+from wheelsoil.wording.notes import grade_of
 
 LOAD_N = 8000.0
 

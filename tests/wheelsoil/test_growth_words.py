@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 from diagnosis_samples import diagnosis
 
-from model.diagnosis.result import ParameterEstimate
-from model.sinkage_growth import Estimate, Growth
-from wheelsoil.envelope import Hidden, open_envelope
-from wheelsoil.force_sinkage import growth_rows, growth_sentence
+from model.diagnosis.core.result import ParameterEstimate
+from model.sinkage_from_forces.sinkage_growth import Estimate, Growth
+from wheelsoil.workflows.demo import Hidden, open_envelope
+from wheelsoil.workflows.sinkage import growth_rows, growth_sentence
 
 NONE = Estimate(float("nan"), (float("nan"), float("nan")))
 

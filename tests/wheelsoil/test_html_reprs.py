@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from short_campaign import driven
 
-from daq.open import open_runs
-from model.diagnosis.campaign import DiagnosisOptions
-from model.diagnosis.diagnose import diagnose
-from model.fit import fit_models
-from model.fit_result import FitOptions
+from daq.runs.open import open_runs
+from model.diagnosis.core.campaign import DiagnosisOptions
+from model.diagnosis.time_series.diagnosis import diagnose
+from model.fit.fit import fit_models
+from model.fit.result import FitOptions
 
 CLAY = Path(__file__).parents[2] / "recordings" / "clay"
 SCRIPT = '<script>alert("x")</script>'

@@ -11,15 +11,14 @@ import pytest
 from cli_support import invoke, ok, small_campaign
 from frames_support import some_frames
 
+from daq.can.frames import FrameBatch
 from daq.config import BusSection, RunInfo, VehicleConfig
-from daq.frames import FrameBatch
 from daq.host_clock import HostClock, monotonic_ns
+from daq.logger.listener import Arrival
+from daq.logger.recorder import Recorder, RecorderOptions
+from daq.logger.run_files import RunFiles, folder_lock, is_being_recorded
 from daq.recording import PartWriter, Recording
-from daq.recording.parts import part_path
-from daq.session.folder_lock import folder_lock, is_being_recorded
-from daq.session.listener import Arrival
-from daq.session.recorder import Recorder, RecorderOptions
-from daq.session.run_files import RunFiles
+from daq.recording.part_writer import part_path
 
 
 def frames_at(time_ns: int, count: int = 50) -> FrameBatch:

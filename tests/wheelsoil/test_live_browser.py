@@ -13,7 +13,7 @@ from live_client import page, until
 from live_support import START_UTC_S, bus, reason
 from playwright.sync_api import Browser, Page, expect
 
-from daq.panel import Command
+from daq.logger.panel import Command
 from wheelsoil.live.panel import PagePanel
 
 STUCK = reason(

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 import pytest
 from live_client import PATIENCE_S, ask, command, page, until
 
-from daq.panel import Command
+from daq.logger.panel import Command
 from wheelsoil.live.panel import PagePanel
 from wheelsoil.web.guard import LARGEST_BODY_BYTES, Rules
 

@@ -17,7 +17,7 @@ from live_client import ask, command, connect, events, next_event, page, until
 from live_support import snapshot
 
 from daq.errors import ConfigError, HardwareError
-from daq.panel import Command
+from daq.logger.panel import Command
 from wheelsoil.live import open_page
 from wheelsoil.live.hub import MOST_STREAMS
 from wheelsoil.live.panel import PagePanel

@@ -79,7 +79,7 @@ def test_a_page_on_a_port_that_is_taken_costs_no_recording_unless_it_was_asked_f
     assert "Traceback" not in result.err
     assert not (tmp_path / "out").exists()
 
-    monkeypatch.setattr("wheelsoil.cli.log._PAGE_PORT", taken_port)
+    monkeypatch.setattr("wheelsoil.cli.logger._PAGE_PORT", taken_port)
     with busy("paged"):
         result = ok("log", vehicle, "-o", tmp_path / "out", "--duration", 0.3)
     assert "there is no status page" in result.err

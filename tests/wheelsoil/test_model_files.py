@@ -12,13 +12,12 @@ from cli_support import invoke, ok
 from diagnosis_samples import diagnosis
 
 from daq.errors import ConfigError
-from model.diagnosis.campaign import Campaign
-from model.diagnosis.result import ParameterEstimate
+from model.diagnosis.core.campaign import Campaign
+from model.diagnosis.core.result import ParameterEstimate
 from model.extended import ExtendedEffect, ExtendedModel
-from model.soil_prior import prior_of
-from model.soils import SOILS
-from model.wheel import Wheel
-from wheelsoil.model_files import load_model, model_targets, model_toml, models_of
+from model.wheel_soil.conditions import Wheel
+from model.wheel_soil.soils import SOILS, prior_of
+from wheelsoil.workflows.model_files import load_model, model_targets, model_toml, models_of
 
 CLAY = SOILS["clay"]
 CAMPAIGN = Campaign("clay", (), Wheel(0.47, 0.318), CLAY, prior_of(CLAY))

@@ -21,7 +21,7 @@ def test_the_built_wheel_finds_its_dbc_files(tmp_path: Path) -> None:
     zipfile.ZipFile(wheel).extractall(unpacked)
     script = (
         "import sys; sys.path.insert(0, sys.argv[1]); import wheelsoil\n"
-        "from daq.databases import load_database, shipped_dbc\n"
+        "from daq.can.databases import load_database, shipped_dbc\n"
         "for name in ('wft.dbc', 'wheel_speed.dbc', 'gnss.dbc'):\n"
         "    path = shipped_dbc(name); assert str(path).startswith(sys.argv[1]), path; load_database(path)\n"
         "from importlib.resources import files\n"

@@ -16,13 +16,13 @@ from report_support import text_of
 
 from daq.recording import Recording, RecordingWriter
 from processing.options import ProcessOptions
-from wheelsoil.fitting import FitChoices
 from wheelsoil.report.build import build_report
 from wheelsoil.report.comparison import rank
 from wheelsoil.report.content import Section
-from wheelsoil.report.material import Material
+from wheelsoil.report.inputs import Material
 from wheelsoil.report.sections import SECTIONS
-from wheelsoil.reporting import report_of_processed
+from wheelsoil.workflows.fit import FitChoices
+from wheelsoil.workflows.report import report_of_processed
 
 CLAY = Path(__file__).parents[2] / "recordings" / "clay"
 EVIL = '<script>alert("x")</script></script><b>&{{7*7}}'
@@ -223,7 +223,7 @@ def test_a_damaged_recording_is_reported_as_such(campaign, tmp_path):
 
 
 def test_the_page_is_readable_in_black_and_white():
-    from wheelsoil.model_styles import STYLES
+    from wheelsoil.wording.model_styles import STYLES
 
     assert len({style.dash for style in STYLES.values()}) == len(STYLES)
     assert len({style.symbol for style in STYLES.values()}) == len(STYLES)

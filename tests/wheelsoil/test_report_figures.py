@@ -10,9 +10,9 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from wheelsoil.model_styles import BY_HAND, STYLES, styles_script
 from wheelsoil.report.curves import curves_of
 from wheelsoil.report.figures import axes, density, look_at
+from wheelsoil.wording.model_styles import BY_HAND, STYLES, styles_script
 
 
 def view_of(values: np.ndarray, also: np.ndarray) -> tuple[float, float]:

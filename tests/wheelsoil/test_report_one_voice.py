@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 from diagnosis_samples import SENTENCES, diagnosis
 
-from daq.open import open_runs
-from model.diagnosis.result import CauseSet, NextRun, ParameterEstimate
+from daq.runs.open import open_runs
+from model.diagnosis.core.result import CauseSet, NextRun, ParameterEstimate
 from model.extended import ExtendedEffect, ExtendedModel
 from processing.options import ProcessOptions
-from wheelsoil.fitting import FitChoices, fit_runs
 from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Panels, Section, Table, Text
-from wheelsoil.report.material import Material
-from wheelsoil.report.sections import candidates, detectable, gain, glance, misfit, verdict
-from wheelsoil.runs import process_runs
+from wheelsoil.report.inputs import Material
+from wheelsoil.report.sections.diagnosis import candidates, detectable, gain, glance, verdict
+from wheelsoil.report.sections.fit import misfit
+from wheelsoil.workflows.fit import FitChoices, fit_runs
+from wheelsoil.workflows.runs import process_runs
 
 
 def text(section: Section) -> str:

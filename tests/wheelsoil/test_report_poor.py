@@ -14,7 +14,7 @@ from report_support import material_of, processed_of
 from processing.processed_run import ProcessedRun
 from wheelsoil.report.build import Report, build_report
 from wheelsoil.report.content import texts_of
-from wheelsoil.reporting import report_of
+from wheelsoil.workflows.report import report_of
 
 MOST_BYTES = 12_000_000
 ROLES = {

@@ -12,13 +12,12 @@ from diagnosis_samples import diagnosis
 from report_support import material_of, section_of, text_of
 
 from daq.recording import Event
-from wheelsoil.cli.fit import print_fit
-from wheelsoil.fitting import FitChoices
-from wheelsoil.report.bands import model_sigmas
+from wheelsoil.cli.runs import print_fit
 from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Table
-from wheelsoil.report.material import source_of
-from wheelsoil.report.sections.sensors import build as sensors_section
+from wheelsoil.report.inputs import model_sigmas, source_of
+from wheelsoil.report.sections.runs.sensors import build as sensors_section
+from wheelsoil.workflows.fit import FitChoices
 
 EVIL = '<script>alert("x")</script>'
 _NUMBER = re.compile(r"(?<![\w.])[−+-]?\d[\d\u202f]*(?:\.(\d+))?(?:e[+-]\d+)?(?![\w.])")

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wheelsoil.report.material import Material
-from wheelsoil.report.sections.track import build
+from wheelsoil.report.inputs import Material
+from wheelsoil.report.sections.runs.track import build
 
 
 def extents(material: Material) -> list[float]:

@@ -10,13 +10,15 @@ import pytest
 from diagnosis_samples import diagnosis
 from report_support import section_of
 
-from model.diagnosis.result import NextRun, ParameterEstimate
-from model.sinkage_growth import Estimate, Growth
-from wheelsoil.force_sinkage import growth_sentence
+from model.diagnosis.core.result import NextRun, ParameterEstimate
+from model.sinkage_from_forces.sinkage_growth import Estimate, Growth
 from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Table, Text
-from wheelsoil.report.sections import candidates, coefficients, criteria, detectable, glance, next_run, provenance
+from wheelsoil.report.sections.diagnosis import candidates, detectable, glance, next_run
+from wheelsoil.report.sections.fit import coefficients, criteria
+from wheelsoil.report.sections.runs import provenance
 from wheelsoil.report.words import form_name, letter, measured, unit
+from wheelsoil.workflows.sinkage import growth_sentence
 
 CODE = re.compile(r"\b\w+_\w+\b")
 
@@ -108,7 +110,7 @@ def test_a_notebook_is_told_gain_next_run_and_no_certainty():
 
 
 def test_a_part_of_a_sum_is_not_in_the_sentence():
-    from model.diagnosis.verdict_words import _cause
+    from model.diagnosis.core.verdict_words import _cause
 
     nan = float("nan")
     parts = (

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from cli_support import ok, small_campaign
 
+from daq.can.frames import concatenate, split
 from daq.config import BusSection
-from daq.frames import concatenate, split
-from daq.interfaces import open_source
-from daq.open import open_runs
 from daq.recording import Event, PartWriter, Recording
-from daq.recording.parts import part_path, parts_on_disk
-from daq.replay import replay
+from daq.recording.part_writer import part_path, parts_on_disk
+from daq.runs.open import open_runs
+from daq.sources.interfaces import open_source
+from daq.sources.replaying import replay
 
 _BATCH = 997
 

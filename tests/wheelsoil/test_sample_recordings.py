@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.frames import concatenate
-from daq.open import open_runs
+from daq.can.frames import concatenate
 from daq.recording import Recording
-from wheelsoil.virtual_campaign import frames_sha256, simulated_run
-from wheelsoil.virtual_frames import virtual_frames
-from wheelsoil.virtual_options import SimulationOptions
+from daq.runs.open import open_runs
+from wheelsoil.simulation.campaign import frames_sha256, simulated_run
+from wheelsoil.simulation.frames import virtual_frames
+from wheelsoil.simulation.options import SimulationOptions
 
 FOLDER = Path(__file__).parents[2] / "recordings"
 CAMPAIGNS = ("clay", "sandy")

@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daq.can.frames import FrameBatch, concatenate
 from daq.config import RunsConfig, TerrainConfig, VehicleConfig, load_toml
 from daq.errors import ConfigError
-from daq.frames import FrameBatch, concatenate
-from daq.open import open_runs
-from model.soils import SOILS, soil_from_terrain
-from processing.pipeline import process
+from daq.runs.open import open_runs
+from model.wheel_soil.soils import SOILS, soil_from_terrain
+from processing.pipeline.pipeline import process
 from wheelsoil.cli.app import run as wheelsoil
-from wheelsoil.virtual_campaign import frames_sha256, simulate_campaign, simulated_roles, simulated_run, true_soil
-from wheelsoil.virtual_frames import virtual_frames
-from wheelsoil.virtual_options import SimulationOptions, parse_effect
+from wheelsoil.simulation.campaign import frames_sha256, simulate_campaign, simulated_roles, simulated_run, true_soil
+from wheelsoil.simulation.frames import virtual_frames
+from wheelsoil.simulation.options import SimulationOptions, parse_effect
 
 LYASKO = {"lyasko": {"m1": 0.1, "m2": 0.05}}
 

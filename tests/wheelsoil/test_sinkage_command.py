@@ -13,19 +13,19 @@ import tomli_w
 from cli_support import invoke, ok
 from stressed_wheel import StressedWheel
 
-from daq.databases import load_database
-from daq.encode import encode, merge
+from daq.can.databases import load_database
+from daq.can.encoding import encode, merge
 from daq.logs import write_candump
-from daq.open import open_runs
+from daq.runs.open import open_runs
 from processing.options import ProcessOptions
-from processing.pipeline import process
-from wheelsoil.fitting import FitChoices, fit_runs
-from wheelsoil.report.material import Material
-from wheelsoil.report.sections.sinkage import build
-from wheelsoil.runs import process_runs
-from wheelsoil.virtual_campaign import simulated_run
-from wheelsoil.virtual_frames import virtual_frames
-from wheelsoil.virtual_options import SimulationOptions
+from processing.pipeline.pipeline import process
+from wheelsoil.report.inputs import Material
+from wheelsoil.report.sections.fit.sinkage import build
+from wheelsoil.simulation.campaign import simulated_run
+from wheelsoil.simulation.frames import virtual_frames
+from wheelsoil.simulation.options import SimulationOptions
+from wheelsoil.workflows.fit import FitChoices, fit_runs
+from wheelsoil.workflows.runs import process_runs
 
 RIDE_DBC = """VERSION ""
 NS_ :

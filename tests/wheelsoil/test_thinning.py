@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from wheelsoil.report.thinning import _cell, binned, decimated_rows, parted_at_zero, thinned_rows
+from wheelsoil.report.figures import _cell, binned, decimated_rows, parted_at_zero, thinned_rows
 
 series = arrays(np.float64, st.integers(1, 400), elements=st.floats(-1e6, 1e6) | st.just(np.nan))
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from view_client import View, taken_from
 
-from processing.by_hand import keep_only
+from processing.manual_selection import keep_only
 from processing.options import ProcessOptions
 from processing.processed_run import ProcessedRun, Reason
-from wheelsoil.reporting import report_of
-from wheelsoil.runs import open_and_process
+from wheelsoil.workflows.report import report_of
+from wheelsoil.workflows.runs import open_and_process
 
 ROOT = Path(__file__).parents[2]
 KEEP = [[0.0, 13.0]]
@@ -120,7 +120,7 @@ def test_grade_and_usable_share_are_those_of_the_report_also_of_a_cut_run(
 ) -> None:
     choice = {"run": [{"id": "run-1", "keep": keep}]} if keep else {}
     view.post("/api/choose", campaign="c1", choice=choice)
-    from wheelsoil.choice import parse_choice
+    from wheelsoil.workflows.choice import parse_choice
 
     graded = report_of([folder], choice=parse_choice({"schema": "wheelsoil/choice/1", **choice}), diagnose=False)
     said = graded.numbers()["sections"]["glance"]["grades"]

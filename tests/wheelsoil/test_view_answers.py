@@ -14,15 +14,15 @@ import pytest
 from cli_support import ok
 from view_client import View, taken_from, viewing
 
-from model.effects import EFFECTS
-from model.soils import SOIL_PARAMETERS
-from model.wheel_soil import WheelSoilModel
+from model.effects.catalogue import EFFECTS
+from model.wheel_soil.soils import SOIL_PARAMETERS
+from model.wheel_soil.wheel_soil_model import WheelSoilModel
 from processing.options import ProcessOptions
 from processing.processed_run import ProcessedRun
-from wheelsoil.choice import load_choice
-from wheelsoil.fitting import known_soil, wheel_of
-from wheelsoil.runs import open_and_process
 from wheelsoil.view.curve import SLIPS, Base
+from wheelsoil.workflows.choice import load_choice
+from wheelsoil.workflows.fit import known_soil, wheel_of
+from wheelsoil.workflows.runs import open_and_process
 
 ROOT = Path(__file__).parents[2]
 ARRAYS = (

@@ -210,7 +210,7 @@ def test_another_file_of_the_folder_is_not_replaced_by_a_link(view: View, folder
         ("GET", "/api/curve", 405),
         ("POST", "/api/list", 405),
         ("GET", "/api/nothing", 404),
-        ("GET", "/../wheelsoil/view/app.py", 404),
+        ("GET", "/../wheelsoil/view/server.py", 404),
         ("GET", "/static/page.html", 404),
         ("PUT", "/api/save", 405),
     ],

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model.effects import EFFECTS
-from model.soils import SOILS, Soil
-from model.stresses import speed_ratio
-from model.wheel import Wheel
+from model.effects.catalogue import EFFECTS
+from model.wheel_soil.conditions import Wheel
+from model.wheel_soil.soils import SOILS, Soil
+from model.wheel_soil.stresses import speed_ratio
 from wheelsoil.view.curve import SLIPS, Base, curve_of
 
 WHEEL = Wheel(0.47, 0.318)

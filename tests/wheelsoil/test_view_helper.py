@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from daq.errors import ConfigError, HardwareError
-from daq.open import open_runs
-from wheelsoil.fitting import known_soil
+from daq.runs.open import open_runs
 from wheelsoil.view.helper import Helper, HelperEndedError
+from wheelsoil.workflows.fit import known_soil
 
 PATIENCE_S = 60.0
 

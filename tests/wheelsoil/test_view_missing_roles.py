@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from view_client import View, taken_from, viewing
 
-from wheelsoil.reporting import report_of
+from wheelsoil.workflows.report import report_of
 
 CLAY = Path(__file__).parents[2] / "recordings" / "clay"
 POINTS = {

@@ -10,8 +10,8 @@ import pytest
 
 from processing.options import ProcessOptions
 from processing.processed_run import ProcessedRun, Reason
-from wheelsoil.runs import open_and_process
 from wheelsoil.view.trace import MOST_POINTS, rows_to_draw, trace_as_json, trace_of
+from wheelsoil.workflows.runs import open_and_process
 
 SAMPLE = Path(__file__).parents[2] / "recordings" / "clay" / "run-1.mcap"
 ARRAYS = [name for name, kind in ProcessedRun.__annotations__.items() if "Array" in kind]

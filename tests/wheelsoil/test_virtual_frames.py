@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from virtual_support import simulated
 
-from daq.channel import Channel
-from daq.databases import load_database, shipped_dbc
-from daq.decode import Decoder
+from daq.can.databases import load_database, shipped_dbc
+from daq.can.decoding import Decoder
+from daq.can.frames import FrameBatch
+from daq.channels import Channel
 from daq.errors import DataError
-from daq.frames import FrameBatch
 from daq.logs import read_log, write_candump
 from daq.recording import Recording, RecordingWriter
 from daq.units import Quantity, find_unit
-from model.virtual_test import TransducerSetup, VirtualSetup
-from wheelsoil.virtual_campaign import frames_sha256
-from wheelsoil.virtual_frames import _LAYOUT, DBC_FILES, virtual_frames
+from model.simulation import TransducerSetup, VirtualSetup
+from wheelsoil.simulation.campaign import frames_sha256
+from wheelsoil.simulation.frames import _LAYOUT, DBC_FILES, virtual_frames
 
 SHORT = VirtualSetup(duration_s=20.0)
 DATABASES = tuple(load_database(shipped_dbc(name)) for name in DBC_FILES)

@@ -12,10 +12,10 @@ from cli_support import invoke, ok
 from scipy.stats import beta
 from zero_support import SIGNALS, START_NS, Bench, rested, truth, vehicle_toml, write_lifted
 
+from daq.can.databases import shipped_dbc
 from daq.config import VehicleConfig, parse_toml
-from daq.databases import shipped_dbc
 from daq.zero_file import ChannelZero, Determination, ZeroConfig, load_zeros, parse_zeros
-from processing.transducer_zero.harmonics import fit_harmonics
+from processing.transducer_zero.parts import fit_harmonics
 
 WHEEL = Bench(frame="wheel", angle_offset_deg=40.0)
 RIGHT = Bench(frame="wheel", side="right", angle_direction=-1, angle_offset_deg=-15.0)

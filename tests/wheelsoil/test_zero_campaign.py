@@ -12,16 +12,16 @@ from cli_support import busy, invoke, ok
 from virtual_support import START_NS, WHEEL, simulated
 from zero_support import Bench, write_lifted
 
-from daq.channel import Channel
-from daq.databases import shipped_dbc
+from daq.can.databases import shipped_dbc
+from daq.channels import Channel
 from daq.recording import Recording, RecordingWriter
-from daq.run import vehicle_from_file
+from daq.runs.run import vehicle_from_file
 from daq.zero_file import load_zeros
-from model.virtual_test import TransducerSetup, VirtualRun, VirtualSetup
+from model.simulation import TransducerSetup, VirtualRun, VirtualSetup
 from processing.processed_run import ProcessedRun
-from wheelsoil.runs import open_and_process
-from wheelsoil.virtual_files import to_toml, vehicle_config
-from wheelsoil.virtual_frames import DBC_FILES, virtual_frames
+from wheelsoil.simulation.files import to_toml, vehicle_config
+from wheelsoil.simulation.frames import DBC_FILES, virtual_frames
+from wheelsoil.workflows.runs import open_and_process
 
 HOUR_NS = 3600 * 10**9
 COLUMNS = {

@@ -12,12 +12,12 @@ import typer
 import typer.core
 import typer.main
 
-from daq.errors import ConfigError, Fault, HardwareError, WheelsoilError, nearest
+from daq import ConfigError, Fault, HardwareError, WheelsoilError, nearest
 from wheelsoil import __version__
 
 
 class Entry(NamedTuple):
-    """Where a subcommand lives (its module has a function ``command``) and what it does, in one line."""
+    """The module of a subcommand (its function is called as ``log_command`` is) and what it does, in a line."""
 
     module: str
     summary: str
@@ -25,22 +25,22 @@ class Entry(NamedTuple):
 
 COMMANDS: dict[str, Entry] = {
     "demo": Entry("demo", "Simulate a vehicle and take its frames the whole way to a report."),
-    "doctor": Entry("doctor", "Say whether this machine is ready to log the vehicle."),
-    "log": Entry("log", "Record the vehicle's buses until the time is up or Ctrl-C."),
+    "doctor": Entry("logger", "Say whether this machine is ready to log the vehicle."),
+    "log": Entry("logger", "Record the vehicle's buses until the time is up or Ctrl-C."),
     "zero": Entry("zero", "Find a transducer's zero from a lifted wheel, and its drift."),
-    "replay": Entry("replay", "Send a recording's frames onto buses, with their timing."),
-    "import": Entry("import_logs", "Turn log files of any format into a recording."),
-    "info": Entry("info", "Say what a recording holds."),
-    "recover": Entry("recover", "Save what a cut-off recording still holds."),
-    "export": Entry("export", "Write decoded signals as Parquet, CSV or MAT."),
+    "replay": Entry("recordings", "Send a recording's frames onto buses, with their timing."),
+    "import": Entry("recordings", "Turn log files of any format into a recording."),
+    "info": Entry("recordings", "Say what a recording holds."),
+    "recover": Entry("recordings", "Save what a cut-off recording still holds."),
+    "export": Entry("recordings", "Write decoded signals as Parquet, CSV or MAT."),
     "simulate": Entry("simulate", "Drive a simulated instrumented vehicle over a soil."),
-    "process": Entry("process", "Bring a run onto one time base: slip, forces, quality."),
+    "process": Entry("runs", "Bring a run onto one time base: slip, forces, quality."),
     "soil": Entry("soil", "Find terrain parameters from plate and shear tests."),
-    "fit": Entry("fit", "Fit Wong's model and three slip-sinkage laws."),
+    "fit": Entry("runs", "Fit Wong's model and three slip-sinkage laws."),
     "sinkage": Entry("sinkage", "Find the sinkage of a driven wheel from its forces alone."),
     "diagnose": Entry("diagnose", "Name what the simulation gets wrong, or say why it cannot be named."),
-    "report": Entry("report", "Write the fitted-model report of a terrain's runs."),
-    "view": Entry("view", "Look at recordings in the browser: choose, fit and diagnose."),
+    "report": Entry("pages", "Write the fitted-model report of a terrain's runs."),
+    "view": Entry("pages", "Look at recordings in the browser: choose, fit and diagnose."),
 }
 """Every subcommand, in the order of a test's life."""
 
@@ -90,10 +90,10 @@ class LazyGroup(typer.core.TyperGroup):
 
 
 def load(name: str) -> Any:
-    """Return the click command of a subcommand: its module's function ``command``, of its ``COMMAND_CLASS`` if any."""
+    """Return the click command of a subcommand: its ``soil_command``, made by a ``SoilCommand`` if there is one."""
     module = importlib.import_module(f"wheelsoil.cli.{COMMANDS[name].module}")
     app = typer.Typer(add_completion=False, rich_markup_mode=None)
-    app.command(name, cls=getattr(module, "COMMAND_CLASS", None))(module.command)
+    app.command(name, cls=getattr(module, f"{name.capitalize()}Command", None))(getattr(module, f"{name}_command"))
     return typer.main.get_command(app)
 
 

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq.errors import ConfigError, Fault
+from daq import ConfigError, Fault
 from wheelsoil.cli.options import Json
 from wheelsoil.cli.talk import print_facts, print_json, say, terminal_width
 
 if TYPE_CHECKING:
-    from model.diagnosis.result import Diagnosis
-    from wheelsoil.virtual_options import SimulationOptions
+    from model.diagnosis.core import Diagnosis
+    from wheelsoil.simulation.options import SimulationOptions
 
 _CAMPAIGN = "clay"
 _MANIFEST = "manifest.toml"
@@ -28,7 +28,7 @@ _CAVEAT = (
 )
 
 
-def command(
+def demo_command(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where everything is written.")
     ] = Path("out/demo"),
@@ -43,8 +43,8 @@ def command(
     is drawn within the laboratory's uncertainty; its frames go through the DBCs into recordings. From there on nothing
     knows what was hidden.
     """
-    from wheelsoil.diagnosis_text import diagnosis_lines
-    from wheelsoil.envelope import draw_hidden, open_envelope
+    from wheelsoil.wording.diagnosis_text import diagnosis_lines
+    from wheelsoil.workflows.demo import draw_hidden, open_envelope
 
     _check_folder(output)
     options = _campaign(seed, runs, duration)
@@ -73,7 +73,7 @@ def command(
 
 def _campaign(seed: int, runs: int, duration_s: float) -> SimulationOptions:
     """Return what is driven; it does not depend on what is hidden."""
-    from wheelsoil.virtual_options import SimulationOptions
+    from wheelsoil.simulation.options import SimulationOptions
 
     return SimulationOptions(
         runs=runs,
@@ -87,12 +87,12 @@ def _campaign(seed: int, runs: int, duration_s: float) -> SimulationOptions:
 
 def _shown(output: Path, options: SimulationOptions) -> tuple[Diagnosis, Path, Path]:
     """Go the whole way from frames to the report; return the diagnosis, the page and its numbers."""
-    from processing.options import ProcessOptions
-    from wheelsoil.diagnosing import campaigns_of, diagnose_campaigns, diagnosis_options
-    from wheelsoil.fitting import FitChoices, fit_runs
-    from wheelsoil.reporting import Diagnosed, report_of_processed
-    from wheelsoil.runs import open_and_process
-    from wheelsoil.virtual_campaign import simulate_campaign
+    from processing import ProcessOptions
+    from wheelsoil.simulation.campaign import simulate_campaign
+    from wheelsoil.workflows.diagnosis import campaigns_of, diagnose_campaigns, diagnosis_options
+    from wheelsoil.workflows.fit import FitChoices, fit_runs
+    from wheelsoil.workflows.report import Diagnosed, report_of_processed
+    from wheelsoil.workflows.runs import open_and_process
 
     folder = output / _CAMPAIGN
     choices, process_options = FitChoices(), ProcessOptions(purpose="diagnose")

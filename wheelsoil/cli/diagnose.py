@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq.errors import ConfigError, Fault
+from daq import ConfigError, Fault
 from wheelsoil.cli.options import (
     ChoiceFile,
     Force,
@@ -27,14 +27,13 @@ from wheelsoil.cli.options import (
 from wheelsoil.cli.talk import check_output, print_json, say, say_wrong_signs, terminal_width
 
 if TYPE_CHECKING:
-    from model.diagnosis.campaign import Bench, Campaign, DiagnosisOptions
-    from model.diagnosis.result import Diagnosis
-    from wheelsoil.choice import Choice
-    from wheelsoil.diagnosing import Given
-    from wheelsoil.planning import PlanFiles
+    from model.diagnosis.core import Bench, Campaign, Diagnosis, DiagnosisOptions
+    from wheelsoil.workflows.choice import Choice
+    from wheelsoil.workflows.diagnosis import Given
+    from wheelsoil.workflows.planning import PlanFiles
 
 
-def command(
+def diagnose_command(
     runs: Annotated[
         list[Path] | None,
         typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders; each folder is a campaign."),
@@ -89,7 +88,7 @@ def command(
     With --plan, RUN is a folder with vehicle.toml, terrain.toml and runs.toml (direction, added load, pass, inflation
     of each run that is to be driven), or --vehicle, --terrain and --runs name them; no recording is read.
     """
-    from wheelsoil.diagnosing import diagnosis_options
+    from wheelsoil.workflows.diagnosis import diagnosis_options
 
     by_hand = chosen(choice, sinkage=sinkage, min_speed=min_speed)
     options = diagnosis_options(
@@ -104,7 +103,7 @@ def command(
     if plan:
         if table or zero or choice:
             raise ConfigError(Fault("--plan reads no measurement", next_step="leave out --table, --zero and --choice"))
-        from wheelsoil.planning import PlanFiles
+        from wheelsoil.workflows.planning import PlanFiles
 
         _plan(
             runs or [],
@@ -130,9 +129,9 @@ def command(
 
 
 def _diagnose(given: Given, options: DiagnosisOptions, output: Path | None, *, force: bool, json: bool) -> None:
-    from wheelsoil.diagnosing import diagnose_given
-    from wheelsoil.model_files import model_targets, model_toml, models_of
-    from wheelsoil.report.material import command_line
+    from wheelsoil.report.inputs import command_line
+    from wheelsoil.workflows.diagnosis import diagnose_given
+    from wheelsoil.workflows.model_files import model_targets, model_toml, models_of
 
     targets = model_targets(output, [one.name for one in given], force=force) if output else []
     diagnosis = diagnose_given(given, options)
@@ -143,8 +142,8 @@ def _diagnose(given: Given, options: DiagnosisOptions, output: Path | None, *, f
 
 
 def _plan(folders: list[Path], files: PlanFiles, options: DiagnosisOptions, target: Path | None, *, json: bool) -> None:
-    from wheelsoil.plan_text import matrix_csv, plan_lines
-    from wheelsoil.planning import plan_campaigns
+    from wheelsoil.wording.plan_text import matrix_csv, plan_lines
+    from wheelsoil.workflows.planning import plan_campaigns
 
     found = plan_campaigns(folders, files, options)
     if json:
@@ -168,8 +167,8 @@ def _campaigns(
     by_hand: Choice,
     lenient_dbc: bool,
 ) -> tuple[Campaign, ...]:
-    from wheelsoil.diagnosing import campaigns_of
-    from wheelsoil.runs import open_and_process
+    from wheelsoil.workflows.diagnosis import campaigns_of
+    from wheelsoil.workflows.runs import open_and_process
 
     vehicle, terrain, runs_file, zero = files
     processed = open_and_process(
@@ -194,14 +193,14 @@ def _benches(
     terrain: Path | None,
     soil: str | None,
 ) -> tuple[Bench, ...]:
-    from wheelsoil.bench_files import read_bench
-    from wheelsoil.diagnosing import bench_of
+    from wheelsoil.workflows.diagnosis import bench_of
+    from wheelsoil.workflows.runs import read_bench
 
     return (bench_of(read_bench(path, vehicle=vehicle, terrain=terrain, soil=soil, rename=rename, where=where)),)
 
 
 def _print(diagnosis: Diagnosis, *, json: bool) -> None:
-    from wheelsoil.diagnosis_text import diagnosis_lines, stages_lines
+    from wheelsoil.wording.diagnosis_text import diagnosis_lines, stages_lines
 
     width = terminal_width()
     if json:

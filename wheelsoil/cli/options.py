@@ -1,23 +1,99 @@
-"""Arguments and options that several commands share."""
+"""Arguments and options that several commands share.
+
+Vehicle, terrain and DBCs as the options of a command give them.
+"""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq.errors import ConfigError, Fault
+from daq import ConfigError, Fault, VehicleConfig, parse_toml
+from daq.can import Database, load_database, messages_by_bus
+from daq.runs import VEHICLE_FILE, Collected, Configuration, terrain_from_file, vehicle_from_file
 
 if TYPE_CHECKING:
-    from daq.config import RunInfo
-    from wheelsoil.choice import Choice
+    from daq import RunInfo
+    from wheelsoil.workflows.choice import Choice
+
+
+def configuration(
+    vehicle: Path | None, terrain: Path | None, dbc: Iterable[tuple[str, str]] = (), *, lenient_dbc: bool = False
+) -> Configuration:
+    """Load what the options name; DBCs alone become a vehicle.toml that says only which bus they are of.
+
+    Raises
+    ------
+    ConfigError
+        Everything that is wrong, at once.
+    """
+    files = list(dbc)
+    if vehicle and files:
+        raise ConfigError(Fault("--dbc and --vehicle exclude each other", next_step="name the DBCs in vehicle.toml"))
+    collected = Collected()
+    known = Configuration()
+    with collected.catch():
+        if vehicle:
+            known = vehicle_from_file(vehicle, lenient_dbc=lenient_dbc)
+        elif files:
+            known = _only_databases(files, lenient=lenient_dbc)
+    with collected.catch():
+        if terrain:
+            known = known.over(terrain_from_file(terrain))
+    collected.stop_if_any()
+    return known
+
+
+def pairs(texts: Iterable[str] | None, option: str, form: str) -> list[tuple[str, str]]:
+    """Parse ``a=b`` values of a repeated option.
+
+    Raises
+    ------
+    ConfigError
+        One is not of that form.
+    """
+    parsed = [tuple(text.partition("=")[::2]) for text in texts or ()]
+    faults = [
+        Fault(f"{option} {text} is not understood", expected=form)
+        for text, (left, right) in zip(texts or (), parsed, strict=True)
+        if not left or not right
+    ]
+    if faults:
+        raise ConfigError(*faults)
+    return [(left, right) for left, right in parsed]
+
+
+def _only_databases(files: Iterable[tuple[str, str]], *, lenient: bool) -> Configuration:
+    """Return a vehicle of which only the buses and their DBCs are known."""
+    import tomli_w
+
+    buses: dict[str, list[Path]] = {}
+    for bus, file in files:
+        buses.setdefault(bus, []).append(Path(file))
+    collected = Collected()
+    databases: dict[str, tuple[Database, ...]] = {}
+    for bus, paths in buses.items():
+        for path in paths:
+            with collected.catch():
+                databases[bus] = (*databases.get(bus, ()), load_database(path, lenient=lenient))
+    collected.stop_if_any()
+    messages_by_bus(databases)
+    text = tomli_w.dumps({"bus": [{"channel": bus, "dbc": [p.name for p in paths]} for bus, paths in buses.items()]})
+    carried = {database.name: database.content for bus in databases.values() for database in bus}
+    vehicle = parse_toml(text, VehicleConfig, "--dbc")
+    return Configuration(vehicle, databases, attachments={VEHICLE_FILE: text.encode(), **carried})
+
 
 Runs = Annotated[
     list[Path],
-    typer.Argument(metavar="RUN...", readable=False, help="Recordings, logs or campaign folders."),  # told by daq.open
+    typer.Argument(
+        metavar="RUN...", readable=False, help="Recordings, logs or campaign folders."
+    ),  # told by daq.runs.open
 ]
 Vehicle = Annotated[
     Path | None, typer.Option("--vehicle", metavar="FILE", help="vehicle.toml; overrides what a run carries.")
@@ -37,7 +113,7 @@ LenientDbc = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Force = Annotated[bool, typer.Option("--force", "-f", help="Replace the output if it is there.")]
 PRESETS = "clay, sandy, ding_clay, dry_sand, lunar, hit_lss1, sandy_loam"
-"""`model.soils.SOILS`, spelled out so that the help needs not import it."""
+"""`model.wheel_soil.soils.SOILS`, spelled out so that the help needs not import it."""
 SoilPreset = Annotated[
     str | None, typer.Option("--soil", metavar="NAME", help=f"A preset ({PRESETS}) instead of terrain.toml.")
 ]
@@ -124,10 +200,10 @@ def chosen(
     Raises
     ------
     ConfigError
-        See `wheelsoil.choice.load_choice`.
+        See `wheelsoil.workflows.choice.load_choice`.
     """
-    from wheelsoil.choice import Choice, load_choice
-    from wheelsoil.fitting import parse_channels
+    from wheelsoil.workflows.choice import Choice, load_choice
+    from wheelsoil.workflows.fit import parse_channels
 
     return (load_choice(file) if file else Choice()).but(
         sinkage=sinkage.value if sinkage else None,
@@ -151,7 +227,7 @@ def run_info(
     """
     from pydantic import ValidationError
 
-    from daq.config import RunInfo
+    from daq import RunInfo
 
     try:
         return RunInfo(

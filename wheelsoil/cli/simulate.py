@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq.errors import ConfigError, Fault
+from daq import ConfigError, Fault
 from wheelsoil.cli.options import PRESETS, Force
 from wheelsoil.cli.talk import progress, say
 
 if TYPE_CHECKING:
-    from wheelsoil.virtual_options import SimulationOptions
+    from wheelsoil.simulation.options import SimulationOptions
 
 
 class Format(StrEnum):
@@ -32,7 +32,7 @@ class Reading(StrEnum):
     literal = "literal"
 
 
-def command(
+def simulate_command(
     ctx: typer.Context,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FOLDER", help="Campaign folder to write.")
@@ -92,9 +92,9 @@ def command(
     """
     if output is None and live is None:
         raise ConfigError(Fault("nothing to do", next_step="give a folder to write with -o, or --live an interface"))
-    from model.wheel import Wheel
-    from wheelsoil.virtual_campaign import simulate_campaign
-    from wheelsoil.virtual_options import SimulationOptions
+    from model.wheel_soil import Wheel
+    from wheelsoil.simulation.campaign import simulate_campaign
+    from wheelsoil.simulation.options import SimulationOptions
 
     options = SimulationOptions(
         soil=soil,
@@ -113,7 +113,7 @@ def command(
         start=_start(start, live=live is not None),
     )
     if model is not None:
-        from wheelsoil.virtual_model import with_model
+        from wheelsoil.simulation.options import with_model
 
         options = with_model(options, model, _given(ctx))
     _say_what_cannot_show(options)
@@ -131,7 +131,7 @@ def _given(ctx: typer.Context) -> list[str]:
 
 
 def _effects(texts: list[str]) -> dict[str, dict[str, float]]:
-    from wheelsoil.virtual_options import parse_effect
+    from wheelsoil.simulation.options import parse_effect
 
     effects: dict[str, dict[str, float]] = {}
     for text in texts:
@@ -152,7 +152,7 @@ def _say_what_cannot_show(options: SimulationOptions) -> None:
 
 
 def _start(text: str | None, *, live: bool) -> datetime:
-    from wheelsoil.virtual_options import DEFAULT_START
+    from wheelsoil.simulation.options import DEFAULT_START
 
     if text is None:
         return datetime.now(UTC) if live else DEFAULT_START
@@ -167,10 +167,9 @@ def _start(text: str | None, *, live: bool) -> datetime:
 
 def _send(options: SimulationOptions, interface: str, channel: str, speed: float) -> None:
     """Send one run after the other, each with its own timing."""
-    from daq.config import BusSection
-    from daq.interfaces import open_sink
-    from daq.replay import replay_batches
-    from wheelsoil.virtual_campaign import BUS, campaign_frames
+    from daq import BusSection
+    from daq.sources import open_sink, replay_batches
+    from wheelsoil.simulation.campaign import BUS, campaign_frames
 
     sink = open_sink(BusSection(channel=channel, interface=interface))
     try:

@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq.errors import ConfigError, Fault
-from daq.shown import number
+from daq import ConfigError, Fault, number
 from wheelsoil.cli.options import Json, LenientDbc, MinSpeed, Rename, RunsFile, Vehicle, Where, ZeroFile, chosen
 from wheelsoil.cli.talk import print_json, print_table, say, say_wrong_signs
 
 if TYPE_CHECKING:
-    from wheelsoil.force_sinkage import SinkageFacts
+    from wheelsoil.workflows.sinkage import SinkageFacts
 
 
-def command(
+def sinkage_command(
     runs: Annotated[
         list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")
     ] = None,
@@ -38,7 +37,7 @@ def command(
     Load, drawbar pull, torque and radius give it with a 95 % band, per range of slip, and its growth with slip. Where
     sinkage is measured it stands beside, and every driven row is checked against a bound that no soil can break.
     """
-    from wheelsoil.force_sinkage import sinkage_as_json
+    from wheelsoil.workflows.sinkage import sinkage_as_json
 
     if table is not None:
         if runs:
@@ -62,8 +61,8 @@ def _of_runs(
     min_speed: float | None,
     lenient_dbc: bool,
 ) -> SinkageFacts:
-    from wheelsoil.force_sinkage import sinkage_of_runs
-    from wheelsoil.runs import open_and_process
+    from wheelsoil.workflows.runs import open_and_process
+    from wheelsoil.workflows.sinkage import sinkage_of_runs
 
     options = chosen(None, min_speed=min_speed).process_options("sinkage")
     processed = open_and_process(
@@ -74,11 +73,10 @@ def _of_runs(
 
 
 def _of_table(path: Path, rename: list[str] | None, where: list[str] | None, vehicle: Path | None) -> SinkageFacts:
-    from daq.bench_tables import read_wheel_table
-    from daq.config import VehicleConfig, load_toml
-    from daq.open import Collected
-    from daq.table_options import parse_rename, parse_where
-    from wheelsoil.force_sinkage import sinkage_of_table
+    from daq import VehicleConfig, load_toml
+    from daq.runs import Collected
+    from daq.series import parse_rename, parse_where, read_wheel_table
+    from wheelsoil.workflows.sinkage import sinkage_of_table
 
     collected = Collected()
     with collected.catch():
@@ -97,7 +95,7 @@ def _of_table(path: Path, rename: list[str] | None, where: list[str] | None, veh
 
 def print_sinkage(facts: SinkageFacts) -> None:
     """Print the table of sinkage against slip, its growth and the bound; notes on stderr."""
-    from wheelsoil.force_sinkage import IN_THE_BAND, growth_rows, growth_sentence
+    from wheelsoil.workflows.sinkage import IN_THE_BAND, growth_rows, growth_sentence
 
     measured = any(one.measured_m == one.measured_m for one in facts.bins)
     head = ["slip", "load N", "sinkage mm", "95 % band", "noise mm", *(["measured mm"] if measured else []), "samples"]

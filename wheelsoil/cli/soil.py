@@ -14,9 +14,8 @@ from wheelsoil.cli.options import Force, Json, Rename, Where
 from wheelsoil.cli.talk import check_output, print_facts, print_json, print_table, say
 
 if TYPE_CHECKING:
-    from daq.bench_tables import PlateTest, ShearTest
-    from daq.table_options import SharedOptions
-    from wheelsoil.bench_soil import BenchSoil
+    from daq.series import PlateTest, SharedOptions, ShearTest
+    from wheelsoil.wording.bevameter_text import BenchSoil
 
 GREEDY = ("--plate", "--shear", "--radius", "--width")
 """Options that take all that follows up to the next option: ``--plate a.csv b.csv``, ``--plate plates/*.csv``."""
@@ -44,7 +43,7 @@ def spread(args: Iterable[str]) -> Iterator[str]:
         yield arg
 
 
-class COMMAND_CLASS(typer.core.TyperCommand):  # noqa: N801  (the name that wheelsoil.cli.app looks for)
+class SoilCommand(typer.core.TyperCommand):
     """A command whose greedy options take several values."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -52,7 +51,7 @@ class COMMAND_CLASS(typer.core.TyperCommand):  # noqa: N801  (the name that whee
         return super().parse_args(ctx, list(spread(args)))
 
 
-def command(
+def soil_command(
     plate: Annotated[
         list[Path] | None,
         typer.Option("--plate", metavar="FILE...", help="Pressure-sinkage tests: sinkage_m, pressure_pa or force_n."),
@@ -97,10 +96,10 @@ def command(
 
     Each test is fitted by itself and counts once in the joint fit: the intervals hold the scatter between tests.
     """
-    from daq.config import TerrainConfig, load_toml
-    from daq.table_options import SharedOptions
+    from daq import TerrainConfig, load_toml
+    from daq.series import SharedOptions
     from model.bevameter import WindowOptions
-    from wheelsoil.bench_soil import evaluate, terrain_text
+    from wheelsoil.wording.bevameter_text import evaluate, terrain_text
 
     target = check_output(output, force=force) if output else None
     known = load_toml(base, TerrainConfig) if base else None
@@ -124,9 +123,8 @@ def command(
 def _plates(
     files: Sequence[Path], radii: Sequence[float], widths: Sequence[float], columns: SharedOptions
 ) -> list[PlateTest]:
-    from daq.bench_tables import read_plate_tests
-    from daq.errors import ConfigError, Fault
-    from daq.tables import column_names
+    from daq import ConfigError, Fault
+    from daq.series import column_names, read_plate_tests
 
     faults = [
         Fault(
@@ -147,8 +145,7 @@ def _plates(
 
 
 def _shears(files: Sequence[Path], columns: SharedOptions) -> list[ShearTest]:
-    from daq.bench_tables import read_shear_tests
-    from daq.tables import column_names
+    from daq.series import column_names, read_shear_tests
 
     tests: list[ShearTest] = []
     for path in files:
@@ -158,7 +155,7 @@ def _shears(files: Sequence[Path], columns: SharedOptions) -> list[ShearTest]:
 
 
 def _print(result: BenchSoil, *, json: bool) -> None:
-    from wheelsoil.bench_soil import as_json, facts, parameter_rows, plate_rows, shear_rows
+    from wheelsoil.wording.bevameter_text import as_json, facts, parameter_rows, plate_rows, shear_rows
 
     if json:
         print_json(as_json(result))

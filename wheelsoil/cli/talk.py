@@ -10,14 +10,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from daq.errors import ConfigError, Fault
-from daq.shown import number as number
-from daq.shown import table_lines as table_lines
-from wheelsoil.plain import to_json
+from daq import ConfigError, Fault, table_lines
+from wheelsoil.wording.to_json import to_json
 
 if TYPE_CHECKING:
-    from daq.run import Run
-    from processing.processed_run import ProcessedRun
+    from daq.runs import Run
+    from processing import ProcessedRun
 
 _LEAST_WIDTH = 60
 
@@ -37,7 +35,7 @@ def say_folded(text: str) -> None:
 
 def say_wrong_signs(processed: Iterable[tuple[Run, ProcessedRun]]) -> None:
     """Tell the person which forces seem to have the wrong sign (stderr): what follows from them is worth nothing."""
-    from wheelsoil.grading import wrong_signs
+    from wheelsoil.wording.notes import wrong_signs
 
     for text in wrong_signs(run for _, run in processed):
         say_folded(text)

@@ -8,18 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from daq.errors import ConfigError, Fault
-from daq.shown import number
+from daq import ConfigError, Fault, number
 from wheelsoil.cli.options import Json, LenientDbc, Vehicle
 from wheelsoil.cli.talk import print_facts, print_json, print_table, say
 
 if TYPE_CHECKING:
-    from daq.units import Quantity
+    from daq import Quantity
     from processing.transducer_zero import Drift
-    from wheelsoil.zeroing import Found
+    from wheelsoil.workflows.zero import Found
 
 
-def command(
+def zero_command(
     recordings: Annotated[
         list[Path],
         typer.Argument(metavar="RECORDING...", help="Of a lifted wheel: spun evenly, or at rest. Two or more: drift."),
@@ -53,8 +52,8 @@ def command(
     Appends to zero.toml, which `log` attaches where vehicle.toml names it and `process` takes off. From two recordings
     on, the drift from one to the next is told; beyond --max-drift, or where that cannot be told, the exit code is 1.
     """
-    from daq.open import open_runs
-    from wheelsoil.zeroing import all_compared, append, check_place, drifts, find_zeros, too_far, zero_path
+    from daq.runs import open_runs
+    from wheelsoil.workflows.zero import all_compared, append, check_place, drifts, find_zeros, too_far, zero_path
 
     most = _limits(max_drift)
     first = open_runs(recordings[:1], vehicle=vehicle, lenient_dbc=lenient_dbc)[0]
@@ -103,7 +102,7 @@ def _limits(text: str | None) -> dict[Quantity, float]:
     ConfigError
         A part is not UNIT=VALUE, with a unit of force or moment and a positive number.
     """
-    from daq.units import Quantity, find_unit
+    from daq import Quantity, find_unit
 
     limits: dict[Quantity, float] = {}
     faults = []
@@ -124,7 +123,7 @@ def _limits(text: str | None) -> dict[Quantity, float]:
 
 
 def _as_json(target: Path, found: Sequence[Found], rows: Sequence[Drift], remarks: Sequence[str]) -> dict[str, Any]:
-    from wheelsoil.plain import plain
+    from wheelsoil.wording.to_json import plain
 
     return {
         "file": target,

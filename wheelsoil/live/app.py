@@ -10,11 +10,10 @@ from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
-from daq.panel import Command
+from daq.logger import Command
 from wheelsoil.live.hub import MOST_STREAMS, Hub
 from wheelsoil.live.wire import command_from
-from wheelsoil.web.files import files_in, routes_of
-from wheelsoil.web.guard import Guard, Rules
+from wheelsoil.web.guard import Guard, Rules, files_in, routes_of
 
 
 def make_app(hub: Hub, pass_on: Callable[[Command], bool], rules: Rules) -> ASGIApp:

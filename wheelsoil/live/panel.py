@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from daq.panel import Command
+from daq.logger import Command
 from wheelsoil.live.wire import GOODBYE, LARGEST_BYTES, command_from, packed
 from wheelsoil.web.listening import checked_token, listen, page_addresses
 
@@ -29,7 +29,7 @@ _HOME = Path(__file__).resolve().parents[2]
 
 
 class PagePanel:
-    """A `daq.panel.Panel` whose page lives in a process of its own.
+    """A `daq.logger.panel.Panel` whose page lives in a process of its own.
 
     The two are joined by a pair of datagram sockets that stays the same over the page's restarts. A datagram that does
     not fit because the page is slow, stopped or dead is dropped and counted. A thread starts the process and waits for
@@ -90,7 +90,7 @@ class PagePanel:
         return self.addresses[0]
 
     def show(self, snapshot: Mapping[str, Any]) -> None:
-        """Hand a snapshot to the page, or drop it; see `daq.panel.Panel`."""
+        """Hand a snapshot to the page, or drop it; see `daq.logger.panel.Panel`."""
         if self._closing.is_set():
             return
         try:
@@ -156,3 +156,32 @@ class PagePanel:
         with suppress(BrokenPipeError), process.stdin as settings:
             settings.write(self._settings)  # not on the command line: the token is a secret
         return process
+
+
+def open_page(host: str, port: int, token: str | None, vehicle: str) -> PagePanel:
+    """Open the status page.
+
+    Parameters
+    ----------
+    host : str
+        Address to listen on. Anything but this machine's own loopback needs a token.
+    port : int
+        0 takes a free one.
+    token : str or None
+        What the page asks for. None: nothing on a loopback address, a new random one elsewhere.
+    vehicle : str
+        Name that the page shows before the first snapshot.
+
+    Returns
+    -------
+    PagePanel
+        A `daq.logger.panel.Panel`; its ``address`` is what to open, token included.
+
+    Raises
+    ------
+    HardwareError
+        The address cannot be listened on, or the port is taken.
+    ConfigError
+        The token or the port cannot be used.
+    """
+    return PagePanel(host, port, token, vehicle)

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from uvicorn import Server
 
-from daq.panel import Command
+from daq.logger import Command
 from wheelsoil.live.app import make_app
 from wheelsoil.live.hub import Hub
 from wheelsoil.live.wire import LARGEST_BYTES, packed_command, unpacked

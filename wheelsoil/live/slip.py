@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from processing.slip import slip_of
-from processing.timebase import FloatArray, interpolate
+from processing import FloatArray, interpolate
+from processing.pipeline import slip_of
 
 SPAN_S = 60.0
 """What the plots show."""

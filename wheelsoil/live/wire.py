@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, get_args
 
-from daq.panel import Command, CommandKind
+from daq.logger import Command, CommandKind
 
 LARGEST_BYTES = 1 << 20
 GOODBYE = b'{"goodbye":true}'

@@ -1,23 +1,161 @@
-"""Material -> a report: every section in a boundary of its own, one HTML file and its numbers."""
+"""Material -> a report: every section in a boundary of its own, one HTML file and its numbers.
+
+Sections -> one self-contained HTML page.
+
+A report as PDF, printed by the Chromium or Chrome that is installed.
+"""
 
 from __future__ import annotations
 
 import json
 import logging
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
 
-from daq.errors import WheelsoilError
-from wheelsoil.plain import plain
-from wheelsoil.report.content import Section, Text, drawn, figures_of, texts_of
-from wheelsoil.report.material import Material
-from wheelsoil.report.page import render
-from wheelsoil.report.pdf import print_page
+from daq import ConfigError, Fault, WheelsoilError
+from wheelsoil import __version__
+from wheelsoil.report.content import Figure, Section, Text, drawn, figures_of, texts_of
+from wheelsoil.report.inputs import Material
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
+from wheelsoil.wording.to_json import plain
+
+
+def render(title: str, subtitle: str, sections: Sequence[Section], *, made_at: str, json_name: str) -> str:
+    """Return the page as HTML text; plotly.js is in it once, and it loads nothing from outside.
+
+    Parameters
+    ----------
+    title, subtitle : str
+    sections : sequence of Section
+    made_at : str
+        When the report was made, for the last line.
+    json_name : str
+        Name of the file that holds the numbers.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from jinja2.utils import htmlsafe_json_dumps
+    from plotly.offline import get_plotlyjs
+
+    folder = files("wheelsoil.report")
+
+    def figure_json(figure: Figure) -> str:
+        shown = {"data": figure.data, "layout": figure.layout, "groups": figure.groups}
+        return htmlsafe_json_dumps(shown, dumps=json.dumps, allow_nan=False, separators=(",", ":"))
+
+    environment = Environment(
+        loader=PackageLoader("wheelsoil.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    return environment.get_template("template.html.j2").render(
+        title=title,
+        subtitle=subtitle,
+        sections=sections,
+        made_at=made_at,
+        json_name=json_name,
+        version=__version__,
+        plotly_js=get_plotlyjs(),
+        figure_json=figure_json,
+        style=folder.joinpath("page.css").read_text(encoding="utf-8"),
+        script=folder.joinpath("page.js").read_text(encoding="utf-8"),
+    )
+
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
+"""Names on the PATH, the first one that is there is taken."""
+_OPTIONS = (
+    "--headless",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-extensions",
+    "--disable-background-networking",
+    "--no-pdf-header-footer",
+    "--virtual-time-budget=20000",
+)
+_PATIENCE_S = 180
+
+
+class PrintError(WheelsoilError, RuntimeError):
+    """A browser is there, but it made no PDF."""
+
+
+def find_browser() -> str:
+    """Return the path of a browser that can print.
+
+    Raises
+    ------
+    ConfigError
+        There is none.
+    """
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
+        raise ConfigError(
+            Fault(
+                "no browser that could make a PDF",
+                "PATH",
+                expected=f"one of {', '.join(BROWSERS)}",
+                next_step="apt-get install chromium; or write the page (-o report.html), open it and print it",
+            )
+        )
+    return found
+
+
+def print_page(page: Path, output: Path, browser: str | None = None) -> None:
+    """Print an HTML file that needs no network to an A4 PDF with page numbers.
+
+    Parameters
+    ----------
+    page, output : Path
+    browser : str, optional
+        As by `find_browser`.
+
+    Raises
+    ------
+    ConfigError
+        There is no browser.
+    PrintError
+        It failed.
+    """
+    chosen = browser or find_browser()
+    with tempfile.TemporaryDirectory(prefix="wheelsoil-") as folder:
+        made = Path(folder) / "page.pdf"
+        places = [f"--user-data-dir={folder}/profile", f"--print-to-pdf={made}", page.resolve().as_uri()]
+        said = _run([chosen, *_OPTIONS, *_sandbox(), *places])
+        if not made.is_file() or not made.read_bytes().startswith(b"%PDF"):
+            raise PrintError(
+                Fault(
+                    "the browser made no PDF",
+                    chosen,
+                    found=said.strip().splitlines()[-1][:200] if said.strip() else "it said nothing",
+                    next_step="write the page (-o report.html), open it and print it",
+                )
+            )
+        shutil.copyfile(made, output)
+
+
+def _run(command: list[str]) -> str:
+    """Run a browser to its end and return what it said."""
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE_S, check=False)
+    except subprocess.TimeoutExpired:
+        return f"no answer within {_PATIENCE_S} s"
+    except OSError as error:
+        return str(error)
+    return done.stderr
+
+
+def _sandbox() -> list[str]:
+    """Return what root needs: Chromium's sandbox does not work for it, and the page is our own file."""
+    return ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []
+
 
 SCHEMA = "wheelsoil/report/1"
 _NAMED = 8
@@ -75,7 +213,7 @@ class Report:
         return path, numbers
 
     def print(self, path: Path, browser: str) -> tuple[Path, Path]:
-        """Write the page as a PDF (see `wheelsoil.report.pdf`), and its numbers beside it; return both paths."""
+        """Write the page as a PDF (see `wheelsoil.report.build`), and its numbers beside it; return both paths."""
         numbers = path.with_suffix(".json")
         with TemporaryDirectory(prefix="wheelsoil-") as folder:
             page = Path(folder) / "report.html"

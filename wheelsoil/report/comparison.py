@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from model.fit_result import ModelFit
-from model.observations import CHANNELS
-from wheelsoil.report.material import Material
+from model.fit import CHANNELS, ModelFit
+from wheelsoil.report.inputs import Material
 
 FloatArray = NDArray[np.float64]
 
@@ -74,7 +73,7 @@ def rank(material: Material, channel: str = "dp") -> Ranking:
     -----
     Source: Diebold & Mariano (1995), J. Bus. Econ. Stat. 13:253, with block means for the variance.
     """
-    from daq.errors import DataError
+    from daq import DataError
 
     fit, pool = material.fit, material.pool
     scored = [m for m in fit.models if channel in m.criteria and np.isfinite(m.criteria[channel].R0_N)]

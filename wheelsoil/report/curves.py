@@ -1,4 +1,7 @@
-"""One channel against slip: measured with its density, every model with its band, driving and braking apart."""
+"""One channel against slip: measured with its density, every model with its band, driving and braking apart.
+
+One quantity against slip with every model in one panel, as the section on the sinkage draws it.
+"""
 
 from __future__ import annotations
 
@@ -8,23 +11,73 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.observations import CHANNELS
-from wheelsoil.model_styles import style
+from model.fit import CHANNELS
 from wheelsoil.report.content import Figure, Panels
 from wheelsoil.report.figures import (
+    EDGES,
     GREY_BAND,
     MEASURED,
+    Bins,
     Trace,
     axes,
     band,
+    binned,
     density,
+    dots,
     line,
     look_at,
     marked_line,
     see_through,
+    thinned_by_sign,
 )
-from wheelsoil.report.material import FloatArray, Material
-from wheelsoil.report.thinning import EDGES, Bins, binned
+from wheelsoil.report.inputs import FloatArray, Material
+from wheelsoil.wording.model_styles import style
+
+
+def quantity_figure(
+    material: Material, key: str, name: str, measured: FloatArray, axis: str, factor: float = 1.0
+) -> tuple[Figure, dict[str, Any]]:
+    """Return the figure of one predicted quantity and the numbers in it.
+
+    Parameters
+    ----------
+    material : Material
+    key : str
+        Of the figure.
+    name : str
+        Of the prediction, e.g. ``"sinkage_m"``.
+    measured : float64 array, shape (n,)
+        In the unit of the axis; all NaN where it was not measured.
+    axis : str
+        Title of the axis, with its unit.
+    factor : float
+        From the prediction's unit to the axis'.
+    """
+    pool = material.pool
+    data: list[Trace] = []
+    numbers: dict[str, Any] = {"unit": axis}
+    driven = measured[pool.slip > 0]
+    lines = []
+    if np.isfinite(measured).any():
+        curve = binned(pool.slip, measured, EDGES)
+        rows = thinned_by_sign(pool.slip, measured)
+        data = [
+            dots(pool.slip[rows], measured[rows], "measured"),
+            *band(curve.centre, curve.lower, curve.upper, "middle half", GREY_BAND),
+            line(curve.centre, curve.median, "median of measured", MEASURED, "solid", 2.2),
+        ]
+        numbers["measured"] = curve
+    for model in material.fit.models:
+        curve = binned(pool.slip, factor * pool.predicted(model.name, name), EDGES)
+        data.append(marked_line(curve.centre, curve.median, style(model.name).label, style(model.name)))
+        numbers[model.name] = curve
+        lines.append(curve.median[curve.centre > 0])
+    layout = axes("slip", axis, height=380)
+    look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
+    said = np.concatenate(lines)
+    look_at(layout, "y", driven if np.isfinite(driven).any() else said, also=said)
+    return Figure(key, axis, data, layout), numbers
+
 
 ALL_RUNS = "all runs"
 _SIGMAS = 1.959964

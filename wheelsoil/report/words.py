@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 
-from wheelsoil.model_styles import STYLES
+from wheelsoil.wording.model_styles import STYLES
 
 PARAMETERS = {
     "H_m": "H",

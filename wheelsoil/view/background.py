@@ -8,8 +8,8 @@ from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
-from daq.errors import Fault, WheelsoilError
-from processing.options import ProcessOptions
+from daq import Fault, WheelsoilError
+from processing import ProcessOptions
 from wheelsoil.view.campaigns import ViewedCampaign, ViewedRun
 from wheelsoil.view.entries import fault_of_ours
 from wheelsoil.view.helper import Helper, HelperEndedError

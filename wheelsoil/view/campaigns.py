@@ -11,19 +11,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.errors import ConfigError, DataError, Fault, WheelsoilError
-from daq.run import Run
-from model.effects.tyre_flattening import REFERENCE_KPA
-from model.soils import Soil
-from model.wheel import Wheel
-from processing.by_hand import Interval, check_within
-from processing.options import LOOK, ProcessOptions
-from wheelsoil.choice import Choice, ChosenRun
-from wheelsoil.chosen_runs import is_called, runs_in_use
-from wheelsoil.fitting import known_soil, wheel_of
-from wheelsoil.grading import Grade, grade_of
+from daq import ConfigError, DataError, Fault, WheelsoilError
+from daq.runs import Run
+from model.effects.vehicle import REFERENCE_KPA
+from model.wheel_soil import Soil, Wheel
+from processing import LOOK, Interval, ProcessOptions, check_within
 from wheelsoil.view.curve import Base
 from wheelsoil.view.jobs import Member, Seen
+from wheelsoil.wording.notes import Grade, grade_of
+from wheelsoil.workflows.choice import Choice, ChosenRun, is_called, runs_in_use
+from wheelsoil.workflows.fit import known_soil, wheel_of
 
 RunState = Literal["waiting", "processing", "ready", "failed"]
 Keeps = tuple[tuple[Seen, tuple[Interval, ...] | None], ...]

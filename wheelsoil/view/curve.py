@@ -1,18 +1,32 @@
-"""A model's curve over the slip, for sliders: one load, a steady drive, no fit."""
+"""What can be moved on the page: the soil's parameters and those of every effect, each with where it may go.
+
+A model's curve over the slip, for sliders: one load, a steady drive, no fit.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from math import inf, log10
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.conditions import Conditions
+from daq import ConfigError, Fault, nearest
 from model.effects import EFFECTS
-from model.soils import Soil
-from model.wheel import Wheel
-from model.wheel_soil import Reading, WheelSoilModel
+from model.effects import Parameter as EffectParameter
+from model.wheel_soil import (
+    LABORATORY_SPREAD,
+    SOIL_PARAMETERS,
+    Conditions,
+    Reading,
+    Soil,
+    SoilPrior,
+    Wheel,
+    WheelSoilModel,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -98,3 +112,163 @@ def curve_of(
         "sinkage_m": found.sinkage_m,
         "load_n": base.load_n,
     }
+
+
+_SIGMAS = 4.0
+"""A slider goes so far from the neutral value, in what is plausible."""
+_STEPS = 200
+_SOIL: dict[str, tuple[str, str, float, float, float]] = {
+    "cohesion_pa": ("cohesion c", "Pa", 0.0, 1e6, 5e3),
+    "tan_phi": ("friction tan φ", "1", 0.0, 1.75, 0.5),
+    "shear_modulus_m": ("shear modulus K", "m", 1e-4, 1.0, 0.02),
+    "sinkage_exponent": ("sinkage exponent n", "1", 0.05, 3.0, 1.0),
+    "cohesive_modulus": ("cohesive modulus k_c", "N/m^(n+1)", -1e9, 1e9, 50e3),
+    "frictional_modulus": ("frictional modulus k_φ", "N/m^(n+2)", -1e9, 1e9, 500e3),
+}
+"""Label, unit, least, most, and a usual size for a value that is zero."""
+
+
+def soil_parameters(soil: Soil, prior: SoilPrior) -> list[dict[str, Any]]:
+    """Return the soil's parameters; `low` and `high` are four of the laboratory's sigmas away."""
+    return [_soil_parameter(name, float(getattr(soil, name)), prior) for name in SOIL_PARAMETERS]
+
+
+def effect_entries(base: Base, reading: Reading, told: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Return every effect with its parameters, and why these data cannot tell it.
+
+    Parameters
+    ----------
+    base : Base
+    reading : "balanced" or "literal"
+    told : mapping family -> sentence
+        What the data cannot tell.
+    """
+    shown = _shown(base, reading)
+    return [_entry(key, base.wheel, reading, told) | {"in_curve": shown[key]} for key in EFFECTS]
+
+
+def checked_values(effects: Sequence[str], values: Mapping[str, float], soil: Mapping[str, float]) -> dict[str, float]:
+    """Return the values as a model takes them.
+
+    Raises
+    ------
+    ConfigError
+        Lists everything: unknown effects and parameters, values out of bounds.
+    """
+    faults = [
+        Fault(f"no effect is called {key!r}", "effects", expected=nearest(key, EFFECTS))
+        for key in effects
+        if key not in EFFECTS
+    ]
+    known = {
+        key: (p.lower, p.upper)
+        for effect in effects
+        if effect in EFFECTS
+        for key, p in zip(EFFECTS[effect].parameter_keys().values(), EFFECTS[effect].parameters, strict=True)
+    }
+    faults += _unfit(values, known, "values")
+    faults += _unfit(soil, {name: (low, high) for name, (_, _, low, high, _) in _SOIL.items()}, "soil")
+    if faults:
+        raise ConfigError(*faults)
+    return {**soil, **values}
+
+
+def _unfit(given: Mapping[str, float], bounds: Mapping[str, tuple[float, float]], where: str) -> Iterable[Fault]:
+    for name, value in given.items():
+        low, high = bounds.get(name, (-inf, inf))
+        if name not in bounds:
+            step = "switch its effect on" if where == "values" else ""
+            yield Fault(f"there is no parameter {name!r}", where, expected=nearest(name, bounds), next_step=step)
+        elif not low <= value <= high:
+            yield Fault(f"{name} is out of bounds", where, f"{value:g}", f"{low:g} to {high:g}")
+
+
+def _soil_parameter(name: str, value: float, prior: SoilPrior) -> dict[str, Any]:
+    label, unit, least, most, usual = _SOIL[name]
+    sigma = prior.sigma_of(name) or LABORATORY_SPREAD[name] * (abs(value) or usual)
+    low, high = max(least, value - _SIGMAS * sigma), min(most, value + _SIGMAS * sigma)
+    return _parameter(name, label, unit, value, value, (low, high), (least, most), prior.source)
+
+
+def _entry(key: str, wheel: Wheel, reading: Reading, told: Mapping[str, str]) -> dict[str, Any]:
+    effect = EFFECTS[key]
+    why_not = told.get(effect.name, "")
+    if effect.reading not in ("any", reading):
+        why_not = f"it belongs to the {effect.reading} reading only"
+    return {
+        "key": key,
+        "name": effect.name,
+        "family": effect.name,
+        "form": effect.form,
+        "kind": effect.kind,
+        "summary": effect.summary,
+        "parameters": [_of_effect(effect.parameter_keys()[p.name], p, wheel) for p in effect.parameters],
+        "can": not why_not,
+        "why_not": why_not,
+    }
+
+
+def _of_effect(key: str, parameter: EffectParameter, wheel: Wheel) -> dict[str, Any]:
+    neutral, reach = parameter.neutral, _SIGMAS * parameter.scale(wheel)
+    low, high = max(parameter.lower, neutral - reach), min(parameter.upper, neutral + reach)
+    if parameter.side > 0:
+        low = max(low, min(neutral, high))
+    elif parameter.side < 0:
+        high = min(high, max(neutral, low))
+    label = parameter.name.replace("_", " ")
+    bounds = (parameter.lower, parameter.upper)
+    return _parameter(key, label, parameter.unit, neutral, neutral, (low, high), bounds, parameter.source) | {
+        "start": parameter.start
+    }
+
+
+def _parameter(
+    name: str,
+    label: str,
+    unit: str,
+    value: float,
+    neutral: float,
+    slider: tuple[float, float],
+    bounds: tuple[float, float],
+    source: str,
+) -> dict[str, Any]:
+    return {
+        "name": name,
+        "label": label,
+        "unit": unit,
+        "value": value,
+        "neutral": neutral,
+        "low": slider[0],
+        "high": slider[1],
+        "lowest": bounds[0],
+        "highest": bounds[1],
+        "step": _round_step((slider[1] - slider[0]) / _STEPS),
+        "source": source,
+    }
+
+
+def _round_step(step: float) -> float:
+    """Return the largest of 1, 2 and 5 times a power of ten that is not above `step`."""
+    if not step > 0:
+        return 0.0
+    power = 10.0 ** np.floor(log10(step))
+    return float(power * max(factor for factor in (1.0, 2.0, 5.0) if factor * power <= step * (1 + 1e-9)))
+
+
+@lru_cache(maxsize=16)
+def _shown(base: Base, reading: Reading) -> dict[str, bool]:
+    """Return, by effect, whether a plausible size of it moves the steady curve at all."""
+    plain = curve_of(base, (), reading, {})
+    found = {}
+    for key, effect in EFFECTS.items():
+        names = effect.parameter_keys()
+        values = {
+            names[p.name]: float(np.clip(p.neutral + p.towards(base.wheel), p.lower, p.upper))
+            for p in effect.parameters
+        }
+        moved = curve_of(base, (key,), reading, values)
+        found[key] = any(
+            not np.allclose(moved[name], plain[name], rtol=1e-9, atol=1e-9, equal_nan=True)
+            for name in ("drawbar_pull_n", "driving_torque_nm", "sinkage_m")
+        )
+    return found

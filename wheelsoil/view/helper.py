@@ -17,7 +17,7 @@ from multiprocessing.process import BaseProcess
 from queue import PriorityQueue
 from typing import Any
 
-from daq.errors import Fault, HardwareError, WheelsoilError
+from daq import Fault, HardwareError, WheelsoilError
 
 _NICENESS = 5
 Job = tuple[Callable[..., Any], tuple[Any, ...]]

@@ -12,19 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from daq.errors import DataError
-from daq.run import Run
-from model.soils import SOIL_PARAMETERS
-from model.wheel_soil import Reading
-from processing.by_hand import Interval, keep_only
-from processing.options import ProcessOptions, require_roles
-from processing.processed_run import ProcessedRun
-from wheelsoil.diagnosing import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
-from wheelsoil.fitting import FitChoices, fit_as_json, fit_runs
-from wheelsoil.plain import plain
-from wheelsoil.report.material import source_of
-from wheelsoil.runs import process_runs
+from daq import DataError
+from daq.runs import Run
+from model.wheel_soil import SOIL_PARAMETERS, Reading
+from processing import Interval, ProcessedRun, ProcessOptions, keep_only, require_roles
+from wheelsoil.report.inputs import source_of
 from wheelsoil.view.trace import Trace, trace_of
+from wheelsoil.wording.to_json import plain
+from wheelsoil.workflows.diagnosis import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
+from wheelsoil.workflows.fit import FitChoices, fit_as_json, fit_runs
+from wheelsoil.workflows.runs import process_runs
 
 _DRAWN = (
     "drawbar_pull_n",
@@ -87,7 +84,7 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
     Raises
     ------
     ConfigError, DataError, RecordingError
-        See `wheelsoil.runs.open_and_process`.
+        See `wheelsoil.workflows.runs.open_and_process`.
     """
     said = io.StringIO()
     with redirect_stderr(said):
@@ -119,7 +116,7 @@ def fit_members(members: Sequence[Member], choices: FitChoices, soil: str | None
     Raises
     ------
     ConfigError, DataError
-        See `wheelsoil.fitting.fit_runs`.
+        See `wheelsoil.workflows.fit.fit_runs`.
     """
     fit = fit_runs(_taken(members, choices.purpose), choices, soil)
     curves = {
@@ -143,7 +140,7 @@ def diagnose_members(
     Raises
     ------
     ConfigError, DataError
-        See `wheelsoil.diagnosing.diagnose_campaigns`.
+        See `wheelsoil.workflows.diagnosis.diagnose_campaigns`.
     """
     processed = _taken(members, "diagnose")
     options = diagnosis_options(choices.reading)
@@ -155,8 +152,8 @@ def what_cannot_be_told(
     members: Sequence[Member], paths: Sequence[Path], soil: str | None, reading: Reading
 ) -> dict[str, str]:
     """Return, for the families of effects that these runs say nothing about, a sentence that says why."""
-    from model.diagnosis.samples import samples_of
-    from model.diagnosis.tellable import cannot_tell, considered
+    from model.diagnosis.core import cannot_tell, considered
+    from model.diagnosis.time_series import samples_of
 
     taken = _taken(members, "diagnose")
     if not taken:

@@ -6,14 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from daq.errors import ConfigError, WheelsoilError
-from daq.folders import readable
-from daq.open import Collected, campaign_folders, open_runs
-from daq.run import Run
-from wheelsoil.choice import CHOICE_FILE, load_choice
-from wheelsoil.chosen_runs import is_called, runs_in_use
-from wheelsoil.diagnosing import Together, together
+from daq import ConfigError, WheelsoilError
+from daq.runs import Collected, Run, campaign_folders, open_runs, readable
 from wheelsoil.view.campaigns import ViewedCampaign, ViewedRun
+from wheelsoil.workflows.choice import CHOICE_FILE, is_called, load_choice, runs_in_use
+from wheelsoil.workflows.diagnosis import Together, together
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,7 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
     Raises
     ------
     WheelsoilError
-        There is nothing that can be read; see `daq.open.open_runs`.
+        There is nothing that can be read; see `daq.runs.open.open_runs`.
     """
     remarks: list[str] = []
     folders: list[Path] = []

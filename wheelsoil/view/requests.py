@@ -7,8 +7,7 @@ from typing import Annotated, Any, Literal, NoReturn, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from daq.config import parse_mapping
-from daq.errors import ConfigError, Fault
+from daq import ConfigError, Fault, parse_mapping
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Key = Annotated[str, Field(strict=True, max_length=64)]
@@ -63,7 +62,7 @@ class SelectedAsked(_Asked):
 
 
 class ChoiceAsked(_Asked):
-    """A choice, as choice.toml holds it; `wheelsoil.choice` checks it."""
+    """A choice, as choice.toml holds it; `wheelsoil.workflows.choice` checks it."""
 
     choice: dict[str, Any]
 

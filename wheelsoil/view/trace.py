@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.processed_run import ProcessedRun, Reason, Segment
-from processing.segments import runs_of
+from processing import ProcessedRun, Reason, Segment
+from processing.pipeline import runs_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -1,18 +1,49 @@
-"""Who may ask the page for what: host name, origin, token, kind and size of a request, and what a browser may load."""
+"""Who may ask the page for what: host name, origin, token, kind and size of a request, and what a browser may load.
+
+The files that make an empty page: read once, and served without a token.
+"""
 
 from __future__ import annotations
 
 import hmac
 import ipaddress
 import socket
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import PurePosixPath
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import PlainTextResponse
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from wheelsoil.web.listening import is_loopback
+
+_KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+
+
+def files_in(package: str) -> dict[str, bytes]:
+    """Return the files in a package's folder ``static`` by their path on the page; ``page.html`` is ``/``."""
+    folder = files(package) / "static"
+    found = [each for each in folder.iterdir() if PurePosixPath(each.name).suffix in _KINDS]
+    return {"/" if each.name == "page.html" else f"/{each.name}": each.read_bytes() for each in found}
+
+
+def routes_of(page: Mapping[str, bytes]) -> list[Route]:
+    """Return a route for each file."""
+    return [Route(path, _answer(path, body), methods=["GET"]) for path, body in page.items()]
+
+
+def _answer(path: str, body: bytes) -> Callable[[Request], Response]:
+    kind = _KINDS[PurePosixPath(path).suffix or ".html"]
+
+    def answer(_: Request) -> Response:
+        return Response(body, media_type=kind)
+
+    return answer
+
 
 LARGEST_BODY_BYTES = 4096
 

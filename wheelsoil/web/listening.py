@@ -11,7 +11,7 @@ import struct
 import time
 from urllib.parse import quote
 
-from daq.errors import ConfigError, Fault, HardwareError
+from daq import ConfigError, Fault, HardwareError
 
 PATIENCE_S = 1.0
 """How long a taken port is tried again: the page of a logger that was killed may still be dying."""

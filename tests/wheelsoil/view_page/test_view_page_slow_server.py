@@ -9,7 +9,7 @@ from playwright.sync_api import APIResponse, Page, Route, expect
 from view_browser import Held, drawn
 from view_client import PATIENCE_S, View
 
-from wheelsoil.choice import load_choice
+from wheelsoil.workflows.choice import load_choice
 
 PLOTS = ("time-drawbar_pull_n", "slip-drawbar_pull_n")
 

@@ -7,29 +7,18 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from wheelsoil.report.sections import (
-    against_slip,
-    against_time,
+from wheelsoil.report.sections.diagnosis import (
     candidates,
-    coefficients,
-    criteria,
     detectable,
-    drive,
     evidence,
     gain,
     glance,
-    load,
-    misfit,
     next_run,
-    provenance,
-    quality,
-    sensors,
-    sinkage,
-    torque,
-    track,
     verdict,
     workings,
 )
+from wheelsoil.report.sections.fit import against_slip, against_time, coefficients, criteria, misfit, sinkage, torque
+from wheelsoil.report.sections.runs import drive, load, provenance, quality, sensors, track
 
 SECTIONS: tuple[ModuleType, ...] = (
     glance,

@@ -1,0 +1,378 @@
+"""DBC files through cantools: load them, and find the ones that ship with wheelsoil.
+
+The text of a DBC file: its encoding, where cantools stumbles, and what a lenient load leaves out.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from daq.can.bits import Message, RawKind, Signal
+from daq.errors import DatabaseError, Fault, nearest
+
+_BLOCK = re.compile(r"^\s*BO_\s+(\d+)\s+(\S+?)\s*:", re.MULTILINE)
+_DANGLING = re.compile(r"^\s*((?:VAL_|SIG_VALTYPE_) \d+ \w+)\s*$", re.MULTILINE)
+_OVERLONG = re.compile(r"(Standard|Extended) frame id 0x[0-9a-f]+ is more than (\d+) bits")
+_SYNTAX = re.compile(r"[Ii]nvalid syntax at line (\d+), column (\d+)")
+_IN_MESSAGE = re.compile(r"^The signals? (\w+)(?: and (\w+) are overlapping| does not fit) in message (\w+)")
+_MULTIPLEXER = re.compile(r"\s*SG_\s+\S+\s+(?:m\d+)?M\s*:")
+_WITH_SEMICOLON = ("VAL_", "CM_", "BA_", "SIG_VALTYPE_", "VAL_TABLE_", "SIG_GROUP_", "BO_TX_BU_", "SG_MUL_VAL_")
+_STATEMENTS = ("BO_", "SG_", *_WITH_SEMICOLON)
+
+
+@dataclass(frozen=True)
+class BadLine:
+    """A line that cantools refuses.
+
+    Attributes
+    ----------
+    number : int
+        Counted from 1.
+    text : str
+    why : str
+    end : int
+        Last line of what must go with it (the block of a message, a statement of several lines).
+    """
+
+    number: int
+    text: str
+    why: str
+    end: int
+
+    def __str__(self) -> str:
+        more = f" (and the {self.end - self.number} lines behind it)" if self.end > self.number else ""
+        return f"line {self.number}: {self.text.strip()}: {self.why}{more}"
+
+
+def decode_text(content: bytes) -> str:
+    """Return the text of a DBC: UTF-8 where it is that, else Windows-1252 as Vector's tools write it."""
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = content.decode("cp1252", errors="replace")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def bad_lines(text: str, complaint: str) -> list[BadLine]:
+    """Return the lines that a complaint of cantools is about; none when it cannot be traced to lines."""
+    lines = text.split("\n")
+    dangling = _DANGLING.findall(complaint)
+    if dangling and "unused" in complaint:
+        return _dangling_lines(lines, dangling)
+    overlong = _OVERLONG.search(complaint)
+    if overlong:
+        return _overlong_blocks(lines)
+    syntax = _SYNTAX.search(complaint)
+    if syntax:
+        return _statement_at(lines, int(syntax[1]), int(syntax[2]))
+    clash = _IN_MESSAGE.search(complaint)
+    return _signal_lines(lines, clash[3], [n for n in clash.group(1, 2) if n], complaint) if clash else []
+
+
+def without(text: str, bad: Iterable[BadLine]) -> str:
+    """Return the text with these lines emptied, so that line numbers stay."""
+    lines = text.split("\n")
+    for line in bad:
+        lines[line.number - 1 : line.end] = [""] * (line.end - line.number + 1)
+    return "\n".join(lines)
+
+
+def _dangling_lines(lines: list[str], names: list[str]) -> list[BadLine]:
+    found = []
+    for name in names:
+        keyword, number, signal = name.split()
+        pattern = re.compile(rf"^\s*{keyword}\s+{number}\s+{signal}\b")
+        why = f"there is no signal {signal} in a message {number}"
+        found += [
+            BadLine(i, line, why, _statement_end(lines, i)) for i, line in enumerate(lines, 1) if pattern.match(line)
+        ]
+    return found
+
+
+def _overlong_blocks(lines: list[str]) -> list[BadLine]:
+    found = []
+    for i, line in enumerate(lines, 1):
+        block = _BLOCK.match(line)
+        if not block:
+            continue
+        number = int(block[1])
+        bits, kind = (29, "a 29-bit") if number & 0x8000_0000 else (11, "an 11-bit")
+        if (number & 0x7FFF_FFFF) >> bits:
+            why = f"0x{number & 0x7FFFFFFF:X} is too long for {kind} identifier (29-bit ones have bit 31 set in a DBC)"
+            found.append(BadLine(i, line, why, _block_end(lines, i)))
+    return found
+
+
+def _statement_at(lines: list[str], number: int, column: int) -> list[BadLine]:
+    """Return the statement with a syntax error, or nothing when leaving it out could change its neighbours."""
+    if not 1 <= number <= len(lines):
+        return []
+    line = lines[number - 1]
+    why = f"syntax error at column {column}"
+    first = line.split(maxsplit=1)[0] if line.strip() else ""
+    if first in _STATEMENTS and column > line.index(first) + 1:
+        start, end = number, _statement_end(lines, number)
+        if first == "BO_" or _MULTIPLEXER.match(line):
+            start = _block_start(lines, number)
+            end = _block_end(lines, start)
+        return [BadLine(start, lines[start - 1], why, end)] if start else []
+    before = next((i for i in range(number - 1, 0, -1) if lines[i - 1].strip()), 0)
+    unended = before and ";" not in lines[before - 1] and lines[before - 1].split()[0] in _WITH_SEMICOLON
+    return [BadLine(before, lines[before - 1], "the statement has no end (;)", before)] if unended else []
+
+
+def _signal_lines(lines: list[str], message: str, signals: list[str], complaint: str) -> list[BadLine]:
+    inside, found = False, []
+    for i, line in enumerate(lines, 1):
+        block = _BLOCK.match(line)
+        inside = block[2] == message if block else inside
+        name = re.match(r"\s*SG_\s+(\w+)", line)
+        if inside and name and name[1] in signals:
+            found.append(BadLine(i, line, complaint.rstrip("."), i))
+    return found
+
+
+def _block_end(lines: list[str], start: int) -> int:
+    """Return the last line of the ``BO_`` block that starts at line `start`."""
+    end = start
+    for i in range(start + 1, len(lines) + 1):
+        line = lines[i - 1].strip()
+        if re.match(r"SG_\s", line):
+            end = i
+        elif line and not line.startswith("//"):
+            break
+    return end
+
+
+def _block_start(lines: list[str], inside: int) -> int:
+    """Return the line of the ``BO_`` that line `inside` belongs to, 0 where there is none."""
+    return next((i for i in range(inside, 0, -1) if lines[i - 1].lstrip().startswith("BO_ ")), 0)
+
+
+def _statement_end(lines: list[str], start: int) -> int:
+    """Return the line that ends the statement at line `start`: its own, or for a long text that of its semicolon."""
+    if not lines[start - 1].lstrip().startswith(_WITH_SEMICOLON):
+        return start
+    text = ""
+    for i in range(start, len(lines) + 1):
+        text += lines[i - 1].replace('\\"', "")
+        if text.count('"') % 2 == 0 and ";" in re.sub(r'"[^"]*"', "", text):
+            return i
+    return start
+
+
+LENIENT_HINT = "mend the file, or load it without what is refused: --lenient-dbc (what was left out is listed)"
+MAX_SIGNAL_BITS = 64
+_SILENT = logging.NullHandler()  # what cantools warns of (names and identifiers twice) is said by us
+
+
+@dataclass(frozen=True)
+class Database:
+    """One DBC file.
+
+    Attributes
+    ----------
+    name : str
+        File name, for people and for the attachment of a recording.
+    content : bytes
+        The file as it was read.
+    messages : tuple of Message
+    left_out : tuple of str
+        What a lenient load left out or let pass, a sentence each; empty after a strict load.
+    lenient : bool
+        How it was loaded; a recording keeps this, so that it can be loaded again.
+    """
+
+    name: str
+    content: bytes
+    messages: tuple[Message, ...]
+    left_out: tuple[str, ...] = ()
+    lenient: bool = False
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the file, in hexadecimal."""
+        return hashlib.sha256(self.content).hexdigest()
+
+
+def load_database(source: Path | str | bytes, name: str = "", *, lenient: bool = False) -> Database:
+    """Load a DBC file.
+
+    Parameters
+    ----------
+    source : path or bytes
+        The file, or its content (an attachment of a recording).
+    name : str, optional
+        For messages; the file's name when `source` is a path.
+    lenient : bool
+        Leave out the lines that cantools refuses, let signals overlap or reach beyond their message, and list all
+        of that in ``left_out``.
+
+    Raises
+    ------
+    DatabaseError
+        The file is not there or cannot be used; names the lines, and offers the lenient load where that helps.
+    """
+    if isinstance(source, bytes):
+        content, where = source, name or "DBC"
+    else:
+        content, where = _read(Path(source)), str(source)
+    text = decode_text(content)
+    parsed, notes = _parse_lenient(text, where) if lenient else (_parse_strict(text, where), [])
+    messages = [_message(message, parsed) for message in parsed.messages]
+    messages, more = _without_doubles(messages, where, lenient=lenient)
+    return Database(name or Path(where).name, content, tuple(messages), (*notes, *more), lenient)
+
+
+def shipped_dbc(name: str) -> Path:
+    """Return the path of a file in ``dbc/``, in a checkout and in an installed wheel alike.
+
+    Raises
+    ------
+    DatabaseError
+        No file of that name ships with wheelsoil.
+    """
+    here = Path(__file__).parents[1]
+    folder = next((f for f in (here / "_dbc", here.parent / "dbc") if (f / "wft.dbc").is_file()), here / "_dbc")
+    path = folder / name
+    if not path.is_file():
+        known = nearest(name, (p.name for p in folder.glob("*.dbc")))
+        raise DatabaseError(Fault(f"no DBC called {name!r} ships with wheelsoil", str(folder), expected=known))
+    return path
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        known = nearest(path.name, (p.name for p in path.parent.glob("*.dbc"))) if path.parent.is_dir() else ""
+        raise DatabaseError(Fault("no such DBC file", str(path), expected=known, next_step="check the path")) from None
+    except OSError as error:
+        raise DatabaseError(Fault("the DBC file cannot be read", str(path), str(error))) from None
+
+
+def _parse(text: str, *, strict: bool) -> tuple[Any, str]:
+    """Return cantools' database, or None and its complaint."""
+    import cantools.database
+    from cantools.database.errors import UnsupportedDatabaseFormatError
+
+    logging.getLogger("cantools").addHandler(_SILENT)
+    try:
+        return cantools.database.load_string(text, "dbc", strict=strict), ""
+    except UnsupportedDatabaseFormatError as error:
+        return None, str(error.e_dbc or error)
+
+
+def _parse_strict(text: str, where: str) -> Any:
+    parsed, complaint = _parse(text, strict=True)
+    if parsed is not None:
+        return parsed
+    bad = bad_lines(text, complaint)
+    if not bad:
+        raise DatabaseError(Fault("cantools cannot load this DBC", where, complaint, next_step="mend the file"))
+    raise DatabaseError(
+        *(Fault(f"cantools refuses this DBC: {line.why}", where, _found(line), next_step=LENIENT_HINT) for line in bad)
+    )
+
+
+def _found(line: BadLine) -> str:
+    return f"line {line.number}: {line.text.strip()}"
+
+
+def _parse_lenient(text: str, where: str) -> tuple[Any, list[str]]:
+    parsed, complaint = _parse(text, strict=True)
+    if parsed is not None:
+        return parsed, []
+    left_out: list[BadLine] = []
+    parsed, complaint = _parse(text, strict=False)
+    while parsed is None and text.strip():
+        bad = bad_lines(text, complaint)
+        if not bad:
+            what = "cantools cannot load this DBC, not even leniently"
+            raise DatabaseError(Fault(what, where, complaint, next_step="mend the file"))
+        left_out += bad
+        text = without(text, bad)
+        parsed, complaint = _parse(text, strict=False)
+    if parsed is None or (left_out and not parsed.messages):
+        what = f"{len(left_out)} faults, the first: {left_out[0]}" if left_out else "an empty file"
+        raise DatabaseError(Fault("nothing is left of this DBC", where, what))
+    notes = [f"left out {line}" for line in sorted(left_out, key=lambda line: line.number)]
+    return parsed, notes + _let_pass(parsed)
+
+
+def _let_pass(parsed: Any) -> list[str]:
+    """Return what a strict load would have refused beyond syntax: one note for each message it is found in."""
+    from cantools.database.errors import Error
+
+    notes = []
+    for message in parsed.messages:
+        try:
+            message.refresh(strict=True)
+        except Error as error:
+            notes.append(f"let pass: {str(error).rstrip('.')}")
+    return notes
+
+
+def _without_doubles(messages: list[Message], where: str, *, lenient: bool) -> tuple[list[Message], list[str]]:
+    """Refuse two messages with one identifier; a lenient load keeps the last, as cantools does."""
+    last = {message.key: message for message in messages}
+    doubled = [m for m in messages if last[m.key] is not m]
+    if doubled and not lenient:
+        texts = [(m.id_text(), f"{m.name}, {last[m.key].name}") for m in doubled]
+        raise DatabaseError(*(Fault(f"{i} is defined twice", where, names, "", LENIENT_HINT) for i, names in texts))
+    notes = [f"left out {m.name}: {last[m.key].name} has the same identifier {m.id_text()}" for m in doubled]
+    for message in last.values():
+        long = [s.name for s in message.signals if s.length_bits > MAX_SIGNAL_BITS]
+        notes += [f"left out {message.name}.{name}: longer than {MAX_SIGNAL_BITS} bits" for name in long]
+    return [_cut(message) for message in last.values()], notes
+
+
+def _cut(message: Message) -> Message:
+    kept = tuple(s for s in message.signals if s.length_bits <= MAX_SIGNAL_BITS)
+    return message if len(kept) == len(message.signals) else replace(message, signals=kept)
+
+
+def _message(message: Any, parsed: Any) -> Message:
+    attributes = (parsed.dbc.attributes if parsed.dbc else None) or {}
+    protocol = str(attributes["ProtocolType"].value) if "ProtocolType" in attributes else ""
+    j1939 = message.is_extended_frame and (message.protocol == "j1939" or "J1939" in protocol.upper())
+    return Message(
+        name=message.name,
+        can_id=message.frame_id,
+        extended=message.is_extended_frame,
+        length=message.length,
+        signals=tuple(_signal(signal) for signal in message.signals),
+        cycle_time_s=message.cycle_time * 1e-3 if message.cycle_time else None,
+        j1939=j1939,
+        fd=message.is_fd,
+        comment=message.comment or "",
+    )
+
+
+def _signal(signal: Any) -> Signal:
+    scale, offset = signal.scale, signal.offset
+    if not signal.is_float and float(scale).is_integer() and float(offset).is_integer():
+        scale, offset = int(scale), int(offset)
+    kind = RawKind.FLOAT if signal.is_float else RawKind.SIGNED if signal.is_signed else RawKind.UNSIGNED
+    return Signal(
+        name=signal.name,
+        unit=signal.unit or "",
+        start_bit=signal.start,
+        length_bits=signal.length,
+        big_endian=signal.byte_order == "big_endian",
+        kind=kind,
+        scale=scale,
+        offset=offset,
+        minimum=signal.minimum,
+        maximum=signal.maximum,
+        labels={int(value): str(text) for value, text in (signal.choices or {}).items()},
+        multiplexer=signal.multiplexer_signal,
+        multiplexer_ids=tuple(sorted(signal.multiplexer_ids or ())),
+        comment=signal.comment or "",
+    )

@@ -1,1 +1,0 @@
-"""Health of a running acquisition: what comes in, what is lost, and what to do about it."""

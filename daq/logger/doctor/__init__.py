@@ -1,0 +1,5 @@
+"""The doctor: is this machine ready to log this vehicle? See `CHECKS`."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

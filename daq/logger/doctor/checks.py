@@ -1,0 +1,64 @@
+"""The doctor's checks: each is a small function, and `CHECKS` lists them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+from daq.logger.doctor import files, host, interfaces, traffic
+from daq.logger.doctor.situation import Line, Situation
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing to look at.
+
+    Attributes
+    ----------
+    name : str
+    look : callable
+        Yields a line for each bus, file or role; none where there is nothing to look at.
+    """
+
+    name: str
+    look: Callable[[Situation], Iterator[Line]]
+
+
+CHECKS = (
+    Check("vehicle.toml", files.vehicle_file),
+    Check("DBC files", files.dbc_files),
+    Check("roles", files.roles),
+    Check("interface", interfaces.interface),
+    Check("bit rate", interfaces.bit_rate),
+    Check("controller", interfaces.controller),
+    Check("bus-off", interfaces.restart),
+    Check("send queue", interfaces.send_queue),
+    Check("receive buffer", interfaces.receive_buffer),
+    Check("time stamps", interfaces.time_stamps),
+    Check("traffic", traffic.arrivals),
+    Check("bus load", traffic.load),
+    Check("error frames", traffic.error_frames),
+    Check("DBC coverage", traffic.dbc_coverage),
+    Check("silent messages", traffic.silent_messages),
+    Check("signals", traffic.role_values),
+    Check("GNSS fix", host.gnss_fix),
+    Check("GNSS time", host.gnss_time),
+    Check("host clock", host.host_time),
+    Check("clock steps", host.clock_steps),
+    Check("clock synchronised", host.clock_sync),
+    Check("folder", host.folder),
+    Check("other logger", host.other_logger),
+    Check("disk space", host.space),
+    Check("disk speed", host.disk_speed),
+    Check("status page", host.page),
+    Check("Python", host.python),
+    Check("zero", files.zero),
+    Check("service", host.service),
+)
+"""Every check, in the order of the lines."""
+
+
+def examine(situation: Situation) -> Iterator[Line]:
+    """Yield the lines of every check."""
+    for check in CHECKS:
+        yield from (replace(line, check=check.name) for line in check.look(situation))

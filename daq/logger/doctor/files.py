@@ -1,0 +1,94 @@
+"""Checks of the files that people write: vehicle.toml, the DBCs, zero.toml."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+from daq.errors import ConfigError
+from daq.logger.doctor.situation import Line, Situation, failed, from_fault, passed, warned
+from daq.logger.health.watched import unknown_names
+from daq.zero_file import ZERO_FILE, load_zeros
+
+_SLIP_ROLES = ("wheel_speed", "ground_speed")
+_FRESH_ZERO_H = 12.0
+_NOT_LOOKED_AT = "not looked at: DBC files, roles, interfaces, traffic, zero, for vehicle.toml has faults"
+
+
+def vehicle_file(now: Situation) -> Iterator[Line]:
+    """Tell whether vehicle.toml can be used and names a bus."""
+    where = str(now.vehicle_file)
+    if now.vehicle_faults:
+        yield from (from_fault(fault, where) for fault in now.vehicle_faults)
+        yield warned("", _NOT_LOOKED_AT, "mend vehicle.toml, and ask again")
+    elif not now.vehicle.bus:
+        yield failed(where, "no [[bus]]: there is nothing to record", "add a [[bus]] with its channel and its DBCs")
+    else:
+        yield passed(where, f"{now.vehicle.vehicle.name}, buses {', '.join(now.sections)}")
+
+
+def dbc_files(now: Situation) -> Iterator[Line]:
+    """Tell whether the DBCs load and each bus has one."""
+    yield from (from_fault(fault) for fault in now.database_faults)
+    for bus, databases in now.databases.items():
+        if databases:
+            messages = sum(len(database.messages) for database in databases)
+            yield passed(bus, f"{', '.join(database.name for database in databases)}: {messages} messages")
+        else:
+            step = "name its DBC in vehicle.toml; raw frames are recorded all the same, and can be decoded later"
+            yield warned(bus, "no DBC: nothing of this bus is shown or watched", step)
+
+
+def roles(now: Situation) -> Iterator[Line]:
+    """Tell whether the roles and [health] name what there is, and the roles are there that slip needs."""
+    if now.vehicle_faults:
+        return
+    yield from (from_fault(fault) for fault in now.role_faults)
+    for fault in unknown_names(now.vehicle, now.databases):
+        yield warned(fault.where, f"{fault.what} ({fault.expected})", fault.next_step)
+    missing = [role for role in _SLIP_ROLES if role not in now.vehicle.signals]
+    if missing:
+        yield warned("[signals]", f"no {' and no '.join(missing)}: no slip", 'add them: role = "Message.Signal"')
+    if not missing and not now.role_faults:
+        yield passed("[signals]", f"{len(now.vehicle.signals)} roles")
+
+
+def zero(now: Situation) -> Iterator[Line]:
+    """Tell whether there is a fresh zero of the transducer."""
+    if now.vehicle_faults:
+        return
+    named = now.vehicle.transducer.zero_file
+    path = now.vehicle_file.parent / (named or ZERO_FILE)
+    step = "lift the wheel or spin it, record that, then: wheelsoil zero RECORDING"
+    if not path.is_file():
+        if named:
+            found = (
+                "not there, and vehicle.toml names it: `log` records without it, `process` refuses until it is there"
+            )
+            yield warned(str(path), found, step)
+        elif _measures_force(now):
+            yield warned(str(path), "not there: the transducer's own zero is taken as it is", step)
+        else:
+            yield passed(str(path), "not there, and no force is measured")
+        return
+    try:
+        zeros = load_zeros(path).zero
+    except ConfigError as error:
+        yield from (from_fault(fault, str(path)) for fault in error.faults)
+        return
+    if not zeros:
+        yield warned(str(path), "it holds no determination", step)
+        return
+    age_h = (time.time_ns() - zeros[-1].time_ns) / 3.6e12
+    found = f"zero of {zeros[-1].time_utc:%Y-%m-%d %H:%M} UTC, {age_h:.1f} h old"
+    if not named:
+        line = f'add under [transducer] of vehicle.toml: zero_file = "{path.name}"'
+        yield warned(str(path), f"{found}, but vehicle.toml does not name it: `log` will not carry it", line)
+    elif 0 <= age_h <= _FRESH_ZERO_H:
+        yield passed(str(path), found)
+    else:
+        yield warned(str(path), found, f"take one before each test: {step}")
+
+
+def _measures_force(now: Situation) -> bool:
+    return any(role in now.vehicle.signals for role in ("vertical_load", "drawbar_pull", "driving_torque"))

@@ -1,0 +1,291 @@
+"""The field logger: the vehicle's buses into recordings, until the time is up or it is told to stop.
+
+How it works is told in `daq.logger`.
+
+The signals that end a recording, as something that can be looked at.
+
+How quickly Python's threads take turns.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from types import FrameType
+
+from daq.can.databases import Database
+from daq.can.roles import resolve_roles
+from daq.config import BusSection, RunInfo, VehicleConfig
+from daq.errors import ConfigError, Fault, HardwareError
+from daq.host_clock import HostClock
+from daq.logger.disk_guard import DiskGuard
+from daq.logger.health.watched import unknown_names
+from daq.logger.inspection import Inspection, Inspector
+from daq.logger.panel import NoPanel, Panel
+from daq.logger.recorder import Recorder, RecorderOptions
+from daq.logger.run_files import SUFFIX, RunFiles, folder_lock, named_run, new_run, safe_name, unfinished_run
+from daq.logger.session import Session
+from daq.logger.session_monitor import LogStatus, LogSummary, Notifier, Progress, SessionParts
+from daq.recording.disk_file import make_folder
+from daq.sources.can_source import Source
+from daq.sources.interfaces import open_source
+from daq.sources.reconnect import ReconnectingSource
+
+__all__ = ["LogStatus", "LogSummary", "Progress", "log"]
+
+
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@contextmanager
+def caught_signals() -> Iterator[list[int]]:
+    """Catch SIGINT, SIGTERM and SIGHUP into a list; only the main thread may, elsewhere nothing is caught.
+
+    SIGHUP comes when the terminal is closed, or the connection to it breaks; where it is ignored (``nohup``), it
+    stays so.
+    """
+    caught: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield caught
+        return
+
+    def catch(number: int, frame: FrameType | None) -> None:
+        del frame
+        caught.append(number)
+
+    wanted = [number for number in _ENDING if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, catch) for number in wanted}
+    try:
+        yield caught
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+SWITCH_S = 0.0005
+
+
+@contextmanager
+def quick_switching() -> Iterator[None]:
+    """Have a thread wait for the interpreter 0.5 ms where it would wait 5.
+
+    A flush gives the interpreter away a dozen times (compression, writing), and while frames are inspected it would
+    wait each time: a kill takes what waits.
+    """
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
+
+
+_OTHER_FOLDER = "choose another with --out, or change its owner or permissions"
+
+
+def log(
+    vehicle: VehicleConfig,
+    out: str | Path,
+    *,
+    duration_s: float | None = None,
+    run: RunInfo | None = None,
+    wait: bool = False,
+    attachments: Mapping[str, bytes] | None = None,
+    databases: Mapping[str, tuple[Database, ...]] | None = None,
+    view: bool = True,
+    metadata: Mapping[str, str] | None = None,
+    panel: Panel | None = None,
+    stop: threading.Event | None = None,
+    progress: Progress | None = None,
+    opener: Callable[[BusSection], Source] | None = None,
+) -> LogSummary:
+    """Record every bus of a vehicle.
+
+    SIGINT, SIGTERM and SIGHUP end it like the end of `duration_s`: what is there is written, and the recording
+    is closed. A bus that fails or is taken down on the way is opened again for as long as it takes.
+
+    Parameters
+    ----------
+    vehicle : VehicleConfig
+    out : str or Path
+        The recording (``*.mcap``), or a folder. In a folder the recording is named after the run's id, else after the
+        vehicle and the time; and where the newest recording of this vehicle was cut off in the last ten minutes, and
+        no other run is asked for, that one goes on.
+    duration_s : float, optional
+        Without it, until a signal.
+    run : RunInfo, optional
+    wait : bool
+        Begin between runs: what comes before the panel's first start goes into the folder ``between``.
+    attachments : mapping str -> bytes, optional
+        What the recordings shall carry, see `daq.runs.run.Configuration`.
+    databases : mapping bus -> databases, optional
+        For health, and for decoded topics.
+    view : bool
+        Whether decoded topics are written beside the raw frames.
+    metadata : mapping str -> str, optional
+        Goes into the ``run_start`` records.
+    panel : Panel, optional
+        Where it is shown, and from where runs are started and stopped.
+    stop : threading.Event, optional
+        Ends it when it is set, for callers outside of the main thread.
+    progress : callable, optional
+        Called when all sources are open and the first file is made, and then about once a second.
+    opener : callable, optional
+        Opens a bus; `daq.sources.can_source.open_source` by default.
+
+    Raises
+    ------
+    ConfigError
+        If the vehicle names no bus, or an interface that python-can does not know, or the folder cannot be written to.
+    HardwareError
+        If a source cannot be opened, another logger records into the folder, or the disk is full from the beginning.
+    RecordingError
+        If the recording is there already.
+    """
+    if not vehicle.bus:
+        raise ConfigError(Fault("the vehicle has no bus to record", next_step="add a [[bus]] to vehicle.toml"))
+    known = _Known(vehicle, Path(out), run or RunInfo(), attachments or {}, databases or {}, metadata or {}, view, wait)
+    opener = opener or partial(open_source, buffer_bytes=vehicle.logger.receive_buffer_bytes)
+    with ExitStack() as stack:
+        folder, files, sources = _opened(known, opener, stack)
+        limits = vehicle.logger
+        guard = DiskGuard(folder, warn_min=limits.disk_warn_min, reserve_mb=limits.disk_reserve_mb)
+        usable, role_remarks = _with_usable_roles(vehicle, known.databases)
+        role_remarks += [str(fault) for fault in unknown_names(vehicle, known.databases)]
+        clock = HostClock()
+        inspection = Inspection(vehicle, usable, known.databases, started_ns=clock.now_ns())
+        options = _recorder_options(known, usable, folder, [*_remarks(sources), *role_remarks])
+        caught = stack.enter_context(caught_signals())
+        stack.enter_context(quick_switching())
+        parts = SessionParts(
+            vehicle=vehicle,
+            clock=clock,
+            sources=sources,
+            recorder=Recorder(options, clock, files, known.run),
+            inspector=Inspector(inspection),
+            guard=guard,
+            panel=panel or NoPanel(),
+            notifier=stack.enter_context(closing(Notifier.from_environment())),
+            asked_to_stop=stop or threading.Event(),
+            caught=caught,
+            progress=progress,
+            remarks=[*role_remarks, *([files.remark] if files and files.remark else [])],
+        )
+        return Session(parts).record(duration_s)
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What `log` was asked for."""
+
+    vehicle: VehicleConfig
+    out: Path
+    run: RunInfo
+    attachments: Mapping[str, bytes]
+    databases: Mapping[str, tuple[Database, ...]]
+    metadata: Mapping[str, str]
+    view: bool
+    wait: bool
+
+
+def _opened(
+    known: _Known, opener: Callable[[BusSection], Source], stack: ExitStack
+) -> tuple[Path, RunFiles | None, list[ReconnectingSource]]:
+    """Take the folder and open every bus; a folder that is not there is made last."""
+    folder, named = _target(known.out, known.run)
+    _check_folder(folder)
+    if folder.is_dir():
+        stack.enter_context(folder_lock(folder))
+    files = _files(folder, named, known)
+    sources = _open_all(list({bus.channel: bus for bus in known.vehicle.bus}.values()), opener, stack)
+    if not folder.is_dir():
+        _make_folder(folder)
+        stack.enter_context(folder_lock(folder))
+    return folder, files, sources
+
+
+def _recorder_options(known: _Known, usable: VehicleConfig, folder: Path, remarks: list[str]) -> RecorderOptions:
+    told = {f"interface.{bus.channel}": bus.interface or "socketcan" for bus in known.vehicle.bus}
+    told |= {f"remark.{number}": text for number, text in enumerate(remarks)}
+    databases = known.databases if known.view and known.databases else None
+    return RecorderOptions(usable, folder, known.attachments, {**told, **known.metadata}, databases)
+
+
+def _remarks(sources: list[ReconnectingSource]) -> list[str]:
+    return [remark for source in sources for remark in source.remarks]
+
+
+def _target(out: Path, run: RunInfo) -> tuple[Path, Path | None]:
+    """Return the folder to record into, and the file if people named one, by the path or by the run's id."""
+    if out.suffix.lower() == SUFFIX:
+        return out.parent, out
+    return out, out / f"{safe_name(run.id)}{SUFFIX}" if run.id else None
+
+
+def _files(folder: Path, named: Path | None, known: _Known) -> RunFiles | None:
+    """Return where the first run goes; None: it begins between runs."""
+    if named is not None and not known.wait:
+        return named_run(named, known.run, known.vehicle)
+    unfinished = unfinished_run(folder, known.vehicle)
+    return unfinished or (None if known.wait else new_run(folder, known.run, known.vehicle))
+
+
+def _with_usable_roles(
+    vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]
+) -> tuple[VehicleConfig, list[str]]:
+    """Leave out the roles that name no signal: their frames are recorded all the same."""
+    if not databases:
+        return vehicle.model_copy(update={"signals": {}}), []
+    wrong: dict[str, Fault] = {}
+    for role in vehicle.signals:
+        try:
+            resolve_roles(vehicle, databases, (role,))
+        except ConfigError as error:
+            wrong[role] = error.faults[0]
+    signals = {role: name for role, name in vehicle.signals.items() if role not in wrong}
+    return vehicle.model_copy(update={"signals": signals}), [str(fault) for fault in wrong.values()]
+
+
+def _open_all(
+    sections: list[BusSection], opener: Callable[[BusSection], Source], stack: ExitStack
+) -> list[ReconnectingSource]:
+    """Open every bus; say of all that fail, at once, why."""
+    sources: list[ReconnectingSource] = []
+    failed: list[ConfigError | HardwareError] = []
+    for section in sections:
+        try:
+            source = ReconnectingSource(section, opener)
+        except (ConfigError, HardwareError) as error:
+            failed.append(error)
+        else:
+            stack.callback(source.close)
+            sources.append(source)
+    if failed:
+        raise type(failed[0])(*(fault for error in failed for fault in error.faults)) from None
+    return sources
+
+
+def _check_folder(folder: Path) -> None:
+    """See that recordings can be made in a folder, or the folder in one that is there."""
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not there.is_dir():
+        raise ConfigError(
+            Fault("the folder cannot be made", str(folder), f"{there} is a file", next_step=_OTHER_FOLDER)
+        )
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise ConfigError(Fault("the folder cannot be written to", str(there), next_step=_OTHER_FOLDER))
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        make_folder(folder)
+    except OSError as error:
+        found = error.strerror or str(error)
+        raise ConfigError(Fault("the folder cannot be made", str(folder), found, next_step=_OTHER_FOLDER)) from None

@@ -1,0 +1,334 @@
+"""A health report as diagnostics of a recording: buses, messages that came, signals with a role, GNSS, the machine.
+
+HealthMonitor: everything that is watched while a vehicle is recorded, and the report of it.
+
+A batch of frames costs the same few calls on columns however many frames it has; the reasons are found at the pace of
+the reports.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.can.databases import Database
+from daq.can.frames import FrameArray, FrameBatch, FrameFlag
+from daq.can.identify import UNKNOWN, Identifier
+from daq.channels import Channel
+from daq.config import VehicleConfig
+from daq.logger.health.bus_health import BusWatch, gathered, message_health
+from daq.logger.health.host_health import Gnss, HostWatch
+from daq.logger.health.report import (
+    Board,
+    BusHealth,
+    GnssHealth,
+    HealthReport,
+    HostFacts,
+    Level,
+    MessageHealth,
+    Reason,
+    SignalHealth,
+    reason,
+    worst,
+)
+from daq.logger.health.signal_health import Scene, role_values, signal_health
+from daq.logger.health.watched import Motion, unknown_names, usable_roles, watch
+from daq.recording.events import DiagnosticStatus
+
+_NO_DATA = FrameFlag.ERROR | FrameFlag.REMOTE
+
+
+class HealthMonitor:
+    """Watches what comes in.
+
+    Parameters
+    ----------
+    vehicle : VehicleConfig
+        A role that names no signal is a reason of the report, not an error: frames are recorded all the same.
+    databases : mapping bus -> databases
+    started_ns : int
+        When the logger started, on the recording's time base.
+
+    Raises
+    ------
+    DatabaseError
+        The databases of a bus contradict each other.
+    """
+
+    def __init__(
+        self, vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]], *, started_ns: int
+    ) -> None:
+        self._health = vehicle.health
+        self._started_ns = started_ns
+        roles, self._always = usable_roles(vehicle, databases)
+        for fault in unknown_names(vehicle, databases):
+            what = f"{fault.what} ({fault.expected})"
+            self._always.append(reason("health_name_unknown", Level.AMBER, fault.where, what))
+        self._watched = watch(databases, roles, vehicle.health)
+        self._identifier = Identifier(
+            [(one.bus, one.message, code) for code, one in enumerate(self._watched, UNKNOWN + 1)]
+        )
+        self._where = {role: f"{one.bus}: {one.name}" for role, one in roles.items()}
+        self._role_messages = frozenset(one.where for one in self._watched if one.roles)
+        described = {one.bus for one in self._watched}
+        self._buses = {
+            bus.channel: BusWatch(
+                bus.channel,
+                bus.bitrate,
+                described=bus.channel in described,
+                has_roles=any(one.bus == bus.channel for one in roles.values()),
+                may_be_unknown=bus.channel in vehicle.health.may_carry_unknown,
+                started_ns=started_ns,
+            )
+            for bus in vehicle.bus
+        }
+        self._gnss = Gnss(roles, started_ns)
+        self._motion = Motion(vehicle.wheel.radius_m if vehicle.wheel else None)
+        self._host = HostWatch(vehicle.logger)
+        self._board = Board()
+
+    def take(self, batch: FrameBatch, decoded: Mapping[tuple[str, str], Channel]) -> None:
+        """Take recorded frames and what they decode to.
+
+        Parameters
+        ----------
+        batch : FrameBatch
+            In the order in which they were received.
+        decoded : mapping (bus, "Message.Signal") -> Channel
+            Of the same frames: all signals of every message that came, as `daq.can.decoding.Decoder` returns them.
+        """
+        self._take_traffic(batch)
+        unsure = bool(np.bitwise_or.reduce(batch.frames["flags"], initial=0) & FrameFlag.UNSURE_TIME)
+        for one in self._watched:
+            if not one.keys or one.keys[0] not in decoded:
+                continue
+            time_ns = decoded[one.keys[0]].time_ns
+            if not len(time_ns):
+                continue
+            values = np.array([decoded[key].values for key in one.keys])
+            if unsure:
+                one.flow.forget_last()
+            one.flow.take(time_ns, values)
+            if unsure:
+                one.flow.forget_last()
+            one.values.take(time_ns, values)
+        self._gnss.take(decoded)
+
+    def skip(self, batch: FrameBatch) -> None:
+        """Take frames that were recorded, but not decoded: nothing of them is missing."""
+        codes = self._take_traffic(batch)
+        times = batch.frames["time_ns"]
+        until_ns = int(times.max(initial=0))
+        for code, one in enumerate(self._watched, UNKNOWN + 1):
+            one.flow.skip(np.sort(times[codes == code]), until_ns)
+        self._gnss.skip(until_ns)
+
+    def losses(self) -> dict[str, int]:
+        """Return what was lost since the start.
+
+        Returns
+        -------
+        dict
+            ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>`` and ``missing.<bus>.<message>``, where they
+            are not 0. A message with a rolling counter has no ``missing``. What the kernel lost, or the logger gave
+            up, is told once for its bus and, as far as it was noticed there, once more by the messages.
+        """
+        lost: dict[str, int] = {}
+        for bus in self._buses.values():
+            lost |= bus.losses()
+        for one in self._watched:
+            lost[f"counter.{one.bus}.{one.name}"] = one.flow.counter_lost
+            if not one.listed(self._health.may_be_silent):
+                lost[f"missing.{one.bus}.{one.name}"] = one.flow.missing
+        return {name: count for name, count in lost.items() if count}
+
+    def report(self, now_ns: int, host: HostFacts) -> HealthReport:
+        """Return the state of everything.
+
+        Parameters
+        ----------
+        now_ns : int
+            On the time base of the frames; all frames that came before have been taken or skipped, or are in the queue.
+        host : HostFacts
+        """
+        found = [*self._always, *self._host.reasons(now_ns, host)]
+        buses = self._report_buses(now_ns, host, found)
+        messages = self._report_messages(now_ns, found)
+        values = role_values(self._watched)
+        gnss = self._report_gnss(now_ns, values, found)
+        has_fix = gnss is None or gnss.fix is not False
+        if not has_fix:
+            values.pop("ground_speed", None)
+        self._motion.take(now_ns, values)
+        found += self._motion.reasons(now_ns, self._where)
+        signals = self._report_signals(Scene(now_ns, self._health, self._motion, has_fix), found)
+        reasons = self._board.update(now_ns, found)
+        return HealthReport(
+            time_ns=now_ns,
+            level=worst(reasons),
+            reasons=reasons,
+            buses=tuple(buses),
+            messages=tuple(messages),
+            signals=tuple(signals),
+            gnss=gnss,
+            host=host,
+            losses=self.losses(),
+        )
+
+    def _take_traffic(self, batch: FrameBatch) -> NDArray[Any]:
+        """Count the frames of every bus; return the place of each frame's message, plus one."""
+        codes = self._identifier.codes(batch.frames, batch.buses)
+        single = len(batch.buses) == 1
+        for number, bus in enumerate(batch.buses):
+            if bus not in self._buses:
+                continue
+            rows = None if single else np.flatnonzero(batch.frames["bus"] == number)
+            frames: FrameArray = batch.frames if rows is None else batch.frames.take(rows)
+            unknown = (codes if rows is None else codes[rows]) == UNKNOWN
+            if np.bitwise_or.reduce(frames["flags"], initial=0) & _NO_DATA:
+                unknown &= (frames["flags"] & _NO_DATA) == 0
+            self._buses[bus].traffic.take(frames, frames.take(np.flatnonzero(unknown)))
+        return codes
+
+    def _report_buses(self, now_ns: int, host: HostFacts, found: list[Reason]) -> list[BusHealth]:
+        states = []
+        for bus in self._buses.values():
+            state, reasons = bus.health(now_ns, host)
+            states.append(state)
+            found += reasons
+        return states
+
+    def _report_messages(self, now_ns: int, found: list[Reason]) -> list[MessageHealth]:
+        heard = {name: bus.heard(now_ns) and bus.fits(now_ns) for name, bus in self._buses.items()}
+        states, reasons = [], []
+        for one in self._watched:
+            state, mine = message_health(
+                one, now_ns, self._health, started_ns=self._started_ns, heard=heard.get(one.bus, False)
+            )
+            states.append(state)
+            reasons += mine
+        found += gathered(reasons, self._role_messages)
+        return states
+
+    def _report_signals(self, scene: Scene, found: list[Reason]) -> list[SignalHealth]:
+        states = []
+        for one in self._watched:
+            if one.flow.last_ns is None:
+                states += one.unseen
+                continue
+            one.values.resting = self._motion.resting
+            mine, reasons = signal_health(one, scene)
+            states += mine
+            found += reasons
+        return states
+
+    def _report_gnss(self, now_ns: int, values: Mapping[str, float], found: list[Reason]) -> GnssHealth | None:
+        source = self._gnss.told_by
+        period_s = next((one.flow.period_s for one in self._watched if source in one.roles.values()), math.nan)
+        heard = source is None or (source.bus in self._buses and self._buses[source.bus].heard(now_ns))
+        told = self._gnss.health(now_ns, values, period_s, heard=heard)
+        if told is None:
+            return None
+        found += told[1]
+        return told[0]
+
+
+def statuses(report: HealthReport) -> list[DiagnosticStatus]:
+    """Return a status for everything that is worth one.
+
+    Parameters
+    ----------
+    report : HealthReport
+
+    Returns
+    -------
+    list of DiagnosticStatus
+        Names are ``can0``, ``can0/WFT_Forces``, ``can0/WFT_Forces.Fz``, ``gnss`` and ``host``. A reason stands at the
+        bus where its place has no status of its own, and else at the host. What is not known is left out.
+    """
+    known = {bus.name: _bus(bus) for bus in report.buses}
+    known |= {f"{one.bus}/{one.name}": _message(one) for one in report.messages if one.frames or one.level}
+    known |= {f"{one.bus}/{one.name}": _signal(one) for one in report.signals if one.role}
+    if report.gnss is not None:
+        known["gnss"] = _gnss(report.gnss)
+    known["host"] = _host(report.host)
+    placed: dict[str, list[Reason]] = {name: [] for name in known}
+    for one in report.reasons:
+        bus, _, rest = one.where.partition(": ")
+        name = f"{bus}/{rest}" if rest else bus
+        placed[next((place for place in (name, bus) if place in placed), "host")].append(one)
+    return [_status(name, values, placed[name]) for name, values in known.items()]
+
+
+def _status(name: str, values: Mapping[str, float | str], reasons: list[Reason]) -> DiagnosticStatus:
+    level = worst(reasons)
+    text = "; ".join(f"{reason.code}: {reason.what}" for reason in reasons) if level else "ok"
+    told = {key: value if isinstance(value, str) else _number(value) for key, value in values.items()}
+    return DiagnosticStatus(int(level), name, text, values={key: value for key, value in told.items() if value})
+
+
+def _number(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+def _bus(bus: BusHealth) -> dict[str, float | str]:
+    facts = bus.facts
+    return {
+        "state": facts.state,
+        "rate_hz": bus.rate_hz,
+        "load_percent": 100.0 * bus.load,
+        "frames": facts.received,
+        "kernel_drops": math.nan if facts.kernel_drops is None else facts.kernel_drops,
+        "queue_drops": facts.queue_drops,
+        "error_frames": bus.error_frames,
+        "unknown_frames": bus.unknown_frames,
+    }
+
+
+def _message(one: MessageHealth) -> dict[str, float | str]:
+    return {
+        "rate_hz": one.rate_hz,
+        "usual_rate_hz": one.usual_rate_hz,
+        "age_s": one.age_s,
+        "frames": one.frames,
+        "gaps": one.gaps,
+        "missing": one.missing,
+        "counter_jumps": one.counter_jumps,
+    }
+
+
+def _signal(one: SignalHealth) -> dict[str, float | str]:
+    return {
+        "role": one.role,
+        "value": one.value,
+        "unit": one.unit,
+        "stuck_s": one.stuck_s,
+        "out_of_range": one.out_of_range,
+        "saturated": one.saturated,
+    }
+
+
+def _gnss(gnss: GnssHealth) -> dict[str, float | str]:
+    values: dict[str, float | str] = {"age_s": gnss.age_s}
+    if gnss.fix is not None:
+        values["fix"] = "yes" if gnss.fix else "no"
+    if gnss.clock is not None:
+        fit = gnss.clock
+        values |= {"offset_s": fit.offset_s, "drift_ppm": fit.drift_ppm, "residual_s": fit.residual_s}
+    return values
+
+
+def _host(host: HostFacts) -> dict[str, float | str]:
+    return {
+        "disk_free_mb": host.disk_free_bytes * 1e-6,
+        "disk_bytes_per_s": host.disk_bytes_per_s,
+        "queue_percent": 100.0 * host.queue_share,
+        "skipped_frames": host.skipped_frames,
+        "cpu_percent": 100.0 * host.cpu_share,
+        "rss_mb": host.rss_bytes * 1e-6,
+        "clock_steps": host.clock_steps,
+    }

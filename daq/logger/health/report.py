@@ -1,0 +1,332 @@
+"""The reasons that stand: the worst first, and none so short that it cannot be read.
+
+What the health monitor says: facts of every bus, message and signal, and reasons with a level each.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from typing import Literal
+
+from daq.clock import ClockFit
+from daq.logger.health.codes import CODES
+
+BusState = Literal["up", "down", "bus_off"]
+
+
+class Level(IntEnum):
+    """How bad it is: red means that data are being lost or are wrong now."""
+
+    GREEN = 0
+    AMBER = 1
+    RED = 2
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why it is not green.
+
+    Attributes
+    ----------
+    code : str
+        One of `daq.logger.health.codes`, e.g. ``"signal_stuck"``; stable, for programs and for the how-to page.
+    level : Level
+    where : str
+        The bus, the message or the signal, e.g. ``"can0: WFT_Forces.Fz"``.
+    what : str
+        One sentence with numbers.
+    next_step : str
+    """
+
+    code: str
+    level: Level
+    where: str
+    what: str
+    next_step: str
+
+
+@dataclass(frozen=True)
+class BusFacts:
+    """What the logger itself knows of a bus; counts are since the logger started.
+
+    Attributes
+    ----------
+    state : {"up", "down", "bus_off"}
+    received : int
+    kernel_drops : int or None
+        Lost because nobody fetched them in time; None where the interface does not count them.
+    queue_drops : int
+        Given up by the logger itself.
+    reconnects : int
+    detail : str
+        Why it is down; empty when it is up.
+    """
+
+    state: BusState
+    received: int
+    kernel_drops: int | None
+    queue_drops: int = 0
+    reconnects: int = 0
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class HostFacts:
+    """What the logger knows of its machine and of itself.
+
+    Attributes
+    ----------
+    buses : mapping bus -> BusFacts
+    queue_share : float
+        How full the queue between the buses and the disk is, 0 to 1.
+    skipped_frames : int
+        Frames that were recorded, but not decoded, because the logger was behind.
+    disk_free_bytes, disk_reserve_bytes : int
+        Free space; where recording ends.
+    disk_bytes_per_s : float
+        How fast the recording grows; NaN until it is known.
+    cpu_share : float
+        Of one core, since the last report; NaN until it is known.
+    rss_bytes : int
+    clock_steps : int
+        How often the host's clock was set.
+    last_step_s : float
+        By how much, the last time; NaN without a step.
+    """
+
+    buses: Mapping[str, BusFacts]
+    queue_share: float = 0.0
+    skipped_frames: int = 0
+    disk_free_bytes: int = 0
+    disk_reserve_bytes: int = 0
+    disk_bytes_per_s: float = float("nan")
+    cpu_share: float = float("nan")
+    rss_bytes: int = 0
+    clock_steps: int = 0
+    last_step_s: float = float("nan")
+
+
+@dataclass(frozen=True)
+class BusHealth:
+    """A bus now.
+
+    Attributes
+    ----------
+    name : str
+    level : Level
+        The worst reason's that stands at this bus.
+    facts : BusFacts
+    rate_hz : float
+        Frames per second.
+    load : float
+        Share of the bit rate, 0 to 1; NaN where vehicle.toml states no bit rate.
+    age_s : float
+        Since the last frame; NaN before the first.
+    error_frames : int
+        Since the logger started.
+    unknown_frames : int
+        Frames that no DBC describes.
+    """
+
+    name: str
+    level: Level
+    facts: BusFacts
+    rate_hz: float
+    load: float
+    age_s: float
+    error_frames: int
+    unknown_frames: int
+
+
+@dataclass(frozen=True)
+class MessageHealth:
+    """A DBC message now; counts are since the logger started.
+
+    Attributes
+    ----------
+    bus, name : str
+    level : Level
+    rate_hz, usual_rate_hz : float
+        Over the last second; frames over time of the last seconds without a gap (the DBC's cycle time, before
+        anything is learned). NaN: not known.
+    age_s : float
+    frames : int
+    gaps : int
+        Intervals well beyond the usual in which frames were lost.
+    missing : int
+        Frames that those intervals lack, by the learned rate.
+    counter_jumps : int
+        Frames that the rolling counter says are lost; 0 where there is no counter.
+    """
+
+    bus: str
+    name: str
+    level: Level
+    rate_hz: float
+    usual_rate_hz: float
+    age_s: float
+    frames: int
+    gaps: int
+    missing: int
+    counter_jumps: int
+
+
+@dataclass(frozen=True)
+class SignalHealth:
+    """A signal now.
+
+    Attributes
+    ----------
+    bus, name, unit : str
+        ``name`` is ``"Message.Signal"``; the unit is the DBC's.
+    role : str
+        Empty where vehicle.toml gives it none.
+    level : Level
+    value : float
+        The last one.
+    out_of_range, saturated : int
+        Samples beyond the DBC's range, or at the end of what the bits can hold.
+    stuck_s : float
+        How long it has not changed, although it used to; 0 while it changes.
+    """
+
+    bus: str
+    name: str
+    unit: str
+    role: str
+    level: Level
+    value: float
+    out_of_range: int
+    saturated: int
+    stuck_s: float
+
+
+@dataclass(frozen=True)
+class GnssHealth:
+    """The receiver now.
+
+    Attributes
+    ----------
+    level : Level
+    fix : bool or None
+        None where no role tells.
+    age_s : float
+        Since the last valid fix.
+    clock : ClockFit or None
+        Host against GNSS time, where it can be told yet.
+    """
+
+    level: Level
+    fix: bool | None
+    age_s: float
+    clock: ClockFit | None
+
+
+@dataclass(frozen=True)
+class HealthReport:
+    """The whole of it at one moment.
+
+    Attributes
+    ----------
+    time_ns : int
+        On the recording's time base.
+    level : Level
+        The worst reason's.
+    reasons : tuple of Reason
+        The worst first.
+    buses, messages, signals : tuples
+    gnss : GnssHealth or None
+        None without GNSS roles.
+    host : HostFacts
+    losses : mapping str -> int
+        What `HealthMonitor.losses` counts.
+    """
+
+    time_ns: int
+    level: Level
+    reasons: tuple[Reason, ...]
+    buses: tuple[BusHealth, ...]
+    messages: tuple[MessageHealth, ...]
+    signals: tuple[SignalHealth, ...]
+    gnss: GnssHealth | None
+    host: HostFacts
+    losses: Mapping[str, int] = field(default_factory=dict)
+
+
+STAYS_NS = 3_000_000_000
+"""A reason stays this long after it was last seen, and as bad as it was."""
+RECENT_NS = 10_000_000_000
+"""What has happened in this time is happening now."""
+
+
+def reason(code: str, level: Level, where: str, what: str, *, bus: str = "", next_step: str = "") -> Reason:
+    """Return a reason; without a next step the code's own, with the name of the bus put in."""
+    return Reason(code, level, where, what, next_step or CODES[code].next_step.format(bus=bus or where))
+
+
+def worst(reasons: Iterable[Reason]) -> Level:
+    """Return the worst level, green where there is no reason."""
+    return max((one.level for one in reasons), default=Level.GREEN)
+
+
+class Recent:
+    """How much a count has grown in the last seconds."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._steps: deque[tuple[int, int]] = deque()
+        self.last_ns: int | None = None
+
+    def take(self, now_ns: int, count: int) -> int:
+        """Take the count of now; return by how much it grew in the last `RECENT_NS`."""
+        if count > self._count:
+            self._steps.append((now_ns, count - self._count))
+            self.last_ns = now_ns
+        self._count = count
+        while self._steps and now_ns - self._steps[0][0] >= RECENT_NS:
+            self._steps.popleft()
+        return sum(grown for _, grown in self._steps)
+
+
+class Since:
+    """For how long things have been so."""
+
+    def __init__(self) -> None:
+        self._since: dict[str, int] = {}
+
+    def held_s(self, name: str, now_ns: int, holds: bool) -> float:
+        """Return for how long `name` has held without a break, 0 when it does not."""
+        if not holds:
+            self._since.pop(name, None)
+            return 0.0
+        return (now_ns - self._since.setdefault(name, now_ns)) * 1e-9
+
+
+@dataclass
+class _Standing:
+    reason: Reason
+    seen_ns: int
+    level: Level
+    level_ns: int
+
+
+class Board:
+    """Keeps reasons from flickering."""
+
+    def __init__(self) -> None:
+        self._standing: dict[tuple[str, str], _Standing] = {}
+
+    def update(self, now_ns: int, found: Iterable[Reason]) -> tuple[Reason, ...]:
+        """Take what is found now and return what stands, the worst first."""
+        for one in found:
+            old = self._standing.get((one.code, one.where))
+            level, level_ns = one.level, now_ns
+            if old is not None and old.level > level and now_ns - old.level_ns < STAYS_NS:
+                level, level_ns = old.level, old.level_ns
+            self._standing[one.code, one.where] = _Standing(one, now_ns, level, level_ns)
+        self._standing = {key: one for key, one in self._standing.items() if now_ns - one.seen_ns < STAYS_NS}
+        standing = [replace(one.reason, level=one.level) for one in self._standing.values()]
+        return tuple(sorted(standing, key=lambda one: (-one.level, one.code, one.where)))

@@ -1,0 +1,216 @@
+"""One bus: frames, bits on the wire, error frames and identifiers that no DBC knows.
+
+Error frames of SocketCAN: what the controller says of itself and of the bus (linux/can/error.h).
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.can.frames import ErrorClass, FrameArray, FrameFlag
+from daq.logger.health.report import Level, Reason, Recent, reason
+
+_OVERFLOW, _WARNING, _PASSIVE, _ACTIVE = 0x01, 0x0C, 0x30, 0x40
+_PROTOCOL_NAMES = {
+    0x01: "bit",
+    0x02: "form",
+    0x04: "stuff",
+    0x08: "bit (dominant)",
+    0x10: "bit (recessive)",
+    0x20: "overload",
+}
+_STATE_HOLDS_NS = 30_000_000_000
+"""Not every driver says when the controller is well again."""
+
+
+class ErrorFrames:
+    """Follows the error frames of one bus."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._classes: Counter[str] = Counter()
+        self._protocol: Counter[str] = Counter()
+        self._state: tuple[str, int] = ("", 0)
+        self._counters = (0, 0)
+        self._recent = {name: Recent() for name in ("no_ack", "protocol", "overflow", "other")}
+
+    def take(self, errors: FrameArray) -> None:
+        """Take error frames in order."""
+        self.count += len(errors)
+        classes, data = errors["can_id"], errors["data"]
+        controller = np.where(classes & ErrorClass.CONTROLLER, data[:, 1], 0)
+        protocol = (classes & (ErrorClass.PROTOCOL | ErrorClass.BUS_ERROR)) != 0
+        no_ack = (classes & ErrorClass.NO_ACK) != 0
+        overflow = (controller & _OVERFLOW) != 0
+        about_state = (controller & (_WARNING | _PASSIVE | _ACTIVE)) != 0
+        about_state |= (classes & (ErrorClass.BUS_OFF | ErrorClass.RESTARTED)) != 0
+        told = no_ack | protocol | overflow | about_state | ((classes & ErrorClass.LOST_ARBITRATION) != 0)
+        for name, rows in (("no_ack", no_ack), ("protocol", protocol), ("overflow", overflow), ("other", ~told)):
+            self._classes[name] += int(np.count_nonzero(rows))
+        for bit, name in _PROTOCOL_NAMES.items():
+            self._protocol[name] += int(np.count_nonzero(protocol & ((data[:, 2] & bit) != 0)))
+        if about_state.any():
+            last = int(np.flatnonzero(about_state)[-1])
+            self._state = (_state(int(classes[last]), int(controller[last])), int(errors["time_ns"][last]))
+            self._counters = (int(data[last, 6]), int(data[last, 7]))
+
+    def reasons(self, bus: str, now_ns: int, last_data_ns: int | None) -> list[Reason]:
+        """Return what the last seconds' error frames mean.
+
+        Parameters
+        ----------
+        bus : str
+        now_ns : int
+        last_data_ns : int or None
+            When the last data frame came: a bus that carries some is not off any more.
+        """
+        found = self._state_reasons(bus, now_ns, last_data_ns)
+        recent = {name: self._recent[name].take(now_ns, self._classes[name]) for name in self._recent}
+        if recent["overflow"]:
+            what = (
+                f"the controller lost frames {recent['overflow']} times in the last 10 s: it was not read fast enough"
+            )
+            found.append(reason("controller_overflow", Level.RED, bus, what))
+        if recent["no_ack"]:
+            what = f"{recent['no_ack']} frames of ours had no acknowledgement in the last 10 s"
+            found.append(reason("bus_no_ack", Level.AMBER, bus, what))
+        if recent["protocol"]:
+            kinds = ", ".join(name for name, _ in self._protocol.most_common(2) if self._protocol[name])
+            what = f"{recent['protocol']} protocol errors in the last 10 s" + (f", mostly {kinds}" if kinds else "")
+            found.append(reason("bus_errors", Level.AMBER, bus, what))
+        if recent["other"]:
+            what = f"{recent['other']} error frames in the last 10 s"
+            found.append(reason("bus_errors", Level.AMBER, bus, what))
+        return found
+
+    def _state_reasons(self, bus: str, now_ns: int, last_data_ns: int | None) -> list[Reason]:
+        state, since_ns = self._state
+        if state == "off" and (last_data_ns is None or last_data_ns <= since_ns):
+            what = f"the controller has been off the bus for {(now_ns - since_ns) * 1e-9:.0f} s"
+            return [reason("bus_off", Level.RED, bus, what)]
+        if state in ("passive", "warning") and now_ns - since_ns < _STATE_HOLDS_NS:
+            sent, received = self._counters
+            counted = f" (error counters: {sent} sending, {received} receiving)" if sent or received else ""
+            said = "is error passive" if state == "passive" else "warns of many errors"
+            return [reason(f"bus_error_{state}", Level.AMBER, bus, f"the controller {said}{counted}")]
+        return []
+
+
+def _state(classes: int, controller: int) -> str:
+    if classes & ErrorClass.BUS_OFF:
+        return "off"
+    if controller & _PASSIVE:
+        return "passive"
+    return "warning" if controller & _WARNING else ""
+
+
+_RATE_OVER_NS = 1_000_000_000
+_IDS_KEPT = 64
+_IDS_LOOKED_AT = 256
+_STUFFED_EVERY = 30
+"""Random bits get a stuff bit after 31 bits for the first, then after 30 each; constant ones after 4."""
+
+
+def bits_on_wire(frames: FrameArray) -> NDArray[np.float64]:
+    """Return the bits that frames take on the bus, with the space behind them.
+
+    Classical frame with n data bytes: 34 + 8 n bits (54 + 8 n with a 29-bit identifier) from start of frame to CRC
+    that are stuffed, 13 more to the end of the interframe space. CAN FD: 22 + 8 n (41 + 8 n) stuffed bits, 4 of stuff
+    count, a CRC of 17 or 21 with a fixed stuff bit for every 4, and 13. To the stuffed ones comes a bit for every 30,
+    as random content has it. All zeros would have one for every 4: the load may be up to a fifth higher.
+
+    Parameters
+    ----------
+    frames : structured array, shape (n,)
+
+    Returns
+    -------
+    float64 array, shape (n,)
+        NaN for CAN FD frames whose data have a bit rate of their own.
+    """
+    flags = frames["flags"]
+    data = np.where(flags & FrameFlag.REMOTE, 0, frames["length"].astype(np.float64)) * 8
+    long_id = (flags & FrameFlag.EXTENDED) != 0
+    stuffed = data + np.where(long_id, 54.0, 34.0)
+    bits = stuffed * (1 + 1 / _STUFFED_EVERY) + 13
+    fd = (flags & FrameFlag.FD) != 0
+    if fd.any():
+        stuffed = data + np.where(long_id, 41.0, 22.0)
+        checked = np.where(frames["length"] > 16, 25 + 7, 21 + 6)
+        bits = np.where(fd, stuffed * (1 + 1 / _STUFFED_EVERY) + checked + 13, bits)
+        bits[fd & ((flags & FrameFlag.BITRATE_SWITCH) != 0)] = np.nan
+    return bits
+
+
+class BusTraffic:
+    """Counts what comes on a bus; bounded in memory whatever comes."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self.known = 0
+        self.unknown = 0
+        self.errors = ErrorFrames()
+        self.last_ns: int | None = None
+        self.last_data_ns: int | None = None
+        self._bits = 0.0
+        self._untold = 0
+        self._ids: Counter[tuple[int, bool]] = Counter()
+        self._past: deque[tuple[int, int, float, int, int, int]] = deque()
+
+    def take(self, frames: FrameArray, unknown: FrameArray) -> None:
+        """Take frames of this bus.
+
+        Parameters
+        ----------
+        frames : structured array, shape (n,)
+        unknown : structured array, shape (m,)
+            Data frames that no DBC describes.
+        """
+        if not len(frames):
+            return
+        self.last_ns = max(int(frames["time_ns"].max()), self.last_ns or 0)
+        self.frames += len(frames)
+        self.unknown += len(unknown)
+        flags = frames["flags"]
+        if np.bitwise_or.reduce(flags) & FrameFlag.ERROR:
+            is_error = (flags & FrameFlag.ERROR) != 0
+            self.errors.take(frames[is_error])
+            frames = frames[~is_error]
+        self.known += int(np.count_nonzero((frames["flags"] & FrameFlag.REMOTE) == 0)) - len(unknown)
+        if len(frames):
+            self.last_data_ns = max(int(frames["time_ns"].max()), self.last_data_ns or 0)
+        bits = bits_on_wire(frames)
+        untold = np.isnan(bits)
+        self._untold += int(np.count_nonzero(untold))
+        self._bits += float(bits.sum(where=~untold))
+        self._look_at(unknown[:_IDS_LOOKED_AT])
+
+    def ids(self, most: int = 5) -> list[str]:
+        """Return the commonest identifiers that no DBC knows, of those that were looked at."""
+        return [f"0x{i:08X}" if extended else f"0x{i:03X}" for (i, extended), _ in self._ids.most_common(most)]
+
+    def rates(self, now_ns: int) -> tuple[float, float, float]:
+        """Return frames per second, bits per second and the share of unknown frames over about the last second."""
+        self._past.append((now_ns, self.frames, self._bits, self._untold, self.unknown, self.known))
+        while len(self._past) > 2 and now_ns - self._past[1][0] >= _RATE_OVER_NS:
+            self._past.popleft()
+        since_ns, frames, bits, untold, unknown, known = self._past[0]
+        elapsed_s = (now_ns - since_ns) * 1e-9
+        if elapsed_s <= 0:
+            return float("nan"), float("nan"), 0.0
+        described = self.known - known + self.unknown - unknown
+        share = (self.unknown - unknown) / described if described else 0.0
+        bit_rate = float("nan") if self._untold > untold else (self._bits - bits) / elapsed_s
+        return (self.frames - frames) / elapsed_s, bit_rate, share
+
+    def _look_at(self, unknown: FrameArray) -> None:
+        """Count identifiers in a sample of the unknown frames; those that came first are kept."""
+        extended = (unknown["flags"] & FrameFlag.EXTENDED) != 0
+        keys, numbers = np.unique(unknown["can_id"].astype(np.int64) << 1 | extended, return_counts=True)
+        for key, number in zip(keys.tolist(), numbers.tolist(), strict=True):
+            place = (key >> 1, bool(key & 1))
+            if place in self._ids or len(self._ids) < _IDS_KEPT:
+                self._ids[place] += number

@@ -1,0 +1,187 @@
+"""The signals of one message: last value, range, saturation, and whether they still change."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.can.bits import Message, RawKind, Signal
+from daq.can.roles import means_no_data
+from daq.logger.health.counters import is_named_so
+
+IntArray = NDArray[np.int64]
+FloatArray = NDArray[np.float64]
+
+SATURATED_RUN = 3
+"""So many samples in a row at the end of what the bits hold are no coincidence."""
+LEAST_CHANGES = 50
+"""A signal must have changed this often before it can be stuck."""
+_LEAST_LEARN_NS = 5_000_000_000
+_MUCH_LONGER = 4.0
+_STUCK_LEAST_NS = 1_000_000_000
+_RESTING_LONGER = 20.0
+_RESTING_LEAST_NS = 10_000_000_000
+_SATURABLE_BITS = 8
+_LEAST_BITS = 5
+
+
+class SignalValues:
+    """Follows the values of a message's signals, all at once.
+
+    Parameters
+    ----------
+    message : Message
+    names : sequence of str
+        Signals in the order of the rows that `take` gets.
+    constant : collection of str
+        Signals that may stay the same as long as they like, beside counters, flags and enumerations.
+    rests : collection of str
+        Signals that stay the same while the vehicle stands.
+
+    Attributes
+    ----------
+    resting : bool
+        Whether the vehicle stands, to be kept up to date.
+    """
+
+    def __init__(
+        self, message: Message, names: Sequence[str], constant: Collection[str] = (), rests: Collection[str] = ()
+    ) -> None:
+        signals = [message.by_name[name] for name in names]
+        size = len(signals)
+        limits = np.array([_limits(signal) for signal in signals], np.float64).reshape(size, 2)
+        ends = np.array([_ends(signal, j1939=message.j1939) for signal in signals], np.float64).reshape(size, 2)
+        self._low, self._high = limits[:, :1], limits[:, 1:]
+        self._bottom, self._top = ends[:, :1], ends[:, 1:]
+        self.may_stick = np.array([s.name not in constant and _measures(s) for s in signals], np.bool_)
+        self._labelled = [
+            (row, raw * signal.scale + signal.offset) for row, signal in enumerate(signals) for raw in signal.labels
+        ]
+        self._rests = np.array([name in rests for name in names], np.bool_)
+        self.resting = False
+        self.last = np.full(size, np.nan)
+        self.last_ns = np.zeros(size, np.int64)
+        self.changes = np.zeros(size, np.int64)
+        self.out_of_range = np.zeros(size, np.int64)
+        self.saturated = np.zeros(size, np.int64)
+        self.beyond_ns = np.zeros(size, np.int64)
+        self.saturated_ns = np.zeros(size, np.int64)
+        self.changed_ns = np.zeros(size, np.int64)
+        self.first_ns = np.zeros(size, np.int64)
+        self.longest_ns = np.zeros(size, np.int64)
+        self._at_end = np.zeros((size, SATURATED_RUN - 1), np.bool_)
+
+    def take(self, time_ns: IntArray, values: FloatArray) -> None:
+        """Take decoded frames in order.
+
+        Parameters
+        ----------
+        time_ns : int64 array, shape (n,)
+        values : float64 array, shape (signals, n)
+            NaN where a frame does not carry the signal.
+        """
+        if not values.size:
+            return
+        lacking = np.isnan(values)
+        if lacking.any():
+            for row in range(len(values)):
+                there = np.flatnonzero(~lacking[row])
+                if len(there):
+                    self._take(slice(row, row + 1), time_ns[there], values[row : row + 1, there])
+        else:
+            self._take(slice(None), time_ns, values)
+
+    def stuck_s(self) -> FloatArray:
+        """Return how long each signal has been the same for much longer than ever before; 0 while it is not so.
+
+        While the vehicle stands that takes more patience.
+        """
+        same_ns = self.last_ns - self.changed_ns
+        learned = (self.changes >= LEAST_CHANGES) & (self.changed_ns - self.first_ns >= _LEAST_LEARN_NS)
+        least_ns, longer = (_RESTING_LEAST_NS, _RESTING_LONGER) if self.resting else (_STUCK_LEAST_NS, _MUCH_LONGER)
+        limit_ns = np.maximum(least_ns, longer * self.longest_ns)
+        return np.where(learned & self.may_stick & (same_ns > limit_ns), same_ns * 1e-9, 0.0)
+
+    def _take(self, rows: slice, time_ns: IntArray, values: FloatArray) -> None:
+        fresh = self.last_ns[rows] == 0
+        if fresh.any():
+            self.first_ns[rows][fresh] = self.changed_ns[rows][fresh] = time_ns[0]
+            self.last[rows][fresh] = values[fresh, 0]
+        self._look_for_changes(rows, time_ns, values)
+        self._look_at_limits(rows, time_ns, values)
+        self.last[rows] = values[:, -1]
+        self.last_ns[rows] = time_ns[-1]
+
+    def _look_for_changes(self, rows: slice, time_ns: IntArray, values: FloatArray) -> None:
+        before = np.concatenate([self.last[rows, None], values[:, :-1]], axis=1)
+        changed = values != before
+        stamps = np.where(changed, time_ns, 0)
+        stamps[:, 0] = np.maximum(stamps[:, 0], self.changed_ns[rows])
+        latest = np.maximum.accumulate(stamps, axis=1)
+        previous = np.concatenate([self.changed_ns[rows, None], latest[:, :-1]], axis=1)
+        same = np.where(changed, time_ns - previous, 0).max(axis=1)
+        changed_ns = latest[:, -1]
+        if self.resting:
+            same[self._rests[rows]] = 0
+            changed_ns = np.where(self._rests[rows], time_ns[-1], changed_ns)
+        self.longest_ns[rows] = np.maximum(self.longest_ns[rows], same)
+        self.changes[rows] += np.count_nonzero(changed, axis=1)
+        self.changed_ns[rows] = changed_ns
+
+    def _look_at_limits(self, rows: slice, time_ns: IntArray, values: FloatArray) -> None:
+        beyond = (values < self._low[rows]) | (values > self._high[rows])
+        if beyond.any():
+            self._leave_out_labelled(rows, values, beyond)
+            self.out_of_range[rows] += np.count_nonzero(beyond, axis=1)
+            self.beyond_ns[rows] = np.maximum(self.beyond_ns[rows], np.where(beyond, time_ns, 0).max(axis=1))
+        at_end = (values <= self._bottom[rows]) | (values >= self._top[rows])
+        at_end = np.concatenate([self._at_end[rows], at_end], axis=1)
+        self._at_end[rows] = at_end[:, 1 - SATURATED_RUN :]
+        if at_end.any():
+            run = at_end[:, SATURATED_RUN - 1 :].copy()
+            for shift in range(SATURATED_RUN - 1):
+                run &= at_end[:, shift : shift + run.shape[1]]
+            self.saturated[rows] += np.count_nonzero(run, axis=1)
+            self.saturated_ns[rows] = np.maximum(self.saturated_ns[rows], np.where(run, time_ns, 0).max(axis=1))
+
+    def _leave_out_labelled(self, rows: slice, values: FloatArray, beyond: NDArray[np.bool_]) -> None:
+        """Take values with a name of their own for no leaving of the range."""
+        first = rows.start or 0
+        for row, value in self._labelled:
+            if first <= row < first + len(values):
+                beyond[row - first] &= values[row - first] != value
+
+
+def _measures(signal: Signal) -> bool:
+    """Whether a signal measures something that changes: no counter, flag, status or enumeration."""
+    enumeration = any(not means_no_data(label) for label in signal.labels.values())
+    return not (enumeration or is_named_so(signal) or signal.length_bits < _LEAST_BITS)
+
+
+def _limits(signal: Signal) -> tuple[float, float]:
+    """Return the DBC's range, half a step wider; an empty range tells nothing."""
+    low, high = signal.minimum, signal.maximum
+    if low is None or high is None or low >= high:
+        return -np.inf, np.inf
+    half = abs(signal.scale) / 2
+    return low - half, high + half
+
+
+def _ends(signal: Signal, *, j1939: bool) -> tuple[float, float]:
+    """Return the physical values at the ends of what the bits hold, infinite where an end means something else.
+
+    The raw zero of an unsigned signal without offset is a plain zero, the highest value of a J1939 signal or one in the
+    value table is "not available".
+    """
+    if signal.kind is RawKind.FLOAT or signal.length_bits < _SATURABLE_BITS:
+        return -np.inf, np.inf
+    low, high = signal.raw_range
+    bottom, top = (raw * signal.scale + signal.offset for raw in (low, high))
+    no_bottom = low in signal.labels or bottom == 0
+    no_top = high in signal.labels or (j1939 and signal.kind is RawKind.UNSIGNED)
+    ends = [-np.inf if no_bottom else float(bottom), np.inf if no_top else float(top)]
+    if signal.scale < 0:
+        return (float(top) if not no_top else -np.inf), (float(bottom) if not no_bottom else np.inf)
+    return ends[0], ends[1]

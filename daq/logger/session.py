@@ -1,0 +1,185 @@
+"""A session: sources -> queue -> files, until the time is up or somebody ends it."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Mapping
+
+from daq.errors import Fault, HardwareError
+from daq.logger.disk_guard import disk_fault
+from daq.logger.health.report import Level
+from daq.logger.inspection import Feed
+from daq.logger.listener import Arrival, ByteQueue, Listener, together
+from daq.logger.session_monitor import Attendance, Ending, LogSummary, SessionParts
+from daq.logger.watch import Watch
+from daq.sources.can_source import SourceCounters
+
+_WAIT_S = 0.05
+_GATHER_S = 0.2
+"""Frames rest so long in the queue, or until it is time to flush, and are written together: that takes less CPU."""
+_FETCH_S = 0.01
+"""So long before, the readers fetch what the kernel still holds."""
+_MOST_AT_ONCE = 4 << 20
+_PROGRESS_EVERY_S = 1.0
+_JOIN_S = 5.0
+_MB = 1_000_000
+_STATUS = {"signal": "interrupted", "duration": "ok", "stop": "ok", "disk": "disk full or failed"}
+
+
+class Session:
+    """Records until it ends, and closes the files however it ends.
+
+    Parameters
+    ----------
+    parts : SessionParts
+    """
+
+    def __init__(self, parts: SessionParts) -> None:
+        self._parts = parts
+        self._recorder = parts.recorder
+        self._buses = tuple(source.name for source in parts.sources)
+        self._queue: ByteQueue[Arrival] = ByteQueue(int(parts.vehicle.logger.queue_mb * _MB))
+        self._stop = threading.Event()
+        self._listeners = [
+            Listener(number, source, self._buses, parts.clock, self._queue, self._stop)
+            for number, source in enumerate(parts.sources)
+        ]
+        self._feed = Feed()
+        self._watch = Watch(parts.clock, self._listeners, self._queue, parts.guard)
+        self._shield = parts.inspector.shield
+        self._attendance = Attendance(parts, self._watch, self._feed)
+        self._caught = parts.caught
+        self._disk_faults: tuple[Fault, ...] = ()
+
+    def record(self, duration_s: float | None) -> LogSummary:
+        """Record until `duration_s` is over, a signal comes, somebody asks to stop, or the disk is full."""
+        began_at = time.monotonic()
+        deadline = None if duration_s is None else began_at + duration_s
+        status = "failed"
+        try:
+            for listener in self._listeners:
+                listener.start()
+            self._parts.inspector.start()
+            self._parts.notifier.ready("recording")
+            ending = self._write_until(deadline)
+            self._finish(ending)
+            status = _STATUS[ending]
+        except HardwareError as error:
+            ending, self._disk_faults = "disk", error.faults
+            status = _STATUS[ending]
+        finally:
+            self._end(status)
+        return self._summary(ending, time.monotonic() - began_at)
+
+    def _write_until(self, deadline: float | None) -> Ending:
+        report_at = time.monotonic()
+        while (ending := self._ending(deadline)) is None:
+            now = time.monotonic()
+            if self._parts.progress is not None and now >= report_at:
+                self._parts.progress(self._attendance.status())
+                report_at = now + _PROGRESS_EVERY_S
+            left_s = math.inf if deadline is None else max(deadline - now, 0.0)
+            if self._round(min(_WAIT_S, left_s)):
+                self._gather(min(_GATHER_S, left_s, self._recorder.flush_due_s))
+        return ending
+
+    def _gather(self, seconds: float) -> None:
+        """Let frames come together, and have the readers fetch the last of them."""
+        time.sleep(max(seconds - _FETCH_S, 0.0))
+        for one in self._listeners:
+            one.hurry()
+        time.sleep(max(min(seconds, _FETCH_S), 0.0))
+
+    def _round(self, wait_s: float) -> bool:
+        """Write what has come, then attend to everything else; say whether something had come."""
+        self._queue.wait(wait_s)
+        share = self._queue.share
+        came = together(self._queue.take_some(_MOST_AT_ONCE))
+        for arrival in came:
+            self._recorder.write(arrival)
+            self._feed.take(arrival.batch, share)
+        self._recorder.tick()
+        self._shield.run(lambda: self._attendance.attend(time.monotonic()))
+        return bool(came)
+
+    def _ending(self, deadline: float | None) -> Ending | None:
+        """Return why it ends now, if it does."""
+        if self._caught:
+            return "signal"
+        if self._parts.asked_to_stop.is_set():
+            return "stop"
+        if self._watch.disk.level is Level.RED:
+            self._disk_faults = (disk_fault(self._recorder.path.parent, self._watch.disk),)
+            return "disk"
+        return "duration" if deadline is not None and time.monotonic() >= deadline else None
+
+    def _finish(self, ending: Ending) -> None:
+        """Have the sources stop, and write what they still had."""
+        self._parts.notifier.stopping()
+        self._stop.set()
+        for one in self._listeners:
+            one.hurry()
+        until = time.monotonic() + _JOIN_S
+        while any(one.is_alive() for one in self._listeners) and time.monotonic() < until:
+            self._round(0.01)
+        while self._round(0.0):
+            pass
+        self._shield.run(self._attendance.conclude)
+        if ending == "disk":
+            self._recorder.event("disk", str(self._disk_faults[0]), "error")
+
+    def _end(self, status: str) -> None:
+        """Close everything; nothing waits for anything any more."""
+        self._stop.set()
+        for one in self._listeners:
+            one.abandon()
+        self._parts.inspector.end()
+        until = time.monotonic() + _JOIN_S
+        for one in self._listeners:
+            if one.ident is not None:
+                one.join(max(until - time.monotonic(), 0.0))
+            if one.is_alive():
+                self._parts.remarks.append(f"the driver of {one.source.name} does not answer; it was left behind")
+        try:
+            self._close_files(status)
+        except HardwareError as error:
+            self._disk_faults = self._disk_faults or error.faults
+        finally:
+            self._count_unwritten()
+        for one in self._listeners:
+            if not one.is_alive():
+                one.source.close()
+
+    def _close_files(self, status: str) -> None:
+        self._count_unwritten()
+        try:
+            self._attendance.note_losses()
+        finally:
+            self._recorder.close(status)
+
+    def _count_unwritten(self) -> None:
+        recorded = self._recorder.frame_counts
+        for one in self._listeners:
+            one.unwritten = one.fetched - recorded.get(one.source.name, 0)
+
+    def _summary(self, ending: Ending, duration_s: float) -> LogSummary:
+        counters: Mapping[str, SourceCounters] = {one.source.name: one.source.counters for one in self._listeners}
+        down = tuple(one.source.fault for one in self._listeners if one.source.fault is not None)
+        if self._disk_faults:
+            ending = "disk"
+        return LogSummary(
+            path=self._recorder.paths[0],
+            paths=tuple(self._recorder.paths),
+            runs=tuple(self._recorder.runs),
+            frames=dict.fromkeys(self._buses, 0) | self._recorder.frame_counts,
+            error_frames={bus: count.error_frames for bus, count in counters.items()},
+            drops={bus: count.dropped for bus, count in counters.items() if count.dropped is not None},
+            losses=self._attendance.losses(),
+            duration_s=duration_s,
+            ended_by=ending,
+            signal_number=self._caught[0] if self._caught and ending == "signal" else None,
+            faults=(*self._disk_faults, *down),
+            remarks=self._attendance.remarks(),
+        )

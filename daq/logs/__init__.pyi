@@ -1,0 +1,9 @@
+from .candump import write_candump as write_candump
+from .convert import import_logs as import_logs
+from .convert import lenient_remarks as lenient_remarks
+from .formats import LOG_FORMATS as LOG_FORMATS
+from .formats import LOG_SUFFIXES as LOG_SUFFIXES
+from .formats import LogFormat as LogFormat
+from .formats import LogReading as LogReading
+from .formats import read_log as read_log
+from .report import LogReport as LogReport

@@ -1,0 +1,151 @@
+"""Logs of other programs -> one recording that needs no other file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from daq.can.buses import no_bus_in_common
+from daq.can.databases import Database
+from daq.can.decoding import Decoder
+from daq.can.frames import FrameBatch
+from daq.can.identify import Coverage, coverage
+from daq.config import RunInfo, VehicleConfig
+from daq.errors import DataError, Fault
+from daq.logs import LogReport, read_log
+from daq.recording import RecordingWriter
+from daq.recording.decoded_topics import DecodedView
+from daq.runs.run import LENIENT_KEY, Configuration
+
+_BATCH_FRAMES = 1 << 17
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What an import did.
+
+    Attributes
+    ----------
+    path : Path
+        The recording.
+    frames : mapping bus -> number of frames
+    coverage : Coverage
+        What the DBCs know of them.
+    remarks : tuple of str
+        What a user should know: of the logs, of lenient DBCs, of buses that do not match.
+    """
+
+    path: Path
+    frames: dict[str, int]
+    coverage: Coverage
+    remarks: tuple[str, ...]
+
+
+def import_logs(
+    logs: Sequence[Path],
+    target: Path,
+    known: Configuration,
+    *,
+    run: RunInfo,
+    rename_buses: Mapping[str, str] | None = None,
+    view_rate_hz: float | None = 100.0,
+    overwrite: bool = False,
+    watch: Callable[[int], None] | None = None,
+) -> Imported:
+    """Write the frames of logs into a recording, in bounded memory.
+
+    Parameters
+    ----------
+    logs : sequence of Path
+        Parts of one run, in their order.
+    target : Path
+        The recording to write.
+    known : Configuration
+        What goes along: vehicle, terrain, DBCs.
+    run : RunInfo
+    rename_buses : mapping, optional
+        Name of a bus in the log to the name that vehicle.toml has for it.
+    view_rate_hz : float or None
+        Rate of the decoded topics; None: raw frames only.
+    overwrite : bool
+    watch : callable, optional
+        Is told the number of frames after each batch.
+
+    Raises
+    ------
+    RecordingError
+        A log cannot be read, or `target` cannot be written; nothing is left behind then.
+    DataError
+        A bus that is to be renamed is in none of the logs.
+    """
+    rename = dict(rename_buses or {})
+    reports: list[LogReport] = []
+    seen = Coverage()
+    metadata = {"source": ", ".join(log.name for log in logs)} | ({LENIENT_KEY: "yes"} if known.lenient else {})
+    writer = RecordingWriter(
+        target,
+        run=run,
+        attachments=known.attachments,
+        metadata=metadata,
+        flush_every_s=None,
+        sync_every_s=None,
+        decoded_rate_hz=view_rate_hz,
+        overwrite=overwrite,
+    )
+    try:
+        with writer:
+            vehicle = known.vehicle or VehicleConfig()
+            view = DecodedView(writer, vehicle, known.databases) if known.databases and view_rate_hz else None
+            decoder = Decoder(known.databases)
+            for batch in _batches(logs, rename, reports):
+                writer.write_frames(batch)
+                seen = seen + coverage(batch, known.databases)
+                if view:
+                    view.write(decoder.decode(batch))
+                if watch:
+                    watch(sum(report.frames for report in reports))
+            _check_renamed(rename, reports)
+    except BaseException:
+        target.unlink(missing_ok=True)
+        raise
+    frames = writer.frame_counts
+    return Imported(target, frames, seen, tuple(_remarks(reports, known, frames)))
+
+
+def _batches(logs: Sequence[Path], rename: Mapping[str, str], reports: list[LogReport]) -> Iterator[FrameBatch]:
+    for log in logs:
+        reading = read_log(log, batch_frames=_BATCH_FRAMES)
+        reports.append(reading.report)
+        for batch in reading:
+            yield replace(batch, buses=tuple(rename.get(name, name) for name in batch.buses)) if rename else batch
+
+
+def _check_renamed(rename: Mapping[str, str], reports: Sequence[LogReport]) -> None:
+    there = {bus for report in reports for bus in report.buses}
+    missing = [bus for bus in rename if bus not in there]
+    if missing:
+        raise DataError(
+            *(
+                Fault(f"no log has a bus {bus!r}", found=", ".join(sorted(there)), expected="--bus old=new")
+                for bus in missing
+            )
+        )
+
+
+def _remarks(reports: Sequence[LogReport], known: Configuration, frames: Mapping[str, int]) -> list[str]:
+    lines = [f"{Path(report.path).name}: {line}" for report in reports for line in report.remarks()]
+    lines += lenient_remarks(known.databases)
+    vehicle = known.vehicle or VehicleConfig()
+    if strangers := no_bus_in_common(vehicle, frames):
+        lines.append(f"{strangers}: nothing can be decoded; name them alike with --bus old=new")
+    else:
+        missing = sorted({bus.channel for bus in vehicle.bus} - set(frames))
+        lines += [f"bus {bus} of vehicle.toml has no frame in the log" for bus in missing]
+    return lines
+
+
+def lenient_remarks(databases: Mapping[str, tuple[Database, ...]]) -> list[str]:
+    """Return what lenient loads left out, a sentence each, every file once."""
+    files = {database.name: database for bus in databases.values() for database in bus}
+    return [f"{name}: {line}" for name, database in files.items() for line in database.left_out]

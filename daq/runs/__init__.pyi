@@ -1,0 +1,13 @@
+from .folders import readable as readable
+from .open import Collected as Collected
+from .open import campaign_folders as campaign_folders
+from .open import known_beside as known_beside
+from .open import open_runs as open_runs
+from .run import LENIENT_KEY as LENIENT_KEY
+from .run import RUNS_FILE as RUNS_FILE
+from .run import TERRAIN_FILE as TERRAIN_FILE
+from .run import VEHICLE_FILE as VEHICLE_FILE
+from .run import Configuration as Configuration
+from .run import Run as Run
+from .run import terrain_from_file as terrain_from_file
+from .run import vehicle_from_file as vehicle_from_file

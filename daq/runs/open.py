@@ -1,0 +1,294 @@
+"""The one door to runs: recordings, logs of any format and campaign folders, with what is known of them.
+
+What a file says of itself is beaten by the campaign folder it lies in, and that by what the caller gives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+from daq.errors import ConfigError, Fault, RecordingError, WheelsoilError, nearest
+from daq.recording import RunRecording
+from daq.recording.part_writer import part_number, parts_on_disk
+from daq.recording.recovery import RECOVERED
+from daq.runs.folders import RUN_SUFFIXES, folders_in, holds_runs, logs_in, readable
+from daq.runs.run import (
+    LENIENT_KEY,
+    RUNS_FILE,
+    TERRAIN_FILE,
+    VEHICLE_FILE,
+    Configuration,
+    Run,
+    log_run,
+    recording_run,
+    runs_from_file,
+    terrain_from_file,
+    vehicle_from_file,
+)
+
+_MCAP_MAGIC = b"\x89MCAP"
+_NAMED = 4
+"""Folders that a fault names, more are counted."""
+
+
+def open_runs(
+    paths: Sequence[str | Path],
+    *,
+    vehicle: str | Path | None = None,
+    terrain: str | Path | None = None,
+    runs: str | Path | None = None,
+    lenient_dbc: bool = False,
+    left_out: Callable[[str], None] | None = None,
+) -> list[Run]:
+    """Open recordings, logs and campaign folders.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        A recording (MCAP), a log of any format that `daq.logs.read_log` knows, or a folder with ``vehicle.toml``,
+        ``terrain.toml``, ``runs.toml``, the DBCs and the runs. Without ``runs.toml`` every recording and log of the
+        folder is a run, in the order of their names, but for what `recover` made of one that is there. A file that is
+        named by itself takes what lies beside it.
+        The parts of a run (``R.mcap``, ``R.part2.mcap``, ...) are one run, whichever of them is named.
+    vehicle, terrain, runs : path, optional
+        Files that override what folders and recordings carry; the names of DBCs start at the folder of vehicle.toml.
+    lenient_dbc : bool
+        See `daq.can.databases.load_database`.
+    left_out : callable, optional
+        Is told of each file of a folder that cannot be read, or in which there is nothing: it costs only itself while
+        the folder has others. None: it is an error, as it always is where the file itself is named.
+
+    Returns
+    -------
+    list of Run
+        With ids that differ.
+
+    Raises
+    ------
+    ConfigError, DatabaseError, RecordingError
+        Everything that is wrong with any of them, at once.
+    """
+    if not paths:
+        raise ConfigError(Fault("no run is given", next_step="name a recording, a log or a campaign folder"))
+    collected = Collected()
+    given = _configuration(
+        {name: Path(path) for name, path in _named(vehicle, terrain, runs) if path is not None}, collected, lenient_dbc
+    )
+    collected.stop_if_any()
+
+    @cache
+    def known_in(folder: Path, lenient: bool) -> Configuration | None:
+        return _known_in(folder, given, collected, lenient)
+
+    opened: list[Run] = []
+    taken: set[Path] = set()
+    for path in map(Path, paths):
+        with collected.catch():
+            with readable(path):
+                whole = path.is_dir()
+                lenient = lenient_dbc or (not whole and _is_lenient(path))
+                known = known_in(path if whole else path.parent, lenient)
+                if known is None:
+                    continue
+                files = _files_of(path, known, collected) if whole else [path]
+            found: list[Run] = []
+            unreadable = Collected()
+            for file in files:
+                with collected.catch():
+                    if file.resolve() in taken:
+                        continue
+                    try:
+                        found.append(_open_file(file, known, lenient_dbc))
+                        taken |= _other_parts(found[-1])
+                    except RecordingError as error:
+                        unreadable.errors.append(error)
+            if whole and known.runs is None:
+                found = _without_copies(found)
+            if found and left_out:
+                for one in unreadable.errors:
+                    left_out(_told(one))
+            else:
+                collected.errors += unreadable.errors
+            opened += found
+    collected.stop_if_any()
+    return _told_apart(opened)
+
+
+def known_beside(path: Path, given: Configuration, *, lenient_dbc: bool = False) -> Configuration:
+    """Return what is given, completed by the files that lie beside a run.
+
+    Raises
+    ------
+    ConfigError, DatabaseError
+        Everything that is wrong with them, at once.
+    """
+    collected = Collected()
+    known = _known_in(path.parent, given, collected, lenient_dbc)
+    collected.stop_if_any()
+    assert known is not None
+    return known
+
+
+class Collected:
+    """Gathers errors so that all of them can be told at once."""
+
+    def __init__(self) -> None:
+        self.errors: list[WheelsoilError] = []
+
+    @contextmanager
+    def catch(self, where: str = "") -> Iterator[None]:
+        """Keep an error of ours that is raised inside; faults that do not say where get `where`."""
+        try:
+            yield
+        except WheelsoilError as error:
+            self.errors.append(type(error)(*(_placed(fault, where) for fault in error.faults)))
+
+    def stop_if_any(self) -> None:
+        """Raise all faults as one error of the first one's kind."""
+        if self.errors:
+            faults = dict.fromkeys(fault for error in self.errors for fault in error.faults)
+            raise type(self.errors[0])(*faults) from None
+
+
+def _placed(fault: Fault, where: str) -> Fault:
+    return fault if fault.where or not where else replace(fault, where=where)
+
+
+def is_recording(path: Path) -> bool:
+    """Return whether a file begins like an MCAP file, or is called one; of a run in parts the first need not be there.
+
+    Raises
+    ------
+    RecordingError
+        There is no such file, or it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC or path.suffix.lower() == ".mcap"
+    except FileNotFoundError:
+        if parts_on_disk(part_number(path)[0]):
+            return True
+        names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
+        expected = nearest(path.name, names) if names else ""
+        raise RecordingError(Fault("no such file", str(path), expected=expected, next_step="check the path")) from None
+    except OSError as error:
+        raise RecordingError(Fault("the file cannot be read", str(path), error.strerror or str(error))) from None
+
+
+def _is_lenient(path: Path) -> bool:
+    """Return whether a recording says that the DBCs, which then lie beside it, must be loaded leniently."""
+    if not (is_recording(path) and (path.parent / VEHICLE_FILE).is_file()):
+        return False
+    return RunRecording.open(path).metadata.get("run_start", {}).get(LENIENT_KEY) == "yes"
+
+
+def _named(
+    vehicle: str | Path | None, terrain: str | Path | None, runs: str | Path | None
+) -> list[tuple[str, str | Path | None]]:
+    return [(VEHICLE_FILE, vehicle), (TERRAIN_FILE, terrain), (RUNS_FILE, runs)]
+
+
+def _configuration(files: dict[str, Path], collected: Collected, lenient_dbc: bool) -> Configuration:
+    known = Configuration()
+    if VEHICLE_FILE in files:
+        with collected.catch():
+            known = known.over(vehicle_from_file(files[VEHICLE_FILE], lenient_dbc=lenient_dbc))
+    if TERRAIN_FILE in files:
+        with collected.catch():
+            known = known.over(terrain_from_file(files[TERRAIN_FILE]))
+    if RUNS_FILE in files:
+        with collected.catch():
+            known = known.over(runs_from_file(files[RUNS_FILE]))
+    return known
+
+
+def _told(error: WheelsoilError) -> str:
+    return "; ".join(f"{fault.where}: left out: {fault.what}" for fault in error.faults)
+
+
+def _open_file(path: Path, known: Configuration, lenient_dbc: bool) -> Run:
+    return recording_run(path, known, lenient_dbc=lenient_dbc) if is_recording(path) else log_run(path, known)
+
+
+def _other_parts(run: Run) -> set[Path]:
+    """Return the files that are no runs of their own because they are parts of this one."""
+    if run.recording is None or len(run.files) + len(run.recording.unreadable) == 1:
+        return set()
+    return {file.resolve() for file in (*run.files, *run.recording.unreadable)}
+
+
+def _without_copies(runs: list[Run]) -> list[Run]:
+    """Leave out what was recovered from a file that is there itself: its frames would count twice."""
+    there = {file for run in runs for file in run.files}
+
+    def is_copy(run: Run) -> bool:
+        source = run.recording.metadata.get(RECOVERED, {}).get("source") if run.recording else None
+        return source is not None and run.path.parent / source in there
+
+    return [run for run in runs if not is_copy(run)]
+
+
+def _known_in(folder: Path, given: Configuration, collected: Collected, lenient_dbc: bool) -> Configuration | None:
+    """Return what is known of the runs in a folder; None where its files are wrong, which is collected."""
+    before = len(collected.errors)
+    have = {VEHICLE_FILE: given.vehicle, TERRAIN_FILE: given.terrain, RUNS_FILE: given.runs}
+    files = {name: folder / name for name, known in have.items() if known is None and (folder / name).is_file()}
+    known = given.over(_configuration(files, collected, lenient_dbc))
+    return known if len(collected.errors) == before else None
+
+
+def _files_of(folder: Path, known: Configuration, collected: Collected) -> list[Path]:
+    listed = [folder / run.file for run in known.runs or () if run.file]
+    if known.runs is not None and not listed:
+        fault = Fault("runs.toml names no file", str(folder), next_step='add file = "..." to each [[run]]')
+        collected.errors.append(ConfigError(fault))
+    if listed:
+        return list(dict.fromkeys(listed))
+    found = logs_in(folder)
+    if not found and known.runs is None:
+        inside = [str(path) for path in folders_in(folder)[0]]
+        more = [f"{len(inside) - _NAMED} more"] if len(inside) > _NAMED else []
+        fault = Fault(
+            "the folder holds no run",
+            str(folder),
+            found=", ".join(sorted(path.name for path in folder.iterdir())[:8]) or "nothing",
+            expected="recordings or logs (" + ", ".join(RUN_SUFFIXES) + "), or a runs.toml that names them",
+            next_step=f"name {' or '.join([*inside[:_NAMED], *more]) or 'the folder of a campaign, or a recording'}",
+        )
+        collected.errors.append(ConfigError(fault))
+    return found if known.runs is None else []
+
+
+def campaign_folders(path: Path) -> list[Path]:
+    """Return the folder itself where it holds runs; else those of its folders that do, by name; itself where none does.
+
+    What may not be read counts as a campaign where there are others, so that who opens it is told.
+
+    Parameters
+    ----------
+    path : Path
+        A folder.
+    """
+    try:
+        holding, closed = ([], []) if holds_runs(path) else folders_in(path)
+    except OSError:
+        return [path]
+    return sorted([*holding, *closed]) if holding else [path]
+
+
+def _told_apart(runs: list[Run]) -> list[Run]:
+    """Give runs of the same id a number each."""
+    taken: set[str] = set()
+    result = []
+    for run in runs:
+        name, count = run.id, 2
+        while name in taken:
+            name, count = f"{run.id}-{count}", count + 1
+        taken.add(name)
+        same = name == run.id
+        result.append(run if same else replace(run, id=name, info=run.info.model_copy(update={"id": name})))
+    return result

@@ -1,0 +1,323 @@
+"""Run: the frames of one run with everything that is known of it, wherever it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from daq.can.buses import load_for_vehicle, messages_by_bus
+from daq.can.databases import Database, load_database
+from daq.can.decoding import Decoder
+from daq.can.frames import FrameBatch
+from daq.can.roles import SignalRef, resolve_roles
+from daq.channels import Channel
+from daq.config import ROLES, RunInfo, RunsConfig, TerrainConfig, VehicleConfig, load_toml, parse_toml
+from daq.errors import DatabaseError, Fault, RecordingError, nearest
+from daq.logs import read_log
+from daq.recording import RunRecording
+from daq.shown import html_table
+from daq.zero_file import carried_zeros
+
+VEHICLE_FILE, TERRAIN_FILE, RUNS_FILE = "vehicle.toml", "terrain.toml", "runs.toml"
+LENIENT_KEY = "lenient_dbc"
+"""In the ``run_start`` metadata of a recording: "yes" where its DBCs must be loaded leniently."""
+
+_load_attached = lru_cache(maxsize=64)(load_database)
+"""A campaign's recordings all carry the same DBCs."""
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """What is known of runs beside their frames; None where nothing is.
+
+    Attributes
+    ----------
+    vehicle : VehicleConfig or None
+    databases : mapping bus -> databases
+        Of `vehicle`.
+    terrain : TerrainConfig or None
+    runs : tuple of RunInfo or None
+    attachments : mapping str -> bytes
+        The files behind it, as a recording carries them: ``vehicle.toml``, ``terrain.toml`` and the DBCs under the
+        names that vehicle.toml gives them.
+    vehicle_source : str
+        Where `vehicle` was read, for messages.
+    """
+
+    vehicle: VehicleConfig | None = None
+    databases: Mapping[str, tuple[Database, ...]] = field(default_factory=dict)
+    terrain: TerrainConfig | None = None
+    runs: tuple[RunInfo, ...] | None = None
+    attachments: Mapping[str, bytes] = field(default_factory=dict)
+    vehicle_source: str = VEHICLE_FILE
+
+    def over(self, other: Configuration) -> Configuration:
+        """Return this configuration, completed by `other` where it says nothing."""
+        vehicle, terrain = (self if self.vehicle else other), (self if self.terrain else other)
+        carried = {name: data for name, data in vehicle.attachments.items() if name != TERRAIN_FILE}
+        if TERRAIN_FILE in terrain.attachments:
+            carried[TERRAIN_FILE] = terrain.attachments[TERRAIN_FILE]
+        runs = other.runs if self.runs is None else self.runs
+        source = vehicle.vehicle_source
+        return Configuration(vehicle.vehicle, vehicle.databases, terrain.terrain, runs, carried, source)
+
+    @property
+    def lenient(self) -> bool:
+        """Whether a DBC was loaded leniently."""
+        return any(database.lenient for databases in self.databases.values() for database in databases)
+
+
+def vehicle_from_file(path: Path, *, lenient_dbc: bool = False) -> Configuration:
+    """Read vehicle.toml, the DBCs it names (`daq.can.buses.load_for_vehicle`) and its zero file where there is one."""
+    vehicle = load_toml(path, VehicleConfig)
+    databases = load_for_vehicle(vehicle, path.parent, lenient=lenient_dbc)
+    attachments = {VEHICLE_FILE: path.read_bytes()} | {
+        name: database.content
+        for bus in {bus.channel: bus for bus in vehicle.bus}.values()
+        for name, database in zip(_names(vehicle, bus.channel), databases[bus.channel], strict=True)
+    }
+    attachments |= carried_zeros(vehicle, path.parent)
+    return Configuration(vehicle, databases, attachments=attachments, vehicle_source=str(path))
+
+
+def terrain_from_file(path: Path) -> Configuration:
+    """Read terrain.toml."""
+    return Configuration(terrain=load_toml(path, TerrainConfig), attachments={TERRAIN_FILE: path.read_bytes()})
+
+
+def runs_from_file(path: Path) -> Configuration:
+    """Read runs.toml."""
+    return Configuration(runs=load_toml(path, RunsConfig).run)
+
+
+def from_recording(recording: RunRecording, beside: Configuration, *, lenient_dbc: bool = False) -> Configuration:
+    """Return what a recording carries of vehicle and terrain; what `beside` knows already is not looked at.
+
+    Raises
+    ------
+    ConfigError
+        An attached file is wrong, or a DBC that vehicle.toml names is not attached.
+    """
+    carried = recording.attachments
+    vehicle, terrain = None, None
+    databases: dict[str, tuple[Database, ...]] = {}
+    where = f"{recording.path}: {VEHICLE_FILE}"
+    if VEHICLE_FILE in carried and beside.vehicle is None:
+        vehicle = parse_toml(_text(carried[VEHICLE_FILE]), VehicleConfig, where)
+        lenient = lenient_dbc or recording.metadata.get("run_start", {}).get(LENIENT_KEY) == "yes"
+        databases = _attached_databases(vehicle, carried, where, lenient=lenient)
+    if TERRAIN_FILE in carried and beside.terrain is None:
+        terrain = parse_toml(_text(carried[TERRAIN_FILE]), TerrainConfig, f"{recording.path}: {TERRAIN_FILE}")
+    return Configuration(vehicle, databases, terrain, attachments=carried, vehicle_source=where)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run. Frames and channels are read anew each time they are asked for.
+
+    Attributes
+    ----------
+    id : str
+    path : Path
+        The recording or log; of a run in parts the first.
+    info : RunInfo
+    vehicle : VehicleConfig
+        Empty where nothing is known.
+    terrain : TerrainConfig or None
+    databases : mapping bus -> databases
+    attachments : mapping str -> bytes
+        The files behind the configuration, for a recording to carry.
+    recording : RunRecording or None
+        None for a log.
+    lenient : bool
+        Whether a DBC was loaded leniently.
+    vehicle_source : str
+        Where `vehicle` was read, for messages.
+    """
+
+    id: str
+    path: Path
+    info: RunInfo
+    vehicle: VehicleConfig
+    terrain: TerrainConfig | None
+    databases: Mapping[str, tuple[Database, ...]]
+    attachments: Mapping[str, bytes]
+    recording: RunRecording | None
+    lenient: bool = False
+    vehicle_source: str = VEHICLE_FILE
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The log, or the recording's parts in order."""
+        return self.recording.files if self.recording else (self.path,)
+
+    def _repr_html_(self) -> str:
+        return html_table((), self._facts(), left=2)
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """Return what is known without reading frames, as rows of text."""
+        info = self.info
+        pressure = f", {info.inflation_kpa:g} kPa" if info.inflation_kpa else ""
+        rows = [
+            ("run", self.id),
+            ("file", ", ".join(file.name for file in self.files)),
+            ("driven", f"{info.direction}, pass {info.pass_number}, {info.added_load_kg:g} kg added{pressure}"),
+            ("vehicle", self.vehicle.vehicle.name),
+            ("terrain", self.terrain.soil.name if self.terrain else "-"),
+            ("roles", ", ".join(self.vehicle.signals) or "-"),
+        ]
+        counts = self.recording.frame_counts if self.recording else {}
+        return rows + [(f"bus {bus}", f"{count:,} frames") for bus, count in counts.items()]
+
+    def frame_batches(self) -> Iterator[FrameBatch]:
+        """Yield the raw frames in bounded memory.
+
+        Raises
+        ------
+        RecordingError
+            The file cannot be read any further, or holds no frames of ours.
+        """
+        return self.recording.frame_batches() if self.recording else read_log(self.path)
+
+    def channel_batches(
+        self, roles: Collection[str] = ROLES, watch: Callable[[FrameBatch], None] | None = None
+    ) -> Iterator[dict[str, Channel]]:
+        """Yield the channels of some roles piece by piece, in bounded memory; see `channels`.
+
+        The raw frames are decoded, never the decoded topics, and only the signals that are asked for. The first piece
+        is empty, so that every role is known even where no frame ever came.
+
+        Parameters
+        ----------
+        roles : collection of str
+        watch : callable, optional
+            Is shown the frames that are decoded.
+
+        Raises
+        ------
+        ConfigError, RecordingError
+            See `channels`.
+        """
+        references = resolve_roles(self.vehicle, self.databases, (), roles)
+        decoder = Decoder(self.databases, {reference.name for reference in references.values()})
+        for batch in chain([FrameBatch.empty(tuple(self.databases))], self.frame_batches()):
+            if watch:
+                watch(batch)
+            decoded = decoder.decode(batch)
+            yield {role: _in_our_units(reference, decoded[reference.key]) for role, reference in references.items()}
+
+    def channels(self, roles: Collection[str] = ROLES) -> dict[str, Channel]:
+        """Return the channels of some roles in SI units, angles in radians, but positions in degrees.
+
+        Parameters
+        ----------
+        roles : collection of str
+            A role that vehicle.toml gives no signal is left out; the command that needs it says so.
+
+        Returns
+        -------
+        dict
+            Role to channel, in order of time; empty where no frame carried the signal.
+
+        Raises
+        ------
+        ConfigError
+            A role that vehicle.toml has names no signal, or one with an unknown unit.
+        RecordingError
+            The file cannot be read.
+        """
+        pieces: dict[str, list[Channel]] = {}
+        for batch in self.channel_batches(roles):
+            for role, channel in batch.items():
+                pieces.setdefault(role, []).append(channel)
+        return {role: _joined(parts) for role, parts in pieces.items()}
+
+
+def recording_run(path: Path, given: Configuration, *, lenient_dbc: bool = False) -> Run:
+    """Open a recording with all parts of its run; `given` overrides what it carries."""
+    recording = RunRecording.open(path)
+    if recording.is_bare:
+        size = sum(file.stat().st_size for file in recording.files)
+        what = "there is nothing in it: the file ends just after it was begun"
+        raise RecordingError(Fault(what, str(path), f"{size:,} bytes"))
+    known = given.over(from_recording(recording, given, lenient_dbc=lenient_dbc))
+    return _run(recording.path, known, recording.run, recording)
+
+
+def log_run(path: Path, given: Configuration) -> Run:
+    """Open a log of another program (its first bytes are read, so that a wrong file is known at once)."""
+    next(read_log(path), None)
+    return _run(path, given, None, None)
+
+
+def _run(path: Path, known: Configuration, info: RunInfo | None, recording: RunRecording | None) -> Run:
+    names = [file.name for file in recording.files] if recording else [path.name]
+    listed = [run for run in known.runs or () if Path(run.file).name in names]
+    listed = listed or [run for run in known.runs or () if info and not run.file and run.id == info.id]
+    info = listed[0] if listed else info or RunInfo()
+    name = info.id or path.name.partition(".")[0]
+    return Run(
+        id=name,
+        path=path,
+        info=info.model_copy(update={"id": name, "file": path.name}),
+        vehicle=known.vehicle or VehicleConfig(),
+        terrain=known.terrain,
+        databases=known.databases,
+        attachments=known.attachments,
+        recording=recording,
+        lenient=known.lenient,
+        vehicle_source=known.vehicle_source,
+    )
+
+
+def _attached_databases(
+    vehicle: VehicleConfig, carried: Mapping[str, bytes], where: str, *, lenient: bool
+) -> dict[str, tuple[Database, ...]]:
+    names = list(dict.fromkeys(name for bus in vehicle.bus for name in bus.dbc))
+    missing = [name for name in names if name not in carried]
+    if missing:
+        raise DatabaseError(
+            *(
+                Fault(
+                    f"the recording does not carry the DBC {name!r}",
+                    where,
+                    expected=nearest(name, carried),
+                    next_step="give a vehicle.toml with its DBCs beside it: --vehicle",
+                )
+                for name in missing
+            )
+        )
+    loaded = {name: _load_attached(carried[name], name, lenient=lenient) for name in names}
+    databases = {bus.channel: tuple(loaded[name] for name in _names(vehicle, bus.channel)) for bus in vehicle.bus}
+    messages_by_bus(databases)
+    return databases
+
+
+def _in_our_units(reference: SignalRef, decoded: Channel) -> Channel:
+    channel = reference.to_si(decoded)
+    if reference.role in ("latitude", "longitude"):
+        return replace(channel, unit="deg", values=np.degrees(channel.values))
+    return channel
+
+
+def _names(vehicle: VehicleConfig, channel: str) -> list[str]:
+    """Return the DBCs of a bus that vehicle.toml may describe in several sections."""
+    return [name for bus in vehicle.bus if bus.channel == channel for name in bus.dbc]
+
+
+def _text(content: bytes) -> str:
+    return content.decode("utf-8", errors="replace")
+
+
+def _joined(parts: list[Channel]) -> Channel:
+    time_ns = np.concatenate([part.time_ns for part in parts])
+    values = np.concatenate([part.values for part in parts])
+    if np.any(np.diff(time_ns) < 0):
+        order = np.argsort(time_ns, kind="stable")
+        time_ns, values = time_ns[order], values[order]
+    return Channel(parts[0].name, parts[0].unit, time_ns, values, parts[0].labels)

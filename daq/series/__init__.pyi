@@ -1,0 +1,12 @@
+from .export import write_blocks as write_blocks
+from .export import write_table as write_table
+from .single_wheel_tables import PlateTest as PlateTest
+from .single_wheel_tables import ShearTest as ShearTest
+from .single_wheel_tables import WheelTable as WheelTable
+from .single_wheel_tables import read_plate_tests as read_plate_tests
+from .single_wheel_tables import read_shear_tests as read_shear_tests
+from .single_wheel_tables import read_wheel_table as read_wheel_table
+from .tables import SharedOptions as SharedOptions
+from .tables import column_names as column_names
+from .tables import parse_rename as parse_rename
+from .tables import parse_where as parse_where

@@ -1,0 +1,265 @@
+"""Tables of the laboratory: single-wheel, pressure-sinkage and shear tests, as plain values in SI units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import ConfigError, DataError, Fault
+from daq.series.tables import Source, Table, read_table
+
+FloatArray = NDArray[np.float64]
+
+WHEEL_REQUIRED = ("slip", "vertical_load_n", "drawbar_pull_n")
+WHEEL_OPTIONAL = ("driving_torque_nm", "sinkage_m")
+SIZES = ("radius_m", "width_m", "length_m")
+_LONGEST_M = 2.0  # a longer sinkage or displacement is in millimetres
+_STEADY = 0.05  # share by which a measured normal stress may vary within a test
+
+
+@dataclass(frozen=True)
+class WheelTable:
+    """Rows of single-wheel tests; every array has shape (n,), and is all NaN where the table has no such column.
+
+    Attributes
+    ----------
+    name : str
+        Of the file.
+    slip, vertical_load_n, drawbar_pull_n, driving_torque_nm, sinkage_m : measured.
+    group : int array
+        Position in `group_names`; rows of one group belong together (one soil preparation, one speed).
+    group_names : tuple of str
+    sigma : mapping name -> array
+        One-sigma of a column, from ``<name>_sigma``; only those that are there.
+    """
+
+    name: str
+    slip: FloatArray
+    vertical_load_n: FloatArray
+    drawbar_pull_n: FloatArray
+    driving_torque_nm: FloatArray
+    sinkage_m: FloatArray
+    group: NDArray[np.intp]
+    group_names: tuple[str, ...]
+    sigma: dict[str, FloatArray] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.slip)
+
+
+@dataclass(frozen=True)
+class PlateTest:
+    """One pressure-sinkage test.
+
+    Attributes
+    ----------
+    sinkage_m : array, shape (n,)
+        In the order of time, downwards positive.
+    pressure_pa : array, shape (n,)
+    width_m : float
+        b of ``k_c / b + k_phi``: the smaller side of a rectangular plate, the radius of a round one (Bekker).
+    name : str
+    """
+
+    sinkage_m: FloatArray
+    pressure_pa: FloatArray
+    width_m: float
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class ShearTest:
+    """One shear test under constant normal stress.
+
+    Attributes
+    ----------
+    displacement_m, shear_stress_pa : array, shape (n,)
+    normal_stress_pa : float
+    name : str
+    """
+
+    displacement_m: FloatArray
+    shear_stress_pa: FloatArray
+    normal_stress_pa: float
+    name: str = ""
+
+
+def read_wheel_table(
+    path: Path, *, rename: Mapping[str, Source] | None = None, where: Mapping[str, str] | None = None
+) -> WheelTable:
+    """Read single-wheel tests: columns ``slip, vertical_load_n, drawbar_pull_n`` and what else there is.
+
+    Raises
+    ------
+    ConfigError
+        See `read_table`; a required column is missing.
+    DataError
+        A cell is not a number, a load is not positive, a slip is not in -1 to 1, a sigma is negative.
+    """
+    table = read_table(path, rename=rename, where=where)
+    measured = (*WHEEL_REQUIRED, *WHEEL_OPTIONAL)
+    values = table.numbers(WHEEL_REQUIRED, (*WHEEL_OPTIONAL, *(f"{name}_sigma" for name in measured)))
+    sigma = {name: values[f"{name}_sigma"] for name in measured if f"{name}_sigma" in values}
+    faults = [
+        *_outside(table, "vertical_load_n", values["vertical_load_n"] > 0, "a positive load"),
+        *_outside(table, "slip", np.abs(values["slip"]) <= 1, "a slip from -1 to 1"),
+    ]
+    for name, column in sigma.items():
+        faults += _outside(table, f"{name}_sigma", ~(column < 0), "a one-sigma that is not negative")
+    if faults:
+        raise DataError(*faults)
+    cells = table.columns.get("group", ("",) * len(table))
+    names = tuple(dict.fromkeys(cells))
+    absent = np.full(len(table), np.nan)
+    return WheelTable(
+        name=table.source,
+        **{name: values.get(name, absent) for name in measured},
+        group=np.array([names.index(cell) for cell in cells], np.intp),
+        group_names=names,
+        sigma=sigma,
+    )
+
+
+def read_plate_tests(
+    path: Path,
+    *,
+    radius_m: float | None = None,
+    width_m: float | None = None,
+    rename: Mapping[str, Source] | None = None,
+    where: Mapping[str, str] | None = None,
+) -> list[PlateTest]:
+    """Read plate tests: columns ``sinkage_m`` and ``pressure_pa`` or ``force_n``; a column ``test`` parts several.
+
+    Parameters
+    ----------
+    radius_m : float, optional
+        Of a round plate; or a column ``radius_m``.
+    width_m : float, optional
+        Smaller side of a rectangular plate; or a column ``width_m``. A force needs ``length_m``, the larger side, too.
+
+    Raises
+    ------
+    ConfigError
+        See `read_table`; no plate size, or two.
+    DataError
+        A cell is not a number, or a plate's size changes within a test.
+    """
+    table = read_table(path, rename=rename, where=where)
+    parts = list(table.groups("test"))
+    return [_plate_test(part, _test_name(path, label), radius_m, width_m) for label, part in parts]
+
+
+def read_shear_tests(
+    path: Path, *, rename: Mapping[str, Source] | None = None, where: Mapping[str, str] | None = None
+) -> list[ShearTest]:
+    """Read shear tests: columns ``displacement_m, shear_stress_pa, normal_stress_pa``.
+
+    A column ``test`` parts several; where there is none, each normal stress is a test.
+
+    Raises
+    ------
+    ConfigError
+        See `read_table`.
+    DataError
+        A cell is not a number, or the normal stress is negative or changes within a test.
+    """
+    table = read_table(path, rename=rename, where=where)
+    normal = table.numbers(("normal_stress_pa",))["normal_stress_pa"]
+    alone = "test" not in table and np.ptp(normal) <= _STEADY * np.max(np.abs(normal))
+    by = "test" if "test" in table else "normal_stress_pa"
+    parts = [("", table)] if alone else list(table.groups(by))
+    return [_shear_test(part, _test_name(path, label)) for label, part in parts]
+
+
+def _shear_test(table: Table, name: str) -> ShearTest:
+    values = table.numbers(("displacement_m", "shear_stress_pa", "normal_stress_pa"))
+    _refuse_other_units(table, "displacement_m", values["displacement_m"])
+    normal = _constant(table, "normal_stress_pa", values["normal_stress_pa"], _STEADY)
+    if normal < 0:
+        raise DataError(Fault("the normal stress is negative", table.source, f"{normal:g} Pa", "0 Pa or more"))
+    return ShearTest(values["displacement_m"], values["shear_stress_pa"], normal, name)
+
+
+def _plate_test(table: Table, name: str, radius_m: float | None, width_m: float | None) -> PlateTest:
+    load = "pressure_pa" if "pressure_pa" in table else "force_n"
+    values = table.numbers(("sinkage_m", load), SIZES)
+    _refuse_other_units(table, "sinkage_m", values["sinkage_m"])
+    sizes: dict[str, float] = {key: _constant(table, key, values[key]) for key in SIZES if key in values}
+    sizes |= {key: size for key, size in (("radius_m", radius_m), ("width_m", width_m)) if size is not None}
+    for key, size in sizes.items():
+        if not (math.isfinite(size) and size > 0):
+            raise ConfigError(Fault(f"{key} must be positive", table.source, found=f"{size:g}"))
+    if ("radius_m" in sizes) == ("width_m" in sizes):
+        raise ConfigError(_no_size(table, sizes))
+    b = sizes.get("radius_m", sizes.get("width_m", math.nan))
+    pressure = values[load] if load == "pressure_pa" else values[load] / _area(table, sizes)
+    return PlateTest(values["sinkage_m"], pressure, b, name)
+
+
+def _no_size(table: Table, sizes: Mapping[str, float]) -> Fault:
+    if sizes.keys() >= {"radius_m", "width_m"}:
+        return Fault("a plate has a radius or a width, not both", table.source, next_step="give one of them")
+    return Fault(
+        "the size of the plate is not known",
+        table.source,
+        expected="a column radius_m (round) or width_m (rectangular)",
+        next_step="add the column, or give --radius or --width",
+    )
+
+
+def _area(table: Table, sizes: Mapping[str, float]) -> float:
+    if "radius_m" in sizes:
+        return math.pi * sizes["radius_m"] ** 2
+    if "length_m" not in sizes:
+        raise ConfigError(
+            Fault(
+                "a force on a rectangular plate needs the plate's length",
+                table.source,
+                next_step="add a column length_m, or give pressure_pa instead of force_n",
+            )
+        )
+    return sizes["width_m"] * sizes["length_m"]
+
+
+def _constant(table: Table, name: str, values: FloatArray, share: float = 1e-6) -> float:
+    if np.ptp(values) > share * np.max(np.abs(values)):
+        raise DataError(
+            Fault(
+                f"column {name!r} changes within one test",
+                table.source,
+                found=f"{np.min(values):g} to {np.max(values):g}",
+                next_step="name the tests in a column 'test'",
+            )
+        )
+    return float(np.mean(values))
+
+
+def _refuse_other_units(table: Table, name: str, values: FloatArray) -> None:
+    longest = float(np.max(np.abs(values)))
+    if longest > _LONGEST_M:
+        raise DataError(
+            Fault(
+                f"column {name!r} is not in metres",
+                table.source,
+                found=f"up to {longest:g}",
+                next_step=f"if it is in millimetres: --rename {name}={name}*0.001",
+            )
+        )
+
+
+def _outside(table: Table, name: str, good: Iterable[bool], expected: str) -> list[Fault]:
+    bad: Sequence[int] = np.flatnonzero(~np.asarray(good)).tolist()
+    if not bad:
+        return []
+    shown = ", ".join(f"line {table.lines[i]}: {table.columns[name][i]}" for i in bad[:5])
+    more = f" and {len(bad) - 5} more" if len(bad) > 5 else ""
+    return [Fault(f"column {name!r} has impossible values", table.source, shown + more, expected)]
+
+
+def _test_name(path: Path, label: str) -> str:
+    return f"{path.stem}: {label}" if label else path.stem

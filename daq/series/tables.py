@@ -1,0 +1,371 @@
+"""Tables that people write: a CSV file to named columns of numbers, every fault with its line.
+
+Comma, semicolon or tab between the cells; the first line that is neither empty nor a ``#`` comment names the columns.
+A foreign table is fitted to our names by two options of the commands: ``--rename new=old*factor`` takes a column under
+another name and, with a factor, in another unit or sign; ``--where column=value`` keeps the rows that have the value.
+
+What fits a foreign table to our names: the options ``--rename new=old*factor`` and ``--where column=value``.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import ConfigError, DataError, Fault, nearest
+
+MISSING = frozenset({"", "nan", "na", "n/a", "-"})
+"""Cells that hold no number, in lower case."""
+
+
+class Source(NamedTuple):
+    """Where a renamed column comes from: ``new = old * factor``."""
+
+    column: str
+    factor: float = 1.0
+
+
+def parse_rename(texts: Iterable[str]) -> dict[str, Source]:
+    """Parse ``new=old`` and ``new=old*factor``, several in one text separated by commas.
+
+    Raises
+    ------
+    ConfigError
+        All faults at once.
+    """
+    faults: list[Fault] = []
+    renamed = {}
+    for text, new, old in _assignments(texts, "--rename", "new=old or new=old*factor", faults):
+        column, star, factor = old.rpartition("*")
+        number = number_of(factor) if star else 1.0
+        if number is None or not math.isfinite(number) or number == 0:
+            faults.append(Fault(f"--rename {text}: the factor is not a number", found=factor, expected="e.g. *0.001"))
+        else:
+            renamed[new] = Source((column if star else old).strip(), number)
+    if faults:
+        raise ConfigError(*faults)
+    return renamed
+
+
+def parse_where(texts: Iterable[str]) -> dict[str, str]:
+    """Parse ``column=value``, several in one text separated by commas.
+
+    Raises
+    ------
+    ConfigError
+        All faults at once.
+    """
+    faults: list[Fault] = []
+    chosen = {column: value for _, column, value in _assignments(texts, "--where", "column=value", faults)}
+    if faults:
+        raise ConfigError(*faults)
+    return chosen
+
+
+class SharedOptions:
+    """``--rename`` and ``--where`` of a command that reads several tables: each holds for the tables that it fits.
+
+    Parameters
+    ----------
+    rename, where : iterable of str
+        As they were typed.
+
+    Raises
+    ------
+    ConfigError
+        They are not understood.
+    """
+
+    def __init__(self, rename: Iterable[str], where: Iterable[str]) -> None:
+        self._rename, self._where = parse_rename(rename), parse_where(where)
+        self._columns: set[str] = set()
+
+    def fitting(self, columns: Iterable[str]) -> tuple[dict[str, Source], dict[str, str]]:
+        """Return what of both holds for a table with these columns."""
+        there = set(columns)
+        self._columns |= there
+        rename = {new: source for new, source in self._rename.items() if source.column in there}
+        where = {name: value for name, value in self._where.items() if name in there | set(rename)}
+        return rename, where
+
+    def refuse_unused(self) -> None:
+        """Raise ConfigError for columns that were in no table so far."""
+        known = self._columns | set(self._rename)
+        wanted = [("--rename", source.column, self._columns) for source in self._rename.values()]
+        wanted += [("--where", name, known) for name in self._where]
+        faults = [
+            Fault(f"{option}: no table has a column {column!r}", expected=nearest(column, names))
+            for option, column, names in wanted
+            if column not in names
+        ]
+        if faults:
+            raise ConfigError(*faults)
+
+
+def _assignments(
+    texts: Iterable[str], option: str, expected: str, faults: list[Fault]
+) -> Iterator[tuple[str, str, str]]:
+    for text in chain.from_iterable(text.split(",") for text in texts):
+        left, sign, right = (part.strip() for part in text.partition("="))
+        if sign and left and right:
+            yield text, left, right
+        elif text.strip():
+            faults.append(Fault(f"{option} {text.strip()}: not understood", expected=expected))
+
+
+def number_of(cell: str) -> float | None:
+    """Return the number of a cell, NaN where it holds none, None where it is not a finite number."""
+    if cell.lower() in MISSING:
+        return math.nan
+    try:
+        value = float(cell)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+FloatArray = NDArray[np.float64]
+
+_SHOWN = 5  # bad cells of a column that are listed
+
+
+@dataclass(frozen=True)
+class Table:
+    """A CSV file as text, its rows chosen, its columns renamed.
+
+    Attributes
+    ----------
+    source : str
+        Name of the file, for messages.
+    columns : mapping name -> cells
+        All of the same length.
+    lines : tuple of int
+        Line of each row in the file.
+    factors : mapping name -> float
+        Of renamed columns.
+    """
+
+    source: str
+    columns: dict[str, tuple[str, ...]]
+    lines: tuple[int, ...]
+    factors: dict[str, float]
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.columns
+
+    def numbers(self, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, FloatArray]:
+        """Return columns as numbers, shape (rows,) each.
+
+        Parameters
+        ----------
+        required : names
+            Must be there, with a number in every cell.
+        optional : names
+            Left out of the result where the table lacks them; a missing cell is NaN.
+
+        Raises
+        ------
+        ConfigError
+            Required columns that are missing, each with the nearest that is there.
+        DataError
+            Cells that are not a number, with their lines.
+        """
+        absent = [name for name in required if name not in self.columns]
+        if absent:
+            raise ConfigError(*(self._absent(name) for name in absent))
+        faults: list[Fault] = []
+        values = {name: self._column(name, True, faults) for name in required}
+        values |= {name: self._column(name, False, faults) for name in optional if name in self.columns}
+        if faults:
+            raise DataError(*faults)
+        return values
+
+    def groups(self, name: str) -> Iterator[tuple[str, Table]]:
+        """Yield the rows of each value of a column, in the order of the values' first rows; all where it is missing."""
+        if name not in self.columns:
+            yield "", self
+            return
+        for value in dict.fromkeys(self.columns[name]):
+            yield value, self.kept([cell == value for cell in self.columns[name]])
+
+    def kept(self, rows: Sequence[bool]) -> Table:
+        """Return the table with only the rows that are True."""
+        columns = {
+            name: tuple(cell for cell, keep in zip(cells, rows, strict=True) if keep)
+            for name, cells in self.columns.items()
+        }
+        lines = tuple(line for line, keep in zip(self.lines, rows, strict=True) if keep)
+        return Table(self.source, columns, lines, self.factors)
+
+    def where(self, row: int) -> str:
+        """Return file and line of a row, for messages."""
+        return f"{self.source}, line {self.lines[row]}"
+
+    def _absent(self, name: str) -> Fault:
+        return Fault(
+            f"column {name!r} is missing",
+            self.source,
+            found=", ".join(self.columns),
+            expected=nearest(name, self.columns),
+            next_step=f"name the column that holds it: --rename {name}=COLUMN",
+        )
+
+    def _column(self, name: str, required: bool, faults: list[Fault]) -> FloatArray:
+        values, bad = np.full(len(self), np.nan), []
+        for i, cell in enumerate(self.columns[name]):
+            number = number_of(cell)
+            if number is None or (required and math.isnan(number)):
+                bad.append(i)
+            else:
+                values[i] = number
+        if bad:
+            faults.append(self._bad_cells(name, bad))
+        return values * self.factors.get(name, 1.0)
+
+    def _bad_cells(self, name: str, rows: Sequence[int]) -> Fault:
+        cells = [f"line {self.lines[i]}: {self.columns[name][i]!r}" for i in rows[:_SHOWN]]
+        more = f" and {len(rows) - _SHOWN} more" if len(rows) > _SHOWN else ""
+        comma = any("," in self.columns[name][i] for i in rows)
+        return Fault(
+            f"column {name!r} has cells that are not a number",
+            self.source,
+            found=", ".join(cells) + more,
+            expected="a number with a decimal point" if comma else "a number",
+            next_step="write decimal points instead of commas" if comma else "mend the cells or leave the rows out",
+        )
+
+
+def read_table(
+    path: Path, *, rename: Mapping[str, Source] | None = None, where: Mapping[str, str] | None = None
+) -> Table:
+    """Read a CSV file.
+
+    Parameters
+    ----------
+    path : Path
+    rename : mapping new -> Source, optional
+        See `daq.series.tables.parse_rename`.
+    where : mapping column -> value, optional
+        Rows to keep; the columns may go by their old or their new names, their cells are as in the file. Numbers are
+        compared as numbers.
+
+    Raises
+    ------
+    ConfigError
+        No such file, not a table, unknown columns in `rename` or `where`, or no row is left.
+    DataError
+        Rows that are longer or shorter than the head, or no row at all.
+    """
+    table = _renamed(_parsed(path), rename or {})
+    return _chosen(table, where or {}) if where else table
+
+
+def column_names(path: Path) -> tuple[str, ...]:
+    """Return the names of a CSV file's columns; raises as `read_table` does."""
+    return tuple(_parsed(path).columns)
+
+
+def _parsed(path: Path) -> Table:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise ConfigError(Fault("no such file", str(path), next_step="check the path")) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(
+            Fault("the file cannot be read as text", str(path), str(error), next_step="save it as CSV, UTF-8")
+        ) from None
+    numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if _has_cells(line)]
+    if not numbered:
+        raise DataError(Fault("the table is empty", str(path), next_step="give a CSV file with a line of column names"))
+    delimiter = max(",;\t", key=numbered[0][1].count)
+    try:
+        rows = [next(csv.reader([line], delimiter=delimiter, strict=True)) for _, line in numbered]
+    except csv.Error as error:
+        raise DataError(Fault("not a CSV file", str(path), str(error))) from None
+    rows = [[cell.strip() for cell in row] for row in rows]
+    return _squared(str(path), rows, [i for i, _ in numbered])
+
+
+def _has_cells(line: str) -> bool:
+    return bool(line.strip(" ,;\t")) and not line.lstrip().startswith("#")
+
+
+def _squared(source: str, rows: list[list[str]], lines: list[int]) -> Table:
+    head, body = rows[0], rows[1:]
+    while head and not head[-1]:  # a delimiter at the end of each line
+        head.pop()
+    faults = [Fault(f"column {n!r} is there twice", source) for n in sorted({n for n in head if head.count(n) > 1})]
+    for row, line in zip(body, lines[1:], strict=True):
+        while len(row) > len(head) and not row[-1]:
+            row.pop()
+        if len(row) != len(head):
+            faults.append(Fault(f"{len(row)} cells in a table of {len(head)} columns", f"{source}, line {line}"))
+    if not body:
+        faults.append(Fault("the table has no rows", source, found=f"columns {', '.join(head)}"))
+    if faults:
+        raise DataError(*faults[:_SHOWN])
+    return Table(source, dict(zip(head, zip(*body, strict=True), strict=True)), tuple(lines[1:]), {})
+
+
+def _renamed(table: Table, rename: Mapping[str, Source]) -> Table:
+    unknown = [(new, source) for new, source in rename.items() if source.column not in table.columns]
+    if unknown:
+        raise ConfigError(
+            *(
+                Fault(
+                    f"--rename {new}={source.column}: there is no column {source.column!r}",
+                    table.source,
+                    expected=nearest(source.column, table.columns),
+                )
+                for new, source in unknown
+            )
+        )
+    columns = {name: cells for name, cells in table.columns.items() if name not in rename}
+    columns |= {new: table.columns[source.column] for new, source in rename.items()}
+    return Table(table.source, columns, table.lines, {new: source.factor for new, source in rename.items()})
+
+
+def _chosen(table: Table, where: Mapping[str, str]) -> Table:
+    unknown = [name for name in where if name not in table.columns]
+    if unknown:
+        raise ConfigError(
+            *(
+                Fault(
+                    f"--where {name}={where[name]}: there is no column {name!r}",
+                    table.source,
+                    expected=nearest(name, table.columns),
+                )
+                for name in unknown
+            )
+        )
+    for name, value in where.items():
+        kept = table.kept([_equal(cell, value) for cell in table.columns[name]])
+        if not len(kept):
+            raise ConfigError(
+                Fault(
+                    f"--where {name}={value}: no row is left",
+                    table.source,
+                    found=f"{name}: {', '.join(list(dict.fromkeys(table.columns[name]))[:12])}",
+                    next_step="choose one of the values that are there",
+                )
+            )
+        table = kept
+    return table
+
+
+def _equal(cell: str, value: str) -> bool:
+    left, right = number_of(cell), number_of(value)
+    if left is None or right is None:
+        return cell == value
+    return left == right or (math.isnan(left) and math.isnan(right))

@@ -1,0 +1,329 @@
+"""Any python-can interface as a source of frames or a place to send them to.
+
+Stamps of a CAN adapter's own clock, which counts from power-up or was set once, brought to the host's clock.
+
+A frame cannot arrive before it was stamped. So the smallest (arrival - stamp) seen is the adapter's clock against the
+host's, too large by the shortest delay on the way; all stamps are moved by it, and keep the adapter's order and
+spacing. It rises again by 200 ppm, so that an adapter whose clock is slow is followed too: what a stamp owes to that is
+200 ppm of the time since the last frame that came quickly.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import logging
+import os
+import socket
+import struct
+import sys
+import time
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.can.frames import FrameArray, FrameBatch, FrameFlag
+from daq.can.messages import frames_from_messages, messages_from_frames
+from daq.config import BusSection
+from daq.errors import ConfigError, Fault, HardwareError, nearest
+from daq.host_clock import HostClock
+from daq.sources.can_source import SourceCounters
+
+if TYPE_CHECKING:
+    import can
+
+
+IntArray = NDArray[np.int64]
+
+HOST_STAMPED = frozenset({"socketcan", "udp_multicast", "virtual", "slcan", "robotell", "neousys"})
+"""Interfaces of python-can that stamp with the host's CLOCK_REALTIME."""
+
+_FOREIGN_NS = 60 * 10**9
+_RESTART_NS = 10**9
+_FROZEN_NS = 5 * 10**9
+_RISE_PER_NS = 5_000
+_WINDOW_NS = 10 * 10**9
+_LOST_NS = 50_000_000
+
+
+class AdapterClock:
+    """Brings the stamps of one adapter to the host's realtime.
+
+    Parameters
+    ----------
+    interface : str
+        As python-can calls it.
+    clock : HostClock, optional
+        For the arrivals.
+    """
+
+    def __init__(self, interface: str, clock: HostClock | None = None) -> None:
+        self.remarks: tuple[str, ...] = ()
+        self.interface = interface
+        self._clock = clock or HostClock()
+        self._foreign: bool | None = None
+        self._frozen = False
+        self._floor_ns = 0
+        self._last_stamp_ns = self._last_arrival_ns = self._first_seen_ns = self._last_ns = 0
+        self._window_from_ns = self._window_above_ns = 0
+
+    def arrived_ns(self) -> int:
+        """Return the monotonic time at which a frame was fetched; to be asked for each as it comes."""
+        return self._clock.observe()
+
+    def realtime_ns(self, stamps_ns: IntArray, arrived_ns: IntArray) -> IntArray:
+        """Return CLOCK_REALTIME at the moment each frame was stamped.
+
+        Parameters
+        ----------
+        stamps_ns : int64 array, shape (n,)
+            As the adapter says; 0 where it says nothing.
+        arrived_ns : int64 array, shape (n,)
+            Monotonic times of `arrived_ns`.
+        """
+        if not len(stamps_ns):
+            return stamps_ns
+        stamped = stamps_ns != 0
+        if self._foreign is None:
+            self._decide(stamps_ns[stamped], arrived_ns[stamped])
+        if not self._foreign:
+            return np.where(stamped, stamps_ns, self._clock.realtime_at_ns(arrived_ns))
+        times = arrived_ns.copy()
+        if stamped.any() and not self._frozen:
+            times[stamped] = self._monotonic_ns(stamps_ns[stamped], arrived_ns[stamped])
+        times = np.maximum.accumulate(np.maximum(times, self._last_ns))
+        self._last_ns = int(times[-1])
+        return self._clock.realtime_at_ns(times)
+
+    def _decide(self, stamps_ns: IntArray, arrived_ns: IntArray) -> None:
+        """Tell from the first stamp whether the clock is the host's."""
+        if not len(stamps_ns):
+            self._remark("does not stamp its frames: their times are when they were fetched")
+            return
+        apart_ns = abs(int(stamps_ns[0]) - int(self._clock.realtime_at_ns(arrived_ns[:1])[0]))
+        self._foreign = self.interface not in HOST_STAMPED or apart_ns > _FOREIGN_NS
+        if self._foreign:
+            self._remark("stamps with a clock of its own: brought to the host's by the shortest delay seen")
+
+    def _remark(self, text: str) -> None:
+        said = f"{self.interface} {text}"
+        if said not in self.remarks:
+            self.remarks += (said,)
+
+    def _monotonic_ns(self, stamps_ns: IntArray, arrived_ns: IntArray) -> IntArray:
+        """Return the stamps on the host's monotonic clock; at least one frame."""
+        times = np.empty_like(stamps_ns)
+        restarts = np.flatnonzero(np.diff(stamps_ns, prepend=self._last_stamp_ns) < -_RESTART_NS)
+        edges = sorted({0, *restarts.tolist(), len(stamps_ns)})
+        for start, end in pairwise(edges):
+            if start in restarts or not self._last_arrival_ns:
+                self._floor_ns = int(arrived_ns[start] - stamps_ns[start])
+                self._last_arrival_ns = int(arrived_ns[start])
+                self._window_from_ns, self._window_above_ns = self._last_arrival_ns, 0
+            times[start:end] = self._followed(stamps_ns[start:end], arrived_ns[start:end])
+        if stamps_ns[-1] != self._last_stamp_ns:
+            self._first_seen_ns = int(arrived_ns[-1])
+        elif arrived_ns[-1] - self._first_seen_ns > _FROZEN_NS:
+            self._frozen = True
+            self._remark("has a clock that stands still: times are when frames were fetched")
+        self._last_stamp_ns = int(stamps_ns[-1])
+        return times
+
+    def _followed(self, stamps_ns: IntArray, arrived_ns: IntArray) -> IntArray:
+        """Move stamps by the smallest delay so far, which rises by 200 ppm of the time that goes by."""
+        delay = arrived_ns - stamps_ns
+        risen = (arrived_ns - self._last_arrival_ns) // _RISE_PER_NS
+        floor = risen + np.minimum(self._floor_ns, np.minimum.accumulate(delay - risen))
+        self._last_arrival_ns = int(arrived_ns[-1])
+        self._floor_ns = int(floor[-1]) + self._lag_ns(int((delay - floor).min()))
+        return np.asarray(stamps_ns + floor)
+
+    def _lag_ns(self, above_ns: int) -> int:
+        """Return by how much the floor must rise at once: for ten seconds no frame came near it."""
+        if self._last_arrival_ns - self._window_from_ns < _WINDOW_NS:
+            self._window_above_ns = min(self._window_above_ns, above_ns)
+            return 0
+        lag_ns = self._window_above_ns if self._window_above_ns > _LOST_NS else 0
+        self._window_from_ns, self._window_above_ns = self._last_arrival_ns, above_ns
+        return lag_ns
+
+
+_MOST_AT_ONCE = 4096
+_EXTRAS = {
+    "udp_multicast": "multicast",
+    "serial": "serial",
+    "slcan": "serial",
+    "robotell": "serial",
+    "seeedstudio": "seeedstudio",
+    "gs_usb": "gs-usb",
+    "neovi": "neovi",
+    "canalystii": "canalystii",
+    "cantact": "cantact",
+}
+"""Interfaces and the extra of python-can that brings their Python package."""
+
+
+_DRIVER_ERRORS = (OSError, ValueError, TypeError, AttributeError, IndexError, struct.error)
+"""What python-can's drivers raise, beside its own errors, when their adapter is pulled out or sends nonsense."""
+
+
+_NOISY_LOGGERS = ("can.bus", "can.pcan")
+"""They warn of a bus that could not be opened, and of a package that stamps do not need; the fault says what counts."""
+
+
+_MULTICAST_ALL = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
+"""Linux's IP_MULTICAST_ALL and IPV6_MULTICAST_ALL, which the socket module does not name."""
+
+
+def open_bus(bus: BusSection) -> can.BusABC:
+    """Open a python-can bus.
+
+    Raises
+    ------
+    ConfigError
+        If python-can knows no such interface.
+    HardwareError
+        If it is not there, must not be opened, or lacks its driver.
+    """
+    import can
+
+    for name in _NOISY_LOGGERS:
+        logging.getLogger(name).setLevel(logging.ERROR)
+    interface = bus.interface or "socketcan"
+    if interface not in can.VALID_INTERFACES:
+        known = nearest(interface, can.VALID_INTERFACES)
+        raise ConfigError(Fault(f"python-can knows no interface {interface!r}", f"bus {bus.channel}", expected=known))
+    options: dict[str, Any] = {"fd": True} if bus.fd else {}
+    if bus.bitrate is not None:
+        options["bitrate"] = bus.bitrate
+    try:
+        opened = can.Bus(interface=interface, channel=bus.channel, ignore_config=True, **options)
+        if interface == "udp_multicast":
+            _hear_only_its_group(opened)
+        return opened
+    except (can.CanError, OSError, ImportError, ValueError, TypeError, NameError) as error:
+        # NameError: what python-can's kvaser raises without its driver
+        raise HardwareError(
+            Fault(
+                f"the {interface} interface cannot be opened",
+                f"bus {bus.channel}",
+                str(error) or type(error).__name__,
+                next_step=_next_step(interface, bus.channel, error),
+            )
+        ) from None
+
+
+def _hear_only_its_group(bus: can.BusABC) -> None:
+    """Have a multicast bus ignore the groups that other programs of this machine have joined, as it shares a port."""
+    if sys.platform == "linux":
+        with socket.socket(fileno=os.dup(bus.fileno())) as same, contextlib.suppress(OSError):  # an old kernel
+            same.setsockopt(*_MULTICAST_ALL[socket.AddressFamily(same.family)], 0)
+
+
+def _next_step(interface: str, channel: str, error: Exception) -> str:
+    import can
+
+    if isinstance(error, can.CanInterfaceNotImplementedError | ImportError | NameError):
+        if interface in _EXTRAS:
+            return f"install what the interface needs: pip install 'python-can[{_EXTRAS[interface]}]'"
+        return "install the interface's driver and Python package, see python-can's documentation of it"
+    if interface == "udp_multicast" and not _is_multicast(channel):
+        return "for udp_multicast the channel is a multicast address, e.g. 239.74.163.2"
+    return "check that the adapter is plugged in, and its driver and Python package installed"
+
+
+def _is_multicast(channel: str) -> bool:
+    try:
+        return ipaddress.ip_address(channel).is_multicast
+    except ValueError:
+        return False
+
+
+class PythonCanSource:
+    """Frames of a python-can bus; see `daq.sources.can_source.Source`. It does not count what it loses."""
+
+    def __init__(self, bus: BusSection) -> None:
+        self._bus = open_bus(bus)
+        self._open = True
+        self.name = bus.channel
+        self._clock = AdapterClock(bus.interface or "socketcan")
+        self._received = 0
+        self._errors = 0
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """See `daq.sources.can_source.Source`; what to say of the stamps is known with the first frames."""
+        return (f"{self._clock.interface} does not report frames that it loses", *self._clock.remarks)
+
+    @property
+    def counters(self) -> SourceCounters:
+        """See `daq.sources.can_source.Source`."""
+        return SourceCounters(self._received, None, self._errors, None)
+
+    def read(self, timeout_s: float) -> FrameBatch:
+        """See `daq.sources.can_source.Source`."""
+        import can
+
+        messages: list[can.Message] = []
+        arrived_ns: list[int] = []
+        wait_s = timeout_s
+        try:
+            while len(messages) < _MOST_AT_ONCE and (message := self._bus.recv(wait_s)) is not None:
+                arrived_ns.append(self._clock.arrived_ns())
+                messages.append(message)
+                wait_s = 0.0
+        except (can.CanError, *_DRIVER_ERRORS) as error:
+            raise HardwareError(_gone(self.name, error)) from None
+        stamps = [round((message.timestamp or 0.0) * 1e6) * 1000 for message in messages]
+        times = self._clock.realtime_ns(np.array(stamps, np.int64), np.array(arrived_ns, np.int64))
+        frames = frames_from_messages(messages, times.tolist(), lambda _: 0)
+        self._received += len(frames)
+        self._errors += int(np.count_nonzero(frames["flags"] & FrameFlag.ERROR))
+        return FrameBatch(frames, (self.name,))
+
+    def is_up(self) -> bool:
+        """See `daq.sources.can_source.Source`."""
+        return True
+
+    def close(self) -> None:
+        """See `daq.sources.can_source.Source`."""
+        if self._open:
+            self._open = False
+            self._bus.shutdown()
+
+
+class PythonCanSink:
+    """A python-can bus to send frames to; see `daq.sources.can_source.Sink`."""
+
+    def __init__(self, bus: BusSection) -> None:
+        self._bus = open_bus(bus)
+        self._open = True
+        self.name = bus.channel
+
+    def send(self, frames: FrameArray, timeout_s: float) -> None:
+        """See `daq.sources.can_source.Sink`."""
+        import can
+
+        deadline = time.monotonic() + timeout_s
+        for message in messages_from_frames(frames):
+            while True:
+                try:
+                    self._bus.send(message, timeout=max(deadline - time.monotonic(), 0.0))
+                except (can.CanError, OSError) as error:
+                    if time.monotonic() < deadline and getattr(error, "error_code", None) == 105:
+                        time.sleep(0.0005)  # ENOBUFS: the queue of the interface is full
+                        continue
+                    raise HardwareError(_gone(self.name, error)) from None
+                break
+
+    def close(self) -> None:
+        """See `daq.sources.can_source.Sink`."""
+        if self._open:
+            self._open = False
+            self._bus.shutdown()
+
+
+def _gone(name: str, error: Exception) -> Fault:
+    return Fault("the interface failed", f"bus {name}", str(error), next_step="check the adapter and its cable")

@@ -1,0 +1,3 @@
+from .extended import ExtendedModel as ExtendedModel
+from .extended import Fact as Fact
+from .extended import extended_model as extended_model

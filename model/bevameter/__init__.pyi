@@ -1,0 +1,13 @@
+from .joint import JointFit as JointFit
+from .pressure_sinkage import PlateFit as PlateFit
+from .pressure_sinkage import PressureSinkage as PressureSinkage
+from .pressure_sinkage import fit_plate as fit_plate
+from .pressure_sinkage import fit_pressure_sinkage as fit_pressure_sinkage
+from .shear_strength import ShearFit as ShearFit
+from .shear_strength import ShearStrength as ShearStrength
+from .shear_strength import fit_shear as fit_shear
+from .shear_strength import fit_shear_strength as fit_shear_strength
+from .terrain import terrain_of as terrain_of
+from .terrain import terrain_toml as terrain_toml
+from .window import Window as Window
+from .window import WindowOptions as WindowOptions

@@ -1,0 +1,267 @@
+r"""The check that comes before any fit: rows that break a bound that no soil can break.
+
+A bound that no soil can break: T/r - Dp <= W tan(theta_1), checked before any fit.
+
+With normal stress :math:`\sigma` and shear stress :math:`\tau` on the rim, :math:`T/r - D_p = rb\int\sigma\sin\theta +
+\tau(1-\cos\theta)\,d\theta` and :math:`W = rb\int\sigma\cos\theta + \tau\sin\theta\,d\theta`. Between the bottom and
+the entry :math:`\sin\theta \le \tan\theta_1\cos\theta` and :math:`1-\cos\theta \le \tan\theta_1\sin\theta`, so that
+the bound holds for any :math:`\sigma, \tau \ge 0`, wherever the stress peaks.
+
+It needs a driven wheel (tau >= 0), a rigid rim, and no soil in front of the entry that the sinkage gives (no bow
+wave). On lugs T acts at r + h: with T/r instead, up to h/(r + h) T/r more is allowed. Behind the bottom, at an angle
+phi, normal stress only helps, and the bound holds as long as :math:`\tau \le \sigma\,\sin(\theta_1+\varphi) /
+(2\sin(\theta_1+\varphi/2)\sin(\varphi/2))`, about sigma/phi: friction never breaks it (that would take
+tan phi_s > 5 at phi = .2), cohesion alone on a long rear patch could.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.series import WheelTable
+from model.diagnosis.core.campaign import Bench, Campaign
+from model.diagnosis.core.result import Inconsistent
+from model.fit.observations import Observations
+from model.sinkage_from_forces.force_cells import driven_samples
+from model.sinkage_from_forces.sinkage import shear_share
+from processing import ProcessedRun
+
+FloatArray = NDArray[np.float64]
+
+SIGMAS = 4.0
+RADIUS_SIGMA = 0.01
+"""Relative one-sigma of the wheel's radius."""
+_STEEPEST = 1.0
+"""Mean of shear over normal stress that no natural soil exceeds by much: a friction angle of 45 degrees."""
+_SCALE_OFF = 0.05
+"""Share by which the rim's speed of a hardly slipping wheel must be off for its radius to be suspected."""
+_HIGHEST_LUG = 0.1
+"""In radii."""
+_LOOKED_AT = 500
+"""Rows, the worst ones, from which changes are reckoned."""
+
+
+@dataclass(frozen=True)
+class BoundRows:
+    """Driven rows with measured sinkage; arrays of shape (n,), SI; a sigma of 0 where none is known.
+
+    Attributes
+    ----------
+    torque_at_rest_nm : float array, shape (n,)
+        What the torque of the row's run reads at standstill; NaN where that is not known.
+    radius_m : float
+    lugged : bool
+        The rim has lugs: torque may act a tenth of the radius further out.
+    speed_scale : float
+        Ground speed over rim speed where the wheel hardly slips; NaN where that is not known.
+    """
+
+    vertical_load_n: FloatArray
+    drawbar_pull_n: FloatArray
+    driving_torque_nm: FloatArray
+    sinkage_m: FloatArray
+    vertical_load_sigma_n: FloatArray
+    drawbar_pull_sigma_n: FloatArray
+    driving_torque_sigma_nm: FloatArray
+    sinkage_sigma_m: FloatArray
+    torque_at_rest_nm: FloatArray
+    radius_m: float
+    lugged: bool = False
+    speed_scale: float = np.nan
+
+    def __len__(self) -> int:
+        return len(self.sinkage_m)
+
+    def __getitem__(self, rows: NDArray[np.intp]) -> BoundRows:
+        return replace(
+            self,
+            **{name: getattr(self, name)[rows] for name in _MEASURED},
+            torque_at_rest_nm=self.torque_at_rest_nm[rows],
+        )
+
+    @property
+    def excess_n(self) -> FloatArray:
+        """T/r - Dp - W tan(theta_1): what is left over."""
+        arm_m = self.radius_m * (1.0 + _HIGHEST_LUG * self.lugged)
+        resistance = self.driving_torque_nm / arm_m - self.drawbar_pull_n
+        return resistance - self.vertical_load_n * _tangent(self.sinkage_m, self.radius_m)
+
+    @property
+    def sigma_n(self) -> FloatArray:
+        """One-sigma of the excess, from every channel and the radius."""
+        tangent = _tangent(self.sinkage_m, self.radius_m)
+        deeper = _tangent(self.sinkage_m + self.sinkage_sigma_m, self.radius_m)
+        parts = (
+            self.driving_torque_sigma_nm / self.radius_m,
+            self.drawbar_pull_sigma_n,
+            self.vertical_load_sigma_n * tangent,
+            self.vertical_load_n * (deeper - tangent),
+            RADIUS_SIGMA * self.driving_torque_nm / self.radius_m,
+        )
+        return np.sqrt(sum((part**2 for part in parts), np.zeros(len(self))))
+
+
+def bound_rows_of_runs(runs: Sequence[ProcessedRun], *, lugged: bool = False) -> BoundRows:
+    """Return the driven samples of runs of one wheel that carry torque and sinkage; at least one run."""
+    rows = [driven_samples(run) & np.isfinite(run.sinkage_m) for run in runs]
+
+    def joined(name: str) -> FloatArray:
+        return np.concatenate([getattr(run, name)[chosen] for run, chosen in zip(runs, rows, strict=True)])
+
+    rests = [np.full(int(chosen.sum()), _torque_at_rest(run)) for run, chosen in zip(runs, rows, strict=True)]
+    scales = [run.quality.speed_scale for run in runs if np.isfinite(run.quality.speed_scale)]
+    return BoundRows(
+        **{name: np.nan_to_num(joined(name)) for name in _MEASURED},
+        torque_at_rest_nm=np.concatenate(rests),
+        radius_m=runs[0].wheel_radius_m,
+        lugged=lugged,
+        speed_scale=float(np.median(scales)) if scales else np.nan,
+    )
+
+
+def bound_rows_of_table(table: WheelTable | Observations, radius_m: float, *, lugged: bool = False) -> BoundRows:
+    """Return the driven rows of a bench table that hold torque and sinkage.
+
+    Sigmas are those that a `WheelTable` states; of `Observations` only that of the load is known.
+    """
+    rows = (table.slip > 0.0) & np.isfinite(table.driving_torque_nm + table.sinkage_m)
+    stated = table.sigma if isinstance(table, WheelTable) else {"vertical_load_n": table.vertical_load_sigma_n}
+    columns = {name: getattr(table, name)[rows] for name in _SIGMA_OF}
+    for name, sigma in _SIGMA_OF.items():
+        columns[sigma] = np.nan_to_num(stated[name][rows]) if name in stated else np.zeros(int(rows.sum()))
+    at_rest = np.full(int(rows.sum()), np.nan)
+    return BoundRows(**columns, torque_at_rest_nm=at_rest, radius_m=radius_m, lugged=lugged)
+
+
+_SIGMA_OF = {
+    "vertical_load_n": "vertical_load_sigma_n",
+    "drawbar_pull_n": "drawbar_pull_sigma_n",
+    "driving_torque_nm": "driving_torque_sigma_nm",
+    "sinkage_m": "sinkage_sigma_m",
+}
+_MEASURED = (*_SIGMA_OF, *_SIGMA_OF.values())
+
+
+def inconsistent(rows: BoundRows, sigmas: float = SIGMAS) -> tuple[Inconsistent, ...]:
+    """Return what breaks the bound by more than noise: nothing, or one entry that names the channel to suspect.
+
+    Torque, if its reading at standstill is large enough to explain it. Torque or radius, if the forces by themselves
+    ask for more friction than soil has: the radius, if the rim's speed is off too. Else the sinkage: the forces agree
+    with each other, but not with it.
+
+    Parameters
+    ----------
+    rows : BoundRows
+    sigmas : float
+        How many one-sigmas a row may be over the bound.
+    """
+    over = rows.excess_n - sigmas * rows.sigma_n
+    broken = int((over > 0.0).sum())
+    if not broken:
+        return ()
+    worst = np.argsort(-over)[: min(broken, _LOOKED_AT)]
+    seen = rows[worst]
+    change = _Change(seen)
+    channel, because = _suspect(seen, change)
+    says = (
+        f"T/r - Dp is above W tan(theta_1), which no soil can do, in {broken} of {len(rows)} driven rows, by up to "
+        f"{rows.excess_n[worst[0]]:.3g} N ({rows.excess_n[worst[0]] / max(rows.sigma_n[worst[0]], 1e-9):.3g} sigma); "
+        f"{because}. What would mend it: {change.says}"
+    )
+    return (Inconsistent(channel, broken, says),)
+
+
+class _Change:
+    """The least change of each channel, alike in all rows, that brings rows back under the bound.
+
+    Attributes
+    ----------
+    torque_nm, pull_n, sinkage_m : float
+        Torque less, drawbar pull more, sinkage more.
+    radius : float
+        Wheel larger by this share, or smaller; infinite where no size helps.
+    """
+
+    def __init__(self, rows: BoundRows) -> None:
+        self.pull_n = float(rows.excess_n.max())
+        self.torque_nm = self.pull_n * rows.radius_m
+        tangent = rows.excess_n / rows.vertical_load_n + _tangent(rows.sinkage_m, rows.radius_m)
+        self.sinkage_m = float((rows.radius_m * (1.0 - np.cos(np.arctan(tangent))) - rows.sinkage_m).max())
+        shares = np.linspace(-0.6, 2.0, 521)
+        radii = rows.radius_m * (1.0 + shares[:, None])
+        arms = radii * (1.0 + _HIGHEST_LUG * rows.lugged)
+        resistance = rows.driving_torque_nm / arms - rows.drawbar_pull_n
+        fine = (resistance - rows.vertical_load_n * _tangent(rows.sinkage_m, radii) <= 0.0).all(axis=1)
+        self.radius = float(min(shares[fine], key=abs)) if fine.any() else np.inf
+
+    @property
+    def says(self) -> str:
+        """All of them, for people."""
+        size = f"{100 * abs(self.radius):.2g} % {'larger' if self.radius > 0 else 'smaller'}"
+        wheel = f"a wheel {size}" if np.isfinite(self.radius) else "no other radius"
+        return (
+            f"{self.torque_nm:.3g} N m less torque, {1e3 * self.sinkage_m:.3g} mm more sinkage, {wheel}, "
+            f"or {self.pull_n:.3g} N more drawbar pull"
+        )
+
+
+def _suspect(rows: BoundRows, change: _Change) -> tuple[str, str]:
+    """Return the channel to suspect, and why."""
+    rest = float(np.nan_to_num(rows.torque_at_rest_nm).max())
+    if rest > 0.5 * change.torque_nm:
+        return "driving_torque", f"suspect the torque: it reads {rest:.3g} N m at standstill"
+    friction = float(np.median(_friction(rows)))
+    if friction <= _STEEPEST:
+        return "sinkage", "suspect the sinkage: load, drawbar pull and torque agree with each other, but not with it"
+    more = f"the forces ask for a shear stress of {friction:.2g} times the normal one"
+    if abs(rows.speed_scale - 1.0) > _SCALE_OFF:
+        return "wheel_radius", f"suspect the radius: {more}, and ground over rim speed is {rows.speed_scale:.3g}"
+    return "driving_torque", f"suspect the torque: {more}"
+
+
+def _friction(rows: BoundRows) -> FloatArray:
+    """Return the mean of shear over normal stress that the forces ask for."""
+    pull, torque = rows.drawbar_pull_n / rows.vertical_load_n, rows.driving_torque_nm / rows.vertical_load_n
+    return shear_share(pull, torque / rows.radius_m)
+
+
+def _torque_at_rest(run: ProcessedRun) -> float:
+    levels = [stop.levels["driving_torque"] for stop in run.quality.standstills if "driving_torque" in stop.levels]
+    return float(np.median(levels)) if levels else np.nan
+
+
+def _tangent(sinkage_m: FloatArray, radius_m: float | FloatArray) -> FloatArray:
+    """Return tan(theta_1): 0 for a wheel above the ground, very large for one in to its axle."""
+    cosine = np.clip(1.0 - sinkage_m / radius_m, 1e-9, 1.0)
+    return np.asarray(np.sqrt(1.0 - cosine**2) / cosine)
+
+
+def inconsistencies(parts: Sequence[Campaign | Bench]) -> tuple[Inconsistent, ...]:
+    """Return what breaks T/r - Dp <= W tan(theta_1), per campaign or table; nothing where torque or sinkage is missing.
+
+    Parameters
+    ----------
+    parts : sequence of Campaign or Bench
+    """
+    found = [(part.name, item) for part in parts for item in inconsistent(_rows(part))]
+    if len(parts) == 1:
+        return tuple(item for _, item in found)
+    return tuple(replace(item, why=f"{name}: {item.why}") for name, item in found)
+
+
+def _rows(part: Campaign | Bench) -> BoundRows:
+    lugged = part.tyre == "lugged"
+    if isinstance(part, Campaign):
+        return bound_rows_of_runs(part.runs, lugged=lugged)
+    rows = bound_rows_of_table(part.rows, part.wheel.radius_m, lugged=lugged)
+
+    def sigma(channel: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        return np.full(len(rows), part.sigmas.get(channel, 0.0))
+
+    return replace(
+        rows, drawbar_pull_sigma_n=sigma("dp"), driving_torque_sigma_nm=sigma("t"), sinkage_sigma_m=sigma("z")
+    )

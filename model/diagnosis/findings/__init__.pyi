@@ -1,0 +1,1 @@
+from .detectable import SEEN as SEEN

@@ -1,0 +1,176 @@
+r"""Whether campaigns that share a cause agree about it: Cochran's Q on each campaign's own estimate.
+
+A joint diagnosis takes one size of a cause for all campaigns, and one form of it. Each campaign's own size
+:math:`x_c` with variance :math:`v_c`, its soil integrated out, is from its own cross products alone. If the size is
+shared,
+
+.. math:: Q = \sum_c (x_c - \bar x)^2 / v_c \sim \chi^2_{C - 1}, \qquad
+          \bar x = \sum_c (x_c / v_c) / \sum_c (1 / v_c)
+
+The variances are widened as the final interval of the shared size was (`model.diagnosis.time_series.final`). A form is
+asked in the same way: by how many nats a campaign of its own prefers another one.
+
+Source: Cochran (1954), Biometrics 10:101.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincc
+
+from model.diagnosis.core.result import Cause, ParameterEstimate
+from model.diagnosis.findings.detectable import own_columns
+from model.diagnosis.findings.detectable import projected_without_soil as without_soil
+from model.diagnosis.time_series.evidence import log_evidence
+from model.diagnosis.time_series.grams import Grams
+from model.diagnosis.time_series.looks import Look
+
+FloatArray = NDArray[np.float64]
+
+AT = 0.01
+"""Probability of a larger Q by chance, below which campaigns are said to disagree."""
+OTHER_FORM = 3.0
+"""Nats by which a campaign must prefer another form: 20 to 1."""
+_SEEN = 1e-6
+"""Share of a combination that a campaign may leave open and still estimate it."""
+
+
+@dataclass(frozen=True)
+class Own:
+    """What one campaign says of a parameter by itself: value and one-sigma."""
+
+    campaign: str
+    value: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Campaigns that differ about a parameter by more than chance.
+
+    Attributes
+    ----------
+    parameter : str
+    unit : str
+    own : tuple of Own
+    q : float
+        Cochran's.
+    chance : float
+        Of a larger one if the parameter is shared.
+    """
+
+    parameter: str
+    unit: str
+    own: tuple[Own, ...]
+    q: float
+    chance: float
+
+
+def disagreements(grams: Grams, runs: dict[str, int], causes: Sequence[Cause]) -> tuple[Disagreement, ...]:
+    """Return the shared parameters about which campaigns disagree.
+
+    Parameters
+    ----------
+    grams : Grams
+        Of all campaigns, one after the other.
+    runs : mapping campaign -> int
+        How many runs each has, in that order.
+    causes : sequence of Cause
+        Of one set, with their values; what has no interval is not asked.
+    """
+    keys = [cause.key for cause in causes]
+    columns = [i for key in keys for i in own_columns(grams, key)]
+    square = np.ix_(columns, columns)
+    whole = without_soil(grams).information[square]
+    parts = {name: without_soil(own) for name, own in _by_campaign(grams, runs)}
+    found = []
+    for cause in causes:
+        for parameter in cause.parameters:
+            direction = _direction(grams, columns, cause, parameter)
+            if not np.isfinite(parameter.interval95).all() or not direction.any():
+                continue
+            plain = _along(whole, direction)
+            widening = max(parameter.sigma / np.sqrt(plain), 1.0) if np.isfinite(plain) and plain > 0 else 1.0
+            own = []
+            for name, part in parts.items():
+                information = part.information[square]
+                variance = _along(information, direction)
+                if not np.isfinite(variance):
+                    continue
+                size = direction @ np.linalg.pinv(information, rcond=1e-9, hermitian=True) @ part.score[columns]
+                own.append(Own(name, _neutral(grams, cause, parameter) + float(size), widening * float(variance**0.5)))
+            found += _judged(parameter, tuple(own))
+    return tuple(found)
+
+
+def other_forms(
+    grams: Grams, runs: dict[str, int], causes: Sequence[Cause]
+) -> dict[tuple[str, str], tuple[str, float]]:
+    """Return which campaigns prefer another form of a cause: (family, campaign) -> form and nats.
+
+    Parameters
+    ----------
+    grams, runs, causes
+        As for `disagreements`.
+    """
+    keys = tuple(cause.key for cause in causes)
+    found = {}
+    for name, own in _by_campaign(grams, runs):
+        for cause in causes:
+            forms = dict.fromkeys(c.key for c in grams.causes if c.family == cause.name)
+            nats = {form: log_evidence(own, tuple(form if key == cause.key else key for key in keys)) for form in forms}
+            best = max(nats, key=lambda form: nats[form])
+            if nats[best] > nats[cause.key] + OTHER_FORM:
+                found[cause.name, name] = (best, nats[best] - nats[cause.key])
+    return found
+
+
+def runs_of(look: Look) -> dict[str, int]:
+    """Return how many runs each campaign of a look has, in their order."""
+    return {view.campaign.name: len(view.grams.matrices) for view in look.views}
+
+
+def _by_campaign(grams: Grams, runs: dict[str, int]) -> Iterator[tuple[str, Grams]]:
+    whose = np.repeat(np.arange(len(runs)), list(runs.values()))
+    for i, name in enumerate(runs):
+        yield name, grams.chosen(whose == i)
+
+
+def _direction(grams: Grams, columns: Sequence[int], cause: Cause, parameter: ParameterEstimate) -> FloatArray:
+    """Return how a parameter of a cause, or the sum of all of them, goes with the columns' coefficients."""
+    known = {grams.causes[i].parameter for i in own_columns(grams, cause.key)}
+    wanted = {parameter.name} if parameter.name in known else known
+    return np.array(
+        [
+            grams.causes[i].scale if grams.causes[i].key == cause.key and grams.causes[i].parameter in wanted else 0.0
+            for i in columns
+        ]
+    )
+
+
+def _neutral(grams: Grams, cause: Cause, parameter: ParameterEstimate) -> float:
+    own = [grams.causes[i] for i in own_columns(grams, cause.key)]
+    return next((c.neutral for c in own if c.parameter == parameter.name), sum(c.neutral for c in own))
+
+
+def _along(information: FloatArray, direction: FloatArray) -> float:
+    """Return the variance of a combination; infinite where the data leave it open."""
+    inverse = np.linalg.pinv(information, rcond=1e-9, hermitian=True)
+    left = direction - information @ (inverse @ direction)
+    if float(left @ left) > _SEEN * float(direction @ direction):
+        return float("inf")
+    return float(direction @ inverse @ direction)
+
+
+def _judged(parameter: ParameterEstimate, own: tuple[Own, ...]) -> list[Disagreement]:
+    if len(own) < 2:
+        return []
+    values, variances = np.array([o.value for o in own]), np.array([o.sigma**2 for o in own])
+    mean = float((values / variances).sum() / (1.0 / variances).sum())
+    q = float(((values - mean) ** 2 / variances).sum())
+    chance = float(gammaincc(0.5 * (len(own) - 1), 0.5 * q))
+    return [Disagreement(parameter.name, parameter.unit, own, q, chance)] if chance < AT else []

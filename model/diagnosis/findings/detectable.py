@@ -1,0 +1,267 @@
+r"""What a set of runs can tell apart: signatures of the causes, once the soil has been re-calibrated.
+
+A whitened column :math:`x` of a cause is seen only as far as the soil cannot imitate it. With the soil's whitened
+columns :math:`S` and its prior :math:`N(0, I)`,
+
+.. math:: P = (I + S S')^{-1} = I - S (I + S'S)^{-1} S', \qquad d^2 = \delta' P \delta
+
+for an effect :math:`\delta = X \gamma`. All of it comes from the Gram matrix. What a rival :math:`j` of any size (on
+its own side of neutral) leaves of it is :math:`d_{sep}^2 = \min_\beta |\delta - X_j \beta|_P^2`.
+
+The smallest size of every cause that these runs would have shown.
+
+One parameter of information :math:`\lambda = x'Px` (soil integrated out) and size a has, if it is alone, the expected
+log Bayes factor over nothing
+
+.. math:: \tfrac12 \frac{a^2\lambda^2 + \lambda}{1 + \lambda} - \tfrac12\ln(1 + \lambda) + [\ln 2]
+
+with ln 2 where it is one-sided. It is detected where that makes the odds against "none" as long as a name asks for.
+Which family it is may still be open: `one_of`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from math import log, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.core.prior import Hypotheses, hypotheses
+from model.diagnosis.core.result import Detectable
+from model.diagnosis.time_series.evidence import without_soil
+from model.diagnosis.time_series.grams import CauseColumn, Grams
+
+FloatArray = NDArray[np.float64]
+
+_LEAST_INFORMATION = 1e-6
+
+
+def minimum_detectable(
+    grams: Grams, excluded: frozenset[str] = frozenset(), name_at: float = 0.9, excess: float = 1.0
+) -> dict[str, Detectable]:
+    """Return the smallest detectable size of every effect, by its key; the parameter that shows first.
+
+    A size beyond the parameter's bounds says that nothing plausible would be seen.
+
+    Parameters
+    ----------
+    grams : Grams
+        Only what was driven counts, not what was measured.
+    excluded : set of str
+        Families or keys that leave no trace.
+    name_at : float
+        Probability asked for.
+    excess : float
+        Factor on the noise's variance.
+    """
+    listed = hypotheses(grams, excluded, 1)
+    information = np.diag(without_soil(grams, grams.total()))[1:] / excess
+    found = {}
+    for i, key in enumerate(listed.effects):
+        wanted = log(name_at / (1.0 - name_at)) + listed.log_prior[0] - listed.log_prior[listed.index_of((key,))]
+        sizes = [
+            (_least_coefficient(float(information[c]), grams.causes[c].one_sided, wanted), grams.causes[c])
+            for c in _columns(listed, i)
+        ]
+        coefficient, cause = min(sizes, key=lambda pair: pair[0])
+        found[key] = _detectable(coefficient, cause)
+    return found
+
+
+def _columns(listed: Hypotheses, effect: int) -> list[int]:
+    return [int(c) for c in listed.columns[effect] if c >= 0]
+
+
+def _detectable(coefficient: float, cause: CauseColumn) -> Detectable:
+    return Detectable(cause.parameter, cause.neutral + coefficient * cause.scale, cause.unit)
+
+
+def _least_coefficient(information: float, one_sided: bool, wanted: float) -> float:
+    """Return the coefficient whose expected log Bayes factor is `wanted`; infinite where nothing shows."""
+    if information < _LEAST_INFORMATION:
+        return float("inf")
+    needed = wanted + 0.5 * log(1.0 + information) - (log(2.0) if one_sided else 0.0)
+    square = (2.0 * needed * (1.0 + information) - information) / information**2
+    return sqrt(max(square, 0.0))
+
+
+SEEN = 5.0
+"""d from which on an effect is found, and d_sep from which on it is told from its rivals."""
+_NOTHING = 1e-12
+
+
+@dataclass(frozen=True)
+class Projected:
+    """Cross products of the residual and the causes with the soil projected out.
+
+    Attributes
+    ----------
+    information : array, shape (k, k)
+        X'PX of the causes' columns.
+    raw : array, shape (k, k)
+        X'X: the same before the soil is re-calibrated.
+    score : array, shape (k,)
+        X'Pr.
+    misfit : float
+        r'Pr.
+    """
+
+    information: FloatArray
+    raw: FloatArray
+    score: FloatArray
+    misfit: float
+
+
+def projected_without_soil(grams: Grams, matrix: FloatArray | None = None) -> Projected:
+    """Project the soil out of a Gram matrix, as far as its prior lets it move.
+
+    Parameters
+    ----------
+    grams : Grams
+        Names the columns.
+    matrix : array, shape (m, m), optional
+        Another sum over runs than that of all.
+    """
+    total = grams.total() if matrix is None else matrix
+    causes = grams.cause_columns
+    kept = [0, *range(causes.start, causes.stop)]
+    soil = grams.soil_columns
+    cross = total[soil, kept]
+    left = total[np.ix_(kept, kept)]
+    if cross.size:
+        left = left - cross.T @ np.linalg.solve(np.eye(len(cross)) + total[soil, soil], cross)
+    left = 0.5 * (left + left.T)
+    return Projected(left[1:, 1:], total[causes, causes], left[1:, 0], float(left[0, 0]))
+
+
+@dataclass(frozen=True)
+class Isolability:
+    """Which causes can be told apart; k effects.
+
+    Attributes
+    ----------
+    keys, families : tuple of str
+    sizes : mapping key -> array, shape (parameters,)
+        In units of the prior scale, from neutral.
+    cosine : array, shape (k, k)
+        Largest |cos| between what two causes can do, after the soil was projected out; 0 for one that does nothing.
+    left : array, shape (k,)
+        Share of the signature's length that the re-calibrated soil leaves.
+    deviation : array, shape (k,)
+        d at those sizes.
+    separation : array, shape (k,)
+        d_sep at those sizes.
+    rivals : tuple of str
+        The other family's effect that leaves least; empty where there is none.
+    """
+
+    keys: tuple[str, ...]
+    families: tuple[str, ...]
+    sizes: dict[str, FloatArray]
+    cosine: FloatArray
+    left: FloatArray
+    deviation: FloatArray
+    separation: FloatArray
+    rivals: tuple[str, ...]
+
+    def look_alikes(self, at: float = 0.95) -> tuple[tuple[str, ...], ...]:
+        """Return groups of families that are linked by |cos| of `at` or more, largest first; loners are left out."""
+        group = {family: {family} for family in self.families}
+        for i, j in combinations(range(len(self.keys)), 2):
+            a, b = self.families[i], self.families[j]
+            if self.cosine[i, j] >= at and group[a] is not group[b]:
+                group[a] |= group[b]
+                for member in group[b]:
+                    group[member] = group[a]
+        groups = {id(members): members for members in group.values() if len(members) > 1}.values()
+        order = list(dict.fromkeys(self.families))
+        return tuple(
+            sorted((tuple(sorted(g, key=order.index)) for g in groups), key=lambda g: (-len(g), order.index(g[0])))
+        )
+
+
+def isolability(
+    grams: Grams, sizes: Mapping[str, Sequence[float]] | None = None, matrix: FloatArray | None = None
+) -> Isolability:
+    """Say which causes the runs behind `grams` can tell apart.
+
+    Parameters
+    ----------
+    grams : Grams
+    sizes : mapping key -> coefficients, optional
+        In units of the prior scale; the default is one prior one-sigma for each parameter.
+    matrix : array, shape (m, m), optional
+        Another sum over runs than that of all.
+    """
+    projected = projected_without_soil(grams, matrix)
+    keys = tuple(dict.fromkeys(column.key for column in grams.causes))
+    where = {key: own_columns(grams, key) for key in keys}
+    families = tuple(grams.causes[where[key][0]].family for key in keys)
+    chosen = {key: np.ones(len(where[key])) for key in keys}
+    chosen |= {key: np.asarray(size, float) for key, size in (sizes or {}).items() if key in where}
+    cosine = np.eye(len(keys))
+    for i, j in combinations(range(len(keys)), 2):
+        cosine[i, j] = cosine[j, i] = _cosine(projected.information, where[keys[i]], where[keys[j]])
+    apart = [_apart(grams, projected, key, chosen[key]) for key in keys]
+    deviation = np.array([_length(projected.information, where[key], chosen[key]) for key in keys])
+    raw = np.array([_length(projected.raw, where[key], chosen[key]) for key in keys])
+    left = np.divide(deviation, raw, out=np.zeros(len(keys)), where=raw > 0)
+    separation = np.array([min([d, *others.values()]) for d, others in zip(deviation, apart, strict=True)])
+    rivals = tuple(min(others, key=others.__getitem__, default="") for others in apart)
+    return Isolability(keys, families, chosen, cosine, left, deviation, separation, rivals)
+
+
+def _apart(grams: Grams, projected: Projected, key: str, size: FloatArray) -> dict[str, float]:
+    """Return what each effect of another family leaves of an effect."""
+    family = next(column.family for column in grams.causes if column.key == key)
+    others = dict.fromkeys(column.key for column in grams.causes if column.family != family)
+    return {other: separation_of(grams, projected, key, size, other) for other in others}
+
+
+def own_columns(grams: Grams, key: str) -> list[int]:
+    """Return the positions of an effect's parameters among the causes."""
+    return [i for i, column in enumerate(grams.causes) if column.key == key]
+
+
+def separation_of(grams: Grams, projected: Projected, key: str, size: FloatArray, rival: str) -> float:
+    """Return what a rival leaves of an effect of a given size, both signs of it where both are possible; d units."""
+    own, other = own_columns(grams, key), own_columns(grams, rival)
+    sided = np.array([grams.causes[i].one_sided for i in other])
+    signs = (1.0,) if any(grams.causes[i].one_sided for i in own) else (1.0, -1.0)
+    return min(least_left(projected.information, own, sign * size, other, sided) for sign in signs)
+
+
+def least_left(
+    information: FloatArray, own: Sequence[int], size: FloatArray, other: Sequence[int], one_sided: NDArray[np.bool_]
+) -> float:
+    """Return min over b of |X_own size - X_other b|_P, b >= 0 where one-sided."""
+    power = float(size @ information[np.ix_(own, own)] @ size)
+    cross = information[np.ix_(other, own)] @ size
+    best = power
+    for count in range(1, len(other) + 1):
+        for free in map(list, combinations(range(len(other)), count)):
+            rows = [other[i] for i in free]
+            b = np.linalg.pinv(information[np.ix_(rows, rows)], rcond=_NOTHING, hermitian=True) @ cross[free]
+            if not np.any((b < 0) & one_sided[free]):
+                best = min(best, power - float(cross[free] @ b))
+    return float(np.sqrt(max(best, 0.0)))
+
+
+def _length(information: FloatArray, own: Sequence[int], size: FloatArray) -> float:
+    return float(np.sqrt(max(float(size @ information[np.ix_(own, own)] @ size), 0.0)))
+
+
+def _cosine(information: FloatArray, own: Sequence[int], other: Sequence[int]) -> float:
+    """Return the largest canonical correlation between two sets of columns."""
+    a, b = _inverse_root(information[np.ix_(own, own)]), _inverse_root(information[np.ix_(other, other)])
+    singular = np.linalg.svd(a.T @ information[np.ix_(own, other)] @ b, compute_uv=False)
+    return float(min(singular[0], 1.0)) if singular.size else 0.0
+
+
+def _inverse_root(matrix: FloatArray) -> FloatArray:
+    values, vectors = np.linalg.eigh(matrix)
+    kept = values > max(_NOTHING * values[-1], np.finfo(float).tiny)
+    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))

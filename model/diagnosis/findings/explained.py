@@ -1,0 +1,327 @@
+"""Look-alikes of a verdict's causes: families whose signatures are almost theirs, once the soil is projected out.
+
+What was looked at, for figures: measured, simulated without and with the causes, what each candidate changes.
+
+What stands behind a verdict: its causes with their sizes, and the soil that goes with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.core.result import Cause, ParameterEstimate, Seen, SoilEstimate
+from model.diagnosis.core.verdict import Judgement
+from model.diagnosis.findings.detectable import isolability
+from model.diagnosis.time_series.evidence import Posterior, estimate
+from model.diagnosis.time_series.final import SetFit, fit_set, parameters_of, soils_of, spread_of
+from model.diagnosis.time_series.grams import Grams
+from model.diagnosis.time_series.linearise import simulated
+from model.diagnosis.time_series.looks import Look
+from model.diagnosis.time_series.noise import constants, loading, processes, white_variance
+from model.diagnosis.time_series.start import View
+from model.effects.catalogue import EFFECTS
+
+FloatArray = NDArray[np.float64]
+Sizes = Mapping[str, FloatArray]
+"""Coefficients of each effect, in units of the prior scale, by its key."""
+
+
+def seen_of(look: Look, base: SetFit, extended: SetFit, shown: Sizes, alone: Mapping[str, SetFit]) -> tuple[Seen, ...]:
+    """Return what was looked at in each campaign.
+
+    Parameters
+    ----------
+    look : Look
+    base : SetFit
+        The soil alone.
+    extended : SetFit
+        With the causes.
+    shown : mapping effect key -> coefficients
+        Candidates whose signatures are drawn.
+    alone : mapping effect key -> SetFit
+        Those of them that were fitted each by itself: what they change is then what the whole model says, with the
+        soil fitted anew, and not what the linearised one does.
+    """
+    return tuple(_seen(look, index, base, extended, shown, alone) for index in range(len(look.views)))
+
+
+def _seen(look: Look, index: int, base: SetFit, extended: SetFit, shown: Sizes, alone: Mapping[str, SetFit]) -> Seen:
+    view = look.views[index]
+    samples, at = view.samples, view.samples.conditions
+    channels = view.linear.channels
+    without = _said(base, index)
+    fitted = {key: _said(fit, index) for key, fit in alone.items() if key in shown}
+    changes = {key: {c: x - without[c] for c, x in said.items()} for key, said in fitted.items()}
+    return Seen(
+        campaign=view.campaign.name,
+        runs=samples.run_names,
+        run=samples.run,
+        time_s=samples.time_s,
+        slip=np.asarray(at.slip),
+        ground_speed_mps=np.asarray(at.ground_speed_mps),
+        vertical_load_n=np.asarray(at.vertical_load_n),
+        line_position=np.asarray(at.line_position),
+        measured={c: samples.measured[c] for c in channels},
+        base=without,
+        extended=_said(extended, index),
+        base_sigma=dict(zip(channels, spread(view), strict=True)),
+        signatures={
+            key: changes.get(key) or dict(zip(channels, _signature(look, index, key, size), strict=True))
+            for key, size in shown.items()
+        },
+    )
+
+
+def _said(fit: SetFit, index: int) -> dict[str, FloatArray]:
+    """Return what a fitted model says at the measured slip."""
+    part, point = fit.problem.parts[index], fit.problem.points(fit.estimate)[index]
+    samples = part.view.samples
+    said = simulated(part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples))))
+    return dict(zip(part.frozen.channels, said, strict=True))
+
+
+def spread(view: View) -> FloatArray:
+    """Return the one-sigma of measured less simulated by the noise model, shape (c, n)."""
+    values, linear, samples = view.noise.values, view.linear, view.samples
+    variance = white_variance(linear, values, view.speed_variance)
+    for process in processes(linear.channels):
+        variance = variance + (values[process.deviation] * loading(linear, samples, process.loading)) ** 2
+    for deviation, how in constants(linear.channels):
+        variance = variance + (values[deviation] * loading(linear, samples, how)) ** 2
+    return np.asarray(np.sqrt(variance))
+
+
+def _signature(look: Look, index: int, key: str, size: FloatArray) -> FloatArray:
+    """Return what a cause changes in a campaign, less what the re-calibrated soil can imitate, shape (c, n)."""
+    grams: Grams = look.grams
+    view = look.views[index]
+    own = list(grams.columns_of(key))
+    total = grams.total()
+    soil = grams.soil_columns
+    imitated = np.linalg.solve(np.eye(len(grams.soil)) + total[soil, soil], total[soil, own] @ size)
+    first = sum(len(v.columns.soil) for v in look.views[:index])
+    mine = imitated[first : first + len(view.columns.soil)]
+    changed = np.zeros(view.linear.value.shape)
+    units = {(grams.causes[c - grams.cause_columns.start].parameter): (c, s) for c, s in zip(own, size, strict=True)}
+    for i, cause in enumerate(view.columns.causes):
+        if cause.key == key:
+            column, coefficient = units[cause.parameter]
+            scale = grams.causes[column - grams.cause_columns.start].scale
+            changed += view.linear.causes[..., i] * scale * coefficient
+    return np.asarray(changed - view.linear.soil @ mine)
+
+
+Keys = tuple[str, ...]
+
+_MOST_FITTED = 6
+"""Members of a set that are fitted each on its own; those beyond are told by their names."""
+_MOST_SHOWN = 6
+
+
+@dataclass(frozen=True)
+class Explained:
+    """Causes of a verdict.
+
+    Attributes
+    ----------
+    causes : tuple of Cause
+        The named ones, fitted together; or the members of a set, each fitted as if it were the one.
+    extended : tuple of str
+        Keys of the causes that the extended model has: the named ones, the likeliest member of a set, the likeliest
+        set where nothing explains the data; empty where nothing is seen.
+    sizes : mapping key -> array
+        Coefficients of the causes, and of the likeliest others, in units of the prior scale.
+    soils : tuple of SoilEstimate
+        With the extended model's causes.
+    """
+
+    causes: tuple[Cause, ...]
+    extended: Keys
+    sizes: dict[str, FloatArray]
+    soils: tuple[SoilEstimate, ...]
+
+
+class Fits:
+    """Sets of causes fitted with the whole model, each once.
+
+    Attributes
+    ----------
+    look : Look
+    starts : "one" or "several"
+        "one" where nothing explains the data, so that no size is more than a place to look from.
+    known : mapping keys -> SetFit
+    """
+
+    def __init__(self, look: Look, starts: Literal["one", "several"] = "several") -> None:
+        self.look = look
+        self.starts = starts
+        self.known: dict[Keys, SetFit] = {}
+
+    def __getitem__(self, keys: Keys) -> SetFit:
+        if keys not in self.known:
+            self.known[keys] = fit_set(self.look, keys, starts=self.starts)
+        return self.known[keys]
+
+    def of(self, *sets: Keys) -> dict[Keys, SetFit]:
+        """Return the fits of several sets."""
+        return {keys: self[keys] for keys in sets}
+
+
+def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
+    """Fit what a verdict is about.
+
+    Parameters
+    ----------
+    fits : Fits
+    verdict : Judgement
+    found : Posterior
+    """
+    look = fits.look
+    keys = tuple(likeliest_form(found, family) for family in verdict.families)
+    extended = _extended(look, verdict, keys)
+    whole = fits[extended]
+    spread = spread_of(whole.problem, whole.estimate, look, extended)
+    values: dict[str, tuple[ParameterEstimate, ...]] = {}
+    sizes: dict[str, FloatArray] = {}
+    if verdict.verdict == "named":
+        values, sizes = parameters_of(whole, look, spread), dict(whole.sizes)
+    else:
+        for key in keys[:_MOST_FITTED]:
+            fit = fits[(key,)]
+            values |= parameters_of(fit, look, spread if extended == (key,) else None)
+            sizes |= fit.sizes
+    causes = tuple(_cause(found, family, key, values) for family, key in zip(verdict.families, keys, strict=True))
+    return Explained(causes, extended, sizes | _others(look, found, sizes), soils_of(whole, look, spread))
+
+
+def doubtful(causes: Sequence[Cause]) -> str:
+    """Return why a cause's value does not bear its name; empty where all do.
+
+    Parameters
+    ----------
+    causes : sequence of Cause
+        With their values.
+    """
+    for cause in causes:
+        whose = f"the {cause.name.replace('_', ' ')}'s"
+        limits = {p.name: p for p in EFFECTS[cause.key].parameters}
+        for found in cause.parameters:
+            own = limits.get(found.name)
+            if own is None:  # a combination, as Lyasko's p
+                continue
+            edges = [edge for edge in (own.lower, own.upper) if edge != own.neutral]
+            if np.isclose(found.value, edges, rtol=1e-3, atol=0.0).any():
+                return f"{whose} {found.name} ends at the limit of what is plausible, {found.value:.3g} {found.unit}"
+            low, high = found.interval95
+            if len(cause.parameters) == 1 and low < own.neutral < high:
+                return f"{whose} {found.name} may as well be {own.neutral:g} ({low:.3g} to {high:.3g} {found.unit})"
+    return ""
+
+
+def likeliest_form(found: Posterior, family: str) -> str:
+    """Return the key of a family's likeliest form."""
+    return next(iter(found.forms(family)))
+
+
+def _extended(look: Look, verdict: Judgement, keys: Keys) -> Keys:
+    if verdict.verdict == "named":
+        order = [c.key for c in look.grams.causes]
+        return tuple(sorted(keys, key=order.index))
+    if verdict.verdict == "one_of":
+        return keys[:1]
+    return look.best.keys if verdict.verdict == "unexplained" else ()
+
+
+def _cause(found: Posterior, family: str, key: str, values: dict[str, tuple[ParameterEstimate, ...]]) -> Cause:
+    effect = EFFECTS[key]
+    return Cause(
+        name=family,
+        form=effect.form,
+        kind=effect.kind,
+        key=key,
+        probability=found.families()[family],
+        form_probability=found.forms(family)[key],
+        parameters=values.get(key, ()),
+    )
+
+
+def _others(look: Look, found: Posterior, known: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """Return the linear sizes of the likeliest families that were not fitted."""
+    sizes: dict[str, FloatArray] = {}
+    for family in found.families():
+        if len(known) + len(sizes) >= _MOST_SHOWN:
+            break
+        key = likeliest_form(found, family)
+        if key not in known:
+            alone = estimate(look.grams, (key,))
+            sizes[key] = alone.coefficients[list(alone.columns)]
+    return sizes
+
+
+ALIKE = 0.95
+"""Cosine of two signatures, the soil projected out, from which on they look almost the same."""
+
+
+@dataclass(frozen=True)
+class LookAlike:
+    """A family that would look almost as one of the verdict's does.
+
+    Attributes
+    ----------
+    family, key : str
+        Of the other, by its most similar form.
+    of : str
+        Key of the verdict's cause.
+    cosine : float
+    """
+
+    family: str
+    key: str
+    of: str
+    cosine: float
+
+
+def look_alikes(grams: Grams, found: Posterior, verdict: Judgement) -> tuple[LookAlike, ...]:
+    """Return the look-alikes of the named causes, or of a set's likeliest member; each family once, most alike first.
+
+    Parameters
+    ----------
+    grams : Grams
+    found : Posterior
+    verdict : Judgement
+    """
+    own = verdict.families if verdict.verdict == "named" else verdict.families[:1]
+    apart = isolability(grams)
+    alike = []
+    for family in own:
+        key = likeliest_form(found, family)
+        across = apart.cosine[apart.keys.index(key)]
+        alike += [
+            LookAlike(other, apart.keys[j], key, float(across[j]))
+            for j, other in enumerate(apart.families)
+            if other not in verdict.families and across[j] > ALIKE
+        ]
+    first: dict[str, LookAlike] = {}
+    for one in sorted(alike, key=lambda one: -one.cosine):
+        first.setdefault(one.family, one)
+    return tuple(first.values())
+
+
+def imitating(grams: Grams, named: Sequence[str], one: LookAlike) -> FloatArray:
+    """Return the coefficients that a look-alike would have in the place of the named cause, the others kept.
+
+    Parameters
+    ----------
+    grams : Grams
+    named : sequence of str
+        Keys of the named causes.
+    one : LookAlike
+    """
+    keys = (*(key for key in named if key != one.of), one.key)
+    told = estimate(grams, keys)
+    return np.array([told.coefficients[i] for i in told.columns if grams.causes[i].key == one.key])

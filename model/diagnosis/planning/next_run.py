@@ -1,0 +1,397 @@
+r"""Which manoeuvre would split a set of causes best: the engine designs the next run.
+
+Every manoeuvre of `model.diagnosis.planning.manoeuvres` is linearised and whitened as if it had been driven, with
+the noise model of the campaign; two more need no soil. What its cross products would add to those of the runs that were
+driven is said below.
+
+The noise model as far as instruments can be that bad: what an explanation is judged by.
+
+Slip is measured, and an error of the ground speed shows in all channels at once. So does much else: a slip that lags
+behind, a soil that answers late. A noise model that may choose its speed error and its delays freely explains them
+all; one that may choose the soil's scatter freely takes a soft patch for it. Whether an explanation is adequate is
+therefore judged with a speed error no larger than the sensor is stated to have, with a margin, or than a usual receiver
+has, with delays no longer than what is thought of toothed rings, and with a soil as even as is thought of one terrain.
+
+What can be measured without any soil: zeros with the wheel lifted, slip and its delay on hard ground.
+
+What more data would do to a set of causes that cannot be told apart yet.
+
+Let member i of the set be the cause at its estimated size. Data with cross products G then favour it over member j,
+at whatever size j imitates it best, by an expected
+
+.. math:: \tfrac12\, d^2_{i|j}(G) = \tfrac12\, z_i^2 (1 - \cos^2_{ij})
+
+nats (`model.diagnosis.findings.detectable`: z is d, and the cosine is that of the signatures once the soil is projected
+out). What one more run adds is the difference of that with and without it. Against the whole rest of the set, with
+weights :math:`w_j`, i gains :math:`-\ln \sum_j w_j \exp(-\Delta_{ij})`: a run that parts i from all others but one
+look-alike is worth little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from math import exp
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.core.result import NextRun
+from model.diagnosis.findings.detectable import Projected, least_left, own_columns
+from model.diagnosis.findings.detectable import projected_without_soil as without_soil
+from model.diagnosis.planning.manoeuvres import LIKE_OTHERS, Manoeuvre, manoeuvres, typical_run, with_standstills
+from model.diagnosis.time_series.columns import columns_of
+from model.diagnosis.time_series.grams import Grams
+from model.diagnosis.time_series.linearise import Point, Simulation, at_rest, linearise
+from model.diagnosis.time_series.looks import Look
+from model.diagnosis.time_series.noise import Noise, beliefs, rest_variance
+from model.diagnosis.time_series.rests import AT_REST
+from model.diagnosis.time_series.samples import Samples
+from model.diagnosis.time_series.start import View
+from model.diagnosis.time_series.whitening import joined, run_grams
+from model.wheel_soil.conditions import Conditions
+from model.wheel_soil.dual import Dual, Number, column
+
+MARGIN = 1.5
+"""Times the stated one-sigma."""
+USUAL_MPS = 0.05
+"""One-sigma that any receiver may have: data sheets say .03 (0.1 km/h); slow drift comes on top."""
+LOG_SIGMAS = 2.0
+"""One-sigmas of its logarithm by which a delay, or the soil's scatter in a run, may be larger than thought."""
+_SPEED = ("speed_noise_mps", "speed_white_mps")
+_OTHERS = ("wheel_speed_delay_s", "wheel_edge_delay_rad", "stiffness_in_run", "friction_in_run")
+
+
+def plausible_grams(look: Look) -> Grams:
+    """Return the Gram matrices under a speed error that the sensor can have; those of the look where it has.
+
+    Parameters
+    ----------
+    look : Look
+    """
+    noises = [_plausible(view) for view in look.views]
+    if all(noise is view.noise for noise, view in zip(noises, look.views, strict=True)):
+        return look.grams
+    return joined(
+        [
+            (
+                view.campaign.name,
+                view.samples.run_names,
+                view.columns,
+                run_grams(view.samples, view.linear, view.columns, noise.values, view.speed_variance),
+            )
+            for noise, view in zip(noises, look.views, strict=True)
+        ]
+    )
+
+
+def _plausible(view: View) -> Noise:
+    believed = beliefs(view.samples)
+    most = {name: max(MARGIN * believed[name].centre, USUAL_MPS) for name in _SPEED}
+    for name in _OTHERS:
+        most[name] = believed[name].centre * exp(LOG_SIGMAS * believed[name].log_sigma)
+    if all(view.noise.values.get(name, 0.0) <= largest for name, largest in most.items()):
+        return view.noise
+    return replace(view.noise, values={k: min(x, most.get(k, x)) for k, x in view.noise.values.items()})
+
+
+FloatArray = NDArray[np.float64]
+
+COASTED_S = 120.0
+"""On hard ground: it costs no track and no soil, and a radius asks for the mean of a slow error of the speed."""
+_ROLLING_RADIUS_SHARE = 0.005
+"""By how much a tyre's rolling radius on hard ground may differ from that on soil."""
+
+
+def lifted_wheel(view: View, simulation: Simulation, run: Samples) -> FloatArray:
+    """Return cross products of the causes, shape (k, k), when the unloaded channels are read for some seconds.
+
+    Parameters
+    ----------
+    view : View
+        For its noise.
+    simulation : Simulation
+    run : Samples
+        A run that was driven.
+    """
+    standing = with_standstills(run)
+    conditions = replace(standing.rests.conditions, vertical_load_n=np.full(len(standing.rests), 1e-9))
+    lifted = replace(standing, rests=replace(standing.rests, conditions=conditions))
+    _, by_cause = at_rest(simulation, lifted, _known(view, simulation))
+    variance = rest_variance(view.linear, lifted, view.noise.values)
+    present = np.array([c in view.linear.channels for c in AT_REST])
+    rows = (by_cause / np.sqrt(variance)[..., None])[present].reshape(-1, by_cause.shape[-1])
+    by_load = _by_inputs(simulation, conditions, "vertical_load_n") / view.noise.values["load_noise_n"]
+    return _products(np.concatenate([rows, by_load]), simulation)
+
+
+def hard_ground(view: View, simulation: Simulation, run: Samples) -> FloatArray:
+    """Return cross products of the causes, shape (k, k), of coasting for `COASTED_S`: there is no slip.
+
+    Parameters
+    ----------
+    view, simulation, run
+        As for `lifted_wheel`; the run is repeated at the same ground speed.
+    """
+    values = view.noise.values
+    apart = max(1, round(values["speed_noise_time_s"] / run.block_s))
+    thinned = run[np.arange(len(run)) % apart == 0]
+    speed = np.asarray(thinned.conditions.ground_speed_mps)
+    rolling = replace(
+        thinned.conditions,
+        wheel_speed_radps=speed / run.wheel_radius_m,
+        wheel_acceleration_radps2=np.asarray(thinned.conditions.ground_acceleration_mps2) / run.wheel_radius_m,
+        slip=np.zeros(len(speed)),
+    )
+    sigma = float(np.hypot(values["speed_noise_mps"], values["speed_white_mps"] / np.sqrt(apart)))
+    rows = _by_inputs(simulation, rolling, "slip") * (speed / sigma)[:, None]
+    longer = np.sqrt(max(COASTED_S / (len(run) * run.block_s), 1.0))
+    rows = longer * rows
+    common = longer * _ROLLING_RADIUS_SHARE * speed / sigma
+    across = common @ rows
+    scale = _scales(simulation)
+    return _products(rows, simulation) - np.outer(across * scale, across * scale) / (1.0 + float(common @ common))
+
+
+def _by_inputs(simulation: Simulation, conditions: Conditions, name: str) -> FloatArray:
+    """Return how a true input changes with every parameter at neutral, shape (n, k)."""
+    at = conditions.map(column)
+    count = len(np.asarray(conditions.slip))
+    found = []
+    for effect, i, key in simulation.parameters:
+        values: dict[str, Number] = {p.name: p.neutral for p in effect.parameters}
+        values[effect.parameters[i].name] = Dual(effect.parameters[i].neutral, {key: 1.0})
+        with np.errstate(invalid="ignore", divide="ignore"):
+            true = getattr(effect().inputs(at, values), name)
+        slope = true.partials.get(key, 0.0) if isinstance(true, Dual) else 0.0
+        found.append(np.broadcast_to(slope, (count, 1))[:, 0])
+    return np.stack(found, axis=1) if found else np.zeros((count, 0))
+
+
+def _scales(simulation: Simulation) -> FloatArray:
+    return np.array([e.parameters[i].towards(simulation.wheel) for e, i, _ in simulation.parameters])
+
+
+def _products(rows: FloatArray, simulation: Simulation) -> FloatArray:
+    own = rows * _scales(simulation)
+    return np.asarray(own.T @ own)
+
+
+def _known(view: View, simulation: Simulation) -> dict[str, float]:
+    names = {key for _, _, key in simulation.parameters}
+    return {key: value for key, value in view.linear.point.causes.items() if key in names}
+
+
+PARTS = 2.0
+"""Expected nats, whichever of both is the cause, from which on a run is said to part two members: odds of 7 to 1."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """A cause of the set.
+
+    Attributes
+    ----------
+    key : str
+    size : array, shape (parameters,)
+        Coefficients, in units of the prior scale.
+    probability : float
+        Weight; need not sum to 1.
+    """
+
+    key: str
+    size: FloatArray
+    probability: float = 1.0
+
+
+@dataclass(frozen=True)
+class Split:
+    """What more data would do.
+
+    Attributes
+    ----------
+    nats : array, shape (members, members)
+        What they add to the expected log Bayes factor of the row's member, if it is the cause, over the column's.
+    expected_log_bayes_factor : float
+        Of the true member over the rest, averaged over which is true; nats.
+    parted : tuple of str
+        Keys of the members that come apart from at least one other.
+    """
+
+    nats: FloatArray
+    expected_log_bayes_factor: float
+    parted: tuple[str, ...]
+
+
+def split(grams: Grams, added: FloatArray, members: tuple[Member, ...], now: FloatArray | None = None) -> Split:
+    """Say what more data would do to a set of causes.
+
+    Parameters
+    ----------
+    grams : Grams
+        Names the columns; its sum over runs is what is known now.
+    added : array, shape (m, m)
+        Cross products of the data to be added.
+    members : tuple of Member
+    now : array, shape (m, m), optional
+        Another sum than that of all runs.
+    """
+    total = grams.total() if now is None else now
+    before = _pairwise(grams, without_soil(grams, total), members)
+    nats = np.maximum(_pairwise(grams, without_soil(grams, total + added), members) - before, 0.0)
+    weights = np.array([max(member.probability, 1e-9) for member in members])
+    weights = weights / weights.sum()
+    gained = [against_rest(nats[i], weights, i) for i in range(len(members))] if len(members) > 1 else [0.0]
+    comes_apart = np.any(0.5 * (nats + nats.T) >= PARTS, axis=1).tolist()
+    parted = tuple(member.key for member, apart in zip(members, comes_apart, strict=True) if apart)
+    return Split(nats, float(weights @ gained), parted)
+
+
+def against_rest(nats: FloatArray, weights: FloatArray, i: int) -> float:
+    """Return the expected log Bayes factor of member i against all others together.
+
+    Parameters
+    ----------
+    nats : array, shape (members,)
+        Against each.
+    weights : array, shape (members,)
+        Probabilities.
+    i : int
+    """
+    rest = np.arange(len(weights)) != i
+    share = weights[rest] / weights[rest].sum()
+    least = float(nats[rest].min())
+    return least - float(np.log(share @ np.exp(least - nats[rest])))
+
+
+def _pairwise(grams: Grams, projected: Projected, members: tuple[Member, ...]) -> FloatArray:
+    """Return half of d^2 of each member that each other leaves, shape (members, members); 0 on the diagonal."""
+    found = np.zeros((len(members), len(members)))
+    for i, one in enumerate(members):
+        for j, other in enumerate(members):
+            if i != j:
+                columns = own_columns(grams, other.key)
+                sided = np.array([grams.causes[c].one_sided for c in columns])
+                left = least_left(projected.information, own_columns(grams, one.key), one.size, columns, sided)
+                found[i, j] = 0.5 * left**2
+    return found
+
+
+def members_of(sizes: Mapping[str, FloatArray], probabilities: Mapping[str, float]) -> tuple[Member, ...]:
+    """Return the members of a set by their keys; one without a probability counts as any other."""
+    return tuple(Member(key, np.asarray(size, float), probabilities.get(key, 1.0)) for key, size in sizes.items())
+
+
+MOST = 5
+COASTING = "coasting on hard ground for two minutes, speeding up and slowing down"
+_WORTH_SAYING = 0.05
+_BETTER = 1.05
+"""Times what one more run like the others would give: less is no reason to drive another way."""
+
+
+def next_runs(look: Look, members: tuple[Member, ...], most: int = MOST) -> tuple[NextRun, ...]:
+    """Rank manoeuvres by what one more run of them does to a set of causes.
+
+    Parameters
+    ----------
+    look : Look
+    members : tuple of Member
+        The causes that could not be told apart, at their estimated sizes.
+    most : int
+        Manoeuvres to return.
+
+    Returns
+    -------
+    tuple of NextRun
+        Best first; what does no better than one more run like the others is left out. What a run separates are
+        families. Empty where there is but one member.
+    """
+    known = {c.key: c.family for c in look.grams.causes}
+    own = tuple(member for member in members if member.key in known)
+    if len(own) < 2:
+        return ()
+    keys = tuple(dict.fromkeys((*(member.key for member in own), *look.best.keys)))
+    found: dict[str, NextRun] = {}
+    for change, added in _candidates(look, keys):
+        result = split(look.grams, added, own)
+        families = tuple(dict.fromkeys(known[key] for key in result.parted))
+        said = NextRun(change, families, result.expected_log_bayes_factor)
+        if change not in found or found[change].expected_log_bayes_factor < said.expected_log_bayes_factor:
+            found[change] = said
+    ranked = sorted(found.values(), key=lambda run: -run.expected_log_bayes_factor)
+    plain = max((r.expected_log_bayes_factor for r in ranked if r.change.endswith(LIKE_OTHERS)), default=0.0)
+    least = max(_BETTER * plain, _WORTH_SAYING)
+    return tuple(r for r in ranked if r.expected_log_bayes_factor > least or r.change.endswith(LIKE_OTHERS))[:most]
+
+
+def _candidates(look: Look, keys: tuple[str, ...]) -> Iterator[tuple[str, FloatArray]]:
+    """Yield what could be done and the cross products that it would give."""
+    for index, view in enumerate(look.views):
+        if not len(view.samples):
+            continue
+        several = f"{view.campaign.name}: " if len(look.views) > 1 else ""
+        effects = tuple(e for e in view.simulation.effects if e.key() in keys)
+        simulation = replace(view.simulation, effects=effects)
+        for manoeuvre in manoeuvres(view.samples):
+            yield several + manoeuvre.change, embedded(look, index, simulation, run_matrix(view, simulation, manoeuvre))
+        typical = typical_run(view.samples)
+        for change, causes in (
+            ("the zero with the wheel lifted, at standstill", lifted_wheel(view, simulation, typical)),
+            (COASTING, hard_ground(view, simulation, typical)),
+        ):
+            q = len(simulation.space)
+            matrix = np.zeros((1 + q + len(causes), 1 + q + len(causes)))
+            matrix[1 + q :, 1 + q :] = causes
+            yield several + change, embedded(look, index, simulation, matrix)
+
+
+def run_matrix(view: View, simulation: Simulation, manoeuvre: Manoeuvre) -> FloatArray:
+    """Return the cross products of a run that was not driven: residual (void), soil, causes.
+
+    Parameters
+    ----------
+    view : View
+        Of the campaign it would belong to.
+    simulation : Simulation
+        Its own, perhaps with fewer effects.
+    manoeuvre : Manoeuvre
+    """
+    samples = manoeuvre.samples
+    linear = linearise(simulation, samples, _point(view, simulation, samples))
+    columns = columns_of(simulation, samples, linear)
+    values = {name: belief.centre for name, belief in beliefs(samples).items()} | view.noise.values
+    variance = np.full(len(samples), float(np.median(view.speed_variance)))
+    keep = 1 + len(columns.soil) + len(columns.causes)
+    return run_grams(samples, linear, columns, values, variance).matrices[0, :keep, :keep]
+
+
+def _point(view: View, simulation: Simulation, samples: Samples) -> Point:
+    known = {key for _, _, key in simulation.parameters}
+    causes = {key: value for key, value in view.linear.point.causes.items() if key in known}
+    return Point(view.linear.point.soil, causes, np.zeros(len(samples)))
+
+
+def embedded(look: Look, index: int, simulation: Simulation, matrix: FloatArray) -> FloatArray:
+    """Return cross products of one campaign in the layout of all campaigns' Grams, shape (m, m); the rest is zero.
+
+    Parameters
+    ----------
+    look : Look
+    index : int
+        Of the campaign.
+    simulation : Simulation
+        Whose effects are the causes in `matrix`.
+    matrix : array, shape (1 + q + k, 1 + q + k)
+    """
+    grams: Grams = look.grams
+    q = len(simulation.space)
+    before = sum(len(view.simulation.space) for view in look.views[:index])
+    turn = np.zeros((len(matrix), grams.matrices.shape[1]))
+    turn[np.arange(1, 1 + q), 1 + before + np.arange(q)] = 1.0
+    shared: Mapping[tuple[str, str], int] = {(c.key, c.parameter): i for i, c in enumerate(grams.causes)}
+    for row, (effect, i, _) in enumerate(simulation.parameters):
+        parameter = effect.parameters[i]
+        at = shared[effect.key(), parameter.name]
+        stretch = grams.causes[at].scale / parameter.towards(simulation.wheel)
+        turn[1 + q + row, grams.cause_columns.start + at] = stretch
+    return np.asarray(turn.T @ matrix @ turn)

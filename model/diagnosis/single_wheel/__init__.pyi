@@ -1,0 +1,16 @@
+from .coordinates import SoilCoordinates as SoilCoordinates
+from .diagnose import diagnose_bench as diagnose_bench
+from .findings import parameter_draws as parameter_draws
+from .held_out import foretell as foretell
+from .problem import BenchProblem as BenchProblem
+from .problem import CauseUse as CauseUse
+from .problem import Hypothesis as Hypothesis
+from .sets import driven_rows as driven_rows
+from .sets import library as library
+from .sets import skid_law as skid_law
+from .transfer_study import OWN as OWN
+from .transfer_study import Transfer as Transfer
+from .transfer_study import transfer as transfer
+from .weighing import Weighed as Weighed
+from .weighing import Weighing as Weighing
+from .weighing import weigh as weigh

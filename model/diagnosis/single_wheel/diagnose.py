@@ -1,0 +1,245 @@
+"""Diagnosis of bench tables: few independent rows, a strongly nonlinear model, a soil that is barely known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq import DataError, Fault
+from model.diagnosis.core.campaign import Bench, DiagnosisOptions
+from model.diagnosis.core.consistency import inconsistencies
+from model.diagnosis.core.result import Adequacy, Candidate, Cause, CauseSet, Diagnosis, Gain, Verdict
+from model.diagnosis.core.verdict import IDLE_AT, NOTHING_AT, likeliest_of
+from model.diagnosis.single_wheel.findings import (
+    cause_of,
+    detectable,
+    findings_of,
+    mean_of,
+    noise_of,
+    seen_of,
+    short_set,
+    soils_of,
+    with_posterior,
+)
+from model.diagnosis.single_wheel.held_out import gain_of, next_tests
+from model.diagnosis.single_wheel.problem import BenchProblem
+from model.diagnosis.single_wheel.sets import NO_SLIP, Library, library, skid_law
+from model.diagnosis.single_wheel.weighing import Weighed, Weighing, weigh
+from model.diagnosis.single_wheel.words import beside_of, mixed_words, notes_of, sentence_of
+from model.one_thread import one_thread
+
+FloatArray = NDArray[np.float64]
+
+_LEAST_ROWS = 4
+_MOST_SIGNATURES = 6
+
+
+@one_thread
+def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = None) -> Diagnosis:
+    """Diagnose bench tables jointly: causes are shared, and the soil where two tables name the same one.
+
+    Rows of a driven wheel (s >= 0) are diagnosed; rows with s < 0 have a law of their own and do not enter. A table
+    with rows of a braked wheel alone is diagnosed by its sinkage.
+
+    Parameters
+    ----------
+    benches : sequence of Bench
+    options : DiagnosisOptions, optional
+
+    Raises
+    ------
+    ConfigError
+        A laboratory soil that cannot carry a wheel.
+    DataError
+        No rows, or a wheel that no soil near the laboratory's carries.
+    """
+    options = options or DiagnosisOptions()
+    if not any(len(bench.rows) for bench in benches):
+        raise DataError(Fault("the table has no rows to diagnose", ", ".join(b.name for b in benches)))
+    stages = _Stages()
+    with stages.timed("rows"):
+        chosen, channels, remarks = _rows(benches, options)
+        problem = BenchProblem.of(chosen, replace(options, channels=channels))
+        known = library(problem, options)
+    few = _too_few(problem)
+    if few:
+        return _undecided(few, known, remarks, stages)
+    rng = np.random.default_rng(options.seed)
+    with stages.timed("evidence"):
+        weighing = weigh(problem, known.uses, options.most_causes, rng)
+    with stages.timed("held_out"):
+        gain = gain_of(weighing, rng)
+    with stages.timed("verdict"):
+        return _diagnosis(benches, weighing, known, gain, remarks, options, stages, rng)
+
+
+def _rows(benches: Sequence[Bench], options: DiagnosisOptions) -> tuple[list[Bench], tuple[str, ...], list[str]]:
+    """Return the rows to diagnose, the channels to use, and what to say of the choice."""
+    driven = [bench.rows.slip > -NO_SLIP for bench in benches]
+    braked = not any(int(np.count_nonzero(bench.rows.slip > NO_SLIP)) for bench in benches)
+    kept, remarks = [], []
+    for bench, rows in zip(benches, driven, strict=True):
+        usable = np.isfinite(bench.rows.slip) & np.isfinite(bench.rows.vertical_load_n)
+        wanted = usable & ((bench.rows.slip < NO_SLIP) if braked else rows)
+        left = int(np.count_nonzero(usable & ~wanted))
+        if left:
+            remarks.append(f"{bench.name}: {left} rows with s < 0 left out of the diagnosis of a driven wheel")
+        part = bench.rows[wanted]
+        slip = np.minimum(part.slip, 0.0) if braked else np.maximum(part.slip, 0.0)
+        kept.append(replace(bench, rows=replace(part, slip=slip)))
+    if braked:
+        remarks.append("rows of a braked wheel alone are diagnosed by their sinkage: its forces are not those of Eq. 4")
+        return kept, tuple(c for c in options.channels if c == "z"), remarks
+    return kept, options.channels, remarks
+
+
+def _too_few(problem: BenchProblem) -> str:
+    """Return why nothing can be decided; empty where something can."""
+    rows = sum(len(chosen) for chosen in problem.rows)
+    if not problem.noises:
+        return "none of the channels that are looked at was measured in these rows"
+    if rows < _LEAST_ROWS or len(np.unique(problem.group)) < 2:
+        found = f"{len(problem.slip)} rows at {len(np.unique(problem.group))} slip and load"
+        return f"{found} decide nothing: measure at three slips or more, three times each"
+    return ""
+
+
+def _undecided(why: str, known: Library, remarks: Sequence[str], stages: _Stages) -> Diagnosis:
+    return Diagnosis(
+        verdict="nothing_detectable",
+        sentence=f"Nothing can be said: {why}.",
+        causes=(),
+        candidates=(),
+        what_is_wrong=(),
+        gain=None,
+        inconsistent=(),
+        adequacy=None,
+        proposal=None,
+        minimum_detectable={},
+        next_run=(),
+        cannot_tell={**known.cannot_tell, **known.ruled_out, **dict.fromkeys(known.families, why)},
+        notes=tuple(remarks),
+        stages_s=stages.seconds,
+    )
+
+
+def _diagnosis(
+    benches: Sequence[Bench],
+    weighing: Weighing,
+    known: Library,
+    gain: Gain | None,
+    remarks: Sequence[str],
+    options: DiagnosisOptions,
+    stages: _Stages,
+    rng: np.random.Generator,
+) -> Diagnosis:
+    problem = weighing.problem
+    verdict, families = verdict_of(weighing, known, gain, options)
+    causes = tuple(cause_of(weighing, family, weighing.of_family(family), rng) for family in families)
+    best = with_posterior(weighing, _extension(weighing, verdict, causes), rng)
+    shown = _shown(weighing, causes)
+    seen = seen_of(weighing, best, shown)
+    runs = next_tests(weighing, rng) if verdict == "one_of" or options.next_run else ()
+    beside = beside_of(weighing, families) if verdict == "named" else {}
+    skids = {bench.name: law for bench in benches if (law := skid_law(bench)) is not None}
+    null = weighing.of_set(())
+    return Diagnosis(
+        verdict=verdict,
+        sentence=sentence_of(verdict, weighing, causes, beside, gain, runs) + mixed_words(problem),
+        causes=causes,
+        candidates=candidates_of(weighing, known),
+        what_is_wrong=findings_of(weighing),
+        gain=gain,
+        inconsistent=inconsistencies(benches),
+        adequacy=Adequacy(_least_misfit(weighing), weighing.threshold, weighing.any_adequate),
+        proposal=None,
+        minimum_detectable=detectable(problem, known, null.optima[0], options.name_at),
+        next_run=runs,
+        cannot_tell={**known.cannot_tell, **known.ruled_out},
+        notes=(*remarks, *notes_of(problem, seen, skids, weighing)),
+        noise=_noise(problem, mean_of(weighing.sets[0].posterior)),
+        soils=soils_of(weighing, best),
+        seen=seen,
+        stages_s=stages.seconds,
+        sets=sets_of(weighing),
+    )
+
+
+def sets_of(weighing: Weighing) -> tuple[CauseSet, ...]:
+    """Return the likeliest sets of families, forms put together."""
+    chances = [(w.families, float(p)) for p, w in zip(weighing.probabilities, weighing.sets, strict=True) if p > 0]
+    named = {family for own, _ in chances for family in own}
+    return likeliest_of(chances, {family: weighing.of_family(family) for family in named})
+
+
+def verdict_of(
+    weighing: Weighing, known: Library, gain: Gain | None, options: DiagnosisOptions
+) -> tuple[Verdict, list[str]]:
+    """Return the verdict and its families, in the published order of rules."""
+    if not weighing.any_adequate:
+        return "unexplained", []
+    none = float(sum(p for p, w in zip(weighing.probabilities, weighing.sets, strict=True) if not w.hypothesis))
+    chance = {family: weighing.of_family(family) for family in known.families}
+    sure = sorted((f for f in known.families if chance[f] > options.name_at), key=lambda f: -chance[f])
+    idle = gain is not None and not gain.log_likelihood_gain > 0
+    if none >= (IDLE_AT if idle else NOTHING_AT):
+        return "nothing_detectable", []
+    if sure and gain is not None and not idle and not gain.reduction_percent < 0:
+        return "named", sure
+    return "one_of", short_set(weighing, known.families)
+
+
+def candidates_of(weighing: Weighing, known: Library) -> tuple[Candidate, ...]:
+    """Return every family with its probability, likeliest first; "none" among them."""
+    found = [Candidate(family, weighing.of_family(family)) for family in known.families]
+    none = sum(p for p, w in zip(weighing.probabilities, weighing.sets, strict=True) if not w.hypothesis)
+    return tuple(sorted([*found, Candidate("none", float(none))], key=lambda c: -c.probability))
+
+
+def _extension(weighing: Weighing, verdict: Verdict, causes: Sequence[Cause]) -> Weighed:
+    """Return the set that extends the simulation: the named causes, the likeliest member of a set, or the least bad."""
+    if verdict == "unexplained":
+        return weighing.sets[0]
+    keys = [cause.key for cause in (causes if verdict == "named" else causes[:1])]
+    return next((w for w in weighing.sets if {use.key for use in w.hypothesis} == set(keys)), weighing.sets[0])
+
+
+def _shown(weighing: Weighing, causes: Sequence[Cause]) -> list[str]:
+    """Return the candidates to draw: the causes, then the likeliest others, each by its likeliest form."""
+    ranked = [w for w in sorted(weighing.sets, key=lambda w: -w.score) if len(w.hypothesis) == 1]
+    keys = [cause.key for cause in causes] + [w.hypothesis[0].key for w in ranked]
+    return list(dict.fromkeys(keys))[:_MOST_SIGNATURES]
+
+
+def _least_misfit(weighing: Weighing) -> float:
+    """Return the misfit of the likeliest set, or the least of all where none is right enough."""
+    if weighing.any_adequate:
+        return weighing.sets[0].misfit
+    return min(w.misfit for w in weighing.sets)
+
+
+def _noise(problem: BenchProblem, said: dict[str, FloatArray]) -> dict[str, float]:
+    units = {"dp": "n", "t": "nm", "z": "m"}
+    found = {}
+    for channel, (scatter, form) in noise_of(problem, said).items():
+        found[f"{channel}_repeats_{units[channel]}"] = scatter
+        found[f"{channel}_form_{units[channel]}"] = form
+    return found
+
+
+@dataclass
+class _Stages:
+    """What took how long."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def timed(self, name: str) -> Iterator[None]:
+        start = perf_counter()
+        yield
+        self.seconds[name] = perf_counter() - start

@@ -1,0 +1,301 @@
+"""Values of causes and of the soil, as the posterior of all sets that hold them gives them.
+
+The rows that were looked at, for figures and for saying where the simulation is off.
+
+The smallest size of every cause that a bench's rows would have shown, linearised at the laboratory's soil.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import log, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.core.prior import SIZE_PRIOR
+from model.diagnosis.core.result import FIELDS as CHANNEL_FIELDS
+from model.diagnosis.core.result import Cause, Detectable, Finding, ParameterEstimate, Seen, SoilEstimate
+from model.diagnosis.single_wheel.evidence import Posterior, posterior_of
+from model.diagnosis.single_wheel.problem import FIELDS, BenchProblem, CauseUse
+from model.diagnosis.single_wheel.search import Optimum
+from model.diagnosis.single_wheel.sets import Library, family_of
+from model.diagnosis.single_wheel.weighing import Weighed, Weighing, with_usual_form
+from model.effects.catalogue import EFFECTS
+
+FloatArray = NDArray[np.float64]
+
+_SIGNIFICANT = 2.5
+
+
+def seen_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tuple[Seen, ...]:
+    """Return every bench's rows with what the simulation and its extensions say.
+
+    Parameters
+    ----------
+    weighing : Weighing
+    chosen : Weighed
+        The extension; it and no cause at all have a posterior.
+    keys : sequence of str
+        Candidates whose signatures are wanted.
+    """
+    problem = weighing.problem
+    null, best = weighing.of_set(()), chosen
+    base, extended = mean_of(null.posterior), mean_of(best.posterior)
+    members = {key: _alone(weighing, key) for key in keys}
+    sigma = _sigmas(problem, extended)
+    found = []
+    for i, bench in enumerate(problem.benches):
+        rows = problem.bench == i
+        channels = [c for c in FIELDS if np.isfinite(problem.measured(c)[rows]).any()]
+        nothing = np.full(int(rows.sum()), np.nan)
+        found.append(
+            Seen(
+                campaign=bench.name,
+                runs=bench.rows.names,
+                run=bench.rows.run,
+                time_s=bench.rows.time_s,
+                slip=bench.rows.slip,
+                ground_speed_mps=nothing,
+                vertical_load_n=bench.rows.vertical_load_n,
+                line_position=nothing,
+                measured={c: problem.measured(c)[rows] for c in channels},
+                base={c: base[c][rows] for c in channels},
+                extended={c: extended[c][rows] for c in channels},
+                base_sigma={c: np.full(int(rows.sum()), sigma.get(c, np.nan)) for c in channels},
+                signatures={
+                    key: {c: (said[c] - null.optima[0].said[c])[rows] for c in channels if c in problem.channels}
+                    for key, said in members.items()
+                },
+                implied={key: {c: said[c][rows] for c in FIELDS} for key, said in members.items()},
+                unseen=tuple(c for c in channels if c not in problem.channels),
+            )
+        )
+    return tuple(found)
+
+
+def findings_of(weighing: Weighing) -> tuple[Finding, ...]:
+    """Return where the simulation with its re-calibrated soil is off, worst first."""
+    problem, null = weighing.problem, weighing.of_set(())
+    said = mean_of(null.posterior)
+    found = []
+    for noise, rows in zip(problem.noises, problem.rows, strict=True):
+        error = noise.measured - said[noise.channel][rows]
+        scatter = float(np.median(noise.scatter))
+        for group in np.unique(noise.groups):
+            own = noise.groups == group
+            size = float(error[own].mean())
+            statistic = size / float(np.hypot(scatter / np.sqrt(own.sum()), noise.form_scale))
+            if abs(statistic) > _SIGNIFICANT:
+                where = _where(problem, rows[own])
+                found.append(Finding(CHANNEL_FIELDS[noise.channel], where, size, statistic, of_rows=True))
+    return tuple(sorted(found, key=lambda f: -abs(f.statistic)))
+
+
+def _where(problem: BenchProblem, rows: NDArray[np.intp]) -> str:
+    slip, load = problem.slip[rows], problem.load_n[rows]
+    bench = f"{problem.benches[problem.bench[rows[0]]].name}, " if len(problem.benches) > 1 else ""
+    manner = "driving" if slip.mean() >= 0 else "braking"
+    return f"{bench}slip {slip.mean():.2f}, load {load.mean():.3g} N, {manner} ({len(rows)} rows)"
+
+
+def mean_of(posterior: Posterior | None) -> dict[str, FloatArray]:
+    """Return what a set says on average over its posterior: channel -> array, shape (n,)."""
+    assert posterior is not None
+    return {channel: posterior.weights @ values for channel, values in posterior.said.items()}
+
+
+def _alone(weighing: Weighing, key: str) -> dict[str, FloatArray]:
+    """Return what a cause says as if it were the one: its own set, alone."""
+    own = next(w for w in weighing.sets if [use.key for use in w.hypothesis] == [key])
+    return own.optima[0].said if own.posterior is None else mean_of(own.posterior)
+
+
+def _sigmas(problem: BenchProblem, said: dict[str, FloatArray]) -> dict[str, float]:
+    """Return the one-sigma of a row, of each channel, where `said` is right."""
+    return {channel: float(np.hypot(*noise)) for channel, noise in noise_of(problem, said).items()}
+
+
+def noise_of(problem: BenchProblem, said: dict[str, FloatArray]) -> dict[str, tuple[float, float]]:
+    """Return scatter of repeats and error of form of each channel, given what a model says."""
+    found = {}
+    for noise, rows in zip(problem.noises, problem.rows, strict=True):
+        scatter, form = noise.means(noise.node_shares(noise.measured - said[noise.channel][rows]))
+        found[noise.channel] = (float(scatter), float(form))
+    return found
+
+
+def detectable(problem: BenchProblem, library: Library, null: Optimum, name_at: float) -> dict[str, Detectable]:
+    """Return the size of each cause from which on its family is expected to be named.
+
+    Parameters
+    ----------
+    problem : BenchProblem
+    library : Library
+    null : Optimum
+        Of no cause.
+    name_at : float
+        Probability from which on a family is named.
+    """
+    keys = [use.key for use in library.uses]
+    count = len(library.families)
+    found: dict[str, Detectable] = {}
+    for use in library.uses:
+        forms = sum(family_of(other) == family_of(use) for other in library.uses)
+        odds = log(SIZE_PRIOR[1] / count / forms / SIZE_PRIOR[0])
+        sizes = []
+        for which, coordinate in enumerate(problem.coordinates(use)):
+            spread = _spread(problem, null, use, which)
+            wanted = 2.0 * (log(name_at / (1.0 - name_at)) - odds + 0.5 * log(1.0 + 1.0 / spread**2))
+            sizes.append((spread * sqrt(max(wanted, 0.0)), coordinate))
+        size, coordinate = min(sizes, key=lambda pair: pair[0])
+        found[use.key] = Detectable(
+            coordinate.name, coordinate.neutral + coordinate.side * coordinate.scale * size, coordinate.unit
+        )
+    return {key: found[key] for key in keys}
+
+
+def _spread(problem: BenchProblem, null: Optimum, use: CauseUse, which: int) -> float:
+    """Return the one-sigma of a parameter, in prior scales, with the soil projected out."""
+    size = len(EFFECTS[use.key].parameters)
+    soil = problem.soil_offsets[-1]
+    standard = np.zeros((1, soil + size))
+    standard[0, :soil] = null.standard[:soil]
+    coordinates = problem.coordinates(use)
+    for i, coordinate in enumerate(coordinates):
+        value = coordinate.neutral + (0.5 * coordinate.side * coordinate.scale if i == which else 0.0)
+        standard[0, soil + i] = coordinate.standard(value)
+    said, _ = problem.evaluate([(use,)], standard)
+    information = 0.0
+    fixed = with_usual_form(problem)
+    change, slopes, precision = [], [], []
+    for noise, rows in zip(fixed.noises, fixed.rows, strict=True):
+        change.append((said[noise.channel][0, rows] - null.said[noise.channel][rows]) / 0.5)
+        slopes.append(null.slopes[noise.channel][rows, :soil])
+        precision.append(noise.precision(np.ones(1)))
+    information = sum(float(c @ p @ c) for c, p in zip(change, precision, strict=True))
+    if not np.isfinite(information) or information <= 0:
+        return np.inf
+    cross = sum(s.T @ p @ c for s, p, c in zip(slopes, precision, change, strict=True))
+    inner = np.eye(soil) + sum(s.T @ p @ s for s, p in zip(slopes, precision, strict=True))
+    left = information - float(cross @ np.linalg.solve(inner, cross))
+    return 1.0 / sqrt(left) if left > 0 else np.inf
+
+
+_COUNTED = 3.0
+"""Nats below the likeliest set that holds a cause within which another one counts for its parameters."""
+_MOST = 12
+_SUMS = {"lyasko": (("m1", "m2"), "p")}
+"""Parameters of which only the sum is well determined, and what it is called."""
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Weighted values of one quantity, shape (m,) each."""
+
+    values: FloatArray
+    weights: FloatArray
+
+    def estimate(self, name: str, unit: str) -> ParameterEstimate:
+        """Return the mean with the 95 % interval between quantiles."""
+        mean = float(self.weights @ self.values)
+        sigma = float(np.sqrt(self.weights @ (self.values - mean) ** 2))
+        order = np.argsort(self.values)
+        steps = np.cumsum(self.weights[order]) - 0.5 * self.weights[order]
+        low, high = np.interp([0.025, 0.975], steps, self.values[order])
+        return ParameterEstimate(name, unit, mean, (float(low), float(high)), sigma)
+
+
+def cause_of(weighing: Weighing, family: str, probability: float, rng: np.random.Generator) -> Cause:
+    """Return a family's likeliest form with its parameters, over all sets that hold it."""
+    shares: dict[CauseUse, float] = {}
+    for p, weighed in zip(weighing.probabilities, weighing.sets, strict=True):
+        for use in weighed.hypothesis:
+            if family_of(use) == family:
+                shares[use] = shares.get(use, 0.0) + float(p)
+    use = max(shares, key=lambda u: shares[u])
+    effect = EFFECTS[use.key]
+    total = sum(shares.values())
+    return Cause(
+        name=family,
+        form=effect.form,
+        kind=effect.kind,
+        key=use.key,
+        probability=probability,
+        form_probability=shares[use] / total if total > 0 else 1.0 / len(shares),
+        parameters=estimates_of(weighing, use, rng),
+    )
+
+
+def estimates_of(weighing: Weighing, use: CauseUse, rng: np.random.Generator) -> tuple[ParameterEstimate, ...]:
+    """Return the parameters of a cause, over all sets that hold it."""
+    effect = EFFECTS[use.key]
+    draws = parameter_draws(weighing, use, rng)
+    found = [draws[p.name].estimate(p.name, p.unit) for p in effect.parameters]
+    if use.key in _SUMS:
+        names, total_name = _SUMS[use.key]
+        total = Draws(np.sum([draws[name].values for name in names], axis=0), draws[names[0]].weights)
+        found.insert(0, total.estimate(total_name, effect.parameters[0].unit))
+    return tuple(found)
+
+
+def parameter_draws(weighing: Weighing, use: CauseUse, rng: np.random.Generator) -> dict[str, Draws]:
+    """Return weighted values of every parameter of a cause, over the likeliest sets that hold it."""
+    gated = [w for w in weighing.sets if use in w.hypothesis and weighing.adequate(w)]
+    ranked = sorted(gated or [w for w in weighing.sets if use in w.hypothesis], key=lambda w: -w.score)
+    counted = [w for w in ranked if w.posterior or w.score > ranked[0].score - _COUNTED][:_MOST]
+    holding = [(float(np.exp(w.score - ranked[0].score)), with_posterior(weighing, w, rng)) for w in counted]
+    problem = weighing.problem
+    values: dict[str, list[FloatArray]] = {}
+    weights = []
+    for p, weighed in holding:
+        assert weighed.posterior is not None
+        standard = weighed.posterior.standard[:, problem.positions(weighed.hypothesis)[use]]
+        for column, coordinate in zip(standard.T, problem.coordinates(use), strict=True):
+            values.setdefault(coordinate.name, []).append(coordinate.values(column)[0])
+        weights.append(p * weighed.posterior.weights)
+    share = np.concatenate(weights)
+    return {name: Draws(np.concatenate(parts), share / share.sum()) for name, parts in values.items()}
+
+
+def with_posterior(weighing: Weighing, weighed: Weighed, rng: np.random.Generator) -> Weighed:
+    """Return a set with its posterior, computed where the evidence did not need it."""
+    if weighed.posterior is not None:
+        return weighed
+    return replace(weighed, posterior=posterior_of(weighing.problem, weighed.optima, rng))
+
+
+def soils_of(weighing: Weighing, weighed: Weighed) -> tuple[SoilEstimate, ...]:
+    """Return the soils that a set of causes leaves; the set has a posterior."""
+    problem, posterior = weighing.problem, weighed.posterior
+    assert posterior is not None
+    found = []
+    for i, soil in enumerate(problem.soils):
+        bench = problem.benches[problem.soil_of.index(i)]
+        start, stop = problem.soil_offsets[i : i + 2]
+        values, _ = soil.values(posterior.standard[:, start:stop])
+        natural = soil.soil_parameters(values, bench.wheel.width_m)
+        draws = {name: Draws(column, posterior.weights).estimate(name, "") for name, column in natural.items()}
+        names = [b.name for b, of in zip(problem.benches, problem.soil_of, strict=True) if of == i]
+        found.append(
+            SoilEstimate(
+                " and ".join(names), {n: d.value for n, d in draws.items()}, {n: d.sigma for n, d in draws.items()}
+            )
+        )
+    return tuple(found)
+
+
+def short_set(weighing: Weighing, families: Sequence[str], level: float = 0.95) -> list[str]:
+    """Return the fewest families, likeliest first, one of which is among the causes with a probability of `level`.
+
+    What has no cause at all does not count.
+    """
+    holds = np.array([[family in w.families for family in families] for w in weighing.sets], bool)
+    some = np.array([bool(w.hypothesis) for w in weighing.sets])
+    p = np.where(some, weighing.probabilities, 0.0)
+    left, chosen = p.copy(), list[int]()
+    while p.sum() > 0 and left.sum() > (1.0 - level) * p.sum() and len(chosen) < len(families):
+        chosen.append(int(np.argmax(left @ holds)))
+        left = np.where(holds[:, chosen[-1]], 0.0, left)
+    return [families[i] for i in chosen]

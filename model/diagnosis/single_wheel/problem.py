@@ -1,0 +1,370 @@
+"""Many hypotheses about the same rows, evaluated at once: what the model says, and its slopes.
+
+A hypothesis is a set of causes, each on all benches or on one of them only. Its coordinates are standard normal
+beforehand (`model.diagnosis.single_wheel.coordinates`): first those of every soil, then those of its causes.
+Hypotheses with fewer coordinates than others are padded with ones that nothing depends on: they change no evidence.
+
+Rows of many hypotheses as columns of one model: parameters with their slopes, row by row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.core.campaign import Bench, DiagnosisOptions
+from model.diagnosis.single_wheel.coordinates import CauseCoordinate, SoilCoordinates
+from model.diagnosis.single_wheel.noise import ChannelNoise, groups_of_rows
+from model.effects.catalogue import EFFECTS
+from model.wheel_soil.conditions import Conditions
+from model.wheel_soil.dual import Dual, Number, value_of
+from model.wheel_soil.wheel_soil_model import Reading, WheelSoilModel
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CauseUse:
+    """A cause in a hypothesis.
+
+    Attributes
+    ----------
+    key : str
+        Of the effect in the library.
+    bench : int or None
+        Position of the only bench that it acts on, with a value of its own; None: on all, with one value.
+    """
+
+    key: str
+    bench: int | None = None
+
+
+Hypothesis = tuple[CauseUse, ...]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Rows of all hypotheses, one hypothesis after the other, as columns of the model."""
+
+    problem: BenchProblem
+    hypotheses: tuple[Hypothesis, ...]
+    standard: FloatArray
+    slopes: bool
+
+    @property
+    def count(self) -> int:
+        """Rows of all hypotheses."""
+        return len(self.hypotheses) * len(self.problem.slip)
+
+    def of_rows(self, values: FloatArray) -> FloatArray:
+        """Return a quantity of every row, (n,), as a column for all hypotheses."""
+        return np.tile(values, len(self.hypotheses))[:, None]
+
+    def parameters(self, model: WheelSoilModel) -> dict[str, Number]:
+        """Return every parameter of the model, as a column where rows differ in it."""
+        wheels = [bench.wheel for bench in self.problem.benches]
+        sizes = {name: np.array([getattr(w, name) for w in wheels]) for name in ("radius_m", "width_m")}
+        alike = all(np.ptp(size) == 0 for size in sizes.values())
+        columns: dict[str, Number] = {
+            name: float(size[0]) if alike else self.of_rows(size[self.problem.bench]) for name, size in sizes.items()
+        }
+        return columns | self._soils() | self._causes(model)
+
+    def _soils(self) -> dict[str, Number]:
+        problem, n = self.problem, len(self.problem.slip)
+        parts: dict[str, list[FloatArray]] = {}
+        partials: dict[str, list[FloatArray]] = {}
+        for i, soil in enumerate(problem.soils):
+            start, stop = problem.soil_offsets[i : i + 2]
+            values, by = soil.values(self.standard[:, start:stop])
+            width = problem.benches[problem.soil_of.index(i)].wheel.width_m
+            natural = soil.soil_parameters(values, width)
+            through = {
+                "cohesion_pa": by[:, 0],
+                "tan_phi": by[:, 1],
+                "shear_modulus_m": by[:, 2] * natural["shear_modulus_m"][:, None],
+                "sinkage_exponent": by[:, 3],
+                "cohesive_modulus": by[:, 4] * natural["cohesive_modulus"][:, None],
+                "frictional_modulus": by[:, 4] * natural["frictional_modulus"][:, None],
+            }
+            for name, value in natural.items():
+                parts.setdefault(name, []).append(value)
+                padded = np.zeros((len(value), 5))
+                padded[:, : stop - start] = through[name]
+                partials.setdefault(name, []).append(padded)
+        of_row = np.array(problem.soil_of)[problem.bench]
+        columns: dict[str, Number] = {}
+        for name, values_of_soils in parts.items():
+            value = np.stack(values_of_soils, axis=1)[:, of_row].reshape(-1, 1)
+            if not self.slopes:
+                columns[name] = value
+                continue
+            slope = np.stack(partials[name], axis=1)[:, of_row].reshape(len(self.hypotheses) * n, 5)
+            used = {f"u{j}": slope[:, j : j + 1] for j in range(5) if slope[:, j].any()}
+            columns[name] = Dual(value, used) if used else value
+        return columns
+
+    def _causes(self, model: WheelSoilModel) -> dict[str, Number]:
+        problem = self.problem
+        shape = (len(self.hypotheses), len(problem.slip))
+        values = {
+            key: np.full(shape, p.neutral)
+            for effect in model.effects
+            for key, p in zip(effect.parameter_keys().values(), effect.parameters, strict=True)
+        }
+        partials: dict[str, dict[str, FloatArray]] = {key: {} for key in values}
+        for (key, bench, slot), (coordinate, members) in self._slots().items():
+            rows = np.ones(shape[1], bool) if bench is None else problem.bench == bench
+            value, slope = coordinate.values(self.standard[members, problem.soil_offsets[-1] + slot])
+            block = np.ix_(np.array(members), rows)
+            values[key][block] = value[:, None]
+            partials[key].setdefault(f"c{slot}", np.zeros(shape))[block] = slope[:, None]
+        if not self.slopes:
+            return {key: value.reshape(-1, 1) for key, value in values.items()}
+        return {
+            key: Dual(value.reshape(-1, 1), {name: s.reshape(-1, 1) for name, s in partials[key].items()})
+            for key, value in values.items()
+        }
+
+    def _slots(self) -> dict[tuple[str, int | None, int], tuple[CauseCoordinate, list[int]]]:
+        """Return which hypotheses have which parameter of the model in which of their own coordinates."""
+        found: dict[tuple[str, int | None, int], tuple[CauseCoordinate, list[int]]] = {}
+        alike: dict[Hypothesis, list[int]] = {}
+        for member, hypothesis in enumerate(self.hypotheses):
+            alike.setdefault(hypothesis, []).append(member)
+        for hypothesis, members in alike.items():
+            slot = 0
+            for use in hypothesis:
+                names = EFFECTS[use.key].parameter_keys().values()
+                for name, coordinate in zip(names, self.problem.coordinates(use), strict=True):
+                    found.setdefault((name, use.bench, slot), (coordinate, []))[1].extend(members)
+                    slot += 1
+        # a bench's own value replaces the value for all
+        return dict(sorted(found.items(), key=lambda item: item[0][1] is not None))
+
+    def of_each(self, said: Number) -> FloatArray:
+        """Return a column of the model as one row for each hypothesis, shape (B, n)."""
+        shape = (len(self.hypotheses), len(self.problem.slip))
+        return np.array(np.broadcast_to(value_of(said), (self.count, 1))).reshape(shape)
+
+    def scattered(self, said: Number) -> FloatArray:
+        """Return the derivatives by the hypotheses' coordinates, shape (B, n, p)."""
+        problem, shape = self.problem, (len(self.hypotheses), len(self.problem.slip))
+        out = np.zeros((*shape, self.standard.shape[1]))
+        partials: dict[str, Any] = said.partials if isinstance(said, Dual) else {}
+        of_row = np.array(problem.soil_of)[problem.bench]
+        for name, partial in partials.items():
+            slope = np.broadcast_to(partial, (self.count, 1)).reshape(shape)
+            number = int(name[1:])
+            if name[0] == "c":
+                out[:, :, problem.soil_offsets[-1] + number] = slope
+                continue
+            for i, start in enumerate(problem.soil_offsets[:-1]):
+                if start + number < problem.soil_offsets[i + 1]:
+                    rows = of_row == i
+                    out[:, rows, start + number] = slope[:, rows]
+        return out
+
+
+FIELDS = {"dp": "drawbar_pull_n", "t": "driving_torque_nm", "z": "sinkage_m"}
+"""Channels of a bench, and what they are called elsewhere."""
+
+
+@dataclass(frozen=True)
+class BenchProblem:
+    """The rows of some benches, and what is known beforehand.
+
+    Attributes
+    ----------
+    benches : tuple of Bench
+    soils : tuple of SoilCoordinates
+    soil_of : tuple of int
+        Which of the soils each bench is on.
+    slip, load_n : arrays, shape (n,)
+        Of all rows, one bench after the other.
+    bench : int array, shape (n,)
+        Which bench a row is of.
+    group : int array, shape (n,)
+        Rows of one group are repeats.
+    noises : tuple of ChannelNoise
+        One for each channel that is used.
+    rows : tuple of int arrays
+        Rows of each channel.
+    reading : "balanced" or "literal"
+    """
+
+    benches: tuple[Bench, ...]
+    soils: tuple[SoilCoordinates, ...]
+    soil_of: tuple[int, ...]
+    slip: FloatArray
+    load_n: FloatArray
+    bench: NDArray[np.intp]
+    group: NDArray[np.intp]
+    noises: tuple[ChannelNoise, ...]
+    rows: tuple[NDArray[np.intp], ...]
+    reading: Reading
+
+    @staticmethod
+    def of(benches: Sequence[Bench], options: DiagnosisOptions) -> BenchProblem:
+        """Return the problem; benches with the same laboratory soil stand on one soil.
+
+        Raises
+        ------
+        ConfigError
+            See `SoilCoordinates.of`.
+        """
+        soils: list[Bench] = []
+        soil_of = []
+        for bench in benches:
+            same = [i for i, other in enumerate(soils) if _same_soil(bench, other)]
+            soil_of.append(same[0] if same else len(soils))
+            if not same:
+                soils.append(bench)
+        slip, load = (np.concatenate([getattr(b.rows, name) for b in benches]) for name in ("slip", "vertical_load_n"))
+        index = np.repeat(np.arange(len(benches)), [len(b.rows) for b in benches])
+        groups: list[NDArray[np.intp]] = []
+        for b in benches:
+            first = groups[-1].max() + 1 if groups else 0
+            groups.append(first + groups_of_rows(b.rows.run, b.rows.slip, b.rows.vertical_load_n))
+        problem = BenchProblem(
+            tuple(benches),
+            tuple(SoilCoordinates.of(b) for b in soils),
+            tuple(soil_of),
+            slip,
+            load,
+            index,
+            np.concatenate(groups),
+            (),
+            (),
+            options.reading,
+        )
+        return problem._with_noise(options.channels)
+
+    def _with_noise(self, channels: Sequence[str]) -> BenchProblem:
+        noises, rows = [], []
+        slopes = self._input_slopes() if any(_uncertain(b) for b in self.benches) else None
+        for channel in channels:
+            measured = self.measured(channel)
+            chosen = np.flatnonzero(np.isfinite(measured))
+            if not len(chosen):
+                continue
+            carried = np.zeros(len(chosen)) if slopes is None else slopes[channel][chosen]
+            known = [b.sigmas.get(channel) for b in self.benches]
+            sigma = None if any(s is None for s in known) else float(np.mean([s for s in known if s is not None]))
+            group = np.unique(self.group[chosen], return_inverse=True)[1]
+            form = ChannelNoise.usual_form(measured[chosen], group, sigma, self.size_of(channel))
+            noises.append(ChannelNoise.of(channel, measured[chosen], group, carried, form, sigma))
+            rows.append(chosen)
+        return replace(self, noises=tuple(noises), rows=tuple(rows))
+
+    def measured(self, channel: str) -> FloatArray:
+        """Return the measured values of a channel in all rows, NaN where not measured."""
+        return np.concatenate([getattr(b.rows, FIELDS[channel]) for b in self.benches])
+
+    def size_of(self, channel: str) -> float:
+        """Return what a channel is measured against: W, W r or r."""
+        radius = float(np.mean([b.wheel.radius_m for b in self.benches]))
+        return {"dp": self.typical_load_n, "t": self.typical_load_n * radius, "z": radius}[channel]
+
+    @cached_property
+    def typical_load_n(self) -> float:
+        """Median load of all rows."""
+        return float(np.median(self.load_n))
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that are used."""
+        return tuple(noise.channel for noise in self.noises)
+
+    @cached_property
+    def soil_offsets(self) -> tuple[int, ...]:
+        """First coordinate of each soil, and the number of them all."""
+        return tuple(np.cumsum([0, *(len(soil.names) for soil in self.soils)]).tolist())
+
+    def coordinates(self, use: CauseUse) -> tuple[CauseCoordinate, ...]:
+        """Return the coordinates of a cause."""
+        if use not in self._coordinates:
+            wheel, load_n = self.benches[use.bench or 0].wheel, self.typical_load_n
+            parameters = EFFECTS[use.key].parameters
+            self._coordinates[use] = tuple(CauseCoordinate.of(p, wheel, load_n) for p in parameters)
+        return self._coordinates[use]
+
+    @cached_property
+    def _coordinates(self) -> dict[CauseUse, tuple[CauseCoordinate, ...]]:
+        return {}
+
+    def positions(self, hypothesis: Hypothesis) -> dict[CauseUse, slice]:
+        """Return where the coordinates of each cause of a hypothesis are."""
+        found, first = {}, self.soil_offsets[-1]
+        for use in hypothesis:
+            last = first + len(EFFECTS[use.key].parameters)
+            found[use], first = slice(first, last), last
+        return found
+
+    def size(self, hypothesis: Hypothesis) -> int:
+        """Return the number of coordinates."""
+        return self.soil_offsets[-1] + sum(len(EFFECTS[use.key].parameters) for use in hypothesis)
+
+    def evaluate(
+        self, hypotheses: Sequence[Hypothesis], standard: FloatArray, *, slopes: bool = False
+    ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+        """Return what the model says under every hypothesis.
+
+        Parameters
+        ----------
+        hypotheses : sequence of B
+        standard : array, shape (B, p)
+            Coordinates; p at least the largest hypothesis' size.
+        slopes : bool
+            Whether derivatives are wanted.
+
+        Returns
+        -------
+        said : mapping channel ("dp", "t", "z") -> array, shape (B, n)
+            NaN where the model has no answer.
+        slopes : mapping channel -> array, shape (B, n, p)
+            Empty unless wanted.
+        """
+        columns = Columns(self, tuple(hypotheses), standard, slopes)
+        weight = np.array([b.soil.unit_weight_n_m3 for b in self.benches])[self.bench]
+        conditions = Conditions(
+            columns.of_rows(self.slip), columns.of_rows(self.load_n), unit_weight_n_m3=columns.of_rows(weight)
+        )
+        keys = dict.fromkeys(use.key for hypothesis in hypotheses for use in hypothesis)
+        first = self.benches[0]
+        model = WheelSoilModel(first.wheel, first.soil, [EFFECTS[key] for key in keys], self.reading)
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore"):
+            said = model.evaluate(conditions, columns.parameters(model))
+        values = {channel: columns.of_each(said[name]) for channel, name in FIELDS.items()}
+        if not slopes:
+            return values, {}
+        return values, {c: columns.scattered(said[name]) for c, name in FIELDS.items()}
+
+    def _input_slopes(self) -> dict[str, FloatArray]:
+        """Return the variances that slip's and load's errors carry into each channel, at the laboratory's soil."""
+        found: dict[str, list[FloatArray]] = {channel: [] for channel in FIELDS}
+        for bench in self.benches:
+            said = WheelSoilModel(bench.wheel, bench.soil, reading=self.reading).predict(
+                Conditions(bench.rows.slip, bench.rows.vertical_load_n), wrt=("slip", "vertical_load_n")
+            )
+            for channel, name in FIELDS.items():
+                by_slip, by_load = (getattr(said.sensitivities[x], name) for x in ("slip", "vertical_load_n"))
+                variance = (by_slip * bench.rows.slip_sigma) ** 2 + (by_load * bench.rows.vertical_load_sigma_n) ** 2
+                found[channel].append(np.nan_to_num(variance))
+        return {channel: np.concatenate(parts) for channel, parts in found.items()}
+
+
+def _same_soil(a: Bench, b: Bench) -> bool:
+    return a.soil == b.soil and bool(
+        np.array_equal(a.soil_prior.mean, b.soil_prior.mean)
+        and np.array_equal(a.soil_prior.covariance, b.soil_prior.covariance)
+    )
+
+
+def _uncertain(bench: Bench) -> bool:
+    return bool(np.any(bench.rows.slip_sigma > 0) or np.any(bench.rows.vertical_load_sigma_n > 0))

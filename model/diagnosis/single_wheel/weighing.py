@@ -1,0 +1,282 @@
+r"""Every set of causes of a bench, weighed: searched, corrected, gated.
+
+Whether a hypothesis is right enough to be weighed at all: a gate that stands before all probabilities.
+
+A probability compares explanations with each other; the best of bad ones gets a high one too. So each is first
+compared with what a right model leaves: with the scatter of repeats and the error of form that a right model may have
+(`model.diagnosis.single_wheel.noise.FORM_PER_SCATTER`), both fixed, the least
+
+.. math:: Q = \sum_{channels, groups} \frac{\bar e^2}{\sigma^2/m + a^2} + |v|^2
+
+over the coordinates v (soil and causes, standard normal beforehand) is chi-squared with as many degrees of freedom as
+there are group means, if the hypothesis is true. The threshold is the 99 % point of simulated Q, in which the scatter
+is estimated from as few repeats as in the data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq import DataError, Fault
+from model.diagnosis.single_wheel.evidence import Posterior, posterior_of
+from model.diagnosis.single_wheel.noise import ChannelNoise, scatter_of_repeats
+from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
+from model.diagnosis.single_wheel.search import Optima, Optimum, search
+from model.diagnosis.single_wheel.sets import Sets, family_of
+
+FloatArray = NDArray[np.float64]
+
+_LEVEL = 0.99
+_SIMULATIONS = 20_000
+
+
+def misfits(problem: BenchProblem, optima: Sequence[Optimum], rows: FloatArray | None = None) -> FloatArray:
+    """Return Q of hypotheses, each searched for from where it fits best otherwise.
+
+    Parameters
+    ----------
+    problem : BenchProblem
+    optima : sequence of Optimum
+    rows : array, shape (n,), optional
+        1 for rows that count, 0 for rows that are left out.
+    """
+    fixed = with_usual_form(problem)
+    found = search(fixed, [o.hypothesis for o in optima], [o.standard for o in optima], rows)
+    return np.array([_misfit(fixed, optimum, rows) for optimum in found])
+
+
+def with_usual_form(problem: BenchProblem) -> BenchProblem:
+    """Return the problem with fixed noise: the scatter of repeats, and the error of form of a right model."""
+    return replace(problem, noises=tuple(_fixed(noise) for noise in problem.noises))
+
+
+def threshold(problem: BenchProblem, rng: np.random.Generator, rows: FloatArray | None = None) -> float:
+    """Return the Q above which a hypothesis is not right enough."""
+    total: FloatArray = np.zeros(_SIMULATIONS)
+    for noise, chosen in zip(problem.noises, problem.rows, strict=True):
+        counted = np.ones(len(chosen)) if rows is None else rows[chosen]
+        size = noise.members.T @ counted
+        size = size[size > 0]
+        variance, freedom = _scatter(noise) ** 2, int((size - 1).sum())
+        seen = variance * (
+            rng.chisquare(freedom, _SIMULATIONS) / freedom if freedom and len(noise.scatter) > 1 else 1.0
+        )
+        true = variance / size + noise.form_scale**2
+        said = np.reshape(seen, (-1, 1)) / size + noise.form_scale**2
+        total += (rng.standard_normal((_SIMULATIONS, len(size))) ** 2 * true / said).sum(axis=1)
+    return float(np.quantile(total, _LEVEL))
+
+
+def _scatter(noise: ChannelNoise) -> float:
+    known = len(np.unique(noise.scatter)) == 1
+    return float(noise.scatter[0]) if known else scatter_of_repeats(noise.measured, noise.groups)
+
+
+def _fixed(noise: ChannelNoise) -> ChannelNoise:
+    scatter = max(_scatter(noise), 1e-3 * noise.form_scale)
+    return replace(noise, scatter=np.array([scatter]), form=np.array([noise.form_scale]), log_weight=np.zeros(1))
+
+
+def _misfit(fixed: BenchProblem, optimum: Optimum, rows: FloatArray | None) -> float:
+    if not np.isfinite(optimum.log_likelihood):
+        return np.inf
+    total = float(optimum.standard @ optimum.standard)
+    for noise, chosen in zip(fixed.noises, fixed.rows, strict=True):
+        counted = np.ones(len(chosen)) if rows is None else rows[chosen]
+        error = (noise.measured - optimum.said[noise.channel][chosen]) * counted
+        size = noise.members.T @ counted
+        there = size > 0
+        mean = (noise.members.T @ error)[there] / size[there]
+        total += float((mean**2 / (noise.scatter[0] ** 2 / size[there] + noise.form[0] ** 2)).sum())
+    return total
+
+
+_PROMISING = 7.0
+"""Nats below the best within which a pair gets a third cause."""
+_MOST_PAIRS = 6
+_GATED = 10.0
+"""Nats below the best within which a set is put to the gate; the others do not count anyway."""
+_CORRECTED = 4.5
+"""Nats below the best within which an evidence is corrected by importance sampling."""
+_MOST_CORRECTED = 16
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """One set of causes.
+
+    Attributes
+    ----------
+    hypothesis : Hypothesis
+    log_prior, log_evidence : float
+        The evidence is corrected where there is a posterior, else Laplace's shifted by what the corrections show.
+    optima : tuple of Optimum
+        From several starts, best first.
+    misfit : float
+        `model.diagnosis.single_wheel.weighing.misfits`.
+    posterior : Posterior or None
+    """
+
+    hypothesis: Hypothesis
+    log_prior: float
+    log_evidence: float
+    optima: tuple[Optimum, ...]
+    misfit: float
+    posterior: Posterior | None = None
+
+    @property
+    def score(self) -> float:
+        """Ln (prior times evidence)."""
+        return self.log_prior + self.log_evidence
+
+    @property
+    def families(self) -> frozenset[str]:
+        """Families in the set."""
+        return frozenset(family_of(use) for use in self.hypothesis)
+
+
+@dataclass(frozen=True)
+class Weighing:
+    """All sets.
+
+    Attributes
+    ----------
+    problem : BenchProblem
+    sets : tuple of Weighed
+        Likeliest first among the adequate ones, then the others.
+    threshold : float
+        Misfit above which a set is not right enough.
+    """
+
+    problem: BenchProblem
+    sets: tuple[Weighed, ...]
+    threshold: float
+
+    def adequate(self, weighed: Weighed) -> bool:
+        """Whether a set is right enough to be weighed."""
+        return weighed.misfit <= self.threshold
+
+    @property
+    def any_adequate(self) -> bool:
+        """Whether there is an explanation at all."""
+        return any(self.adequate(w) for w in self.sets)
+
+    @cached_property
+    def probabilities(self) -> FloatArray:
+        """Of each set, among the adequate ones where there are any, else among all."""
+        gated = self.any_adequate
+        score = np.array([w.score if self.adequate(w) or not gated else -np.inf for w in self.sets])
+        share = np.exp(score - score.max())
+        return np.asarray(share / share.sum())
+
+    @cached_property
+    def ungated(self) -> FloatArray:
+        """Probability of each set without the gate."""
+        score = np.array([w.score for w in self.sets])
+        share = np.exp(score - score.max())
+        return np.asarray(share / share.sum())
+
+    def of_family(self, family: str, probabilities: FloatArray | None = None) -> float:
+        """Return the probability that a family is among the causes."""
+        p = self.probabilities if probabilities is None else probabilities
+        return float(sum(x for x, w in zip(p, self.sets, strict=True) if family in w.families))
+
+    def of_set(self, hypothesis: Hypothesis) -> Weighed:
+        """Return a set."""
+        return next(w for w in self.sets if w.hypothesis == hypothesis)
+
+
+def weigh(problem: BenchProblem, uses: Sequence[CauseUse], most: int, rng: np.random.Generator) -> Weighing:
+    """Weigh every set of up to `most` causes.
+
+    Parameters
+    ----------
+    problem : BenchProblem
+    uses : sequence of CauseUse
+    most : int
+        0 to 3; sets of three are made of promising pairs.
+    rng : Generator
+
+    Raises
+    ------
+    DataError
+        No soil near the laboratory's carries the wheel.
+    """
+    sets = Sets.of(uses, most)
+    found = Optima(problem)
+    for size in range(min(most, 2) + 1):
+        found.add_all(h for h in sets.log_prior if len(h) == size)
+        if not size:
+            _refuse_unanswered(found.best(()), problem)
+    score = {h: found.best(h).log_evidence + prior for h, prior in sets.log_prior.items()}
+    if most > 2:
+        ranked = sorted((h for h in score if len(h) == 2), key=lambda h: -score[h])[:_MOST_PAIRS]
+        sets = sets.with_thirds(h for h in ranked if score[h] > max(score.values()) - _PROMISING)
+        found.add_all(h for h in sets.log_prior if len(h) == 3)
+    return weighed(found, sets.log_prior, rng)
+
+
+def _refuse_unanswered(null: Optimum, problem: BenchProblem) -> None:
+    if np.isfinite(null.log_likelihood):
+        return
+    raise DataError(
+        Fault(
+            "the wheel sinks to its axle on every soil near the laboratory's",
+            ", ".join(bench.name for bench in problem.benches),
+            next_step="check cohesive_modulus_kn, frictional_modulus_kn, sinkage_exponent, the wheel and the loads",
+        )
+    )
+
+
+def weighed(found: Optima, log_prior: Mapping[Hypothesis, float], rng: np.random.Generator) -> Weighing:
+    """Weigh sets that were searched for: put them to the gate, correct the evidence of those that count.
+
+    Parameters
+    ----------
+    found : Optima
+        With every set of `log_prior`.
+    log_prior : mapping Hypothesis -> float
+    rng : Generator
+    """
+    sets = tuple(Weighed(h, p, found.best(h).log_evidence, found.ranked(h), np.inf) for h, p in log_prior.items())
+    return _corrected(_gated(Weighing(found.problem, sets, threshold(found.problem, rng))), rng)
+
+
+def _gated(weighing: Weighing) -> Weighing:
+    """Put the sets that count to the gate; all of them where none of those passes."""
+    top = max(w.score for w in weighing.sets)
+    done = weighing
+    for depth in (_GATED, np.inf):
+        chosen = [w for w in weighing.sets if w.score > top - depth or not w.hypothesis]
+        missed = misfits(weighing.problem, [w.optima[0] for w in chosen])
+        misfit_of = dict(zip((w.hypothesis for w in chosen), missed.tolist(), strict=True))
+        done = replace(
+            weighing, sets=tuple(replace(w, misfit=misfit_of.get(w.hypothesis, np.inf)) for w in weighing.sets)
+        )
+        if done.any_adequate:
+            break
+    return done
+
+
+def _corrected(weighing: Weighing, rng: np.random.Generator) -> Weighing:
+    """Correct the evidence of the sets that count by importance sampling, and order the sets."""
+    gated = [w for w in weighing.sets if weighing.adequate(w)] or list(weighing.sets)
+    top = max(w.score for w in gated)
+    chosen = sorted((w for w in gated if w.score > top - _CORRECTED), key=lambda w: -w.score)[:_MOST_CORRECTED]
+    plain = [w for w in weighing.sets if not w.hypothesis and w not in chosen]
+    posteriors = {w.hypothesis: posterior_of(weighing.problem, w.optima, rng) for w in (*chosen, *plain)}
+    shifts = [posteriors[w.hypothesis].log_evidence - w.log_evidence for w in chosen]
+    shift = float(np.median(shifts))
+    done = [
+        replace(w, log_evidence=posteriors[w.hypothesis].log_evidence, posterior=posteriors[w.hypothesis])
+        if w.hypothesis in posteriors
+        else replace(w, log_evidence=w.log_evidence + shift)
+        for w in weighing.sets
+    ]
+    done.sort(key=lambda w: (not weighing.adequate(w), -w.score))
+    return replace(weighing, sets=tuple(done))

@@ -1,0 +1,399 @@
+r"""How likely a run is, given other runs: exact for the linear model of `model.diagnosis.time_series.grams`.
+
+The evidence of a set M of causes in runs A is the probability density of their data with soil and sizes integrated
+out. What the runs A foretell of another run b is therefore a difference,
+
+.. math:: \ln p(r_b \mid r_A, M) = \ln p(r_{A \cup b} \mid M) - \ln p(r_A \mid M),
+
+in which the uncertainty of everything that A has not settled is counted, bounds and one-sided priors included.
+
+Probability that a normal vector lies in a box: what bounds and one-sided priors do to an evidence.
+
+One coordinate after the other is cut to its interval; the others are then taken as normal again, with the mean and
+covariance that the cut leaves them. For one coordinate this is exact; for several it is an approximation whose error
+in the logarithm is a few hundredths where the box holds much of the mass, and some tenths far out
+(`tests/model/test_evidence_box.py` holds it against sampling).
+
+Source: Mendell & Elston (1974), Biometrics 30:41; Joe (1995), J. Am. Stat. Assoc. 90:957.
+
+Exact evidence of every set of causes from whitened cross products.
+
+With :math:`r = S\beta + X_M\gamma + \epsilon`, everything standard normal beforehand, the soil drops out by
+
+.. math:: \tilde G = G - G_{\cdot S} (I + G_{SS})^{-1} G_{S\cdot}
+
+and the log evidence of a set M, less that of the empty set, is
+
+.. math:: \tfrac12 b'A^{-1}b - \tfrac12 \ln\det A + \ln\frac{P(\gamma \in B \mid r)}{P(\gamma \in B)}, \quad
+    A = I + \tilde G_{MM},\; b = \tilde G_{Mr},
+
+with B the box of bounds and one-sided priors: for one one-sided parameter the last term is
+:math:`\ln 2\Phi(\text{mean}/\text{sd})`.
+
+Source: MacKay (1992), Neural Computation 4:415; Kass & Raftery (1995), J. Am. Stat. Assoc. 90:773.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr
+
+from model.diagnosis.core.prior import Hypotheses, IntArray, hypotheses, with_triples
+from model.diagnosis.time_series.grams import CauseColumn, Grams
+from model.fit.linear_step import bounded_least_squares
+
+FloatArray = NDArray[np.float64]
+
+_LOG_SQRT_2PI = 0.5 * float(np.log(2.0 * np.pi))
+_FAR = 30.0
+
+
+def log_box_probability(mean: FloatArray, covariance: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return the log probability of a box.
+
+    Parameters
+    ----------
+    mean : array, shape (m, ...)
+    covariance : array, shape (m, m, ...)
+    lower, upper : array, shape (m, ...)
+        Bounds, infinite where there is none.
+    """
+    mean, covariance = mean.copy(), covariance.copy()
+    total = np.zeros(mean.shape[1:])
+    for i in range(len(mean)):
+        sigma = np.sqrt(covariance[i, i])
+        a, b = (lower[i] - mean[i]) / sigma, (upper[i] - mean[i]) / sigma
+        log_p, shift, variance = _interval(a, b)
+        total += log_p
+        gain = covariance[i, i + 1 :] / sigma
+        mean[i + 1 :] += gain * shift
+        covariance[i + 1 :, i + 1 :] -= gain[:, None] * gain[None, :] * (1.0 - variance)
+    return total
+
+
+def log_interval_probability(lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return the log probability that a standard normal number lies between two bounds."""
+    return _interval(np.asarray(lower, float), np.asarray(upper, float))[0]
+
+
+def _interval(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the log probability of [a, b] under a standard normal, and mean and variance within."""
+    flip = a > 0.0
+    a, b = np.where(flip, -b, a), np.where(flip, -a, b)
+    a, b = np.maximum(a, -_FAR * 100), np.minimum(b, _FAR)
+    high, low = log_ndtr(b), log_ndtr(a)
+    log_p = high + np.log1p(-np.exp(np.minimum(low - high, -1e-12)))
+    at_a, at_b = (np.exp(-0.5 * x * x - _LOG_SQRT_2PI - log_p) for x in (a, b))
+    mean = at_a - at_b
+    variance = np.clip(1.0 + a * at_a - b * at_b - mean * mean, 1e-6, 1.0)
+    return log_p, np.where(flip, -mean, mean), variance
+
+
+KEEP = 3.0
+"""Odds below which a set stays where it is, see `best_set`."""
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Probabilities of sets of causes.
+
+    Attributes
+    ----------
+    hypotheses : Hypotheses
+    log_evidence : array, shape (n,)
+        Less that of the empty set.
+    probability : array, shape (n,)
+        Of each set, given the data; sums to 1.
+    resampled : int
+        Resamplings of the runs that the probabilities are the mean of; 0: none.
+    """
+
+    hypotheses: Hypotheses
+    log_evidence: FloatArray
+    probability: FloatArray
+    resampled: int = 0
+
+    @property
+    def none(self) -> float:
+        """Probability that no cause is at work."""
+        return float(self.probability[0])
+
+    def families(self) -> dict[str, float]:
+        """Return the probability of each family to be among the causes, likeliest first."""
+        inclusion = self.probability @ self.hypotheses.has_family
+        order = np.argsort(-inclusion, kind="stable")
+        return {self.hypotheses.families[i]: float(inclusion[i]) for i in order}
+
+    def forms(self, family: str) -> dict[str, float]:
+        """Return the probability of each form (by its key), given that its family is at work; likeliest first."""
+        h = self.hypotheses
+        own = np.flatnonzero(h.family == h.families.index(family))
+        inclusion = self.probability @ h.has_effect[:, own]
+        total = inclusion.sum()
+        shares = inclusion / total if total > 0 else np.full(own.size, 1.0 / own.size)
+        return {h.effects[own[i]]: float(shares[i]) for i in np.argsort(-shares, kind="stable")}
+
+    def best(self, least: int = 0) -> tuple[str, ...]:
+        """Return the likeliest set with `least` causes or more; with none where there are no such."""
+        enough = (self.hypotheses.members >= 0).sum(axis=1) >= least
+        return self.hypotheses.keys_of(int(np.argmax(np.where(enough, self.probability, -1.0))))
+
+
+@dataclass(frozen=True)
+class SetEstimate:
+    """The likeliest values under one set of causes, within bounds.
+
+    Attributes
+    ----------
+    keys : tuple of str
+    columns : tuple of int
+        Positions of the set's parameters among the causes' columns.
+    coefficients : array, shape (k,)
+        Of all causes' columns; 0 for those outside the set.
+    soil : array, shape (q,)
+    covariance : array, shape (q + c, q + c)
+        Of the soil and the set's c parameters, bounds left aside.
+    """
+
+    keys: tuple[str, ...]
+    columns: tuple[int, ...]
+    coefficients: FloatArray
+    soil: FloatArray
+    covariance: FloatArray
+
+    @property
+    def sigmas(self) -> FloatArray:
+        """One-sigma of the set's coefficients, shape (c,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)[len(self.soil) :]))
+
+
+def box(causes: tuple[CauseColumn, ...]) -> tuple[FloatArray, FloatArray]:
+    """Return the least and largest coefficient of every cause's column, shape (k,) each."""
+    scale = np.array([c.scale for c in causes])
+    neutral = np.array([c.neutral for c in causes])
+    bounds = np.array([[c.lower for c in causes], [c.upper for c in causes]])
+    lower, upper = np.sort((bounds - neutral) / scale, axis=0)
+    one_sided = np.array([c.one_sided for c in causes], bool)
+    return np.where(one_sided, np.maximum(lower, 0.0), lower), upper
+
+
+def without_soil(grams: Grams, total: FloatArray) -> FloatArray:
+    """Return cross products of residual, causes and basis with the soil integrated out.
+
+    Parameters
+    ----------
+    total : array, shape (..., m, m)
+        Sums over runs.
+
+    Returns
+    -------
+    array, shape (..., 1 + k + b, 1 + k + b)
+    """
+    soil = grams.soil_columns
+    others = np.r_[0, soil.stop : total.shape[-1]]
+    inner = total[..., soil, soil] + np.eye(len(grams.soil))
+    across = total[..., soil, :][..., others]
+    kept = total[..., others[:, None], others]
+    return np.asarray(kept - np.swapaxes(across, -1, -2) @ np.linalg.solve(inner, across))
+
+
+def log_evidences(reduced: FloatArray, listed: Hypotheses, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return the log evidence of every set, less that of the empty set.
+
+    Parameters
+    ----------
+    reduced : array, shape (..., 1 + k [+ b], same)
+        From `without_soil`.
+    lower, upper : array, shape (k,)
+        From `box`.
+
+    Returns
+    -------
+    array, shape (..., n)
+    """
+    products = np.moveaxis(reduced.reshape(-1, *reduced.shape[-2:]), 0, -1)
+    columns = listed.set_columns
+    sizes = (columns >= 0).sum(axis=1)
+    found = np.zeros((products.shape[-1], len(listed)))
+    prior_mass = log_interval_probability(lower, upper)
+    for size in range(1, columns.shape[1] + 1):
+        of_size = np.flatnonzero(sizes == size)
+        if of_size.size:
+            own = columns[of_size, :size].T
+            found[:, of_size] = _of_one_size(products, own, lower, upper) - prior_mass[own].sum(axis=0)
+    return found.reshape(*reduced.shape[:-2], len(listed))
+
+
+def _of_one_size(products: FloatArray, columns: IntArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return evidence and box probability of sets with equally many columns, shape (replicates, sets)."""
+    at = columns + 1
+    matrix = products[at[:, None], at[None, :]].swapaxes(-1, -2).copy()
+    for i in range(len(at)):
+        matrix[i, i] += 1.0
+    side = products[0][at].swapaxes(-1, -2)
+    log_det = _invert(matrix)
+    mean = np.einsum("ij...,j...->i...", matrix, side)
+    fit = 0.5 * np.einsum("i...,i...->...", side, mean) - 0.5 * log_det
+    inside = log_box_probability(mean, matrix, lower[columns][:, None, :], upper[columns][:, None, :])
+    return np.asarray(fit + inside)
+
+
+def _invert(matrix: FloatArray) -> FloatArray:
+    """Invert many small positive definite matrices in place, shape (m, m, ...); return their log determinants."""
+    log_det = np.zeros(matrix.shape[2:])
+    for k in range(len(matrix)):
+        pivot = matrix[k, k].copy()
+        log_det += np.log(pivot)
+        matrix[k, k] = 1.0
+        matrix[k] /= pivot
+        for i in range(len(matrix)):
+            if i != k:
+                factor = matrix[i, k].copy()
+                matrix[i, k] = 0.0
+                matrix[i] -= factor * matrix[k]
+    return log_det
+
+
+def probabilities(log_evidence: FloatArray, log_prior: FloatArray) -> FloatArray:
+    """Return the sets' probabilities, normalised along the last axis."""
+    joint = log_evidence + log_prior
+    joint = np.exp(joint - joint.max(axis=-1, keepdims=True))
+    return np.asarray(joint / joint.sum(axis=-1, keepdims=True))
+
+
+def weighed(
+    grams: Grams,
+    reduced: FloatArray,
+    excluded: frozenset[str] = frozenset(),
+    most: int = 3,
+    beam: int | None = None,
+) -> tuple[Hypotheses, FloatArray]:
+    """List the sets and weigh them.
+
+    Parameters
+    ----------
+    grams : Grams
+        For what the columns are.
+    reduced : array, shape (..., 1 + k [+ b], same)
+        From `without_soil`; with leading axes the beam keeps the pairs that are best in any of them.
+    excluded, most
+        See `model.diagnosis.core.prior.hypotheses`.
+    beam : int or None
+        Pairs whose sets of three are weighed; None: every set of three.
+
+    Returns
+    -------
+    Hypotheses, and log evidences of shape (..., n)
+    """
+    lower, upper = box(grams.causes)
+    listed = hypotheses(grams, excluded, most, triples=beam is None)
+    found = log_evidences(reduced, listed, lower, upper)
+    if beam is None or most < 3:
+        return listed, found
+    two = np.flatnonzero((listed.members >= 0).sum(axis=1) == 2)
+    if not two.size:
+        return listed, found
+    joint = (found + listed.log_prior)[..., two].reshape(-1, two.size).max(axis=0)
+    listed = with_triples(listed, two[np.argsort(-joint, kind="stable")[:beam]])
+    return listed, log_evidences(reduced, listed, lower, upper)
+
+
+def posterior(
+    grams: Grams,
+    excluded: frozenset[str] = frozenset(),
+    most: int = 3,
+    weights: FloatArray | None = None,
+    beam: int | None = None,
+) -> Posterior:
+    """Return the probabilities of all sets of causes, the noise model taken at its word.
+
+    Parameters
+    ----------
+    grams : Grams
+    excluded : set of str
+        Families or keys that the data do not allow to tell.
+    most : int
+        Causes in the largest set.
+    weights : array, shape (runs,), optional
+    beam : int or None
+        See `weighed`.
+    """
+    listed, found = weighed(grams, without_soil(grams, grams.total(weights)), excluded, most, beam)
+    return Posterior(listed, found, probabilities(found, listed.log_prior))
+
+
+def estimate(grams: Grams, keys: tuple[str, ...], weights: FloatArray | None = None) -> SetEstimate:
+    """Return the likeliest soil and parameters under one set of causes, within bounds."""
+    start, soils = grams.cause_columns.start, len(grams.soil)
+    own = tuple(position - start for key in keys for position in grams.columns_of(key))
+    at = np.r_[grams.soil_columns, [start + c for c in own]].astype(np.intp)
+    total = grams.total(weights)
+    precision = total[np.ix_(at, at)] + np.eye(at.size)
+    lower, upper = (x[list(own)] for x in box(grams.causes))
+    free = np.full(soils, np.inf)
+    found = _in_box(precision, total[at, 0], np.r_[-free, lower], np.r_[free, upper])
+    coefficients = np.zeros(len(grams.causes))
+    coefficients[list(own)] = found[soils:]
+    covariance = np.asarray(np.linalg.inv(precision), float)
+    return SetEstimate(keys, own, coefficients, found[:soils], covariance)
+
+
+def _in_box(precision: FloatArray, side: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Minimise x'precision x / 2 - side'x within bounds."""
+    if not side.size:
+        return side
+    root = np.asarray(np.linalg.cholesky(precision), float)
+    target = np.asarray(np.linalg.solve(root, side), float)
+    start = np.asarray(np.linalg.solve(root.T, target), float)
+    if np.all((start >= lower) & (start <= upper)):
+        return start
+    return bounded_least_squares(root.T, target, lower, upper, start)
+
+
+def best_set(
+    grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3, held: tuple[str, ...] | None = None
+) -> SetEstimate:
+    """Return the likeliest set of causes and its values: where the next linearisation belongs.
+
+    Parameters
+    ----------
+    grams : Grams
+    excluded, most
+        See `posterior`.
+    held : tuple of str, optional
+        A set that is kept while no other is `KEEP` times as likely: two forms of one cause would take turns for ever.
+    """
+    found = posterior(grams, excluded, most)
+    keys = found.best()
+    if held is not None and not set(held) & excluded and len(held) <= most:
+        own = found.probability[found.hypotheses.index_of(held)]
+        keys = held if KEEP * own >= found.probability.max() else keys
+    return estimate(grams, keys)
+
+
+def log_evidence(grams: Grams, keys: tuple[str, ...] = ()) -> float:
+    """Return the log density of all whitened data under a set of causes, constants included; nats."""
+    total = grams.total()
+    soil = grams.soil_columns
+    inner = total[soil, soil] + np.eye(len(grams.soil))
+    reduced = without_soil(grams, total)
+    constant = float(grams.samples.sum()) * np.log(2 * np.pi) + float(grams.log_determinants.sum())
+    base = float(-0.5 * (reduced[0, 0] + np.linalg.slogdet(inner)[1] + constant))
+    if not keys:
+        return base
+    listed = hypotheses(grams, frozenset(c.key for c in grams.causes if c.key not in keys), len(keys))
+    lower, upper = box(grams.causes)
+    return base + float(log_evidences(reduced, listed, lower, upper)[listed.index_of(keys)])
+
+
+def log_likelihood_of_run(grams: Grams, run: int, keys: tuple[str, ...] = ()) -> float:
+    """Return the log density of one run, given all the others and a set of causes; nats."""
+    return log_evidence(grams, keys) - log_evidence(others(grams, run), keys)
+
+
+def others(grams: Grams, run: int) -> Grams:
+    """Return the Grams without one run."""
+    return grams.chosen(np.arange(len(grams.run_names)) != run)

@@ -1,0 +1,377 @@
+r"""Final parameters of a set of causes: the whole model again, not its linearisation, and intervals that are honest.
+
+How far the final parameters may be off.
+
+The noise model's own covariance :math:`H^{-1}` is too short: its hyper-parameters are estimated, runs differ by more
+than it knows, and other sets of causes are possible. So each variance is put together from
+
+- the model's, and the sandwich over runs :math:`H^{-1} (\sum_r g_r g_r' + I) H^{-1}`, which needs no noise model but
+  has only as many degrees of freedom as there are runs. Each stands for as many observations as it has degrees: the
+  model's for `TRUST`. The ratio of both to the model's never narrows an interval;
+- what the estimate moves when each hyper-parameter moves by its own one-sigma;
+- what it moves between the sets of causes that hold it, weighted by their probabilities.
+
+The interval is Student's with the degrees of freedom of the first.
+
+Source: Bell & McCaffrey (2002), Survey Methodology 28:169; Efron & Morris (1973), J. Am. Stat. Assoc. 68:117
+(shrinkage); Kass & Steffey (1989), J. Am. Stat. Assoc. 84:717 (hyper-parameters); Hoeting et al. (1999), Stat. Sci.
+14:382 (sets of causes).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.core.result import ParameterEstimate, SoilEstimate
+from model.diagnosis.time_series.evidence import estimate, posterior
+from model.diagnosis.time_series.grams import Grams
+from model.diagnosis.time_series.looks import Look
+from model.diagnosis.time_series.set_problem import SetProblem, set_problem
+from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
+from model.fit.intervals import Blocks, profile_of_sum, sandwich
+from model.one_thread import one_thread
+from model.wheel_soil.soils import SOIL_PARAMETERS
+
+FloatArray = NDArray[np.float64]
+
+TRUST = 20.0
+"""Degrees of freedom that the noise model's own covariance stands for; see docs/decisions/diagnosis-intervals.md."""
+CONFIDENCE = 0.95
+_LEAST_SHARE = 0.01
+"""Of the likeliest set's probability, below which a set is not asked."""
+_MOST_SETS = 40
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Spread of the p numbers of a fitted set.
+
+    Attributes
+    ----------
+    covariance : array, shape (p, p)
+        Everything together.
+    naive : array, shape (p, p)
+        The noise model's own.
+    robust : array, shape (p, p)
+        Of the sandwich over runs.
+    degrees : array, shape (p,)
+        Of freedom.
+    by_noise, by_choice : array, shape (p,)
+        Variances for the hyper-parameters and for the choice of the set.
+    """
+
+    covariance: FloatArray
+    naive: FloatArray
+    robust: FloatArray
+    degrees: FloatArray
+    by_noise: FloatArray
+    by_choice: FloatArray
+
+    @property
+    def sigmas(self) -> FloatArray:
+        """One-sigma of each, shape (p,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def correlation(self, i: int, j: int) -> float:
+        """Return the correlation of two of them by the noise model alone."""
+        return float(self.naive[i, j] / np.sqrt(self.naive[i, i] * self.naive[j, j]))
+
+    def along(self, direction: FloatArray) -> tuple[float, float, float]:
+        """Return one-sigma of a combination, the noise model's own, and its degrees of freedom."""
+        weight = direction != 0
+        variance, naive = (float(direction @ x @ direction) for x in (self.covariance, self.naive))
+        return float(np.sqrt(variance)), float(np.sqrt(naive)), float(self.degrees[weight].min())
+
+
+def spread_of(problem: SetProblem, x: FloatArray, look: Look, keys: tuple[str, ...]) -> Spread:
+    """Return the spread of a fitted set.
+
+    Parameters
+    ----------
+    problem : SetProblem
+        Whitened at the estimate.
+    x : array, shape (p,)
+        The estimate.
+    look : Look
+    keys : tuple of str
+        Effects of the set.
+    """
+    count = len(x)
+    if not count:
+        nothing = np.zeros((0, 0))
+        return Spread(nothing, nothing, nothing, np.zeros(0), np.zeros(0), np.zeros(0))
+    rows = problem.runs(x)
+    everything = np.concatenate(rows)
+    run = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
+    jacobian, scores = everything[:, 1:], everything[:, 1:] * everything[:, :1]
+    found = sandwich(jacobian[:, None], scores, Blocks(run, len(rows), float("nan"), float("nan")), np.eye(count))
+    degrees = max(min(found.degrees, len(rows) - 1.0), 0.0)
+    share = degrees / (degrees + TRUST)
+    both = (1.0 - share) * found.naive + share * found.covariance
+    widening = np.maximum(np.sqrt(np.diag(both) / np.diag(found.naive)), 1.0)
+    by_noise = ((problem.score_changes(x) @ found.naive) ** 2).sum(axis=0)
+    by_choice = _by_choice(look, keys, count)
+    combined = found.naive * np.outer(widening, widening)
+    extra = np.sqrt(1.0 + (by_noise + by_choice) / np.diag(combined))
+    return Spread(
+        covariance=combined * np.outer(extra, extra),
+        naive=found.naive,
+        robust=found.covariance,
+        degrees=np.full(count, degrees + TRUST),
+        by_noise=by_noise,
+        by_choice=by_choice,
+    )
+
+
+def interval(value: float, sigma: float, degrees: float) -> tuple[float, float]:
+    """Return Student's 95 % interval."""
+    from scipy.stats import t
+
+    reach = float(t.ppf(0.5 + 0.5 * CONFIDENCE, degrees)) * sigma
+    return value - reach, value + reach
+
+
+def _by_choice(look: Look, keys: tuple[str, ...], count: int) -> FloatArray:
+    """Return the variance of the set's coefficients between the sets that hold it, shape (p,); 0 for the soil."""
+    total = np.zeros(count)
+    if not keys:
+        return total
+    weighed = posterior(look.grams, look.excluded, look.most_causes)
+    listed = weighed.hypotheses
+    own = [listed.effects.index(key) for key in keys if key in listed.effects]
+    holding = np.flatnonzero(listed.has_effect[:, own].all(axis=1))
+    order = holding[np.argsort(-weighed.probability[holding])][:_MOST_SETS]
+    order = order[weighed.probability[order] > _LEAST_SHARE * weighed.probability[order[0]]]
+    alone = estimate(look.grams, keys)
+    columns = list(alone.columns)
+    sizes = np.array([estimate(look.grams, listed.keys_of(int(i))).coefficients[columns] for i in order])
+    weights = weighed.probability[order] / weighed.probability[order].sum()
+    total[count - len(columns) :] = weights @ (sizes - alone.coefficients[columns]) ** 2
+    return total
+
+
+_OPTIONS = GaussNewtonOptions(epsilon=1e-3, cost_tolerance=1e-7, max_iterations=25, noise="unit")
+_GLANCE = replace(_OPTIONS, max_iterations=4)
+_PROMISING = 20.0
+"""Cost above the best, after a few steps from another start, up to which it is followed to its end."""
+_SMALL = 0.2
+_LATENCY_STARTS = (-1.0, -0.4, 0.4, 1.0)
+_SUMS = {"lyasko": (("m1", "m2"), "p")}
+"""Effects of whose two parameters the sum is what the data tell."""
+_PARTED = 0.9
+"""Size of the correlation of two parameters above which each on its own says little."""
+_PRECISION = 0.03
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Of one parameter of a problem."""
+
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class SetFit:
+    """A set of causes fitted to everything; x holds the soils' coordinates and then the causes' coefficients.
+
+    Attributes
+    ----------
+    keys : tuple of str
+    problem : SetProblem
+        Whitened at the estimate.
+    estimate : array, shape (q + c,)
+    at_bound : bool array, shape (q + c,)
+    cost : float
+        Of whitened residuals and priors.
+    stop_reason : str
+    evaluations : int
+    """
+
+    keys: tuple[str, ...]
+    problem: SetProblem
+    estimate: FloatArray
+    at_bound: NDArray[np.bool_]
+    cost: float
+    stop_reason: str
+    evaluations: int
+
+    @property
+    def soil(self) -> FloatArray:
+        """Coordinates of the soils, shape (q,)."""
+        return self.estimate[: len(self.problem.soil)]
+
+    @property
+    def sizes(self) -> dict[str, FloatArray]:
+        """Coefficients of each effect, in units of the prior scale."""
+        x = self.estimate[len(self.problem.soil) :]
+        keys = [c.key for c in self.problem.causes]
+        return {key: x[[i for i, k in enumerate(keys) if k == key]] for key in self.keys}
+
+    @property
+    def free(self) -> tuple[Bounds, ...]:
+        """Bounds of x."""
+        lower, upper = self.problem.bounds
+        return tuple(Bounds(float(a), float(b)) for a, b in zip(lower, upper, strict=True))
+
+    def residual_and_jacobian(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `SetProblem.residual_and_jacobian`."""
+        return self.problem.residual_and_jacobian(x)
+
+    def grams(self) -> Grams:
+        """Return the Gram matrices about the estimate; their causes are the set's only."""
+        return self.problem.grams()
+
+
+@one_thread
+def fit_set(look: Look, keys: tuple[str, ...], *, starts: Literal["one", "several"] = "several") -> SetFit:
+    """Fit a set of causes with the whole model.
+
+    Gauss-Newton starts at the linear estimate; where a one-sided cause is small there, at its prior scale too, since
+    it may have stuck to its bound; and for a latency at several, since false ones confirm themselves. The cheapest is
+    kept, and what whitens renewed there.
+
+    Parameters
+    ----------
+    look : Look
+    keys : tuple of str
+        Effects of the set; empty: the soil alone.
+    starts : "one" or "several"
+        "one": at the linear estimate only, where a point to linearise about is all that is asked for.
+    """
+    linear = estimate(look.grams, keys)
+    problem = set_problem(look.views, look.grams, keys)
+    lower, upper = problem.bounds
+    start = np.clip(np.r_[linear.soil, linear.coefficients[list(linear.columns)]], lower, upper)
+    if set(keys) != set(look.best.keys):
+        problem = problem.refrozen(start)
+    if not start.size:
+        return SetFit(keys, problem.refrozen(start), start, np.zeros(0, bool), float("nan"), "nothing to fit", 0)
+    tried = [_solved(problem, start)]
+    found = tried[0]
+    for other in _others(problem, start) if starts == "several" else ():
+        tried.append(_solved(problem, other, _GLANCE))
+        if tried[-1].cost < found.cost + _PROMISING:
+            tried.append(_solved(problem, tried[-1].estimate))
+            found = min(found, tried[-1], key=lambda result: result.cost)
+    problem = problem.refrozen(found.estimate)
+    last = _solved(problem, found.estimate)
+    return SetFit(
+        keys=keys,
+        problem=problem,
+        estimate=last.estimate,
+        at_bound=last.at_bound,
+        cost=last.cost,
+        stop_reason=str(last.stop_reason),
+        evaluations=sum(result.iterations + 1 for result in [*tried, last]),
+    )
+
+
+def _solved(problem: SetProblem, start: FloatArray, options: GaussNewtonOptions = _OPTIONS) -> GaussNewtonResult:
+    lower, upper = problem.bounds
+    return gauss_newton(
+        problem.residual_and_jacobian,
+        start,
+        lower=lower,
+        upper=upper,
+        scale=np.ones(len(start)),
+        options=options,
+    )
+
+
+def _others(problem: SetProblem, start: FloatArray) -> Iterator[FloatArray]:
+    """Yield where else to start."""
+    lower, upper = problem.bounds
+    for i, cause in enumerate(problem.causes, len(problem.soil)):
+        if cause.family == "speed_latency":
+            others = [size for size in _LATENCY_STARTS if abs(size - start[i]) > _SMALL]
+        else:
+            others = [1.0] if cause.one_sided and start[i] < _SMALL else []
+        for size in others:
+            moved = start.copy()
+            moved[i] = np.clip(size, lower[i], upper[i])
+            yield moved
+
+
+def parameters_of(fit: SetFit, look: Look, spread: Spread | None = None) -> dict[str, tuple[ParameterEstimate, ...]]:
+    """Return the parameters of every effect of a set, with 95 % intervals.
+
+    Of Lyasko's law the sum p = m1 + m2 comes first, by profile; m1 and m2 have intervals only where they can be
+    parted. A parameter at its bound has an interval from there.
+
+    Parameters
+    ----------
+    fit : SetFit
+    look : Look
+    spread : Spread, optional
+        Of the fit, where it is known already.
+    """
+    spread = spread or spread_of(fit.problem, fit.estimate, look, fit.keys)
+    found: dict[str, tuple[ParameterEstimate, ...]] = {}
+    offset = len(fit.problem.soil)
+    for key in fit.keys:
+        own = [offset + i for i, c in enumerate(fit.problem.causes) if c.key == key]
+        singly = [_estimate(fit, spread, i) for i in own]
+        if key in _SUMS and len(own) == 2:
+            total = _sum(fit, spread, (own[0], own[1]), _SUMS[key][1])
+            correlation = spread.correlation(*own)
+            if not abs(correlation) < _PARTED:
+                nothing = (float("nan"), float("nan"))
+                singly = [ParameterEstimate(p.name, p.unit, p.value, nothing, float("nan")) for p in singly]
+            singly = [total, *singly]
+        found[key] = tuple(singly)
+    return found
+
+
+def _estimate(fit: SetFit, spread: Spread, i: int) -> ParameterEstimate:
+    cause = fit.problem.causes[i - len(fit.problem.soil)]
+    size = abs(cause.scale)
+    value = cause.neutral + float(fit.estimate[i]) * cause.scale
+    sigma = size * float(spread.sigmas[i])
+    low, high = interval(value, sigma, float(spread.degrees[i]))
+    return ParameterEstimate(cause.parameter, cause.unit, value, (max(low, cause.lower), min(high, cause.upper)), sigma)
+
+
+def _sum(fit: SetFit, spread: Spread, pair: tuple[int, int], name: str) -> ParameterEstimate:
+    """Return the sum of two parameters of one scale, by profile."""
+    i, j = pair
+    cause = fit.problem.causes[i - len(fit.problem.soil)]
+    direction = np.zeros(len(fit.estimate))
+    direction[[i, j]] = 1.0
+    sigma, naive, degrees = spread.along(direction)
+    centre = float(fit.estimate[i] + fit.estimate[j])
+    low, high = interval(0.0, sigma, degrees)
+    allowed = (high / naive) ** 2 if naive > 0 else 0.0
+    low, high = profile_of_sum(fit, fit.estimate, pair, allowed, span=high, precision=_PRECISION)
+    scale = abs(cause.scale)
+    return ParameterEstimate(name, cause.unit, centre * scale, (low * scale, high * scale), sigma * scale)
+
+
+def soils_of(fit: SetFit, look: Look, spread: Spread | None = None) -> tuple[SoilEstimate, ...]:
+    """Return the soil of every campaign, with the set of causes in the model.
+
+    Parameters
+    ----------
+    fit, look, spread
+        As for `parameters_of`.
+    """
+    spread = spread or spread_of(fit.problem, fit.estimate, look, fit.keys)
+    found = []
+    for part, view in zip(fit.problem.parts, look.views, strict=True):
+        space = part.simulation.space
+        u = fit.estimate[part.soil]
+        jacobian = space.jacobian(u)
+        sigmas = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, spread.covariance[part.soil, part.soil], jacobian))
+        found.append(
+            SoilEstimate(
+                view.campaign.name,
+                space.values(u),
+                {name: float(s) for name, s in zip(SOIL_PARAMETERS, sigmas, strict=True)},
+            )
+        )
+    return tuple(found)

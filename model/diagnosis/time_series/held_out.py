@@ -1,0 +1,279 @@
+"""What the extension is worth on runs that neither the choice of the causes nor the fit has seen.
+
+Every run is left out once. The others choose the causes anew and fit soil and causes; the run is then foretold twice,
+by the base model (soil re-calibrated within its prior, no cause) and by the extended one. Its density is exact for the
+model linearised at each set's fit. R0, M0 and R2 are of the whole model at what the other runs estimate, at the
+measured slip, over the samples at or above the paper's slip threshold: near zero and in braking the measured slip's own
+error, times the steep slope there, is several times what any cause does, so that a cause of the braked wheel shows in
+the density only. Noise hyper-parameters and points of linearisation have seen every run.
+
+Probabilities that runs drawn anew would repeat: the mean of posteriors over resampled runs.
+
+A noise model that is a little wrong makes a posterior too sure of one of two look-alikes. Drawing as many runs with
+replacement as there are, and averaging the posteriors, makes it as unsure as another campaign would: no noise model
+stands behind the drawing. It costs no more than weights on the runs' Gram matrices. Whether anything is at work at all
+is not a choice between look-alikes: there resampled runs, in which chance counts twice, would cry wolf, and the
+probability of "none" is that of the runs as they are.
+
+Source: Buehlmann (2014), Stat. Sci. 29:91; Huggins & Miller (2023), Bayesian Analysis 18:79 (BayesBag).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.core.campaign import DiagnosisOptions
+from model.diagnosis.core.result import Gain, Scores
+from model.diagnosis.findings.adequacy import excess
+from model.diagnosis.time_series.evidence import (
+    Posterior,
+    estimate,
+    log_likelihood_of_run,
+    others,
+    posterior,
+    probabilities,
+    weighed,
+    without_soil,
+)
+from model.diagnosis.time_series.final import SetFit, fit_set
+from model.diagnosis.time_series.grams import Grams
+from model.diagnosis.time_series.linearise import simulated
+from model.diagnosis.time_series.looks import Look
+from model.fit.criteria import criteria
+from model.fit.fit import default_slip_threshold
+
+REPLICATES = 64
+FEWEST_RUNS = 3
+"""Runs below which drawing anew says nothing."""
+BEAM = 40
+"""Pairs whose sets of three are weighed; sets of three of which no pair is among them are taken as nothing."""
+
+
+def bagged(
+    grams: Grams,
+    rng: np.random.Generator,
+    excluded: frozenset[str] = frozenset(),
+    most: int = 3,
+    excess: float = 1.0,
+    replicates: int = REPLICATES,
+) -> Posterior:
+    """Return probabilities of sets of causes, averaged over resampled runs.
+
+    Parameters
+    ----------
+    grams : Grams
+    rng : Generator
+    excluded : set of str
+        Families or keys that leave no trace.
+    most : int
+        Causes in the largest set.
+    excess : float
+        Factor on the noise's variance (`model.diagnosis.findings.adequacy.excess`).
+    replicates : int
+
+    Returns
+    -------
+    Posterior
+        With ``resampled`` 0 where there are too few runs: then the noise model is taken at its word.
+    """
+    grams = replace(grams, matrices=grams.matrices / excess)
+    runs = len(grams.run_names)
+    if runs < FEWEST_RUNS:
+        return posterior(grams, excluded, most)
+    weights = rng.multinomial(runs, np.full(runs, 1.0 / runs), size=replicates).astype(float)
+    weights = np.concatenate([np.ones((1, runs)), weights])
+    width = grams.cause_columns.stop
+    totals = np.tensordot(weights, grams.matrices[:, :width, :width], 1)
+    listed, found = weighed(grams, without_soil(grams, totals), excluded, most, BEAM)
+    each = probabilities(found, listed.log_prior)
+    mean = each[1:].mean(axis=0)
+    mean[1:] *= (1.0 - each[0, 0]) / max(mean[1:].sum(), 1e-300)
+    mean[0] = each[0, 0]
+    return Posterior(listed, found[0], mean, replicates)
+
+
+FloatArray = NDArray[np.float64]
+Keys = tuple[str, ...]
+
+ONE_RUN = "one run only: there is no other to test the extension on"
+TWO_RUNS = "two runs only: each was tested on what the other taught, and the gain has no interval"
+_RESAMPLINGS = 2000
+_FEWEST_FOR_INTERVAL = 3
+
+
+@dataclass(frozen=True)
+class Foretold:
+    """One left-out run, as the other runs foretell it.
+
+    Attributes
+    ----------
+    log_likelihood : float
+        Nats.
+    measured, predicted : mapping channel -> array, shape (n,)
+    judged : bool array, shape (n,)
+        At or above the paper's slip threshold.
+    numbers : int
+        That the log likelihood is the density of.
+    """
+
+    log_likelihood: float
+    measured: dict[str, FloatArray]
+    predicted: dict[str, FloatArray]
+    judged: NDArray[np.bool_]
+    numbers: int
+
+    def squares(self, channel: str) -> tuple[float, int]:
+        """Return the sum of squared errors in a channel, and how many there are."""
+        error = (self.measured[channel] - self.predicted[channel])[self.judged]
+        error = error[np.isfinite(error)]
+        return float(error @ error), len(error)
+
+
+def held_out(
+    look: Look,
+    options: DiagnosisOptions | None = None,
+    *,
+    given: Keys | None = None,
+    fits: Mapping[Keys, SetFit] | None = None,
+) -> tuple[Gain | None, str]:
+    """Measure the gain of the extension by leaving out one run at a time.
+
+    Parameters
+    ----------
+    look : Look
+    options : DiagnosisOptions, optional
+    given : tuple of str, optional
+        Causes to take in every fold instead of choosing: what a choice can be compared with.
+    fits : mapping, optional
+        Sets that are fitted already.
+
+    Returns
+    -------
+    Gain or None
+        None with one run.
+    note : str
+        What few runs do to it; else empty.
+    """
+    options = options or DiagnosisOptions()
+    count = len(look.grams.run_names)
+    if count < 2:
+        return None, ONE_RUN
+    known = dict(fits or {})
+    chosen = tuple(_chosen(look, run, options) if given is None else given for run in range(count))
+    for keys in ((), *chosen):
+        if keys not in known:
+            known[keys] = fit_set(look, keys, starts="one")
+    grams = {keys: known[keys].grams() for keys in {(), *chosen}}
+    base = [foretold(look, known[()], run, grams[()]) for run in range(count)]
+    extended = [foretold(look, known[keys], run, grams[keys]) if keys else base[run] for run, keys in enumerate(chosen)]
+    base, extended = _judged(base, extended)
+    channel = next(c for c in ("dp", "t", "z") if any(c in run.measured for run in base))
+    squares = _squares(base, extended, channel)
+    gain = Gain(
+        base=_scores(base),
+        extended=_scores(extended),
+        reduction_percent=_reduction(squares),
+        interval95=_interval(squares, options.seed),
+        log_likelihood_gain=sum(_gained(b, e) for b, e in zip(base, extended, strict=True)),
+        chosen=chosen,
+        channel=channel,
+    )
+    return gain, TWO_RUNS if count == 2 else ""
+
+
+def _chosen(look: Look, run: int, options: DiagnosisOptions) -> Keys:
+    """Return the causes that all runs but one ask for."""
+    known = others(look.grams, run)
+    first = posterior(known, look.excluded, options.most_causes).best()
+    wider = replace(known, matrices=known.matrices / excess(known, first))
+    return posterior(wider, look.excluded, options.most_causes).best()
+
+
+def _gained(base: Foretold, extended: Foretold) -> float:
+    """Return by how much better a run was foretold, nats; nothing where one has an answer for more samples."""
+    return extended.log_likelihood - base.log_likelihood if extended.numbers == base.numbers else 0.0
+
+
+def foretold(look: Look, fit: SetFit, run: int, grams: Grams | None = None) -> Foretold:
+    """Foretell a run from all others by a set of causes.
+
+    Parameters
+    ----------
+    look : Look
+    fit : SetFit
+        Of the set, to all runs: where the model is linearised.
+    run : int
+        Of all campaigns' runs.
+    grams : Grams, optional
+        Of the fit, where they are known already.
+    """
+    grams = grams or fit.grams()
+    first = np.cumsum([0, *(view.samples.runs for view in look.views)])
+    at = int(np.searchsorted(first, run, side="right")) - 1
+    found = estimate(others(grams, run), fit.keys)
+    point = fit.problem.points(np.r_[found.soil, found.coefficients[list(found.columns)]])[at]
+    samples = look.views[at].samples
+    samples = samples[samples.run == run - first[at]]
+    part = fit.problem.parts[at]
+    values = simulated(part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples))))
+    return Foretold(
+        log_likelihood=log_likelihood_of_run(grams, run, fit.keys),
+        numbers=int(grams.samples[run]),
+        measured={c: samples.measured[c] for c in part.frozen.channels},
+        predicted=dict(zip(part.frozen.channels, values, strict=True)),
+        judged=np.asarray(samples.conditions.slip) >= default_slip_threshold(look.views[at].campaign.soil),
+    )
+
+
+def _judged(*models: list[Foretold]) -> tuple[list[Foretold], ...]:
+    """Return the runs of every model; where no sample at all is above the threshold, judged on every sample."""
+    if any(run.judged.any() for run in models[0]):
+        return models
+    return tuple([replace(run, judged=np.ones(len(run.judged), bool)) for run in runs] for runs in models)
+
+
+def _scores(runs: Sequence[Foretold]) -> dict[str, Scores]:
+    """Return the criteria of every channel over all left-out runs."""
+    likelihood = float(np.mean([run.log_likelihood for run in runs]))
+    found = {}
+    for channel in dict.fromkeys(c for run in runs for c in run.measured):
+        own = [run for run in runs if channel in run.measured]
+        judged = criteria(
+            np.concatenate([run.measured[channel] for run in own]),
+            np.concatenate([run.predicted[channel] for run in own]),
+            np.concatenate([run.judged for run in own]).astype(float),
+            1.0,
+        )
+        found[channel] = Scores(judged.R0_N, judged.M0_percent, judged.R2, likelihood)
+    return found
+
+
+def _squares(base: Sequence[Foretold], extended: Sequence[Foretold], channel: str) -> FloatArray:
+    """Return squared errors of base and extended model in a channel, and their number; shape (runs, 3)."""
+    pairs = [
+        (b.squares(channel), e.squares(channel)) for b, e in zip(base, extended, strict=True) if channel in b.measured
+    ]
+    return np.array([(before, after, n) for (before, n), (after, _) in pairs], float)
+
+
+def _reduction(squares: FloatArray) -> float:
+    """Return by how much R0 falls, percent."""
+    before, after, _ = squares.sum(axis=0)
+    return float(100.0 * (1.0 - np.sqrt(after / before))) if before > 0 else float("nan")
+
+
+def _interval(squares: FloatArray, seed: int) -> tuple[float, float]:
+    """Return the 95 % interval of the reduction by resampling runs; NaN with too few of them."""
+    if len(squares) < _FEWEST_FOR_INTERVAL:
+        return float("nan"), float("nan")
+    draws = np.random.default_rng(seed).integers(len(squares), size=(_RESAMPLINGS, len(squares)))
+    sums = squares[draws].sum(axis=1)
+    if not (sums[:, 0] > 0).all():
+        return float("nan"), float("nan")
+    reductions = 100.0 * (1.0 - np.sqrt(sums[:, 1] / sums[:, 0]))
+    low, high = np.quantile(reductions, (0.025, 0.975))
+    return float(low), float(high)

@@ -1,0 +1,341 @@
+r"""Hyper-parameters of the noise by marginal likelihood.
+
+The likelihood is that of the saturated model: soil, every cause and the catch-all are columns with their priors, so
+that an effect which nobody has named yet does not pass for noise and hide itself. With V the covariance of a run's
+noise, X the columns, :math:`A = I + \sum_{runs} X'V^{-1}X`, :math:`P = V^{-1} - V^{-1}XA^{-1}X'V^{-1}`:
+
+.. math:: -2 \ln L = \ln\det V + \ln\det A + r'Pr, \qquad
+          \frac{\partial}{\partial\theta}(-2 \ln L) = \mathrm{tr}(P \dot V) - r'P \dot V P r.
+
+Maximised by scoring with the average information :math:`\tfrac12 r'P\dot V_i P \dot V_j P r`, in logarithms, with
+log-normal beliefs. Covariances are formed in blocks of a run, so that the cost is linear in its length.
+
+Source: Patterson & Thompson (1971), Biometrika 58:545; Gilmour, Thompson & Cullis (1995), Biometrics 51:1440.
+
+The covariance of the noise of part of a run, and how every hyper-parameter changes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.time_series.columns import Columns
+from model.diagnosis.time_series.linearise import Linear
+from model.diagnosis.time_series.noise import (
+    Belief,
+    Noise,
+    Process,
+    constants,
+    loading,
+    named,
+    processes,
+    rest_variance,
+    second_order_variance,
+)
+from model.diagnosis.time_series.rests import AT_REST
+from model.diagnosis.time_series.samples import Samples
+
+FloatArray = NDArray[np.float64]
+
+LONGEST = 200
+"""Samples whose covariance is formed at once."""
+MOST = 1500
+"""Samples that tell the hyper-parameters well enough: of a longer campaign about so many are taken, from every run."""
+_SHORTEST = 60
+
+
+@dataclass(frozen=True)
+class Block:
+    """Part of a run; rows are numbers that were measured, drives first, then standstills; shape (m,).
+
+    Attributes
+    ----------
+    columns : array, shape (m, 1 + q + k + b)
+        Residual first.
+    seconds, metres : array, shape (samples, samples)
+        Distance of two samples in time and along the track.
+    sample : int array, shape (driving rows,)
+        Sample of each driving row.
+    processes : tuple of (Process, array of shape (driving rows,))
+        With what each row sees of it.
+    constants : tuple of (hyper-parameter, array of shape (m,))
+    white : tuple of (hyper-parameter, bool array of shape (m,))
+    fixed : array, shape (m,)
+        Variances that no hyper-parameter moves.
+    """
+
+    columns: FloatArray
+    seconds: FloatArray
+    metres: FloatArray
+    sample: NDArray[np.intp]
+    processes: tuple[tuple[Process, FloatArray], ...]
+    constants: tuple[tuple[str, FloatArray], ...]
+    white: tuple[tuple[str, NDArray[np.bool_]], ...]
+    fixed: FloatArray
+
+
+def blocks_of(
+    samples: Samples, linear: Linear, columns: Columns, speed_variance: FloatArray, values: Mapping[str, float]
+) -> list[Block]:
+    """Cut a campaign into blocks.
+
+    Parameters
+    ----------
+    values : mapping
+        Hyper-parameters that say how well a standstill's level is known from its own length.
+    """
+    found = []
+    resting = rest_variance(linear, samples, {**values, **{named(c, "at_rest"): 0.0 for c in AT_REST}})
+    second = second_order_variance(linear, speed_variance)
+    for run in range(samples.runs):
+        own = np.flatnonzero((samples.run == run) & columns.present.any(axis=0))
+        rest = np.flatnonzero(samples.rests.run == run)
+        for i, piece in enumerate(_pieces(own, len(own) * MOST // max(len(samples), MOST), run)):
+            here = rest if i == 0 else rest[:0]
+            if len(piece) or len(here):
+                found.append(_block(samples, linear, columns, second, resting, piece, here))
+    return found
+
+
+def _pieces(own: NDArray[np.intp], most: int, first: int) -> list[NDArray[np.intp]]:
+    """Cut a run, and keep about `most` of its samples in whole pieces, beginning at another one in each run."""
+    most = max(most, _SHORTEST)
+    pieces = np.array_split(own, max(1, -(-len(own) // min(LONGEST, most))))
+    apart = max(1, round(len(own) / most))
+    return pieces[first % apart :: apart] or pieces[:1]
+
+
+def _block(
+    samples: Samples,
+    linear: Linear,
+    columns: Columns,
+    second: FloatArray,
+    resting: FloatArray,
+    piece: NDArray[np.intp],
+    rest: NDArray[np.intp],
+) -> Block:
+    channels = linear.channels
+    sample, channel = np.nonzero(columns.present[:, piece].T)
+    at = piece[sample]
+    row, standing = np.nonzero(columns.rests_present[:, rest])
+    standing = rest[standing]
+    drives, keep = len(at), columns.shared
+
+    def of_drive(x: FloatArray) -> FloatArray:
+        return np.asarray(x[channel, at])
+
+    turning = np.concatenate([columns.rows[channel, at, keep:], columns.rests[row, standing, keep:]])
+    white = []
+    for i, c in enumerate(channels):
+        white.append((named(c, "white"), np.concatenate([channel == i, np.zeros(len(row), bool)])))
+        if c != "z":
+            mine = row == AT_REST.index(c)
+            white.append((named(c, "at_rest"), np.concatenate([np.zeros(drives, bool), mine])))
+    return Block(
+        columns=np.concatenate([columns.rows[channel, at, :keep], columns.rests[row, standing, :keep]]),
+        seconds=np.abs(samples.time_s[piece, None] - samples.time_s[piece]),
+        metres=np.abs(samples.distance_m[piece, None] - samples.distance_m[piece]),
+        sample=sample,
+        processes=tuple((p, of_drive(loading(linear, samples, p.loading))) for p in processes(channels)),
+        constants=tuple((name, turning[:, i]) for i, (name, _) in enumerate(constants(channels))),
+        white=tuple(white),
+        fixed=np.concatenate([of_drive(second), resting[row, standing]]),
+    )
+
+
+@dataclass(frozen=True)
+class Slope:
+    """Derivative of a covariance by the logarithm of a hyper-parameter.
+
+    Attributes
+    ----------
+    name : str
+    rows : int array
+        To which it is confined.
+    part : array
+        Of shape (rows, rows); or of shape (rows,): its diagonal, or where `outer` what it is the outer product of.
+    outer : bool
+    """
+
+    name: str
+    rows: NDArray[np.intp]
+    part: FloatArray
+    outer: bool = False
+
+    def trace_with(self, other: FloatArray) -> float:
+        """Return the trace of its product with a symmetric matrix."""
+        if self.part.ndim == 1 and not self.outer:
+            return float(other[self.rows, self.rows] @ self.part)
+        own = other if len(self.rows) == len(other) else other[np.ix_(self.rows, self.rows)]
+        if self.outer:
+            return float(self.part @ own @ self.part)
+        return float(own.ravel() @ self.part.ravel())
+
+    def times(self, x: FloatArray) -> FloatArray:
+        """Return its product with a vector."""
+        own = x[self.rows]
+        out = np.zeros(len(x))
+        if self.outer:
+            out[self.rows] = self.part * float(self.part @ own)
+        else:
+            out[self.rows] = self.part * own if self.part.ndim == 1 else self.part @ own
+        return out
+
+
+def derivatives(block: Block, values: Mapping[str, float]) -> tuple[FloatArray, list[Slope]]:
+    """Return the covariance, shape (m, m), and its derivatives."""
+    covariance = np.diag(block.fixed)
+    slopes: list[Slope] = []
+    for process, seen in block.processes:
+        rows = np.flatnonzero(seen)
+        at = block.sample[rows]
+        lag: FloatArray | None = None
+        if process.time is None:
+            part = (at[:, None] == at).astype(float)
+        else:
+            lag = (block.metres if process.over_distance else block.seconds).take(at, 0).take(at, 1)
+            lag /= values[process.time]
+            part = np.exp(-lag)
+        scaled = values[process.deviation] * seen[rows]
+        part *= scaled
+        part *= scaled[:, None]
+        covariance[np.ix_(rows, rows)] += part
+        if lag is not None and process.time is not None:
+            lag *= part
+            slopes.append(Slope(process.time, rows, lag))
+        part *= 2.0
+        slopes.append(Slope(process.deviation, rows, part))
+    for name, seen in block.constants:
+        rows = np.flatnonzero(seen)
+        scaled = values[name] * seen[rows]
+        covariance[np.ix_(rows, rows)] += np.outer(scaled, scaled)
+        slopes.append(Slope(name, rows, np.sqrt(2.0) * scaled, outer=True))
+    for name, chosen in block.white:
+        rows = np.flatnonzero(chosen)
+        covariance[rows, rows] += values[name] ** 2
+        slopes.append(Slope(name, rows, np.full(len(rows), 2.0 * values[name] ** 2)))
+    return covariance, slopes
+
+
+OF_FEW = ("_run_to_run", "_at_rest_n", "_at_rest_nm", "_of_run_n", "_of_run_nm", "_of_run_m")
+"""Ends of the names of deviations that only as many values as there are runs or standstills tell of. Of them the root
+mean square of what is likely is taken, not the likeliest, or else what differs from run to run is believed too firmly.
+"""
+_MOST_STEPS = 12
+_LARGEST_STEP = 1.0
+_ENOUGH = 0.05
+"""Gain of log likelihood by a step, nats, that is not worth it."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """Minus the log posterior, its gradient and information by the logarithms of the hyper-parameters."""
+
+    value: float
+    gradient: FloatArray
+    information: FloatArray
+
+
+def estimated(
+    blocks: Sequence[Block], beliefs: Mapping[str, Belief], start: Mapping[str, float] | None = None
+) -> Noise:
+    """Return the likeliest hyper-parameters; of those in `OF_FEW` the root mean square.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+    beliefs : mapping name -> Belief
+        Of every hyper-parameter.
+    start : mapping, optional
+        Where to start; the beliefs' centres by default.
+    """
+    names = list(beliefs)
+    centre = np.log([beliefs[name].centre for name in names])
+    weight = np.array([beliefs[name].log_sigma for name in names]) ** -2.0
+    at = np.log([start[name] for name in names]) if start else centre
+    found = _posterior(blocks, names, at, centre, weight)
+    damping = 0.0
+    for _ in range(_MOST_STEPS):
+        step = -np.linalg.solve(found.information + damping * np.diag(np.diag(found.information)), found.gradient)
+        if -0.5 * float(step @ found.gradient) < _ENOUGH:
+            break
+        step *= min(1.0, _LARGEST_STEP / max(float(np.abs(step).max()), 1e-300))
+        tried = _posterior(blocks, names, at + step, centre, weight)
+        if tried.value <= found.value:
+            at, found, damping = at + step, tried, damping / 4.0
+        else:
+            damping = max(4.0 * damping, 0.5)
+    spread = np.sqrt(np.diag(np.linalg.inv(found.information)))
+    of_few = np.array([name.endswith(OF_FEW) for name in names])
+    values = np.exp(at + np.where(of_few, spread**2, 0.0))
+    return Noise(
+        {name: float(x) for name, x in zip(names, values, strict=True)},
+        {name: float(s) for name, s in zip(names, spread, strict=True)},
+    )
+
+
+def _posterior(
+    blocks: Sequence[Block], names: list[str], at: FloatArray, centre: FloatArray, weight: FloatArray
+) -> Found:
+    values = {name: float(np.exp(x)) for name, x in zip(names, at, strict=True)}
+    data = likelihood(blocks, values, names)
+    off = at - centre
+    return Found(
+        data.value + 0.5 * float(weight @ off**2),
+        data.gradient + weight * off,
+        data.information + np.diag(weight),
+    )
+
+
+def likelihood(blocks: Sequence[Block], values: Mapping[str, float], names: list[str]) -> Found:
+    """Return minus the log marginal likelihood, and its gradient and information by the logarithms of `names`."""
+    width = blocks[0].columns.shape[1] if blocks else 1
+    inner = np.eye(width - 1)
+    side, square, log_determinant = np.zeros(width - 1), 0.0, 0.0
+    parts = []
+    for block in blocks:
+        covariance, slopes = derivatives(block, values)
+        inverse, own = _inverse(covariance)
+        solved = inverse @ block.columns
+        inner += block.columns[:, 1:].T @ solved[:, 1:]
+        side += block.columns[:, 1:].T @ solved[:, 0]
+        square += float(block.columns[:, 0] @ solved[:, 0])
+        log_determinant += own
+        parts.append((slopes, inverse, solved))
+    root = np.linalg.cholesky(inner)
+    best = np.linalg.solve(inner, side)
+    back = np.linalg.inv(root).T
+    place = {name: i for i, name in enumerate(names)}
+    gradient, information = np.zeros(len(names)), np.zeros((len(names), len(names)))
+    across = np.zeros((width - 1, len(names)))
+    for slopes, inverse, solved in parts:
+        left = solved[:, 0] - solved[:, 1:] @ best
+        shared = solved[:, 1:] @ back
+        moved = np.zeros((len(left), len(names)))
+        for slope in slopes:
+            moved[:, place[slope.name]] += slope.times(left)
+        information += 0.5 * moved.T @ inverse @ moved
+        across += solved[:, 1:].T @ moved
+        inverse -= shared @ shared.T
+        inverse -= np.outer(left, left)
+        for slope in slopes:
+            gradient[place[slope.name]] += 0.5 * slope.trace_with(inverse)
+    information -= 0.5 * across.T @ np.linalg.solve(inner, across)
+    value = 0.5 * (log_determinant + 2.0 * float(np.log(np.diag(root)).sum()) + square - float(side @ best))
+    return Found(value, gradient, information)
+
+
+def _inverse(covariance: FloatArray) -> tuple[FloatArray, float]:
+    """Return the inverse of a covariance, and its log determinant."""
+    from scipy.linalg.lapack import dpotrf, dpotri
+
+    root, failed = dpotrf(covariance.T, lower=1)
+    if failed:
+        raise np.linalg.LinAlgError("a covariance of the noise is not positive definite")
+    inverse, _ = dpotri(root, lower=1)
+    lower = np.tril(inverse, -1)
+    return lower + lower.T + np.diag(np.diag(inverse)), 2.0 * float(np.log(np.diag(root)).sum())

@@ -1,0 +1,390 @@
+"""What the model says of every sample, and how that changes with everything that may be otherwise.
+
+All derivatives come from one pass in duals: by ground speed and load, by the soil, by every parameter of every cause
+of the library at its current value. Everything is taken at one and the same slip, the smoothed one: columns at another
+slip than the residual's let the fit rebuild the noise.
+
+The soil's parameters in units in which the laboratory knows them: independent, of one-sigma 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.time_series.samples import CHANNELS, STENCIL, Samples
+from model.effects.base import Effect
+from model.wheel_soil.conditions import Conditions, Wheel, slip_of_ratio
+from model.wheel_soil.dual import Dual, Number, column, value_of
+from model.wheel_soil.soils import SOIL_PARAMETERS, Soil, SoilPrior
+from model.wheel_soil.wheel_soil_model import Reading, WheelSoilModel
+
+FloatArray = NDArray[np.float64]
+
+_LOGARITHMIC_UP_TO = 0.5
+"""Relative one-sigma up to which a positive parameter is moved by factors instead of by steps: it stays positive."""
+_NOTHING = 1e-12
+
+
+@dataclass(frozen=True)
+class SoilSpace:
+    """x = mean + R u, or mean exp(R u) where logarithmic; u ~ N(0, I).
+
+    Attributes
+    ----------
+    mean : array, shape (6,)
+    logarithmic : bool array, shape (6,)
+    root : array, shape (6, q)
+    labels : tuple of str
+        Of the q coordinates: the parameter that each is the first to move.
+    """
+
+    mean: FloatArray
+    logarithmic: NDArray[np.bool_]
+    root: FloatArray
+    labels: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def values(self, u: FloatArray) -> dict[str, float]:
+        """Return the soil's parameters at a point, SI units."""
+        step = self.root @ u
+        found = np.where(self.logarithmic, self.mean * np.exp(np.where(self.logarithmic, step, 0.0)), self.mean + step)
+        return {name: float(x) for name, x in zip(SOIL_PARAMETERS, found, strict=True)}
+
+    def jacobian(self, u: FloatArray) -> FloatArray:
+        """Return dx/du, shape (6, q)."""
+        at = np.array(list(self.values(u).values()))
+        return np.where(self.logarithmic, at, 1.0)[:, None] * self.root
+
+
+def soil_space(prior: SoilPrior) -> SoilSpace:
+    """Return the coordinates that belong to a prior; an exactly known parameter has none."""
+    sigma = np.sqrt(np.diag(prior.covariance))
+    relative = sigma / np.where(prior.mean > 0, prior.mean, np.nan)
+    logarithmic = np.nan_to_num(relative, nan=np.inf) <= _LOGARITHMIC_UP_TO
+    unit = np.where(logarithmic, np.where(prior.mean > 0, prior.mean, 1.0), 1.0)
+    scaled = sigma / unit
+    known = np.flatnonzero(scaled > _NOTHING)
+    correlation = prior.covariance[np.ix_(known, known)] / np.outer(sigma[known], sigma[known])
+    root, kept = _triangle(correlation)
+    full = np.zeros((len(sigma), len(kept)))
+    full[known] = scaled[known, None] * root
+    return SoilSpace(prior.mean, logarithmic, full, tuple(SOIL_PARAMETERS[known[i]] for i in kept))
+
+
+def _triangle(correlation: FloatArray) -> tuple[FloatArray, list[int]]:
+    """Return a lower triangle R with R R' the correlation, without the columns that would be zero."""
+    left = correlation.copy()
+    columns, kept = [], []
+    for i in range(len(left)):
+        if left[i, i] <= 1e-9:
+            continue
+        column = left[:, i] / np.sqrt(left[i, i])
+        left = left - np.outer(column, column)
+        columns.append(column)
+        kept.append(i)
+    return (np.stack(columns, axis=1) if columns else np.zeros((len(left), 0))), kept
+
+
+_SPEED, _LOAD = "measured speed", "measured load"
+_LEAST_SPEED_MPS = 0.05
+_SPEED_STEP = 0.02
+SECANT_SHARE = 0.25
+"""Of a prior's scale: where a derivative at neutral is infinite or zero, the column is a secant of this length."""
+SECANTS = frozenset({"exit_angle"})
+"""Effects whose derivative at neutral misleads: the angle behind the wheel grows with the root of its parameter."""
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """The simulation under test with every cause that is considered.
+
+    Attributes
+    ----------
+    wheel, soil, reading
+    space : SoilSpace
+    effects : tuple of Effect classes
+    """
+
+    wheel: Wheel
+    soil: Soil
+    space: SoilSpace
+    effects: tuple[type[Effect], ...]
+    reading: Reading
+
+    def model(self, values: Mapping[str, float]) -> WheelSoilModel:
+        """Return the model with only those effects that are not at their neutral."""
+        return WheelSoilModel(self.wheel, self.soil, self.active(values), self.reading)
+
+    def active(self, values: Mapping[str, float]) -> tuple[type[Effect], ...]:
+        """Return the effects that `values` moves away from neutral."""
+        return tuple(e for e in self.effects if any(key in values for key in e.parameter_keys().values()))
+
+    @property
+    def parameters(self) -> list[tuple[type[Effect], int, str]]:
+        """Effect, index of its parameter and the model's name of it, of every column."""
+        return [(e, i, key) for e in self.effects for i, key in enumerate(e.parameter_keys().values())]
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where the model is linearised.
+
+    Attributes
+    ----------
+    soil : array, shape (q,)
+    causes : mapping model's parameter name -> value
+        Without those at neutral.
+    speed_mps : array, shape (n,)
+        What is added to the measured ground speed of each sample.
+    """
+
+    soil: FloatArray
+    causes: dict[str, float]
+    speed_mps: FloatArray
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A model about a point; arrays over channels ("dp", "t", "z" as far as measured), shape (c, n) or (c, n, columns).
+
+    Attributes
+    ----------
+    channels : tuple of str
+    point : Point
+    conditions : Conditions
+        With the ground speed and the slip of the point.
+    value : array, shape (c, n)
+        The model's, averaged over each sample's instants.
+    centre : array, shape (c, n)
+        The model's at each sample's mean.
+    speed, curvature, load : array, shape (c, n)
+        d/dV, d2/dV2, d/dW.
+    soil : array, shape (c, n, q)
+    causes : array, shape (c, n, k)
+        By each parameter, in its own unit.
+    stiffness, friction, cohesion : array, shape (c, n)
+        By ln k, ln tan phi and ln c.
+    rest_value : array, shape (2, m); rest_causes : array, shape (2, m, k)
+        Of drawbar pull and torque at standstill.
+    usable : bool array, shape (n,)
+        Where the model has an answer.
+    """
+
+    channels: tuple[str, ...]
+    point: Point
+    conditions: Conditions
+    value: FloatArray
+    centre: FloatArray
+    speed: FloatArray
+    curvature: FloatArray
+    load: FloatArray
+    soil: FloatArray
+    causes: FloatArray
+    stiffness: FloatArray
+    friction: FloatArray
+    cohesion: FloatArray
+    rest_value: FloatArray
+    rest_causes: FloatArray
+    usable: NDArray[np.bool_] = field(repr=False)
+
+
+def at_speed(samples: Samples, speed_mps: FloatArray) -> Conditions:
+    """Return the samples' conditions with another ground speed, and the slip that belongs to it."""
+    return _moved(samples.conditions, samples.conditions.ground_speed_mps + speed_mps, samples.wheel_radius_m)
+
+
+def _moved(conditions: Conditions, ground_speed_mps: Number, radius_m: float) -> Conditions:
+    speed = np.maximum(value_of(ground_speed_mps), _LEAST_SPEED_MPS) if not isinstance(ground_speed_mps, Dual) else None
+    v = ground_speed_mps if speed is None else speed
+    return replace(conditions, ground_speed_mps=v, slip=slip_of_ratio(v / (radius_m * conditions.wheel_speed_radps)))
+
+
+def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
+    """Linearise the model about a point.
+
+    Parameters
+    ----------
+    simulation : Simulation
+    samples : Samples
+    point : Point
+    """
+    channels = tuple(c for c in CHANNELS if c in samples.measured)
+    conditions = at_speed(samples, point.speed_mps)
+    soil = simulation.space.values(point.soil)
+    found = derivatives(simulation, samples, conditions, {**soil, **point.causes}, channels)
+    plain = simulation.model(point.causes)
+    values = {**soil, **point.causes}
+
+    def said(at: Conditions) -> FloatArray:
+        return _stacked(plain.predict(at, values), channels)
+
+    centre = found.pop("value")
+    causes = found.pop("causes")
+    for i, (effect, _, key) in enumerate(simulation.parameters):
+        if effect.key() in SECANTS and key not in point.causes:
+            causes[..., i] = _secant(simulation, conditions, values, effect, key, channels, centre)
+    v = conditions.ground_speed_mps
+    step = np.minimum(_SPEED_STEP, 0.25 * v)
+    up, down = (said(_moved(conditions, v + side * step, samples.wheel_radius_m)) for side in (1.0, -1.0))
+    value = simulated(simulation, samples, point)
+    jacobian = simulation.space.jacobian(point.soil)
+    by_soil = found.pop("soil")
+    rest_value, rest_causes = at_rest(simulation, samples, values)
+    sound = [np.isfinite(x).all(axis=axes) for x, axes in ((value, 0), (causes, (0, 2)), (by_soil, (0, 2)))]
+    at = dict(zip(SOIL_PARAMETERS, np.moveaxis(by_soil, -1, 0), strict=True))
+    return Linear(
+        channels=channels,
+        point=point,
+        conditions=conditions,
+        value=value,
+        centre=centre,
+        speed=found["speed"],
+        curvature=np.nan_to_num((up - 2.0 * centre + down) / step**2),
+        load=found["load"],
+        soil=by_soil @ jacobian,
+        causes=causes,
+        stiffness=at["cohesive_modulus"] * soil["cohesive_modulus"]
+        + at["frictional_modulus"] * soil["frictional_modulus"],
+        friction=at["tan_phi"] * soil["tan_phi"],
+        cohesion=at["cohesion_pa"] * soil["cohesion_pa"],
+        rest_value=rest_value,
+        rest_causes=rest_causes,
+        usable=np.logical_and.reduce(sound),
+    )
+
+
+def derivatives(
+    simulation: Simulation,
+    samples: Samples,
+    conditions: Conditions,
+    values: Mapping[str, float],
+    channels: Sequence[str],
+) -> dict[str, FloatArray]:
+    """Return value and derivatives by speed, load, soil and causes at the samples' means, in one pass.
+
+    Parameters
+    ----------
+    simulation : Simulation
+    samples : Samples
+    conditions : Conditions
+        Of the samples, perhaps at another speed.
+    values : mapping
+        Parameters of the soil, and those of causes that are not at neutral.
+    channels : of "dp", "t", "z"
+
+    Returns
+    -------
+    mapping
+        "value", "speed" and "load" of shape (c, n); "soil", by the parameters themselves, and "causes" (c, n, ...).
+    """
+    model = WheelSoilModel(simulation.wheel, simulation.soil, simulation.effects, simulation.reading)
+    secants = {key for e, _, key in simulation.parameters if e.key() in SECANTS and key not in values}
+    names = [*SOIL_PARAMETERS, *(key for _, _, key in simulation.parameters if key not in secants)]
+    neutral = {key: e.parameters[i].neutral for e, i, key in simulation.parameters}
+    radius, width = simulation.wheel.radius_m, simulation.wheel.width_m
+    parameters: dict[str, Number] = {"radius_m": radius, "width_m": width, **neutral, **values}
+    parameters |= {name: Dual(parameters[name], {name: 1.0}) for name in names}
+    columns = conditions.map(column)
+    speed = Dual(columns.ground_speed_mps, {_SPEED: 1.0})
+    seeded = replace(
+        _moved(columns, speed, samples.wheel_radius_m),
+        vertical_load_n=Dual(columns.vertical_load_n, {_LOAD: 1.0}),
+    )
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore"):
+        said = model.evaluate(seeded, parameters)
+    n = len(samples)
+
+    def of(name: str, key: str) -> FloatArray:
+        x = said[name]
+        return np.broadcast_to(x.partials.get(key, 0.0) if isinstance(x, Dual) else 0.0, (n, 1))[:, 0]
+
+    def by(key: str) -> FloatArray:
+        return np.stack([of(CHANNELS[c], key) for c in channels])
+
+    return {
+        "value": np.stack([np.broadcast_to(value_of(said[CHANNELS[c]]), (n, 1))[:, 0] for c in channels]),
+        "speed": by(_SPEED),
+        "load": by(_LOAD),
+        "soil": np.stack([by(name) for name in SOIL_PARAMETERS], axis=-1),
+        "causes": np.stack([by(key) for _, _, key in simulation.parameters], axis=-1)
+        if simulation.parameters
+        else np.zeros((len(channels), n, 0)),
+    }
+
+
+def _stacked(prediction: Any, channels: Sequence[str]) -> FloatArray:
+    return np.stack([getattr(prediction, CHANNELS[c]) for c in channels])
+
+
+def _secant(
+    simulation: Simulation,
+    conditions: Conditions,
+    values: Mapping[str, float],
+    effect: type[Effect],
+    key: str,
+    channels: Sequence[str],
+    centre: FloatArray,
+) -> FloatArray:
+    """Return the mean slope of a cause between neutral and a fraction of its scale."""
+    parameter = {k: p for p, k in zip(effect.parameters, effect.parameter_keys().values(), strict=True)}[key]
+    step = SECANT_SHARE * parameter.towards(simulation.wheel)
+    moved = {**values, key: parameter.neutral + step}
+    return np.asarray((_stacked(simulation.model(moved).predict(conditions, moved), channels) - centre) / step)
+
+
+def simulated(simulation: Simulation, samples: Samples, point: Point) -> FloatArray:
+    """Return what the model says of each sample, averaged over its three instants; shape (c, n), NaN without an answer.
+
+    Parameters
+    ----------
+    simulation : Simulation
+    samples : Samples
+    point : Point
+    """
+    channels = tuple(c for c in CHANNELS if c in samples.measured)
+    values = {**simulation.space.values(point.soil), **point.causes}
+    model = simulation.model(point.causes)
+    instants = samples.instants
+    total = np.zeros((len(channels), len(samples)))
+    for weight, speed, omega, load in zip(
+        STENCIL,
+        instants.ground_speed_mps,
+        instants.wheel_speed_radps,
+        instants.vertical_load_n,
+        strict=True,
+    ):
+        at = replace(samples.conditions, wheel_speed_radps=omega, vertical_load_n=load)
+        moved = _moved(at, speed + point.speed_mps, samples.wheel_radius_m)
+        total += weight * _stacked(model.predict(moved, values), channels)
+    return total
+
+
+def at_rest(simulation: Simulation, samples: Samples, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+    """Return what the transducer shows at standstill, shape (2, m), and its derivatives by the causes, (2, m, k).
+
+    Parameters
+    ----------
+    simulation : Simulation
+    samples : Samples
+    values : mapping
+        Parameters that are not at neutral.
+    """
+    count = len(samples.rests)
+    names = [key for _, _, key in simulation.parameters]
+    model = WheelSoilModel(simulation.wheel, simulation.soil, simulation.effects, simulation.reading)
+    reactions = model.at_rest(samples.rests.conditions, dict(values), names)
+
+    def by(x: Number, key: str) -> FloatArray:
+        return np.broadcast_to(x.partials.get(key, 0.0) if isinstance(x, Dual) else 0.0, (count,))
+
+    value = np.stack([np.broadcast_to(value_of(x), (count,)) for x in reactions])
+    if not names:
+        return value, np.zeros((2, count, 0))
+    return value, np.stack([np.stack([by(x, key) for key in names], axis=-1) for x in reactions])

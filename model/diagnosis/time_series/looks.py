@@ -1,0 +1,428 @@
+r"""The look at the data: linearise, whiten, explain, and again about the best explanation, until it stands still.
+
+The load that is likeliest, given the measured one.
+
+The load is measured, and its noise makes a line of force over load look flatter than it is: flatter about the middle
+of the data, so that the zeros of load, torque and drawbar pull seem to be off where the soil cannot take it up
+(docs/decisions/torque-zero-bias.md). So every run's load is drawn towards its mean as far as noise and movement say,
+
+.. math:: \hat W = \mathrm{E}[W \mid W_m], \qquad W_m = W + e,
+
+with W and e two first-order Markov processes: e that of the noise model, W what is left of the measured covariance.
+
+Source: regression calibration; Carroll, Ruppert, Stefanski & Crainiceanu (2006), Measurement Error in Nonlinear Models,
+ch. 4.
+
+Where to linearise next: the likeliest soil and causes, and the ground speed that goes with them.
+
+Linearise, whiten and explain, and again about the best explanation, until it stands still.
+
+Another place to settle at, where the linearisation never stood still.
+
+Cross products about one explanation weigh all others by a straight line from there. Where the explanation itself is far
+from straight (an angle behind the wheel grows with the root of its parameter), its size moves from round to round, and
+about none of its points can it be believed: such a pair once seemed e^27 times as likely as the slip sinkage that was
+hidden. So what seemed likely in other rounds is tried, each about its own point; the first at which everything stands
+still, itself the likeliest there, is taken.
+
+Log evidences about different points are not compared: the slopes in the ground speed differ from point to point, and
+with them the density of the speed's error, by ten nats for causes that the data do not tell apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.time_series.columns import columns_of
+from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate, log_evidence
+from model.diagnosis.time_series.grams import Grams
+from model.diagnosis.time_series.hyper import blocks_of, estimated
+from model.diagnosis.time_series.linearise import Point, linearise
+from model.diagnosis.time_series.noise import Noise, beliefs, remarks
+from model.diagnosis.time_series.samples import Samples, places_of, steps_of
+from model.diagnosis.time_series.start import LATENCY, Clock, Start, View, begin, delays_s, never_told
+from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed, smoothed_speed
+from model.one_thread import one_thread
+
+if TYPE_CHECKING:
+    from model.diagnosis.time_series.start import View
+
+
+FloatArray = NDArray[np.float64]
+
+_LEAST_SHARE = 0.1
+"""Of the measured variance, that is taken for movement whatever the noise."""
+_LEAST_PAIRS = 10
+_STEADY_N = 0.1
+"""One-sigma of a load that does not move: nothing to be drawn anywhere."""
+
+
+def with_likely_load(samples: Samples, values: Mapping[str, float]) -> Samples:
+    """Return samples with the load's expectation instead of its measured value.
+
+    Parameters
+    ----------
+    samples : Samples
+        As measured.
+    values : mapping
+        Hyper-parameters of the noise.
+    """
+    measured = np.asarray(samples.conditions.vertical_load_n)
+    counts = np.bincount(samples.run, minlength=samples.runs)
+    means = np.bincount(samples.run, measured, minlength=samples.runs) / np.maximum(counts, 1)
+    swing = measured - means[samples.run]
+    step_s = steps_of(samples.time_s, samples.run)
+    near = np.flatnonzero((step_s > 0) & (step_s < 1.5 * samples.block_s))
+    if len(near) < _LEAST_PAIRS:
+        return samples
+    noise, memory = values["load_noise_n"] ** 2, np.exp(-samples.block_s / values["load_noise_time_s"])
+    total = float(np.mean(swing**2))
+    if total <= _STEADY_N**2:
+        return samples
+    moving = max(total - noise, _LEAST_SHARE * total)
+    kept = (float(np.mean(swing[near] * swing[near - 1])) - noise * memory) / moving
+    kept = float(np.clip(kept, 0.01, 0.99))
+    at = places_of(samples)
+    decay = np.stack([kept ** (step_s / samples.block_s), memory ** (step_s / samples.block_s)], axis=-1)
+    present = at.padded(np.ones((1, len(samples))))
+    space = StateSpace(
+        loadings=np.repeat(present[..., None], 2, axis=-1),
+        decay=at.padded(decay[None])[:, :, 0],
+        variance=np.array([moving, noise]),
+        white=np.where(present > 0, 1e-4 * noise, 1.0),
+    )
+    means_of, _ = smoothed(space, at.padded(swing[None]))
+    shift = at.flat(means_of[..., 0]) - swing
+    return replace(
+        samples,
+        conditions=replace(samples.conditions, vertical_load_n=measured + shift),
+        instants=replace(samples.instants, vertical_load_n=samples.instants.vertical_load_n + shift),
+    )
+
+
+_LONGEST_STEP = 2.0
+"""Of the soil, in the laboratory's one-sigma."""
+_FARTHEST = 3.5
+"""Times its one-sigma that the ground speed is off: a sample that asks for more is an outlier, not to be followed."""
+
+
+@dataclass(frozen=True)
+class Aim:
+    """Where to linearise, by which noise, and how well the ground speed is known there."""
+
+    point: Point
+    noise: Noise
+    speed_variance: FloatArray
+
+
+def first_aim(start: Start, delay_s: float) -> Aim:
+    """Return the laboratory's soil with no cause but a delay, and the noise as it is thought of beforehand."""
+    samples = start.samples
+    noise = start.noise or Noise({name: b.centre for name, b in beliefs(samples).items()})
+    variance = noise.values["speed_noise_mps"] ** 2 + noise.values["speed_white_mps"] ** 2
+    causes = {name: delay_s for e, _, name in start.simulation.parameters if e.key() == LATENCY and delay_s}
+    point = Point(np.zeros(len(start.simulation.space)), causes, np.zeros(len(samples)))
+    return Aim(point, noise, np.full(len(samples), variance))
+
+
+def aims_of(views: Sequence[View], grams: Grams, best: SetEstimate) -> list[Aim]:
+    """Return where to linearise next: the best soil and causes, and the ground speed that goes with them."""
+    found = []
+    soil_at = 0
+    for view in views:
+        own = len(view.columns.soil)
+        soil = best.soil[soil_at : soil_at + own]
+        soil_at += own
+        coefficient = {
+            (c.key, c.parameter): float(x) for c, x in zip(grams.causes, best.coefficients, strict=True) if x != 0.0
+        }
+        scale = {(c.key, c.parameter): c.scale for c in grams.causes}
+        causes, at = {}, np.zeros(len(view.columns.causes))
+        for i, ((_, _, name), c) in enumerate(zip(view.simulation.parameters, view.columns.causes, strict=True)):
+            size = coefficient.get((c.key, c.parameter), 0.0) * scale[c.key, c.parameter]
+            if size != 0.0:
+                causes[name] = float(np.clip(c.neutral + size, c.lower, c.upper))
+                at[i] = size / c.scale
+        soil = view.linear.point.soil + np.clip(soil - view.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
+        speed, variance = _speed(view, soil, at)
+        noise = view.noise.values
+        farthest = _FARTHEST * float(np.hypot(noise["speed_noise_mps"], noise["speed_white_mps"]))
+        speed = np.clip(speed, -farthest, farthest)
+        found.append(Aim(Point(soil, causes, speed), view.noise, variance))
+    return found
+
+
+def _speed(view: View, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the smoothed error of the ground speed under a soil and causes, and its variance."""
+    columns = view.columns
+    shared = np.concatenate([[1.0], -soil, -causes, np.zeros(len(columns.basis))])
+    by_run = view.grams.constants @ shared
+    scale = np.array([view.noise.values[name] for name in columns.constants])
+    coefficients = np.concatenate([np.tile(shared, (len(by_run), 1)), -by_run * scale], axis=1)
+    return smoothed_speed(view.samples, view.linear, columns, view.noise.values, view.speed_variance, coefficients)
+
+
+MOST_ROUNDS = 6
+_STILL = 0.25
+"""Change of a cause in its one-sigma, and of the soil in the laboratory's, at which the linearisation stands still."""
+_FINEST = 0.005
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Where the linearisation came to from one start.
+
+    Attributes
+    ----------
+    grams : Grams
+    views : tuple of View
+    best : SetEstimate
+        Chosen from `grams`.
+    still : bool
+        Whether the last round changed nothing.
+    seemed : tuple of sets of causes
+        The best of each round.
+    """
+
+    grams: Grams
+    views: tuple[View, ...]
+    best: SetEstimate
+    still: bool
+    seemed: tuple[tuple[str, ...], ...]
+
+
+def settle(
+    starts: Sequence[Start],
+    aims: Sequence[Aim],
+    choose: Callable[[Grams, SetEstimate | None], SetEstimate],
+    clock: Clock,
+    *,
+    believe: bool = False,
+    most: int = MOST_ROUNDS,
+) -> Settled:
+    """Settle at an explanation.
+
+    Parameters
+    ----------
+    starts : sequence of Start
+    aims : sequence of Aim
+        Where to begin.
+    choose : callable
+        Picks the explanation from cross products, given the one before.
+    clock : Clock
+    believe : bool
+        Take the noise of the first round as it is; otherwise it is estimated from the second round on.
+    most : int
+        Rounds.
+    """
+    best: SetEstimate | None = None
+    seemed: list[tuple[str, ...]] = []
+    while True:
+        fixed = believe or not seemed
+        views = [viewed(s, aim, clock, fixed=fixed) for s, aim in zip(starts, aims, strict=True)]
+        grams = joined([(v.campaign.name, v.samples.run_names, v.columns, v.grams) for v in views])
+        with clock.stage("evidence"):
+            found = choose(grams, best)
+        still = best is not None and _same(best, found)
+        best = found
+        seemed.append(best.keys)
+        if still or len(seemed) == most:
+            return Settled(grams, tuple(views), best, still, tuple(seemed))
+        with clock.stage("smoothing"):
+            aims = aims_of(views, grams, best)
+
+
+def viewed(start: Start, aim: Aim, clock: Clock, *, fixed: bool) -> View:
+    """Linearise a campaign about a point and whiten it.
+
+    Parameters
+    ----------
+    start : Start
+    aim : Aim
+    clock : Clock
+    fixed : bool
+        Take the noise of the aim as it is.
+    """
+    variance, noise = aim.speed_variance, aim.noise
+    samples = with_likely_load(start.samples, noise.values)
+    with clock.stage("linearise"):
+        linear = linearise(start.simulation, samples, aim.point)
+    with clock.stage("columns"):
+        columns = columns_of(start.simulation, samples, linear)
+    if start.noise is None and not fixed:
+        with clock.stage("noise"):
+            blocks = blocks_of(samples, linear, columns, variance, noise.values)
+            noise = estimated(blocks, beliefs(samples), noise.values)
+    with clock.stage("whitening"):
+        grams = run_grams(samples, linear, columns, noise.values, variance)
+    return View(start.campaign, samples, start.simulation, linear, columns, noise, grams, variance)
+
+
+def _same(one: SetEstimate, other: SetEstimate) -> bool:
+    """Return whether two explanations are the same to what can be told of them."""
+    if one.keys != other.keys:
+        return False
+    change = np.concatenate([one.soil - other.soil, (one.coefficients - other.coefficients)[list(other.columns)]])
+    sigma = np.concatenate([np.ones(len(other.soil)), np.maximum(other.sigmas, _FINEST)])
+    return bool((np.abs(change) < _STILL * sigma).all())
+
+
+MOST_TRIED = 4
+_ROUNDS = 3
+
+
+def still(
+    starts: Sequence[Start],
+    moving: Settled,
+    others: Sequence[tuple[str, ...]],
+    choose: Callable[[Grams, SetEstimate | None], SetEstimate],
+    clock: Clock,
+) -> Settled:
+    """Return where it stands still; the explanation that moves, where that is nowhere.
+
+    Parameters
+    ----------
+    starts : sequence of Start
+    moving : Settled
+        What did not stand still.
+    others : sequence of sets of causes
+        That seemed likely.
+    choose : callable
+        Picks the explanation from cross products, given the one before.
+    clock : Clock
+    """
+    ranked = sorted(
+        {keys for keys in others if keys != moving.best.keys}, key=lambda keys: -log_evidence(moving.grams, keys)
+    )
+    for keys in ranked[:MOST_TRIED]:
+
+        def hold(grams: Grams, _: SetEstimate | None, keys: tuple[str, ...] = keys) -> SetEstimate:
+            return estimate(grams, keys)
+
+        aims = aims_of(moving.views, moving.grams, estimate(moving.grams, keys))
+        about = settle(starts, aims, hold, clock, believe=True, most=_ROUNDS)
+        found = settle(starts, aims_of(about.views, about.grams, about.best), choose, clock, most=_ROUNDS)
+        if found.still:
+            return replace(found, seemed=(*moving.seemed, *found.seemed))
+    return moving
+
+
+_NOTHING = 1e-8
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a look at some campaigns gives.
+
+    Attributes
+    ----------
+    grams : Grams
+        Of all runs of all campaigns, about the last point.
+    views : tuple of View
+        One for each campaign, in their order; runs follow each other in `grams` likewise.
+    best : SetEstimate
+        The likeliest set of causes, about which was linearised.
+    cannot_tell : mapping family -> why
+    excluded : set of str
+        Effects (by key) that leave no trace in these data whatever their size; see `best_set`.
+    most_causes : int
+        Of a set.
+    rounds : int
+        Linearisations.
+    settled : bool
+        Whether the last one changed nothing.
+    notes : tuple of str
+    stages_s : mapping stage -> seconds
+    """
+
+    grams: Grams
+    views: tuple[View, ...]
+    best: SetEstimate
+    cannot_tell: dict[str, str]
+    excluded: frozenset[str]
+    most_causes: int
+    rounds: int
+    settled: bool
+    notes: tuple[str, ...]
+    stages_s: dict[str, float]
+
+    @property
+    def noises(self) -> tuple[Noise, ...]:
+        """The noise model of each campaign."""
+        return tuple(view.noise for view in self.views)
+
+
+@one_thread
+def look(
+    campaigns: Sequence[Campaign],
+    options: DiagnosisOptions | None = None,
+    noises: Sequence[Noise] | None = None,
+) -> Look:
+    """Look at one or several campaigns.
+
+    Parameters
+    ----------
+    campaigns : sequence of Campaign
+        Causes are shared, soils are not.
+    options : DiagnosisOptions, optional
+    noises : sequence of Noise, optional
+        The noise model of each campaign; estimated where it is not given.
+
+    Raises
+    ------
+    DataError
+        A campaign has fewer than 50 usable samples, or neither drawbar pull nor torque.
+    """
+    options = options or DiagnosisOptions()
+    clock = Clock()
+    with clock.stage("samples"):
+        starts = [begin(c, options, noises[i] if noises else None) for i, c in enumerate(campaigns)]
+    found = [_first(starts, delay, options, clock) for delay in delays_s(starts)]
+    likeliest = max(found, key=lambda f: log_evidence(f.grams, f.best.keys))
+    if not likeliest.still:
+        seemed = tuple(dict.fromkeys(keys for f in found for keys in f.seemed))
+        likeliest = still(starts, likeliest, seemed, _choice(options), clock)
+    return Look(
+        grams=likeliest.grams,
+        views=likeliest.views,
+        best=likeliest.best,
+        cannot_tell=never_told(starts),
+        excluded=_traceless(likeliest.grams),
+        most_causes=options.most_causes,
+        rounds=len(likeliest.seemed),
+        settled=likeliest.still,
+        notes=tuple(note for view in likeliest.views for note in _notes(view)),
+        stages_s=clock.stages_s,
+    )
+
+
+def _first(starts: Sequence[Start], delay_s: float, options: DiagnosisOptions, clock: Clock) -> Settled:
+    """Settle at what is likeliest, from the laboratory's soil and no cause."""
+    aims = [first_aim(s, delay_s) for s in starts]
+    return settle(starts, aims, _choice(options), clock)
+
+
+def _notes(view: View) -> tuple[str, ...]:
+    return (*view.samples.notes, *remarks(view.noise, beliefs(view.samples), view.linear.channels))
+
+
+def _choice(options: DiagnosisOptions) -> Callable[[Grams, SetEstimate | None], SetEstimate]:
+    """Return how the set is chosen about which is linearised."""
+
+    def choose(grams: Grams, before: SetEstimate | None) -> SetEstimate:
+        return best_set(grams, _traceless(grams), options.most_causes, before.keys if before else None)
+
+    return choose
+
+
+def _traceless(grams: Grams) -> frozenset[str]:
+    """Return the effects whose columns are zero in every run."""
+    power = np.einsum("rii->i", grams.matrices)[grams.cause_columns]
+    seen = {c.key for c, x in zip(grams.causes, power, strict=True) if x > _NOTHING}
+    return frozenset(c.key for c in grams.causes) - seen

@@ -1,0 +1,244 @@
+"""What the noise itself says of the sensors, in sentences for people.
+
+The statistical model of the measurement: which processes disturb the channels, and how each is seen.
+
+=================  ========================================================  =============================
+process            is                                                        is seen in
+=================  ========================================================  =============================
+channel noise      coloured, one for each channel                            its channel
+speed error        coloured, and white: slip is measured                     all channels, by d/dV
+load error         coloured: the load is measured                            all channels, by d/dW
+soil in the run    coloured over the distance, in ln k and ln tan phi        all channels, by d/d ln k ...
+soil of the run    one value a run, in ln k, ln tan phi and ln c             the same
+wheel's delay      of the wheel speed: beyond the declared one, and what     all channels, by d/dV
+                   waiting for an edge of its ring adds at low speed
+wheel order        a zero that turns with the wheel: two amplitudes a run    its channel, by cos, sin
+zero of the run    one value a run: taken anew, or drifted between runs      its channel, at rest too
+remainder          white                                                     its channel
+=================  ========================================================  =============================
+
+A coloured process has the autocorrelation sigma^2 exp(-|lag|/time).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.core.result import NAMES
+from model.diagnosis.core.result import UNITS as SI
+from model.diagnosis.time_series.linearise import Linear
+from model.diagnosis.time_series.rests import AT_REST
+from model.diagnosis.time_series.samples import Samples
+
+FloatArray = NDArray[np.float64]
+
+UNITS = {"dp": ("drawbar_pull", "n"), "t": ("driving_torque", "nm"), "z": ("sinkage", "m")}
+"""Name and unit of a channel in the names of hyper-parameters."""
+_LEAST_RADPS = 0.3
+
+
+@dataclass(frozen=True)
+class Process:
+    """A coloured process: names of its deviation and time (None: white), whether over distance, what it is seen by."""
+
+    deviation: str
+    time: str | None
+    over_distance: bool
+    loading: str
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is thought of a positive hyper-parameter before any data: log-normal."""
+
+    centre: float
+    log_sigma: float
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Hyper-parameters of one campaign.
+
+    Attributes
+    ----------
+    values : mapping name -> float
+        With their unit at the end of the name.
+    log_sigmas : mapping name -> float
+        One-sigma of the logarithm of each, data and belief together.
+    """
+
+    values: dict[str, float]
+    log_sigmas: dict[str, float] = field(default_factory=dict)
+
+
+def processes(channels: tuple[str, ...]) -> tuple[Process, ...]:
+    """Return the processes that go on within a run."""
+    own = [Process(named(c, "noise"), f"{UNITS[c][0]}_noise_time_s", over_distance=False, loading=c) for c in channels]
+    return (
+        *own,
+        Process("speed_noise_mps", "speed_noise_time_s", over_distance=False, loading="speed"),
+        Process("speed_white_mps", None, over_distance=False, loading="speed"),
+        Process("load_noise_n", "load_noise_time_s", over_distance=False, loading="load"),
+        Process("stiffness_in_run", "soil_length_m", over_distance=True, loading="stiffness"),
+        Process("friction_in_run", "soil_length_m", over_distance=True, loading="friction"),
+    )
+
+
+def constants(channels: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+    """Return deviation and loading of what is one value a run."""
+    turning = [(named(c, "wheel_order"), f"{side} {c}") for c in channels if c != "z" for side in ("cos", "sin")]
+    zeros = [(named(c, "of_run"), f"zero {c}") for c in channels]
+    return (
+        ("stiffness_run_to_run", "stiffness"),
+        ("friction_run_to_run", "friction"),
+        ("cohesion_run_to_run", "cohesion"),
+        ("wheel_speed_delay_s", "delay"),
+        ("wheel_edge_delay_rad", "edge"),
+        *turning,
+        *zeros,
+    )
+
+
+def beliefs(samples: Samples) -> dict[str, Belief]:
+    """Return what is thought of every hyper-parameter beforehand, from the sensors' declared or estimated sigmas."""
+    load = float(np.median(samples.conditions.vertical_load_n)) if len(samples) else 1e4
+    typical = {"dp": 4e-3 * load, "t": 4e-3 * load * samples.wheel_radius_m, "z": 2e-3}
+    found: dict[str, Belief] = {}
+    for c in samples.measured:
+        sigma = _positive(samples.sigma[c], typical[c])
+        found |= {
+            named(c, "noise"): Belief(0.7 * sigma, 0.7),
+            f"{UNITS[c][0]}_noise_time_s": Belief(0.15, 0.7),
+            named(c, "white"): Belief(0.3 * sigma, 0.8),
+            named(c, "of_run"): Belief(0.01 * samples.wheel_radius_m, 1.0) if c == "z" else Belief(0.15 * sigma, 0.8),
+        }
+        if c != "z":
+            found[named(c, "wheel_order")] = Belief(0.3 * sigma, 0.8)
+            found[named(c, "at_rest")] = Belief(0.2 * sigma, 0.8)
+    speed, weight = _positive(samples.speed_sigma_mps, 0.04), _positive(samples.load_sigma_n, 6e-3 * load)
+    return found | {
+        "speed_noise_mps": Belief(0.9 * speed, 0.5),
+        "speed_noise_time_s": Belief(1.0, 0.8),
+        "speed_white_mps": Belief(0.3 * speed, 0.7),
+        "load_noise_n": Belief(0.7 * weight, 0.5),
+        "load_noise_time_s": Belief(0.15, 0.7),
+        "stiffness_in_run": Belief(0.02, 0.5),
+        "friction_in_run": Belief(0.01, 0.5),
+        "soil_length_m": Belief(3.0, 0.7),
+        "stiffness_run_to_run": Belief(0.025, 0.6),
+        "friction_run_to_run": Belief(0.012, 0.6),
+        "cohesion_run_to_run": Belief(0.025, 0.6),
+        "wheel_speed_delay_s": Belief(0.005, 0.7),
+        "wheel_edge_delay_rad": Belief(0.03, 0.8),
+    }
+
+
+def named(channel: str, what: str) -> str:
+    """Return the name of a hyper-parameter of one channel."""
+    name, unit = UNITS[channel]
+    return f"{name}_{what}_{unit}"
+
+
+def _positive(sigma: float, otherwise: float) -> float:
+    return sigma if np.isfinite(sigma) and sigma > 0 else otherwise
+
+
+def loading(linear: Linear, samples: Samples, name: str) -> FloatArray:
+    """Return how a process of the given loading is seen, shape (c, n)."""
+    if name in ("speed", "load", "stiffness", "friction", "cohesion"):
+        return np.asarray(getattr(linear, name))
+    if name in ("delay", "edge"):
+        return np.asarray(linear.speed * _late_wheel(linear, edge=name == "edge"))
+    out = np.zeros(linear.value.shape)
+    side, _, channel = name.rpartition(" ")
+    angle = samples.wheel_angle_rad
+    out[linear.channels.index(channel)] = {"cos": np.cos(angle), "sin": np.sin(angle)}.get(side, 1.0)
+    return out
+
+
+def _late_wheel(linear: Linear, *, edge: bool) -> FloatArray:
+    """Return the error of ground speed that does the same as a late wheel speed, per second of delay, shape (n,).
+
+    A toothed ring tells its speed only when an edge comes. The declared delay is right at a typical speed; the slower
+    the wheel, the longer it waits: the delay is that of an angle, over the speed (`edge`: per radian).
+    """
+    at = linear.conditions
+    speed, spin = np.asarray(at.ground_speed_mps), np.asarray(at.wheel_acceleration_radps2)
+    omega = np.maximum(np.asarray(at.wheel_speed_radps), _LEAST_RADPS)
+    late = np.asarray(-speed * spin / omega)
+    return late * (1.0 / omega - 1.0 / float(np.median(omega))) if edge else late
+
+
+def white_variance(linear: Linear, values: Mapping[str, float], speed_variance: FloatArray) -> FloatArray:
+    """Return the variance of the white remainder of each sample, shape (c, n).
+
+    The channel's own, and (f'' P)^2 / 2 of what the speed's error leaves where the channel bends.
+    """
+    own = np.array([values[named(c, "white")] ** 2 for c in linear.channels])
+    return np.asarray(own[:, None] + second_order_variance(linear, speed_variance))
+
+
+def second_order_variance(linear: Linear, speed_variance: FloatArray) -> FloatArray:
+    """Return the variance that the speed's error leaves where a channel bends in the speed, shape (c, n)."""
+    return np.asarray(0.5 * (linear.curvature * speed_variance) ** 2)
+
+
+def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float]) -> FloatArray:
+    """Return the variance of each standstill's level, shape (2, m) for drawbar pull and torque.
+
+    The channel's coloured noise averaged over the standstill (a wheel at rest may have less than one that rolls), and
+    what differs from one standstill to the next.
+    """
+    found = np.ones((2, len(samples.rests)))
+    for row, c in enumerate(AT_REST):
+        if c not in linear.channels:
+            continue
+        length = np.maximum(samples.rests.duration_s, 0.1) / values[f"{UNITS[c][0]}_noise_time_s"]
+        scatter = np.fmin(samples.rests.spread[c], values[named(c, "noise")]) ** 2
+        averaged = scatter * 2.0 * (length - 1.0 + np.exp(-length)) / length**2
+        found[row] = averaged + values[named(c, "at_rest")] ** 2
+    return found
+
+
+_TOLD = 0.4
+"""One-sigma of a logarithm from which on the data told it, not belief."""
+_NOTABLE_SWING = 0.5
+"""Of what turns with the wheel, over the channel's noise."""
+_NOTABLE_ZERO = 5.0
+"""Of the zeros that differ from run to run, over what is believed."""
+
+
+def remarks(noise: Noise, believed: Mapping[str, Belief], channels: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the sentences of one campaign.
+
+    Parameters
+    ----------
+    noise : Noise
+    believed : mapping name -> Belief
+        See `model.diagnosis.time_series.noise.beliefs`.
+    channels : tuple of str
+    """
+    return tuple(said for channel in channels for said in (*_swing(noise, channel), *_zeros(noise, believed, channel)))
+
+
+def _swing(noise: Noise, channel: str) -> Iterator[str]:
+    name = named(channel, "wheel_order")
+    size, unsure = noise.values.get(name, 0.0) * np.sqrt(2.0), noise.log_sigmas.get(name, np.inf)
+    if unsure < _TOLD and size > _NOTABLE_SWING * noise.values[named(channel, "noise")]:
+        why = "a zero that turns with the wheel, or a wheel" if channel == "dp" else "a wheel"
+        yield f"{NAMES[channel]} swings by {size:.0f} {SI[channel]} once a turn of the wheel: {why} that is not round"
+
+
+def _zeros(noise: Noise, believed: Mapping[str, Belief], channel: str) -> Iterator[str]:
+    name = named(channel, "of_run")
+    size, usual = noise.values.get(name, 0.0), believed[name].centre
+    if size > _NOTABLE_ZERO * usual:
+        yield (
+            f"{NAMES[channel]}: zeros that differ by {size:.2g} {SI[channel]} from run to run are taken for noise, "
+            f"where {usual:.1g} are usual; if the standstills read one sign, or more with more load, it is a cause "
+            "that was not considered"
+        )

@@ -1,0 +1,322 @@
+"""Samples of runs of different length as one padded array, and back.
+
+The samples that a diagnosis looks at: block means of the driven part of every run, and what it reads at rest.
+
+A run comes at 100 Hz through the common filter, whose cut-off is 4 or 5 Hz: neighbours hold the same thing. Means over
+0.2 s (longer where the filter is slower) lose nothing of what a cause does, which is slow, and average the coloured
+noise of the transducer, of which every fifth of a second alone would waste a quarter. What a mean costs is that the
+model is not linear in slip: the mean of its values is not its value at the mean. So every sample carries three
+instants whose spread is that of block and filter together, and the model is averaged over them
+(`model.diagnosis.time_series.linearise`). Derivatives are taken at 100 Hz, before.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.core.campaign import Campaign
+from model.diagnosis.time_series.rests import Rests, rests_of
+from model.effects.vehicle.tyre_flattening import REFERENCE_KPA
+from model.wheel_soil.conditions import Conditions
+from model.wheel_soil.run_conditions import campaign_times, line_positions
+from processing import ProcessedRun, Reason
+from processing.pipeline import kernel_sigma_s, slip_of
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+CHANNELS = {"dp": "drawbar_pull_n", "t": "driving_torque_nm", "z": "sinkage_m"}
+"""Measured channels by their short name."""
+
+FEWEST = 50
+"""Usable samples below which nothing can be said."""
+BLOCK_S = 0.2
+LITTLE_SLIP = 0.05
+"""Below this size of slip forces are steep in it, and a false latency confirms itself."""
+_QUICK_SLIP = 0.25
+_CALMING_S, _CALMING_OF_JERK_S = 0.2, 0.4
+"""One-sigma of the kernels that acceleration and its change pass. Noise of the acceleration makes what goes with it
+look smaller than it is; that of its change goes against the noise of the speed itself, so that any latency seems right.
+The declared outboard mass times it is in the drawbar pull: there the noise would stand out wherever the speed rises.
+"""
+STENCIL = (1 / 6, 2 / 3, 1 / 6)
+"""Weights of the three instants of a sample."""
+
+
+@dataclass(frozen=True)
+class Instants:
+    """Ground speed, wheel speed and load at three instants of each sample, shape (3, n); their means are the sample's.
+
+    Averaged with `STENCIL`, a function of them is what the block and the filter leave of it, to second order.
+    """
+
+    ground_speed_mps: FloatArray
+    wheel_speed_radps: FloatArray
+    vertical_load_n: FloatArray
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples of all runs of a campaign, run after run; arrays of shape (n,).
+
+    Attributes
+    ----------
+    run : int array
+        Index of the run.
+    run_names : tuple of str
+    time_s : within the run
+    conditions : Conditions
+        Means, with every field an array; an unknown inflation pressure is 340 kPa.
+    measured : mapping "dp", "t", "z" -> array
+        Only channels that were measured; NaN where not.
+    sigma : mapping "dp", "t", "z" -> float
+        Typical one-sigma of a filtered sample.
+    speed_sigma_mps, load_sigma_n : float
+        The same of ground speed and load.
+    distance_m : along the track, within the run
+    wheel_angle_rad : rolled since the start of the run
+    instants : Instants
+    rests : Rests
+        What the channels read at standstill.
+    wheel_radius_m : float
+    block_s : float
+        Length of a block.
+    left_out : mapping str -> int
+        Blocks that were not used, by reason.
+    notes : tuple of str
+    """
+
+    run: IntArray
+    run_names: tuple[str, ...]
+    time_s: FloatArray
+    conditions: Conditions
+    measured: dict[str, FloatArray]
+    sigma: dict[str, float]
+    speed_sigma_mps: float
+    load_sigma_n: float
+    distance_m: FloatArray
+    wheel_angle_rad: FloatArray
+    instants: Instants
+    rests: Rests
+    wheel_radius_m: float
+    block_s: float
+    left_out: dict[str, int]
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.run)
+
+    @property
+    def runs(self) -> int:
+        """Number of runs, also of those without a sample."""
+        return len(self.run_names)
+
+    def __getitem__(self, rows: NDArray[np.bool_]) -> Samples:
+        return replace(
+            self,
+            run=self.run[rows],
+            time_s=self.time_s[rows],
+            conditions=self.conditions.map(lambda x: x[rows]),
+            measured={c: x[rows] for c, x in self.measured.items()},
+            distance_m=self.distance_m[rows],
+            wheel_angle_rad=self.wheel_angle_rad[rows],
+            instants=Instants(*(getattr(self.instants, f)[:, rows] for f in Instants.__dataclass_fields__)),
+        )
+
+
+def samples_of(campaign: Campaign, channels: tuple[str, ...] = ("dp", "t", "z")) -> Samples:
+    """Return the samples of a campaign.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    channels : of "dp", "t", "z"
+        To use where they were measured.
+    """
+    positions, note = line_positions(campaign.runs)
+    clocks = campaign_times(campaign.runs)
+    left_out: Counter[str] = Counter()
+    parts = [
+        _blocks(run, x, clock, campaign, left_out)
+        for run, x, clock in zip(campaign.runs, positions, clocks, strict=True)
+    ]
+    names = tuple(run.run.id or f"run {i + 1}" for i, run in enumerate(campaign.runs))
+
+    def joined(key: str) -> FloatArray:
+        return np.concatenate([part[key] for part in parts], axis=-1) if parts else np.zeros(0)
+
+    measured = {c: joined(name) for c, name in CHANNELS.items() if c in channels}
+    measured = {c: x for c, x in measured.items() if np.isfinite(x).any()}
+    return Samples(
+        run=np.repeat(np.arange(len(parts)), [len(part["time_s"]) for part in parts]),
+        run_names=names,
+        time_s=joined("time_s"),
+        conditions=Conditions(**{name: joined(name) for name in Conditions.__dataclass_fields__}),
+        measured=measured,
+        sigma={c: _typical([getattr(run, _SIGMAS[c]) for run in campaign.runs]) for c in measured},
+        speed_sigma_mps=_typical([run.ground_speed_sigma_mps for run in campaign.runs]),
+        load_sigma_n=_typical([run.vertical_load_sigma_n for run in campaign.runs]),
+        distance_m=joined("distance_m"),
+        wheel_angle_rad=joined("wheel_angle_rad"),
+        instants=Instants(*(joined(f"instants.{f}") for f in Instants.__dataclass_fields__)),
+        rests=rests_of(campaign, tuple(c for c in measured if c != "z"), clocks, positions),
+        wheel_radius_m=campaign.wheel.radius_m,
+        block_s=max((block_seconds(run) for run in campaign.runs), default=BLOCK_S),
+        left_out=dict(left_out),
+        notes=(note,) * bool(note),
+    )
+
+
+_SIGMAS = {"dp": "drawbar_pull_sigma_n", "t": "driving_torque_sigma_nm", "z": "sinkage_sigma_m"}
+
+
+def block_seconds(run: ProcessedRun) -> float:
+    """Return the length of a block: 0.2 s, or longer where the common filter is slow."""
+    return max(BLOCK_S, 0.8 / run.cutoff_hz) if np.isfinite(run.cutoff_hz) else BLOCK_S
+
+
+def _typical(arrays: list[FloatArray]) -> float:
+    """Return the median of what is known; NaN where nothing is."""
+    known = [float(np.median(x[np.isfinite(x)])) for x in arrays if np.isfinite(x).any()]
+    return float(np.median(known)) if known else float("nan")
+
+
+def _blocks(
+    run: ProcessedRun, position: FloatArray, clock: FloatArray, campaign: Campaign, left_out: Counter[str]
+) -> dict[str, FloatArray]:
+    """Return the block means of one run by the names of `Conditions` and of the channels, and its instants."""
+    step = max(1, round(block_seconds(run) * run.rate_hz))
+    starts = _starts(run.used, step)
+    left_out.update({why.name.lower(): int(n) for why, n in _unused(run, step)})
+    rows = starts[:, None] + np.arange(step)
+    angle = np.cumsum(np.nan_to_num(run.wheel_speed_radps)) / run.rate_hz
+    acceleration = _calmed(run.ground_acceleration_mps2, _CALMING_S * run.rate_hz)
+    calmer = np.nan_to_num(acceleration - run.ground_acceleration_mps2)
+    slow = _calmed(run.ground_acceleration_mps2, _CALMING_OF_JERK_S * run.rate_hz)
+    jerk = np.gradient(slow) * run.rate_hz if len(run) > 1 else np.zeros(len(run))
+    of_run = {
+        "vertical_load_n": run.vertical_load_n,
+        "ground_speed_mps": run.ground_speed_mps,
+        "wheel_speed_radps": run.wheel_speed_radps,
+        "ground_acceleration_mps2": acceleration,
+        "ground_jerk_mps3": jerk,
+        "wheel_acceleration_radps2": run.wheel_acceleration_radps2,
+        "line_position": position,
+        "campaign_time": clock,
+        "time_s": run.time_s,
+        "distance_m": run.distance_m,
+        "wheel_angle_rad": angle,
+        "drawbar_pull_n": run.drawbar_pull_n + campaign.outboard_mass_kg * calmer,
+        "driving_torque_nm": run.driving_torque_nm,
+        "sinkage_m": run.sinkage_m,
+    }
+    found = {name: np.asarray(x)[rows].mean(axis=1) for name, x in of_run.items()}
+    info = run.run
+    for name, value in (
+        ("direction", -1.0 if info.direction == "back" else 1.0),
+        ("pass_number", float(info.pass_number)),
+        ("inflation_kpa", info.inflation_kpa or REFERENCE_KPA),
+        ("unit_weight_n_m3", campaign.soil.unit_weight_n_m3),
+    ):
+        found[name] = np.full(len(starts), value)
+    found |= _instants(run, starts, step, found)
+    found["slip"] = slip_of(run.wheel_radius_m * found["wheel_speed_radps"], found["ground_speed_mps"], 0.0)
+    keep = _kept(run, found, left_out)
+    return {name: x[..., keep] for name, x in found.items()}
+
+
+def _calmed(x: FloatArray, sigma: float) -> FloatArray:
+    """Return a smoothed history, NaN where it was; `sigma` in samples."""
+    from scipy.ndimage import gaussian_filter1d
+
+    known = np.isfinite(x)
+    weight = gaussian_filter1d(known.astype(float), sigma, mode="nearest")
+    smooth = gaussian_filter1d(np.where(known, x, 0.0), sigma, mode="nearest")
+    return np.where(known, smooth / np.maximum(weight, 1e-9), np.nan)
+
+
+def _starts(used: NDArray[np.bool_], step: int) -> IntArray:
+    """Return the first rows of blocks of `step` used rows, laid end to end in every stretch of used rows."""
+    edges = np.flatnonzero(np.diff(np.r_[False, used, False].astype(np.int8)))
+    pieces = [np.arange(a, b - step + 1, step) for a, b in edges.reshape(-1, 2)]
+    return np.concatenate(pieces) if pieces else np.zeros(0, np.intp)
+
+
+def _unused(run: ProcessedRun, step: int) -> list[tuple[Reason, int]]:
+    counts = np.bincount(run.reason, minlength=len(Reason))
+    return [(why, round(counts[why] / step)) for why in Reason if why is not Reason.USED and counts[why] >= step / 2]
+
+
+def _instants(run: ProcessedRun, starts: IntArray, step: int, means: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """Return three instants whose spread is that of block and filter, moved so that they average to the mean."""
+    kernel_s = kernel_sigma_s(run.cutoff_hz) if np.isfinite(run.cutoff_hz) else 0.0
+    reach = round(sqrt(3.0 * ((step / run.rate_hz) ** 2 / 12.0 + kernel_s**2)) * run.rate_hz)
+    middle = starts + step // 2
+    rows = np.clip(np.stack([middle - reach, middle, middle + reach]), 0, len(run) - 1)
+    weights = np.array(STENCIL)[:, None]
+    out = {}
+    for name in Instants.__dataclass_fields__:
+        at = getattr(run, name)[rows]
+        at = np.where(np.isfinite(at).all(axis=0), at, means[name])
+        out[f"instants.{name}"] = at + means[name] - (weights * at).sum(axis=0)
+    return out
+
+
+def _kept(run: ProcessedRun, found: dict[str, FloatArray], left_out: Counter[str]) -> NDArray[np.bool_]:
+    """Return which blocks are used: not where the slip is small, or changes too fast within a block."""
+    size = np.abs(found["slip"])
+    at = slip_of(run.wheel_radius_m * found["instants.wheel_speed_radps"], found["instants.ground_speed_mps"], 0.0)
+    with np.errstate(invalid="ignore"):
+        small = size < LITTLE_SLIP
+        quick = (np.ptp(at, axis=0) > _QUICK_SLIP) | ~(found["instants.ground_speed_mps"] > 0).all(axis=0)
+        odd = ~(size <= 1.0) | ~(found["vertical_load_n"] > 0)
+    odd |= _at_a_hole(found["ground_jerk_mps3"])
+    left_out.update({"little_slip": int(small.sum()), "slip_changes_fast": int((quick & ~small).sum())})
+    return np.asarray(~(small | quick | odd))
+
+
+def _at_a_hole(derivative: FloatArray) -> NDArray[np.bool_]:
+    """Return the blocks whose derivative looks into a hole; none where the derivative is not known anywhere."""
+    known = np.isfinite(derivative)
+    return np.asarray(~known & known.any())
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where each sample stands in an array of runs padded to one length; arrays of shape (n,)."""
+
+    run: NDArray[np.intp]
+    place: NDArray[np.intp]
+    runs: int
+    longest: int
+
+    def padded(self, x: FloatArray, fill: float = 0.0) -> FloatArray:
+        """Return (c, n, ...) as (runs, longest, c, ...)."""
+        moved = np.moveaxis(x, 0, 1)
+        out = np.full((self.runs, self.longest, *moved.shape[1:]), fill)
+        out[self.run, self.place] = moved
+        return out
+
+    def flat(self, x: FloatArray) -> FloatArray:
+        """Return (runs, longest, ...) as (n, ...)."""
+        return np.asarray(x[self.run, self.place])
+
+
+def places_of(samples: Samples) -> Places:
+    """Return the places of a campaign's samples."""
+    counts = np.bincount(samples.run, minlength=samples.runs)
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]]) if samples.runs else np.zeros(0, np.intp)
+    place = np.arange(len(samples)) - first[samples.run]
+    return Places(samples.run, place, samples.runs, int(counts.max(initial=0)))
+
+
+def steps_of(x: FloatArray, run: NDArray[np.intp]) -> FloatArray:
+    """Return the step to each sample from the one before in its run; 0 for the first."""
+    step = np.diff(x, prepend=x[:1])
+    step[np.diff(run, prepend=-1) != 0] = 0.0
+    return np.maximum(np.nan_to_num(step), 0.0)

@@ -1,0 +1,225 @@
+"""The nonlinear least-squares problem of one set of causes, whitened as the evidence is.
+
+What is not the set's stands still while Gauss-Newton runs, and is renewed after it: the slopes that whiten, and what
+averaging over the instants of a sample adds to the model's value at its mean. So residual and derivatives belong
+together exactly. What is one value a run is projected out of every run with its prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.time_series.columns import Columns, columns_of
+from model.diagnosis.time_series.evidence import box
+from model.diagnosis.time_series.grams import CauseColumn, Grams
+from model.diagnosis.time_series.linearise import (
+    SECANTS,
+    Linear,
+    Point,
+    Simulation,
+    at_rest,
+    at_speed,
+    derivatives,
+    linearise,
+)
+from model.diagnosis.time_series.start import View
+from model.diagnosis.time_series.whitening import joined, run_grams, whitened_rows
+
+FloatArray = NDArray[np.float64]
+
+_NEAR_NEUTRAL = 0.01
+"""Least coefficient of an effect whose derivative at neutral is infinite."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One campaign of the problem.
+
+    Attributes
+    ----------
+    view : View
+    simulation : Simulation
+        With the set's effects only.
+    frozen : Linear
+        Whose slopes whiten.
+    soil : slice
+        Of this campaign's soil in x.
+    causes : tuple of int
+        Which of the set's causes each of this campaign's cause columns is.
+    stretch : array
+        Coefficient in this campaign over the shared one: scales may go with the wheel.
+    """
+
+    view: View
+    simulation: Simulation
+    frozen: Linear
+    soil: slice
+    causes: tuple[int, ...]
+    stretch: FloatArray
+
+    def moved(self, point: Point) -> Linear:
+        """Return the model at another point, with the slopes that whiten as they are."""
+        samples, frozen = self.view.samples, self.frozen
+        soil = self.simulation.space.values(point.soil)
+        values: Mapping[str, float] = {**soil, **point.causes}
+        found = derivatives(self.simulation, samples, at_speed(samples, point.speed_mps), values, frozen.channels)
+        by_soil = found["soil"] @ self.simulation.space.jacobian(point.soil)
+        rest_value, rest_causes = at_rest(self.simulation, samples, values)
+        value = found["value"] + frozen.value - frozen.centre
+        return replace(
+            frozen,
+            point=point,
+            value=value,
+            soil=by_soil,
+            causes=found["causes"],
+            rest_value=rest_value,
+            rest_causes=rest_causes,
+            usable=np.isfinite(np.concatenate([value[..., None], by_soil, found["causes"]], axis=2)).all(axis=(0, 2)),
+        )
+
+
+@dataclass(frozen=True)
+class SetProblem:
+    """Whitened residuals of a set of causes; x holds the soils' coordinates and then the causes' coefficients.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+    soil : tuple of str
+        Labels of the soils' q coordinates.
+    causes : tuple of CauseColumn
+        The set's, c of them.
+    """
+
+    parts: tuple[Part, ...]
+    soil: tuple[str, ...]
+    causes: tuple[CauseColumn, ...]
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Least and largest x; soils have none."""
+        free = np.full(len(self.soil), np.inf)
+        lower, upper = box(self.causes)
+        return np.r_[-free, lower], np.r_[free, upper]
+
+    def points(self, x: FloatArray) -> tuple[Point, ...]:
+        """Return where x puts each campaign's model."""
+        return tuple(self._point(part, x) for part in self.parts)
+
+    def residual_and_jacobian(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return whitened residuals, run after run and priors last, and their derivatives; NaN without an answer."""
+        prior = np.concatenate([x[:, None], np.eye(len(x))], axis=1)
+        stacked = np.concatenate([*self.runs(x), prior])
+        return stacked[:, 0], stacked[:, 1:]
+
+    def runs(self, x: FloatArray) -> list[FloatArray]:
+        """Return whitened residual (first column) and derivatives of each run."""
+        return [rows for part in self.parts for rows in self._rows(part, x)]
+
+    def refrozen(self, x: FloatArray) -> SetProblem:
+        """Return the problem with the whitening of another point."""
+        parts = [
+            replace(part, frozen=linearise(part.simulation, part.view.samples, self._point(part, x)))
+            for part in self.parts
+        ]
+        return replace(self, parts=tuple(parts))
+
+    def grams(self) -> Grams:
+        """Return the Gram matrices about the point whose slopes whiten, without catch-all."""
+        found = []
+        for part in self.parts:
+            view = part.view
+            columns = self.columns(part)
+            matrices = run_grams(view.samples, part.frozen, columns, view.noise.values, view.speed_variance)
+            found.append((view.campaign.name, view.samples.run_names, columns, matrices))
+        return joined(found)
+
+    def columns(self, part: Part) -> Columns:
+        """Return the columns of a campaign about the point whose slopes whiten, without catch-all."""
+        return self._columns(part, part.frozen)
+
+    def _point(self, part: Part, x: FloatArray) -> Point:
+        moved = {}
+        for (effect, _, key), i in zip(part.simulation.parameters, part.causes, strict=True):
+            cause, size = self.causes[i], float(x[len(self.soil) + i])
+            if effect.key() in SECANTS:
+                size = max(size, _NEAR_NEUTRAL)
+            if size != 0.0:
+                moved[key] = cause.neutral + size * cause.scale
+        return Point(x[part.soil], moved, part.view.linear.point.speed_mps)
+
+    @staticmethod
+    def _columns(part: Part, linear: Linear) -> Columns:
+        return columns_of(part.simulation, part.view.samples, linear, catch_all=False)
+
+    def _rows(self, part: Part, x: FloatArray) -> list[FloatArray]:
+        """Return residual and derivatives of each run of a campaign, in the layout of x."""
+        linear = part.moved(self._point(part, x))
+        rows = self._whitened(part, self._columns(part, linear), x, part.view.noise.values)
+        answered = not np.any(part.frozen.usable & ~linear.usable)
+        return rows if answered else [np.full_like(run, np.nan) for run in rows]
+
+    def _whitened(self, part: Part, columns: Columns, x: FloatArray, values: Mapping[str, float]) -> list[FloatArray]:
+        whitened, _ = whitened_rows(part.view.samples, part.frozen, columns, values, part.view.speed_variance)
+        own = _without_constants(whitened, columns.shared)
+        q = len(columns.soil)
+        out = np.zeros((*own.shape[:2], 1 + len(x)))
+        out[..., 1 + part.soil.start : 1 + part.soil.stop] = -own[..., 1 : 1 + q]
+        out[..., [1 + len(self.soil) + i for i in part.causes]] = -own[..., 1 + q :] * part.stretch
+        out[..., 0] = own[..., 0] + out[..., 1:] @ x
+        return list(out)
+
+    def score_changes(self, x: FloatArray) -> FloatArray:
+        """Return by how much J'r changes when each hyper-parameter grows by its own one-sigma, shape (h, p)."""
+        found = []
+        for part in self.parts:
+            columns = self._columns(part, part.moved(self._point(part, x)))
+            noise = part.view.noise
+            plain = _score(self._whitened(part, columns, x, noise.values))
+            for name, sigma in noise.log_sigmas.items():
+                moved = {**noise.values, name: noise.values[name] * float(np.exp(sigma))}
+                found.append(_score(self._whitened(part, columns, x, moved)) - plain)
+        return np.array(found).reshape(len(found), len(x))
+
+
+def _score(rows: Sequence[FloatArray]) -> FloatArray:
+    return np.asarray(sum((run[:, 1:].T @ run[:, 0] for run in rows), np.zeros(rows[0].shape[1] - 1)))
+
+
+def _without_constants(rows: FloatArray, keep: int) -> FloatArray:
+    """Project out the columns behind `keep`, N(0, 1) each in every run; rows of shape (runs, n, m)."""
+    left, size, _ = np.linalg.svd(rows[..., keep:], full_matrices=False)
+    shared = rows[..., :keep]
+    share = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
+    return np.asarray(shared - left @ (share[..., None] * (left.swapaxes(-1, -2) @ shared)))
+
+
+def set_problem(views: Sequence[View], grams: Grams, keys: tuple[str, ...]) -> SetProblem:
+    """Return the problem of a set of causes, whitened as at the last look.
+
+    Parameters
+    ----------
+    views : sequence of View
+    grams : Grams
+        Of the same look.
+    keys : tuple of str
+        Effects of the set.
+    """
+    causes = tuple(c for key in keys for c in grams.causes if c.key == key)
+    names = [(c.key, c.parameter) for c in causes]
+    parts, start = [], 0
+    for view in views:
+        effects = {e.key(): e for e in view.simulation.effects}
+        simulation = replace(view.simulation, effects=tuple(effects[key] for key in keys if key in effects))
+        own = [(e.key(), e.parameters[i]) for e, i, _ in simulation.parameters]
+        positions = tuple(names.index((key, p.name)) for key, p in own)
+        scales = np.array([p.towards(simulation.wheel) for _, p in own])
+        stretch = np.array([causes[i].scale for i in positions]) / scales
+        soil = slice(start, start + len(simulation.space))
+        start = soil.stop
+        parts.append(Part(view, simulation, view.linear, soil, positions, stretch))
+    return SetProblem(tuple(parts), grams.soil, causes)

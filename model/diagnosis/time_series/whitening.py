@@ -1,0 +1,326 @@
+r"""Several campaigns looked at together: shared causes, a soil and a catch-all of its own for each.
+
+Whitening of many columns at once by a Kalman filter, linear in the number of samples.
+
+The noise of a run is a sum of independent first-order Markov processes seen through known loadings, and white noise:
+
+.. math:: y_{ic} = \sum_s h_{ics} x_{is} + w_{ic}, \qquad
+          x_{is} = a_{is} x_{i-1,s} + \sqrt{1 - a_{is}^2}\, \sigma_s u_{is},
+
+stationary from the start. The filter's innovations over their deviations are independent and of unit variance, and they
+are a linear map of the data: applied to residual and columns alike it is multiplication by the inverse Cholesky factor
+of the covariance, to rounding. Channels are taken one after the other within a sample, so that no matrix is inverted.
+Runs are a leading axis. Runs of different length are padded; what is not there has no loading, unit white noise and
+zeros in every column, and so counts for nothing.
+
+Source: Durbin & Koopman (2012), Time Series Analysis by State Space Methods, 4.3, 4.4 and 6.4.
+
+Columns of a campaign to whitened Gram matrices, run by run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.time_series.columns import Columns
+from model.diagnosis.time_series.grams import CauseColumn, Grams
+from model.diagnosis.time_series.linearise import Linear
+from model.diagnosis.time_series.noise import loading, processes, rest_variance, white_variance
+from model.diagnosis.time_series.samples import Places, Samples, places_of, steps_of
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """Noise of R runs of up to N samples in C channels by S processes.
+
+    Attributes
+    ----------
+    loadings : array, shape (R, N, C, S)
+        Zero where a channel is missing.
+    decay : array, shape (R, N, S)
+        a of the step to a sample from the one before; of the first sample it does not matter.
+    variance : array, shape (S,)
+        Stationary variances.
+    white : array, shape (R, N, C)
+        Variances of the white noise; 1 where a channel is missing.
+    """
+
+    loadings: FloatArray
+    decay: FloatArray
+    variance: FloatArray
+    white: FloatArray
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """Columns of shape (R, N C, M) with independent noise of unit variance, and ln det of each run's covariance."""
+
+    columns: FloatArray
+    log_determinants: FloatArray
+
+
+def whiten(space: StateSpace, columns: FloatArray) -> Whitened:
+    """Whiten columns.
+
+    Parameters
+    ----------
+    space : StateSpace
+    columns : array, shape (R, N, C, M)
+        Zero where a channel is missing.
+    """
+    runs, count, channels, width = columns.shape
+    states = len(space.variance)
+    stationary = np.diag(space.variance)
+    covariance = np.repeat(stationary[None], runs, axis=0)
+    state = np.zeros((runs, states, width))
+    out = np.zeros_like(columns)
+    log_determinants = np.zeros(runs)
+    for i in range(count):
+        a = space.decay[:, i]
+        state = state * a[:, :, None]
+        if i:
+            covariance = _ahead(covariance, stationary, a)
+        for c in range(channels):
+            h = space.loadings[:, i, c]
+            seen = (covariance @ h[:, :, None])[..., 0]
+            variance = (seen * h).sum(axis=-1) + space.white[:, i, c]
+            gain = seen / variance[:, None]
+            innovation = columns[:, i, c] - (h[:, None, :] @ state)[:, 0]
+            state = state + gain[:, :, None] * innovation[:, None, :]
+            covariance = covariance - gain[:, :, None] * seen[:, None, :]
+            out[:, i, c] = innovation / np.sqrt(variance)[:, None]
+            log_determinants += np.log(variance)
+    return Whitened(out.reshape(runs, count * channels, width), log_determinants)
+
+
+def smoothed(space: StateSpace, data: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the processes' means given all the data of a run, and their covariances.
+
+    Parameters
+    ----------
+    space : StateSpace
+    data : array, shape (R, N, C)
+        Zero where a channel is missing.
+
+    Returns
+    -------
+    means : array, shape (R, N, S)
+    covariances : array, shape (R, N, S, S)
+
+    Notes
+    -----
+    The fixed-interval smoother of Rauch, Tung & Striebel (1965).
+    """
+    runs, count, channels = data.shape
+    states = len(space.variance)
+    stationary = np.diag(space.variance)
+    mean, covariance = np.zeros((runs, states)), np.repeat(stationary[None], runs, axis=0)
+    means, covariances = np.zeros((count, runs, states)), np.zeros((count, runs, states, states))
+    for i in range(count):
+        if i:
+            mean = space.decay[:, i] * mean
+            covariance = _ahead(covariance, stationary, space.decay[:, i])
+        for c in range(channels):
+            h = space.loadings[:, i, c]
+            seen = (covariance @ h[:, :, None])[..., 0]
+            gain = seen / ((seen * h).sum(axis=-1) + space.white[:, i, c])[:, None]
+            mean = mean + gain * (data[:, i, c] - (h * mean).sum(axis=-1))[:, None]
+            covariance = covariance - gain[:, :, None] * seen[:, None, :]
+        means[i], covariances[i] = mean, covariance
+    for i in range(count - 2, -1, -1):
+        a = space.decay[:, i + 1]
+        ahead = _ahead(covariances[i], stationary, a)
+        back = np.linalg.solve(ahead, a[:, :, None] * covariances[i]).swapaxes(1, 2)
+        means[i] += (back @ (means[i + 1] - a * means[i])[..., None])[..., 0]
+        covariances[i] += back @ (covariances[i + 1] - ahead) @ back.swapaxes(1, 2)
+    return means.swapaxes(0, 1), covariances.swapaxes(0, 1)
+
+
+def _ahead(covariance: FloatArray, stationary: FloatArray, decay: FloatArray) -> FloatArray:
+    """Return the states' covariance one sample later."""
+    return np.asarray(stationary + (covariance - stationary) * (decay[:, :, None] * decay[:, None, :]))
+
+
+def state_space(
+    samples: Samples,
+    linear: Linear,
+    present: NDArray[np.bool_],
+    values: Mapping[str, float],
+    speed_variance: FloatArray,
+) -> StateSpace:
+    """Return the noise of a campaign's runs.
+
+    Parameters
+    ----------
+    samples : Samples
+    linear : Linear
+    present : bool array, shape (c, n)
+    values : mapping
+        Hyper-parameters.
+    speed_variance : array, shape (n,)
+        Variance of the ground speed's error about the point.
+    """
+    at = places_of(samples)
+    listed = processes(linear.channels)
+    loadings = np.stack([loading(linear, samples, p.loading) for p in listed], axis=-1)
+    loadings = np.where(present[..., None], loadings, 0.0)
+    step_s, step_m = (steps_of(x, samples.run) for x in (samples.time_s, samples.distance_m))
+    decay = np.zeros((len(samples), len(listed)))
+    for i, p in enumerate(listed):
+        if p.time is not None:
+            decay[:, i] = np.exp(-(step_m if p.over_distance else step_s) / values[p.time])
+    white = np.where(present, white_variance(linear, values, speed_variance), 1.0)
+    return StateSpace(
+        loadings=at.padded(loadings),
+        decay=at.padded(decay[None])[:, :, 0],
+        variance=np.array([values[p.deviation] ** 2 for p in listed]),
+        white=at.padded(white, fill=1.0),
+    )
+
+
+@dataclass(frozen=True)
+class RunGrams:
+    """Runs of one campaign with their constants integrated out.
+
+    Attributes
+    ----------
+    matrices : array, shape (runs, m, m)
+    log_determinants : array, shape (runs,)
+    samples : int array, shape (runs,)
+        Whitened numbers.
+    constants : array, shape (runs, l, m)
+        Means of the constants, in units of their deviations, by each column.
+    """
+
+    matrices: FloatArray
+    log_determinants: FloatArray
+    samples: NDArray[np.intp]
+    constants: FloatArray
+
+
+def whitened_rows(
+    samples: Samples, linear: Linear, columns: Columns, values: Mapping[str, float], speed_variance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return whitened rows of every run, shape (runs, rows, columns), padded with zeros, and ln det, shape (runs,).
+
+    Standstills come last. Constants of a run are columns still, scaled to one-sigma 1.
+    """
+    at = places_of(samples)
+    space = state_space(samples, linear, columns.present, values, speed_variance)
+    found = whiten(space, at.padded(columns.rows))
+    rests, log_determinants = _rests(samples, linear, columns, values)
+    rows = np.concatenate([found.columns, rests], axis=1)
+    rows[..., columns.shared :] *= np.array([values[name] for name in columns.constants])
+    return rows, found.log_determinants + log_determinants
+
+
+def _rests(
+    samples: Samples, linear: Linear, columns: Columns, values: Mapping[str, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the standstills' whitened rows, shape (runs, rows, columns), and their ln det."""
+    variance = rest_variance(linear, samples, values)
+    variance = np.where(columns.rests_present, variance, 1.0)
+    run = samples.rests.run
+    counts = np.bincount(run, minlength=samples.runs)
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    at = Places(run, np.arange(len(run)) - first[run], samples.runs, int(counts.max(initial=0)))
+    rows = at.padded(columns.rests / np.sqrt(variance)[..., None])
+    log_determinants = np.zeros(samples.runs)
+    np.add.at(log_determinants, run, np.log(variance).sum(axis=0))
+    return rows.reshape(samples.runs, -1, rows.shape[-1]), log_determinants
+
+
+def run_grams(
+    samples: Samples, linear: Linear, columns: Columns, values: Mapping[str, float], speed_variance: FloatArray
+) -> RunGrams:
+    """Return each run's Gram matrix with what is one value a run integrated out."""
+    rows, log_determinants = whitened_rows(samples, linear, columns, values, speed_variance)
+    full = rows.swapaxes(1, 2) @ rows
+    keep = columns.shared
+    inner = np.eye(full.shape[-1] - keep) + full[:, keep:, keep:]
+    across = full[:, keep:, :keep]
+    means = np.asarray(np.linalg.solve(inner, across))
+    matrices = full[:, :keep, :keep] - across.swapaxes(1, 2) @ means
+    counts = np.bincount(samples.run, columns.present.sum(axis=0), minlength=samples.runs)
+    counts += np.bincount(samples.rests.run, columns.rests_present.sum(axis=0), minlength=samples.runs)
+    return RunGrams(matrices, log_determinants + np.linalg.slogdet(inner)[1], counts.astype(np.intp), means)
+
+
+def smoothed_speed(
+    samples: Samples,
+    linear: Linear,
+    columns: Columns,
+    values: Mapping[str, float],
+    speed_variance: FloatArray,
+    coefficients: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the error of the measured ground speed that the data ask for, and its variance; shape (n,) each.
+
+    Parameters
+    ----------
+    coefficients : array, shape (runs, 1 + q + k + b + l)
+        Of the columns: 1 for the residual, minus the estimate for the others.
+    """
+    at = places_of(samples)
+    space = state_space(samples, linear, columns.present, values, speed_variance)
+    left = np.einsum("cnm,nm->cn", columns.rows, coefficients[samples.run])
+    means, covariances = smoothed(space, at.padded(left))
+    own = np.array([float(p.loading == "speed") for p in processes(linear.channels)])
+    return at.flat(means @ own), at.flat(covariances @ own @ own)
+
+
+def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> Grams:
+    """Put the Gram matrices of several campaigns into one.
+
+    Parameters
+    ----------
+    parts : sequence of (campaign's name, run names, Columns, RunGrams)
+        A cause that one campaign cannot show has a column of zeros there. A scale that goes with the wheel is that of
+        the first campaign that has the cause.
+    """
+    causes: dict[tuple[str, str], CauseColumn] = {}
+    for _, _, columns, _ in parts:
+        for cause in columns.causes:
+            causes.setdefault((cause.key, cause.parameter), cause)
+    several = len(parts) > 1
+    soil = [_labelled(name, label, several) for name, _, c, _ in parts for label in c.soil]
+    basis = [_labelled(name, label, several) for name, _, c, _ in parts for label in c.basis]
+    names = [_labelled(name, run, several) for name, runs, _, _ in parts for run in runs]
+    width = 1 + len(soil) + len(causes) + len(basis)
+    index = {key: 1 + len(soil) + i for i, key in enumerate(causes)}
+    matrices = []
+    soil_at, basis_at = 1, 1 + len(soil) + len(causes)
+    for _, _, columns, grams in parts:
+        turn = np.zeros((columns.shared, width))
+        turn[0, 0] = 1.0
+        q, k, b = len(columns.soil), len(columns.causes), len(columns.basis)
+        turn[1 : 1 + q, soil_at : soil_at + q] = np.eye(q)
+        for i, cause in enumerate(columns.causes):
+            key = (cause.key, cause.parameter)
+            turn[1 + q + i, index[key]] = causes[key].scale / cause.scale
+        turn[1 + q + k :, basis_at : basis_at + b] = np.eye(b)
+        soil_at, basis_at = soil_at + q, basis_at + b
+        matrices.append(turn.T @ grams.matrices @ turn)
+    return Grams(
+        matrices=np.concatenate(matrices),
+        log_determinants=np.concatenate([g.log_determinants for *_, g in parts]),
+        samples=np.concatenate([g.samples for *_, g in parts]),
+        run_names=tuple(names),
+        soil=tuple(soil),
+        causes=tuple(causes.values()),
+        basis=tuple(basis),
+    )
+
+
+def _labelled(campaign: str, label: str, several: bool) -> str:
+    """Put the campaign's name into a label, behind the channel of a catch-all column."""
+    if not several:
+        return label
+    channel, bar, where = label.partition("|")
+    return f"{channel}|{campaign}: {where}" if bar else f"{campaign}: {label}"

@@ -1,0 +1,1 @@
+"""How slip changes the sinkage."""

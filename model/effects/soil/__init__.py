@@ -1,0 +1,1 @@
+"""What the soil does beside Eq. 1-10."""

@@ -1,0 +1,1 @@
+from .tyre_flattening import REFERENCE_KPA as REFERENCE_KPA

@@ -1,0 +1,15 @@
+from .fit import fit_models as fit_models
+from .fit import fit_observations as fit_observations
+from .observations import CHANNELS as CHANNELS
+from .observations import Observations as Observations
+from .problem import free_parameters as free_parameters
+from .result import CHOSEN as CHOSEN
+from .result import EXTENDED as EXTENDED
+from .result import UNITS as UNITS
+from .result import CampaignFit as CampaignFit
+from .result import Estimate as Estimate
+from .result import FitOptions as FitOptions
+from .result import ModelFit as ModelFit
+from .result import coefficients as coefficients
+from .result import criteria_table as criteria_table
+from .result import remarks as remarks

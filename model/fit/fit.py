@@ -1,0 +1,364 @@
+"""A model and runs to a fit: estimates with intervals, criteria, and the load that the model's sinkage carries.
+
+What a fit asks of its options and data before it begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq import ConfigError, DataError, Fault, nearest
+from model.effects.base import Effect
+from model.effects.catalogue import EFFECTS
+from model.extended import ExtendedModel
+from model.fit.criteria import criteria
+from model.fit.estimates import correlations, estimates_of, spread_of, warnings_of
+from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
+from model.fit.intervals import Blocks, blocks_of
+from model.fit.observations import CHANNELS, Observations, observations_of
+from model.fit.problem import FitProblem, free_parameters
+from model.fit.result import CHOSEN, EXTENDED, MODELS, CampaignFit, FitOptions, LoadRatio, ModelFit
+from model.one_thread import one_thread
+from model.wheel_soil.conditions import Wheel
+from model.wheel_soil.run_conditions import conditions_of
+from model.wheel_soil.soils import SOIL_PARAMETERS, Soil
+from model.wheel_soil.wheel_soil_model import Prediction, WheelSoilModel
+from processing import ProcessedRun
+
+MIN_SAMPLES = 20
+"""Driven samples of a time series below which nothing is fitted."""
+
+
+def check_options(options: FitOptions) -> None:
+    """Raise ConfigError for models or channels that there are not, or an extended model of another reading."""
+    faults = [Fault(f"there is no model {m!r}", expected=nearest(m, MODELS)) for m in options.models if m not in MODELS]
+    faults += [
+        Fault(f"there is no channel {c!r} to fit", expected="dp, t", next_step="use --channels dp,t")
+        for c in options.channels or ("",)
+        if c not in CHANNELS
+    ]
+    if options.extended is not None and options.extended.reading != options.reading:
+        faults.append(
+            Fault(
+                "the extended model is of the other reading",
+                found=f"{options.extended.reading}, and the fit is {options.reading}",
+                next_step=f"add --sinkage {options.extended.reading}",
+            )
+        )
+    faults += [
+        Fault(
+            f"effect {key} is of the {EFFECTS[key].reading} reading only",
+            found=f"the fit is {options.reading}",
+            next_step=f"add --sinkage {EFFECTS[key].reading}, or leave it out",
+        )
+        for key in options.chosen
+        if EFFECTS[key].reading not in ("any", options.reading)
+    ]
+    if faults:
+        raise ConfigError(*faults)
+
+
+def driven_samples(observations: Observations, options: FitOptions) -> Observations:
+    """Return the samples that can be fitted: 0 < s <= 1, W > 0, every fitted channel measured."""
+    missing = [c for c in options.channels if not np.isfinite(observations.measured(c)).any()]
+    if missing and len(observations):
+        raise DataError(
+            *(
+                Fault(
+                    f"{CHANNELS[c]} was not measured",
+                    next_step=f"leave {c!r} out of --channels, or give the signal a role under [signals]",
+                )
+                for c in missing
+            )
+        )
+    good = (observations.slip > 0) & (observations.slip <= 1) & (observations.vertical_load_n > 0)
+    for channel in options.channels:
+        good &= np.isfinite(observations.measured(channel))
+    return observations[good]
+
+
+def check_stiffness(soil: Soil, wheel: Wheel) -> None:
+    """Raise ConfigError for a soil that does not resist the wheel."""
+    stiffness = soil.stiffness(wheel.width_m)
+    if not stiffness > 0:
+        raise ConfigError(
+            Fault(
+                "this soil does not resist a wheel of this width: k_c/b + k_phi is not positive",
+                where=f"soil {soil.name}",
+                found=f"k_c {soil.cohesive_modulus:g} N/m^(n+1), k_phi {soil.frictional_modulus:g} N/m^(n+2), "
+                f"b {wheel.width_m:g} m: {stiffness:g} Pa/m^n",
+                next_step="check cohesive_modulus_kn, frictional_modulus_kn and width_m",
+            )
+        )
+
+
+def check_enough(driven: Observations, lost: int, options: FitOptions) -> None:
+    """Raise DataError for too few samples; `lost` more have no answer of the model."""
+    most = max(sum(len(EFFECTS[e].parameters) for e in options.effects_of(m)) for m in options.names)
+    most += len(SOIL_PARAMETERS) if options.soil_prior else 0
+    needed = max(4, most + 3) if driven.independent else MIN_SAMPLES
+    if len(driven) >= needed:
+        return
+    found = f"{len(driven)} usable samples with s > 0"
+    if lost:
+        found += f"; {lost} more whose load this soil and wheel do not carry above the axle"
+    raise DataError(
+        Fault(
+            "too few driven samples to fit",
+            found=found,
+            expected=f"at least {needed}",
+            next_step="check wheel, soil and units" if lost else "see `wheelsoil process` for why samples are left out",
+        )
+    )
+
+
+def answered_by_extended(
+    wheel: Wheel, driven: Observations, extended: ExtendedModel, answered: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return which samples the extended model has an answer for, with the values it comes with."""
+    effects = [EFFECTS[effect.key] for effect in extended.effects]
+    _check_needs(driven, effects, "take another --model")
+    model = WheelSoilModel(wheel, extended.soil, effects, extended.reading)
+    found = np.isfinite(model.predict(driven.conditions, extended.values).drawbar_pull_n)
+    if answered.any() and not (found & answered).any():
+        raise DataError(
+            Fault(
+                "the extended model has no answer for any sample",
+                found=", ".join(effect.key() for effect in effects) or "no effects",
+                next_step="check that it is of this wheel and soil",
+            )
+        )
+    return found
+
+
+def check_chosen(driven: Observations, chosen: Sequence[str]) -> None:
+    """Raise DataError for an effect that a person chose and these data cannot tell."""
+    _check_needs(driven, [EFFECTS[key] for key in chosen], "leave the effect out")
+
+
+def _check_needs(driven: Observations, effects: Sequence[type[Effect]], instead: str) -> None:
+    lacking = [
+        Fault(
+            f"effect {effect.key()} needs {name}, which these data do not have",
+            next_step=f"give it (runs.toml, or the signal's role under [signals]), or {instead}",
+        )
+        for effect in effects
+        for name in effect.needs
+        if len(driven) and not np.isfinite(getattr(driven.conditions, name)).any()
+    ]
+    if lacking:
+        raise DataError(*lacking)
+
+
+FloatArray = NDArray[np.float64]
+
+_RENEWALS = 2
+
+
+@one_thread
+def fit_models(
+    runs: Sequence[ProcessedRun], wheel: Wheel, soil: Soil, options: FitOptions | None = None
+) -> CampaignFit:
+    """Fit the paper's models to processed runs of one terrain.
+
+    Parameters
+    ----------
+    runs : sequence of ProcessedRun
+    wheel : Wheel
+    soil : Soil
+    options : FitOptions, optional
+
+    Raises
+    ------
+    ConfigError
+        Unknown model or channel.
+    DataError
+        Too few usable driven samples, or a fitted channel that was not measured.
+
+    Source
+    ------
+    Yang et al. (2016), sections 1.2, 1.3 and 3.
+    """
+    conditions = conditions_of(runs, soil.unit_weight_n_m3)
+    asked = conditions if options and (options.extended or options.chosen) else ()
+    fitted = fit_observations(observations_of(runs, conditions=asked), wheel, soil, options)
+    everything = observations_of(runs, thinned=False)
+    models, predicted = [], []
+    for fit in fitted.models:
+        model = fitted.options.forward(wheel, soil, fit.name)
+        predictions = tuple(model.predict(condition, fit.values) for condition in conditions)
+        models.append(replace(fit, predictions=predictions))
+        predicted.append(
+            {
+                c: np.concatenate([getattr(p, CHANNELS[c])[r.used] for p, r in zip(predictions, runs, strict=True)])
+                for c in CHANNELS
+            }
+        )
+    return replace(fitted, models=judge_alike(models, everything, predicted, fitted.slip_threshold, wheel.radius_m))
+
+
+@one_thread
+def fit_observations(
+    observations: Observations,
+    wheel: Wheel,
+    soil: Soil,
+    options: FitOptions | None = None,
+) -> CampaignFit:
+    """Fit the paper's models to samples and judge them on the same: the door for bench tables.
+
+    Parameters
+    ----------
+    observations : Observations
+        What is fitted; only s > 0 is used.
+    wheel : Wheel
+    soil : Soil
+    options : FitOptions, optional
+
+    Raises
+    ------
+    ConfigError, DataError
+        As `fit_models`.
+    """
+    chosen = options or FitOptions()
+    check_options(chosen)
+    check_stiffness(soil, wheel)
+    driven = driven_samples(observations, chosen)
+    answered = np.isfinite(chosen.forward(wheel, soil, "wong").predict(driven.conditions).drawbar_pull_n)
+    if chosen.extended is not None:
+        answered &= answered_by_extended(wheel, driven, chosen.extended, answered)
+    check_chosen(driven, chosen.chosen)
+    driven, lost = driven[answered], int((~answered).sum())
+    check_enough(driven, lost, chosen)
+    threshold = default_slip_threshold(soil) if chosen.slip_threshold is None else chosen.slip_threshold
+    fits = [_fit_one(name, driven, wheel, soil, chosen) for name in chosen.names]
+    forward = [chosen.forward(wheel, soil, fit.name) for fit in fits]
+    predictions = [model.predict(observations.conditions, fit.values) for model, fit in zip(forward, fits, strict=True)]
+    predicted = [{c: getattr(p, CHANNELS[c]) for c in CHANNELS} for p in predictions]
+    models = judge_alike(fits, observations, predicted, threshold, wheel.radius_m)
+    notes = (f"{lost} driven samples left out: the soil does not carry their load above the axle",) if lost else ()
+    return CampaignFit(models, wheel, soil, chosen, threshold, observations, notes)
+
+
+def default_slip_threshold(soil: Soil) -> float:
+    """Return the paper's threshold for the criteria: 0.2 on clay, else 0.1."""
+    return 0.2 if "clay" in soil.name.lower() else 0.1
+
+
+def _fit_one(name: str, driven: Observations, wheel: Wheel, soil: Soil, options: FitOptions) -> ModelFit:
+    problem = _problem(name, driven, wheel, soil, options)
+    free = problem.free
+    x = problem.answered_start()
+    problem, floor = problem.renewed(x)
+    result: GaussNewtonResult | None = None
+    iterations = 0
+    blocks = _blocks(problem, x)
+    if free:
+        for _ in range(_RENEWALS + 1):
+            problem = replace(problem, tempering=_tempering(blocks, driven))
+            result = _solve(problem, x)
+            x, iterations = result.estimate, iterations + result.iterations
+            problem, floor = problem.renewed(x)
+            blocks = _blocks(problem, x)
+    found = spread_of(problem, x, result, blocks) if result else None
+    estimates = estimates_of(problem, x, result, found, blocks, options.confidence) if result and found else ()
+    return ModelFit(
+        name=name,
+        effects=options.effects_of(name),
+        estimates=estimates,
+        correlation=correlations(problem.names, found.covariance) if found else {},
+        warnings=warnings_of(problem, result, found, estimates) if result and found else (),
+        stop_reason=str(result.stop_reason) if result else "nothing_to_fit",
+        iterations=iterations,
+        criteria={},
+        load_ratio=_load_ratio(problem.predict(x), driven),
+        samples=len(driven),
+        blocks=blocks,
+        residual_floor=floor,
+        fixed=dict(problem.fixed),
+    )
+
+
+def _problem(name: str, driven: Observations, wheel: Wheel, soil: Soil, options: FitOptions) -> FitProblem:
+    model = options.forward(wheel, soil, name)
+    starts = options.extended.values if name == EXTENDED and options.extended else None
+    free = free_parameters(model, options.soil_prior, starts)
+    ones = {c: np.ones(len(driven)) for c in options.channels}
+    problem = FitProblem(model, driven, options.channels, free, options.soil_prior, ones)
+    if name in (EXTENDED, CHOSEN):
+        problem = problem.without_idle_parameters("start" if name == EXTENDED else "neutral")
+    return problem.with_static_sinkage()
+
+
+def _solve(problem: FitProblem, start: FloatArray) -> GaussNewtonResult:
+    return gauss_newton(
+        problem.residual_and_jacobian,
+        start,
+        lower=[f.lower for f in problem.free],
+        upper=[f.upper for f in problem.free],
+        scale=[f.scale for f in problem.free],
+        names=problem.names,
+        options=GaussNewtonOptions(epsilon=1e-6, cost_tolerance=1e-10, max_iterations=60),
+    )
+
+
+def _blocks(problem: FitProblem, x: FloatArray) -> Blocks:
+    channel = problem.channels[0]
+    whitened = problem.miss(problem.predict(x), channel) / np.sqrt(problem.variance[channel])
+    driven = problem.driven
+    return blocks_of(whitened, driven.time_s, driven.run, driven.independent)
+
+
+def _tempering(blocks: Blocks, driven: Observations) -> float:
+    """Return independent samples over samples, for the balance of data against a prior."""
+    if driven.independent or not blocks.correlation_time_s > 0:
+        return 1.0
+    step = float(np.median(np.diff(driven.time_s)[np.diff(driven.run) == 0]))
+    return float(min(1.0, step / blocks.correlation_time_s))
+
+
+def _load_ratio(prediction: Prediction, driven: Observations) -> LoadRatio:
+    ratio = prediction.vertical_load_n / driven.vertical_load_n
+    ratio = ratio[np.isfinite(ratio)]
+    if not len(ratio):
+        return LoadRatio(float("nan"), float("nan"), float("nan"))
+    return LoadRatio(float(np.median(ratio)), float(ratio.min()), float(ratio.max()))
+
+
+def judge_alike(
+    fits: Sequence[ModelFit],
+    measured: Observations,
+    predicted: Sequence[dict[str, FloatArray]],
+    threshold: float,
+    radius_m: float,
+) -> tuple[ModelFit, ...]:
+    """Give each model M0, R0 and R2, on the same samples: those that every one of them has an answer for.
+
+    Parameters
+    ----------
+    fits : sequence of ModelFit
+    measured : Observations, n samples
+    predicted : for each fit a mapping channel -> array (n,), N or N m; NaN where the model has no answer
+    threshold : slip from which on a sample counts
+    radius_m : of the wheel: a torque's error is told over load times radius
+    """
+    answered = np.logical_and.reduce([np.isfinite(p["dp"]) for p in predicted])
+    forces = {"dp": measured.vertical_load_n, "t": radius_m * measured.vertical_load_n}
+    judged = []
+    for fit, values in zip(fits, predicted, strict=True):
+        found = {
+            c: criteria(
+                measured.measured(c),
+                np.where(answered, values[c], np.nan),
+                measured.slip,
+                threshold,
+                vertical_load_n=forces[c],
+            )
+            for c in CHANNELS
+            if c == "dp" or np.isfinite(measured.measured(c)).any()
+        }
+        judged.append(replace(fit, criteria=found))
+    return tuple(judged)

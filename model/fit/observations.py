@@ -1,0 +1,117 @@
+"""What a fit sees: the driven, usable samples of some runs or of a bench table, thinned to what the filter left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.wheel_soil.conditions import Conditions
+from processing import ProcessedRun
+
+FloatArray = NDArray[np.float64]
+
+CHANNELS = {"dp": "drawbar_pull_n", "t": "driving_torque_nm"}
+"""Channels that can be fitted, by their short name on the command line."""
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Measured samples of one terrain, one after the other; every array has shape (n,).
+
+    Attributes
+    ----------
+    slip, vertical_load_n, drawbar_pull_n, driving_torque_nm, sinkage_m : measured; NaN where not measured.
+    slip_sigma, vertical_load_sigma_n : one-sigma of a sample; 0 where unknown.
+    time_s : within the run.
+    run : index of the run a sample is from.
+    names : of the runs.
+    independent : whether samples are independent of each other (rows of a bench table), or a time series.
+    more : mapping name -> array
+        Further fields of `Conditions`, for effects that ask for them.
+    """
+
+    slip: FloatArray
+    vertical_load_n: FloatArray
+    drawbar_pull_n: FloatArray
+    driving_torque_nm: FloatArray
+    sinkage_m: FloatArray
+    slip_sigma: FloatArray
+    vertical_load_sigma_n: FloatArray
+    time_s: FloatArray
+    run: NDArray[np.intp]
+    names: tuple[str, ...]
+    independent: bool = False
+    more: dict[str, FloatArray] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.slip)
+
+    def __getitem__(self, rows: NDArray[np.bool_] | slice) -> Observations:
+        arrays = {
+            name: getattr(self, name)[rows]
+            for name in self.__dataclass_fields__
+            if name not in ("names", "independent", "more")
+        }
+        more = {name: values[rows] for name, values in self.more.items()}
+        return Observations(**arrays, names=self.names, independent=self.independent, more=more)
+
+    @property
+    def conditions(self) -> Conditions:
+        """What the wheel was put through, as a model takes it."""
+        return Conditions(self.slip, self.vertical_load_n, **self.more)
+
+    def measured(self, channel: str) -> FloatArray:
+        """Return the measured values of "dp" or "t"."""
+        values: FloatArray = getattr(self, CHANNELS[channel])
+        return values
+
+
+def observations_of(
+    runs: Sequence[ProcessedRun], *, thinned: bool = True, conditions: Sequence[Conditions] = ()
+) -> Observations:
+    """Collect the usable samples of processed runs.
+
+    Parameters
+    ----------
+    runs : sequence of ProcessedRun
+    thinned : bool
+        Keep only every k-th sample, so that the rate is still 2.5 times the filter's cutoff: what is left out
+        holds no information that its neighbours do not have.
+    conditions : sequence of Conditions, optional
+        Of every sample of each run (`model.wheel_soil.run_conditions.conditions_of`), for effects that ask for more
+        than slip and load.
+    """
+    chosen = [_rows(run, _step(run) if thinned else 1) for run in runs]
+
+    def joined(name: str) -> FloatArray:
+        return np.concatenate([getattr(run, name)[rows] for run, rows in zip(runs, chosen, strict=True)])
+
+    more = {
+        name: np.concatenate([getattr(c, name)[rows] for c, rows in zip(conditions, chosen, strict=True)])
+        for name in (Conditions.__dataclass_fields__ if conditions else ())
+        if name not in ("slip", "vertical_load_n")
+    }
+    return Observations(
+        slip=joined("slip"),
+        vertical_load_n=joined("vertical_load_n"),
+        drawbar_pull_n=joined("drawbar_pull_n"),
+        driving_torque_nm=joined("driving_torque_nm"),
+        sinkage_m=joined("sinkage_m"),
+        slip_sigma=np.nan_to_num(joined("slip_sigma")),
+        vertical_load_sigma_n=np.nan_to_num(joined("vertical_load_sigma_n")),
+        time_s=joined("time_s"),
+        run=np.repeat(np.arange(len(runs)), [len(rows) for rows in chosen]),
+        names=tuple(run.run.id or f"run {i + 1}" for i, run in enumerate(runs)),
+        more=more,
+    )
+
+
+def _step(run: ProcessedRun) -> int:
+    return max(1, int(run.rate_hz / (2.5 * run.cutoff_hz))) if np.isfinite(run.cutoff_hz) else 1
+
+
+def _rows(run: ProcessedRun, step: int) -> NDArray[np.intp]:
+    return np.flatnonzero(run.used & (np.arange(len(run)) % step == 0))

@@ -1,0 +1,233 @@
+"""What a fit returns.
+
+The tables of a fit: what `wheelsoil fit` prints and a notebook shows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq import html_paragraph, html_table, number
+from model.effects.catalogue import EFFECTS
+from model.extended import ExtendedModel
+from model.fit.criteria import Criteria
+from model.fit.intervals import Blocks
+from model.fit.observations import Observations
+from model.wheel_soil.conditions import Wheel
+from model.wheel_soil.soils import Soil, SoilPrior
+from model.wheel_soil.wheel_soil_model import Prediction, Reading, WheelSoilModel
+
+Table = tuple[list[str], list[list[str]]]
+"""Head and rows."""
+
+UNITS = {"dp": "N", "t": "N m"}
+"""Channels that can be judged, and the unit of their R0."""
+
+
+def coefficients(fit: CampaignFit) -> Table:
+    """Return every model's coefficients with their intervals; the first two columns are names."""
+    head = ["model", "coefficient", "value", f"{100 * fit.options.confidence:g} % interval", "sigma", "unit"]
+    return head, [row for model in fit.models for row in _estimates(model)]
+
+
+def criteria_table(fit: CampaignFit, channel: str) -> Table:
+    """Return M0, R0, R2 and the load's ratio of every model that was judged by a channel; no rows where none was."""
+    name = {"dp": "drawbar pull", "t": "torque"}[channel]
+    head = [name, "M0 %", f"R0 {UNITS[channel]}", "R2", "samples", "load Eq.7/measured", "least", "most"]
+    scored = [model for model in fit.models if channel in model.criteria and model.criteria[channel].samples]
+    return head, [_criteria(model, channel) for model in scored]
+
+
+def remarks(fit: CampaignFit) -> list[str]:
+    """Return what a reader must know of the numbers: soil, reading, what is left out, what cannot be told apart."""
+    first = f"soil {fit.soil.name}, {fit.options.reading} reading, criteria at slips from {fit.slip_threshold:g} on"
+    reasons = {m.criteria["dp"].reason for m in fit.models if "dp" in m.criteria and m.criteria["dp"].reason}
+    return [first, *fit.notes, *sorted(reasons), *(f"{m.name}: {w}" for m in fit.models for w in m.warnings)]
+
+
+def fit_html(fit: CampaignFit) -> str:
+    """Return the tables as HTML."""
+    tables = [coefficients(fit), *(criteria_table(fit, channel) for channel in UNITS)]
+    shown = [html_table(head, rows, left=2 if i == 0 else 1) for i, (head, rows) in enumerate(tables) if rows]
+    return "".join([*shown, *map(html_paragraph, remarks(fit))])
+
+
+def _estimates(model: ModelFit) -> list[list[str]]:
+    held = [[model.name, name, f"{number(value)} (held)", "-", "-", ""] for name, value in model.fixed.items()]
+    if not model.estimates:
+        return held or [[model.name, "-", "-", "-", "-", ""]]
+    return held + [
+        [
+            model.name,
+            estimate.name,
+            number(estimate.value) + (" (bound)" if estimate.at_bound else ""),
+            f"{number(estimate.interval[0])} .. {number(estimate.interval[1])}",
+            number(estimate.sigma, 2),
+            estimate.unit,
+        ]
+        for estimate in model.estimates
+    ]
+
+
+def _criteria(model: ModelFit, channel: str) -> list[str]:
+    score, ratio = model.criteria[channel], model.load_ratio
+    return [
+        model.name,
+        number(score.M0_percent),
+        number(score.R0_N),
+        number(score.R2),
+        f"{score.samples}",
+        *(number(value) for value in (ratio.median, ratio.lowest, ratio.highest)),
+    ]
+
+
+FloatArray = NDArray[np.float64]
+
+MODELS: dict[str, tuple[str, ...]] = {"wong": (), "vasilev": ("vasilev",), "lyasko": ("lyasko",), "ding": ("ding",)}
+"""The paper's four models by the effects they add to Wong's."""
+EXTENDED = "extended"
+"""Name of the model that a diagnosis left behind, in a fit beside the four."""
+CHOSEN = "chosen"
+"""Name of the model with the effects that a person chose, in a fit beside the four."""
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How to fit.
+
+    Attributes
+    ----------
+    reading : "balanced" or "literal"
+    channels : of "dp" and "t"
+    soil_prior : SoilPrior, optional
+        Frees the soil's parameters within it; without it the soil is fixed, as in the paper.
+    slip_threshold : float, optional
+        For the criteria only; default 0.2 on clay, else 0.1, as in the paper.
+    models : of `MODELS`
+    confidence : of the intervals
+    extended : ExtendedModel, optional
+        Fitted beside the others: its soil, and its effects from the values they have.
+    chosen : tuple of str
+        Effects of one more model, fitted beside the others like them.
+    """
+
+    reading: Reading = "balanced"
+    channels: tuple[str, ...] = ("dp",)
+    soil_prior: SoilPrior | None = None
+    slip_threshold: float | None = None
+    models: tuple[str, ...] = tuple(MODELS)
+    confidence: float = 0.95
+    extended: ExtendedModel | None = None
+    chosen: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all models that are fitted."""
+        return (*self.models, *(EXTENDED,) * (self.extended is not None), *(CHOSEN,) * bool(self.chosen))
+
+    def effects_of(self, name: str) -> tuple[str, ...]:
+        """Return the short names of a model's effects."""
+        if name == EXTENDED and self.extended is not None:
+            return tuple(effect.key for effect in self.extended.effects)
+        if name == CHOSEN:
+            return self.chosen
+        return MODELS[name]
+
+    def forward(self, wheel: Wheel, soil: Soil, name: str) -> WheelSoilModel:
+        """Return what computes a model, by its name; an extended model brings its own soil."""
+        ground = self.extended.soil if name == EXTENDED and self.extended else soil
+        return WheelSoilModel(wheel, ground, [EFFECTS[effect] for effect in self.effects_of(name)], self.reading)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted parameter, or one that follows from several (``derived``).
+
+    ``sigma`` and ``interval`` are NaN where a bound holds the parameter.
+    """
+
+    name: str
+    unit: str
+    value: float
+    sigma: float
+    interval: tuple[float, float]
+    derived: bool = False
+    at_bound: bool = False
+
+
+@dataclass(frozen=True)
+class LoadRatio:
+    """Eq. 7 for the model's sinkage over the measured load, on the fitted samples: median, least, most."""
+
+    median: float
+    lowest: float
+    highest: float
+
+
+@dataclass(frozen=True)
+class ModelFit:
+    """One model fitted to one terrain.
+
+    Attributes
+    ----------
+    name : of `MODELS`, `EXTENDED` or `CHOSEN`
+    effects : short names of the effects on top of Wong's model
+    estimates : tuple of Estimate, empty for Wong's model with a fixed soil
+    correlation : mapping (name, name) -> float, each pair once
+    warnings : what cannot be separated, what sits on a bound
+    stop_reason, iterations : of Gauss-Newton; "nothing_to_fit" without parameters
+    criteria : mapping channel -> Criteria
+    load_ratio : LoadRatio
+    samples : in the fit
+    blocks : what the intervals took as independent
+    residual_floor : mapping channel -> a of the effective variance, N or N m
+    predictions : one for each run, on all its samples (NaN where not usable); empty for a bench table
+    fixed : mapping name -> value of effects' parameters that nothing fitted shows
+    """
+
+    name: str
+    effects: tuple[str, ...]
+    estimates: tuple[Estimate, ...]
+    correlation: dict[tuple[str, str], float]
+    warnings: tuple[str, ...]
+    stop_reason: str
+    iterations: int
+    criteria: dict[str, Criteria]
+    load_ratio: LoadRatio
+    samples: int
+    blocks: Blocks
+    residual_floor: dict[str, float]
+    predictions: tuple[Prediction, ...] = ()
+    fixed: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameters by name, as `WheelSoilModel.predict` takes them: the fitted ones and those that are held."""
+        return self.fixed | {e.name: e.value for e in self.estimates if not e.derived}
+
+    def estimate(self, name: str) -> Estimate:
+        """Return an estimate by name."""
+        return next(e for e in self.estimates if e.name == name)
+
+
+@dataclass(frozen=True)
+class CampaignFit:
+    """All models of one terrain."""
+
+    models: tuple[ModelFit, ...]
+    wheel: Wheel
+    soil: Soil
+    options: FitOptions
+    slip_threshold: float
+    observations: Observations
+    notes: tuple[str, ...] = ()
+
+    def model(self, name: str) -> ModelFit:
+        """Return a model's fit by name."""
+        return next(m for m in self.models if m.name == name)
+
+    def _repr_html_(self) -> str:
+        return fit_html(self)

@@ -1,0 +1,319 @@
+"""How the vehicle is driven: standstill, accelerate-coast-brake cycles, standstill.
+
+Vertical load under way: added mass, load transfer with acceleration, road roughness.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq import ConfigError, Fault
+
+FloatArray = NDArray[np.float64]
+
+GRAVITY_MPS2 = 9.80665
+_REFERENCE_WAVENUMBER_PER_M = 0.1  # of ISO 8608
+
+
+@dataclass(frozen=True)
+class VehicleSetup:
+    """The vehicle around the instrumented (rear) wheel; the defaults are the paper's 3.6 t vehicle.
+
+    Attributes
+    ----------
+    mass_kg, static_load_n : float
+        Of the empty vehicle, and the share of it on the instrumented wheel.
+    added_load_share : float
+        Share of an added mass that the instrumented wheel carries.
+    centre_of_gravity_height_m, wheelbase_m : float
+    outboard_mass_kg, outboard_inertia_kgm2 : float
+        On the soil side of the transducer.
+    unsprung_mass_kg, body_frequency_hz, damping_ratio, contact_stiffness_n_per_m : float
+        Of the quarter vehicle that rides over the road; the stiffness is that of soil and tyre in series.
+    roughness_m3 : float
+        ISO 8608 displacement density at 0.1 cycles/m (class C 256e-6, D 1024e-6).
+    inflation_kpa : float
+        Of the tyre, unless a run states another.
+    """
+
+    mass_kg: float = 3600.0
+    static_load_n: float = 8000.0
+    added_load_share: float = 0.4
+    centre_of_gravity_height_m: float = 0.9
+    wheelbase_m: float = 2.7
+    outboard_mass_kg: float = 75.0
+    outboard_inertia_kgm2: float = 8.0
+    unsprung_mass_kg: float = 110.0
+    body_frequency_hz: float = 1.4
+    damping_ratio: float = 0.35
+    contact_stiffness_n_per_m: float = 70e3
+    roughness_m3: float = 512e-6
+    inflation_kpa: float = 340.0
+
+
+def vertical_load_n(
+    setup: VehicleSetup,
+    ground_speed_mps: FloatArray,
+    ground_acceleration_mps2: FloatArray,
+    rate_hz: float,
+    added_load_kg: float,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Return the load between wheel and soil, positive up on the wheel; shape (n,).
+
+    A rear wheel gains load m a h/(2 L) when the vehicle accelerates. The road acts through a linear quarter
+    vehicle, so that the load swings at body and wheel frequency and rests at standstill.
+    """
+    static = static_load_n(setup, added_load_kg)
+    mass = setup.mass_kg + added_load_kg
+    lever = setup.centre_of_gravity_height_m / (2 * setup.wheelbase_m)
+    return (
+        static
+        + mass * lever * ground_acceleration_mps2
+        + road_load_n(setup, static, ground_speed_mps, rate_hz, rng.standard_normal(len(ground_speed_mps)))
+    )
+
+
+def static_load_n(setup: VehicleSetup, added_load_kg: float) -> float:
+    """Return the load of the instrumented wheel at standstill."""
+    return setup.static_load_n + setup.added_load_share * added_load_kg * GRAVITY_MPS2
+
+
+def road_load_n(
+    setup: VehicleSetup, static_n: float, ground_speed_mps: FloatArray, rate_hz: float, white: FloatArray
+) -> FloatArray:
+    """Return the load's swing about its mean from a road of ISO 8608's shape.
+
+    Such a road's vertical velocity is white noise of density (2 pi n0)^2 Gd(n0) V at speed V.
+
+    Parameters
+    ----------
+    white : float64 array, shape (n,)
+        Standard normal.
+
+    Notes
+    -----
+    Source: ISO 8608:2016 (road profiles, waviness 2); the quarter vehicle is the textbook's two-mass model.
+    """
+    from scipy.signal import bilinear_zpk, sosfilt, tf2zpk, zpk2sos
+
+    unsprung = setup.unsprung_mass_kg
+    sprung = max(static_n / GRAVITY_MPS2 - unsprung, unsprung)
+    spring = sprung * (2 * np.pi * setup.body_frequency_hz) ** 2
+    damper = 2 * setup.damping_ratio * np.sqrt(spring * sprung)
+    contact = setup.contact_stiffness_n_per_m
+    both = unsprung + sprung
+    numerator = contact * np.array([unsprung * sprung, both * damper, both * spring, 0.0])
+    denominator = np.array(
+        [unsprung * sprung, both * damper, both * spring + contact * sprung, contact * damper, contact * spring]
+    )
+    zeros, poles, gain = tf2zpk(numerator, denominator)
+    sections = zpk2sos(*bilinear_zpk(zeros, poles, gain, rate_hz))
+    density = (2 * np.pi * _REFERENCE_WAVENUMBER_PER_M) ** 2 * setup.roughness_m3
+    road_velocity = white * np.sqrt(density * ground_speed_mps * rate_hz / 2)
+    return np.asarray(sosfilt(sections, road_velocity), np.float64)
+
+
+SHORTEST_RUN_S = 15.0
+_STANDSTILL_S = 3.0
+_LAUNCH_S = 2.0
+_LAUNCH_SLIP = 0.12
+_STOP_S = 2.5
+_CYCLE_S = 9.5
+_BRAKE_FROM = 0.69
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Prescribed kinematics of the instrumented wheel, shape (n,) each.
+
+    Attributes
+    ----------
+    time_s : since the start of the run, evenly spaced
+    ground_speed_mps, ground_acceleration_mps2 : of the wheel's centre
+    wheel_speed_radps, wheel_acceleration_radps2
+    wheel_angle_rad, distance_m : since the start of the run, not wrapped
+    slip : 1 - V/(r omega) driving, (r omega - V)/V braking; zero at standstill
+    """
+
+    time_s: FloatArray
+    ground_speed_mps: FloatArray
+    ground_acceleration_mps2: FloatArray
+    wheel_speed_radps: FloatArray
+    wheel_acceleration_radps2: FloatArray
+    wheel_angle_rad: FloatArray
+    distance_m: FloatArray
+    slip: FloatArray
+
+
+@dataclass(frozen=True)
+class DrivingStyle:
+    """Limits that the random cycles keep.
+
+    Attributes
+    ----------
+    peak_slip, ordinary_peak_slip : (low, high)
+        Range of the highest slip of one cycle of the run, and of the others.
+    brake_slip : (low, high)
+        Range of the strongest braking slip of a cycle (negative).
+    lowest_speed_mps, highest_speed_mps : float
+    highest_deceleration_mps2 : float
+    highest_rim_speed_mps : float
+        r omega that the low gear allows: where the slip is high the vehicle is slow.
+    """
+
+    peak_slip: tuple[float, float] = (0.86, 0.91)
+    ordinary_peak_slip: tuple[float, float] = (0.45, 0.75)
+    brake_slip: tuple[float, float] = (-0.42, -0.25)
+    lowest_speed_mps: float = 0.6
+    highest_speed_mps: float = 4.5
+    highest_deceleration_mps2: float = 2.5
+    highest_rim_speed_mps: float = 6.0
+
+
+def drive(
+    duration_s: float,
+    wheel_radius_m: float,
+    rng: np.random.Generator,
+    *,
+    rate_hz: float = 1000.0,
+    coast_slip: float = -0.1,
+    style: DrivingStyle | None = None,
+) -> Motion:
+    """Draw one run.
+
+    Ground speed V and log ratio ln(r omega/V) are prescribed as smooth steps, so that both accelerations are
+    continuous; slip follows from the ratio. What the instrumented wheel cannot pull, the others do. Wheel
+    acceleration stays below about 10 rad/s2.
+
+    Parameters
+    ----------
+    duration_s : float
+        At least `SHORTEST_RUN_S`.
+    wheel_radius_m : float
+    rng : numpy.random.Generator
+        Draws the number of cycles, their slip, speed and length.
+    rate_hz : float
+        Samples per second of the result.
+    coast_slip : float
+        Slip at which the wheel transmits no torque.
+    style : DrivingStyle, optional
+
+    Raises
+    ------
+    ConfigError
+        The run is too short for one cycle between two standstills.
+    """
+    if not duration_s >= SHORTEST_RUN_S:
+        raise ConfigError(
+            Fault(
+                "the run is too short for one cycle between two standstills",
+                found=f"{duration_s:g} s",
+                expected=f"at least {SHORTEST_RUN_S:g} s",
+                next_step="give a longer duration",
+            )
+        )
+    speed_knots, ratio_knots = _knots(duration_s, _log_ratio(coast_slip), rng, style or DrivingStyle())
+    time_s = np.arange(round(duration_s * rate_hz)) / rate_hz
+    speed, acceleration = smooth_steps(time_s, speed_knots)
+    log_ratio, log_ratio_rate = smooth_steps(time_s, ratio_knots)
+    ratio = np.exp(log_ratio)
+    omega = speed * ratio / wheel_radius_m
+    alpha = (acceleration + speed * log_ratio_rate) * ratio / wheel_radius_m
+    slip = np.where(log_ratio >= 0, -np.expm1(-log_ratio), np.expm1(log_ratio))
+    return Motion(
+        time_s=time_s,
+        ground_speed_mps=speed,
+        ground_acceleration_mps2=acceleration,
+        wheel_speed_radps=omega,
+        wheel_acceleration_radps2=alpha,
+        wheel_angle_rad=integrated(omega, rate_hz),
+        distance_m=integrated(speed, rate_hz),
+        slip=np.where(speed > 0, slip, 0.0),
+    )
+
+
+def smooth_steps(time_s: FloatArray, knots: list[tuple[float, float]]) -> tuple[FloatArray, FloatArray]:
+    """Return value and rate of cosine steps between knots (time, value); constant outside of them.
+
+    Both are continuous; the rate is zero at every knot.
+    """
+    at, value = (np.array(column) for column in zip(*knots, strict=True))
+    piece = np.clip(np.searchsorted(at, time_s, side="right") - 1, 0, len(at) - 2)
+    length = at[piece + 1] - at[piece]
+    fraction = np.clip((time_s - at[piece]) / length, 0.0, 1.0)
+    height = value[piece + 1] - value[piece]
+    return (
+        value[piece] + height * (1 - np.cos(np.pi * fraction)) / 2,
+        height * np.pi / 2 * np.sin(np.pi * fraction) / length,
+    )
+
+
+def integrated(rate: FloatArray, rate_hz: float) -> FloatArray:
+    """Return the integral from the first sample on, by trapezoids; shape (n,)."""
+    steps = (rate[1:] + rate[:-1]) / (2 * rate_hz)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+@dataclass(frozen=True)
+class _Cycle:
+    start_s: float
+    length_s: float
+    peak_slip: float
+    brake_slip: float
+    low_speed_mps: float
+    high_speed_mps: float
+
+
+def _knots(
+    duration_s: float, coast: float, rng: np.random.Generator, style: DrivingStyle
+) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+    """Return the knots of ground speed and of ln(r omega/V)."""
+    still = _STANDSTILL_S + rng.uniform(-0.4, 0.4)
+    first = still + _LAUNCH_S
+    last = duration_s - _STANDSTILL_S - _STOP_S
+    cycles = _cycles(first, last, rng, style)
+    speed = [(0.0, 0.0), (still, 0.0)]
+    ratio = [(0.0, _log_ratio(_LAUNCH_SLIP)), (first, _log_ratio(_LAUNCH_SLIP))]
+    for cycle in cycles:
+        # drive to 0.56, coast to 0.69, brake to 0.88, coast to the next cycle
+        at = [cycle.start_s + share * cycle.length_s for share in (0.0, 0.28, 0.56, _BRAKE_FROM, 0.785, 0.88)]
+        speed += [(at[0], cycle.low_speed_mps), (at[2], cycle.high_speed_mps), (at[3], 0.92 * cycle.high_speed_mps)]
+        ratio += [
+            (at[1], _log_ratio(cycle.peak_slip)),
+            (at[2], coast),
+            (at[3], coast),
+            (at[4], _log_ratio(cycle.brake_slip)),
+            (at[5], coast),
+        ]
+    end = cycles[-1].start_s + cycles[-1].length_s
+    speed += [(end, style.lowest_speed_mps), (end + _STOP_S, 0.0)]
+    ratio += [(end + 0.5 * _STOP_S, coast + _log_ratio(-0.1))]
+    return speed, ratio
+
+
+def _cycles(first_s: float, last_s: float, rng: np.random.Generator, style: DrivingStyle) -> list[_Cycle]:
+    span = last_s - first_s
+    count = max(1, round(span / _CYCLE_S + rng.uniform(-0.5, 0.5)))
+    peaks = rng.uniform(*style.ordinary_peak_slip, count)
+    peaks[rng.integers(count)] = rng.uniform(*style.peak_slip)
+    weights = 1 - np.log1p(-peaks)  # a high slip is approached slowly, as a driver does
+    lengths = span * weights / weights.sum()
+    starts = first_s + np.concatenate([[0.0], np.cumsum(lengths[:-1])])
+    cycles = []
+    for start, length, peak in zip(starts, lengths, peaks, strict=True):
+        middle = float(np.clip(style.highest_rim_speed_mps * (1 - peak), 0.7, 3.0)) * rng.uniform(0.9, 1.1)
+        low = max(style.lowest_speed_mps, 0.6 * middle)
+        stops_from = style.lowest_speed_mps + 2 / np.pi * style.highest_deceleration_mps2 * (1 - _BRAKE_FROM) * length
+        high = max(low, float(min(2 * middle - low, style.highest_speed_mps, stops_from)))
+        brake = rng.uniform(*style.brake_slip)
+        cycles.append(_Cycle(float(start), float(length), float(peak), float(brake), low, high))
+    return cycles
+
+
+def _log_ratio(slip: float) -> float:
+    """Return ln(r omega/V) of a slip in the convention of both branches."""
+    return float(-np.log1p(-slip) if slip >= 0 else np.log1p(slip))

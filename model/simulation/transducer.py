@@ -1,0 +1,254 @@
+"""The wheel force transducer: forces at the hub, its noise, its rotating zero offset, its axes.
+
+Clocks: the sensors' sampling clocks and the host clock that stamps their messages.
+
+Noise of instruments.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.simulation.motion import GRAVITY_MPS2
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HostClock:
+    """The logger's clock against UTC, and what happens between a sensor's message and its time stamp.
+
+    Attributes
+    ----------
+    offset_s : float
+        Host minus UTC at the start of the campaign; positive: the host is ahead.
+    drift_ppm : float
+        How much faster than UTC the host runs.
+    jitter_s : float
+        Mean of the exponential delay between the end of a measurement's latency and its message.
+    """
+
+    offset_s: float = 0.25
+    drift_ppm: float = 8.0
+    jitter_s: float = 60e-6
+
+    def stamps_ns(
+        self,
+        time_s: FloatArray,
+        start_ns: int,
+        elapsed_s: float,
+        rng: np.random.Generator,
+    ) -> NDArray[np.int64]:
+        """Return host time stamps of messages; whole microseconds, never decreasing.
+
+        Parameters
+        ----------
+        time_s : float64 array, shape (n,)
+            True time at which each message is ready, since the start of the run.
+        start_ns : int
+            UTC of the start of the run.
+        elapsed_s : float
+            From the start of the campaign to the start of the run.
+        rng : numpy.random.Generator
+        """
+        late = time_s + rng.exponential(self.jitter_s, len(time_s)) if self.jitter_s else time_s
+        error = self.offset_s + self.drift_ppm * 1e-6 * (elapsed_s + late)
+        microseconds = np.round((late + error) * 1e6).astype(np.int64)
+        return np.maximum.accumulate(start_ns + microseconds * 1000)
+
+
+def sample_times_s(duration_s: float, rate_hz: float, clock_ppm: float, rng: np.random.Generator) -> FloatArray:
+    """Return the instants at which a free-running sensor samples within a run: random phase, own clock error.
+
+    Parameters
+    ----------
+    duration_s, rate_hz : float
+    clock_ppm : float
+        How much faster than true time the sensor's clock runs.
+    rng : numpy.random.Generator
+        Draws the phase.
+    """
+    period = 1.0 / (rate_hz * (1.0 + clock_ppm * 1e-6))
+    phase = rng.uniform(0.0, period)
+    count = int((duration_s - 1.0 / rate_hz - phase) / period) + 1
+    return np.asarray(phase + period * np.arange(count), np.float64)
+
+
+def coloured_noise(
+    count: int, rate_hz: float, sigma: float, correlation_time_s: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return a stationary Ornstein-Uhlenbeck process: autocorrelation sigma^2 exp(-|lag|/correlation time).
+
+    Parameters
+    ----------
+    count : int
+        Number of samples.
+    rate_hz : float
+        Samples per second.
+    sigma : float
+        Standard deviation, in the unit of the result.
+    correlation_time_s : float
+    rng : numpy.random.Generator
+        Gives `count` normal numbers, whatever `sigma` is.
+    """
+    from scipy.signal import lfilter
+
+    white = rng.standard_normal(count)
+    memory = float(np.exp(-1.0 / (rate_hz * correlation_time_s)))
+    white[1:] *= np.sqrt(1.0 - memory**2)
+    return np.asarray(sigma * lfilter([1.0], [1.0, -memory], white), np.float64)
+
+
+_UNITS = {
+    "drawbar_pull": "N",
+    "lateral_force": "N",
+    "vertical_load": "N",
+    "overturning_moment": "Nm",
+    "driving_torque": "Nm",
+    "steering_moment": "Nm",
+    "wheel_angle": "rad",
+    "spin_rate": "rad/s",
+    "temperature": "K",
+}
+
+
+@dataclass(frozen=True)
+class TransducerSetup:
+    """What the transducer adds to the truth.
+
+    Attributes
+    ----------
+    drawbar_pull_noise_n, load_noise_n, lateral_noise_n, torque_noise_nm : float
+        Standard deviation of the coloured noise (soil and sensor).
+    noise_correlation_s : float
+    white_noise_n, white_noise_nm : float
+        Standard deviation of white noise per sample, forces and moments.
+    zero_offset_n : (x', z')
+        Bridge offsets that turn with the wheel: a ripple once per revolution.
+    frame : "vehicle" or "wheel"
+        "wheel": forces and moments come in axes that turn with the wheel.
+    side : "left" or "right"
+        Wheel axes only: on the right x' and y' are turned round, since y' points outward on both sides.
+    angle_offset_deg, angle_direction : float, 1 or -1
+        Wheel angle sent = direction * rolled angle + offset.
+    zero : "lifted" or "spin"
+        "lifted": the outboard weight was tared away; "spin": it is missing from the vertical force.
+    rate_hz, clock_ppm : float
+    latency_s : float
+        Whole delay from a force to its message.
+    """
+
+    drawbar_pull_noise_n: float = 46.0
+    load_noise_n: float = 60.0
+    lateral_noise_n: float = 60.0
+    torque_noise_nm: float = 14.0
+    noise_correlation_s: float = 0.1
+    white_noise_n: float = 5.0
+    white_noise_nm: float = 1.0
+    zero_offset_n: tuple[float, float] = (25.0, -15.0)
+    frame: Literal["vehicle", "wheel"] = "vehicle"
+    side: Literal["left", "right"] = "left"
+    angle_offset_deg: float = 0.0
+    angle_direction: Literal[1, -1] = 1
+    zero: Literal["lifted", "spin"] = "lifted"
+    rate_hz: float = 1000.0
+    clock_ppm: float = 15.0
+    latency_s: float = 0.004
+
+
+@dataclass(frozen=True)
+class HubLoads:
+    """What acts on the hub through the wheel, in vehicle axes; shape (n,) each.
+
+    Forces on the wheel: x forward, y left, z up; `torque_nm` positive when it drives the wheel.
+    """
+
+    time_s: FloatArray
+    longitudinal_n: FloatArray
+    vertical_n: FloatArray
+    torque_nm: FloatArray
+    wheel_angle_rad: FloatArray
+    wheel_speed_radps: FloatArray
+
+
+@dataclass(frozen=True)
+class Readings:
+    """A sensor's samples: the true instant of each, and values by name (SI, radians)."""
+
+    time_s: FloatArray
+    latency_s: float
+    values: dict[str, FloatArray]
+    units: dict[str, str] = field(default_factory=dict)
+
+
+def measure_loads(
+    setup: TransducerSetup, hub: HubLoads, wheel_radius_m: float, outboard_mass_kg: float, rng: np.random.Generator
+) -> Readings:
+    """Sample the transducer.
+
+    Parameters
+    ----------
+    setup : TransducerSetup
+    hub : HubLoads
+        Evenly sampled, at a rate that its content needs.
+    wheel_radius_m : float
+        Arm of the lateral force.
+    outboard_mass_kg : float
+        Its weight is missing from the vertical force unless the zero was taken with the wheel lifted.
+    rng : numpy.random.Generator
+    """
+    # one stream per noise: switching one off leaves the others as they are
+    streams = rng.spawn(6)
+    duration = float(hub.time_s[-1] + hub.time_s[1] - hub.time_s[0])
+    at = sample_times_s(duration, setup.rate_hz, setup.clock_ppm, streams[0])
+    count = len(at)
+
+    def noise(sigma: float, white: float, stream: np.random.Generator) -> FloatArray:
+        slow = coloured_noise(count, setup.rate_hz, sigma, setup.noise_correlation_s, stream)
+        return slow + white * stream.standard_normal(count)
+
+    angle = np.interp(at, hub.time_s, hub.wheel_angle_rad) + streams[0].uniform(0, 2 * np.pi)
+    weight = outboard_mass_kg * GRAVITY_MPS2 if setup.zero == "spin" else 0.0
+    forces, moments = setup.white_noise_n, setup.white_noise_nm
+    fx = np.interp(at, hub.time_s, hub.longitudinal_n) + noise(setup.drawbar_pull_noise_n, forces, streams[1])
+    fz = np.interp(at, hub.time_s, hub.vertical_n) - weight + noise(setup.load_noise_n, forces, streams[2])
+    fy = noise(setup.lateral_noise_n, forces, streams[3])
+    my = np.interp(at, hub.time_s, hub.torque_nm) + noise(setup.torque_noise_nm, moments, streams[4])
+    mx = fy * wheel_radius_m + moments * streams[5].standard_normal(count)
+    mz = moments * streams[5].standard_normal(count)
+    fx, fz = to_wheel_axes(fx, fz, angle)
+    fx, fz = fx + setup.zero_offset_n[0], fz + setup.zero_offset_n[1]
+    if setup.frame == "vehicle":
+        fx, fz = to_vehicle_axes(fx, fz, angle)
+    else:
+        mx, mz = to_wheel_axes(mx, mz, angle)
+        if setup.side == "right":
+            fx, fy, mx, my = -fx, -fy, -mx, -my
+    values = {
+        "drawbar_pull": fx,
+        "lateral_force": fy,
+        "vertical_load": fz,
+        "overturning_moment": mx,
+        "driving_torque": my,
+        "steering_moment": mz,
+        "wheel_angle": np.mod(setup.angle_direction * angle + np.radians(setup.angle_offset_deg), 2 * np.pi),
+        "spin_rate": np.interp(at, hub.time_s, hub.wheel_speed_radps),
+        "counter": np.mod(np.arange(count), 16).astype(np.float64),
+        "status": np.zeros(count),
+        "temperature": 304.0 + 4.0 * (1 - np.exp(-at / 300.0)),
+    }
+    return Readings(at, setup.latency_s, values, _UNITS)
+
+
+def to_vehicle_axes(x: FloatArray, z: FloatArray, angle_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Turn components in wheel axes into vehicle axes; the angle is the one rolled forward."""
+    return x * np.cos(angle_rad) + z * np.sin(angle_rad), -x * np.sin(angle_rad) + z * np.cos(angle_rad)
+
+
+def to_wheel_axes(x: FloatArray, z: FloatArray, angle_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Turn components in vehicle axes into wheel axes; inverse of `to_vehicle_axes`."""
+    return to_vehicle_axes(x, z, -angle_rad)

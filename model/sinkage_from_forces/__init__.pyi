@@ -1,0 +1,9 @@
+from .force_cells import LEAST_SLIP as LEAST_SLIP
+from .force_cells import ForceCells as ForceCells
+from .force_cells import cells_of_runs as cells_of_runs
+from .force_cells import cells_of_table as cells_of_table
+from .sinkage import ShapeRanges as ShapeRanges
+from .sinkage_growth import Estimate as Estimate
+from .sinkage_growth import Growth as Growth
+from .sinkage_growth import SlipBin as SlipBin
+from .sinkage_growth import sinkage_from_forces as sinkage_from_forces

@@ -1,0 +1,151 @@
+"""What effects see of a wheel on soil, and what they give back.
+
+The wheel, as the wheel-soil model sees it.
+
+What a wheel is put through, sample by sample: measured inputs of the model, and what else effects may ask for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from model.wheel_soil.dual import Number, value_of, where
+from model.wheel_soil.stresses import speed_ratio
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """A rigid wheel.
+
+    Attributes
+    ----------
+    radius_m : float
+        r of Eq. 1.
+    width_m : float
+        b of Eq. 2 and 7: width of the contact patch.
+    """
+
+    radius_m: float
+    width_m: float
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Inputs of the model; arrays of shape (n,), or scalars where one value holds for all.
+
+    Only slip and load are always there. What else an effect needs stands in its ``needs``; NaN: not known.
+
+    Attributes
+    ----------
+    slip : Eq. 6 when driving, (r omega - V)/V when braking.
+    vertical_load_n : > 0
+    ground_speed_mps, wheel_speed_radps : V and omega
+    ground_acceleration_mps2, ground_jerk_mps3, wheel_acceleration_radps2 : their derivatives
+    line_position : x from -1 to 1 along the campaign's line, -1 where "out" starts
+    campaign_time : from -1/2 to 1/2 over the campaign's clock
+    direction : 1 "out", -1 "back"
+    pass_number : from 1
+    inflation_kpa : of the tyre
+    unit_weight_n_m3 : of the soil
+    """
+
+    slip: Number
+    vertical_load_n: Number
+    ground_speed_mps: Number = np.nan
+    wheel_speed_radps: Number = np.nan
+    ground_acceleration_mps2: Number = np.nan
+    ground_jerk_mps3: Number = np.nan
+    wheel_acceleration_radps2: Number = np.nan
+    line_position: Number = np.nan
+    campaign_time: Number = np.nan
+    direction: Number = np.nan
+    pass_number: Number = 1.0
+    inflation_kpa: Number = np.nan
+    unit_weight_n_m3: Number = 16_500.0
+
+    @property
+    def driving_slip(self) -> Number:
+        """max(s, 0): the slip-sinkage laws hold for a driven wheel."""
+        return where(value_of(self.slip) > 0.0, self.slip, 0.0)
+
+    @property
+    def braking_slip(self) -> Number:
+        """min(s, 0): for laws of a braked wheel."""
+        return where(value_of(self.slip) < 0.0, self.slip, 0.0)
+
+    def with_ground_speed(self, ground_speed_mps: Number) -> Conditions:
+        """Return the conditions with another ground speed, and the slip that belongs to it."""
+        return replace(
+            self.with_speed_ratio_times(ground_speed_mps / self.ground_speed_mps), ground_speed_mps=ground_speed_mps
+        )
+
+    def with_speed_ratio_times(self, factor: Number) -> Conditions:
+        """Return the conditions with V/(r omega), and so the slip, changed by a factor."""
+        return replace(self, slip=slip_of_ratio(speed_ratio(self.slip) * factor))
+
+    def map(self, function: Callable[[Number], Number]) -> Conditions:
+        """Return the conditions with `function` applied to every field."""
+        return Conditions(*(function(getattr(self, f.name)) for f in fields(self)))
+
+
+def slip_of_ratio(ratio: Number) -> Number:
+    """Return the slip ratio for V/(r omega); the inverse of `model.wheel_soil.stresses.speed_ratio`."""
+    braking = value_of(ratio) > 1.0
+    return where(braking, 1.0 / where(braking, ratio, 1.0) - 1.0, 1.0 - ratio)
+
+
+@dataclass(frozen=True)
+class SoilState:
+    """The soil's parameters under given conditions, as columns or scalars in SI units.
+
+    ``interface`` multiplies tan phi where soil shears on the rim; the soil itself keeps its friction.
+    """
+
+    cohesion: Number
+    tan_phi: Number
+    shear_modulus: Number
+    exponent: Number
+    cohesive_modulus: Number
+    frictional_modulus: Number
+    interface: Number = 1.0
+
+    def stiffer(self, factor: Number) -> SoilState:
+        """Return the soil with k of Eq. 2 multiplied by a factor."""
+        return replace(
+            self,
+            cohesive_modulus=self.cohesive_modulus * factor,
+            frictional_modulus=self.frictional_modulus * factor,
+        )
+
+
+@dataclass(frozen=True)
+class WheelState:
+    """Where the wheel is, once the balance is found; columns (n, 1) or scalars, SI.
+
+    Attributes
+    ----------
+    conditions : Conditions
+        The true inputs.
+    soil : SoilState
+    radius, width : m
+    sinkage : m, Z
+    entry_angle : rad, theta_1
+    """
+
+    conditions: Conditions
+    soil: SoilState
+    radius: Number
+    width: Number
+    sinkage: Number
+    entry_angle: Number
+
+
+@dataclass(frozen=True)
+class Reaction:
+    """Forces in the wheel's plane: drawbar pull in N and torque in N m, columns (n, 1)."""
+
+    drawbar_pull: Number
+    driving_torque: Number

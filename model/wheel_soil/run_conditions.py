@@ -1,0 +1,162 @@
+"""Everything that effects may ask for, for every sample of processed runs.
+
+Where on the campaign's line, and when on its clock, every sample of every run was taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.wheel_soil.conditions import Conditions
+from processing import ProcessedRun
+
+FloatArray = NDArray[np.float64]
+
+_EARTH_RADIUS_M = 6_371_008.8
+_LEAST_FIXES = 20
+_LEAST_LENGTH_M = 5.0
+
+
+def line_positions(runs: Sequence[ProcessedRun]) -> tuple[list[FloatArray], str]:
+    """Return x of every sample of every run, from -1 to 1 along the campaign's line.
+
+    "out" starts at -1 and "back" at 1; where all runs go one way, the ends are those of what was driven. The shape of a
+    run is its distance, which is smooth; where it lies comes from the positions of the whole run, whose noise that
+    averages out. Without positions the line is as long as the longest run.
+
+    Parameters
+    ----------
+    runs : sequence of ProcessedRun
+
+    Returns
+    -------
+    list of array, shape (n,) each
+        NaN in gaps of the ground speed.
+    note : str
+        What was not known; empty where positions were.
+    """
+    sides = [-1.0 if run.run.direction == "back" else 1.0 for run in runs]
+    starts, note = _starts_by_position(runs, sides)
+    if starts is None:
+        length = max((_length(run) for run in runs), default=0.0)
+        starts = [0.0 if side > 0 else length for side in sides]
+    along = [start + side * run.distance_m for start, side, run in zip(starts, sides, runs, strict=True)]
+    low, high = _ends(starts, sides, along)
+    return [2.0 * (x - low) / max(high - low, 1e-9) - 1.0 for x in along], note
+
+
+def _ends(starts: list[float], sides: list[float], along: list[FloatArray]) -> tuple[float, float]:
+    """Return where the line starts and ends, m."""
+    known = [x[np.isfinite(x)] for x in along]
+    driven = np.concatenate([*known, np.zeros(0)])
+    if not len(driven):
+        return 0.0, 1.0
+    out, back = ([at for at, side in zip(starts, sides, strict=True) if side == way] for way in (1.0, -1.0))
+    low, high = (float(np.median(at)) if at else None for at in (out, back))
+    if low is not None and high is not None and high > low:
+        return low, high
+    return float(driven.min()), float(driven.max())
+
+
+def campaign_times(runs: Sequence[ProcessedRun]) -> list[FloatArray]:
+    """Return the campaign's clock of every sample, from -1/2 at its first to 1/2 at its last; shape (n,) each."""
+    first = min((run.start_ns for run in runs), default=0)
+    seconds = [(run.start_ns - first) * 1e-9 + run.time_s for run in runs]
+    span = max((float(at[-1]) for at in seconds if len(at)), default=0.0)
+    return [at / span - 0.5 if span > 0 else np.zeros(len(at)) for at in seconds]
+
+
+def _length(run: ProcessedRun) -> float:
+    known = run.distance_m[np.isfinite(run.distance_m)]
+    return float(known.max()) if len(known) else 0.0
+
+
+def _starts_by_position(runs: Sequence[ProcessedRun], sides: list[float]) -> tuple[list[float] | None, str]:
+    """Return where on the line each run starts, m, from its fixes; None where they do not tell."""
+    fixed = [np.isfinite(run.latitude_deg) & np.isfinite(run.longitude_deg) for run in runs]
+    if not runs or any(np.count_nonzero(seen) < _LEAST_FIXES for seen in fixed):
+        return None, "no positions: where on the line a run lies is taken from its distance and direction"
+    east, north = _plane(runs)
+    points = np.concatenate([np.column_stack([e[s], n[s]]) for e, n, s in zip(east, north, fixed, strict=True)])
+    spread = points - points.mean(axis=0)
+    axis = np.linalg.svd(spread[:: max(1, len(spread) // 5000)], full_matrices=False)[2][0]
+    along = [e * axis[0] + n * axis[1] for e, n in zip(east, north, strict=True)]
+    turned = sum(side * _travel(x, run) for x, side, run in zip(along, sides, runs, strict=True))
+    if max(abs(_travel(x, run)) for x, run in zip(along, runs, strict=True)) < _LEAST_LENGTH_M:
+        return None, "the positions do not change: where on the line a run lies is taken from its distance"
+    along = [x if turned > 0 else -x for x in along]
+    return [_start(x, side * run.distance_m) for x, side, run in zip(along, sides, runs, strict=True)], ""
+
+
+def _start(along: FloatArray, way: FloatArray) -> float:
+    """Return where a run starts; of one whose way is not known, the first fix."""
+    starts = along - way
+    known = starts if np.isfinite(starts).any() else along[np.isfinite(along)][:1]
+    return float(np.nanmedian(known))
+
+
+def _travel(along: FloatArray, run: ProcessedRun) -> float:
+    """Return how far a run went along the axis, m, signed."""
+    rows = np.flatnonzero(np.isfinite(along) & np.isfinite(run.distance_m))
+    if len(rows) < 2:
+        return 0.0
+    distance = run.distance_m[rows] - run.distance_m[rows].mean()
+    scale = float(distance @ distance)
+    return float(distance @ along[rows]) / scale * float(np.ptp(distance)) if scale > 0 else 0.0
+
+
+def _plane(runs: Sequence[ProcessedRun]) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Return east and north of the first fix, m."""
+    latitude = np.concatenate([run.latitude_deg for run in runs])
+    longitude = np.concatenate([run.longitude_deg for run in runs])
+    first = int(np.flatnonzero(np.isfinite(latitude) & np.isfinite(longitude))[0])
+    lat0, lon0 = latitude[first], longitude[first]
+    east = [
+        np.radians((run.longitude_deg - lon0 + 180.0) % 360.0 - 180.0) * _EARTH_RADIUS_M * np.cos(np.radians(lat0))
+        for run in runs
+    ]
+    return east, [np.radians(run.latitude_deg - lat0) * _EARTH_RADIUS_M for run in runs]
+
+
+def conditions_of(runs: Sequence[ProcessedRun], unit_weight_n_m3: float) -> list[Conditions]:
+    """Return the conditions of every sample of every run of one campaign; every field has shape (n,).
+
+    The slip is NaN where a sample is not usable, so that a model has no answer there.
+
+    Parameters
+    ----------
+    runs : sequence of ProcessedRun
+    unit_weight_n_m3 : float
+        Of the soil.
+    """
+    positions, _ = line_positions(runs)
+    clocks = campaign_times(runs)
+    return [
+        _of_run(run, position, clock, unit_weight_n_m3)
+        for run, position, clock in zip(runs, positions, clocks, strict=True)
+    ]
+
+
+def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_weight_n_m3: float) -> Conditions:
+    def everywhere(value: float) -> FloatArray:
+        return np.full(len(run), value)
+
+    acceleration = run.ground_acceleration_mps2
+    return Conditions(
+        slip=np.where(run.used, run.slip, np.nan),
+        vertical_load_n=run.vertical_load_n,
+        ground_speed_mps=run.ground_speed_mps,
+        wheel_speed_radps=run.wheel_speed_radps,
+        ground_acceleration_mps2=acceleration,
+        ground_jerk_mps3=np.gradient(acceleration) * run.rate_hz if len(run) > 1 else everywhere(0.0),
+        wheel_acceleration_radps2=run.wheel_acceleration_radps2,
+        line_position=position,
+        campaign_time=clock,
+        direction=everywhere(-1.0 if run.run.direction == "back" else 1.0),
+        pass_number=everywhere(float(run.run.pass_number)),
+        inflation_kpa=everywhere(run.run.inflation_kpa or np.nan),
+        unit_weight_n_m3=everywhere(unit_weight_n_m3),
+    )

@@ -1,0 +1,161 @@
+"""Soils: published ones as presets, each with its source, and what a laboratory knows of one; SI units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, radians, tan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq import SOIL_KEYS, TerrainConfig
+
+SOIL_PARAMETERS = (
+    "cohesion_pa",
+    "tan_phi",
+    "shear_modulus_m",
+    "sinkage_exponent",
+    "cohesive_modulus",
+    "frictional_modulus",
+)
+"""Names of the parameters that Eq. 2 and 4 take, in the order of every covariance."""
+
+
+@dataclass(frozen=True)
+class Soil:
+    """Parameters of Bekker's and Janosi-Hanamoto's equations.
+
+    Attributes
+    ----------
+    name : str
+    cohesion_pa : float
+        c of Eq. 4.
+    friction_angle_rad : float
+        phi of Eq. 4.
+    shear_modulus_m : float
+        K of Eq. 4.
+    sinkage_exponent : float
+        n of Eq. 2.
+    cohesive_modulus : float
+        k_c of Eq. 2, N/m^(n+1).
+    frictional_modulus : float
+        k_phi of Eq. 2, N/m^(n+2).
+    unit_weight_n_m3 : float
+    source : str
+    """
+
+    name: str
+    cohesion_pa: float
+    friction_angle_rad: float
+    shear_modulus_m: float
+    sinkage_exponent: float
+    cohesive_modulus: float
+    frictional_modulus: float
+    unit_weight_n_m3: float = 16_500.0
+    source: str = ""
+
+    @property
+    def tan_phi(self) -> float:
+        """Tangent of the friction angle."""
+        return tan(self.friction_angle_rad)
+
+    def stiffness(self, width_m: float) -> float:
+        """Return k = k_c/b + k_phi of Eq. 2 in Pa/m^n (the paper's print k_c/(b + k_phi) is a misprint)."""
+        return self.cohesive_modulus / width_m + self.frictional_modulus
+
+
+def soil_from_terrain(terrain: TerrainConfig) -> Soil:
+    """Build a `Soil` in SI units from terrain.toml."""
+    s = terrain.soil
+    return Soil(
+        name=s.name,
+        cohesion_pa=s.cohesion_kpa * 1e3,
+        friction_angle_rad=radians(s.friction_angle_deg),
+        shear_modulus_m=s.shear_modulus_m,
+        sinkage_exponent=s.sinkage_exponent,
+        cohesive_modulus=s.cohesive_modulus_kn * 1e3,
+        frictional_modulus=s.frictional_modulus_kn * 1e3,
+        unit_weight_n_m3=(s.unit_weight_kn_m3 or 16.5) * 1e3,
+        source="terrain.toml",
+    )
+
+
+def _soil(name: str, c: float, phi_deg: float, K: float, n: float, kc: float, kphi: float, source: str) -> Soil:
+    return Soil(name, c, radians(phi_deg), K, n, kc, kphi, source=source)
+
+
+_YANG = "Yang, Lin, Zhang, Wang (2016), J. Southeast Univ. 32(2), Tab. 1"
+_DING = "Ding et al. (2015), as in unitsSpaceLab/gz-terramechanics soil_params.yaml"
+_WONG = "Wong, Theory of Ground Vehicles, as in A. Lines' thesis code"
+
+SOILS: dict[str, Soil] = {
+    "clay": _soil("clay", 7580, 14, 0.025, 0.85, 43.68e3, 499.3e3, _YANG),
+    "sandy": _soil("sandy", 1000, 25, 0.025, 1.04, 1.00e3, 580.0e3, _YANG),
+    "ding_clay": _soil("ding_clay", 4140, 13, 0.006, 0.5, 13.19e3, 692.15e3, _DING),
+    "dry_sand": _soil("dry_sand", 1040, 28, 0.010, 1.10, 0.99e3, 1528.43e3, _DING),
+    "lunar": _soil("lunar", 170, 35, 0.018, 1.0, 1.4e3, 820e3, _DING),
+    "hit_lss1": _soil("hit_lss1", 250, 31.9, 0.010, 1.10, 15.6e3, 2407.4e3, _DING),
+    "sandy_loam": _soil("sandy_loam", 3300, 33.7, 0.025, 1.1, 74.6e3, 2080e3, _WONG),
+}
+"""Presets by name; ``SOILS["clay"]`` and ``SOILS["sandy"]`` are the paper's."""
+
+LABORATORY_SPREAD: dict[str, float] = {
+    "cohesion_pa": 0.10,
+    "tan_phi": 0.06,
+    "shear_modulus_m": 0.20,
+    "sinkage_exponent": 0.04,
+    "cohesive_modulus": 0.10,
+    "frictional_modulus": 0.10,
+}
+"""Relative one-sigma of a laboratory's soil parameters, where terrain.toml states none."""
+
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SoilPrior:
+    """A normal distribution over the soil's parameters, in the order of `SOIL_PARAMETERS`, SI units.
+
+    Attributes
+    ----------
+    mean : array, shape (6,)
+    covariance : array, shape (6, 6)
+    source : str
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    source: str
+
+    def sigma_of(self, name: str) -> float:
+        """Return the one-sigma of one of `SOIL_PARAMETERS`; 0 where it is exactly known."""
+        return float(np.sqrt(self.covariance.diagonal()[SOIL_PARAMETERS.index(name)]))
+
+    def whitener(self) -> FloatArray:
+        """Return A, shape (rank, 6), with A'A the inverse covariance; an exactly known parameter has no row."""
+        sigma = np.sqrt(np.diag(self.covariance))
+        known = sigma > 0
+        rows = np.zeros((int(known.sum()), len(sigma)))
+        if known.any():
+            correlation = self.covariance[np.ix_(known, known)] / np.outer(sigma[known], sigma[known])
+            rows[:, known] = np.linalg.solve(np.linalg.cholesky(correlation), np.diag(1.0 / sigma[known]))
+        return rows
+
+
+def prior_of(soil: Soil, terrain: TerrainConfig | None = None) -> SoilPrior:
+    """Build the prior from terrain.toml's ``[uncertainty]``, or from `LABORATORY_SPREAD`.
+
+    A parameter that the section leaves out is taken as exactly known.
+    """
+    mean = np.array([getattr(soil, name) for name in SOIL_PARAMETERS])
+    uncertainty = terrain.uncertainty if terrain else None
+    if uncertainty is None:
+        sigma = np.abs(mean) * np.array([LABORATORY_SPREAD[name] for name in SOIL_PARAMETERS])
+        return SoilPrior(mean, np.diag(sigma**2), "default laboratory uncertainty")
+    if uncertainty.covariance is not None:
+        degree = radians(1.0) / cos(soil.friction_angle_rad) ** 2  # d tan(phi) per degree
+        unit = np.array([1e3, degree, 1.0, 1.0, 1e3, 1e3])
+        return SoilPrior(mean, np.array(uncertainty.covariance) * np.outer(unit, unit), "terrain.toml: covariance")
+    relative = np.array([getattr(uncertainty, key) or 0.0 for key in SOIL_KEYS])
+    return SoilPrior(mean, np.diag((np.abs(mean) * relative) ** 2), "terrain.toml: uncertainty")

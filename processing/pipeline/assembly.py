@@ -1,0 +1,279 @@
+"""Filtered roles to a `ProcessedRun`: slip, segments, reasons, quality.
+
+What the sensors read at standstill: facts for the report and the diagnosis. Nothing is subtracted.
+
+Distance along the track from ground speed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import isfinite, nan, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq import ClockFit, RunInfo
+from processing.options import SLIP_ROLES, ProcessOptions
+from processing.pipeline.filters import standstill_sigma
+from processing.pipeline.inputs import MODEL_ROLES
+from processing.pipeline.latency import SpeedComparison, compare_speeds
+from processing.pipeline.quality import combine_reasons, run_notes, sensor_notes, shares_of, speed_notes
+from processing.pipeline.resampling import OnBase
+from processing.pipeline.segments import runs_of, segment
+from processing.pipeline.slip import slip_of, slip_sigma
+from processing.processed_run import ProcessedRun, QualityReport, Reason, Segment, Standstill
+from processing.robust import robust_spread
+from processing.timebase import FloatArray
+
+
+def standstills(
+    time_s: FloatArray, segments: NDArray[np.uint8], channels: Mapping[str, FloatArray], cutoff_hz: float
+) -> tuple[Standstill, ...]:
+    """Return one `Standstill` per standing period.
+
+    Parameters
+    ----------
+    time_s : float64 array, shape (n,)
+    segments : uint8 array, shape (n,)
+        See `Segment`.
+    channels : mapping role -> float64 array, shape (n,)
+        NaN is left out; a channel without values in a period is not named there.
+    cutoff_hz : float
+        Of the filter: a second holds about 2.5 times as many independent samples.
+    """
+    found = []
+    for start, stop in runs_of(segments):
+        if segments[start] != Segment.STANDSTILL:
+            continue
+        levels, sigmas = {}, {}
+        for role, values in channels.items():
+            part = values[start:stop]
+            part = part[np.isfinite(part)]
+            if len(part) < 2:
+                continue
+            independent = max(2.5 * cutoff_hz * len(part) * float(time_s[1] - time_s[0]), 1.0)
+            middle = float(np.median(part))
+            levels[role] = middle
+            sigmas[role] = 1.25 * robust_spread(part - middle) / sqrt(independent)
+        found.append(Standstill(float(time_s[start]), float(time_s[stop - 1] - time_s[start]), levels, sigmas))
+    return tuple(found)
+
+
+def distance_of(time_s: FloatArray, ground_speed_mps: FloatArray) -> tuple[FloatArray, float]:
+    """Integrate ground speed by the trapezium rule.
+
+    Inside a gap the distance is NaN. Behind it the distance goes on as if the mean of the speeds at its ends had held:
+    that is an offset of what follows, not a sample, and the second value says how much of it there is.
+
+    Parameters
+    ----------
+    time_s, ground_speed_mps : float64 arrays, shape (n,)
+
+    Returns
+    -------
+    distance_m : float64 array, shape (n,)
+        0 at the first known speed.
+    bridged_m : float
+    """
+    known = np.flatnonzero(np.isfinite(ground_speed_mps))
+    distance = np.full(len(time_s), np.nan)
+    if not len(known):
+        return distance, 0.0
+    speed = ground_speed_mps[known]
+    parts = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time_s[known])
+    distance[known] = np.concatenate([[0.0], np.cumsum(parts)])
+    return distance, float(np.abs(parts[np.diff(known) > 1]).sum())
+
+
+FORCES = ("drawbar_pull", "driving_torque", "vertical_load")
+
+
+@dataclass(frozen=True)
+class Material:
+    """Everything on one time base; arrays of shape (n,), NaN where not known.
+
+    Attributes
+    ----------
+    start_ns, time_s, cutoff_hz
+        As in `ProcessedRun`.
+    roles : mapping role -> OnBase
+        Those that the run carries, one of them at least.
+    latitude_deg, longitude_deg : float64 arrays
+    clock : ClockFit or None
+    notes : tuple of str
+    missing : mapping role -> str
+        See `QualityReport`.
+    """
+
+    start_ns: int
+    time_s: FloatArray
+    cutoff_hz: float
+    roles: dict[str, OnBase]
+    latitude_deg: FloatArray
+    longitude_deg: FloatArray
+    clock: ClockFit | None
+    notes: tuple[str, ...]
+    missing: dict[str, str] = field(default_factory=dict)
+
+    def values(self, role: str) -> FloatArray:
+        """Return a role's values, NaN where the run does not carry it."""
+        return self.roles[role].values if role in self.roles else self._constant(nan)
+
+    def slope(self, role: str) -> FloatArray:
+        """Return the derivative of a role, per second; NaN where the run does not carry it."""
+        return self.roles[role].slope if role in self.roles else self._constant(nan)
+
+    @property
+    def has_slip(self) -> bool:
+        """Whether both speeds were measured."""
+        return all(role in self.roles for role in SLIP_ROLES)
+
+    def sigma(self, role: str) -> FloatArray:
+        """Return the one-sigma of each sample of a role."""
+        return self._constant(self.roles[role].facts.sigma if role in self.roles else nan)
+
+    def reasons(self) -> dict[str, NDArray[np.uint8]]:
+        """Return the reasons of every channel that a used sample must have."""
+        return {role: self.roles[role].reason for role in MODEL_ROLES if role in self.roles}
+
+    def _constant(self, value: float) -> FloatArray:
+        return np.broadcast_to(np.float64(value), self.time_s.shape)
+
+
+def assemble(material: Material, radius_m: float, run: RunInfo, options: ProcessOptions) -> ProcessedRun:
+    """Form slip, segments and reasons.
+
+    Parameters
+    ----------
+    material : Material
+    radius_m : float
+        Nominal radius of the wheel, as in Eq. 6.
+    run : RunInfo
+    options : ProcessOptions
+    """
+    ground, rim = material.values("ground_speed"), radius_m * material.values("wheel_speed")
+    slip = slip_of(rim, ground, options.min_speed_mps)
+    sigma = slip_sigma(
+        rim,
+        ground,
+        radius_m * material.sigma("wheel_speed"),
+        material.sigma("ground_speed"),
+        options.min_speed_mps,
+    )
+    acceleration = material.slope("ground_speed")
+    torque, load = material.values("driving_torque"), material.values("vertical_load")
+    segments = segment(rim, ground, acceleration, slip, torque / radius_m, load, options.rate_hz)
+    material = with_standstill_noise(material, segments, options.rate_hz)
+    reason = combine_reasons(material.reasons().values(), segments, slip, load, slip_is_measured=material.has_slip)
+    distance, bridged_m = distance_of(material.time_s, ground)
+    notes = [f"distance: {bridged_m:.1f} m were not seen and are bridged with the speeds around them"] * (bridged_m > 0)
+    return ProcessedRun(
+        run=run,
+        rate_hz=options.rate_hz,
+        cutoff_hz=material.cutoff_hz,
+        wheel_radius_m=radius_m,
+        start_ns=material.start_ns,
+        time_s=material.time_s,
+        slip=slip,
+        slip_sigma=sigma,
+        ground_speed_mps=ground,
+        ground_speed_sigma_mps=material.sigma("ground_speed"),
+        wheel_speed_radps=material.values("wheel_speed"),
+        wheel_speed_sigma_radps=material.sigma("wheel_speed"),
+        vertical_load_n=load,
+        vertical_load_sigma_n=material.sigma("vertical_load"),
+        drawbar_pull_n=material.values("drawbar_pull"),
+        drawbar_pull_sigma_n=material.sigma("drawbar_pull"),
+        driving_torque_nm=torque,
+        driving_torque_sigma_nm=material.sigma("driving_torque"),
+        sinkage_m=material.values("sinkage"),
+        sinkage_sigma_m=material.sigma("sinkage"),
+        ground_acceleration_mps2=acceleration,
+        wheel_acceleration_radps2=material.slope("wheel_speed"),
+        distance_m=distance,
+        latitude_deg=material.latitude_deg,
+        longitude_deg=material.longitude_deg,
+        segment=segments,
+        reason=reason,
+        quality=_quality(material, slip, segments, reason, radius_m, options, notes),
+    )
+
+
+def with_standstill_noise(material: Material, segments: NDArray[np.uint8], rate_hz: float) -> Material:
+    """Raise the estimated sigma of each force to what it does at standstill, see `processing.pipeline.filters`."""
+    roles = dict(material.roles)
+    for role in FORCES:
+        if role not in roles or roles[role].facts.sigma_source == "declared":
+            continue
+        sigma = standstill_sigma(roles[role].values, segments, rate_hz, material.cutoff_hz)
+        if not sigma <= roles[role].facts.sigma and isfinite(sigma):
+            facts = replace(roles[role].facts, sigma=sigma, sigma_source="standstill")
+            roles[role] = replace(roles[role], facts=facts)
+    return replace(material, roles=roles)
+
+
+def _quality(
+    material: Material,
+    slip: FloatArray,
+    segments: NDArray[np.uint8],
+    reason: NDArray[np.uint8],
+    radius_m: float,
+    options: ProcessOptions,
+    notes: list[str],
+) -> QualityReport:
+    speeds = _compare(material, radius_m, options.rate_hz)
+    standing = standstills(
+        material.time_s,
+        segments,
+        {role: material.values(role) for role in (*FORCES, "ground_speed") if role in material.roles},
+        material.cutoff_hz,
+    )
+    sensors = {role: on_base.facts for role, on_base in material.roles.items()}
+    clock = material.clock
+    return QualityReport(
+        shares=shares_of(reason),
+        residual_latency_s=speeds.latency_s,
+        residual_latency_sigma_s=speeds.latency_sigma_s,
+        speed_scale=speeds.scale,
+        speed_scale_sigma=speeds.scale_sigma,
+        clock={"offset_s": clock.offset_s, "drift_ppm": clock.drift_ppm, "residual_s": clock.residual_s}
+        if clock
+        else {},
+        notes=(
+            *material.notes,
+            *notes,
+            *sensor_notes(sensors),
+            *speed_notes(speeds, sensors),
+            *run_notes(
+                reason,
+                material.reasons(),
+                standing,
+                material.values("driving_torque"),
+                material.values("drawbar_pull"),
+                slip,
+                material.slope("ground_speed"),
+                material.values("vertical_load"),
+            ),
+        ),
+        sensors=sensors,
+        standstills=standing,
+        missing=material.missing,
+    )
+
+
+def _compare(material: Material, radius_m: float, rate_hz: float) -> SpeedComparison:
+    """Compare the speeds where both went through the whole filter."""
+    if not material.has_slip:
+        return SpeedComparison()
+    sound = {role: material.roles[role].reason == Reason.USED for role in SLIP_ROLES}
+    return compare_speeds(
+        np.where(sound["ground_speed"], material.values("ground_speed"), nan),
+        np.where(sound["wheel_speed"], radius_m * material.values("wheel_speed"), nan),
+        material.values("driving_torque"),
+        material.values("vertical_load"),
+        material.values("drawbar_pull"),
+        radius_m,
+        rate_hz,
+    )

@@ -1,0 +1,225 @@
+r"""Ground speed held against wheel speed: residual latency and scale.
+
+Residual latency of ground speed against wheel speed, with its uncertainty.
+
+.. math:: V_m(t) = g(t - \tau), \qquad g = r \omega (c_0 + c_1 u + c_2 u^2 + c_3 u^3), \qquad u = T / (r W)
+
+The bracket is 1 - s as a smooth function of the traction; without torque (a road vehicle) it is a constant. Samples are
+those of low slip (below 0.3) by the curve of slip over traction, not by their own measured slip: near zero slip
+everything is steep in the speeds, and a choice by measured slip would confirm a false latency. tau is scanned over a
+wide range, the cheapest kept, and refined by Gauss-Newton. The uncertainty joins two parts: leaving out stretches of
+the run, and what other choices of degree and slip limit would have said.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import hypot, isfinite, nan, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.pipeline.slip import LEAST_SPEED_MPS, rolls_freely, speed_scale
+from processing.robust import RobustFit, block_covariance, robust_linear
+from processing.timebase import FloatArray
+
+SCAN_S = (-0.5, 1.5)
+_SCAN_STEP_S = 0.05
+_SCAN_ROWS = 600
+_FIT_ROWS = 3000
+_LEAST_SECONDS = 3.0
+_LARGEST_SIGMA_S = 0.25
+_FIRST_CHOICE = (3, 0.3)
+_OTHER_CHOICES = ((2, 0.2), (5, 0.4))
+_CURVE_BINS = 25
+
+
+@dataclass(frozen=True)
+class SpeedSignals:
+    """What the estimate looks at; arrays of shape (n,) on the time base, NaN where not to be used or not measured.
+
+    Attributes
+    ----------
+    ground_speed_mps, rim_speed_mps : float64 arrays
+    traction : float64 array
+        T / (r W), or T / r where the load is not measured; all NaN without torque.
+    rate_hz : float
+    """
+
+    ground_speed_mps: FloatArray
+    rim_speed_mps: FloatArray
+    traction: FloatArray
+    rate_hz: float
+
+
+def residual_latency(signals: SpeedSignals) -> tuple[float, float]:
+    """Estimate the delay of ground speed against the wheel.
+
+    Returns
+    -------
+    latency_s, sigma_s : float
+        Positive: ground speed is late. NaN with less than 3 s of samples, a minimum at the end of the scan, or a sigma
+        above 0.25 s.
+    """
+    delay, sigma = _scan_and_refine(_Problem.of(signals, *_FIRST_CHOICE))
+    if np.isfinite(signals.traction).any() and np.isfinite(delay):
+        others = [_Problem.of(signals, *choice).refine(delay)[0] for choice in _OTHER_CHOICES]
+        sigma = hypot(sigma, float(np.sqrt(np.mean((np.array(others) - delay) ** 2))))
+    good = sigma < _LARGEST_SIGMA_S and SCAN_S[0] < delay < SCAN_S[1]
+    return (delay, sigma) if good else (nan, nan)
+
+
+def _scan_and_refine(problem: _Problem) -> tuple[float, float]:
+    if len(problem.rows) < _LEAST_SECONDS * problem.rate_hz:
+        return nan, nan
+    delays = np.arange(SCAN_S[0], SCAN_S[1] + 1e-9, _SCAN_STEP_S)
+    best = int(np.argmin([problem.cost(float(delay)) for delay in delays]))
+    if not 0 < best < len(delays) - 1:
+        return nan, nan
+    return problem.refine(float(delays[best]))
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """One choice of samples and of degree; rim speed is NaN where not chosen, traction centred.
+
+    Slopes are taken where they are needed: a run of hours has more samples than are ever looked at.
+    """
+
+    ground: FloatArray
+    rim: FloatArray
+    traction: FloatArray
+    degree: int
+    rows: NDArray[np.int64]
+    rate_hz: float
+
+    @staticmethod
+    def of(signals: SpeedSignals, degree: int, slip_limit: float) -> _Problem:
+        rim, traction = signals.rim_speed_mps, signals.traction
+        if np.isfinite(traction).any():
+            chosen = _low_slip(signals, slip_limit)
+            seen = traction[chosen]
+            middle, size = (float(np.median(seen)), float(np.std(seen))) if len(seen) else (0.0, 1.0)
+            traction = (traction - middle) / max(size, 1e-12)
+        else:
+            chosen, traction, degree = rim > LEAST_SPEED_MPS, np.zeros_like(rim), 0
+        rim = np.where(chosen, rim, nan)
+        known = np.isfinite(rim) & np.isfinite(traction)
+        known[1:-1] &= known[:-2] & known[2:]
+        rows = np.flatnonzero(known & np.isfinite(signals.ground_speed_mps))
+        return _Problem(signals.ground_speed_mps, rim, traction, degree, rows, signals.rate_hz)
+
+    def cost(self, delay_s: float) -> float:
+        """Return the robust spread that the best coefficients leave at this delay."""
+        rows, basis, _ = self._shifted(delay_s, _SCAN_ROWS)
+        if len(rows) < 4 * (self.degree + 1):
+            return float("inf")
+        return robust_linear(basis, self.ground[rows], iterations=4).spread
+
+    def refine(self, delay_s: float) -> tuple[float, float]:
+        """Gauss-Newton in the delay; the coefficients are linear and solved for at every step."""
+        coefficients: FloatArray | None = None
+        for _ in range(10):
+            at, basis, slope = self._shifted(delay_s, _FIT_ROWS)
+            y = self.ground[at]
+            if len(at) < 4 * (self.degree + 1):
+                return nan, nan
+            if coefficients is None:
+                coefficients = robust_linear(basis, y).coefficients
+            matrix = np.column_stack([basis, -(slope @ coefficients)])
+            fit: RobustFit = robust_linear(matrix, y, np.append(coefficients, 0.0), iterations=5)
+            coefficients, step = fit.coefficients[:-1], float(np.clip(fit.coefficients[-1], -0.1, 0.1))
+            delay_s += step
+            if abs(step) < 1e-4:
+                break
+        return delay_s, sqrt(block_covariance(matrix, y, fit.weights)[-1, -1])
+
+    def _shifted(self, delay_s: float, most: int) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+        """Return at most so many rows that are usable at this delay, and basis and slope at t - delay."""
+        rows = self.rows[:: max(1, -(-len(self.rows) // most))]
+        position = rows - delay_s * self.rate_hz
+        low = np.floor(position).astype(np.int64)
+        inside = (low >= 1) & (low + 2 < len(self.ground))
+        rows, low = rows[inside], low[inside]
+        share = position[inside] - low
+        (rim, rim_slope), (traction, traction_slope) = (
+            self._interpolated(signal, low, share) for signal in (self.rim, self.traction)
+        )
+        power = np.arange(self.degree + 1)
+        basis = rim * traction**power
+        slope = rim_slope * traction**power + rim * power * traction ** np.maximum(power - 1, 0) * traction_slope
+        good = np.isfinite(basis).all(axis=1) & np.isfinite(slope).all(axis=1)
+        return rows[good], basis[good], slope[good]
+
+    def _interpolated(self, signal: FloatArray, low: NDArray[np.int64], share: FloatArray) -> FloatArray:
+        """Return a signal between two samples, and its central differences interpolated alike, shape (2, n, 1)."""
+        before, here, there, after = (signal[low + step] for step in (-1, 0, 1, 2))
+        slope = ((1 - share) * (there - before) + share * (after - here)) * (0.5 * self.rate_hz)
+        return np.stack([(1 - share) * here + share * there, slope])[:, :, None]
+
+
+def _low_slip(signals: SpeedSignals, limit: float) -> NDArray[np.bool_]:
+    """Return the moving samples whose traction goes with a slip below the limit, by the median slip of each bin."""
+    rim, ground, traction = signals.rim_speed_mps, signals.ground_speed_mps, signals.traction
+    larger = np.maximum(rim, ground)
+    moving = (larger > LEAST_SPEED_MPS) & np.isfinite(traction)
+    if moving.sum() < 4 * _CURVE_BINS:
+        return moving
+    edges = np.quantile(traction[moving], np.linspace(0, 1, _CURVE_BINS + 1))
+    which = np.clip(np.searchsorted(edges, traction[moving]) - 1, 0, _CURVE_BINS - 1)
+    slip = (rim[moving] - ground[moving]) / larger[moving]
+    there = np.unique(which)
+    curve = np.array([np.median(slip[which == k]) for k in there])
+    centres = 0.5 * (edges[there] + edges[there + 1])
+    return np.asarray(moving & (np.abs(np.interp(traction, centres, curve)) < limit))
+
+
+_ROWS = 10_000
+
+
+@dataclass(frozen=True)
+class SpeedComparison:
+    """Delay of ground speed (positive: late) in s, ground speed over rim speed, and their sigmas; NaN where unknown."""
+
+    latency_s: float = nan
+    latency_sigma_s: float = nan
+    scale: float = nan
+    scale_sigma: float = nan
+
+
+def compare_speeds(
+    ground_speed_mps: FloatArray,
+    rim_speed_mps: FloatArray,
+    torque_nm: FloatArray,
+    load_n: FloatArray,
+    drawbar_pull_n: FloatArray,
+    radius_m: float,
+    rate_hz: float,
+) -> SpeedComparison:
+    """Estimate the residual latency on low slip, and the scale where the wheel rolls freely.
+
+    Parameters
+    ----------
+    ground_speed_mps, rim_speed_mps, torque_nm, load_n, drawbar_pull_n : float64 arrays, shape (n,)
+        On the time base; NaN where not to be used or not measured. Where torque is not, slip goes by drawbar pull.
+    radius_m, rate_hz : float
+    """
+    measured = np.isfinite(torque_nm).any()
+    traction = torque_nm / radius_m if measured else drawbar_pull_n
+    if np.isfinite(load_n).any():
+        traction = np.where(load_n > 0, traction / np.where(load_n > 0, load_n, 1.0), nan)
+    latency, sigma = residual_latency(SpeedSignals(ground_speed_mps, rim_speed_mps, traction, rate_hz))
+    free = np.flatnonzero(rolls_freely(rim_speed_mps, torque_nm, load_n, drawbar_pull_n, radius_m))
+    free = free[:: max(1, -(-len(free) // _ROWS))]
+    ground = _later(ground_speed_mps, free, (latency if isfinite(latency) else 0.0) * rate_hz)
+    return SpeedComparison(latency, sigma, *speed_scale(ground, rim_speed_mps[free]))
+
+
+def _later(values: FloatArray, rows: np.ndarray[tuple[int], np.dtype[np.int64]], lag: float) -> FloatArray:
+    """Return the values `lag` samples after the rows, interpolated; NaN beyond the ends."""
+    low = np.floor(rows + lag).astype(np.int64)
+    share = rows + lag - low
+    inside = (low >= 0) & (low + 1 < len(values))
+    low = np.where(inside, low, 0)
+    out = (1 - share) * values[low] + share * values[np.minimum(low + 1, len(values) - 1)]
+    return np.where(inside, out, nan)

@@ -1,0 +1,314 @@
+"""Channels of one run to a `ProcessedRun`: the room's one door.
+
+What a run does not carry, for a purpose that only looks: which roles, why, and what to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from daq import Channel, ClockFit, ConfigError, DataError, Fault, RunInfo, VehicleConfig, WheelSection
+from processing.options import FORCE_ROLES, LOOK, NEEDED_ROLES, SLIP_ROLES, ProcessOptions, require_roles
+from processing.pipeline.assembly import Material, assemble
+from processing.pipeline.collection import Samples, collect
+from processing.pipeline.filters import kernel_sigma_s
+from processing.pipeline.inputs import (
+    MODEL_ROLES,
+    fit_gnss_clock,
+    latency_ns,
+    ready,
+    without_invalid_fixes,
+    without_jitter,
+    without_null_island,
+)
+from processing.pipeline.resampling import (
+    OnBase,
+    choose_cutoff,
+    gap_limit_s,
+    interpolated_on_base,
+    put_on_base,
+    received_span_ns,
+)
+from processing.pipeline.transducer_status import StatusGate
+from processing.pipeline.wheel_frames import at_soil, not_carried, to_vehicle_axes
+from processing.processed_run import ProcessedRun
+from processing.timebase import FloatArray, make_time_base
+from processing.transducer_zero.application import RunZeros, ZeroRemoval
+
+_ROTATING = (*FORCE_ROLES, "wheel_angle")
+
+
+def noting(chunks: Iterable[Mapping[str, Channel]], came: set[str]) -> Iterator[Mapping[str, Channel]]:
+    """Pass chunks through; `came` gets every role of which there is a sample."""
+    for chunk in chunks:
+        came |= {role for role, channel in chunk.items() if len(channel)}
+        yield chunk
+
+
+def require_any(seen: Collection[str], came: Collection[str], vehicle: VehicleConfig) -> None:
+    """Check that there is something to look at.
+
+    Parameters
+    ----------
+    seen, came : collection of str
+        Roles that have a signal, and those of which a sample came.
+    vehicle : VehicleConfig
+
+    Raises
+    ------
+    ConfigError
+        No signal has a role that can be shown.
+    DataError
+        None of those that have one holds a sample.
+    """
+    named = [role for role in MODEL_ROLES if role in seen]
+    if not named:
+        raise ConfigError(
+            Fault(
+                "no signal has a role that can be shown",
+                where="[signals]",
+                found=", ".join(sorted(seen)) or "no roles at all",
+                expected=f"at least one of {', '.join(MODEL_ROLES)}",
+                next_step='add wheel_speed = "Message.Signal" to [signals] of vehicle.toml, and the others alike',
+            )
+        )
+    if not any(role in came for role in named):
+        raise DataError(*(nothing_received(role, vehicle) for role in named))
+
+
+def nothing_received(role: str, vehicle: VehicleConfig) -> Fault:
+    """Return the fault of a role without samples."""
+    return Fault(
+        f"the run holds no sample of {role}",
+        where=vehicle.signals.get(role, ""),
+        next_step="check that its frames were recorded (wheelsoil info) and that the signal is the right one",
+    )
+
+
+def why_missing(
+    roles: Collection[str], seen: Collection[str], came: Collection[str], vehicle: VehicleConfig
+) -> dict[str, str]:
+    """Return a sentence for each speed and force that a slip and a fit need and the run does not carry.
+
+    Parameters
+    ----------
+    roles : collection of str
+        Those that can be used.
+    seen, came : collection of str
+        As in `require_any`.
+    vehicle : VehicleConfig
+
+    Raises
+    ------
+    DataError
+        Nothing of all that has a signal can be used; says why of each.
+    """
+    if not any(role in roles for role in MODEL_ROLES):
+        raise DataError(*(Fault(_sentence(role, seen, came, vehicle)) for role in MODEL_ROLES if role in seen))
+    return {role: _sentence(role, seen, came, vehicle) for role in (*SLIP_ROLES, *FORCE_ROLES) if role not in roles}
+
+
+def _sentence(role: str, seen: Collection[str], came: Collection[str], vehicle: VehicleConfig) -> str:
+    return f"{role} is missing; {_step(role, seen, came, vehicle)}"
+
+
+def _step(role: str, seen: Collection[str], came: Collection[str], vehicle: VehicleConfig) -> str:
+    rotating = vehicle.transducer.frame == "wheel" and role in FORCE_ROLES
+    lacking = [one for one in (_ROTATING if rotating else (role,)) if one not in came]
+    if not lacking:
+        check = "check the sensor, and with GNSS its fix" if role == "ground_speed" else "check the sensor"
+        return f"{vehicle.signals.get(role, 'its signal')} never has a usable value: {check}"
+    one = role if role in lacking else lacking[0]
+    name = "it" if one == role else f"{one}, which turns it into vehicle axes,"
+    if one not in seen:
+        return f"name {name} under [signals] of vehicle.toml"
+    return f"{vehicle.signals.get(one, one)} holds no sample: check that its frames were recorded (wheelsoil info)"
+
+
+Base = tuple[int, FloatArray]
+"""UTC nanoseconds of the first sample, and the seconds since, shape (n,)."""
+
+
+def process(
+    channels: Mapping[str, Channel],
+    vehicle: VehicleConfig,
+    run: RunInfo | None = None,
+    options: ProcessOptions | None = None,
+    zeros: RunZeros | None = None,
+) -> ProcessedRun:
+    """Process one run whose channels are in memory.
+
+    Parameters
+    ----------
+    channels : mapping role -> Channel
+        SI units and radians (positions in degrees), each with its own stamps.
+    vehicle : VehicleConfig
+        Needs ``[wheel]``.
+    run : RunInfo, optional
+    options : ProcessOptions, optional
+    zeros : RunZeros, optional
+        Of the transducer; taken off before rotation and filter.
+
+    Raises
+    ------
+    ConfigError
+        A role that the purpose needs is missing (to look: all of them), or ``[wheel]`` is, or a zero was taken in other
+        axes.
+    DataError
+        Nothing was received of a needed role (to look: nothing usable of any), the channels share no time, or the run
+        is too short or absurdly long.
+    """
+    return process_stream([channels], vehicle, run, options, zeros)
+
+
+def process_stream(
+    chunks: Iterable[Mapping[str, Channel]],
+    vehicle: VehicleConfig,
+    run: RunInfo | None = None,
+    options: ProcessOptions | None = None,
+    zeros: RunZeros | None = None,
+) -> ProcessedRun:
+    """Process one run that comes in chunks, for recordings larger than memory; otherwise as `process`.
+
+    Kilohertz channels are thinned to the time base as they come, so that what is held grows with the duration of the
+    run at the rate of the time base, not with the number of frames.
+
+    Parameters
+    ----------
+    chunks : iterable of mapping role -> Channel
+        Consecutive in time; a role may be absent from a chunk.
+    vehicle, run, options, zeros
+        As in `process`.
+    """
+    options = options or ProcessOptions()
+    wheel = _wheel(vehicle)
+    gate = StatusGate(round(1e9 / options.rate_hz), declared="transducer_status" in vehicle.signals)
+    removal = ZeroRemoval(zeros or RunZeros(), vehicle)
+    seen: set[str] = set()
+    came: set[str] = set()
+    samples = _collect(noting(chunks, came), vehicle, options, removal, gate, seen)
+    if options.purpose == LOOK:
+        require_any(seen, came, vehicle)
+    clock, notes = _settle_gnss(samples, vehicle)
+    dead = _drop_dead(samples, options)
+    missing = why_missing(samples, seen, came, vehicle) if options.purpose == LOOK else {}
+    notes += [f"{role}: never a usable value; treated as not measured" for role in dead if role not in missing]
+    notes += missing.values()
+    cutoff_hz, note = choose_cutoff({role: samples[role] for role in MODEL_ROLES if role in samples}, options)
+    base = _time_base(samples, cutoff_hz, options)
+    roles = gate.with_counts(removal.with_sigma(_put_all(samples, base, cutoff_hz, options, vehicle)))
+    roles = at_soil(roles, vehicle, kernel_sigma_s(cutoff_hz), removal.zero_of_load())
+    notes += not_carried(roles, vehicle)
+    latitude, longitude = _position(samples, base)
+    notes += [note] * bool(note) + gate.notes() + removal.notes()
+    material = Material(*base, cutoff_hz, roles, latitude, longitude, clock, tuple(notes), missing)
+    processed = assemble(material, wheel.radius_m, run or RunInfo(), options)
+    quality = replace(processed.quality, zeros=removal.applied(), transducer_status=gate.words)
+    return replace(processed, quality=quality)
+
+
+def _wheel(vehicle: VehicleConfig) -> WheelSection:
+    if vehicle.wheel is None:
+        raise ConfigError(
+            Fault("the wheel is not described", "vehicle.toml", next_step="add [wheel] with radius_m and width_m")
+        )
+    return vehicle.wheel
+
+
+def _collect(
+    chunks: Iterable[Mapping[str, Channel]],
+    vehicle: VehicleConfig,
+    options: ProcessOptions,
+    removal: ZeroRemoval,
+    gate: StatusGate,
+    seen: set[str],
+) -> dict[str, Samples]:
+    """Thin the channels to the time base; `seen` gets every role that has a signal."""
+    rotating = vehicle.transducer.frame == "wheel"
+    stream: Iterable[Mapping[str, Channel]] = ready(
+        gate.without_distrusted(chunks), vehicle, seen, with_angle=rotating or removal.needs_angle
+    )
+    stream = removal.removed(stream)
+    if rotating:
+        stream = to_vehicle_axes(stream, vehicle.transducer)
+    samples = gate.marked(collect(stream, round(1e9 / options.rate_hz)), vehicle)
+    if options.purpose == LOOK:
+        return samples
+    require_roles(seen, options.purpose, rotating=rotating)
+    needed = NEEDED_ROLES[options.purpose]
+    empty = [role for role in needed if role not in samples or not len(samples[role].received_ns())]
+    if empty:
+        raise DataError(*(nothing_received(role, vehicle) for role in empty))
+    return samples
+
+
+def _settle_gnss(samples: dict[str, Samples], vehicle: VehicleConfig) -> tuple[ClockFit | None, list[str]]:
+    """Take out invalid fixes and the jitter of arrival; returns the clock fit."""
+    flags = samples.pop("ground_speed_valid", None)
+    if flags is not None and "ground_speed" in samples:
+        samples["ground_speed"] = without_invalid_fixes(samples["ground_speed"], flags)
+    if "latitude" in samples and "longitude" in samples:
+        samples["latitude"], samples["longitude"] = without_null_island(samples["latitude"], samples["longitude"])
+    if "gnss_time" not in samples:
+        return None, []
+    gnss_time = samples.pop("gnss_time")
+    clock = fit_gnss_clock(gnss_time)
+    if clock is None:
+        return None, ["gnss_time: too few epochs to compare the clocks"]
+    lag_ns = latency_ns(vehicle, "ground_speed") - latency_ns(vehicle, "gnss_time")
+    if "ground_speed" in samples:
+        samples["ground_speed"] = without_jitter(samples["ground_speed"], gnss_time, clock, lag_ns)
+    return clock, []
+
+
+def _drop_dead(samples: dict[str, Samples], options: ProcessOptions) -> list[str]:
+    """Drop channels without a single usable value, unless the purpose needs what came of them; return their roles.
+
+    To look needs none: a speed that is never there must not take the force with it that it carries to the soil.
+    """
+    needed = NEEDED_ROLES.get(options.purpose, ())
+    dead = [
+        role
+        for role, held in samples.items()
+        if not len(held.time_ns) and not (role in needed and len(held.received_ns()))
+    ]
+    for role in dead:
+        del samples[role]
+    return dead
+
+
+def _time_base(samples: dict[str, Samples], cutoff_hz: float, options: ProcessOptions) -> Base:
+    kernel_s = kernel_sigma_s(cutoff_hz)
+    spans = {
+        role: received_span_ns(samples[role], gap_limit_s(samples[role], kernel_s, options))
+        for role in MODEL_ROLES
+        if role in samples
+    }
+    return make_time_base(spans, options.rate_hz)
+
+
+def _put_all(
+    samples: dict[str, Samples], base: Base, cutoff_hz: float, options: ProcessOptions, vehicle: VehicleConfig
+) -> dict[str, OnBase]:
+    """Filter every role onto the base; sinkage, which may be slow, is not let lower the others' cut-off."""
+    roles = {}
+    for role in (*MODEL_ROLES, "sinkage"):
+        if role in samples:
+            own_hz = choose_cutoff({role: samples[role]}, options)[0] if role == "sinkage" else cutoff_hz
+            sensor = vehicle.sensors.get(role)
+            declared = (vehicle.latency_s(role), sensor.sigma if sensor else None)
+            roles[role] = put_on_base(
+                samples.pop(role), *base, min(own_hz, cutoff_hz), options, declared, keep_slope=role in SLIP_ROLES
+            )
+    return roles
+
+
+def _position(samples: dict[str, Samples], base: Base) -> tuple[FloatArray, FloatArray]:
+    if "latitude" not in samples or "longitude" not in samples:
+        nowhere = np.broadcast_to(np.float64(np.nan), base[1].shape)
+        return nowhere, nowhere
+    latitude = interpolated_on_base(samples["latitude"], *base)
+    return latitude, interpolated_on_base(samples["longitude"], *base, turn=360.0)

@@ -1,0 +1,9 @@
+from .application import RunZeros as RunZeros
+from .application import ZeroRemoval as ZeroRemoval
+from .checks import Drift as Drift
+from .checks import WeightCheck as WeightCheck
+from .checks import check_weight as check_weight
+from .checks import drift_between as drift_between
+from .determination import Lifted as Lifted
+from .determination import TransducerSignal as TransducerSignal
+from .determination import determine as determine

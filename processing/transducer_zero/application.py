@@ -1,0 +1,307 @@
+"""The zero taken off a stream of channels, at the transducer's own rate, before rotation and filter.
+
+What a person should know of the zero that was taken off a run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from daq import ZERO_FILE, Channel, ConfigError, Determination, Fault, VehicleConfig
+from processing.pipeline.resampling import OnBase
+from processing.pipeline.wheel_frames import interpolate_angle, merged_angle
+from processing.processed_run import AppliedZero
+from processing.timebase import FloatArray, IntArray, in_order, seconds_since
+from processing.transducer_zero.choice import ROLE_QUANTITIES, RoleZero, choose, systematic_sigma
+
+_OLD_S = 86_400.0
+_WARMER_K = 10.0
+_SIGNIFICANT_SIGMAS = 3.0
+
+
+def zero_notes(
+    chosen: Mapping[str, RoleZero],
+    roles: Sequence[str],
+    span_ns: tuple[int, int],
+    source: str,
+    temperature_degc: float | None,
+    without_angle: tuple[int, int] | None,
+) -> list[str]:
+    """Return sentences on the zero of a run.
+
+    Parameters
+    ----------
+    chosen : mapping role -> RoleZero
+    roles : sequence of str
+        Roles of the transducer that the run has.
+    span_ns : (first, last)
+        Of the run.
+    source : str
+        Where the determinations were read.
+    temperature_degc : float or None
+        Of the transducer during the run.
+    without_angle : (count, total) or None
+        Samples of which only the stationary part was taken off, and of how many; None where they are too few to tell.
+    """
+    notes = []
+    told: dict[str, list[str]] = {}
+    for role, zero in chosen.items():
+        how = " and ".join(f"{one.of.method} {_age(one.of, span_ns)}" for one in zero.used)
+        told.setdefault(how, []).append(role)
+    for how, those in told.items():
+        notes.append(f"zero of {', '.join(those)} taken off, from {source}: {how}")
+    doubts = [_doubts(one.of, span_ns, temperature_degc) for zero in chosen.values() for one in zero.used]
+    notes += dict.fromkeys(doubt for each in doubts for doubt in each)
+    for role, zero in chosen.items():
+        change, sigma = zero.drift()
+        if abs(change) > _SIGNIFICANT_SIGMAS * sigma:
+            unit = "N m" if role == "driving_torque" else "N"
+            notes.append(
+                f"the zero of {role} moved by {change:+.1f} +- {sigma:.1f} {unit} from before the run to after it"
+            )
+    missing = [role for role in roles if role not in chosen]
+    if missing:
+        notes.append(f"{source} has no zero of {', '.join(missing)}")
+    if without_angle:
+        count, total = without_angle
+        notes.append(
+            f"of {count:,} of {total:,} transducer samples the wheel angle is not known: "
+            "only the stationary zero is taken off"
+        )
+    return notes
+
+
+def _doubts(one: Determination, span_ns: tuple[int, int], temperature_degc: float | None) -> list[str]:
+    doubts = []
+    if abs(_age_s(one, span_ns)) > _OLD_S:
+        doubts.append(f"the zero was taken {_age(one, span_ns)}: take one before and after every run")
+    there = one.temperature_degc
+    if there is not None and temperature_degc is not None and abs(there - temperature_degc) > _WARMER_K:
+        doubts.append(f"the zero was taken at {there:.0f} degC, and the run began at {temperature_degc:.0f} degC")
+    if one.method == "standstill" and one.frame == "wheel":
+        doubts.append("the zero is of a standstill in wheel axes: the outboard weight is the declared one")
+    elif one.method == "standstill":
+        doubts.append(
+            "the zero is of a standstill: the transducer's rotating zero is not known, and its part at that wheel "
+            "angle is taken off the mean of the forces"
+        )
+    return doubts
+
+
+def _age_s(one: Determination, span_ns: tuple[int, int]) -> float:
+    """Return how long before the run (negative: after its end) a zero was taken."""
+    if one.time_ns > span_ns[1]:
+        return (span_ns[1] - one.time_ns) * 1e-9
+    return max(span_ns[0] - one.time_ns, 0) * 1e-9
+
+
+def _age(one: Determination, span_ns: tuple[int, int]) -> str:
+    seconds = _age_s(one, span_ns)
+    if not seconds:
+        return "during the run"
+    size = abs(seconds)
+    told = (
+        f"{size / 60:.0f} min"
+        if size < 2 * 3600
+        else f"{size / 3600:.1f} h"
+        if size < 48 * 3600
+        else f"{size / 86_400:.0f} days"
+    )
+    return f"{told} {'before' if seconds > 0 else 'after'} the run"
+
+
+_OVERLAP_NS = 1_000_000_000
+"""Angles are kept so long, for forces that come a little later."""
+_NOTABLE_SHARE = 0.001
+_PATIENCE_NS = 5_000_000_000
+"""How long the wheel angle may be away before forces stop waiting for it."""
+
+
+@dataclass(frozen=True)
+class RunZeros:
+    """What is known of the transducer's zero.
+
+    Attributes
+    ----------
+    determinations : tuple of Determination
+    source : str
+        Where they were read, for messages.
+    temperature_degc : float or None
+        Of the transducer during the run, where it is known.
+    """
+
+    determinations: tuple[Determination, ...] = ()
+    source: str = ZERO_FILE
+    temperature_degc: float | None = None
+
+
+class ZeroRemoval:
+    """Takes a + b cos psi + c sin psi off the transducer's roles.
+
+    Parameters
+    ----------
+    zeros : RunZeros
+        Without determinations nothing is taken off.
+    vehicle : VehicleConfig
+
+    Raises
+    ------
+    ConfigError
+        A zero was taken in other axes than vehicle.toml declares.
+    """
+
+    def __init__(self, zeros: RunZeros, vehicle: VehicleConfig) -> None:
+        frame = vehicle.transducer.frame
+        others = [one for one in zeros.determinations if one.frame != frame]
+        if others:
+            raise ConfigError(
+                Fault(
+                    f"the zero was taken in {others[0].frame} axes, and vehicle.toml says {frame} axes",
+                    f"{zeros.source}, {others[0].recording}",
+                    next_step="determine the zero with this vehicle.toml: wheelsoil zero",
+                )
+            )
+        self._zeros = zeros
+        self._vehicle = vehicle
+        self._chosen: dict[str, RoleZero] | None = None
+        self._span_ns = (0, 0)
+        self._held: dict[str, tuple[IntArray, FloatArray]] = {}
+        self._angle: tuple[IntArray, FloatArray] = (np.zeros(0, np.int64), np.zeros(0))
+        self._angle_comes = False
+        self._turning, self._without_angle = 0, 0
+
+    @property
+    def needs_angle(self) -> bool:
+        """Whether some zero has a rotating part, so that the wheel angle is wanted."""
+        return any(zero.cos is not None for one in self._zeros.determinations for zero in one.channels.values())
+
+    def removed(self, chunks: Iterable[Mapping[str, Channel]]) -> Iterator[dict[str, Channel]]:
+        """Yield the chunks with the zero taken off; latencies must be off the stamps already.
+
+        A force waits for the wheel angle of its instant, interpolated as `interpolate_angle` does; where there is none
+        only the stationary part is taken off.
+        """
+        if not self._zeros.determinations:
+            yield from map(dict, chunks)
+            return
+        for chunk in chunks:
+            passed = dict(chunk)
+            self._begin(passed)
+            angle = passed.get("wheel_angle")
+            if angle is not None:
+                self._angle_comes = True
+                self._take_angle(angle)
+                if self._vehicle.transducer.frame == "vehicle":
+                    del passed["wheel_angle"]
+            for role, zero in (self._chosen or {}).items():
+                if role in passed and len(passed[role]):
+                    self._span_ns = (self._span_ns[0], int(passed[role].time_ns[-1]))
+                    passed[role] = self._taken(passed[role], zero)
+            self._forget()
+            yield passed
+        yield {role: self._corrected(role, held, np.iinfo(np.int64).max) for role, held in list(self._held.items())}
+
+    def applied(self) -> dict[str, AppliedZero]:
+        """Return what was taken off each role."""
+        middle_ns = sum(self._span_ns) // 2
+        found = {}
+        for role, zero in (self._chosen or {}).items():
+            offset, cos, sin = zero.at(np.array([middle_ns]))[:, 0]
+            found[role] = AppliedZero(
+                offset=float(offset),
+                rotating=float(np.hypot(cos, sin)) if zero.turns else float("nan"),
+                systematic_sigma=systematic_sigma(role, self._chosen or {}, self._vehicle.transducer.frame, middle_ns),
+                methods=tuple(one.of.method for one in zero.used),
+                recordings=tuple(one.of.recording for one in zero.used),
+                ages_s=tuple((self._span_ns[0] - one.of.time_ns) * 1e-9 for one in zero.used),
+            )
+        return found
+
+    def with_sigma(self, roles: dict[str, OnBase]) -> dict[str, OnBase]:
+        """Return the roles with the systematic sigma in their facts."""
+        out = dict(roles)
+        for role, zero in self.applied().items():
+            if role in out:
+                facts = replace(out[role].facts, systematic_sigma=zero.systematic_sigma)
+                out[role] = replace(out[role], facts=facts)
+        return out
+
+    def zero_of_load(self) -> Literal["lifted", "spin", "none"]:
+        """Return what the zero of the vertical load means now, in the words of ``transducer.zero``."""
+        load = (self._chosen or {}).get("vertical_load")
+        if load is None:
+            return self._vehicle.transducer.zero
+        return "lifted" if load.first.of.holds_outboard_weight else "spin"
+
+    def notes(self) -> list[str]:
+        """Return sentences on what was taken off and how far it can be trusted."""
+        if not self._zeros.determinations:
+            return []
+        return zero_notes(
+            self._chosen or {},
+            [role for role in ROLE_QUANTITIES if role in self._vehicle.signals],
+            self._span_ns,
+            self._zeros.source,
+            self._zeros.temperature_degc,
+            (self._without_angle, self._turning) if self._without_angle > _NOTABLE_SHARE * self._turning else None,
+        )
+
+    def _begin(self, chunk: dict[str, Channel]) -> None:
+        if self._chosen is not None:
+            return
+        starts = [int(chunk[role].time_ns[0]) for role in ROLE_QUANTITIES if role in chunk and len(chunk[role])]
+        if starts:
+            self._span_ns = (min(starts), min(starts))
+            self._chosen = choose(self._zeros.determinations, self._vehicle, min(starts))
+
+    def _take_angle(self, angle: Channel) -> None:
+        known = np.isfinite(angle.values)
+        time_ns = np.concatenate([self._angle[0], angle.time_ns[known]])
+        values = np.concatenate([self._angle[1], angle.values[known]])
+        keep = in_order(time_ns)
+        self._angle = (time_ns[keep], values[keep])
+
+    def _forget(self) -> None:
+        """Drop the angles that no held force needs any more, but for the last before them."""
+        time_ns, values = self._angle
+        firsts = [int(stamps[0]) for stamps, _ in self._held.values() if len(stamps)]
+        keep_ns = min(firsts, default=int(time_ns[-1]) if len(time_ns) else 0) - _OVERLAP_NS
+        keep = time_ns >= keep_ns
+        self._angle = (time_ns[keep], values[keep])
+
+    def _taken(self, channel: Channel, zero: RoleZero) -> Channel:
+        """Return what is ready of a channel, and hold the rest."""
+        if not (zero.turns and self._angle_comes):
+            return self._corrected(channel.name, (channel.time_ns, channel.values), np.iinfo(np.int64).max)
+        held = self._held.get(channel.name, (channel.time_ns[:0], channel.values[:0]))
+        joined = (np.concatenate([held[0], channel.time_ns]), np.concatenate([held[1], channel.values]))
+        newest = int(self._angle[0][-1]) if len(self._angle[0]) else 0
+        return self._corrected(channel.name, joined, max(newest, int(joined[0][-1]) - _PATIENCE_NS))
+
+    def _corrected(self, role: str, pair: tuple[IntArray, FloatArray], until_ns: int) -> Channel:
+        time_ns, values = pair
+        ready = time_ns <= until_ns
+        self._held[role] = (time_ns[~ready], values[~ready])
+        time_ns, values = time_ns[ready], values[ready]
+        zero = (self._chosen or {})[role]
+        offset, cos, sin = zero.at(time_ns)
+        taken = offset
+        if zero.turns and len(time_ns):
+            psi = self._psi(time_ns, zero.first.of)
+            self._turning += len(psi)
+            self._without_angle += int(np.sum(~np.isfinite(psi)))
+            taken = offset + np.nan_to_num(cos * np.cos(psi) + sin * np.sin(psi))
+        return Channel(role, "Nm" if role == "driving_torque" else "N", time_ns, values - taken)
+
+    def _psi(self, time_ns: IntArray, one: Determination) -> FloatArray:
+        """Return psi as the determination counted it; NaN where the angle is not known."""
+        stamps_ns, reading = merged_angle(*self._angle)
+        if not len(stamps_ns):
+            return np.full(len(time_ns), np.nan)
+        origin_ns = int(stamps_ns[0])
+        angle = interpolate_angle(seconds_since(time_ns, origin_ns), seconds_since(stamps_ns, origin_ns), reading)
+        return np.asarray(one.angle_direction * (angle - np.radians(one.angle_offset_deg)))

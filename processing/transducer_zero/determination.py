@@ -1,0 +1,281 @@
+"""A determination of the zero from the signals of one recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot, isfinite, sqrt
+
+import numpy as np
+
+from daq import ChannelZero, DataError, Fault, VehicleConfig
+from processing.pipeline.wheel_frames import STANDARD_GRAVITY_MPS2, interpolate_angle, rotate
+from processing.timebase import FloatArray
+from processing.transducer_zero.parts import Harmonics, Motion, Part, find_spin, find_standstill, fit_harmonics
+
+_LIFTED_SHARE = 0.2
+"""A lifted wheel reads less than this share of a quarter of the vehicle's weight, its zeros included."""
+_LIFTED_WITHOUT_MASS_N = 1500.0
+_ROLLING_RESISTANCE = 0.01
+"""What a wheel that stands on the ground may hold of its load as a pull, although nobody drives or brakes it."""
+_NOTABLE_CHANGE = 0.2
+"""Of the speed over the spin, as a share."""
+_FEWEST_SAMPLES = 50
+
+
+@dataclass(frozen=True)
+class TransducerSignal:
+    """One signal of the transducer, NaN and distrusted samples left out.
+
+    Attributes
+    ----------
+    name : str
+        As zero.toml calls it.
+    role : str
+        Empty where it has none.
+    unit : str
+        As the DBC writes it.
+    si_factor : float
+        SI value in the sense of the role = value * `si_factor`.
+    resolution : float
+        Step of the values.
+    time_s, values : float64 arrays, shape (n,)
+        Declared latency taken off; in the unit of the DBC.
+    """
+
+    name: str
+    role: str
+    unit: str
+    si_factor: float
+    resolution: float
+    time_s: FloatArray
+    values: FloatArray
+
+
+@dataclass(frozen=True)
+class Lifted:
+    """What `determine` found.
+
+    Attributes
+    ----------
+    part : Part
+        With its method.
+    channels : mapping str -> ChannelZero
+    outliers : mapping str -> int
+        Samples of each channel that did not count.
+    remarks : tuple of str
+    """
+
+    part: Part
+    channels: dict[str, ChannelZero]
+    outliers: dict[str, int]
+    remarks: tuple[str, ...]
+
+
+def determine(
+    signals: Sequence[TransducerSignal],
+    angle: tuple[FloatArray, FloatArray] | None,
+    speed: tuple[FloatArray, FloatArray] | None,
+    vehicle: VehicleConfig,
+    *,
+    on_ground: bool = False,
+) -> Lifted:
+    """Find the part that can be used and fit every signal over it.
+
+    Parameters
+    ----------
+    signals : sequence of TransducerSignal
+        With the role ``vertical_load``, and ``drawbar_pull`` for a transducer in wheel axes.
+    angle : (time_s, psi), or None
+        Unwrapped psi in rad, see `processing.pipeline.wheel_frames.wheel_angle`.
+    speed : (time_s, omega), or None
+        Wheel speed in rad/s.
+    vehicle : VehicleConfig
+    on_ground : bool
+        Take the wheel to stand on the ground: only what must read zero there is determined.
+
+    Raises
+    ------
+    DataError
+        The wheel carries the vehicle, or nothing of the recording can be used.
+    """
+    limit_n = lifted_limit_n(vehicle)
+    _check_there(signals, angle, vehicle)
+    motion = Motion(_load(signals, angle, vehicle), angle, speed)
+    if on_ground:
+        part = find_standstill(motion, (limit_n, np.inf))
+    else:
+        part = find_spin(motion, limit_n) or find_standstill(motion, (0.0, limit_n))
+    if part is None:
+        raise DataError(_nothing(motion, limit_n, on_ground=on_ground))
+    used = _on_ground(signals, vehicle) if on_ground else signals
+    channels, outliers = {}, {}
+    for signal in used:
+        fit = _fit(signal, part, angle, vehicle)
+        if fit is not None:
+            channels[signal.name] = _channel(signal, fit, part, motion, vehicle, on_ground=on_ground)
+            outliers[signal.name] = fit.outliers
+    if not channels:
+        raise DataError(Fault("too few samples", expected=f"{_FEWEST_SAMPLES} of each channel in what can be used"))
+    return Lifted(part, channels, outliers, tuple(_remarks(part, motion, vehicle, on_ground=on_ground)))
+
+
+def lifted_limit_n(vehicle: VehicleConfig) -> float:
+    """Return the mean vertical load below which, either sign, a wheel is taken to be lifted."""
+    mass = vehicle.vehicle.mass_kg
+    least = 2 * STANDARD_GRAVITY_MPS2 * vehicle.wheel.outboard_mass_kg if vehicle.wheel else 0.0
+    usual = _LIFTED_SHARE * mass * STANDARD_GRAVITY_MPS2 / 4 if mass else _LIFTED_WITHOUT_MASS_N
+    return max(usual, least)
+
+
+def _check_there(
+    signals: Sequence[TransducerSignal], angle: tuple[FloatArray, FloatArray] | None, vehicle: VehicleConfig
+) -> None:
+    """Raise a DataError that names what nothing was received of."""
+    have = {signal.role for signal in signals if len(signal.values)}
+    have |= {"wheel_angle"} if angle is not None and len(angle[0]) else set()
+    needed = {"vertical_load"} | ({"drawbar_pull", "wheel_angle"} if vehicle.transducer.frame == "wheel" else set())
+    faults = [
+        Fault(
+            f"nothing usable was received of {role}",
+            next_step="check with wheelsoil info that its frames were recorded, and --from and --to",
+        )
+        for role in sorted(needed - have)
+    ]
+    if faults:
+        raise DataError(*faults)
+
+
+def _load(
+    signals: Sequence[TransducerSignal], angle: tuple[FloatArray, FloatArray] | None, vehicle: VehicleConfig
+) -> tuple[FloatArray, FloatArray]:
+    """Return the vertical load in vehicle axes."""
+    by_role = {signal.role: signal for signal in signals}
+    up = by_role["vertical_load"]
+    if vehicle.transducer.frame == "vehicle":
+        return up.time_s, up.si_factor * up.values
+    forward = by_role["drawbar_pull"]
+    assert angle is not None
+    pull = np.interp(up.time_s, forward.time_s, forward.si_factor * forward.values)
+    psi = interpolate_angle(up.time_s, *angle)
+    # psi is counted already: only the side is left for `rotate` to turn
+    plain = vehicle.transducer.model_copy(update={"angle_offset_deg": 0.0, "angle_direction": 1})
+    _, load = rotate(pull, up.si_factor * up.values, psi, plain)
+    known = np.isfinite(load)
+    return up.time_s[known], load[known]
+
+
+def _nothing(motion: Motion, limit_n: float, *, on_ground: bool) -> Fault:
+    time_s, load = motion.load
+    middle = float(np.median(load))
+    found = f"vertical load {middle / 1e3:.2f} kN (median) over {time_s[-1] - time_s[0]:.1f} s"
+    if on_ground:
+        return Fault(
+            "the vehicle does not stand on the wheel for a second",
+            found=found,
+            expected=f"a standstill with more than {limit_n / 1e3:.2f} kN",
+            next_step="leave --on-ground out for a lifted wheel",
+        )
+    if abs(middle) >= limit_n:
+        return Fault(
+            "the wheel carries the vehicle: this is no zero",
+            found=found,
+            expected=f"less than {limit_n / 1e3:.2f} kN, as of a lifted wheel",
+            next_step="lift the wheel and record again, or --on-ground for the channels that must read zero standing",
+        )
+    turns = "" if motion.angle is None else f", {np.ptp(motion.angle[1]) / (2 * np.pi):.1f} revolutions"
+    return Fault(
+        "no part of the recording can be used",
+        found=found + turns,
+        expected="two revolutions at a steady speed, or a second of standstill, with the wheel lifted",
+        next_step="spin the wheel evenly at about one revolution a second for 10 s or more",
+    )
+
+
+def _on_ground(signals: Sequence[TransducerSignal], vehicle: VehicleConfig) -> list[TransducerSignal]:
+    """Return what must read zero on level ground, nobody driving or braking: pull (vehicle axes) and torque."""
+    roles = ("driving_torque",) if vehicle.transducer.frame == "wheel" else ("drawbar_pull", "driving_torque")
+    return [signal for signal in signals if signal.role in roles]
+
+
+def _fit(
+    signal: TransducerSignal, part: Part, angle: tuple[FloatArray, FloatArray] | None, vehicle: VehicleConfig
+) -> Harmonics | None:
+    rows = (signal.time_s >= part.start_s) & (signal.time_s < part.stop_s)
+    time_s, values = signal.time_s[rows], signal.values[rows]
+    psi = None
+    if part.method == "spin":
+        assert angle is not None
+        psi = interpolate_angle(time_s, *angle)
+        known = np.isfinite(psi)
+        time_s, values, psi = time_s[known], values[known], psi[known]
+        if signal.role == "driving_torque" and vehicle.wheel:
+            sense = -1.0 if vehicle.transducer.frame == "wheel" and vehicle.transducer.side == "right" else 1.0
+            turning = vehicle.wheel.outboard_inertia_kgm2 * part.acceleration_at(time_s)
+            values = values - sense * turning / signal.si_factor
+    return fit_harmonics(time_s, values, psi, signal.resolution) if len(values) >= _FEWEST_SAMPLES else None
+
+
+def _channel(
+    signal: TransducerSignal, fit: Harmonics, part: Part, motion: Motion, vehicle: VehicleConfig, *, on_ground: bool
+) -> ChannelZero:
+    p, sigma = fit.coefficients, fit.sigmas
+    if part.method == "spin":
+        return ChannelZero(
+            offset=p[0],
+            offset_sigma=sigma[0],
+            cos=p[1],
+            sin=p[2],
+            rotating_sigma=sqrt((sigma[1] ** 2 + sigma[2] ** 2) / 2),
+            twice=hypot(p[3], p[4]),
+            unit=signal.unit,
+        )
+    offset, offset_sigma = float(p[0]), float(sigma[0])
+    if on_ground:
+        arm = vehicle.wheel.radius_m if signal.role == "driving_torque" and vehicle.wheel else 1.0
+        held = _ROLLING_RESISTANCE * arm * float(np.median(np.abs(motion.load[1])))
+        offset_sigma = hypot(offset_sigma, held / abs(signal.si_factor))
+    elif vehicle.transducer.frame == "wheel":
+        offset -= _weight_n(signal.role, part.angle_rad, vehicle) / signal.si_factor
+    return ChannelZero(offset=offset, offset_sigma=offset_sigma, unit=signal.unit)
+
+
+def _weight_n(role: str, psi: float, vehicle: VehicleConfig) -> float:
+    """Return what the declared outboard weight reads in wheel axes."""
+    weight = STANDARD_GRAVITY_MPS2 * vehicle.wheel.outboard_mass_kg if vehicle.wheel else 0.0
+    if role == "vertical_load":
+        return -weight * float(np.cos(psi))
+    if role == "drawbar_pull":
+        return weight * float(np.sin(psi)) * (-1.0 if vehicle.transducer.side == "right" else 1.0)
+    return 0.0
+
+
+def _remarks(part: Part, motion: Motion, vehicle: VehicleConfig, *, on_ground: bool) -> list[str]:
+    if part.method == "spin":
+        return _spin_remarks(part, vehicle)
+    remarks = ["a standstill shows the sum of the stationary and the rotating part at one wheel angle only"]
+    if not isfinite(part.angle_rad) and motion.speed is None:
+        remarks.append("neither wheel angle nor wheel speed is known: the wheel is taken to stand")
+    if on_ground:
+        remarks.append(
+            "on the ground: drawbar pull and torque alone, and only if the ground is level and nobody drives or "
+            f"brakes; {_ROLLING_RESISTANCE:.0%} of the load is in their sigma"
+        )
+    elif vehicle.transducer.frame == "wheel":
+        mass = vehicle.wheel.outboard_mass_kg if vehicle.wheel else 0.0
+        remarks.append(
+            f"wheel axes: the declared outboard mass of {mass:g} kg is taken out of both forces, so that what is left "
+            "is the bridges' zero; moments about x' and z' still hold the moment of that weight"
+        )
+    return remarks
+
+
+def _spin_remarks(part: Part, vehicle: VehicleConfig) -> list[str]:
+    speed = np.abs(part.speed[1])
+    if np.ptp(speed) < _NOTABLE_CHANGE * np.mean(speed):
+        return []
+    inertia = vehicle.wheel.outboard_inertia_kgm2 if vehicle.wheel else 0.0
+    return [
+        f"the speed went from {speed[0]:.2f} to {speed[-1]:.2f} rad/s: what that takes is out of the torque by the "
+        f"declared outboard inertia, {inertia:g} kg m2"
+    ]

@@ -1,0 +1,183 @@
+"""``wheelsoil view``.
+
+``wheelsoil report``.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from daq import ConfigError, Fault
+from wheelsoil.cli.options import (
+    Channels,
+    ChoiceFile,
+    Force,
+    Json,
+    LenientDbc,
+    MinSpeed,
+    ModelFile,
+    Runs,
+    RunsFile,
+    Sinkage,
+    SlipThreshold,
+    SoilPreset,
+    SoilPrior,
+    Terrain,
+    TokenFile,
+    Vehicle,
+    ZeroFile,
+    chosen,
+    page_token,
+)
+from wheelsoil.cli.talk import check_output, print_facts, print_json, say, say_folded
+from wheelsoil.report.build import find_browser
+
+
+class Format(StrEnum):
+    """What the report is written as."""
+
+    HTML = "html"
+    PDF = "pdf"
+
+
+def report_command(
+    runs: Runs,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="The page; its numbers go into FILE.json. [default: report.html]",
+            show_default=False,
+        ),
+    ] = None,
+    form: Annotated[
+        Format | None,
+        typer.Option("--format", help="pdf takes an installed Chromium or Chrome. [default: as FILE is called, html]"),
+    ] = None,
+    vehicle: Vehicle = None,
+    terrain: Terrain = None,
+    runs_file: RunsFile = None,
+    zero: ZeroFile = None,
+    soil: SoilPreset = None,
+    choice: ChoiceFile = None,
+    sinkage: Sinkage = None,
+    channels: Channels = None,
+    soil_prior: SoilPrior = None,
+    slip_threshold: SlipThreshold = None,
+    model: ModelFile = None,
+    diagnose: Annotated[
+        bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs, too.")
+    ] = True,
+    min_speed: MinSpeed = None,
+    lenient_dbc: LenientDbc = False,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Write the fitted-model report of a terrain's runs: one page that needs no network, and its numbers as JSON.
+
+    A section whose channel is missing is left out with the reason; everything else is there.
+    """
+    from wheelsoil.workflows.model_files import load_model
+    from wheelsoil.workflows.report import report_of
+
+    target, browser = _target(output, form, force=force)
+    extended = load_model(model) if model else None
+    by_hand = chosen(
+        choice,
+        sinkage=sinkage,
+        channels=channels,
+        soil_prior=soil_prior,
+        slip_threshold=slip_threshold,
+        min_speed=min_speed,
+    )
+    report = report_of(
+        runs,
+        by_hand,
+        extended=extended,
+        soil=soil,
+        diagnose=diagnose,
+        vehicle=vehicle,
+        terrain=terrain,
+        runs_file=runs_file,
+        zero=zero,
+        lenient_dbc=lenient_dbc,
+    )
+    page, numbers = report.print(target, browser) if browser else report.write(target)
+    for key, why in report.left_out.items():
+        say(f"section {key} left out: {why}")
+    if report.not_fitted:
+        say_folded(f"not fitted, for a signal is missing (the page says which): {report.not_fitted}")
+    if json:
+        print_json(
+            {
+                "report": page,
+                "numbers": numbers,
+                "left_out": report.left_out,
+                "not_fitted": report.not_fitted,
+                "result": report.sentence,
+            }
+        )
+    else:
+        print_facts([("report", str(page)), ("numbers", str(numbers))])
+        say(report.sentence)
+
+
+def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[Path, str]:
+    """Return the file to write and, for a PDF, the browser that prints it."""
+    suffix = output.suffix.lower() if output else ""
+    pdf = form is Format.PDF or (form is None and suffix == ".pdf")
+    if output and ((pdf and suffix != ".pdf") or (not pdf and suffix == ".pdf")):
+        raise ConfigError(
+            Fault(
+                f"--format {'pdf' if pdf else 'html'} and the output's name are at odds",
+                str(output),
+                next_step=f"call it {output.with_suffix('.pdf' if pdf else '.html').name}, or leave --format out",
+            )
+        )
+    if suffix == ".json":
+        fault = Fault("the numbers lie beside the page, as .json", str(output), next_step="call the page .html or .pdf")
+        raise ConfigError(fault)
+    target = check_output(output or Path("report.pdf" if pdf else "report.html"), force=force)
+    check_output(target.with_suffix(".json"), force=force)
+    return target, find_browser() if pdf else ""
+
+
+def view_command(
+    runs: Runs,
+    vehicle: Vehicle = None,
+    terrain: Terrain = None,
+    runs_file: RunsFile = None,
+    zero: ZeroFile = None,
+    soil: SoilPreset = None,
+    lenient_dbc: LenientDbc = False,
+    host: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Where it listens; beyond this machine it asks for a token.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, metavar="N", help="Its port (default: 8200, or the next free one).")
+    ] = None,
+    token_file: TokenFile = None,
+    browser: Annotated[bool, typer.Option(help="Open a browser, where there is a display.")] = True,
+) -> None:
+    """Look at recordings in the browser: choose runs and parts of them, move parameters, fit, diagnose.
+
+    Runs of one folder, soil and wheel are a campaign. What is chosen is kept as a file beside the runs, which
+    `process`, `fit`, `diagnose` and `report` take with --choice. Nothing leaves this machine.
+
+    Exit codes: 2 usage or configuration; 3 unreadable recording; 4 the port that --port gives is taken, no such
+    address; 130 Ctrl-C, 143 SIGTERM.
+    """
+    from wheelsoil.view.opening import Files
+    from wheelsoil.view.server import serve
+    from wheelsoil.workflows.fit import known_soil
+
+    if soil is not None:
+        known_soil(soil, None)
+    files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc)
+    serve(runs, files, host=host, port=port, token=page_token(token_file), browser=browser, say=say)

@@ -1,0 +1,1 @@
+from .panel import open_page as open_page

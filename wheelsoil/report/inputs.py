@@ -1,0 +1,366 @@
+"""What a report is made from: processed runs, their fit, and where everything came from.
+
+How sure a fitted model is of its own curve: the covariance of its coefficients, carried through its slopes.
+"""
+
+from __future__ import annotations
+
+import platform
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq import DataError, Fault, VehicleConfig
+from daq.recording import Event
+from daq.runs import Run
+from model.diagnosis.core import Diagnosis
+from model.fit import CHANNELS, CampaignFit, ModelFit
+from model.wheel_soil import Conditions, Prediction, conditions_of
+from processing import ProcessedRun
+from wheelsoil import __version__
+from wheelsoil.report.figures import EDGES
+from wheelsoil.report.words import listed
+from wheelsoil.wording.notes import Grade, grade_of
+from wheelsoil.workflows.fit import whole_runs
+from wheelsoil.workflows.recording_summary import sha256_of
+
+FloatArray = NDArray[np.float64]
+
+_PER_BIN = 4
+"""Samples of a run and a bin of slip for which it is worked out: the band is smooth."""
+
+
+def model_sigmas(runs: Sequence[ProcessedRun], fit: CampaignFit) -> dict[str, dict[str, FloatArray]]:
+    """Return one-sigma of each model's prediction from its coefficients alone, on some of the used samples.
+
+    Parameters
+    ----------
+    runs : sequence of ProcessedRun
+    fit : CampaignFit
+        Of these runs.
+
+    Returns
+    -------
+    mapping channel -> model -> float64 array, shape (n,)
+        For the used samples of all runs, one after the other; NaN where it was not worked out, and everywhere for a
+        model that has no coefficient with a standard error.
+    """
+    used = [run.used for run in runs]
+    slip = np.concatenate([run.slip[keep] for run, keep in zip(runs, used, strict=True)])
+    rows = _rows(slip, np.repeat(np.arange(len(runs)), [int(keep.sum()) for keep in used]))
+    conditions = _chosen(runs, fit.soil.unit_weight_n_m3, rows)
+    found: dict[str, dict[str, FloatArray]] = {channel: {} for channel in CHANNELS}
+    for model in fit.models:
+        for channel, sigma in _of_model(fit, model, conditions).items():
+            found[channel][model.name] = np.full(len(slip), np.nan)
+            found[channel][model.name][rows] = sigma
+    return found
+
+
+def _of_model(fit: CampaignFit, model: ModelFit, conditions: Conditions) -> dict[str, FloatArray]:
+    """Return one-sigma of each channel under some conditions."""
+    names, covariance = _covariance(model)
+    if not names:
+        return dict.fromkeys(CHANNELS, np.full(len(conditions.slip), np.nan))
+    forward = fit.options.forward(fit.wheel, fit.soil, model.name)
+    said = forward.predict(conditions, model.values, wrt=names)
+    found = {}
+    for channel, quantity in CHANNELS.items():
+        slopes = np.stack([getattr(said.sensitivities[name], quantity) for name in names])
+        found[channel] = np.sqrt(np.maximum(np.einsum("in,ij,jn->n", slopes, covariance, slopes), 0.0))
+    return found
+
+
+def _covariance(model: ModelFit) -> tuple[tuple[str, ...], FloatArray]:
+    """Return the coefficients that have a standard error, and their covariance."""
+    free = [e for e in model.estimates if not e.derived and np.isfinite(e.sigma)]
+    names = tuple(e.name for e in free)
+    size = np.array([e.sigma for e in free])
+    correlation = np.eye(len(free))
+    for (a, b), value in model.correlation.items():
+        if a in names and b in names and np.isfinite(value):
+            i, j = names.index(a), names.index(b)
+            correlation[i, j] = correlation[j, i] = value
+    return names, correlation * np.outer(size, size)
+
+
+def _rows(slip: FloatArray, run: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Choose samples at even steps of each run and bin of slip."""
+    bins = len(EDGES) + 1
+    label = run * bins + np.digitize(slip, EDGES)
+    order = np.argsort(label, kind="stable")
+    starts = np.flatnonzero(np.diff(label[order], prepend=-1))
+    sizes = np.diff(starts, append=len(order))
+    picks = starts[:, None] + (np.arange(_PER_BIN)[None, :] * sizes[:, None]) // _PER_BIN
+    return np.asarray(np.sort(order[np.unique(picks)]), np.int64)
+
+
+def _chosen(runs: Sequence[ProcessedRun], unit_weight_n_m3: float, rows: NDArray[np.int64]) -> Conditions:
+    """Return the conditions of some of the used samples."""
+    conditions = conditions_of(runs, unit_weight_n_m3)
+
+    def of_field(name: str) -> FloatArray:
+        pieces = [getattr(c, name)[run.used] for c, run in zip(conditions, runs, strict=True)]
+        return np.concatenate(pieces)[rows]
+
+    return Conditions(**{name: of_field(name) for name in Conditions.__dataclass_fields__})
+
+
+_NAMED = 5
+"""Runs that a sentence names, more are counted."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """The file of one run; None where a number is not known.
+
+    Attributes
+    ----------
+    run_id, file, sha256 : str
+    bytes : int
+    frames, dropped_frames : int or None
+    loss : tuple of str
+        What of the file cannot be read.
+    gaps : tuple of str
+        What was not recorded between its parts.
+    losses : mapping str -> int
+        What the logger counted, see `daq.recording.RunRecording.losses`.
+    exit_status : str
+        How the recording ended; empty where its end is missing, None where it is a log.
+    clock : mapping str -> str
+        The recording's last fit of its host's clock to GNSS time.
+    clock_steps : mapping str -> str
+        Steps of the host's clock while it was recorded.
+    events : tuple of Event
+        Marks, and what went wrong while it was recorded.
+    """
+
+    run_id: str
+    file: str
+    bytes: int
+    sha256: str
+    frames: int | None
+    dropped_frames: int | None
+    loss: tuple[str, ...] = ()
+    gaps: tuple[str, ...] = ()
+    losses: dict[str, int] = field(default_factory=dict)
+    exit_status: str | None = None
+    clock: dict[str, str] = field(default_factory=dict)
+    clock_steps: dict[str, str] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()
+
+    @property
+    def lost(self) -> list[str]:
+        """What of the run was lost, in words."""
+        missing = sum(number for key, number in self.losses.items() if key.startswith(("counter.", "missing.")))
+        frames = [f"{self.dropped_frames} frames were lost before they were recorded"] if self.dropped_frames else []
+        if missing and not frames:
+            frames = [f"{missing} frames are missing by their counters or their rate"]
+        return [*frames, *self.loss, *self.gaps]
+
+
+@dataclass(frozen=True)
+class Material:
+    """Everything a section may use.
+
+    Attributes
+    ----------
+    runs : tuple of ProcessedRun
+    campaign : CampaignFit or None
+    no_fit : str
+        Why there is no fit.
+    vehicle : VehicleConfig
+    terrain : str
+        Name of the soil.
+    sources : tuple of Source
+    command : str
+        What made the report.
+    options : mapping
+        How it was made.
+    versions : mapping program -> version
+    diagnosed : Diagnosis or None
+    no_diagnosis : str
+        Why there is none; empty where none was asked for, and then the page says nothing of it.
+    """
+
+    runs: tuple[ProcessedRun, ...]
+    campaign: CampaignFit | None
+    no_fit: str
+    vehicle: VehicleConfig
+    terrain: str
+    sources: tuple[Source, ...] = ()
+    command: str = ""
+    options: dict[str, Any] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
+    diagnosed: Diagnosis | None = None
+    no_diagnosis: str = ""
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """The diagnosis; a section that needs one is left out with the reason when there is none.
+
+        Raises
+        ------
+        DataError
+            There is no diagnosis.
+        """
+        if self.diagnosed is None:
+            raise DataError(self.no_diagnosis)
+        return self.diagnosed
+
+    @property
+    def fit(self) -> CampaignFit:
+        """The fit; a section that needs one is left out with the reason when there is none.
+
+        Raises
+        ------
+        DataError
+            There is no fit.
+        """
+        if self.campaign is None:
+            raise DataError(self.no_fit)
+        return self.campaign
+
+    @property
+    def fitted(self) -> tuple[ProcessedRun, ...]:
+        """The runs that the fit took: those that lack no signal it needs."""
+        return whole_runs(self.runs)
+
+    @property
+    def not_fitted(self) -> str:
+        """The other runs in words; empty where there are none, or none was fitted."""
+        names = [run.run.id for run in self.runs if run.quality.missing and self.campaign]
+        return listed(names) if len(names) <= _NAMED else f"{len(names)} of {len(self.runs)} runs"
+
+    @cached_property
+    def pool(self) -> Pool:
+        """The used samples of all fitted runs in one."""
+        return Pool(self.fitted, self.fit.models)
+
+    @cached_property
+    def sigmas(self) -> dict[str, dict[str, FloatArray]]:
+        """One-sigma of each model on the pool's samples; see `model_sigmas`."""
+        return model_sigmas(self.fitted, self.fit)
+
+    @cached_property
+    def grades(self) -> tuple[Grade, ...]:
+        """What each run is worth, losses of its recording counted in."""
+        sources = [self.source_of(run) for run in self.runs]
+        return tuple(
+            grade_of(run, source.lost if source else []) for run, source in zip(self.runs, sources, strict=True)
+        )
+
+    @property
+    def facts(self) -> list[list[str]]:
+        """What was configured of vehicle and soil, as rows of text."""
+        rows = [["vehicle", self.vehicle.vehicle.name]]
+        if self.vehicle.vehicle.mass_kg:
+            rows.append(["mass", f"{self.vehicle.vehicle.mass_kg:g} kg"])
+        wheel = self.vehicle.wheel
+        if wheel:
+            rows.append(["wheel radius r", f"{wheel.radius_m:g} m"])
+            rows.append(["wheel width b", f"{wheel.width_m:g} m"])
+        if self.campaign is None:
+            return rows
+        soil = self.campaign.soil
+        return [
+            *rows,
+            ["soil", soil.name],
+            ["cohesion c", f"{soil.cohesion_pa / 1e3:g} kPa"],
+            ["friction angle φ", f"{np.degrees(soil.friction_angle_rad):g}°"],
+            ["shear modulus K", f"{soil.shear_modulus_m:g} m"],
+            ["sinkage exponent n", f"{soil.sinkage_exponent:g}"],
+            ["cohesive modulus k_c", f"{soil.cohesive_modulus / 1e3:g} kN/mⁿ⁺¹"],
+            ["frictional modulus k_φ", f"{soil.frictional_modulus / 1e3:g} kN/mⁿ⁺²"],
+        ]
+
+    def predictions_of(self, run: ProcessedRun) -> dict[str, Prediction]:
+        """Return what each model says of a run's samples, by its name; nothing of a run that was not fitted."""
+        place = next((i for i, one in enumerate(self.fitted) if one is run), None)
+        return {} if place is None else {model.name: model.predictions[place] for model in self.fit.models}
+
+    def source_of(self, run: ProcessedRun) -> Source | None:
+        """Return the file of a run."""
+        return next((source for source in self.sources if source.run_id == run.run.id), None)
+
+
+class Pool:
+    """The used samples of fitted runs, one after the other, with what each model predicts for them.
+
+    Attributes
+    ----------
+    slip, vertical_load_n, sinkage_m : float64 array, shape (n,)
+    time_s : float64 array, shape (n,)
+        Within the run.
+    run : int array, shape (n,)
+    """
+
+    def __init__(self, runs: Sequence[ProcessedRun], models: Sequence[ModelFit]) -> None:
+        self._runs = runs
+        self._models = {model.name: model for model in models}
+        self.slip = self._of_runs("slip")
+        self.vertical_load_n = self._of_runs("vertical_load_n")
+        self.sinkage_m = self._of_runs("sinkage_m")
+        self.time_s = self._of_runs("time_s")
+        self.run = np.repeat(np.arange(len(runs)), [int(run.used.sum()) for run in runs])
+
+    def measured(self, channel: str) -> FloatArray:
+        """Return what was measured of "dp" or "t".
+
+        Raises
+        ------
+        DataError
+            It was not measured.
+        """
+        values = self._of_runs(CHANNELS[channel])
+        if not np.isfinite(values).any():
+            what = CHANNELS[channel].rpartition("_")[0].replace("_", " ")
+            raise DataError(Fault(f"the {what} was not measured"))
+        return values
+
+    def predicted(self, model: str, name: str) -> FloatArray:
+        """Return a model's prediction, e.g. ``"drawbar_pull_n"`` or ``"sinkage_m"``."""
+        predictions = self._models[model].predictions
+        pieces = [getattr(p, name)[run.used] for p, run in zip(predictions, self._runs, strict=True)]
+        return np.concatenate(pieces) if pieces else np.zeros(0)
+
+    def _of_runs(self, name: str) -> FloatArray:
+        pieces = [getattr(run, name)[run.used] for run in self._runs]
+        return np.concatenate(pieces) if pieces else np.zeros(0)
+
+
+def source_of(run: Run) -> Source:
+    """Return what a report says of a run's file."""
+    recording = run.recording
+    return Source(
+        run_id=run.id,
+        file=run.path.name,
+        bytes=sum(file.stat().st_size for file in run.files),
+        sha256=sha256_of(*run.files),
+        frames=sum(recording.frame_counts.values()) if recording else None,
+        dropped_frames=sum(recording.drops.values()) if recording and recording.drops else None,
+        loss=tuple(map(str, recording.loss)) if recording else (),
+        gaps=tuple(map(str, recording.gaps)) if recording else (),
+        losses=recording.losses if recording else {},
+        exit_status=recording.exit_status if recording else None,
+        clock=recording.metadata.get("clock", {}) if recording else {},
+        clock_steps=recording.metadata.get("clock_steps", {}) if recording else {},
+        events=tuple(e for e in recording.events() if e.name == "mark" or e.severity != "info") if recording else (),
+    )
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what makes the numbers."""
+    names = ("numpy", "scipy", "cantools", "mcap", "plotly")
+    return {"wheelsoil": __version__, "Python": platform.python_version(), **{name: version(name) for name in names}}
+
+
+def command_line() -> str:
+    """Return the command that runs now, without the folders of its program."""
+    return " ".join(["wheelsoil", *sys.argv[1:]]) if sys.argv and sys.argv[0].endswith("wheelsoil") else "Python"

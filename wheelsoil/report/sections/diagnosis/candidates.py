@@ -1,0 +1,129 @@
+"""The candidates: how probable each cause is, what it would be worth, and what the data cannot tell."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from daq import probability
+from model.diagnosis.core import Candidate, Cause, Diagnosis
+from model.effects import EFFECTS
+from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
+from wheelsoil.report.figures import Trace, axes, bars
+from wheelsoil.report.inputs import Material
+from wheelsoil.report.words import form_name, interval, letter, number, unit
+from wheelsoil.wording.diagnosis_text import not_named, parameter_name, plain_name, set_name
+
+KEY = "candidates"
+TITLE = "Candidates"
+
+_SHOWN = 10
+_LOOKS = (("#0072B2", ""), ("#E69F00", "/"), ("#bdbdbd", "."))
+_READING = (
+    "the length of a bar is the probability that the cause is among those at work. Causes may act together, so the "
+    "bars need not add up to 1. A name is stated from 0.9 on, and only if it is worth something on runs left out."
+)
+
+
+def build(material: Material) -> Section:
+    """Build the section."""
+    found = material.diagnosis
+    blocks: list[Block] = []
+    if found.candidates:
+        blocks.append(Panels([_figure(found)], _READING))
+    if len(found.sets) > 1 and found.verdict in ("named", "one_of"):
+        rows = [[set_name(one), probability(one.probability)] for one in found.sets]
+        blocks.append(Table("What is at work together", ["set of causes, and no others", "probability"], rows))
+    if found.causes:
+        blocks += [_table(found), *(Text(text) for text in dict.fromkeys(map(_meaning, found.causes)))]
+    blocks += _adequacy(found)
+    for heading, texts in not_named(found.cannot_tell, found.minimum_detectable).items():
+        rows = [[plain_name(name), why] for name, why in texts.items()]
+        blocks.append(Table(heading, ["cause", "for want of"], rows, left=2))
+    numbers = {
+        "verdict": found.verdict,
+        "candidates": found.candidates,
+        "causes": found.causes,
+        "sets": found.sets,
+        "adequacy": found.adequacy,
+        "proposal": found.proposal,
+        "cannot_tell": found.cannot_tell,
+    }
+    return Section(KEY, TITLE, blocks, numbers)
+
+
+def _figure(found: Diagnosis) -> Figure:
+    shown = found.candidates[:_SHOWN]
+    named = {cause.name for cause in found.causes}
+    labels = ("in the set", "not in it") if found.verdict == "one_of" else ("named", "not named")
+    parts: tuple[list[Candidate], ...] = (
+        [c for c in shown if c.name in named],
+        [c for c in shown if c.name not in named and c.name != "none"],
+        [c for c in shown if c.name == "none"],
+    )
+    data: list[Trace] = [
+        bars([plain_name(c.name) for c in part], [c.probability for c in part], name, colour, pattern)
+        for part, name, (colour, pattern) in zip(parts, (*labels, "no cause at all"), _LOOKS, strict=True)
+        if part
+    ]
+    layout = axes("probability", "", height=120 + 26 * len(shown), barmode="stack")
+    layout["xaxis"] |= {"range": [0, 1]}
+    order = [plain_name(c.name) for c in shown]
+    layout["yaxis"] |= {
+        "autorange": "reversed",
+        "type": "category",
+        "categoryorder": "array",
+        "categoryarray": order,
+    }
+    return Figure("candidates", "How probable each cause is", data, layout)
+
+
+def _table(found: Diagnosis) -> Table:
+    head = ["cause", "parameter", "value", "95 % interval", "unit", "probability", "form", "kind"]
+    rows = [row for cause in found.causes for row in _rows(cause)]
+    several = "The set: each as if it were the one" if len(found.causes) > 1 else "Likeliest, and not named"
+    title = several if found.verdict == "one_of" else "What was found"
+    note = (
+        "The family is named first; the form within it only conditionally, with its probability given the family in "
+        "brackets. Intervals allow for the noise, for the errors of speed and load, and for the soil."
+    )
+    return Table(title, head, rows, note, left=2)
+
+
+def _rows(cause: Cause) -> list[list[str]]:
+    form = f"{form_name(cause.form)} ({probability(cause.form_probability)})" if cause.form else ""
+    rows = []
+    for i, parameter in enumerate(cause.parameters):
+        rows.append(
+            [
+                plain_name(cause.name) if i == 0 else "",
+                letter(parameter_name(cause.key, parameter.name)),
+                number(parameter.value),
+                interval(*parameter.interval95),
+                unit(parameter.unit),
+                *([probability(cause.probability), form, cause.kind] if i == 0 else [""] * 3),
+            ]
+        )
+    return rows
+
+
+def _meaning(cause: Cause) -> str:
+    effect = EFFECTS.get(cause.key)
+    return f"{plain_name(cause.name).capitalize()}: {effect.summary} ({effect.source})" if effect else cause.key
+
+
+def _adequacy(found: Diagnosis) -> list[Block]:
+    blocks: list[Block] = []
+    if found.adequacy and isfinite(found.adequacy.statistic):
+        numbers = f"Lack of fit {number(found.adequacy.statistic)}, threshold {number(found.adequacy.threshold)}"
+        if found.adequacy.ok:
+            blocks.append(Text(f"{numbers}: the best explanation leaves no more than noise.", "good"))
+        else:
+            text = f"{numbers}: the best explanation leaves more than noise can be, so no probability is to be trusted."
+            blocks.append(Text(text, "warning"))
+    if found.proposal:
+        text = (
+            f"A formula for what is left, offered and not a name: {found.proposal.formula}, worth "
+            f"{number(found.proposal.gain)} nats on runs left out."
+        )
+        blocks.append(Text(text))
+    return blocks

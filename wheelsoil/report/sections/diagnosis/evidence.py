@@ -1,0 +1,184 @@
+"""The evidence: what is left before and after the cause is added, and the cause's signature against what is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from model.diagnosis.core import NAMES, UNITS, Diagnosis, Seen
+from wheelsoil.report.content import Block, Figure, Panels, Section, Text
+from wheelsoil.report.figures import (
+    EDGES,
+    MEASURED,
+    Bins,
+    Trace,
+    axes,
+    binned,
+    dots,
+    line,
+    look_at,
+    marked_line,
+    parted_at_zero,
+    thinned_rows,
+)
+from wheelsoil.report.inputs import FloatArray, Material
+from wheelsoil.report.words import form_name, listed
+from wheelsoil.wording.diagnosis_text import effect_name
+from wheelsoil.wording.model_styles import STYLES, Style
+
+KEY = "evidence"
+TITLE = "Evidence"
+
+_MEMBERS = 4
+_LOOKS = ("vasilev", "wong", "lyasko", "ding")
+_SOLID = Style("after", "#0072B2", "solid", "square-open")
+_AFTER = (
+    "both lines are measured less simulated, as medians in bins of slip: the broken one before the cause is added, the "
+    "solid one after. A cause that is right takes the line to zero everywhere. Double-click shows braking."
+)
+_SHAPES = (
+    "black is what is left without the cause; coloured is what each candidate changes at its estimated size, with the "
+    "soil fitted anew. The right one follows the black line; candidates that lie on each other look alike."
+)
+_DIAGONAL = (
+    "each dot is a sample, in sigmas of the noise (σ): across, what the cause says is missing there; up, what is "
+    "missing. If the cause is right, the dots lie about the broken line; a level cloud says that it has nothing to do "
+    "with it."
+)
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """One channel of one campaign, N, N m or m: left before and after, noise sigma, the candidates' signatures."""
+
+    campaign: str
+    slip: FloatArray
+    before: FloatArray
+    after: FloatArray
+    sigma: FloatArray
+    signatures: dict[str, FloatArray]
+
+
+def build(material: Material) -> Section:
+    """Build the section; without a named cause or a set there is nothing to show evidence for, and it says so."""
+    found = material.diagnosis
+    keys = _members(found)
+    if not keys:
+        return Section(KEY, TITLE, [Text(_nothing(found))], {"members": []})
+    kinds = [(_shapes, _SHAPES), (_diagonal, _DIAGONAL)]
+    if found.verdict == "named":
+        kinds.insert(0, (_pair, _AFTER))
+    shown = {channel: _of_channel(found.seen, channel, keys) for channel in NAMES}
+    shown = {channel: views for channel, views in shown.items() if views}
+    blocks: list[Block] = [Text(f"Shown: {listed([form_name(effect_name(key)) for key in keys])}.")]
+    for draw, reading in kinds:
+        figures = [draw(channel, views) for channel, views in shown.items()]
+        blocks.append(Panels(figures, reading, [seen.campaign for seen in found.seen]))
+    numbers = {channel: {view.campaign: _numbers(view) for view in views} for channel, views in shown.items()}
+    return Section(KEY, TITLE, blocks, {"members": keys, **numbers})
+
+
+def _of_channel(everything: tuple[Seen, ...], channel: str, keys: list[str]) -> list[_Shown]:
+    return [
+        _Shown(
+            seen.campaign,
+            seen.slip,
+            seen.measured[channel] - seen.base[channel],
+            seen.measured[channel] - seen.extended[channel],
+            seen.base_sigma[channel],
+            {key: seen.signatures[key][channel] for key in keys if channel in seen.signatures.get(key, {})},
+        )
+        for seen in everything
+        if channel in seen.base
+    ]
+
+
+def _numbers(view: _Shown) -> dict[str, Bins]:
+    curves = {"before": view.before, "after": view.after, **view.signatures}
+    return {name: binned(view.slip, values, EDGES) for name, values in curves.items()}
+
+
+def _members(found: Diagnosis) -> list[str]:
+    """Return the effects to show: the causes, as far as their signatures are known."""
+    known = {key for seen in found.seen for key in seen.signatures}
+    return [key for key in dict.fromkeys(cause.key for cause in found.causes) if key in known][:_MEMBERS]
+
+
+def _nothing(found: Diagnosis) -> str:
+    if found.verdict == "nothing_detectable":
+        return "No cause can be seen, so there is nothing to show evidence for; see what could have been seen."
+    if found.verdict == "unexplained":
+        return "No cause of the library explains what is left; its shape is drawn under “What is wrong, and where”."
+    return "The diagnosis gave no signatures to draw."
+
+
+def _curve(slip: FloatArray, values: FloatArray) -> Bins:
+    return parted_at_zero(binned(slip, values, EDGES))
+
+
+def _pair(channel: str, views: list[_Shown]) -> Figure:
+    """Draw what is left before and after."""
+    groups = {}
+    for view in views:
+        before, after = _curve(view.slip, view.before), _curve(view.slip, view.after)
+        groups[view.campaign] = [
+            marked_line(before.centre, before.median, "before", STYLES["wong"]),
+            marked_line(after.centre, after.median, "after", _SOLID),
+        ]
+    return _driven(_figure("after", channel, "before and after", groups))
+
+
+def _shapes(channel: str, views: list[_Shown]) -> Figure:
+    """Draw what is left and the signatures against slip."""
+    groups = {}
+    for view in views:
+        left = _curve(view.slip, view.before)
+        traces = [line(left.centre, left.median, "what is left", MEASURED, "solid", 2.6)]
+        for look, (key, values) in zip(_LOOKS, view.signatures.items(), strict=False):
+            curve = _curve(view.slip, values)
+            traces.append(marked_line(curve.centre, curve.median, form_name(effect_name(key)), STYLES[look]))
+        groups[view.campaign] = traces
+    return _driven(_figure("shapes", channel, "signatures", groups))
+
+
+def _diagonal(channel: str, views: list[_Shown]) -> Figure:
+    """Draw what is left against the likeliest cause's signature, and the line on which they are equal."""
+    groups = {}
+    for view in views:
+        key, values = next(iter(view.signatures.items()), ("", np.zeros(0)))
+        if not np.isfinite(values).any():
+            continue
+        across, up = values / view.sigma, view.before / view.sigma
+        rows = thinned_rows(across, up, cells=40, per_cell=1)
+        ends = np.array([np.nanmin(across), np.nanmax(across)])
+        groups[view.campaign] = [
+            dots(across[rows], up[rows], f"samples, {effect_name(key)}"),
+            line(ends, ends, "equal", STYLES["vasilev"].colour, "dash"),
+        ]
+    figure = _figure("diagonal", channel, "left-over against signature", groups)
+    layout = {**figure.layout}
+    for name, title in (("xaxis", "what the cause changes (σ)"), ("yaxis", "measured − simulated (σ)")):
+        layout[name] = {**layout[name], "title": {**layout[name]["title"], "text": title}}
+    return replace(figure, layout=layout)
+
+
+def _driven(figure: Figure) -> Figure:
+    """Let the axes hold what was driven; braking, which is steep in slip and so noisy, is a double-click away."""
+    layout = dict(figure.layout)
+    points = [(x, y) for trace in figure.data for x, y in zip(trace["x"], trace["y"], strict=True) if y is not None]
+    seen = np.array([y for x, y in points if x > 0], float)
+    look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
+    look_at(layout, "y", np.append(seen, 0.0) if len(seen) else seen, margin=0.12)
+    return replace(figure, layout=layout)
+
+
+def _figure(kind: str, channel: str, what: str, traces: dict[str, list[Trace]]) -> Figure:
+    layout = axes("slip", f"measured − simulated ({UNITS[channel]})", height=340)
+    return Figure(
+        f"evidence-{kind}-{channel}",
+        f"{NAMES[channel].capitalize()}: {what}",
+        [trace for group in traces.values() for trace in group],
+        layout,
+        [campaign for campaign, group in traces.items() for _ in group],
+    )

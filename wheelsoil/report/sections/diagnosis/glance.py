@@ -1,0 +1,96 @@
+"""What to know in ten seconds: the result, what to do next, and a traffic light for each run."""
+
+from __future__ import annotations
+
+import re
+
+from daq import DataError
+from wheelsoil.report.content import Block, Light, Lights, Section, Text
+from wheelsoil.report.inputs import Material
+from wheelsoil.report.sections.diagnosis import verdict
+from wheelsoil.report.words import count, listed
+from wheelsoil.wording.notes import Grade
+
+KEY = "glance"
+TITLE = "In ten seconds"
+
+_END = ". "
+"""Of a sentence: the first is read by everyone, the others stand below the lights."""
+_SAYS_NEXT = re.compile(r"^(Next|To be surer of the name, drive next): ")
+_WHY = 1
+"""Reasons of a run that are told here; data quality tells all."""
+_MANY = 12
+"""Runs beyond which good ones are not commented on."""
+
+
+def build(material: Material) -> Section:
+    """Build the section; it is there whatever is missing."""
+    grades = {run.run.id: grade for run, grade in zip(material.runs, material.grades, strict=True)}
+    sentence, step = _sentence(material), next_step(material, grades)
+    many = len(grades) > _MANY
+    lights = [
+        Light(name, grade.level, "" if many and grade.level == "good" else _why(grade))
+        for name, grade in grades.items()
+    ]
+    first, _, rest = sentence.partition(_END)
+    lead = f"{first}{_END[0]}" if rest else sentence
+    blocks: list[Block] = [Text(lead, "lead"), Text(f"{step[0].upper()}{step[1:]}", "next"), Lights("Runs", lights)]
+    below = _without(rest, step)
+    blocks += [Text(below)] if below else []
+    return Section(KEY, TITLE, blocks, {"sentence": sentence, "next_step": step, "grades": grades})
+
+
+def _without(rest: str, step: str) -> str:
+    """Return sentences but for the one that says what the next step says already."""
+    kept = [one for one in rest.split(_END) if not (_SAYS_NEXT.match(one) and _SAYS_NEXT.sub("", one)[:-1] in step)]
+    return f"{_END.join(kept).rstrip('.')}." if any(kept) else ""
+
+
+def _sentence(material: Material) -> str:
+    """Return the result: a diagnosis says its own, so that no fault in judging the fit can take it."""
+    if material.diagnosed is not None:
+        return material.diagnosed.sentence
+    try:
+        return str(verdict.build(material).numbers["sentence"])
+    except DataError as error:
+        return f"No result: {'; '.join(fault.what for fault in error.faults)}."
+
+
+def _why(grade: Grade) -> str:
+    if grade.reasons:
+        more = len(grade.reasons) - _WHY
+        told = "; ".join(re.split("[:;] ", reason)[0] for reason in grade.reasons[:_WHY])
+        return f"{told}; {count(more)} more" if more > 0 else told
+    return f"{100 * grade.usable_share:.0f} % of motion usable, slip\u00a0to\u00a0{grade.highest_slip:.2f}"
+
+
+def next_step(material: Material, grades: dict[str, Grade]) -> str:
+    """Return what to do next: mend what spoils runs, else the run that tells most, else nothing."""
+    poor = [name for name, grade in grades.items() if grade.level == "poor"]
+    if poor:
+        said = listed(poor) if len(poor) <= 5 else f"{len(poor)} of {len(grades)} runs"
+        return f"look at data quality first; {said} {'is' if len(poor) == 1 else 'are'} poor."
+    if material.campaign is None:
+        return "see below why the runs could not be fitted."
+    found = material.diagnosed
+    if found is None and material.no_diagnosis:
+        return "see below why there is no diagnosis."
+    if found is None:
+        return "`wheelsoil diagnose` says what the simulation gets wrong and why."
+    if found.next_run:
+        first = found.next_run[0]
+        parted = listed([name.replace("_", " ") for name in first.separates])
+        return f"{first.change}{f' (parts {parted})' if parted else ''}."
+    if found.verdict == "unexplained":
+        return (
+            "look at what is wrong, and where: nothing known explains it, so do not rely on the model there. "
+            "Check zeros, signs and configuration first, and whether all runs are on one soil."
+        )
+    faulty = listed([cause.name.replace("_", " ") for cause in found.causes if cause.kind == "measurement"])
+    if found.verdict == "named" and faulty:
+        return (
+            f"mend or correct what is measured ({faulty}) and look again; the extended model holds only for these runs."
+        )
+    if found.verdict == "named":
+        return "take the extended model: `wheelsoil diagnose -o model.toml` keeps it for fit, simulate and report."
+    return "no further run is asked for; see what could have been seen."

@@ -1,0 +1,253 @@
+"""How far to trust the result: which model predicts best by itself, and every check that speaks for or against it."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+
+from daq import DataError
+from model.diagnosis.core import Diagnosis, Gain
+from model.fit import CHOSEN, EXTENDED
+from wheelsoil.report.comparison import Ranking, rank
+from wheelsoil.report.content import Block, Section, Text
+from wheelsoil.report.inputs import Material
+from wheelsoil.report.words import listed, number
+from wheelsoil.wording.diagnosis_text import plain_name
+from wheelsoil.wording.model_styles import style
+from wheelsoil.workflows.fit import NOT_AT_AN_END, ended
+
+KEY = "verdict"
+TITLE = "How far to trust it"
+
+_LOAD_TOLERANCE = 0.05
+_OFFSET_SHARE, _NOTABLE = 0.5, 0.01
+_TORQUE_TOLERANCE = 0.10
+_MIN_USED = 0.5
+_MIN_SLIP_RANGE = 0.5
+_LOW_R2 = 0.5
+_WRONG_SIGN = re.compile(r"check (its|the) sign")
+_STOPS = {
+    "converged_step": "the coefficients no longer move",
+    "converged_cost": "no step could lower the error any further",
+    "at_bounds": "a coefficient is held by its bound",
+    "singular": "a combination of coefficients has no influence at all",
+    "no_progress": "no step lowered the error, although one should have",
+    "max_iterations": "it was not at an end yet",
+    "not_finite": "the model had no answer where it started",
+}
+"""What the reasons of `model.fit.gauss_newton.StopReason` mean to the reader."""
+
+
+def build(material: Material) -> Section:
+    """Build the section; its numbers hold the sentence that leads the page: the diagnosis', or else the best fit's.
+
+    Raises
+    ------
+    DataError
+        There is neither a diagnosis nor a fit that could be judged.
+    """
+    found = material.diagnosed
+    if found is None:
+        blocks, numbers = _of_the_fit(material)
+        if material.no_diagnosis:
+            blocks.insert(0, Text(f"No diagnosis: {material.no_diagnosis}.", "warning"))
+        return Section(KEY, TITLE, blocks, numbers)
+    try:
+        blocks, numbers = _of_the_fit(material, found)
+    except DataError as error:
+        why = "; ".join(fault.what for fault in error.faults)
+        blocks, numbers = [Text(f"The four models could not be judged: {why}.", "warning")], {}
+    of_both = {**numbers, "fit_sentence": numbers.get("sentence"), "sentence": found.sentence, "verdict": found.verdict}
+    return Section(KEY, TITLE, blocks, of_both)
+
+
+def _of_the_fit(material: Material, diagnosis: Diagnosis | None = None) -> tuple[list[Block], dict[str, Any]]:
+    """Return which of the four models predicts best, and whether to trust it; a diagnosis has the last word."""
+    ranking = rank(material)
+    checks = [check for check in _checks(material, ranking) if check.text]
+    concerns = sum(check.kind == "warning" for check in checks)
+    sentence = _sentence(material, ranking)
+    trust = _trust(concerns) if diagnosis is None else _beside(diagnosis, concerns)
+    said = trust if diagnosis is None else f"Fitted by themselves: {sentence} {trust}"
+    blocks: list[Block] = [Text(said), *sorted(checks, key=lambda check: check.kind == "good")]
+    if diagnosis is not None and diagnosis.gain is not None and "dp" in diagnosis.gain.base:
+        blocks.insert(1, Text(_two_errors(material, ranking, diagnosis.gain)))
+    numbers = {
+        "sentence": sentence,
+        "trust": trust,
+        "best": ranking.best.name,
+        "R0_N": ranking.r0_n,
+        "rivals": ranking.rivals,
+        "checks": [{"good": check.kind == "good", "text": check.text} for check in checks],
+    }
+    return blocks, numbers
+
+
+def _sentence(material: Material, ranking: Ranking) -> str:
+    best, fit = _model(ranking.best.name), material.fit
+    over = f"at slips from {number(fit.slip_threshold, 2)} on"
+    error = f"{number(ranking.r0_n)} N (root mean square)"
+    wong = ranking.rival("wong")
+    equal = [rival.name for rival in ranking.rivals if not rival.is_worse]
+    if wong is None:
+        text = f"Wong's model, without slip sinkage, predicts the drawbar pull best: it is off by {error} {over}."
+    elif not wong.is_worse:
+        text = (
+            f"On these runs no slip-sinkage law can be told to predict the drawbar pull better than Wong's model: "
+            f"{best} is off by {error} {over}, Wong's by {number(wong.r0_n)} N."
+        )
+        equal.remove("wong")
+    else:
+        gain = 100 * (1 - ranking.r0_n / wong.r0_n)
+        text = (
+            f"{best[0].upper()}{best[1:]} follows the drawbar pull best, on the runs it was fitted to: it is off by "
+            f"{error} {over}, {number(gain, 2)} % less than Wong's model ({number(wong.r0_n)} N)."
+        )
+    if equal:
+        text += f" {listed([_model(name, short=True) for name in equal])} cannot be told apart from it on these runs."
+    return text
+
+
+def _model(name: str, *, short: bool = False) -> str:
+    """Return a model as it is called in a sentence."""
+    if name in (EXTENDED, CHOSEN):
+        return f"the {name} model"
+    return f"{style(name).label}'s" + ("" if short else " model")
+
+
+def _beside(found: Diagnosis, concerns: int) -> str:
+    """Return what the diagnosis leaves of the fit's result: there are not two verdicts."""
+    named = [cause.name for cause in found.causes]
+    if found.verdict == "named" and "slip_sinkage" in named:
+        return f"The diagnosis names slip sinkage too. {_trust(concerns)}"
+    said = {
+        "named": f"The diagnosis names {listed([plain_name(name) for name in named])} and no slip sinkage",
+        "one_of": "The diagnosis cannot tell which cause is at work",
+        "unexplained": "The diagnosis finds nothing known that explains these runs",
+        "nothing_detectable": "The diagnosis sees no cause in these runs",
+    }[found.verdict]
+    return (
+        f"{said}: a law of slip sinkage that follows best here is a curve that fits, and its coefficients are not to "
+        "be relied on."
+    )
+
+
+def _two_errors(material: Material, ranking: Ranking, gain: Gain) -> str:
+    soil = "re-calibrated too" if material.fit.options.soil_prior else "as the laboratory states it"
+    return (
+        f"Two errors of one channel: {number(ranking.r0_n)} N is over all samples of runs that the model was fitted "
+        f"to, the soil {soil}; the gain's {number(gain.base['dp'].R0)} N without and "
+        f"{number(gain.extended['dp'].R0)} N with what was found are over 5 Hz means of runs that were left out, the "
+        "soil re-calibrated. They are not to be compared with each other."
+    )
+
+
+def _trust(concerns: int) -> str:
+    if concerns == 0:
+        return (
+            "None of the checks below speaks against relying on it; an error that is the same in every run "
+            "(zero, angle, soil values) they cannot see."
+        )
+    what = "the reservation" if concerns == 1 else f"the {concerns} reservations"
+    return f"Before relying on it, read {what} below."
+
+
+def _checks(material: Material, ranking: Ranking) -> list[Text]:
+    return [
+        _ended(ranking),
+        *(Text(f"{style(ranking.best.name).label}: {warning}.", "warning") for warning in ranking.best.warnings),
+        _load(material, ranking),
+        _offset(ranking),
+        _follows(ranking),
+        _torque(material, ranking),
+        _coverage(material),
+        _losses(material),
+        *_signs(material),
+        *(Text(f"{note}.", "warning") for note in material.fit.notes),
+    ]
+
+
+def _ended(ranking: Ranking) -> Text:
+    reason, count = ranking.best.stop_reason, ranking.best.iterations
+    if reason == "nothing_to_fit":
+        return Text("Nothing was fitted in this model: the soil is the laboratory's.", "good")
+    said = _STOPS.get(reason, reason.replace("_", " "))
+    kind = "good" if reason.startswith("converged") else "warning"
+    advice = "" if ended(ranking.best) else f" {NOT_AT_AN_END[0].upper()}{NOT_AT_AN_END[1:]}."
+    return Text(f"Gauss–Newton stopped after {count} iterations: {said}.{advice}", kind)
+
+
+def _load(material: Material, ranking: Ranking) -> Text:
+    ratio = ranking.best.load_ratio
+    if material.fit.options.reading == "balanced":
+        return Text("Eq. 7 returns the measured load for the model's sinkage (balanced reading).", "good")
+    within = max(abs(ratio.lowest - 1), abs(ratio.highest - 1)) <= _LOAD_TOLERANCE
+    text = (
+        f"The sinkage of the model would carry {number(ratio.lowest)} to {number(ratio.highest)} times the measured "
+        f"load (Eq. 7), {number(ratio.median)} in the median"
+    )
+    return Text(f"{text}.", "good") if within else Text(f"{text}: its sinkage is not that of this wheel.", "warning")
+
+
+def _offset(ranking: Ranking) -> Text:
+    bias = float(np.mean(ranking.error_n))
+    share = bias**2 / float(np.mean(ranking.error_n**2))
+    part = f"{number(100 * share, 2)} %" if share >= _NOTABLE else "Next to nothing"
+    text = f"{part} of the squared error is a constant offset" + (f" of {number(bias)} N" if share >= _NOTABLE else "")
+    if share <= _OFFSET_SHARE:
+        return Text(f"{text}.", "good")
+    return Text(f"{text}: predicted less measured; look at the transducer's zero and angle before the soil.", "warning")
+
+
+def _follows(ranking: Ranking) -> Text:
+    r2 = ranking.best.criteria["dp"].R2
+    if not np.isfinite(r2):
+        return Text(ranking.best.criteria["dp"].reason, "warning")
+    text = f"The prediction follows the measured drawbar pull with R² = {r2:.3f}"
+    if r2 >= _LOW_R2:
+        return Text(f"{text}.", "good")
+    return Text(f"{text}: most of what the drawbar pull does is not in the model.", "warning")
+
+
+def _torque(material: Material, ranking: Ranking) -> Text:
+    if "t" in material.fit.options.channels:
+        return Text("")
+    try:
+        measured = material.pool.measured("t")
+    except DataError:
+        return Text("The driving torque was not measured: nothing independent checks the model.", "warning")
+    counted = material.pool.slip >= material.fit.slip_threshold
+    size = float(np.sqrt(np.nanmean(measured[counted] ** 2)))
+    share = ranking.best.criteria["t"].R0_N / size if size > 0 else np.nan
+    text = f"The driving torque, which was not fitted, is predicted within {number(100 * share, 2)} % of its size"
+    return Text(f"{text}.", "good" if share <= _TORQUE_TOLERANCE else "warning")
+
+
+def _coverage(material: Material) -> Text:
+    used = float(np.mean(np.concatenate([run.used for run in material.fitted])))
+    slip = material.pool.slip
+    low, high = float(np.min(slip)), float(np.max(slip))
+    text = (
+        f"{100 * used:.0f} % of the samples could be used; their slip runs from {number(low, 2)} to {number(high, 2)}"
+    )
+    few, narrow = used < _MIN_USED, high < _MIN_SLIP_RANGE
+    if few or narrow:
+        why = listed([*["many samples are missing"] * few, *["high slip was not reached"] * narrow])
+        return Text(f"{text}: {why}.", "warning")
+    return Text(f"{text}.", "good")
+
+
+def _signs(material: Material) -> list[Text]:
+    """Repeat what processing found wrong with a sign: R² cannot see it, and nothing else on the page is worth then."""
+    found = {note for run in material.runs for note in run.quality.notes if _WRONG_SIGN.search(note)}
+    return [Text(f"{note}.", "warning") for note in sorted(found)[:3]]
+
+
+def _losses(material: Material) -> Text:
+    lost = [source for source in material.sources if source.dropped_frames or source.loss]
+    if not lost:
+        return Text("")
+    names = listed([source.run_id for source in lost])
+    return Text(f"Frames are missing from {names}: see data quality.", "warning")

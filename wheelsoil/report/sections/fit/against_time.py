@@ -1,0 +1,138 @@
+"""Drawbar pull and torque against time with each model: the paper's Fig. 4 and 5. Without a fit what was measured."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daq import DataError
+from model.diagnosis.core import NAMES, UNITS
+from model.fit import CHANNELS
+from processing import ProcessedRun, Segment
+from processing.pipeline import runs_of
+from wheelsoil.report.content import Figure, Panels, Section
+from wheelsoil.report.figures import MEASURED, Trace, axes, decimated_rows, line, look_at, points_of_run, shades
+from wheelsoil.report.inputs import FloatArray, Material
+from wheelsoil.wording.model_styles import style
+
+KEY = "time"
+TITLE = "Drawbar pull and torque against time"
+
+_READING = (
+    "black is measured, a coloured line what a model predicts from the measured slip and load; where they part, the "
+    "model is wrong. The ground says what the vehicle did (plain: it coasted); gaps are samples that were left out. "
+    "The axis holds what was driven, which is what is fitted."
+)
+_READING_OF_ALL = (
+    "what was measured, all of it: no model was fitted to these runs. The ground says what the vehicle did (plain: it "
+    "coasted, or that is not known)."
+)
+_SEGMENTS = {
+    Segment.DRIVE: ("driving", ("#dcebf7", "")),
+    Segment.BRAKE: ("braking", ("#fbe5d3", "/")),
+    Segment.STANDSTILL: ("standstill", ("#eeeeee", ".")),
+}
+_SHOWN = ("dp", "t")
+
+
+def build(material: Material) -> Section:
+    """Build the section: a panel for each channel, a choice for each run.
+
+    Raises
+    ------
+    DataError
+        The drawbar pull was not measured, or no run has a sample that can be used.
+    """
+    if material.campaign is None:
+        return _of_all(material)
+    material.pool.measured("dp")
+    runs = [run for run in material.runs if run.used.any()]
+    if not runs:
+        raise DataError("no run has a sample that can be used")
+    figures = []
+    for channel in _SHOWN:
+        try:
+            figures.append(_figure(material, channel, runs))
+        except DataError:
+            continue  # the section on the torque says that it was not measured
+    names = [run.run.id for run in runs]
+    lengths = {run.run.id: float(run.time_s[-1]) for run in material.runs if len(run)}
+    return Section(KEY, TITLE, [Panels(figures, _READING, names)], {"length_s": lengths})
+
+
+def _of_all(material: Material) -> Section:
+    """Return the section where there is no fit: what was measured, whether it could be used or not."""
+    figures, names = [], []
+    points = points_of_run(len(material.runs))
+    for channel in _SHOWN:
+        values = [getattr(run, CHANNELS[channel]) for run in material.runs]
+        runs = [run for run, of in zip(material.runs, values, strict=True) if np.isfinite(of).any()]
+        if not runs:
+            continue
+        everything = np.concatenate(values)
+        low, high = float(np.nanmin(everything)), float(np.nanmax(everything))
+        data: list[Trace] = []
+        groups: list[str] = []
+        for run in runs:
+            measured = getattr(run, CHANNELS[channel])
+            rows = decimated_rows(measured, points)
+            traces = [*_segments(run, low, high), line(run.time_s[rows], measured[rows], "measured", MEASURED)]
+            data += traces
+            groups += [run.run.id] * len(traces)
+        layout = axes("time (s)", f"{NAMES[channel]} ({UNITS[channel]})", height=360)
+        look_at(layout, "y", everything, margin=0.15)
+        figures.append(Figure(f"time-{channel}", NAMES[channel].capitalize(), data, layout, groups, wide=True))
+        names += [run.run.id for run in runs]
+    if not figures:
+        raise DataError("neither drawbar pull nor driving torque was measured")
+    lengths = {run.run.id: float(run.time_s[-1]) for run in material.runs if len(run)}
+    return Section(KEY, TITLE, [Panels(figures, _READING_OF_ALL, list(dict.fromkeys(names)))], {"length_s": lengths})
+
+
+def _figure(material: Material, channel: str, runs: list[ProcessedRun]) -> Figure:
+    name = NAMES[channel]
+    values = material.pool.measured(channel)
+    known = values[np.isfinite(values)]
+    low, high = float(known.min()), float(known.max())
+    beyond = 0.3 * (high - low)
+    data: list[Trace] = []
+    groups: list[str] = []
+    for run in runs:
+        traces = [*_segments(run, low - beyond, high + beyond), *_lines(material, run, CHANNELS[channel])]
+        data += traces
+        groups += [run.run.id] * len(traces)
+    layout = axes("time (s)", f"{name} ({UNITS[channel]})", height=360)
+    driven = np.isfinite(values) & (material.pool.slip > 0)
+    shown = driven if driven.any() else np.isfinite(values)
+    said = [material.pool.predicted(model.name, CHANNELS[channel])[shown] for model in material.fit.models]
+    bulk = [np.nanpercentile(one, [1, 99]) for one in said if np.isfinite(one).any()]
+    look_at(layout, "y", values[shown], also=np.concatenate([*bulk, np.zeros(0)]), margin=0.15)
+    return Figure(f"time-{channel}", name.capitalize(), data, layout, groups, wide=True)
+
+
+def _segments(run: ProcessedRun, low: float, high: float) -> list[Trace]:
+    """Return a run's segments as stripes behind everything else."""
+    step = 1.0 / run.rate_hz
+    pieces = [(int(run.segment[a]), run.time_s[a], run.time_s[b - 1] + step) for a, b in runs_of(run.segment).tolist()]
+    traces = []
+    for kind, (name, look) in _SEGMENTS.items():
+        spans = [(float(start), float(end)) for which, start, end in pieces if which == kind]
+        if spans:
+            traces.append(shades(spans, round(low), round(high), name, look))
+    return traces
+
+
+def _lines(material: Material, run: ProcessedRun, quantity: str) -> list[Trace]:
+    """Return what was measured and, of a fitted run, what every model says, at the same samples."""
+    measured = _used(run, getattr(run, quantity))
+    rows = decimated_rows(measured, points_of_run(len(material.runs)))
+    time_s = run.time_s[rows]
+    traces = [line(time_s, measured[rows], "measured", MEASURED, "solid", 2.6)]
+    for name, prediction in material.predictions_of(run).items():
+        look = style(name)
+        predicted = _used(run, getattr(prediction, quantity))
+        traces.append(line(time_s, predicted[rows], look.label, look.colour, look.dash, 1.6))
+    return traces
+
+
+def _used(run: ProcessedRun, values: FloatArray) -> FloatArray:
+    return np.where(run.used, values, np.nan)

@@ -1,0 +1,170 @@
+"""The fitted coefficients with intervals, correlations and bounds, laid out as lmfit does: the paper's Tab. 3."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Any
+
+from model.diagnosis.core import UNITS
+from model.effects import EFFECTS
+from model.fit import CHANNELS, EXTENDED, CampaignFit, Estimate, ModelFit, free_parameters
+from model.wheel_soil import WheelSoilModel
+from wheelsoil.report.content import Block, Section, Table, Text
+from wheelsoil.report.inputs import Material
+from wheelsoil.report.words import count, letter, listed, measured, number, unit
+from wheelsoil.wording.model_styles import style
+
+KEY = "coefficients"
+TITLE = "Parameters"
+
+_STRONG = 0.9
+_NOT_SHOWN = 0.1
+"""Correlations below it are left out, as lmfit does."""
+_VARIABLES = (
+    "Held by its bound: the data ask for a value beyond it, there is no standard error, and the interval ends there. "
+    "Derived: a sum of two that are fitted."
+)
+
+
+def build(material: Material) -> Section:
+    """Build the section: fit statistics, variables, correlations."""
+    fit = material.fit
+    limits = {model.name: _limits(fit, model) for model in fit.models}
+    rows = [row for model in fit.models for row in _rows(model, limits[model.name])]
+    percent = f"{100 * fit.options.confidence:g} % interval"
+    head = ["model", "variable", "value", "standard error", "relative error", percent, "initial", "min", "max", "unit"]
+    blocks: list[Block] = [
+        Table("Fit statistics", _STATISTICS, [_statistics(fit, model) for model in fit.models], _said_of_data(fit)),
+        Table("Variables (the paper's Tab. 3)", [*head, "held"], rows, _VARIABLES, left=2),
+        *_correlations(fit),
+        *(Text(_meaning(model)) for model in fit.models if model.effects),
+    ]
+    blocks += [Text(f"{style(m.name).label}: {w}.", "warning") for m in fit.models for w in m.warnings]
+    return Section(KEY, TITLE, blocks, {m.name: _numbers(fit, m, limits[m.name]) for m in fit.models})
+
+
+_STATISTICS = [
+    "model",
+    "method",
+    "data points",
+    "independent blocks",
+    "variables",
+    "iterations",
+    "ended by",
+    "scatter left",
+]
+
+
+def _statistics(fit: CampaignFit, model: ModelFit) -> list[str]:
+    fitted = bool(model.estimates)
+    left = [f"{number(value)} {UNITS[c]}" for c, value in model.residual_floor.items() if c in fit.options.channels]
+    return [
+        style(model.name).label,
+        "Gauss–Newton" if fitted else "nothing to fit",
+        count(model.samples),
+        count(model.blocks.count),
+        count(len([e for e in model.estimates if not e.derived])),
+        count(model.iterations) if fitted else "–",
+        model.stop_reason.replace("_", " "),
+        ", ".join(left) or "–",
+    ]
+
+
+def _said_of_data(fit: CampaignFit) -> str:
+    channels = listed([CHANNELS[channel].rpartition("_")[0].replace("_", " ") for channel in fit.options.channels])
+    soil = "free within the laboratory's uncertainty" if fit.options.soil_prior else "the laboratory's"
+    return (
+        f"Fitted to the {channels} of the driven samples (slip > 0); the soil is {soil}. Neighbouring samples are "
+        "correlated and the slip is measured: the intervals allow for both, not for an error that is the same in every "
+        "run (zero, gain, angle, soil values)."
+    )
+
+
+def _limits(fit: CampaignFit, model: ModelFit) -> dict[str, tuple[float, float, float]]:
+    """Return start, lower and upper bound of each variable."""
+    options = fit.options
+    extended = options.extended if model.name == EXTENDED else None
+    ground = extended.soil if extended else fit.soil
+    law = WheelSoilModel(fit.wheel, ground, [EFFECTS[key] for key in model.effects], options.reading)
+    free = free_parameters(law, options.soil_prior, extended.values if extended else None)
+    return {one.name: (one.start, one.lower, one.upper) for one in free}
+
+
+def _rows(model: ModelFit, limits: dict[str, tuple[float, float, float]]) -> list[list[str]]:
+    label = style(model.name).label
+    held = [
+        [label if i == 0 else "", letter(name), number(value, 4), *["–"] * 6, "", "held: not shown"]
+        for i, (name, value) in enumerate(model.fixed.items())
+    ]
+    if not model.estimates and not held:
+        return [[label, "none", *["–"] * 7, "", ""]]
+    return [
+        *held,
+        *(
+            _row("" if held or i else label, estimate, limits.get(estimate.name))
+            for i, estimate in enumerate(model.estimates)
+        ),
+    ]
+
+
+def _row(label: str, estimate: Estimate, limit: tuple[float, float, float] | None) -> list[str]:
+    share, known = relative_error(estimate), all(map(isfinite, estimate.interval))
+    return [
+        label,
+        letter(estimate.name),
+        measured(estimate.value, estimate.sigma),
+        number(estimate.sigma, 2),
+        f"{number(100 * share, 2)} %" if share == share else "–",
+        " … ".join(measured(end, estimate.sigma) for end in estimate.interval) if known else "–",
+        *(map(number, limit) if limit else ["–"] * 3),
+        unit(estimate.unit),
+        "by its bound" if estimate.at_bound else "derived" if estimate.derived else "",
+    ]
+
+
+def relative_error(estimate: Estimate) -> float:
+    """Return the standard error over the value; NaN where there is none."""
+    return estimate.sigma / abs(estimate.value) if estimate.value else float("nan")
+
+
+def _correlations(fit: CampaignFit) -> list[Block]:
+    rows = [
+        [
+            style(model.name).label,
+            f"C({letter(a)}, {letter(b)})",
+            f"{value:+.4f}".replace("-", "−"),
+        ]
+        for model in fit.models
+        for (a, b), value in sorted(model.correlation.items(), key=lambda item: -abs(item[1]))
+        if abs(value) >= _NOT_SHOWN
+    ]
+    if not rows:
+        return [Text("Correlations: no two variables of one model are correlated by 0.1 or more.")]
+    note = (
+        f"Those below {_NOT_SHOWN} are not shown. Beyond ±{_STRONG} the two cannot be told apart singly: read their "
+        "sum, or fix one."
+    )
+    return [Table("Correlations", ["model", "between", "correlation"], rows, note, left=2)]
+
+
+def _meaning(model: ModelFit) -> str:
+    said = " ".join(f"{EFFECTS[name].summary} ({EFFECTS[name].source})" for name in model.effects)
+    return f"{style(model.name).label}: {said}"
+
+
+def _numbers(fit: CampaignFit, model: ModelFit, limits: dict[str, tuple[float, float, float]]) -> dict[str, Any]:
+    return {
+        "estimates": model.estimates,
+        "relative_error": {estimate.name: relative_error(estimate) for estimate in model.estimates},
+        "limits": {name: dict(zip(("initial", "min", "max"), values, strict=True)) for name, values in limits.items()},
+        "held": model.fixed,
+        "correlation": {" ".join(pair): value for pair, value in model.correlation.items()},
+        "warnings": model.warnings,
+        "stop_reason": model.stop_reason,
+        "iterations": model.iterations,
+        "variables": len([e for e in model.estimates if not e.derived]),
+        "samples": model.samples,
+        "independent_blocks": model.blocks.count,
+        "block_length_s": model.blocks.length_s,
+        "residual_floor": {c: value for c, value in model.residual_floor.items() if c in fit.options.channels},
+    }

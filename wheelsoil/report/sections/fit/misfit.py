@@ -1,0 +1,220 @@
+"""What the simulation gets wrong and where: its residual against slip, load, speed, time, place and run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from model.diagnosis.core import FIELD_NAMES, FIELD_UNITS, NAMES, UNITS, Diagnosis, Seen
+from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
+from wheelsoil.report.figures import (
+    EDGES,
+    GREY_BAND,
+    MEASURED,
+    Trace,
+    axes,
+    band,
+    binned,
+    dots,
+    line,
+    look_at,
+    parted_at_zero,
+    thinned_by_sign,
+    thinned_rows,
+    words,
+)
+from wheelsoil.report.figures import numbers as plotted
+from wheelsoil.report.inputs import FloatArray, Material
+from wheelsoil.report.words import number, signed
+from wheelsoil.wording.diagnosis_text import FINDING_NOTE, finding_note, plain_name
+
+KEY = "misfit"
+TITLE = "What is wrong, and where"
+
+_BINS = 12
+_SHOWN = 12
+_LEAST_SIGMAS = 6.0
+"""Of the axes in noise sigmas; double-click shows what lies beyond."""
+_READING = (
+    "dots are measured less simulated (soil re-calibrated, no cause added), black is their median; grey holds 95 % of "
+    "them if the simulation is right. Where the line leaves zero and stays away, it is wrong. Against slip in its "
+    "unit, else in sigmas of the noise (σ)."
+)
+
+
+def build(material: Material) -> Section:
+    """Build the section: the findings, and six panels for each measured channel."""
+    found = material.diagnosis
+    blocks: list[Block] = [_findings(found), *_inconsistent(found)]
+    numbers: dict[str, Any] = {
+        "what_is_wrong": found.what_is_wrong,
+        "median_there": [found.median_there(one) for one in found.what_is_wrong],
+        "inconsistent": found.inconsistent,
+    }
+    names = [seen.campaign for seen in found.seen]
+    channels = [c for c in NAMES if any(c in seen.base for seen in found.seen)]
+    for channel in channels:
+        figures, shown = _panels(found.seen, channel)
+        blocks.append(Panels(figures, _READING, names))
+        numbers[channel] = shown
+    return Section(KEY, TITLE, blocks, numbers)
+
+
+def _findings(found: Diagnosis) -> Block:
+    if not found.what_is_wrong:
+        return Text("Nothing stands out: what is left looks like noise everywhere.", "good")
+    of_rows = all(one.of_rows for one in found.what_is_wrong)
+    rows = [
+        [
+            FIELD_NAMES.get(one.channel, one.channel),
+            one.where,
+            *([] if of_rows else [_with_unit(found.median_there(one), one.channel)]),
+            _with_unit(one.size, one.channel),
+            signed(one.statistic, ".1f"),
+        ]
+        for one in found.what_is_wrong[:_SHOWN]
+    ]
+    head = ["channel", "where", *(["mean there"] if of_rows else ["median there", "size of the shape"]), "sigmas"]
+    note = "Mean there: of measured less simulated over these rows." if of_rows else FINDING_NOTE
+    note = finding_note(note, found.what_is_wrong[:_SHOWN])
+    return Table("Where the simulation is off, worst first", head, rows, note, left=2)
+
+
+def _with_unit(value: float, channel: str) -> str:
+    return f"{number(value)} {FIELD_UNITS.get(channel, '')}".rstrip() if np.isfinite(value) else "–"
+
+
+def _inconsistent(found: Diagnosis) -> list[Block]:
+    return [
+        Text(f"Inconsistent, {plain_name(one.channel)}, {one.rows} rows: {one.why}.", "warning")
+        for one in found.inconsistent
+    ]
+
+
+def _panels(everything: tuple[Seen, ...], channel: str) -> tuple[list[Figure], dict[str, Any]]:
+    views = [seen for seen in everything if channel in seen.base]
+    figures = []
+    numbers: dict[str, Any] = {}
+    for key, across, title in _AGAINST:
+        data: list[Trace] = []
+        groups: list[str] = []
+        for seen in views:
+            traces, numbers[f"{seen.campaign}: {title}"] = _traces(seen, channel, key)
+            data += traces
+            groups += [seen.campaign] * len(traces)
+        unit = UNITS[channel] if key == "slip" else "σ"
+        layout = axes(across, f"measured − simulated ({unit})", height=310)
+        if key == "slip":
+            look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
+            look_at(layout, "y", np.concatenate([_reach(seen, channel) for seen in views]))
+        else:
+            reach = _sigmas_shown([numbers[f"{seen.campaign}: {title}"] for seen in views])
+            layout["yaxis"] |= {"range": [-reach, reach], "autorange": False}
+        if key == "run":
+            layout["xaxis"] |= {"type": "category"}
+        elif key != "slip":
+            look_at(layout, "x", np.concatenate([getattr(seen, key) for seen in views]))
+        name = f"{NAMES[channel].capitalize()} {title}"
+        figures.append(Figure(f"misfit-{channel}-{key}", name, data, layout, groups))
+    return figures, numbers
+
+
+def _sigmas_shown(panels: list[dict[str, Any]]) -> float:
+    """Return how far an axis in noise sigmas goes: as far as the medians do, at least to `_LEAST_SIGMAS`."""
+    ends = [one[key] if "run" in one else one["median"].median for one in panels for key in ("lower", "upper")]
+    far = np.abs(np.concatenate(ends))
+    return max(_LEAST_SIGMAS, 1.1 * float(np.max(far[np.isfinite(far)], initial=0.0)))
+
+
+def _reach(seen: Seen, channel: str) -> FloatArray:
+    """Return what has to fit into the panel against slip."""
+    driven = seen.slip > 0
+    noise = 2.2 * seen.base_sigma[channel][driven]
+    return np.concatenate([(seen.measured[channel] - seen.base[channel])[driven], noise, -noise])
+
+
+def _traces(seen: Seen, channel: str, key: str) -> tuple[list[Trace], dict[str, Any]]:
+    residual, sigma = seen.measured[channel] - seen.base[channel], seen.base_sigma[channel]
+    if key == "slip":
+        return _cloud(seen.slip, residual, sigma, EDGES)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scaled = np.where(sigma > 0, residual / sigma, np.nan)
+    if key == "run":
+        return _by_run(seen, scaled)
+    values: FloatArray = getattr(seen, key)
+    return _cloud(values, scaled, np.ones(len(values)), _edges(values))
+
+
+_AGAINST = (
+    ("slip", "slip", "against slip"),
+    ("vertical_load_n", "vertical load (N)", "against load"),
+    ("ground_speed_mps", "ground speed (m/s)", "against speed"),
+    ("time_s", "time in the run (s)", "against time"),
+    ("line_position", "place along the line (ends: −1, 1)", "against place"),
+    ("run", "run", "run by run"),
+)
+
+
+def _cloud(
+    x: FloatArray, residual: FloatArray, sigma: FloatArray, edges: FloatArray
+) -> tuple[list[Trace], dict[str, Any]]:
+    curve, noise = binned(x, residual, edges), binned(x, sigma, edges)
+    if edges is EDGES:
+        curve, noise = parted_at_zero(curve), parted_at_zero(noise)
+        rows = thinned_by_sign(x, residual)
+    else:
+        rows = thinned_rows(x, residual, cells=30, per_cell=1)
+    traces = [
+        *band(noise.centre, -2 * noise.median, 2 * noise.median, "noise, 95 %", GREY_BAND),
+        dots(x[rows], residual[rows], "samples"),
+        line(curve.centre, curve.median, "median", MEASURED, "solid", 2.2),
+    ]
+    return traces, {"median": curve, "noise_sigma": noise.median}
+
+
+def _edges(x: FloatArray) -> FloatArray:
+    known = x[np.isfinite(x)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+    edges: FloatArray = np.linspace(low, high if high > low else low + 1.0, _BINS + 1)
+    edges[-1] = np.nextafter(edges[-1], np.inf)  # the greatest value belongs to the last bin
+    return edges
+
+
+def _by_run(seen: Seen, scaled: FloatArray) -> tuple[list[Trace], dict[str, Any]]:
+    of_run = [seen.run == i for i in range(len(seen.runs))]
+    low, middle, high = np.array([_quartiles(scaled[rows]) for rows in of_run]).T.reshape(3, -1)
+    names = [words(name) for name in seen.runs]
+    bars: Trace = {
+        "type": "scatter",
+        "mode": "markers",
+        "name": "median and middle half",
+        "x": names,
+        "y": plotted(middle),
+        "error_y": {
+            "type": "data",
+            "symmetric": False,
+            "array": plotted(high - middle),
+            "arrayminus": plotted(middle - low),
+            "color": MEASURED,
+        },
+        "marker": {"color": MEASURED, "size": 8},
+    }
+    expected: Trace = {
+        "type": "bar",
+        "name": "middle half of noise",
+        "x": names,
+        "y": [2 * _QUARTILE] * len(names),
+        "base": [-_QUARTILE] * len(names),
+        "marker": {"color": GREY_BAND},
+        "width": 0.5,
+    }
+    shown = {"run": seen.runs, "lower": low, "median": middle, "upper": high}
+    return [expected, bars], shown
+
+
+_QUARTILE = 0.6745
+
+
+def _quartiles(values: FloatArray) -> list[float]:
+    return [float(v) for v in np.nanpercentile(values, [25, 50, 75])] if np.isfinite(values).any() else [np.nan] * 3

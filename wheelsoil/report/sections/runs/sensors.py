@@ -1,0 +1,235 @@
+"""The sensors' health: rates, gaps, noise, zeros, clocks, and what was lost on the way to the file."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daq.recording import Event
+from processing import ProcessedRun, Standstill
+from wheelsoil.report.content import Block, Section, Table
+from wheelsoil.report.inputs import Material, Source
+from wheelsoil.report.words import count, number, signed
+
+KEY = "sensors"
+TITLE = "Sensors, clocks and losses"
+
+_MOST_EVENTS = 40
+
+
+def build(material: Material) -> Section:
+    """Build the section from the runs' quality reports and what their recordings tell."""
+    blocks: list[Block] = [
+        *_sensors(material.runs),
+        _clocks(material),
+        *_losses(material.sources),
+        *_events(material),
+        *_zeros(material.runs),
+    ]
+    numbers = {
+        run.run.id: {
+            "sensors": run.quality.sensors,
+            "clock": run.quality.clock,
+            "residual_latency_s": run.quality.residual_latency_s,
+            "residual_latency_sigma_s": run.quality.residual_latency_sigma_s,
+            "speed_scale": run.quality.speed_scale,
+            "speed_scale_sigma": run.quality.speed_scale_sigma,
+            "standstills": run.quality.standstills,
+            "recording": material.source_of(run),
+            "events_at_s": [time_s for time_s, _ in _timed(run, material.source_of(run))],
+        }
+        for run in material.runs
+    }
+    return Section(KEY, TITLE, blocks, {"runs": numbers, "channels": _channels(material.runs)})
+
+
+_UNITS = {
+    "drawbar_pull": "N",
+    "vertical_load": "N",
+    "driving_torque": "N m",
+    "wheel_speed": "rad/s",
+    "ground_speed": "m/s",
+    "sinkage": "m",
+}
+"""Of what is filtered, SI."""
+
+
+def _channels(runs: tuple[ProcessedRun, ...]) -> dict[str, dict[str, float]]:
+    """Return what each channel looked like before it was filtered, over all runs."""
+    roles = list(dict.fromkeys(role for run in runs for role in run.quality.sensors))
+    found = {}
+    for role in roles:
+        facts = [run.quality.sensors[role] for run in runs if role in run.quality.sensors]
+        found[role] = {
+            "rate_hz": float(np.median([fact.rate_hz for fact in facts])),
+            "gaps": sum(fact.gaps for fact in facts),
+            "longest_gap_ms": 1e3 * float(np.max([fact.longest_gap_s for fact in facts])),
+            "latency_ms": 1e3 * facts[0].latency_s,
+            "sigma": float(np.median([fact.sigma for fact in facts])),
+            "late": sum(fact.late for fact in facts),
+            "distrusted": sum(fact.distrusted for fact in facts),
+        }
+    return found
+
+
+def _sensors(runs: tuple[ProcessedRun, ...]) -> list[Table]:
+    rows = []
+    for role, found in _channels(runs).items():
+        facts = [run.quality.sensors[role] for run in runs if role in run.quality.sensors]
+        rows.append(
+            [
+                role.replace("_", " "),
+                number(found["rate_hz"], 4),
+                count(int(found["gaps"])),
+                number(found["longest_gap_ms"]),
+                number(found["latency_ms"]),
+                f"{number(found['sigma'], 2)} {_UNITS.get(role, '')}".rstrip(),
+                " or ".join(dict.fromkeys(fact.sigma_source for fact in facts)),
+                _systematic([fact.systematic_sigma for fact in facts]),
+                count(int(found["late"] + found["distrusted"])),
+            ]
+        )
+    head = [
+        "channel",
+        "rate (Hz)",
+        "gaps",
+        "longest gap (ms)",
+        "declared delay (ms)",
+        "sigma",
+        "sigma is",
+        "sigma of the zero",
+        "samples distrusted",
+    ]
+    note = (
+        "Rate and sigma: median of the runs. Sigma is of one filtered sample; that of pull and torque holds, too, what "
+        "carrying them past the parts outboard of the transducer adds. Sigma of the zero: of what was "
+        "taken off, the same in all samples of a run, the largest of the runs of which it is known; the intervals of "
+        "the fit do not hold it. Distrusted: the stamp ran backward, or the transducer's status was not 0."
+    )
+    return [Table("Channels as they came", head, rows, note)] if rows else []
+
+
+def _systematic(sigmas: list[float]) -> str:
+    """Return the largest sigma that is known, and of how many runs none is."""
+    known = [sigma for sigma in sigmas if np.isfinite(sigma)]
+    largest = number(max(known, default=float("nan")), 2)
+    return largest if len(known) in (0, len(sigmas)) else f"{largest} (unknown of {len(sigmas) - len(known)} runs)"
+
+
+def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
+    """Return what the forces read while the vehicle stood still: the zeros of the transducer."""
+    roles = [
+        r for r in ("drawbar_pull", "driving_torque", "vertical_load") if any(r in s.levels for s in _stands(runs))
+    ]
+    rows = [
+        [
+            run.run.id,
+            f"{stand.start_s:.1f}",
+            f"{stand.duration_s:.1f}",
+            *(_with_sigma(stand.levels.get(r, np.nan), stand.sigmas.get(r, np.nan), ".0f") for r in roles),
+        ]
+        for run in runs
+        for stand in run.quality.standstills
+    ]
+    head = ["run", "from (s)", "for (s)", *(f"{role.replace('_', ' ')} ({_UNITS[role]})" for role in roles)]
+    taken = "after the zero of zero.toml was taken off" if any(run.quality.zeros for run in runs) else "as sent"
+    note = f"On level ground drawbar pull and torque should read zero. Read {taken}; nothing else was subtracted."
+    return [Table("Readings at standstill", head, rows, note)] if rows and roles else []
+
+
+def _stands(runs: tuple[ProcessedRun, ...]) -> list[Standstill]:
+    return [stand for run in runs for stand in run.quality.standstills]
+
+
+def _clocks(material: Material) -> Table:
+    rows = [
+        [
+            run.run.id,
+            _late_or_early(1e3 * run.quality.residual_latency_s, 1e3 * run.quality.residual_latency_sigma_s),
+            _with_sigma(run.quality.speed_scale, run.quality.speed_scale_sigma, ".4f"),
+            _or_dash(run.quality.clock.get("offset_s"), ".3f"),
+            _or_dash(run.quality.clock.get("drift_ppm"), ".1f"),
+            _or_dash(1e3 * run.quality.clock.get("residual_s", np.nan), ".2f"),
+        ]
+        for run in material.runs
+    ]
+    head = [
+        "run",
+        "ground speed off by (ms)",
+        "ground / rim speed",
+        "host less GNSS time (s)",
+        "drift (ppm)",
+        "residual (ms)",
+    ]
+    note = (
+        "Ground speed off by: how late or early it is against the wheel speed, after the declared delays. "
+        "Ground / rim speed: on hardly slipping samples; 1 when the rolling radius is right. "
+        "± is one sigma; – is not known."
+    )
+    return Table("Clocks and speeds", head, rows, note)
+
+
+def _losses(sources: tuple[Source, ...]) -> list[Block]:
+    """Return what each recording says of itself."""
+    rows = [
+        [
+            source.run_id,
+            count(source.frames) if source.frames is not None else "–",
+            count(source.dropped_frames) if source.dropped_frames is not None else "not counted",
+            _ended(source),
+            "; ".join([*source.loss, *source.gaps]) or "nothing",
+            _steps(source),
+        ]
+        for source in sources
+    ]
+    note = (
+        "Frames lost: by the kernel or the logger's queue, before they were recorded; “not counted” where the recorder "
+        "had no counter. Cannot be read: damaged, or not recorded between two parts of the run."
+    )
+    head = ["run", "frames", "frames lost", "recording ended", "cannot be read", "clock of the host"]
+    blocks: list[Block] = [Table("Recordings", head, rows, note)] if rows else []
+    counted = [[source.run_id, key, count(value)] for source in sources for key, value in source.losses.items()]
+    if counted:
+        blocks.append(Table("Losses as the logger counted them", ["run", "where", "frames"], counted, left=2))
+    return blocks
+
+
+def _events(material: Material) -> list[Table]:
+    """Return marks, and what went wrong while it was recorded, in seconds of the run's own time."""
+    rows = [
+        [run.run.id, f"{time_s:.1f}", event.severity if event.name != "mark" else "mark", event.text]
+        for run in material.runs
+        for time_s, event in _timed(run, material.source_of(run))
+    ]
+    note = f"The first {_MOST_EVENTS} of {count(len(rows))}; report.json has all." if len(rows) > _MOST_EVENTS else ""
+    head = ["run", "at (s)", "kind", "what"]
+    return [Table("Marks and events", head, rows[:_MOST_EVENTS], note, left=4)] if rows else []
+
+
+def _timed(run: ProcessedRun, source: Source | None) -> list[tuple[float, Event]]:
+    return [(1e-9 * (event.time_ns - run.start_ns), event) for event in (source.events if source else ())]
+
+
+def _ended(source: Source) -> str:
+    if source.exit_status is None:
+        return "a log"
+    return source.exit_status or "cut off"
+
+
+def _steps(source: Source) -> str:
+    return ", ".join(f"{key} {text}" for key, text in source.clock_steps.items()) or "was not set"
+
+
+def _with_sigma(value: float, sigma: float, form: str) -> str:
+    if not np.isfinite(value):
+        return "–"
+    return f"{signed(value, form)} ± {sigma:{form}}" if np.isfinite(sigma) else signed(value, form)
+
+
+def _late_or_early(value_ms: float, sigma_ms: float) -> str:
+    """Return a delay as the terminal says it: a positive number and its direction."""
+    said = _with_sigma(abs(value_ms), sigma_ms, ".0f")
+    return f"{said} {'late' if value_ms >= 0 else 'early'}" if np.isfinite(value_ms) else said
+
+
+def _or_dash(value: float | None, form: str) -> str:
+    return "–" if value is None or not np.isfinite(value) else signed(value, form)

@@ -1,0 +1,170 @@
+"""The map: where the runs were driven, on a plane in metres, by slip and by what could be used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq import DataError, Fault
+from processing import ProcessedRun
+from wheelsoil.report.content import Figure, Panels, Section, Table
+from wheelsoil.report.curves import ALL_RUNS
+from wheelsoil.report.figures import Trace, axes, words
+from wheelsoil.report.figures import numbers as plotted
+from wheelsoil.report.inputs import FloatArray, Material
+from wheelsoil.report.words import number
+
+KEY = "track"
+TITLE = "Map of the track"
+
+_EARTH_M = 6_371_008.8
+_POINTS_IN_ALL, _MOST = 3000, 250
+_SLIPS = (
+    ("braking", -np.inf, 0.0, "#56B4E9", "triangle-down-open"),
+    ("slip 0 to 0.2", 0.0, 0.2, "#bdbdbd", "circle"),
+    ("slip 0.2 to 0.5", 0.2, 0.5, "#E69F00", "square"),
+    ("slip above 0.5", 0.5, np.inf, "#111111", "diamond"),
+)
+_USE = (("used", True, "#0072B2", "circle"), ("left out", False, "#D55E00", "x"))
+_READING = (
+    "every mark is a place of the antenna, in metres east and north of the middle of all runs, both axes to one scale; "
+    "a ring is where a run began. Runs that should share a rut must lie on each other; what sets one end of the field "
+    "apart shows as a patch."
+)
+
+
+@dataclass(frozen=True)
+class _Track:
+    """Some places of a run: metres east and north, slip (NaN where left out), whether used; the extent is of all."""
+
+    name: str
+    east_m: FloatArray
+    north_m: FloatArray
+    slip: FloatArray
+    used: NDArray[np.bool_]
+    length_m: float
+    extent_m: tuple[float, float]
+
+
+def build(material: Material) -> Section:
+    """Build the section: coloured by slip and by use, all runs or one.
+
+    Raises
+    ------
+    DataError
+        No run has a position.
+    """
+    tracks, origin = _tracks(material.runs)
+    by_slip: list[Trace] = []
+    by_use: list[Trace] = []
+    slip_groups: list[str] = []
+    use_groups: list[str] = []
+    choices = [ALL_RUNS, *(track.name for track in tracks)] if len(tracks) > 1 else [tracks[0].name]
+    for choice in choices:
+        shown = [track for track in tracks if choice in (ALL_RUNS, track.name)]
+        one, other = _by_slip(shown), _by_use(shown)
+        by_slip, by_use = by_slip + one, by_use + other
+        slip_groups += [choice] * len(one)
+        use_groups += [choice] * len(other)
+    figures = [
+        Figure("track-slip", "By slip", by_slip, _plane(), slip_groups),
+        Figure("track-use", "By what could be used", by_use, _plane(), use_groups),
+    ]
+    if not any(np.isfinite(track.slip).any() for track in tracks):
+        del figures[0]
+    numbers = {"origin_latitude_deg": origin[0], "origin_longitude_deg": origin[1], "tracks": _facts(tracks)}
+    rows = [
+        [name, number(fact["length_m"]), number(fact["east_extent_m"]), number(fact["north_extent_m"])]
+        for name, fact in _facts(tracks).items()
+    ]
+    note = f"The middle lies at {origin[0]:.6f}° north, {origin[1]:.6f}° east. Way: integrated ground speed."
+    head = ["run", "way (m)", "east–west extent (m)", "north–south extent (m)"]
+    return Section(KEY, TITLE, [Panels(figures, _READING, choices), Table("Tracks", head, rows, note)], numbers)
+
+
+def _tracks(runs: tuple[ProcessedRun, ...]) -> tuple[list[_Track], tuple[float, float]]:
+    placed = [run for run in runs if _known(run).any()]
+    if not placed:
+        raise DataError(Fault("the position was not measured: no run has latitude and longitude"))
+    latitude = float(np.mean(np.concatenate([run.latitude_deg[_known(run)] for run in placed])))
+    longitudes = np.concatenate([run.longitude_deg[_known(run)] for run in placed])
+    longitude = float(_wrapped(longitudes[0] + np.mean(_wrapped(longitudes - longitudes[0]))))
+    points = min(_MOST, max(60, _POINTS_IN_ALL // len(placed)))
+    return [_track(run, latitude, longitude, points) for run in placed], (latitude, longitude)
+
+
+def _known(run: ProcessedRun) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(run.latitude_deg) & np.isfinite(run.longitude_deg))
+
+
+def _wrapped(degrees: FloatArray) -> FloatArray:
+    """Return angles between -180 and 180 degrees: runs may lie across the 180th meridian."""
+    return (degrees + 180.0) % 360.0 - 180.0
+
+
+def _track(run: ProcessedRun, latitude: float, longitude: float, points: int) -> _Track:
+    """Return a run on the plane that touches the earth at a place."""
+    known = np.flatnonzero(_known(run))
+    rows = known[np.unique(np.linspace(0, len(known) - 1, min(points, len(known))).astype(int))]
+    north = _EARTH_M * np.radians(run.latitude_deg - latitude)
+    east = _EARTH_M * np.cos(np.radians(latitude)) * np.radians(_wrapped(run.longitude_deg - longitude))
+    way = run.distance_m[np.isfinite(run.distance_m)]
+    length = float(np.ptp(way)) if len(way) else float("nan")
+    extent = (float(np.ptp(east[known])), float(np.ptp(north[known])))
+    slip = np.where(run.used, run.slip, np.nan)
+    return _Track(run.run.id, east[rows], north[rows], slip[rows], run.used[rows], length, extent)
+
+
+def _facts(tracks: list[_Track]) -> dict[str, dict[str, float]]:
+    return {
+        track.name: {
+            "length_m": track.length_m,
+            "east_extent_m": track.extent_m[0],
+            "north_extent_m": track.extent_m[1],
+        }
+        for track in tracks
+    }
+
+
+def _by_slip(tracks: list[_Track]) -> list[Trace]:
+    traces = _starts(tracks)
+    for name, low, high, colour, symbol in _SLIPS:
+        traces += _marks(tracks, [(t.slip > low) & (t.slip <= high) for t in tracks], name, colour, symbol)
+    return traces
+
+
+def _by_use(tracks: list[_Track]) -> list[Trace]:
+    traces = _starts(tracks)
+    for name, used, colour, symbol in _USE:
+        traces += _marks(tracks, [t.used == used for t in tracks], name, colour, symbol)
+    return traces
+
+
+def _marks(tracks: list[_Track], rows: list[NDArray[np.bool_]], name: str, colour: str, symbol: str) -> list[Trace]:
+    east = np.concatenate([track.east_m[keep] for track, keep in zip(tracks, rows, strict=True)])
+    north = np.concatenate([track.north_m[keep] for track, keep in zip(tracks, rows, strict=True)])
+    marker: dict[str, Any] = {"color": colour, "symbol": symbol, "size": 6}
+    return [_points(east, north, name, marker)] if len(east) else []
+
+
+def _starts(tracks: list[_Track]) -> list[Trace]:
+    east = np.array([track.east_m[0] for track in tracks])
+    north = np.array([track.north_m[0] for track in tracks])
+    ring = {"color": "#111111", "symbol": "circle-open", "size": 15, "line": {"width": 2}}
+    trace = _points(east, north, "start", ring)
+    return [trace | {"text": [words(track.name) for track in tracks], "hoverinfo": "text"}]
+
+
+def _points(east: FloatArray, north: FloatArray, name: str, marker: dict[str, Any]) -> Trace:
+    place = {"x": plotted(east, 5), "y": plotted(north, 5)}
+    return {"type": "scatter", "mode": "markers", "name": name, **place, "marker": marker}
+
+
+def _plane() -> dict[str, Any]:
+    """Return a layout whose axes have one scale."""
+    layout = axes("east (m)", "north (m)", height=430)
+    layout["yaxis"] |= {"scaleanchor": "x", "scaleratio": 1}
+    return layout

@@ -1,0 +1,3 @@
+from .campaign import simulated_roles as simulated_roles
+from .options import SimulationOptions as SimulationOptions
+from .options import parse_effect as parse_effect

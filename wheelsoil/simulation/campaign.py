@@ -1,0 +1,287 @@
+"""A simulated campaign: runs of the virtual test as frames, and a folder that every command takes.
+
+What terrain.toml and vehicle.toml say is what their owner knows; the truth (hidden effect, seed, soil of the field)
+stands in manifest.toml alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from daq import Channel, ConfigError, Fault, RunInfo, VehicleConfig
+from daq.can import Decoder, FrameBatch, load_database, resolve_roles, shipped_dbc
+from model.effects import EFFECTS
+from model.simulation import TRUTH_QUADRATURE, TRUTH_RATE_HZ, TransducerSetup, VirtualRun, VirtualSetup, virtual_run
+from model.wheel_soil import Soil, WheelSoilModel
+from wheelsoil import __version__
+from wheelsoil.simulation.files import runs_toml, soil_of_the_field, to_toml, vehicle_config
+from wheelsoil.simulation.frames import DBC_FILES, virtual_frames
+from wheelsoil.simulation.options import SimulationOptions
+
+Format = Literal["mcap", "candump", "both"]
+
+BUS = "can0"
+MANIFEST_FILE = "manifest.toml"
+_BETWEEN_RUNS_S = 600.0
+_ANGLE_OFFSET_DEG = 40.0
+"""Of a transducer in wheel axes: its encoder's zero is nowhere in particular."""
+
+
+@dataclass(frozen=True)
+class SimulatedCampaign:
+    """What `simulate_campaign` wrote.
+
+    Attributes
+    ----------
+    folder : Path
+    files : tuple of Path
+        The runs, recordings first.
+    frames : int
+        In all runs.
+    """
+
+    folder: Path
+    files: tuple[Path, ...]
+    frames: int
+
+
+def simulated_setup(options: SimulationOptions) -> VirtualSetup:
+    """Return the vehicle, its driver and its sensors."""
+    setup = VirtualSetup(duration_s=options.duration_s)
+    transducer = setup.transducer
+    if options.wheel_axes:
+        transducer = replace(transducer, frame="wheel", angle_offset_deg=_ANGLE_OFFSET_DEG)
+    k, ring, gnss = options.noise, setup.wheel_speed, setup.gnss
+    return replace(
+        setup,
+        transducer=_quieter(transducer, k),
+        wheel_speed=replace(ring, pitch_error=k * ring.pitch_error, eccentricity=k * ring.eccentricity),
+        gnss=replace(
+            gnss,
+            speed_noise_mps=k * gnss.speed_noise_mps,
+            speed_white_noise_mps=k * gnss.speed_white_noise_mps,
+            position_noise_m=k * gnss.position_noise_m,
+        ),
+    )
+
+
+def _quieter(setup: TransducerSetup, factor: float) -> TransducerSetup:
+    x, z = setup.zero_offset_n
+    return replace(
+        setup,
+        drawbar_pull_noise_n=factor * setup.drawbar_pull_noise_n,
+        load_noise_n=factor * setup.load_noise_n,
+        lateral_noise_n=factor * setup.lateral_noise_n,
+        torque_noise_nm=factor * setup.torque_noise_nm,
+        white_noise_n=factor * setup.white_noise_n,
+        white_noise_nm=factor * setup.white_noise_nm,
+        zero_offset_n=(factor * x, factor * z),
+    )
+
+
+def true_soil(options: SimulationOptions) -> Soil:
+    """Return the soil of the field: the laboratory's, or one drawn about it."""
+    if not options.draw_soil:
+        return options.laboratory_soil
+    return soil_of_the_field(
+        options.laboratory_soil, options.terrain, options.wheel.width_m, _stream(options, 0), options.soil
+    )
+
+
+def simulated_run(options: SimulationOptions, index: int) -> VirtualRun:
+    """Return one run of a campaign; it does not depend on the others.
+
+    Parameters
+    ----------
+    options : SimulationOptions
+    index : int
+        From 0; loads take turns, and so do the directions.
+
+    Raises
+    ------
+    DataError
+        The soil cannot carry the wheel.
+    """
+    chosen = [(EFFECTS[name], values) for name, values in options.effects.items()]
+    acting = [(effect, values) for effect, values in chosen if effect.kind == "physical"]
+    model = WheelSoilModel(
+        options.wheel, true_soil(options), [effect for effect, _ in acting], options.reading, TRUTH_QUADRATURE
+    )
+    interval_s = options.duration_s + _BETWEEN_RUNS_S
+    elapsed_s = index * interval_s
+    info = RunInfo(
+        id=f"run-{index + 1}",
+        direction="back" if index % 2 else "out",
+        pass_number=options.pass_number[index % len(options.pass_number)],
+        added_load_kg=options.added_load_kg[index % len(options.added_load_kg)],
+        inflation_kpa=options.inflation_kpa[index % len(options.inflation_kpa)] if options.inflation_kpa else None,
+    )
+    return virtual_run(
+        simulated_setup(options),
+        model,
+        {key: value for effect, values in acting for key, value in effect.keyed(values).items()},
+        info,
+        start_ns=round((options.start.timestamp() + elapsed_s) * 1e6) * 1000,
+        elapsed_s=elapsed_s,
+        rng=_stream(options, 2 + index),
+        ring=_stream(options, 1),
+        campaign_s=(options.runs - 1) * interval_s + options.duration_s,
+        faults=[(effect, values) for effect, values in chosen if effect.kind == "measurement"],
+    )
+
+
+def _stream(options: SimulationOptions, number: int) -> np.random.Generator:
+    """Return an independent stream: 0 the soil, 1 the toothed ring, from 2 on the runs."""
+    return np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=(number,)))
+
+
+def campaign_frames(options: SimulationOptions) -> Iterator[tuple[VirtualRun, FrameBatch]]:
+    """Yield each run with its frames."""
+    for index in range(options.runs):
+        run = simulated_run(options, index)
+        yield run, virtual_frames(run, BUS)
+
+
+def simulated_roles(options: SimulationOptions, index: int) -> tuple[dict[str, Channel], VehicleConfig, RunInfo]:
+    """Return one run as processing takes it: through frames and back, without a file.
+
+    Parameters
+    ----------
+    options : SimulationOptions
+    index : int
+        See `simulated_run`.
+
+    Returns
+    -------
+    channels : mapping role -> Channel, in SI; without positions
+    vehicle : VehicleConfig
+    run : RunInfo
+    """
+    vehicle = vehicle_config(simulated_setup(options), options.wheel, BUS)
+    databases = {BUS: tuple(load_database(shipped_dbc(name)) for name in DBC_FILES)}
+    roles = [role for role in vehicle.signals if role not in ("latitude", "longitude")]
+    references = resolve_roles(vehicle, databases, (), roles)
+    run = simulated_run(options, index)
+    decoded = Decoder(databases, {reference.name for reference in references.values()}).decode(virtual_frames(run, BUS))
+    return {role: ref.to_si(decoded[ref.key]) for role, ref in references.items()}, vehicle, run.info
+
+
+def simulate_campaign(
+    folder: Path, options: SimulationOptions, *, kind: Format = "mcap", decoded: bool = False, force: bool = False
+) -> SimulatedCampaign:
+    """Write a campaign folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if it is not there; must be empty otherwise.
+    options : SimulationOptions
+    kind : "mcap", "candump" or "both"
+        What the runs are written as; runs.toml names the recordings where there are any.
+    decoded : bool
+        Whether recordings hold decoded topics beside the raw frames.
+    force : bool
+        Write into a folder that is not empty, over files of the same names.
+
+    Raises
+    ------
+    ConfigError
+        The folder cannot be used.
+    DataError
+        The soil cannot carry the wheel.
+    RecordingError, HardwareError
+        The disk does not take the files.
+    """
+    _check_folder(folder, force=force)
+    vehicle = vehicle_config(simulated_setup(options), options.wheel, BUS)
+    carried = {
+        "vehicle.toml": to_toml(vehicle),
+        "terrain.toml": to_toml(options.terrain),
+        **{name: shipped_dbc(name).read_bytes() for name in DBC_FILES},
+    }
+    folder.mkdir(exist_ok=True)
+    for name, content in carried.items():
+        (folder / name).write_bytes(content)
+    suffixes = {"mcap": (".mcap",), "candump": (".log",), "both": (".mcap", ".log")}[kind]
+    infos: list[RunInfo] = []
+    files: list[Path] = []
+    facts: list[dict[str, Any]] = []
+    for run, frames in campaign_frames(options):
+        paths = [folder / f"{run.info.id}{suffix}" for suffix in suffixes]
+        info = run.info.model_copy(update={"file": paths[0].name})
+        for path in paths:
+            _write_run(path, info, frames, carried, vehicle if decoded else None)
+        infos.append(info)
+        files += paths
+        facts.append({"file": paths[0].name, "frames": len(frames), "frames_sha256": frames_sha256(frames)})
+    (folder / "runs.toml").write_bytes(runs_toml(infos))
+    (folder / MANIFEST_FILE).write_bytes(_manifest(options, facts))
+    files.sort(key=lambda path: suffixes.index(path.suffix))
+    return SimulatedCampaign(folder, tuple(files), sum(fact["frames"] for fact in facts))
+
+
+def frames_sha256(frames: FrameBatch) -> str:
+    """Return the hash of the frames themselves: their records of 24 (FD: 80) bytes, in order, uncompressed."""
+    return hashlib.sha256(frames.frames.tobytes()).hexdigest()
+
+
+def _check_folder(folder: Path, *, force: bool) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(Fault("the output is a file", str(folder), next_step="name a folder"))
+    if not folder.parent.is_dir():
+        raise ConfigError(Fault("no such folder", str(folder.parent), next_step="create it or choose another output"))
+    if not force and folder.is_dir() and any(folder.iterdir()):
+        raise ConfigError(Fault("the folder is not empty", str(folder), next_step="choose another name, or --force"))
+
+
+def _write_run(
+    path: Path, info: RunInfo, frames: FrameBatch, carried: dict[str, bytes], vehicle: VehicleConfig | None
+) -> None:
+    """Write one run; with a vehicle, its decoded topics too."""
+    if path.suffix == ".log":
+        from daq.logs import write_candump
+
+        write_candump([frames], path)
+        return
+    from daq.recording import RecordingWriter
+
+    # nothing is lost by a crash that the same command does not bring back, so that chunks may be as large as they get
+    with RecordingWriter(
+        path, run=info, attachments=carried, overwrite=True, flush_every_s=None, sync_every_s=None
+    ) as writer:
+        writer.write_frames(frames)
+        if vehicle is not None:
+            from daq.can import decode
+            from daq.recording import DecodedView
+
+            databases = {BUS: tuple(load_database(carried[name], name) for name in DBC_FILES)}
+            DecodedView(writer, vehicle, databases).write(decode(frames, databases))
+
+
+def _manifest(options: SimulationOptions, runs: list[dict[str, Any]]) -> bytes:
+    import tomli_w
+
+    soil = true_soil(options)
+    manifest = {
+        "command": options.command,
+        "wheelsoil_version": __version__,
+        "numpy_version": np.__version__,
+        "truth": {
+            "seed": options.seed,
+            "reading": options.reading,
+            "rate_hz": TRUTH_RATE_HZ,
+            "quadrature": asdict(TRUTH_QUADRATURE),
+            "wheel": asdict(options.wheel),
+            "soil": asdict(soil),
+            "effect": [{"name": name, "parameters": dict(values)} for name, values in options.effects.items()],
+        },
+        "run": runs,
+    }
+    note = "# The truth behind these runs. Nothing that processes them reads this file.\n"
+    return (note + tomli_w.dumps(manifest)).encode()

@@ -1,0 +1,139 @@
+"""The virtual test's channels as CAN frames: through the shipped DBCs, onto one bus."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq import Channel, DataError, Fault, Quantity, find_unit
+from daq.can import FrameBatch, Message, Signal, encode, load_database, merge, rolling_counter, shipped_dbc
+from model.simulation import VirtualRun
+
+DBC_FILES = ("wft.dbc", "wheel_speed.dbc", "gnss.dbc")
+BITRATE = 1_000_000
+FRAME_TIME_S = 110e-6
+"""What one of the transducer's frames occupies the bus for, about."""
+
+_LAYOUT: dict[str, tuple[tuple[str, dict[str, str]], ...]] = {
+    "transducer": (
+        (
+            "WFT_Forces",
+            {
+                "Fx": "drawbar_pull",
+                "Fy": "lateral_force",
+                "Fz": "vertical_load",
+                "Counter": "counter",
+                "Status": "status",
+            },
+        ),
+        (
+            "WFT_Moments",
+            {"Mx": "overturning_moment", "My": "driving_torque", "Mz": "steering_moment", "Counter": "counter"},
+        ),
+        (
+            "WFT_Wheel",
+            {"Angle": "wheel_angle", "SpinRate": "spin_rate", "Temperature": "temperature", "Counter": "counter"},
+        ),
+    ),
+    "wheel_speed": (("WheelSpeeds", {"RearLeft": "wheel_speed"}),),
+    "gnss": (
+        ("GNSS_1", {"Satellites": "satellites", "TimeOfDay": "gnss_time", "Latitude": "latitude"}),
+        ("GNSS_2", {"Longitude": "longitude", "Speed": "ground_speed", "Course": "course"}),
+        (
+            "GNSS_3",
+            {"Altitude": "altitude", "SpeedValid": "ground_speed_valid", "VelocityQuality": "speed_quality"},
+        ),
+    ),
+}
+"""Per sensor its messages, and which channel each signal holds."""
+
+_CONSTANT = {"Solution": 1.0}
+_NOT_AVAILABLE = "Not available"
+_HEADER_BITS = 47  # of a frame with an 11-bit identifier, gap to the next one included
+_STUFFING = 1.1  # bits on the wire per bit of the frame, about
+
+
+def virtual_frames(run: VirtualRun, bus: str = "can0") -> FrameBatch:
+    """Encode a run and send it over a bus that carries one frame at a time.
+
+    Parameters
+    ----------
+    run : VirtualRun
+    bus : str
+        Name of the bus.
+
+    Returns
+    -------
+    FrameBatch
+        In the order of time; stamps are those of the host when a frame has ended.
+
+    Raises
+    ------
+    DataError
+        A value lies outside of what its signal can hold.
+    """
+    messages = {m.name: m for name in DBC_FILES for m in load_database(shipped_dbc(name)).messages}
+    batches = [
+        _encoded(messages[name], signals, run.sensors[sensor], bus)
+        for sensor, layout in _LAYOUT.items()
+        for name, signals in layout
+    ]
+    return _one_at_a_time(merge(batches))
+
+
+def _encoded(message: Message, signals: Mapping[str, str], channels: Mapping[str, Channel], bus: str) -> FrameBatch:
+    time_ns = channels[next(iter(signals.values()))].time_ns
+    values = {name: _in_unit(message.by_name[name], channels[quantity]) for name, quantity in signals.items()}
+    for name, signal in message.by_name.items():
+        if name == "Counter":
+            values.setdefault(name, rolling_counter(len(time_ns), signal))
+        elif name not in values:
+            values[name] = np.full(len(time_ns), _filler(signal))
+    encoded = encode(message, values, time_ns, bus)
+    if encoded.saturated:
+        raise DataError(
+            *(
+                Fault(
+                    f"the virtual test exceeds the range of {message.name}.{name}",
+                    found=f"{count} of {len(time_ns)} samples, up to {np.nanmax(np.abs(values[name])):.6g}",
+                    expected=f"at most {message.by_name[name].maximum:g} {message.by_name[name].unit}",
+                    next_step="choose a stiffer soil, less load or a slower run",
+                )
+                for name, count in encoded.saturated.items()
+            )
+        )
+    return encoded.frames
+
+
+def _in_unit(signal: Signal, channel: Channel) -> NDArray[np.float64]:
+    """Return a channel's SI values in the unit of its signal; an angle that would round to a full turn is zero."""
+    if not channel.unit:
+        return channel.values
+    unit = find_unit(signal.unit, (Quantity(channel.unit),))
+    if unit is None:
+        raise ValueError(f"{signal.name}: {signal.unit!r} is no unit of {channel.name}")
+    values = (channel.values - unit.offset) / unit.factor
+    if signal.maximum is not None and channel.unit == "rad" and signal.minimum == 0:
+        values = np.mod(np.rint(values / signal.scale), round(360 / signal.scale)) * signal.scale
+    return values
+
+
+def _filler(signal: Signal) -> float:
+    """Return what a signal holds that nothing simulates: its "not available", a constant, or zero."""
+    raw = next((raw for raw, label in signal.labels.items() if label == _NOT_AVAILABLE), None)
+    return raw * signal.scale + signal.offset if raw is not None else _CONSTANT.get(signal.name, 0.0)
+
+
+def _one_at_a_time(batch: FrameBatch) -> FrameBatch:
+    """Delay each frame until the bus is free and add its own length; a sensor's messages follow each other.
+
+    End e_i = max(ready_i, e_(i-1)) + d_i, so that e_i - (d_0 + ... + d_i) is a running maximum.
+    """
+    frames = batch.frames.copy()
+    bits = np.rint((_HEADER_BITS + 8 * frames["length"].astype(np.float64)) * _STUFFING)
+    duration = (bits * (1e9 / BITRATE)).astype(np.int64)
+    ends = np.cumsum(duration)
+    frames["time_ns"] = np.maximum.accumulate(frames["time_ns"] - (ends - duration)) + ends
+    return FrameBatch(frames, batch.buses)

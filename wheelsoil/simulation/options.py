@@ -1,0 +1,292 @@
+"""A model that a diagnosis left, as the truth of a simulated campaign.
+
+What a person may choose about a simulated campaign, checked at the door.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from functools import cached_property
+from math import isfinite
+from pathlib import Path
+from typing import get_args
+
+from daq import ConfigError, Fault, TerrainConfig, load_toml, nearest
+from model import ExtendedModel
+from model.effects import EFFECTS
+from model.simulation import SHORTEST_RUN_S
+from model.wheel_soil import LABORATORY_SPREAD, SOILS, Reading, Soil, Wheel, soil_from_terrain
+from wheelsoil.simulation.files import terrain_config
+from wheelsoil.workflows.fit import presets_near
+from wheelsoil.workflows.model_files import load_model
+
+DEFAULT_START = datetime(2026, 5, 4, 8, tzinfo=UTC)
+LONGEST_RUN_S = 3600.0
+
+
+@dataclass(frozen=True)
+class SimulationOptions:
+    """A simulated campaign; the same options give the same frames.
+
+    Attributes
+    ----------
+    soil : str
+        Name of a preset of `model.wheel_soil.soils.SOILS`, or path of a terrain.toml.
+    effects : mapping effect -> mapping parameter -> value
+        What wheel and soil do beyond Wong's model, and what the sensors get wrong; see `parse_effect`.
+    reading : "balanced" or "literal"
+    runs : int
+    duration_s : float
+        Of each run.
+    seed : int
+    added_load_kg : tuple of float
+        Added masses, in turn; the direction alternates from run to run.
+    pass_number : tuple of int
+        Which pass over its track each run is, in turn.
+    inflation_kpa : tuple of float
+        Tyre pressures that runs.toml states, in turn; if none is given, the vehicle's usual one acts and is not stated.
+    wheel : Wheel
+    draw_soil : bool
+        Draw the true soil from the laboratory's uncertainty instead of taking terrain.toml at its word.
+    wheel_axes : bool
+        The transducer sends forces in axes that turn with the wheel.
+    noise : float
+        Factor on every sensor's noise and ripple; 0 for ideal sensors.
+    start : datetime
+        Of the first run.
+
+    known_terrain : TerrainConfig, optional
+        The soil, where it is neither a preset nor in a file of its own; see `wheelsoil.simulation.options`.
+    model_file : str
+        Where that soil is from, for the command line that makes the same frames.
+
+    Raises
+    ------
+    ConfigError
+        Lists everything that is wrong.
+    """
+
+    soil: str = "clay"
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    reading: Reading = "balanced"
+    runs: int = 6
+    duration_s: float = 40.0
+    seed: int = 0
+    added_load_kg: tuple[float, ...] = (0.0, 300.0, 500.0)
+    pass_number: tuple[int, ...] = (1,)
+    inflation_kpa: tuple[float, ...] = ()
+    wheel: Wheel = field(default_factory=lambda: Wheel(0.47, 0.318))
+    draw_soil: bool = False
+    wheel_axes: bool = False
+    noise: float = 1.0
+    start: datetime = DEFAULT_START
+    known_terrain: TerrainConfig | None = None
+    model_file: str = ""
+
+    def __post_init__(self) -> None:
+        faults = [
+            Fault(f"{name} is out of range", found=f"{value:g}", expected=expected)
+            for name, value, good, expected in self._bounds()
+            if not (isfinite(value) and good)
+        ]
+        if self.reading not in get_args(Reading):
+            faults.append(Fault("unknown reading of the sinkage laws", found=self.reading, expected=_either(Reading)))
+        if not self.added_load_kg:
+            faults.append(Fault("no added load is given", next_step="give at least one, e.g. 0"))
+        if not self.pass_number:
+            faults.append(Fault("no pass number is given", next_step="give at least one, e.g. 1"))
+        if self.start.tzinfo is None:
+            faults.append(Fault("the start has no time zone", found=str(self.start), next_step="add Z for UTC"))
+        for name, values in self.effects.items():
+            faults += _effect_faults(name, values, self.reading)
+        if faults:
+            raise ConfigError(*faults)
+        _ = self.laboratory_soil  # an unknown soil is told now
+
+    def _bounds(self) -> list[tuple[str, float, bool, str]]:
+        loads = [("added load", load, -1000 <= load <= 20_000, "-1000 to 20000 kg") for load in self.added_load_kg]
+        passes = [("pass number", number, 1 <= number <= 1000, "1 to 1000") for number in self.pass_number]
+        pressures = [("inflation", p, 10 <= p <= 2000, "10 to 2000 kPa") for p in self.inflation_kpa]
+        return [
+            ("number of runs", self.runs, 1 <= self.runs <= 1000, "1 to 1000"),
+            (
+                "duration",
+                self.duration_s,
+                SHORTEST_RUN_S <= self.duration_s <= LONGEST_RUN_S,
+                f"{SHORTEST_RUN_S:g} to {LONGEST_RUN_S:g} s",
+            ),
+            ("seed", self.seed, self.seed >= 0, "0 or more"),
+            ("noise", self.noise, 0 <= self.noise <= 10, "0 to 10"),
+            ("wheel radius", self.wheel.radius_m, 0.02 <= self.wheel.radius_m <= 3, "0.02 to 3 m"),
+            ("wheel width", self.wheel.width_m, 0.01 <= self.wheel.width_m <= 3, "0.01 to 3 m"),
+            *loads,
+            *passes,
+            *pressures,
+        ]
+
+    @cached_property
+    def _terrain(self) -> TerrainConfig | None:
+        if self.known_terrain is not None:
+            return self.known_terrain
+        if self.soil in SOILS:
+            return None
+        if not self.soil.endswith(".toml"):
+            raise ConfigError(
+                Fault(
+                    f"no soil is called {self.soil!r}",
+                    expected=presets_near(self.soil),
+                    next_step="choose one of these, or give the path of a terrain.toml",
+                )
+            )
+        return load_toml(Path(self.soil), TerrainConfig)
+
+    @cached_property
+    def laboratory_soil(self) -> Soil:
+        """The soil as terrain.toml states it."""
+        return soil_from_terrain(self._terrain) if self._terrain else SOILS[self.soil]
+
+    @cached_property
+    def terrain(self) -> TerrainConfig:
+        """What terrain.toml states: the laboratory's soil and its uncertainty."""
+        return self._terrain or terrain_config(self.laboratory_soil, LABORATORY_SPREAD)
+
+    @property
+    def command(self) -> str:
+        """The command line that makes the same frames, without its output."""
+        words = ["wheelsoil", "simulate", *(("--model", self.model_file) if self.model_file else ("--soil", self.soil))]
+        words += ["--runs", str(self.runs), "--duration", f"{self.duration_s:g}", "--seed", str(self.seed)]
+        words += [] if self.model_file else ["--sinkage", self.reading]
+        for name, values in self.effects.items():
+            words += ["--effect", f"{name}:" + ",".join(f"{key}={value!r}" for key, value in values.items())]
+        default = SimulationOptions()
+        if self.added_load_kg != default.added_load_kg:
+            words += [word for load in self.added_load_kg for word in ("--added-load", f"{load!r}")]
+        if self.pass_number != default.pass_number:
+            words += [word for number in self.pass_number for word in ("--pass-number", f"{number}")]
+        words += [word for pressure in self.inflation_kpa for word in ("--inflation", f"{pressure!r}")]
+        if self.wheel != default.wheel and not self.model_file:
+            words += ["--radius", f"{self.wheel.radius_m!r}", "--width", f"{self.wheel.width_m!r}"]
+        words += ["--draw-soil"] * self.draw_soil + ["--wheel-axes"] * self.wheel_axes
+        if self.noise != default.noise:
+            words += ["--noise", f"{self.noise!r}"]
+        if self.start != default.start:
+            words += ["--start", self.start.isoformat()]
+        return shlex.join(words)
+
+
+def parse_effect(text: str) -> tuple[str, dict[str, float]]:
+    """Read ``"name:parameter=value,..."``; a name alone takes every parameter's start value.
+
+    A parameter that is not given beside others is neutral.
+
+    Raises
+    ------
+    ConfigError
+        There is no such effect, or the text has another form.
+    """
+    name, _, rest = text.partition(":")
+    effect = EFFECTS.get(name)
+    if effect is None:
+        raise ConfigError(Fault(f"no effect is called {name!r}", expected=nearest(name, EFFECTS)))
+    if not rest:
+        return name, {p.name: p.start for p in effect.parameters}
+    values: dict[str, float] = {p.name: p.neutral for p in effect.parameters}
+    for part in rest.split(","):
+        key, _, number = part.partition("=")
+        try:
+            values[key.strip()] = float(number)
+        except ValueError:
+            example = ",".join(f"{p.name}={p.start:g}" for p in effect.parameters)
+            raise ConfigError(
+                Fault("an effect's parameters cannot be read", found=text, expected=f"{name}:{example}")
+            ) from None
+    return name, values
+
+
+def _effect_faults(name: str, values: Mapping[str, float], reading: Reading) -> list[Fault]:
+    effect = EFFECTS.get(name)
+    if effect is None:
+        return [Fault(f"no effect is called {name!r}", expected=nearest(name, EFFECTS))]
+    known = {p.name: p for p in effect.parameters}
+    faults = []
+    if effect.reading == "literal" != reading:
+        told = f"effect {name} is one of the literal reading only"
+        faults.append(Fault(told, found=reading, next_step="add --sinkage literal, or leave the effect out"))
+    faults += [
+        Fault(f"effect {name} has no parameter {key!r}", expected=nearest(key, known))
+        for key in values
+        if key not in known
+    ]
+    faults += [Fault(f"effect {name} lacks its parameter {key!r}") for key in known if key not in values]
+    return faults + [
+        Fault(
+            f"{name}: {key} is out of its bounds",
+            found=f"{value:g}",
+            expected=f"{known[key].lower:g} to {known[key].upper:g} {known[key].unit}",
+        )
+        for key, value in values.items()
+        if key in known and not known[key].lower <= value <= known[key].upper
+    ]
+
+
+def _either(kind: object) -> str:
+    return " or ".join(get_args(kind))
+
+
+_OF_THE_MODEL = ("soil", "sinkage", "radius", "width")
+
+
+def with_model(options: SimulationOptions, path: Path, given: Collection[str]) -> SimulationOptions:
+    """Return the options with soil, wheel, reading and effects of a model file; effects that were given stay.
+
+    Parameters
+    ----------
+    options : SimulationOptions
+    path : Path
+        Of the model file.
+    given : collection of str
+        Names of the options that were given on the command line.
+
+    Raises
+    ------
+    ConfigError
+        The file is wrong, or an option was given that the file decides.
+    """
+    clashes = [name for name in _OF_THE_MODEL if name in given]
+    if clashes:
+        raise ConfigError(
+            Fault(
+                "the model file says what soil, wheel and reading are",
+                str(path),
+                found=", ".join(f"--{name}" for name in clashes),
+                next_step="leave these out, or edit the file",
+            )
+        )
+    model = load_model(path)
+    effects = {effect.key: {p.name: p.value for p in effect.parameters} for effect in model.effects}
+    return replace(
+        options,
+        soil=model.soil.name,
+        known_terrain=terrain_of(model),
+        model_file=str(path),
+        reading=model.reading,
+        wheel=model.wheel,
+        effects={**effects, **options.effects},
+    )
+
+
+def terrain_of(model: ExtendedModel) -> TerrainConfig:
+    """Return what a laboratory would state of the model's soil; where the file has no sigma, the usual spread."""
+    spread = {
+        name: _relative(model.soil_sigmas.get(name), float(getattr(model.soil, name)), usual)
+        for name, usual in LABORATORY_SPREAD.items()
+    }
+    return terrain_config(model.soil, spread)
+
+
+def _relative(sigma: float | None, value: float, usual: float) -> float:
+    relative = abs(sigma / value) if sigma is not None and value else usual
+    return relative if isfinite(relative) else usual

@@ -1,0 +1,295 @@
+"""Everything that the page can ask for; what takes long is handed to helpers."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from secrets import token_hex
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any, TypeVar
+
+from daq import ConfigError, DataError, Fault, WheelsoilError
+from model.effects import EFFECTS
+from model.wheel_soil import Reading, prior_of
+from processing import Interval, with_by_hand
+from processing.pipeline import shares_of
+from wheelsoil import __version__
+from wheelsoil.view import jobs
+from wheelsoil.view.background import Processing
+from wheelsoil.view.campaigns import DiagnosisOnPage, NotReadyError, ViewedCampaign, ViewedRun
+from wheelsoil.view.curve import checked_values, curve_of, effect_entries, soil_parameters
+from wheelsoil.view.entries import campaign_entry, fault_of_ours
+from wheelsoil.view.helper import Helper, HelperEndedError
+from wheelsoil.view.jobs import Member, Seen
+from wheelsoil.view.opening import Files, open_campaigns
+from wheelsoil.view.requests import CurveAsked, SelectedAsked
+from wheelsoil.view.saving import saved, selected_of
+from wheelsoil.view.trace import trace_as_json
+from wheelsoil.workflows.choice import SCHEMA, Choice, parse_choice
+from wheelsoil.workflows.fit import FitChoices
+
+_OF_DIAGNOSIS = frozenset({"run", "cutoff_hz", "min_speed_mps", "sinkage"})
+"""What a diagnosis takes of a choice; the rest is the fit's."""
+
+
+_Keyed = TypeVar("_Keyed", ViewedCampaign, ViewedRun)
+
+
+class UnknownKeyError(ConfigError):
+    """There is no such campaign or run."""
+
+
+class Desk:
+    """The campaigns on the page and those who work on them; every method may be called from any thread.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Recordings, logs, campaign folders.
+    files : Files
+
+    Raises
+    ------
+    WheelsoilError
+        See `daq.runs.open.open_runs`.
+    """
+
+    def __init__(self, paths: Sequence[Path], files: Files) -> None:
+        self.paths = tuple(paths)
+        self.files = files
+        self.campaigns, self.remarks = open_campaigns(paths, files)
+        self.lock = threading.RLock()
+        self._started = token_hex(8)
+        self._scratch = TemporaryDirectory(prefix="wheelsoil-view-", ignore_cleanup_errors=True)
+        self._quick, self._slow = Helper("quick helper"), Helper("slow helper")
+        self._processing = Processing(self.campaigns, self.lock, self._quick, files.zero, Path(self._scratch.name))
+
+    def close(self) -> None:
+        """End the helpers and take their files away; whoever waits for an answer gets none. Twice does no harm."""
+        self._processing.close()
+        self._quick.close()
+        self._slow.close()
+        self._scratch.cleanup()
+
+    def list(self) -> dict[str, Any]:
+        """Return the campaigns with their runs; `started` tells one start of the server from the next."""
+        with self.lock:
+            campaigns = [campaign_entry(campaign, self.files) for campaign in self.campaigns]
+        return {"version": __version__, "started": self._started, "remarks": self.remarks, "campaigns": campaigns}
+
+    def run(self, campaign_key: str, run_key: str) -> dict[str, Any]:
+        """Return the points of a run that are drawn; `shares` is why samples are left out, of all samples.
+
+        Raises
+        ------
+        UnknownKeyError, NotReadyError, WheelsoilError
+        """
+        seen, keep = self._ready(campaign_key, run_key)
+        trace = seen.trace
+        reason = trace.reason if keep is None else with_by_hand(trace.reason, trace.time_s, keep)
+        shares = {why.lower(): share for why, share in shares_of(seen.kept(keep).reason).items() if why != "USED"}
+        return trace_as_json(trace, reason) | {"shares": shares}
+
+    def selected(self, asked: SelectedAsked) -> dict[str, Any]:
+        """Return what is selected of a run; see `wheelsoil.view.saving.selected_of`.
+
+        Raises
+        ------
+        UnknownKeyError, NotReadyError, WheelsoilError
+        """
+        seen, keep = self._ready(asked.campaign, asked.run)
+        return selected_of(seen.kept(keep), asked)
+
+    def _ready(self, campaign_key: str, run_key: str) -> tuple[Seen, tuple[Interval, ...] | None]:
+        """Return a processed run and what is kept of it."""
+        with self.lock:
+            campaign = self.campaign(campaign_key)
+            run = _of_key(campaign.runs, run_key, "run")
+            self._processing.prefer(run)
+            if run.state == "failed":
+                raise DataError(*run.faults)
+            if run.seen is None or run.state != "ready":
+                raise NotReadyError(Fault("the run is still to be processed", run.run.id, found=run.state))
+            return run.seen, campaign.keeps().get(run.key)
+
+    def parameters(self, key: str) -> dict[str, Any]:
+        """Return what can be moved; `complete` is false while runs are processed, for all of them can be told then."""
+        with self.lock:
+            campaign = self.campaign(key)
+            base, choices = campaign.base(), campaign.choice.fit_choices()
+            soil, terrain = campaign.soil, campaign.first.terrain if campaign.soil_name is None else None
+            told, asked = campaign.told.get(choices.reading), (campaign.ready_members(), campaign.options)
+            pending = campaign.pending
+        if told is None and not pending:
+            told = self._what_cannot_be_told(asked[0], choices)
+            with self.lock:
+                if (campaign.ready_members(), campaign.options) == asked:
+                    campaign.told[choices.reading] = told
+                else:
+                    told = None  # of runs that are processed anew
+        return {
+            "complete": told is not None,
+            "base": base,
+            "soil": soil_parameters(soil, prior_of(soil, terrain)),
+            "effects": effect_entries(base, choices.reading, told or {}),
+        }
+
+    def _what_cannot_be_told(self, members: Sequence[Member], choices: FitChoices) -> dict[str, str]:
+        asked = self._quick.ask(
+            jobs.what_cannot_be_told, members, self.paths, self.files.soil, choices.reading, urgent=True
+        )
+        try:
+            found: dict[str, str] = asked.result()
+        except HelperEndedError:
+            raise
+        except WheelsoilError as error:
+            why = "; ".join(fault.what for fault in error.faults)
+            return dict.fromkeys((effect.name for effect in EFFECTS.values()), why)
+        return found
+
+    def curve(self, asked: CurveAsked) -> dict[str, Any]:
+        """Return the model's curve for some values; `ms` is how long it took."""
+        began_s = perf_counter()
+        values = checked_values(asked.effects, asked.values, asked.soil)
+        with self.lock:
+            campaign = self.campaign(asked.campaign)
+            base = campaign.base(asked.load_n, asked.run or "")
+            reading: Reading = asked.sinkage or campaign.choice.fit_choices().reading
+        found = curve_of(base, asked.effects, reading, values)
+        return {**found, "ms": round(1e3 * (perf_counter() - began_s), 2)}
+
+    def choose(self, key: str, raw: dict[str, Any]) -> dict[str, Any]:
+        """Take a choice and return the campaign's entry; runs are processed again where that changed.
+
+        Raises
+        ------
+        ConfigError
+            Everything that is wrong with it.
+        """
+        choice = parse_choice({"schema": SCHEMA, **raw}, "choice")
+        choice.process_options()
+        with self.lock:
+            campaign = self.campaign(key)
+            before = campaign.choice
+            if choice != before:
+                campaign.choice = choice
+                try:
+                    campaign.check_keeps()
+                except ConfigError:
+                    campaign.choice = before
+                    raise
+                self._begin_anew(campaign, _changed(before, choice))
+            campaign.chosen += 1
+            for run in campaign.runs:
+                if run.ended:
+                    run.ended, run.options = 0, None
+                if run.state != "processing":
+                    run.settle(campaign.options)
+            entry = campaign_entry(campaign, self.files)
+        self._processing.look()
+        return entry
+
+    def _begin_anew(self, campaign: ViewedCampaign, changed: set[str]) -> None:
+        """Forget what was found with another choice, and end what is still looking for it."""
+        campaign.saved_at, campaign.told = None, {}
+        dropped, campaign.fits = campaign.fits, []
+        for asked in dropped:
+            self._quick.drop(asked)
+        if changed & _OF_DIAGNOSIS:
+            if campaign.diagnosis.asked is not None:
+                self._slow.drop(campaign.diagnosis.asked)
+            campaign.diagnosis = DiagnosisOnPage()
+
+    def fit(self, key: str) -> dict[str, Any]:
+        """Fit the campaign as it is chosen; the numbers are those of ``wheelsoil fit --choice``."""
+        with self.lock:
+            campaign = self.campaign(key)
+            choice = campaign.choice
+            members, choices = campaign.members(), choice.fit_choices()
+            asked = self._quick.ask(jobs.fit_members, members, choices, self.files.soil, urgent=True)
+            campaign.fits.append(asked)
+        try:
+            found: dict[str, Any] = asked.result()
+        finally:
+            with self.lock:
+                if asked not in campaign.fits:
+                    raise _changed_meanwhile(campaign, "fit again")
+                campaign.fits.remove(asked)
+        return found
+
+    def diagnose(self, key: str) -> dict[str, Any]:
+        """Begin to diagnose a campaign in the background and return its entry."""
+        with self.lock:
+            campaign = self.campaign(key)
+            if any(other.diagnosis.state == "running" for other in self.campaigns):
+                raise NotReadyError(Fault("a diagnosis is running already", next_step="wait for its end"))
+            members, choices = campaign.members(), campaign.choice.fit_choices()
+            asked = self._slow.ask(jobs.diagnose_members, members, self.paths, self.files.soil, choices)
+            mine = campaign.diagnosis = DiagnosisOnPage("running", asked)
+            entry = campaign_entry(campaign, self.files)
+
+        def done(_: object) -> None:
+            if asked.cancelled():
+                return
+            error = asked.exception()
+            with self.lock:
+                if error is None:
+                    mine.found, mine.state = asked.result(), "done"
+                else:
+                    mine.state, mine.faults = "failed", _faults_of(error)
+
+        asked.add_done_callback(done)
+        return entry
+
+    def diagnosis(self, key: str) -> dict[str, Any]:
+        """Return the diagnosis as ``diagnose --json`` prints it."""
+        with self.lock:
+            diagnosis = self.campaign(key).diagnosis
+            if diagnosis.faults:
+                raise DataError(*diagnosis.faults)
+            if diagnosis.found is None:
+                raise NotReadyError(Fault("there is no diagnosis", found=diagnosis.state, next_step="ask for one"))
+            return diagnosis.found
+
+    def save(self, key: str, name: str, *, replace_it: bool) -> dict[str, Any]:
+        """Write the choice beside the runs and return where, with the campaign's entry; see `saved`."""
+        campaign = self.campaign(key)
+        choice = campaign.choice
+        path = saved(campaign, name, replace_it=replace_it)
+        with self.lock:
+            if campaign.choice == choice:
+                campaign.saved_at = path
+            return {"path": str(path), "campaign": campaign_entry(campaign, self.files)}
+
+    def campaign(self, key: str) -> ViewedCampaign:
+        """Return a campaign by its key.
+
+        Raises
+        ------
+        UnknownKeyError
+        """
+        return _of_key(self.campaigns, key, "campaign")
+
+
+def _of_key(where: Sequence[_Keyed], key: str, what: str) -> _Keyed:
+    found = next((one for one in where if one.key == key), None)
+    if found is None:
+        known = ", ".join(one.key for one in where)
+        raise UnknownKeyError(Fault(f"there is no such {what}", what, repr(key), known))
+    return found
+
+
+def _changed_meanwhile(campaign: ViewedCampaign, step: str) -> NotReadyError:
+    return NotReadyError(Fault("the choice was changed meanwhile", campaign.name, next_step=step))
+
+
+def _faults_of(error: BaseException) -> tuple[Fault, ...]:
+    return error.faults if isinstance(error, WheelsoilError) else (fault_of_ours(error),)
+
+
+def _changed(before: Choice, now: Choice) -> set[str]:
+    """Return the keys of choice.toml that are not the same."""
+    old, new = before.to_mapping(), now.to_mapping()
+    return {name for name in {*old, *new} if old.get(name) != new.get(name)}

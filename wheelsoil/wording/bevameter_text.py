@@ -1,0 +1,217 @@
+"""Bevameter results in words: rows for a table, JSON, and the text of a terrain.toml."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import atan, degrees, inf, isfinite
+from typing import Any
+
+import numpy as np
+
+from daq import ConfigError, Fault, TerrainConfig
+from daq.series import PlateTest, ShearTest
+from model.bevameter import (
+    JointFit,
+    PressureSinkage,
+    ShearStrength,
+    WindowOptions,
+    fit_pressure_sinkage,
+    fit_shear_strength,
+    terrain_of,
+    terrain_toml,
+)
+
+Rows = tuple[list[str], list[list[str]]]
+
+SCHEMA = "wheelsoil/soil/1"
+UNITS = {
+    "cohesive_modulus": ("k_c", "N/m^(n+1)", "kN/m^(n+1)", 1e-3),
+    "frictional_modulus": ("k_phi", "N/m^(n+2)", "kN/m^(n+2)", 1e-3),
+    "stiffness": ("k", "Pa/m^n", "kPa/m^n", 1e-3),
+    "sinkage_exponent": ("n", "1", "", 1.0),
+    "cohesion_pa": ("c", "Pa", "kPa", 1e-3),
+    "tan_phi": ("tan phi", "1", "", 1.0),
+    "strength_pa": ("tau_max", "Pa", "kPa", 1e-3),
+    "shear_modulus_m": ("K", "m", "mm", 1e3),
+}
+"""Textbook symbol, SI unit, printed unit and the factor to it, of every parameter."""
+ZEROS = {
+    "given": "sinkage and pressure counted from the table's zero",
+    "contact": "sinkage and pressure counted from where the pressure leaves its baseline",
+    "fitted": "sinkage counted from a zero fitted near the contact",
+}
+
+
+@dataclass(frozen=True)
+class BenchSoil:
+    """What plate and shear tests gave; None where there were no such tests."""
+
+    pressure: PressureSinkage | None
+    shear: ShearStrength | None
+    window: WindowOptions
+
+    @property
+    def joints(self) -> list[JointFit]:
+        """The joint fits that there are."""
+        return [part.joint for part in (self.pressure, self.shear) if part]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader must know."""
+        return tuple(text for part in (self.pressure, self.shear) if part for text in part.warnings)
+
+
+def evaluate(
+    plates: Sequence[PlateTest],
+    shears: Sequence[ShearTest],
+    window: WindowOptions,
+    *,
+    shear_to_m: float = inf,
+) -> BenchSoil:
+    """Fit what there is.
+
+    Raises
+    ------
+    ConfigError
+        There is no test at all.
+    DataError
+        Tests that cannot be fitted.
+    """
+    if not plates and not shears:
+        raise ConfigError(Fault("there is no test", next_step="give --plate FILE..., --shear FILE..., or both"))
+    return BenchSoil(
+        pressure=fit_pressure_sinkage(plates, window) if plates else None,
+        shear=fit_shear_strength(shears, to_m=shear_to_m) if shears else None,
+        window=window,
+    )
+
+
+def plate_rows(result: BenchSoil) -> Rows:
+    """Return the head and a row for each plate test."""
+    head = ["plate test", "b m", "k kPa/m^n", "n", "misfit kPa", "zero mm", "window mm", "points"]
+    plates = result.pressure.plates if result.pressure else ()
+    return head, [
+        [
+            fit.name,
+            f"{fit.width_m:.4g}",
+            f"{fit.stiffness / 1e3:.4g}",
+            f"{fit.exponent:.3f}",
+            f"{fit.rms_pa / 1e3:.3g}",
+            f"{fit.window.zero_m * 1e3:.2f}",
+            f"{fit.window.from_m * 1e3:.1f}-{fit.window.to_m * 1e3:.1f}",
+            str(fit.window.points),
+        ]
+        for fit in plates
+    ]
+
+
+def shear_rows(result: BenchSoil) -> Rows:
+    """Return the head and a row for each shear test."""
+    head = ["shear test", "sigma kPa", "tau_max kPa", "K mm", "misfit kPa", "window mm", "points"]
+    shears = result.shear.shears if result.shear else ()
+    return head, [
+        [
+            fit.name,
+            f"{fit.normal_stress_pa / 1e3:.4g}",
+            f"{fit.strength_pa / 1e3:.4g}",
+            f"{fit.shear_modulus_m * 1e3:.3g}",
+            f"{fit.rms_pa / 1e3:.3g}",
+            f"0-{fit.to_m * 1e3:.1f}",
+            str(fit.points),
+        ]
+        for fit in shears
+    ]
+
+
+def parameter_rows(result: BenchSoil) -> Rows:
+    """Return the head and a row for each parameter of the terrain."""
+    head = ["parameter", "value", "sigma", "95 % interval", "unit"]
+    rows = []
+    for parameter in _parameters(result):
+        symbol, _, unit, factor = UNITS[parameter.name]
+        value, sigma, low, high = (factor * x for x in (parameter.value, parameter.sigma, *parameter.interval95))
+        rows.append([symbol, f"{value:.4g}", f"{sigma:.2g}", f"{low:.4g} to {high:.4g}", unit])
+    return head, rows
+
+
+def facts(result: BenchSoil) -> list[tuple[str, str]]:
+    """Return what the intervals rest on, as (name, text)."""
+    lines = []
+    if result.pressure:
+        share, exponent = np.sqrt(np.diag(result.pressure.joint.scatter))
+        depth = result.pressure.reference_sinkage_m * 1e3
+        text = f"{share:.1%} of the pressure at {depth:.1f} mm, {exponent:.3f} in n ({_source(result.pressure.joint)})"
+        lines += [("plate scatter", text), ("plate zero", ZEROS[result.window.zero])]
+    if result.shear:
+        share, modulus = np.sqrt(np.diag(result.shear.joint.scatter))
+        text = f"{share:.1%} of the strength, {modulus:.1%} of K ({_source(result.shear.joint)})"
+        angle = _angle_text(result.shear)
+        lines += [("shear scatter", text), *([("friction angle", angle)] if angle else [])]
+    return lines
+
+
+def as_json(result: BenchSoil) -> dict[str, Any]:
+    """Return everything as plain values, SI units."""
+    return {
+        "schema": SCHEMA,
+        "parameters": _parameters(result),
+        "joint": result.joints,
+        "plates": result.pressure.plates if result.pressure else [],
+        "shears": result.shear.shears if result.shear else [],
+        "reference_sinkage_m": result.pressure.reference_sinkage_m if result.pressure else None,
+        "window": result.window,
+        "warnings": result.warnings,
+    }
+
+
+def terrain_text(result: BenchSoil, name: str, base: TerrainConfig | None) -> str:
+    """Return the text of a terrain.toml, with what it rests on in its head; see `terrain_of` for what it raises."""
+    terrain = terrain_of(name, result.pressure, result.shear, base=base)
+    head = ["Terrain parameters from bevameter tests, by `wheelsoil soil`."]
+    head += [f"{label}: {text}" for label, text in facts(result)]
+    head += [f"{row[0]} = {row[1]} {row[4]}".rstrip() + f", 95 % {row[3]}" for row in parameter_rows(result)[1]]
+    for rows in (plate_rows, shear_rows):
+        names = [line[0] for line in rows(result)[1]]
+        head += [f"{rows(result)[0][0]}s: {', '.join(names)}"] if names else []
+    head += [f"note: {text}" for text in result.warnings]
+    if base is not None:
+        head.append("What was not tested is from the base file.")
+    return terrain_toml(terrain, head)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One fitted parameter of the terrain, SI units."""
+
+    name: str
+    symbol: str
+    unit: str
+    value: float
+    sigma: float
+    interval95: tuple[float, float]
+
+
+def _parameters(result: BenchSoil) -> list[Parameter]:
+    return [
+        Parameter(name, UNITS[name][0], UNITS[name][1], float(value), float(sigma), (float(low), float(high)))
+        for joint in result.joints
+        for name, value, sigma, (low, high) in zip(
+            joint.names, joint.values, joint.sigma, joint.interval95, strict=True
+        )
+    ]
+
+
+def _source(joint: JointFit) -> str:
+    if joint.scatter_source == "assumed":
+        return "assumed: no repeats"
+    freedom = float(joint.freedom[0])
+    return f"{joint.tests} tests, {freedom:.0f} degrees of freedom" if isfinite(freedom) else f"{joint.tests} tests"
+
+
+def _angle_text(shear: ShearStrength) -> str:
+    if not shear.separate:
+        return ""
+    low, high = shear.joint.interval95[shear.joint.names.index("tan_phi")]
+    value = degrees(atan(shear.joint["tan_phi"]))
+    return f"{value:.2f} deg, 95 % interval {degrees(atan(low)):.2f} to {degrees(atan(high)):.2f}"

@@ -1,0 +1,376 @@
+"""A diagnosis as lines that a person reads in a terminal without scrolling sideways.
+
+Names and numbers of a diagnosis as the terminal and the report write them.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping
+from math import isfinite
+
+from daq import number, table_lines
+from daq import probability as as_probability
+from model.diagnosis.core import (
+    FIELD_NAMES,
+    FIELD_UNITS,
+    INPUT_FIELDS,
+    NAMES,
+    SUMS,
+    UNITS,
+    Cause,
+    CauseSet,
+    Detectable,
+    Diagnosis,
+    Finding,
+    Gain,
+    Scores,
+)
+from model.effects import EFFECTS
+
+FINDING_NOTE = (
+    "Median there: of measured less simulated, as the panels show it. Size of the shape: what that shape (a hat over "
+    "the range, or what grows as it says) adds by itself at its largest, after the soil was re-calibrated beside it "
+    "and the shapes that stand out more were taken out. The two can have opposite signs: a soil that makes up for a "
+    "misfit in one range pushes the curve off in another. Sigmas: "
+    "the size over its standard deviation, which allows for correlated noise, errors of speed and load, and the soil."
+)
+MISREAD_NOTE = "As if misread: the error of that input, measured less true, that would look so; there need not be one."
+
+
+def finding_note(note: str, found: Iterable[Finding]) -> str:
+    """Return a note on findings, with what an error of an input means where one is among them."""
+    return f"{note} {MISREAD_NOTE}" if any(one.channel in INPUT_FIELDS for one in found) else note
+
+
+def plain_name(name: str) -> str:
+    """Return the name of a family or a channel as people write it."""
+    return name.replace("_", " ")
+
+
+def effect_name(key: str) -> str:
+    """Return family and form of an effect of the library, or the key of one that is not in it."""
+    effect = EFFECTS.get(key)
+    if effect is None:
+        return plain_name(key)
+    return f"{plain_name(effect.name)} ({effect.form})" if effect.form else plain_name(effect.name)
+
+
+NO_GAIN = "No cause was chosen for any of the runs left out, so that there is nothing to gain."
+
+
+def nothing_chosen(gain: Gain) -> bool:
+    """Return whether the choice fell on no cause each time."""
+    return bool(gain.chosen) and not any(gain.chosen)
+
+
+def reduction(gain: Gain) -> tuple[str, float, float]:
+    """Return whether R0 falls or grows, and between what, in percent of the base's; the size is that of the gain."""
+    low, high = gain.interval95
+    return ("falls", low, high) if gain.reduction_percent >= 0 else ("grows", -high, -low)
+
+
+CAN_BE_SEEN = "Can be seen, cannot be named"
+CANNOT_BE_SEEN = "Cannot be seen"
+
+
+def not_named(cannot_tell: Mapping[str, str], sizes: Mapping[str, Detectable]) -> dict[str, dict[str, str]]:
+    """Return what is never named, for want of what: by `CAN_BE_SEEN` and `CANNOT_BE_SEEN`.
+
+    Parameters
+    ----------
+    cannot_tell : mapping family -> why
+    sizes : mapping effect key -> Detectable
+        Smallest sizes that would be found.
+    """
+    seen = {family_of(key) for key, least in sizes.items() if isfinite(least.value)}
+    by_title: dict[str, dict[str, str]] = {CAN_BE_SEEN: {}, CANNOT_BE_SEEN: {}}
+    for family, why in cannot_tell.items():
+        by_title[CAN_BE_SEEN if family in seen else CANNOT_BE_SEEN][family] = why
+    return {title: texts for title, texts in by_title.items() if texts}
+
+
+def family_of(key: str) -> str:
+    """Return the family of an effect of the library, or the key of one that is not in it."""
+    effect = EFFECTS.get(key)
+    return effect.name if effect else key
+
+
+def set_name(one: CauseSet) -> str:
+    """Return a set of causes as people write it."""
+    return " + ".join(map(plain_name, one.causes)) or "no cause"
+
+
+def parameter_name(key: str, name: str) -> str:
+    """Return the name of a cause's parameter; of a combination, what it is made of."""
+    return SUMS.get(key, {}).get(name, name)
+
+
+_LEAST_SHOWN = 0.01
+_MOST_FINDINGS = 8
+_FINDINGS = (
+    "median: of measured less simulated there; shape: what that shape adds by itself, beside a soil that moves with "
+    "it, so that its sign can be the other."
+)
+_MEANS = "mean: of measured less simulated over these rows."
+_LEAST_WIDTH, _MOST_WIDTH = 80, 100
+
+
+def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
+    """Return a diagnosis as lines of text.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    width : int
+        Of the terminal, in characters; held between 80 and 100.
+    """
+    width = limited(width)
+    parts = (
+        wrapped(diagnosis.sentence, width),
+        _causes(diagnosis, width),
+        _candidates(diagnosis, width),
+        _sets(diagnosis, width),
+        _inconsistent(diagnosis, width),
+        _what_is_wrong(diagnosis, width),
+        _gain(diagnosis, width),
+        _adequacy(diagnosis, width),
+        _proposal(diagnosis, width),
+        *_not_named(diagnosis, width),
+        _detectable(diagnosis, width),
+        _next_run(diagnosis, width),
+        _notes(diagnosis.notes, width),
+    )
+    return [line for i, part in enumerate(filter(None, parts)) for line in (("", *part) if i else part)]
+
+
+def stages_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
+    """Return what took how long."""
+    stages = ", ".join(f"{plain_name(name)} {seconds:.2f}" for name, seconds in diagnosis.stages_s.items())
+    text = f"diagnosis: {sum(diagnosis.stages_s.values()):.1f} s" + (f" ({stages})" if stages else "")
+    return wrapped(text, limited(width), "", "  ")
+
+
+def limited(width: int) -> int:
+    """Return a width that a person reads well."""
+    return min(max(width, _LEAST_WIDTH), _MOST_WIDTH)
+
+
+def wrapped(text: str, width: int, first: str = "", then: str | None = None) -> list[str]:
+    """Return a text as lines that begin with `first`, then with `then`."""
+    after = first if then is None else then
+    return textwrap.wrap(text, width, initial_indent=first, subsequent_indent=after, break_on_hyphens=False) or [
+        first.rstrip()
+    ]
+
+
+def _causes(diagnosis: Diagnosis, width: int) -> list[str]:
+    rows = [row for cause in diagnosis.causes for row in _cause_rows(cause)]
+    if not rows:
+        return []
+    title = "Causes"
+    if diagnosis.verdict == "one_of":
+        several = len(diagnosis.causes) > 1
+        title = "One of, each as if it were the one" if several else "Likeliest, and not named"
+    head = ["cause", "parameter", "prob.", "value", "95 % interval", "unit"]
+    return [title, *_indented(table_lines(head, rows, left=2, width=width - 2))]
+
+
+def _cause_rows(cause: Cause) -> Iterator[list[str]]:
+    name, probability = plain_name(cause.name), as_probability(cause.probability)
+    for parameter in cause.parameters:
+        low, high = parameter.interval95
+        interval = f"{number(low, 3)} .. {number(high, 3)}" if isfinite(low) and isfinite(high) else "-"
+        unit = "" if parameter.unit == "1" else parameter.unit
+        yield [name, parameter_name(cause.key, parameter.name), probability, number(parameter.value, 3), interval, unit]
+        name = probability = ""
+    if not cause.parameters:
+        yield [name, "-", probability, "-", "-", ""]
+    if cause.form and cause.form_probability < 1:
+        yield [f"  as {cause.form}, within the family", "", as_probability(cause.form_probability), "", "", ""]
+
+
+def _candidates(diagnosis: Diagnosis, width: int) -> list[str]:
+    shown = [c for c in diagnosis.candidates if c.probability >= _LEAST_SHOWN]
+    rest = len(diagnosis.candidates) - len(shown)
+    words = [f"{plain_name(c.name)} {as_probability(c.probability)}" for c in shown]
+    words += [f"{rest} more below {_LEAST_SHOWN:g}"] if rest else []
+    if not words:
+        return []
+    return ["Candidates (probability of being among the causes)", *wrapped(", ".join(words), width, "  ")]
+
+
+def _sets(diagnosis: Diagnosis, width: int) -> list[str]:
+    if len(diagnosis.sets) < 2 or diagnosis.verdict not in ("named", "one_of"):
+        return []
+    words = ", ".join(f"{set_name(one)} {as_probability(one.probability)}" for one in diagnosis.sets)
+    return ["Sets of causes (probability that these are at work, and no others)", *wrapped(words, width, "  ")]
+
+
+def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
+    if not diagnosis.what_is_wrong:
+        return []
+    findings = diagnosis.what_is_wrong[:_MOST_FINDINGS]
+    of_rows = all(found.of_rows for found in findings)
+    rows = [
+        [
+            FIELD_NAMES.get(found.channel, found.channel),
+            *([] if of_rows else [_in_unit(diagnosis.median_there(found), found.channel)]),
+            _in_unit(found.size, found.channel),
+            number(found.statistic, 3),
+            found.where,
+        ]
+        for found in findings
+    ]
+    head = ["channel", *(["mean"] if of_rows else ["median", "shape"]), "sigmas", "where"]
+    aligned = [[*row[:-1], ""] for row in rows]
+    lines = table_lines([*head[:-1], ""], aligned)
+    widest = max(map(len, lines)) + 2
+    texts = [head[-1], *(row[-1] for row in rows)]
+    folded = [
+        line
+        for start, text in zip(lines, texts, strict=True)
+        for line in wrapped(text, width - 2, start.ljust(widest), " " * widest)
+    ]
+    more = len(diagnosis.what_is_wrong) - len(findings)
+    tail = [f"and {more} more (--json)"] if more else []
+    note = wrapped(finding_note(_MEANS if of_rows else _FINDINGS, findings), width - 2)
+    return ["Where the simulation is off, worst first", *_indented([*folded, *tail, *note])]
+
+
+def _in_unit(value: float, channel: str) -> str:
+    return f"{number(value, 3)} {FIELD_UNITS.get(channel, '')}".rstrip() if isfinite(value) else "-"
+
+
+def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
+    gain = diagnosis.gain
+    if gain is None:
+        return []
+    head = ["left out", "R0", "unit", "M0 %", "R2", "ln L of a run"]
+    rows = [
+        _score_row(channel, which, scores[channel], first=i == 0)
+        for i, channel in enumerate(gain.base)
+        for which, scores in (("base", gain.base), ("extended", gain.extended))
+        if channel in scores
+    ]
+    return [
+        "Gain, on what neither the choice of the cause nor the fit has seen",
+        *_indented(table_lines(head, rows, width=width - 2)),
+        *wrapped(gain_text(gain), width, "  "),
+    ]
+
+
+def _score_row(channel: str, which: str, scores: Scores, *, first: bool) -> list[str]:
+    return [
+        f"{NAMES.get(channel, channel)}, {which}",
+        number(scores.R0, 4),
+        UNITS.get(channel, ""),
+        number(scores.M0_percent, 3),
+        number(scores.R2, 4),
+        number(scores.log_likelihood, 5) if first else "",  # of the run, all its channels together
+    ]
+
+
+def gain_text(gain: Gain) -> str:
+    """Return the gain in a sentence."""
+    if nothing_chosen(gain):
+        return NO_GAIN
+    how, low, high = reduction(gain)
+    within = f" (95 %: {number(low, 3)} to {number(high, 3)} %)" if isfinite(low) and isfinite(high) else ""
+    chosen = sum(bool(keys) for keys in gain.chosen)
+    folds = f"; {chosen} of {len(gain.chosen)} folds chose a cause" if gain.chosen else ""
+    return (
+        f"R0 of the {NAMES[gain.channel]} {how} by {number(abs(gain.reduction_percent), 3)} %{within}; "
+        f"the log likelihood gains {number(gain.log_likelihood_gain, 4)} nats{folds}."
+    )
+
+
+def _adequacy(diagnosis: Diagnosis, width: int) -> list[str]:
+    if diagnosis.adequacy is None:
+        return []
+    found = diagnosis.adequacy
+    said = "leaves no more than noise" if found.ok else "leaves more than noise can be"
+    numbers = f"Lack of fit {number(found.statistic, 3)}, threshold {number(found.threshold, 3)}"
+    return wrapped(f"{numbers}: the best explanation {said}.", width)
+
+
+def _inconsistent(diagnosis: Diagnosis, width: int) -> list[str]:
+    lines = [
+        line
+        for item in diagnosis.inconsistent
+        for line in wrapped(f"{plain_name(item.channel)}: {item.rows} rows: {item.why}", width, "  ", "    ")
+    ]
+    return ["Inconsistent: no soil can do this", *lines] if lines else []
+
+
+def _proposal(diagnosis: Diagnosis, width: int) -> list[str]:
+    if diagnosis.proposal is None:
+        return []
+    found = diagnosis.proposal
+    text = f"A formula for what is left, offered and not a name: {found.formula} (gain {number(found.gain, 3)} nats)"
+    return wrapped(text, width, "", "  ")
+
+
+def told(title: str, texts: dict[str, str], width: int) -> list[str]:
+    """Return names by what is said of them, each text once."""
+    about: dict[str, list[str]] = {}
+    for name, text in texts.items():
+        about.setdefault(text, []).append(plain_name(name))
+    lines = [
+        line for text, names in about.items() for line in wrapped(f"{', '.join(names)}: {text}", width, "  ", "    ")
+    ]
+    return [title, *lines] if lines else []
+
+
+def _not_named(diagnosis: Diagnosis, width: int) -> list[list[str]]:
+    parts = not_named(diagnosis.cannot_tell, diagnosis.minimum_detectable)
+    return [told(f"{title} ({len(texts)})", texts, width) for title, texts in parts.items()]
+
+
+def _detectable(diagnosis: Diagnosis, width: int) -> list[str]:
+    found = diagnosis.minimum_detectable
+    never_named = [key for key in found if family_of(key) in diagnosis.cannot_tell]
+    cells = [
+        f"{effect_name(key)}{' *' if key in never_named else ''}  {least.parameter} {number(least.value, 2)} "
+        f"{'' if least.unit == '1' else least.unit}"
+        for key, least in found.items()
+        if isfinite(least.value)
+    ]
+    never = ", ".join(effect_name(key) for key, least in found.items() if not isfinite(least.value))
+    lines = _in_columns([cell.rstrip() for cell in cells], width - 2) if cells else []
+    lines += wrapped(f"at no size: {never}", width - 2, "", "  ") if never else []
+    starred = any(isfinite(found[key].value) for key in never_named)
+    lines += [f"* {CAN_BE_SEEN[0].lower()}{CAN_BE_SEEN[1:]}: see above"] if starred else []
+    return ["Smallest size that would have been found", *_indented(lines)] if lines else []
+
+
+def _in_columns(cells: list[str], width: int) -> list[str]:
+    """Return the cells in as many columns as fit, read downwards."""
+    wide = max(map(len, cells)) + 3
+    columns = max(1, (width + 3) // wide)
+    height = -(-len(cells) // columns)
+    return ["".join(cell.ljust(wide) for cell in cells[row::height]).rstrip() for row in range(height)]
+
+
+def _next_run(diagnosis: Diagnosis, width: int) -> list[str]:
+    lines = [
+        line
+        for i, run in enumerate(diagnosis.next_run, 1)
+        for line in wrapped(
+            f"{i}. {run.change}: expected ln Bayes factor {number(run.expected_log_bayes_factor, 3)}"
+            + (f", parts {', '.join(map(plain_name, run.separates))}" if run.separates else ""),
+            width,
+            "  ",
+            "     ",
+        )
+    ]
+    return ["Next run, best first", *lines] if lines else []
+
+
+def _notes(notes: Iterable[str], width: int) -> list[str]:
+    lines = [line for note in notes for line in wrapped(note, width, "  ", "    ")]
+    return ["Notes", *lines] if lines else []
+
+
+def _indented(lines: Iterable[str]) -> list[str]:
+    return [f"  {line}" for line in lines]

@@ -1,0 +1,126 @@
+"""A plan as lines that a person reads in a terminal: what can be seen, what can be told apart, what looks alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq import number, table_lines
+from model.diagnosis.core import Detectable
+from model.diagnosis.findings import SEEN
+from model.diagnosis.planning import ALIKE, Plan
+from wheelsoil.wording.diagnosis_text import CAN_BE_SEEN, effect_name, limited, not_named, plain_name, told, wrapped
+
+FloatArray = NDArray[np.float64]
+
+_FAINT = 0.3
+
+
+def plan_lines(plan: Plan, width: int = 96) -> list[str]:
+    """Return a plan as lines of text; see `wheelsoil.wording.diagnosis_text.diagnosis_lines`."""
+    width = limited(width)
+    parts = (
+        wrapped(_sentence(plan), width),
+        _effects(plan, width),
+        _alike(plan, width),
+        _matrix(plan, width),
+        *(
+            told(f"{title} ({len(texts)})", texts, width)
+            for title, texts in not_named(plan.cannot_tell, plan.minimum_detectable).items()
+        ),
+    )
+    return [line for i, part in enumerate(filter(None, parts)) for line in (("", *part) if i else part)]
+
+
+def _sentence(plan: Plan) -> str:
+    found = plan.isolability
+    families = dict.fromkeys(found.families)
+    seen = dict.fromkeys(f for f, d in zip(found.families, found.deviation, strict=True) if d >= SEEN)
+    apart = dict.fromkeys(
+        f for f, d in zip(found.families, found.separation, strict=True) if d >= SEEN and f not in plan.cannot_tell
+    )
+    return (
+        f"Of {len(families)} families these runs would show {len(seen)} at a plausible size, and tell {len(apart)} of "
+        "them from every other (d_sep of 5 or more, on average)."
+    )
+
+
+def _effects(plan: Plan, width: int) -> list[str]:
+    found = plan.isolability
+    rows = [
+        [
+            effect_name(key),
+            f"{left:.2f}",
+            number(d, 2),
+            number(apart, 2),
+            effect_name(rival) if rival else "-",
+            _size(plan.minimum_detectable[key]),
+            "not named" if family in plan.cannot_tell else _size(plan.minimum_separable[key]),
+        ]
+        for key, family, left, d, apart, rival in zip(
+            found.keys, found.families, found.left, found.deviation, found.separation, found.rivals, strict=True
+        )
+    ]
+    head = ["cause", "left", "d", "d_sep", "most alike", "seen from", "told apart from"]
+    lines = table_lines(head, [_short(row) for row in rows], width=width - 2)
+    title = "At a plausible size: share left by the soil, d (5: found), d_sep (5: told from all others)"
+    return [
+        *wrapped(title, width),
+        *(f"  {line}" for line in lines),
+        *_footnote(plan, width),
+    ]
+
+
+def _footnote(plan: Plan, width: int) -> list[str]:
+    text = "seen from: found in half of such campaigns; told apart from: d_sep is 5 there, and noise moves it by 1"
+    if any(title == CAN_BE_SEEN for title in not_named(plan.cannot_tell, plan.minimum_detectable)):
+        text += f". Not named: {CAN_BE_SEEN[0].lower()}{CAN_BE_SEEN[1:]}, or not seen, see below"
+    return wrapped(f"{text}.", width, "  ")
+
+
+def _short(row: list[str]) -> list[str]:
+    """Keep names to what fits: of a family with forms the form tells enough."""
+    return [cell.replace("slip sinkage (", "").removesuffix(")") if i in (0, 4) else cell for i, cell in enumerate(row)]
+
+
+def _size(found: Detectable) -> str:
+    if not isfinite(found.value):
+        return "at no size"
+    return f"{number(found.value, 2)} {'' if found.unit == '1' else found.unit}".rstrip()
+
+
+def _alike(plan: Plan, width: int) -> list[str]:
+    lines = []
+    for advice in plan.look_alikes:
+        names = ", ".join(map(plain_name, advice.families))
+        lines += wrapped(names, width, "  ", "    ")
+        for run in advice.next_runs:
+            text = f"{run.change}: expected ln Bayes factor {number(run.expected_log_bayes_factor, 3)}"
+            lines += wrapped(text, width, "    parted by ", "      ")
+    return [f"Look-alikes (|cos| from {ALIKE:g} on)", *lines] if lines else []
+
+
+def _matrix(plan: Plan, width: int) -> list[str]:
+    """Return |cos| of every pair as one digit: tenths, = from `ALIKE` on, a dot where it is faint."""
+    found = plan.isolability
+    names = [effect_name(key) for key in found.keys]
+    longest = max(map(len, names), default=0)
+    gap = " " if longest + 2 + 2 * len(names) <= width else ""
+    lines = [f"  {name.ljust(longest)} {gap.join(_digits(found.cosine[i, : i + 1]))}" for i, name in enumerate(names)]
+    head = "|cos| of every pair, the soil projected out: tenths; = from .95 on; . below .3; + itself"
+    return [*wrapped(head, width), *lines] if lines else []
+
+
+def _digits(row: FloatArray) -> Iterable[str]:
+    *others, _ = row.tolist()
+    return [*("=" if c >= ALIKE else "." if c < _FAINT else str(int(10 * c)) for c in others), "+"]
+
+
+def matrix_csv(plan: Plan) -> str:
+    """Return the whole matrix of |cos| as CSV, one row and column for each effect."""
+    found = plan.isolability
+    rows = [",".join([key, *(f"{c:.4f}" for c in row)]) for key, row in zip(found.keys, found.cosine, strict=True)]
+    return "\n".join([",".join(["effect", *found.keys]), *rows]) + "\n"

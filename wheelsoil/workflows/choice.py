@@ -1,0 +1,374 @@
+"""Which runs of a campaign a choice means, and what of them is used.
+
+choice.toml: what a person chose about a campaign by hand, as `process`, `fit`, `diagnose` and `report` take it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tomli_w
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from daq import ConfigError, Fault, nearest, read_toml
+from daq.runs import Run
+from model import ExtendedModel
+from model.effects import EFFECTS
+from model.wheel_soil import Reading
+from processing import Interval, ProcessOptions
+from wheelsoil.workflows.fit import FitChoices
+from wheelsoil.workflows.recording_summary import sha256_of
+
+SCHEMA = "wheelsoil/choice/1"
+CHOICE_FILE = "choice.toml"
+
+_HEAD = "# What was chosen by hand: `wheelsoil process`, `fit`, `diagnose` and `report` take it with --choice.\n\n"
+
+
+@dataclass(frozen=True)
+class ChosenRun:
+    """What was chosen of one run.
+
+    Attributes
+    ----------
+    file, id : str
+        Name of the recording without folder, and id of the run; one of them is enough.
+    sha256 : str
+        Of the recording (`wheelsoil.workflows.recording_summary.sha256_of`), or empty.
+    use : bool
+    keep : tuple of (from, to) or None
+        Seconds since the run's time base begins, in order; None: all of it.
+    """
+
+    file: str = ""
+    id: str = ""
+    sha256: str = ""
+    use: bool = True
+    keep: tuple[Interval, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What was chosen of one campaign; None is the default of whoever takes it.
+
+    Attributes
+    ----------
+    slip_threshold, cutoff_hz, min_speed_mps, sinkage, channels, soil_prior
+        See `wheelsoil.workflows.fit.FitChoices` and `processing.options.ProcessOptions`.
+    effects : tuple of str
+        Keys of `model.effects.EFFECTS`: a model of one's own, fitted beside the four.
+    runs : tuple of ChosenRun
+        Runs that are not listed are used whole.
+    path : Path or None
+        The file it was read from; two choices that differ only in it are equal.
+    """
+
+    slip_threshold: float | None = None
+    cutoff_hz: float | None = None
+    min_speed_mps: float | None = None
+    sinkage: Reading | None = None
+    channels: tuple[str, ...] | None = None
+    soil_prior: bool | None = None
+    effects: tuple[str, ...] = ()
+    runs: tuple[ChosenRun, ...] = ()
+    path: Path | None = field(default=None, compare=False)
+
+    @property
+    def source(self) -> str:
+        """What messages call it."""
+        return str(self.path or CHOICE_FILE)
+
+    def but(self, **options: Any) -> Choice:
+        """Return the choice with other values for those options that are not None."""
+        return replace(self, **{name: value for name, value in options.items() if value is not None})
+
+    def process_options(self, purpose: str = "process", *, rate_hz: float = 100.0) -> ProcessOptions:
+        """Return how runs are processed.
+
+        Raises
+        ------
+        ConfigError
+            See `ProcessOptions`.
+        """
+        given = {} if self.min_speed_mps is None else {"min_speed_mps": self.min_speed_mps}
+        return ProcessOptions(rate_hz=rate_hz, cutoff_hz=self.cutoff_hz, purpose=purpose, **given)
+
+    def fit_choices(self, extended: ExtendedModel | None = None) -> FitChoices:
+        """Return how models are fitted; `extended` is the model that a diagnosis left."""
+        default = FitChoices()
+        return FitChoices(
+            reading=self.sinkage or default.reading,
+            channels=default.channels if self.channels is None else self.channels,
+            soil_prior=bool(self.soil_prior),
+            slip_threshold=self.slip_threshold,
+            extended=extended,
+            effects=self.effects,
+        )
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return what a TOML or JSON file holds; what was not chosen is left out."""
+        named = ("slip_threshold", "cutoff_hz", "min_speed_mps", "sinkage", "channels", "soil_prior", "effects")
+        values = {name: getattr(self, name) for name in named}
+        chosen = {name: _plain(value) for name, value in values.items() if value is not None and value != ()}
+        runs = {"run": [_run_mapping(run) for run in self.runs]} if self.runs else {}
+        return {"schema": SCHEMA, **chosen, **runs}
+
+    def to_toml(self) -> str:
+        """Return the text of the file; `load_choice` reads the same choice from it."""
+        return _HEAD + tomli_w.dumps(self.to_mapping())
+
+
+def provenance_of(choice: Choice) -> dict[str, Any]:
+    """Return what a report says of a choice: its file, the file's hash and what was done with runs; {} without one."""
+    named: dict[str, Any] = {}
+    if choice.path:
+        named |= {"choice": choice.path.name, "choice_sha256": sha256_of(choice.path)}
+    if choice.runs:
+        named["choice_runs"] = tuple(map(_in_words, choice.runs))
+    return named
+
+
+def _in_words(run: ChosenRun) -> str:
+    if not run.use:
+        return f"{run.id or run.file} left out"
+    parts = ["all of it"] if run.keep is None else [f"{first:g} to {last:g} s" for first, last in run.keep]
+    return f"{run.id or run.file}: {' and '.join(parts)}"
+
+
+def load_choice(path: str | Path) -> Choice:
+    """Read choice.toml.
+
+    Raises
+    ------
+    ConfigError
+        Everything that is wrong with it.
+    """
+    return replace(parse_choice(read_toml(Path(path)), str(path)), path=Path(path))
+
+
+def parse_choice(raw: Mapping[str, Any], where: str = CHOICE_FILE) -> Choice:
+    """Return the choice that a TOML or JSON file holds; `where` is its name, for messages.
+
+    Raises
+    ------
+    ConfigError
+        Everything that is wrong with it: unknown keys, impossible values, intervals that are empty or overlap.
+    """
+    faults: list[Fault] = []
+    head = _checked({k: v for k, v in raw.items() if k != "run"}, _Head, where, faults)
+    sections = raw.get("run", [])
+    if not isinstance(sections, list) or not all(isinstance(section, Mapping) for section in sections):
+        faults.append(
+            Fault("run is no list of tables", where, repr(sections), "[[run]]", "begin each run with [[run]]")
+        )
+        sections = []
+    runs = [_chosen_run(section, f"{where}, [[run]] {i}", faults) for i, section in enumerate(sections, 1)]
+    names = [(run.file, run.id) for run in runs if run]
+    faults += [
+        Fault(f"run {run or file!r} is there twice", where, next_step="leave one [[run]] of it")
+        for file, run in dict.fromkeys(names)
+        if names.count((file, run)) > 1
+    ]
+    if faults or head is None:
+        raise ConfigError(*faults)
+    values = {name: getattr(head, name) for name in _Head.model_fields if name != "schema_"}
+    return Choice(**values, runs=tuple(run for run in runs if run))
+
+
+def _known_effect(key: str) -> str:
+    if key not in EFFECTS:
+        raise ValueError(f"no effect is called {key!r} ({nearest(key, EFFECTS)})")
+    return key
+
+
+def _no_twins(values: tuple[str, ...]) -> tuple[str, ...]:
+    if len(set(values)) < len(values):
+        raise ValueError("one of them is there twice")
+    return values
+
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Second = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+Flag = Annotated[bool, Field(strict=True)]
+Channel = Literal["dp", "t"]
+
+
+class _Head(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    schema_: Literal["wheelsoil/choice/1"] = Field(alias="schema")
+    slip_threshold: Annotated[Number, Field(ge=0, lt=1)] | None = None
+    cutoff_hz: Positive | None = None
+    min_speed_mps: Positive | None = None
+    sinkage: Reading | None = None
+    channels: Annotated[tuple[Channel, ...], Field(min_length=1), AfterValidator(_no_twins)] | None = None
+    soil_prior: Flag | None = None
+    effects: Annotated[tuple[Annotated[str, AfterValidator(_known_effect)], ...], AfterValidator(_no_twins)] = ()
+
+
+class _Run(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    file: str = ""
+    id: str = ""
+    sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
+    use: Flag = True
+    keep: tuple[tuple[Second, Second], ...] | None = None
+
+
+_EXPECTED = {
+    "schema": f'schema = "{SCHEMA}"',
+    "slip_threshold": "a slip from 0 to below 1",
+    "cutoff_hz": "a positive number of Hz",
+    "min_speed_mps": "a positive number of m/s",
+    "sinkage": '"balanced" or "literal"',
+    "channels": '["dp"], ["t"] or ["dp", "t"]',
+    "soil_prior": "true or false",
+    "effects": "keys of effects, each once: docs/effects/README.md",
+    "file": "the name of the recording",
+    "id": "the id of the run",
+    "sha256": "64 hexadecimal digits",
+    "use": "true or false",
+    "keep": "pairs of seconds [from, to], none of them negative",
+}
+_MEND = "mend it, or take the key out: the default is taken then"
+
+
+def _checked(raw: Mapping[str, Any], kind: type[Any], where: str, faults: list[Fault]) -> Any:
+    """Return the checked section; None where it is wrong, and then `faults` have grown."""
+    try:
+        return kind.model_validate(raw)
+    except ValidationError as error:
+        for item in error.errors():
+            key, said = str(item["loc"][0]), item["msg"].removeprefix("Value error, ")
+            place = ".".join(map(str, item["loc"]))
+            if item["type"] == "extra_forbidden":
+                fault = Fault(f"unknown key {key!r}", where, f"{item['input']!r}", nearest(key, _EXPECTED), "rename it")
+            elif item["type"] == "missing":
+                fault = Fault(f"key {key!r} is missing", where, expected=_EXPECTED[key], next_step="add it")
+            else:
+                fault = Fault(f"{place}: {said}", where, f"{item['input']!r}", _EXPECTED[key], _MEND)
+            faults.append(fault)
+    return None
+
+
+def _chosen_run(raw: Mapping[str, Any], where: str, faults: list[Fault]) -> ChosenRun | None:
+    found: _Run | None = _checked(raw, _Run, where, faults)
+    if found is None:
+        return None
+    if not (found.file or found.id):
+        faults.append(Fault("a run without name", where, expected="file or id", next_step="add one of them"))
+    keep = None if found.keep is None else tuple(sorted(found.keep))
+    faults += _interval_faults(keep, where)
+    return ChosenRun(found.file, found.id, found.sha256, found.use, keep)
+
+
+def _interval_faults(keep: tuple[Interval, ...] | None, where: str) -> list[Fault]:
+    if keep is None:
+        return []
+    if not keep:
+        return [Fault("keep is empty: nothing of the run is left", where, "[]", _EXPECTED["keep"], "say use = false")]
+    empty = [
+        Fault("an interval of keep is empty", where, f"[{a:g}, {b:g}]", "[from, to] with from < to", "mend it")
+        for a, b in keep
+        if not a < b
+    ]
+    overlapping = [
+        Fault("intervals of keep overlap", where, f"[{a:g}, {b:g}] and [{c:g}, {d:g}]", "disjoint ones", "join them")
+        for (a, b), (c, d) in pairwise(keep)
+        if c < b and a < b and c < d
+    ]
+    return empty + overlapping
+
+
+def _run_mapping(run: ChosenRun) -> dict[str, Any]:
+    named = {name: value for name in ("file", "id", "sha256") if (value := getattr(run, name))}
+    kept = {} if run.keep is None else {"keep": [list(interval) for interval in run.keep]}
+    return {**named, "use": run.use, **kept}
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+@dataclass(frozen=True)
+class RunInUse:
+    """A run that is used.
+
+    Attributes
+    ----------
+    run : Run
+    keep : tuple of (from, to) or None
+        See `wheelsoil.workflows.choice.ChosenRun`.
+    warning : str
+        What a person should know: it is another recording than the one that the choice was made of.
+    """
+
+    run: Run
+    keep: tuple[Interval, ...] | None = None
+    warning: str = ""
+
+
+def runs_in_use(choice: Choice, opened: Sequence[Run]) -> tuple[list[RunInUse], list[Fault]]:
+    """Return the runs that a choice leaves in use, in their order, and everything of it that does not fit.
+
+    What does not fit: a run that is not there or is listed twice, several that a name could mean, none that is left.
+    """
+    faults: list[Fault] = []
+    chosen: dict[int, ChosenRun] = {}
+    for section in choice.runs:
+        meant = _meant(section, opened)
+        if len(meant) != 1:
+            faults.append(_not_one(section, [opened[i] for i in meant], opened, choice.source))
+        elif meant[0] in chosen:
+            run = opened[meant[0]]
+            faults.append(Fault(f"run {run.id!r} is there twice", choice.source, next_step="leave one [[run]] of it"))
+        else:
+            chosen[meant[0]] = section
+    in_use = [
+        RunInUse(run, chosen[i].keep, _warning(run, chosen[i], choice.source)) if i in chosen else RunInUse(run)
+        for i, run in enumerate(opened)
+        if i not in chosen or chosen[i].use
+    ]
+    if opened and not in_use:
+        names = ", ".join(run.id for run in opened)
+        faults.append(Fault("every run is switched off", choice.source, names, "one at least", "say use = true of one"))
+    return in_use, faults
+
+
+def _meant(section: ChosenRun, opened: Sequence[Run]) -> list[int]:
+    """Return the runs that a section can mean; where campaigns share names, the hash tells them apart."""
+    found = [i for i, run in enumerate(opened) if is_called(section, run)]
+    if len(found) > 1 and section.sha256:
+        return [i for i in found if sha256_of(*opened[i].files) == section.sha256] or found
+    return found
+
+
+def is_called(section: ChosenRun, run: Run) -> bool:
+    """Return whether a run bears the section's name; its id may have got a number, see `daq.runs.open.open_runs`."""
+    if section.file not in ("", run.path.name):
+        return False
+    numbered = section.file and re.fullmatch(f"{re.escape(section.id)}-[0-9]+", run.id)
+    return section.id in ("", run.id) or bool(numbered)
+
+
+def _not_one(section: ChosenRun, meant: Sequence[Run], opened: Sequence[Run], where: str) -> Fault:
+    name = ", ".join(filter(None, (section.id and f"id {section.id!r}", section.file and f"file {section.file!r}")))
+    if meant:
+        found = ", ".join(str(run.path) for run in meant)
+        return Fault(f"{name} can be several runs", where, found, "one of them", "give its sha256, or one campaign")
+    known = ", ".join(f"{run.id} ({run.path.name})" for run in opened)
+    near = nearest(section.id or section.file, [run.id if section.id else run.path.name for run in opened])
+    return Fault(f"there is no run with {name}", where, known, near, "mend the name, or take this [[run]] out")
+
+
+def _warning(run: Run, section: ChosenRun, where: str) -> str:
+    if not section.sha256 or sha256_of(*run.files) == section.sha256:
+        return ""
+    return f"{run.path.name} is another recording than the one that {where} was made of; look at it again"

@@ -1,0 +1,254 @@
+"""From opened runs, or a bench table, to a diagnosis: what `diagnose`, `report` and `demo` share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from daq import ConfigError, Fault, SoilSection, WheelSection, nearest
+from daq.runs import Collected, Run
+from model.diagnosis.core import Bench, Campaign, Diagnosis, DiagnosisOptions
+from model.effects import EFFECTS
+from model.wheel_soil import Reading, prior_of
+from processing import ProcessedRun
+from wheelsoil.workflows.fit import known_soil, observations_of_table, wheel_of
+from wheelsoil.workflows.runs import BenchFiles
+
+Processed = Sequence[tuple[Run, ProcessedRun]]
+
+CHANNELS = ("dp", "t", "z")
+_COLUMNS = {"dp": "drawbar_pull_n", "t": "driving_torque_nm", "z": "sinkage_m"}
+_ONE_TERRAIN = 0.1
+"""Scatter of tan phi from run to run that one terrain may have."""
+_SURPRISING = 2.0
+"""The same in the laboratory's one-sigma."""
+_KINDS = ("physical", "measurement")
+_LOOSE = "runs"
+
+
+def diagnosis_options(
+    reading: Reading = "balanced",
+    *,
+    effects: Iterable[str] = (),
+    without: Iterable[str] = (),
+    channels: Sequence[str] = CHANNELS,
+    most_causes: int = 3,
+    seed: int = 0,
+    next_run: bool = False,
+) -> DiagnosisOptions:
+    """Return the options of a diagnosis.
+
+    Parameters
+    ----------
+    reading : "balanced" or "literal"
+        Of the simulation under test.
+    effects, without : iterable of str
+        Consider only these (none given: all), and not those: effects, families, or "physical" and "measurement".
+    channels : of "dp", "t", "z"
+    most_causes, seed, next_run
+        See `DiagnosisOptions`.
+
+    Raises
+    ------
+    ConfigError
+        Everything that is wrong with them.
+    """
+    faults = [
+        Fault(f"there is no channel {c!r} to diagnose", expected=", ".join(CHANNELS), next_step="use --channels dp,t,z")
+        for c in channels or ("",)
+        if c not in CHANNELS
+    ]
+    wanted, unwanted = list(effects), list(without)
+    faults += [_unknown(name) for name in (*wanted, *unwanted) if not _keys(name)]
+    chosen = tuple(
+        key
+        for key in EFFECTS
+        if (not wanted or any(key in _keys(name) for name in wanted))
+        and not any(key in _keys(name) for name in unwanted)
+        and EFFECTS[key].reading in ("any", reading)
+    )
+    if not faults and not chosen:
+        faults.append(_nothing_left(reading))
+    if not 1 <= most_causes <= 3:
+        faults.append(Fault("--most-causes is out of range", found=str(most_causes), expected="1 to 3"))
+    if faults:
+        raise ConfigError(*faults)
+    return DiagnosisOptions(
+        reading=reading,
+        effects=chosen,
+        channels=tuple(channels),
+        most_causes=most_causes,
+        seed=seed,
+        next_run=next_run,
+    )
+
+
+def _keys(name: str) -> tuple[str, ...]:
+    """Return the effects that an effect's, a family's or a kind's name stands for."""
+    return tuple(key for key, effect in EFFECTS.items() if name in (key, effect.name, effect.kind))
+
+
+def _unknown(name: str) -> Fault:
+    known = {*EFFECTS, *(effect.name for effect in EFFECTS.values()), *_KINDS}
+    return Fault(f"no effect or family is called {name!r}", expected=nearest(name, known))
+
+
+def _nothing_left(reading: Reading) -> Fault:
+    return Fault(
+        "no cause is left to consider",
+        found=f"{reading} reading",
+        next_step="take more into --effects, or less into --without; closed_form_sinkage needs --sinkage literal",
+    )
+
+
+def campaigns_of(paths: Sequence[Path], processed: Processed, soil: str | None = None) -> tuple[Campaign, ...]:
+    """Group processed runs into campaigns: one for each folder, soil and wheel.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        What was given: a run belongs to the folder that it lies in; those of no folder are grouped by soil and wheel.
+    processed : sequence of (Run, ProcessedRun)
+    soil : str, optional
+        A preset instead of terrain.toml.
+
+    Raises
+    ------
+    ConfigError
+        A soil or a wheel is not known.
+    """
+    groups: dict[Together, list[tuple[Run, ProcessedRun]]] = {}
+    for run, done in processed:
+        groups.setdefault(together(run, paths, soil), []).append((run, done))
+    collected = Collected()
+    found: list[Campaign] = []
+    for group, members in groups.items():
+        with collected.catch():
+            found.append(_campaign(group.folder, members, soil))
+    collected.stop_if_any()
+    return _told_apart(found)
+
+
+class Together(NamedTuple):
+    """What the runs of one campaign share; `folder` is empty for runs of no given folder."""
+
+    folder: str
+    ground: SoilSection | None
+    wheel: WheelSection | None
+
+
+def together(run: Run, paths: Sequence[Path], soil: str | None) -> Together:
+    """Return what a run shares with the others of its campaign; see `campaigns_of`."""
+    inside = [path for path in paths if path.is_dir() and path.resolve() in run.path.resolve().parents]
+    ground = run.terrain.soil if run.terrain and soil is None else None
+    return Together(str(inside[0]) if inside else "", ground, run.vehicle.wheel)
+
+
+def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaign:
+    first = members[0][0]
+    terrain = first.terrain if soil_name is None else None
+    soil = known_soil(soil_name, terrain)
+    declared = first.vehicle.wheel
+    return Campaign(
+        name=Path(folder).resolve().name if folder else soil.name or _LOOSE,
+        runs=tuple(run for _, run in members),
+        wheel=wheel_of(first.vehicle, first.vehicle_source),
+        soil=soil,
+        soil_prior=prior_of(soil, terrain),
+        tyre=(declared.tyre or "") if declared else "",
+        outboard_mass_kg=declared.outboard_mass_kg if declared else 0.0,
+    )
+
+
+def _told_apart(campaigns: Sequence[Campaign]) -> tuple[Campaign, ...]:
+    """Give campaigns of one name a number each."""
+    names = [campaign.name for campaign in campaigns]
+    seen: dict[str, int] = {}
+    apart = []
+    for campaign in campaigns:
+        seen[campaign.name] = seen.get(campaign.name, 0) + 1
+        number = f" ({seen[campaign.name]})" if names.count(campaign.name) > 1 else ""
+        apart.append(replace(campaign, name=campaign.name + number))
+    return tuple(apart)
+
+
+Given = tuple[Campaign, ...] | tuple[Bench, ...]
+
+
+def diagnose_given(given: Given, options: DiagnosisOptions) -> Diagnosis:
+    """Diagnose campaigns, or bench tables."""
+    campaigns = tuple(one for one in given if isinstance(one, Campaign))
+    benches = tuple(one for one in given if isinstance(one, Bench))
+    return diagnose_benches(benches, options) if benches else diagnose_campaigns(campaigns, options)
+
+
+def diagnose_campaigns(campaigns: Sequence[Campaign], options: DiagnosisOptions) -> Diagnosis:
+    """Diagnose campaigns jointly: shared causes, a soil for each.
+
+    Raises
+    ------
+    ConfigError, DataError
+        See `model.diagnosis.time_series.diagnosis.diagnose`.
+    """
+    from model.diagnosis.time_series import diagnose
+
+    return _with_remarks(diagnose(campaigns, options), campaigns)
+
+
+def bench_of(files: BenchFiles) -> Bench:
+    """Return the rows of a bench table as a diagnosis takes them."""
+    table = files.rows
+    sigmas = {
+        channel: float(np.sqrt(np.nanmean(table.sigma[column] ** 2)))
+        for channel, column in _COLUMNS.items()
+        if column in table.sigma and np.isfinite(table.sigma[column]).any()
+    }
+    return Bench(
+        name=Path(table.name).stem,
+        rows=observations_of_table(table),
+        wheel=files.wheel,
+        soil=files.soil,
+        soil_prior=prior_of(files.soil, files.terrain),
+        sigmas=sigmas,
+        tyre=files.wheel_section.tyre or "",
+    )
+
+
+def diagnose_benches(benches: Sequence[Bench], options: DiagnosisOptions) -> Diagnosis:
+    """Diagnose bench tables jointly.
+
+    Raises
+    ------
+    ConfigError, DataError
+        See `model.diagnosis.single_wheel.diagnose.diagnose_bench`.
+    """
+    from model.diagnosis.single_wheel import diagnose_bench
+
+    return _with_remarks(diagnose_bench(benches, options), benches)
+
+
+def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Diagnosis:
+    """Add what only the files tell, and that runs are hardly of one terrain."""
+    guessed = [one.name for one in given if one.soil_prior.source.startswith("default")]
+    remarks = [f"{', '.join(guessed)}: no uncertainty of the soil is stated, the usual laboratory's is taken"]
+    mixed = [text for one in given for text in _mixed(one, diagnosis, alone=len(given) == 1)]
+    sentence = " ".join([diagnosis.sentence, *mixed])
+    return replace(diagnosis, sentence=sentence, notes=(*diagnosis.notes, *(remarks if guessed else ())))
+
+
+def _mixed(one: Campaign | Bench, diagnosis: Diagnosis, *, alone: bool) -> list[str]:
+    """Say so where the soil differs more between runs than one terrain's does."""
+    label = "" if alone else f"{one.name}: "
+    scatter = diagnosis.noise.get(f"{label}friction_run_to_run", 0.0)
+    known = one.soil_prior.sigma_of("tan_phi") / one.soil.tan_phi if one.soil.tan_phi else 0.0
+    if not scatter > max(_ONE_TERRAIN, _SURPRISING * known):
+        return []
+    return [
+        f"The soil of {one.name} differs by {100 * scatter:.0f} % in tan phi from run to run: hardly one terrain. "
+        "Nothing is said of a cause that one part of these runs has and the other has not; diagnose them as campaigns "
+        "of their own."
+    ]

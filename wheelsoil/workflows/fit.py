@@ -1,0 +1,267 @@
+"""From opened runs, or a bench table, to the fit of the four models: what `fit`, `report` and `demo` share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daq import ConfigError, DataError, Fault, TerrainConfig, VehicleConfig, load_toml, nearest
+from daq.runs import Run
+from daq.series import WheelTable
+from model import ExtendedModel
+from model.fit import CampaignFit, FitOptions, ModelFit, Observations
+from model.wheel_soil import SOILS, Reading, Soil, Wheel, prior_of, soil_from_terrain
+from processing import ProcessedRun
+from wheelsoil.wording.notes import runs_by_text
+
+SCHEMA = "wheelsoil/fit/1"
+
+NOT_AT_AN_END = (
+    "the data ask for a sinkage beyond the axle, or the soil or the wheel is wrong: check cohesive_modulus_kn, "
+    "frictional_modulus_kn, sinkage_exponent and the wheel's radius_m"
+)
+"""What to do where a fit stopped without an end: "no_progress" or "max_iterations"."""
+
+
+@dataclass(frozen=True)
+class FitChoices:
+    """What a person chooses about a fit; see `model.fit.result.FitOptions`."""
+
+    reading: Reading = "balanced"
+    channels: tuple[str, ...] = ("dp",)
+    soil_prior: bool = False
+    slip_threshold: float | None = None
+    extended: ExtendedModel | None = None
+    effects: tuple[str, ...] = ()
+
+    @property
+    def purpose(self) -> str:
+        """What runs are processed for."""
+        return "fit_torque" if "t" in self.channels else "fit"
+
+    def options(self, soil: Soil, terrain: TerrainConfig | None) -> FitOptions:
+        """Return the options of the fit.
+
+        Raises
+        ------
+        ConfigError
+            The slip threshold is not between 0 and 1.
+        """
+        threshold = self.slip_threshold
+        if threshold is not None and not 0 <= threshold < 1:
+            raise ConfigError(Fault("--slip-threshold is no slip", found=f"{threshold:g}", expected="0 to 1"))
+        prior = prior_of(soil, terrain) if self.soil_prior else None
+        return FitOptions(self.reading, self.channels, prior, threshold, extended=self.extended, chosen=self.effects)
+
+
+def parse_channels(text: str) -> tuple[str, ...]:
+    """Return the channels of ``--channels dp,t``; the fit checks their names."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def wheel_of(vehicle: VehicleConfig, where: str = "vehicle.toml") -> Wheel:
+    """Return the wheel as the model sees it; `where` is the file's name, for messages.
+
+    Raises
+    ------
+    ConfigError
+        vehicle.toml does not describe it.
+    """
+    if vehicle.wheel is None:
+        fault = Fault("the wheel is not described", where, next_step="add [wheel] with radius_m and width_m")
+        raise ConfigError(fault)
+    return Wheel(vehicle.wheel.radius_m, vehicle.wheel.width_m)
+
+
+def presets_near(name: str) -> str:
+    """Return the presets for a message about an unknown one: those of a similar name first, then all."""
+    close = nearest(name, SOILS)
+    return f"{close}; presets: {', '.join(SOILS)}" if close.startswith("nearest") else close
+
+
+def known_soil(name: str | None, terrain: TerrainConfig | None) -> Soil:
+    """Return a preset, or the soil of terrain.toml.
+
+    Raises
+    ------
+    ConfigError
+        There is no such preset, or neither is given.
+    """
+    if name is not None:
+        if name not in SOILS:
+            raise ConfigError(Fault(f"no soil is called {name!r}", expected=presets_near(name)))
+        return SOILS[name]
+    if terrain is None:
+        raise ConfigError(
+            Fault(
+                "the soil is not known",
+                expected="terrain.toml in the campaign folder or the recording",
+                next_step="give --terrain FILE (`wheelsoil soil` makes one of plate and shear tests), or --soil PRESET",
+            )
+        )
+    return soil_from_terrain(terrain)
+
+
+def one_terrain(runs: Sequence[Run]) -> Run:
+    """Return the run that stands for all of one terrain and vehicle.
+
+    Raises
+    ------
+    ConfigError
+        The runs are of different soils or wheels.
+    """
+    first = runs[0]
+    for what, kinds in (
+        ("soils", [run.terrain and run.terrain.soil for run in runs]),
+        ("wheels", [run.vehicle.wheel for run in runs]),
+    ):
+        others = [run.id for run, kind in zip(runs, kinds, strict=True) if kind != kinds[0]]
+        if others:
+            raise ConfigError(
+                Fault(
+                    f"the runs are of different {what}",
+                    found=f"{', '.join(others)} differ from {first.id}",
+                    expected="runs of one terrain and one wheel",
+                    next_step="fit each terrain by itself, or give --terrain and --vehicle for all",
+                )
+            )
+    return first
+
+
+def fit_runs(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices, soil_name: str | None) -> CampaignFit:
+    """Fit the four models to processed runs of one terrain; a note names those that lack a signal and are left out.
+
+    Raises
+    ------
+    ConfigError, DataError
+        See `model.fit.fit.fit_models`; the soil or the wheel is not known, or every run lacks a signal.
+    """
+    from model.fit import fit_models
+
+    runs = [run for _, run in processed]
+    if problem := nothing_whole(runs):
+        raise DataError(problem)
+    first = one_terrain([run for run, _ in processed])
+    soil = known_soil(soil_name, first.terrain)
+    options = choices.options(soil, None if soil_name else first.terrain)
+    fit = fit_models(whole_runs(runs), wheel_of(first.vehicle, first.vehicle_source), soil, options)
+    lacking = [f"{run.run.id} ({', '.join(run.quality.missing)})" for run in runs if run.quality.missing]
+    if not lacking:
+        return fit
+    return replace(fit, notes=(f"left out of the fit, for want of a signal: {', '.join(lacking)}", *fit.notes))
+
+
+def whole_runs(runs: Iterable[ProcessedRun]) -> tuple[ProcessedRun, ...]:
+    """Return the runs that carry all that a fit needs."""
+    return tuple(run for run in runs if not run.quality.missing)
+
+
+def nothing_whole(runs: Sequence[ProcessedRun]) -> str:
+    """Return which signals are missing, and what to do, where no run carries all that a fit needs; else nothing.
+
+    What is so of all runs comes first; the rest begins with the names of those that it is about.
+    """
+    if whole_runs(runs):
+        return ""
+    about = runs_by_text(runs, lambda run: run.quality.missing.values())
+    of_all = [text for text, names in about.items() if len(names) == len(runs)]
+    of_some = [f"{', '.join(names)}: {text}" for text, names in about.items() if len(names) < len(runs)]
+    return ", and ".join([*of_all, *of_some])
+
+
+def fit_table(
+    table: WheelTable, wheel: Wheel, soil: Soil, choices: FitChoices, terrain: TerrainConfig | None
+) -> CampaignFit:
+    """Fit the four models to the rows of a bench table, each of which stands for itself.
+
+    Raises
+    ------
+    ConfigError, DataError
+        See `model.fit.fit.fit_observations`.
+    """
+    from model.fit import fit_observations
+
+    fit = fit_observations(observations_of_table(table), wheel, soil, choices.options(soil, terrain))
+    left_out = int(np.count_nonzero(table.slip <= 0))
+    if not left_out:
+        return fit
+    used = fit.models[0].samples
+    note = f"{used} of {len(table)} rows used: {left_out} with slip <= 0 left out, the models are of a driven wheel"
+    return replace(fit, notes=(note, *fit.notes))
+
+
+def observations_of_table(table: WheelTable) -> Observations:
+    """Return the rows of a bench table as independent samples; a sigma that is not given is zero."""
+    nothing = np.zeros(len(table))
+    return Observations(
+        slip=table.slip,
+        vertical_load_n=table.vertical_load_n,
+        drawbar_pull_n=table.drawbar_pull_n,
+        driving_torque_nm=table.driving_torque_nm,
+        sinkage_m=table.sinkage_m,
+        slip_sigma=np.nan_to_num(table.sigma.get("slip", nothing)),
+        vertical_load_sigma_n=np.nan_to_num(table.sigma.get("vertical_load_n", nothing)),
+        time_s=np.arange(len(table), dtype=float),
+        run=table.group,
+        names=table.group_names,
+        independent=True,
+    )
+
+
+def ended(model: ModelFit) -> bool:
+    """Return whether the fit of a model came to an end of its own; see `NOT_AT_AN_END`."""
+    return model.stop_reason not in ("no_progress", "max_iterations")
+
+
+def load_terrain(path: Path | None) -> TerrainConfig | None:
+    """Read terrain.toml where one is given."""
+    return load_toml(path, TerrainConfig) if path else None
+
+
+def predicted(fit: CampaignFit, model: ModelFit) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
+    """Return what a fitted model says of each row of the observations: sinkage, load, drawbar pull and torque."""
+    forward = fit.options.forward(fit.wheel, fit.soil, model.name)
+    said = forward.predict(fit.observations.conditions, model.values)
+    return {
+        name: getattr(said, name) for name in ("sinkage_m", "vertical_load_n", "drawbar_pull_n", "driving_torque_nm")
+    }
+
+
+def fit_as_json(fit: CampaignFit) -> dict[str, Any]:
+    """Return a fit as plain values for programs; the contract is `SCHEMA`."""
+    return {
+        "schema": SCHEMA,
+        "soil": fit.soil,
+        "wheel": fit.wheel,
+        "reading": fit.options.reading,
+        "channels": fit.options.channels,
+        "soil_prior": fit.options.soil_prior.source if fit.options.soil_prior else None,
+        "confidence": fit.options.confidence,
+        "slip_threshold": fit.slip_threshold,
+        "notes": fit.notes,
+        "models": {model.name: model_as_json(model) for model in fit.models},
+        "extended": fit.options.extended.to_mapping() if fit.options.extended else None,
+    }
+
+
+def model_as_json(model: ModelFit) -> dict[str, Any]:
+    """Return one fitted model as plain values."""
+    return {
+        "estimates": {estimate.name: estimate for estimate in model.estimates},
+        "effects": model.effects,
+        "held": model.fixed,
+        "correlation": {" ".join(pair): value for pair, value in model.correlation.items()},
+        "warnings": model.warnings,
+        "stop_reason": model.stop_reason,
+        "iterations": model.iterations,
+        "samples": model.samples,
+        "independent_blocks": model.blocks.count,
+        "block_length_s": model.blocks.length_s,
+        "criteria": model.criteria,
+        "load_ratio": model.load_ratio,
+        "residual_floor": model.residual_floor,
+    }

@@ -1,0 +1,117 @@
+"""The extended model as a TOML file: what a diagnosis leaves behind for `fit`, `simulate` and `report`."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from math import isfinite
+from pathlib import Path
+
+import tomli_w
+
+from daq import read_toml
+from model import ExtendedModel, Fact, extended_model
+from model.diagnosis.core import Bench, Campaign, Diagnosis, ParameterEstimate, SoilEstimate
+from model.wheel_soil import Reading
+from wheelsoil import __version__
+from wheelsoil.cli.talk import check_output
+from wheelsoil.wording.diagnosis_text import effect_name, parameter_name
+
+_WIDTH = 100
+
+
+def model_targets(output: Path, names: Sequence[str], *, force: bool) -> list[Path]:
+    """Return the file of each campaign's model: `output`, or one beside it for each of several.
+
+    Raises
+    ------
+    ConfigError
+        One of them cannot be written, see `wheelsoil.cli.talk.check_output`.
+    """
+    if len(names) == 1:
+        return [check_output(output, force=force)]
+    paths = [output.with_stem(f"{output.stem}-{_safe(name)}") for name in names]
+    apart = [p if paths.count(p) == 1 else p.with_stem(f"{p.stem}-{i}") for i, p in enumerate(paths, 1)]
+    return [check_output(path, force=force) for path in apart]
+
+
+def _safe(name: str) -> str:
+    """Return a name as a file may bear it."""
+    return re.sub(r"[^\w.-]+", "-", name).strip("-.") or "campaign"
+
+
+def models_of(
+    diagnosis: Diagnosis, campaigns: Sequence[Campaign | Bench], reading: Reading, command: str
+) -> list[ExtendedModel]:
+    """Return each campaign's model: its re-calibrated soil and, where a cause is named, that cause.
+
+    Nothing else than a named cause is put into it: a set of candidates is none, and a soil that was re-calibrated
+    beside one of them, or beside what nobody can explain, is not worth keeping.
+    """
+    decided = diagnosis.verdict in ("named", "nothing_detectable")
+    estimates = {soil.campaign: soil for soil in diagnosis.soils if decided}
+    causes = diagnosis.causes if diagnosis.verdict == "named" else ()
+    return [
+        extended_model(
+            one.wheel,
+            one.soil,
+            estimates.get(one.name, SoilEstimate(one.name, {}, {})),
+            causes,
+            reading,
+            tyre=one.tyre,
+            provenance=_provenance(diagnosis, one, command),
+        )
+        for one in campaigns
+    ]
+
+
+def _provenance(diagnosis: Diagnosis, campaign: Campaign | Bench, command: str) -> dict[str, Fact]:
+    runs = campaign.rows.names if isinstance(campaign, Bench) else tuple(run.run.id for run in campaign.runs)
+    facts: dict[str, Fact] = {
+        "made_by": f"wheelsoil {__version__}",
+        "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
+        "command": command,
+        "campaign": campaign.name,
+        "runs": tuple(runs),
+        "verdict": diagnosis.verdict,
+        "sentence": diagnosis.sentence,
+        "candidates": tuple(f"{c.name} {c.probability:.3f}" for c in diagnosis.candidates if c.probability >= 0.01),
+    }
+    if diagnosis.gain is not None:
+        facts["held_out_log_likelihood_gain"] = float(diagnosis.gain.log_likelihood_gain)
+        facts["held_out_R0_reduction_percent"] = float(diagnosis.gain.reduction_percent)
+    return {name: fact for name, fact in facts.items() if fact == fact}  # without NaN
+
+
+def model_toml(model: ExtendedModel) -> str:
+    """Return the file's text: what it is in words, and the model."""
+    sentence = " ".join(str(model.provenance.get("sentence", "")).split())
+    head = ["The model that `wheelsoil diagnose` left, for `fit`, `simulate` and `report` with --model.", sentence]
+    for effect in model.effects:
+        said = "; ".join(_said(effect.key, p) for p in (*effect.combinations, *effect.parameters))
+        head.append(f"{effect_name(effect.key)}: {said}")
+    if not model.effects:
+        kept = "only the soil is re-calibrated" if model.soil_sigmas else "it is the laboratory's soil"
+        head.append(f"No cause is named, so that none is in it: {kept}.")
+    lines = [line for text in head for line in textwrap.wrap(text, _WIDTH)]
+    return "".join(f"# {line}\n" for line in lines) + "\n" + tomli_w.dumps(model.to_mapping())
+
+
+def _said(key: str, p: ParameterEstimate) -> str:
+    """Return a parameter with its value and, where it is known, its interval."""
+    low, high = p.interval95
+    band = f" ({low:.4g} to {high:.4g})" if isfinite(low) and isfinite(high) else ""
+    return f"{parameter_name(key, p.name)} = {p.value:.4g}{band}{'' if p.unit == '1' else f' {p.unit}'}"
+
+
+def load_model(path: Path) -> ExtendedModel:
+    """Read a model file.
+
+    Raises
+    ------
+    ConfigError
+        Everything that is wrong with it.
+    """
+    return ExtendedModel.from_mapping(read_toml(path), str(path))

@@ -1,0 +1,274 @@
+"""The facts of a run's file: what `wheelsoil info` prints and a report's provenance needs.
+
+Times as people read them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daq import RunInfo, UnsureTimes
+from daq.can import Coverage, coverage
+from daq.logger import is_being_recorded
+from daq.logs import LogReading, lenient_remarks
+from daq.recording import Event, Gap, Recording, RunRecording, Topic
+from daq.runs import Run
+
+
+def utc(time_ns: int) -> str:
+    """Return UTC nanoseconds as ISO 8601 with milliseconds."""
+    return f"{np.datetime64(time_ns, 'ns').astype('datetime64[ms]')}Z"
+
+
+_BLOCK_BYTES = 1 << 20
+_NO_END, _NO_END_YET = "no end of the run", "still being recorded"
+
+
+@dataclass(frozen=True)
+class PartFacts:
+    """What is known of one file of a run.
+
+    Attributes
+    ----------
+    file : str
+    bytes : int
+    sha256 : str
+    frames : int
+    start_ns, end_ns : int or None
+    session : str
+        The life of the logger that wrote it.
+    exit_status : str
+        Empty where the end of the file is missing.
+    recording_now : bool
+        Whether that is because a logger is writing it.
+    loss : tuple of str
+    """
+
+    file: str
+    bytes: int
+    sha256: str
+    frames: int
+    start_ns: int | None
+    end_ns: int | None
+    session: str
+    exit_status: str
+    recording_now: bool
+    loss: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class FileFacts:
+    """What is known of one recording, in parts or not, or log.
+
+    Attributes
+    ----------
+    run_id, file : str
+    kind : str
+        "recording", "recording without raw frames" or the log's format.
+    bytes : int
+    sha256 : str
+        Of a run in parts: of all its files, one behind the other.
+    parts : tuple of PartFacts
+        Of a recording; one where the run is in one file.
+    gaps : tuple of Gap
+        What was not recorded between two parts.
+    info : RunInfo
+    vehicle, terrain : str
+        Names; empty where nothing is known.
+    start_ns, end_ns : int or None
+    frames, drops : mapping bus -> number
+        `drops` only of the buses whose recorder counted them.
+    losses : mapping str -> int
+        What the logger counted: ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>``,
+        ``missing.<bus>.<message>``.
+    events : tuple of Event
+        Marks and what else happened, in their order.
+    unsure_frames : int
+        Frames that came while the host's clock was set.
+    unsure_within_s : float
+        By how much their times can be wrong; NaN where that is not known.
+    clock, clock_steps : mapping str -> str
+        Metadata records of these names: host against GNSS time, steps of the host's clock.
+    coverage : Coverage
+    databases : mapping bus -> names
+    attachments : mapping name -> bytes
+    topics : tuple of Topic
+    written_by, exit_status : str
+    loss, remarks : tuple of str
+        What cannot be read; what else a user should know.
+    """
+
+    run_id: str
+    file: str
+    kind: str
+    bytes: int
+    sha256: str
+    parts: tuple[PartFacts, ...]
+    gaps: tuple[Gap, ...]
+    info: RunInfo
+    vehicle: str
+    terrain: str
+    start_ns: int | None
+    end_ns: int | None
+    frames: dict[str, int]
+    drops: dict[str, int]
+    losses: dict[str, int]
+    events: tuple[Event, ...]
+    unsure_frames: int
+    unsure_within_s: float
+    clock: dict[str, str]
+    clock_steps: dict[str, str]
+    coverage: Coverage
+    databases: dict[str, list[str]]
+    attachments: dict[str, int]
+    topics: tuple[Topic, ...]
+    written_by: str
+    exit_status: str
+    loss: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last frame; NaN without frames."""
+        return float("nan") if self.start_ns is None or self.end_ns is None else (self.end_ns - self.start_ns) * 1e-9
+
+    @property
+    def recording_now(self) -> bool:
+        """Whether a logger is writing one of its files."""
+        return any(part.recording_now for part in self.parts)
+
+    def rate_hz(self, bus: str) -> float:
+        """Return the mean frame rate of a bus; NaN where it cannot be told."""
+        return self.frames[bus] / self.duration_s if self.duration_s > 0 else float("nan")
+
+
+def file_facts(run: Run, watch: Callable[[int], None] | None = None) -> FileFacts:
+    """Read a run's file once and say what is in it.
+
+    Parameters
+    ----------
+    run : Run
+    watch : callable, optional
+        Is told the number of frames now and then.
+
+    Raises
+    ------
+    RecordingError
+        The file cannot be read.
+    """
+    tally = _tally(run, watch)
+    recording = run.recording
+    metadata = recording.metadata if recording else {}
+    events = recording.events() if recording else ()
+    parts = tuple(map(_part_facts, recording.parts)) if recording else ()
+    kind = "recording" if recording and recording.has_raw_frames else "recording without raw frames"
+    remarks = lenient_remarks(run.databases)
+    if tally.report is not None:
+        kind = tally.report.format
+        remarks += tally.report.remarks()
+    return FileFacts(
+        run_id=run.id,
+        file=str(run.path),
+        kind=kind,
+        bytes=sum(file.stat().st_size for file in run.files),
+        sha256=parts[0].sha256 if len(parts) == 1 else sha256_of(*run.files),
+        parts=parts,
+        gaps=recording.gaps if recording else (),
+        info=run.info,
+        vehicle=run.vehicle.vehicle.name if run.vehicle.bus or run.vehicle.wheel else "",
+        terrain=run.terrain.soil.name if run.terrain else "",
+        start_ns=tally.start_ns,
+        end_ns=tally.end_ns,
+        frames=tally.frames,
+        drops=recording.drops if recording else {},
+        losses=recording.losses if recording else {},
+        events=events,
+        unsure_frames=tally.unsure.frames,
+        unsure_within_s=tally.unsure.within_s,
+        clock=metadata.get("clock", {}),
+        clock_steps=metadata.get("clock_steps", {}),
+        coverage=tally.coverage,
+        databases={bus: [database.name for database in files] for bus, files in run.databases.items()},
+        attachments={name: len(data) for name, data in recording.attachments.items()} if recording else {},
+        topics=recording.topics if recording else (),
+        written_by=recording.library if recording else "",
+        exit_status=_exit_status(recording, parts) if recording else "",
+        loss=tuple(str(item) for item in recording.loss) if recording else (),
+        remarks=tuple(remarks),
+    )
+
+
+def _exit_status(recording: RunRecording, parts: Sequence[PartFacts]) -> str:
+    if recording.exit_status or not recording.has_raw_frames:
+        return recording.exit_status
+    return _NO_END_YET if parts[-1].recording_now else _NO_END
+
+
+def sha256_of(*paths: Path) -> str:
+    """Return the hash of files, one behind the other, in hexadecimal."""
+    digest = hashlib.sha256()
+    for path in paths:
+        with path.open("rb") as file:
+            while block := file.read(_BLOCK_BYTES):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def _part_facts(part: Recording) -> PartFacts:
+    start_ns, end_ns = part.time_range_ns or (None, None)
+    exit_status = part.metadata.get("run_end", {}).get("exit_status", "")
+    return PartFacts(
+        file=str(part.path),
+        bytes=part.path.stat().st_size,
+        sha256=sha256_of(part.path),
+        frames=sum(part.frame_counts.values()),
+        start_ns=start_ns,
+        end_ns=end_ns,
+        session=part.metadata.get("run_start", {}).get("session", ""),
+        exit_status=exit_status,
+        recording_now=not exit_status and is_being_recorded(part.path),
+        loss=tuple(map(str, part.loss)),
+    )
+
+
+class _Tally:
+    """Counts what comes by."""
+
+    def __init__(self) -> None:
+        self.frames: dict[str, int] = {}
+        self.coverage = Coverage()
+        self.unsure = UnsureTimes()
+        self.start_ns: int | None = None
+        self.end_ns: int | None = None
+        self.report: Any = None
+
+
+def _tally(run: Run, watch: Callable[[int], None] | None) -> _Tally:
+    tally = _Tally()
+    if run.recording and not run.recording.has_raw_frames:
+        tally.start_ns, tally.end_ns = run.recording.time_range_ns or (None, None)
+        return tally
+    batches = run.frame_batches()
+    if isinstance(batches, LogReading):
+        tally.report = batches.report
+    if run.recording:
+        tally.frames = dict.fromkeys(run.recording.buses, 0)
+    for batch in batches:
+        counts = np.bincount(batch.frames["bus"], minlength=len(batch.buses))
+        for bus, count in zip(batch.buses, counts.tolist(), strict=True):
+            tally.frames[bus] = tally.frames.get(bus, 0) + count
+        tally.coverage = tally.coverage + coverage(batch, run.databases)
+        tally.unsure.take(batch)
+        if len(batch):
+            first, last = int(batch.frames["time_ns"].min()), int(batch.frames["time_ns"].max())
+            tally.start_ns = first if tally.start_ns is None else min(first, tally.start_ns)
+            tally.end_ns = last if tally.end_ns is None else max(last, tally.end_ns)
+        if watch:
+            watch(sum(tally.frames.values()))
+    return tally

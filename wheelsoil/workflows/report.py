@@ -1,0 +1,147 @@
+"""From paths to a report: open, process, fit, build."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from daq import DataError, WheelsoilError
+from model import ExtendedModel
+from model.diagnosis.core import Diagnosis
+from model.fit import CampaignFit
+from processing import LOOK, ProcessOptions
+from wheelsoil.report.build import Report, build_report
+from wheelsoil.report.inputs import Material, command_line, source_of, versions
+from wheelsoil.workflows.choice import Choice, provenance_of
+from wheelsoil.workflows.diagnosis import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
+from wheelsoil.workflows.fit import FitChoices, fit_runs, nothing_whole, one_terrain
+from wheelsoil.workflows.runs import open_and_process
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """A diagnosis, or why there is none; neither where none was asked for."""
+
+    diagnosis: Diagnosis | None = None
+    why_not: str = ""
+
+
+NOT_DIAGNOSED = Diagnosed()
+_log = logging.getLogger(__name__)
+
+
+def report_of(
+    paths: Sequence[Path],
+    choice: Choice | None = None,
+    *,
+    extended: ExtendedModel | None = None,
+    soil: str | None = None,
+    diagnose: bool = True,
+    vehicle: Path | None = None,
+    terrain: Path | None = None,
+    runs_file: Path | None = None,
+    zero: Path | None = None,
+    lenient_dbc: bool = False,
+) -> Report:
+    """Open and process runs, fit the models and build the report.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+    choice : Choice, optional
+        Runs, parts of them and settings; None: all of it, the defaults.
+    extended : ExtendedModel, optional
+        See `FitChoices`.
+    soil : str, optional
+        A preset instead of terrain.toml.
+    diagnose : bool
+        Whether to diagnose the runs, too.
+    vehicle, terrain, runs_file : Path, optional
+        See `daq.runs.open.open_runs`.
+    zero : Path, optional
+        See `wheelsoil.workflows.runs.open_and_process`.
+    lenient_dbc : bool
+
+    Raises
+    ------
+    WheelsoilError
+        The runs cannot be opened or processed, or are of different soils. Runs that cannot be fitted give a report
+        that says why.
+    """
+    choice = choice or Choice()
+    choices, options = choice.fit_choices(extended), choice.process_options(LOOK)
+    processed = open_and_process(
+        paths,
+        options,
+        vehicle=vehicle,
+        terrain=terrain,
+        runs_file=runs_file,
+        zero=zero,
+        lenient_dbc=lenient_dbc,
+        choice=choice,
+    )
+    found = diagnosed_runs(paths, processed, choices, soil) if diagnose else NOT_DIAGNOSED
+    return report_of_processed(processed, choices, options, soil=soil, diagnosed=found, choice=choice)
+
+
+def report_of_processed(
+    processed: Processed,
+    choices: FitChoices,
+    options: ProcessOptions,
+    *,
+    soil: str | None = None,
+    campaign: CampaignFit | None = None,
+    diagnosed: Diagnosed = NOT_DIAGNOSED,
+    choice: Choice | None = None,
+) -> Report:
+    """Fit processed runs, unless they are already, and build the report; see `report_of`."""
+    first = one_terrain([run for run, _ in processed])
+    problem = ""
+    if campaign is None:
+        try:
+            campaign = fit_runs(processed, choices, soil)
+        except DataError as error:
+            problem = "; ".join(fault.what for fault in error.faults)
+    material = Material(
+        runs=tuple(run for _, run in processed),
+        campaign=campaign,
+        no_fit=problem,
+        vehicle=first.vehicle,
+        terrain=campaign.soil.name if campaign else first.terrain.soil.name if first.terrain else "",
+        sources=tuple(source_of(run) for run, _ in processed),
+        command=command_line(),
+        options={
+            **_plain(choices),
+            **asdict(options),
+            **({"soil": soil} if soil else {}),
+            **(provenance_of(choice) if choice else {}),
+        },
+        versions=versions(),
+        diagnosed=diagnosed.diagnosis,
+        no_diagnosis=diagnosed.why_not,
+    )
+    return build_report(material)
+
+
+def _plain(choices: FitChoices) -> dict[str, object]:
+    extended = choices.extended.provenance.get("sentence", "yes") if choices.extended else None
+    return {**asdict(replace(choices, extended=None)), "extended": extended}
+
+
+def diagnosed_runs(paths: Sequence[Path], processed: Processed, choices: FitChoices, soil: str | None) -> Diagnosed:
+    """Diagnose the runs of a report; what goes wrong is told on the page and costs nothing else.
+
+    Runs that are too poor get a verdict that says so; an error is a file that is wrong, or a fault of ours.
+    """
+    if missing := nothing_whole([run for _, run in processed]):
+        return Diagnosed(why_not=missing)
+    try:
+        options = diagnosis_options(choices.reading)
+        return Diagnosed(diagnose_campaigns(campaigns_of(paths, processed, soil), options))
+    except WheelsoilError as error:
+        return Diagnosed(why_not="; ".join(fault.what for fault in error.faults))
+    except Exception as error:  # noqa: BLE001 - the boundary of the report's sections: it must not take the report
+        _log.debug("diagnosis", exc_info=True)
+        return Diagnosed(why_not=f"a fault in the diagnosis ({type(error).__name__}: {error}); please report it")

@@ -1,0 +1,202 @@
+"""Opening and processing runs, as several commands do.
+
+A bench table with the files that it needs beside it, read with all faults at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from daq import ConfigError, DataError, Fault, TerrainConfig, UnsureTimes, VehicleConfig, WheelSection, load_toml
+from daq.can import no_bus_in_common
+from daq.logger import is_being_recorded
+from daq.runs import VEHICLE_FILE, Collected, Run, open_runs
+from daq.series import WheelTable, parse_rename, parse_where, read_wheel_table
+from model.wheel_soil import Soil, Wheel
+from processing import ProcessedRun, ProcessOptions, keep_only
+from wheelsoil.cli.talk import progress, say
+from wheelsoil.workflows.choice import Choice, runs_in_use
+from wheelsoil.workflows.fit import known_soil, load_terrain, wheel_of
+
+
+@dataclass(frozen=True)
+class BenchFiles:
+    """The rows, the wheel that made them and the soil; `terrain` is None where only a preset was given."""
+
+    rows: WheelTable
+    wheel: Wheel
+    wheel_section: WheelSection
+    soil: Soil
+    terrain: TerrainConfig | None
+
+
+def read_bench(
+    path: Path,
+    *,
+    vehicle: Path | None,
+    terrain: Path | None = None,
+    soil: str | None = None,
+    rename: Iterable[str] | None = None,
+    where: Iterable[str] | None = None,
+) -> BenchFiles:
+    """Read a bench table and its files.
+
+    Parameters
+    ----------
+    path : Path
+        The table.
+    vehicle : Path, optional
+        A file with ``[wheel]``; it is an error to give none.
+    terrain : Path, optional
+    soil : str, optional
+        A preset instead of it.
+    rename, where : iterable of str, optional
+        See `daq.series.tables`.
+
+    Raises
+    ------
+    ConfigError, DataError
+        Everything that is wrong with any of them.
+    """
+    if vehicle is None:
+        raise ConfigError(
+            Fault("the wheel is not known", next_step="give --vehicle FILE with [wheel] radius_m and width_m")
+        )
+    collected = Collected()
+    with collected.catch():
+        described = load_toml(vehicle, VehicleConfig)
+        wheel = wheel_of(described, str(vehicle))
+    with collected.catch():
+        lab = load_terrain(terrain)
+        ground = known_soil(soil, lab)
+    with collected.catch():
+        rows = read_wheel_table(path, rename=parse_rename(rename or ()), where=parse_where(where or ()))
+    collected.stop_if_any()
+    assert described.wheel is not None
+    return BenchFiles(rows, wheel, described.wheel, ground, lab)
+
+
+def open_and_process(
+    paths: Sequence[Path],
+    options: ProcessOptions,
+    *,
+    vehicle: Path | None = None,
+    terrain: Path | None = None,
+    runs_file: Path | None = None,
+    zero: Path | None = None,
+    lenient_dbc: bool = False,
+    choice: Choice | None = None,
+) -> list[tuple[Run, ProcessedRun]]:
+    """Open runs and process each; says on stderr what could not be read of a damaged recording.
+
+    `zero` is a zero file in place of those that the vehicles name (`wheelsoil.workflows.zero.zeros_for`). Of `choice`
+    the runs and what is kept of them are taken; `options` are given by themselves (`Choice.process_options`).
+
+    Raises
+    ------
+    WheelsoilError
+        What is wrong with any of the runs, of all of them at once.
+    """
+    opened = open_runs(paths, vehicle=vehicle, terrain=terrain, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
+    return process_runs(opened, options, zero=zero, choice=choice)
+
+
+def process_runs(
+    opened: Sequence[Run], options: ProcessOptions, *, zero: Path | None = None, choice: Choice | None = None
+) -> list[tuple[Run, ProcessedRun]]:
+    """Process runs that are open; see `open_and_process`."""
+    from processing.pipeline import process_stream
+    from wheelsoil.workflows.zero import zeros_for
+
+    collected = Collected()
+    processed = []
+    chosen = choice or Choice()
+    in_use, unfit = runs_in_use(chosen, opened)
+    collected.errors += [ConfigError(*unfit)] * bool(unfit)
+    for used in progress(in_use, "processing", len(in_use)):
+        run = used.run
+        if used.warning:
+            say(f"run {run.id}: {used.warning}")
+        with collected.catch():
+            _check_vehicle(run)
+            try:
+                unsure = UnsureTimes()
+                channels = run.channel_batches(watch=unsure.take)
+                one = process_stream(channels, run.vehicle, run.info, options, zeros_for(run, zero))
+                one = _with_notes(one, [used.warning, unsure.note(), *_gaps(run)])
+                processed.append((run, one if used.keep is None else keep_only(one, used.keep, chosen.source)))
+            except (ConfigError, DataError) as error:
+                raise _explained(run, error) from None
+        if run.recording and run.recording.loss:
+            say(f"{run.path}: read without what is damaged: {'; '.join(map(str, run.recording.loss))}")
+            if is_being_recorded(run.files[-1]):
+                say("  it is still being recorded")
+            else:
+                say("  next: `wheelsoil recover` makes a whole file of what can be read")
+    collected.stop_if_any()
+    return processed
+
+
+def _with_notes(run: ProcessedRun, notes: Iterable[str]) -> ProcessedRun:
+    return replace(run, quality=replace(run.quality, notes=(*filter(None, notes), *run.quality.notes)))
+
+
+def _gaps(run: Run) -> list[str]:
+    return list(map(str, run.recording.gaps)) if run.recording else []
+
+
+def _check_vehicle(run: Run) -> None:
+    if not run.vehicle.signals:
+        raise ConfigError(
+            Fault(
+                "no vehicle.toml says which signals mean what",
+                str(run.path),
+                found=f"{run.vehicle_source} without [signals]"
+                if run.attachments
+                else "none in the file, none beside it",
+                next_step="give --vehicle FILE with [wheel], [[bus]] and [signals]",
+            )
+        )
+
+
+def _explained(run: Run, error: ConfigError | DataError) -> ConfigError | DataError:
+    """Return an error that says which run and which file it is about, or why no signal of the run is known."""
+    strangers = no_bus_in_common(run.vehicle, _buses(run)) if isinstance(error, DataError) else ""
+    if not strangers:
+        return type(error)(*(_placed(run, fault) for fault in error.faults))
+    return DataError(
+        Fault(
+            f"{strangers}: nothing can be decoded",
+            f"{_name(run)}, {run.vehicle_source}",
+            next_step="name them alike: channel under [[bus]], or `wheelsoil import LOG --bus old=new`",
+        )
+    )
+
+
+def _placed(run: Run, fault: Fault) -> Fault:
+    """Return a fault that names the run, and vehicle.toml as its file is called."""
+    if fault.where.startswith(VEHICLE_FILE):
+        return replace(fault, where=run.vehicle_source + fault.where.removeprefix(VEHICLE_FILE))
+    return replace(
+        fault,
+        where=f"{_name(run)}: {fault.where}" if fault.where else _name(run),
+        next_step=fault.next_step.replace(VEHICLE_FILE, run.vehicle_source),
+    )
+
+
+def _name(run: Run) -> str:
+    return f"run {run.id}, {run.path}"
+
+
+def _buses(run: Run) -> list[str]:
+    """Return the buses that have frames in a run."""
+    if run.recording:
+        return [bus for bus, count in run.recording.frame_counts.items() if count]
+    seen: dict[str, None] = {}
+    for batch in run.frame_batches():
+        seen |= dict.fromkeys(batch.buses[i] for i in np.unique(batch.frames["bus"]))
+    return list(seen)

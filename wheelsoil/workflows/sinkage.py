@@ -1,0 +1,245 @@
+"""From processed runs, or a bench table, to the sinkage that forces alone give: what `sinkage` and the report share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from daq import ConfigError, DataError, Fault, WheelSection
+from daq.runs import Run
+from daq.series import WheelTable
+from model.diagnosis.core import BoundRows, Inconsistent, bound_rows_of_runs, bound_rows_of_table, inconsistent
+from model.sinkage_from_forces import (
+    LEAST_SLIP,
+    Estimate,
+    ForceCells,
+    Growth,
+    ShapeRanges,
+    SlipBin,
+    cells_of_runs,
+    cells_of_table,
+    sinkage_from_forces,
+)
+from processing import ProcessedRun
+
+SCHEMA = "wheelsoil/sinkage/1"
+_SEED = 0
+
+IN_THE_BAND = (
+    "the 95 % band holds: noise of load, drawbar pull and torque, their zeros' uncertainty where one was taken off, "
+    "the radius (1 %), where the stress peaks (ahead, as Wong and Reece measured, or at the bottom), the sinkage "
+    "exponent (0.5 to 1.4), an exit behind the bottom (none, or up to a fifth of the entry angle). It does not hold a "
+    "bow wave, a tyre that flattens, or a gain of the transducer"
+)
+
+
+@dataclass(frozen=True)
+class SinkageFacts:
+    """The sinkage of one wheel from its forces.
+
+    Attributes
+    ----------
+    source : str
+        Of the table, or the runs' names.
+    radius_m : float
+    bins : list of SlipBin
+    growth : Growth
+    checked : int
+        Rows that the bound was checked on: driven, with measured sinkage.
+    inconsistent : tuple of Inconsistent
+    notes : tuple of str
+    """
+
+    source: str
+    radius_m: float
+    bins: list[SlipBin]
+    growth: Growth
+    checked: int
+    inconsistent: tuple[Inconsistent, ...]
+    notes: tuple[str, ...]
+
+
+def sinkage_of_runs(processed: Sequence[tuple[Run, ProcessedRun]]) -> SinkageFacts:
+    """Return the sinkage of runs of one wheel.
+
+    Raises
+    ------
+    ConfigError
+        The runs are of different wheels.
+    DataError
+        No run is driven for long enough.
+    """
+    first, *others = [run for run, _ in processed]
+    strangers = [run.id for run in others if run.vehicle.wheel != first.vehicle.wheel]
+    if strangers:
+        raise ConfigError(
+            Fault(
+                "the runs are of different wheels",
+                found=f"{', '.join(strangers)} differ from {first.id}",
+                next_step="take each wheel by itself, or give --vehicle for all",
+            )
+        )
+    runs = [run for _, run in processed]
+    wheel = first.vehicle.wheel
+    return facts_of_runs(runs, wheel)
+
+
+def facts_of_runs(runs: Sequence[ProcessedRun], wheel: WheelSection | None) -> SinkageFacts:
+    """Return the sinkage of processed runs of one wheel that carry a torque.
+
+    Raises
+    ------
+    DataError
+        No run is driven for long enough.
+    """
+    cells = cells_of_runs(runs)
+    if not len(cells):
+        raise DataError(_not_driven(runs))
+    notes = _lugs(wheel)
+    zeroless = [run.run.id for run in runs if not {"drawbar_pull", "driving_torque"} <= run.quality.zeros.keys()]
+    if zeroless:
+        notes = (*notes, "the zeros of drawbar pull and torque were taken as they are: no zero file says how sure")
+    rows = bound_rows_of_runs(runs, lugged=_lugged(wheel))
+    return _facts(", ".join(cells.names), cells, rows, notes)
+
+
+def sinkage_of_table(table: WheelTable, wheel: WheelSection) -> SinkageFacts:
+    """Return the sinkage of every driven row of a bench table.
+
+    Raises
+    ------
+    DataError
+        The table has no torque, or no driven row.
+    """
+    faults = []
+    if not np.isfinite(table.driving_torque_nm).any():
+        faults.append(
+            Fault(
+                "the table has no torque, which the sinkage from forces needs",
+                table.name,
+                expected="a column driving_torque_nm",
+                next_step="take a foreign column under that name: --rename driving_torque_nm=NAME",
+            )
+        )
+    if not (table.slip > 0).any():
+        faults.append(Fault("no row is driven", table.name, found="no slip above 0", expected="slips from 0 to 1"))
+    if faults:
+        raise DataError(*faults)
+    cells = cells_of_table(table, wheel.radius_m)
+    notes = _lugs(wheel)
+    if not table.sigma:
+        notes = (*notes, "the table states no sigma: noise is not in the band")
+    left_out = len(table) - len(cells)
+    if left_out:
+        notes = (*notes, f"{len(cells)} of {len(table)} rows used: {left_out} are not driven or have no torque")
+    rows = bound_rows_of_table(table, wheel.radius_m, lugged=_lugged(wheel))
+    return _facts(table.name, cells, rows, notes)
+
+
+def _facts(source: str, cells: ForceCells, rows: BoundRows, notes: tuple[str, ...]) -> SinkageFacts:
+    found = sinkage_from_forces(cells, np.random.default_rng(_SEED))
+    return SinkageFacts(source, cells.radius_m, found.bins(), found.growth(), len(rows), inconsistent(rows), notes)
+
+
+def _lugged(wheel: WheelSection | None) -> bool:
+    return wheel is not None and wheel.tyre == "lugged"
+
+
+def _lugs(wheel: WheelSection | None) -> tuple[str, ...]:
+    if not _lugged(wheel):
+        return ()
+    return ("the tyre has lugs: torque acts beyond the radius, so that the sinkage comes out somewhat too large",)
+
+
+def _not_driven(runs: Sequence[ProcessedRun]) -> Fault:
+    slips = np.concatenate([run.slip[run.used] for run in runs])
+    found = f"slips {np.min(slips):.2f} to {np.max(slips):.2f}" if len(slips) else "no usable sample"
+    return Fault(
+        "nowhere is the wheel driven for a second with a torque",
+        ", ".join(run.run.id or "run" for run in runs),
+        found,
+        f"slips above {LEAST_SLIP:g}",
+        "record a run that accelerates; `wheelsoil process RUN` says why samples are left out",
+    )
+
+
+def growth_sentence(growth: Growth) -> str:
+    """Say how the sinkage grows with slip."""
+    if growth.reason:
+        return f"growth of sinkage with slip: {growth.reason}"
+    low, high = growth.from_forces.interval95
+    if low <= 0 <= high:
+        return "over all shapes of the stress, the sinkage may grow with slip or not"
+    told, sign = ("grows", 1.0) if low > 0 else ("falls", -1.0)
+    open_ones = [
+        name
+        for name, found in (
+            ("stays at the bottom", growth.if_peak_stays),
+            ("moves forward with slip", growth.if_peak_moves),
+        )
+        if min(sign * end for end in found.interval95) <= 0
+    ]
+    need = f", but if its peak {' or '.join(open_ones)} it need not" if open_ones else ""
+    return f"over all shapes of the stress, the sinkage {told} with slip{need}"
+
+
+def growth_rows(growth: Growth) -> list[tuple[str, str, str]]:
+    """Return what is assumed, the growth from no slip to full slip in mm, and its interval, where it is known."""
+    named = (
+        ("over all shapes of the stress", growth.from_forces),
+        ("if the stress peaks at the bottom", growth.if_peak_stays),
+        ("if its peak moves forward with slip", growth.if_peak_moves),
+        ("measured", growth.measured),
+    )
+    return [(what, _signed(found.value), _ends(found)) for what, found in named if np.isfinite(found.value)]
+
+
+def _signed(metres: float) -> str:
+    return f"{1e3 * metres:+.3g}"
+
+
+def _ends(estimate: Estimate) -> str:
+    return " .. ".join(_signed(end) for end in estimate.interval95)
+
+
+def sinkage_as_json(facts: SinkageFacts) -> dict[str, Any]:
+    """Return the facts as plain values for programs; the contract is `SCHEMA`."""
+    growth = facts.growth
+    return {
+        "schema": SCHEMA,
+        "source": facts.source,
+        "wheel": {"radius_m": facts.radius_m},
+        "bins": [
+            {
+                "slip": one.slip,
+                "vertical_load_n": one.vertical_load_n,
+                "samples": one.samples,
+                "sinkage_m": one.sinkage_m.value,
+                "interval95_m": one.sinkage_m.interval95,
+                "if_peak_stays_m": one.if_peak_stays_m,
+                "if_peak_moves_m": one.if_peak_moves_m,
+                "noise_sigma_m": one.noise_m,
+                "measured_m": one.measured_m,
+            }
+            for one in facts.bins
+        ],
+        "growth": {
+            "unit": "m from no slip to full slip",
+            **{
+                name: {"value": estimate.value, "interval95": estimate.interval95}
+                for name, estimate in (
+                    ("from_forces", growth.from_forces),
+                    ("if_peak_stays", growth.if_peak_stays),
+                    ("if_peak_moves", growth.if_peak_moves),
+                    ("measured", growth.measured),
+                )
+            },
+            "reason": growth.reason,
+        },
+        "bound": {"rows": facts.checked, "inconsistent": [vars(item) for item in facts.inconsistent]},
+        "band": vars(ShapeRanges()),
+        "notes": facts.notes,
+    }
