@@ -101,8 +101,8 @@ def smooth(
     max_gap_s : float
         A longer interval between samples is a gap.
     spread_s2 : float
-        Variance in s^2 of the instants that one sample already averages (`processing.pipeline.collection.thin`); the kernel
-        is narrowed by as much, so that the whole transfer function stays the same.
+        Variance in s^2 of the instants that one sample already averages (`processing.pipeline.collection.thin`); the
+        kernel is narrowed by as much, so that the whole transfer function stays the same.
     """
     pairs = stretches(time_s, max_gap_s, least=3)
     which = stretch_of(at_s, time_s, pairs)

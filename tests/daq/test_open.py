@@ -14,8 +14,7 @@ from daq.can.frames import FrameBatch, concatenate
 from daq.config import RunInfo, VehicleConfig
 from daq.errors import ConfigError, DatabaseError, RecordingError
 from daq.logs import write_candump
-from daq.recording import RecordingWriter
-from daq.recording import recovery as recover
+from daq.recording import RecordingWriter, recover
 from daq.runs.open import open_runs
 
 START_NS = 1_700_000_000_000_000_000

@@ -11,8 +11,7 @@ from mcap.reader import make_reader
 from recording_support import random_frames, write_recording
 
 from daq.can.frames import FrameBatch
-from daq.recording import Recording
-from daq.recording import recovery as recover
+from daq.recording import Recording, recover
 from daq.recording.chunks import ChunkEntry, DamagedError, PackedChunk, unpacked
 from daq.recording.format import checked_metadata, raw_message_head, with_checksum
 from daq.recording.reader import chunks_between

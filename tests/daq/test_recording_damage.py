@@ -20,8 +20,7 @@ from zstandard import ZstdDecompressor
 from daq.can.frames import FrameBatch, concatenate
 from daq.config import RunInfo
 from daq.errors import HardwareError, RecordingError
-from daq.recording import Recording, RecordingWriter
-from daq.recording import recovery as recover
+from daq.recording import Recording, RecordingWriter, recover
 
 FILES = {"wft.dbc": bytes(range(256)) * 2, "vehicle.toml": b"[wheel]\n"}
 RUN = RunInfo(id="7", direction="back")

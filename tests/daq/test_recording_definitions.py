@@ -15,9 +15,8 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 from recording_cuts import write_everything
 
-from daq.recording import Recording
+from daq.recording import Recording, recover
 from daq.recording import contents as opening
-from daq.recording import recovery as recover
 
 
 def plainly_counted(path: Path) -> Counter[str]:

@@ -14,8 +14,7 @@ from recording_support import START_NS, plain_bytes, random_frames
 from daq.can.frames import FrameBatch, concatenate
 from daq.config import RunInfo
 from daq.errors import ConfigError, DataError, RecordingError
-from daq.recording import Event, PartWriter, RecordingWriter, RunRecording
-from daq.recording import recovery as recover
+from daq.recording import Event, PartWriter, RecordingWriter, RunRecording, recover
 from daq.recording.part_writer import next_part, part_path, parts_on_disk
 from daq.runs.open import open_runs
 

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from daq.config import VehicleConfig
 from daq.errors import DataError
-from processing.transducer_zero import TransducerSignal
-from processing.transducer_zero import determination as determine
+from processing.transducer_zero import TransducerSignal, determine
 from processing.transducer_zero.parts import Motion, find_spin, find_standstill
 
 FloatArray = NDArray[np.float64]

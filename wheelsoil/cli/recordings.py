@@ -419,8 +419,7 @@ def recover_command(
     """Save everything that a cut-off or damaged recording, or part of one, still holds into a whole file."""
     from daq import Fault, RecordingError
     from daq.logger import is_being_recorded
-    from daq.recording import Recording, part_number, part_path
-    from daq.recording import recovery as recover
+    from daq.recording import Recording, part_number, part_path, recover
 
     first, part = part_number(recording)
     clean = part_path(first.with_name(f"{first.stem}-recovered.mcap"), part)

@@ -42,9 +42,9 @@ from processing.transducer_zero import (
     TransducerSignal,
     WeightCheck,
     check_weight,
+    determine,
     drift_between,
 )
-from processing.transducer_zero import determination as determine
 from wheelsoil.workflows.recording_summary import sha256_of
 
 _LOOK_BATCHES = 20
