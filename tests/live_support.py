@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from daq.logger.panel import SNAPSHOT_SCHEMA
+from daq.logger.snapshot import SNAPSHOT_SCHEMA
 from daq.runs.open import open_runs
 from daq.runs.run import Run
 from processing.timebase import FloatArray

@@ -24,7 +24,7 @@ from daq.config import VehicleConfig
 from daq.errors import HardwareError
 from daq.logger.health.monitor import HealthMonitor
 from daq.logger.health.report import HealthReport, HostFacts
-from daq.logger.panel import Samples, Traces
+from daq.logger.snapshot import Samples, Traces
 
 T = TypeVar("T")
 

@@ -28,8 +28,9 @@ from daq.logger.health.monitor import statuses
 from daq.logger.health.report import HealthReport, Level, Reason, reason
 from daq.logger.health.report import worst as worst_level
 from daq.logger.inspection import Feed, Findings, Inspector
-from daq.logger.panel import Command, Panel, RunState, Samples, SessionState, snapshot, worst
+from daq.logger.panel import Command, Panel
 from daq.logger.recorder import Recorder
+from daq.logger.snapshot import RunState, Samples, SessionState, snapshot, worst
 from daq.logger.watch import Watch
 from daq.sources.can_source import SourceCounters
 from daq.sources.reconnect import ReconnectingSource

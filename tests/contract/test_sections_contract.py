@@ -41,7 +41,7 @@ def whole(campaign) -> Material:
 
 def test_every_file_with_a_section_is_listed():
     folder = Path(wheelsoil.report.sections.__file__).parent
-    files = {path.stem for path in folder.glob("*.py")} - {"__init__"}
+    files = {path.stem for path in folder.glob("*/*.py")} - {"__init__"}
     assert files == {module.__name__.rpartition(".")[2] for module in SECTIONS}
     assert len({module.KEY for module in SECTIONS}) == len({module.TITLE for module in SECTIONS}) == len(SECTIONS)
     assert set(OF_THE_DIAGNOSIS) <= set(SECTIONS)

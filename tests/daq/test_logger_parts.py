@@ -26,10 +26,10 @@ from daq.logger.disk_guard import DiskGuard
 from daq.logger.health.report import HostFacts, Level
 from daq.logger.inspection import Feed
 from daq.logger.listener import Arrival, ByteQueue, Listener
-from daq.logger.panel import Traces
 from daq.logger.recorder import RunClock
 from daq.logger.run_files import folder_lock, safe_name
 from daq.logger.session_monitor import Notifier
+from daq.logger.snapshot import Traces
 from daq.logger.watch import Watch
 from daq.sources.reconnect import ReconnectingSource
 
