@@ -24,6 +24,7 @@ from model.diagnosis.core.result import (
     SoilEstimate,
     Verdict,
 )
+from model.diagnosis.core.shapes import Kind, Shape
 
 SENTENCES: dict[Verdict, str] = {
     "named": "The simulation lacks slip sinkage: the wheel digs in with slip, 51 mm at full slip.",
@@ -84,8 +85,8 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
             Candidate("slope", 1e-5),
         ),
         what_is_wrong=(
-            Finding("drawbar_pull", "slip 0.4 to 0.9, driving", -122.0, -8.3, slips=(0.4, 0.9)),
-            Finding("driving_torque", "load above 9.2 kN, at speeds of 2.0 to 2.5 m/s, in the second half", 31.0, 4.1),
+            Finding("drawbar_pull", Shape(Kind.SLIP, "dp", (0.4, 0.9)), -122.0, -8.3),
+            Finding("driving_torque", Shape(Kind.GROUND_SPEED, "t", (2.0, 2.5), "m/s", campaign="clay"), 31.0, 4.1),
         ),
         gain=Gain(
             base={"dp": scores, "t": replace(scores, R0=40.0)},

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.grams import CauseColumn, Grams
 
 FloatArray = NDArray[np.float64]
@@ -42,7 +43,7 @@ class World:
             tuple(f"run {i}" for i in range(len(everything))),
             tuple(f"soil {i}" for i in range(q)),
             self.columns,
-            tuple(f"dp|slip {i}" for i in range(self.basis.shape[2])),
+            tuple(Shape(f"shape {i}", "dp") for i in range(self.basis.shape[2])),
         )
 
 

@@ -9,10 +9,13 @@ import pytest
 from gram_support import World, column, library, world
 
 from model.diagnosis.core.prior import hypotheses
-from model.diagnosis.findings.adequacy import MOST_EXCESS, SLACK, adequacy, excess, left_over, two_soils
+from model.diagnosis.core.shapes import Kind, Shape
+from model.diagnosis.findings.adequacy import MOST_EXCESS, SLACK, _kinds, adequacy, excess, left_over, two_soils
 from model.diagnosis.findings.detectable import minimum_detectable
 from model.diagnosis.findings.where_wrong import found_in
 from model.diagnosis.time_series.evidence import posterior
+
+UNITS_AND_CHANNELS = ((0.0, "dp", "m/s"), (1.0, "t", ""), (2.0, "dp", "any text"))
 
 
 @pytest.fixture(scope="module")
@@ -29,16 +32,26 @@ def test_noise_leaves_what_the_threshold_allows(drawn: World) -> None:
     assert all(j.ok for j in judged)
 
 
-@pytest.mark.parametrize("kind", ["slip", "load, driving", "r1,"])
-def test_one_shape_of_few_counts_as_much_as_many_of_one_kind(drawn: World, kind: str) -> None:
+@pytest.mark.parametrize(
+    "one", [Shape(Kind.SLIP), Shape(Kind.LOAD_DRIVING), Shape(Kind.TIME_IN_RUN, run="r1", campaign="clay")]
+)
+def test_one_shape_of_few_counts_as_much_as_many_of_one_kind(drawn: World, one: Shape) -> None:
     shapes = drawn.basis.shape[2]
     grams = drawn.grams(np.zeros(len(drawn.columns)), np.random.default_rng(4), extra=7.0 * drawn.basis[..., 3])
-    labels = [f"dp|place {i} to {i + 1}" for i in range(shapes)]
-    labels[3] = f"dp|{kind}"
-    alone = replace(grams, basis=tuple(labels))
-    one_kind = replace(grams, basis=tuple(f"dp|place {i} to {i + 1}" for i in range(shapes)))
+    places = [Shape(Kind.LINE_POSITION, "dp", (float(i), i + 1.0)) for i in range(shapes)]
+    alone = replace(grams, basis=(*places[:3], one, *places[4:]))
+    one_kind = replace(grams, basis=tuple(places))
     rng = np.random.default_rng(0)
     assert adequacy(alone, (), rng).statistic > adequacy(one_kind, (), rng).statistic > 1.0
+
+
+def test_only_the_kind_and_the_campaign_part_the_shapes() -> None:
+    speeds = [Shape(Kind.GROUND_SPEED, channel, (i, i + 1.0), unit) for i, channel, unit in UNITS_AND_CHANNELS]
+    several = [Shape(Kind.GROUND_SPEED, "dp", campaign="clay"), Shape(Kind.SLIP, "dp", campaign="clay")]
+    times = [Shape(Kind.TIME_IN_RUN, "dp", run=run, campaign=run[0]) for run in ("a 1", "a to 2 s", "b,")]
+    kinds = [kind.tolist() for kind in _kinds((*speeds, *several, *times))]
+    assert kinds == [[0, 1, 2], [3], [4], [5, 6, 7], list(range(8))]
+    assert [kind.tolist() for kind in _kinds(tuple(speeds))] == [[0, 1, 2]], "one kind is all there is"
 
 
 def test_what_is_in_no_cause_is_left_over(drawn: World) -> None:
@@ -108,7 +121,7 @@ def test_a_misfit_is_found_where_it_is(drawn: World) -> None:
         extra = 2.5 * drawn.basis[..., at]
         grams = drawn.grams(np.zeros(len(drawn.columns)), rng, extra=extra)
         worst = found_in(left_over(grams), grams.basis, height)[0]
-        assert worst.where == f"slip {at}"
+        assert worst.place == grams.basis[at]
         assert worst.channel == "drawbar_pull"
         assert worst.size == pytest.approx(2.5 * 3.0, rel=0.4)
         assert worst.statistic > 5

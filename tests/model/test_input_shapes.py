@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +10,9 @@ from diagnosis_support import at_speed, linearised
 
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.result import INPUTS
+from model.diagnosis.core.shapes import Kind, Shape
 from model.diagnosis.findings.adequacy import _kinds
-from model.diagnosis.time_series.basis import MISREAD, SPEED_MPS, basis, input_shapes
+from model.diagnosis.time_series.basis import SPEED_MPS, basis, input_shapes
 from model.diagnosis.time_series.diagnosis import diagnose
 from model.diagnosis.time_series.linearise import Linear, Simulation
 from model.diagnosis.time_series.samples import Samples
@@ -31,7 +31,7 @@ def seen() -> tuple[Simulation, Samples, Linear]:
 
 def test_the_hats_together_are_one_error_of_the_speed(seen: tuple[Simulation, Samples, Linear]) -> None:
     simulation, samples, linear = seen
-    hats = [shape for shape in input_shapes(linear) if shape.label.startswith("v|")]
+    hats = [shape for shape in input_shapes(linear) if shape.shape.channel == "v"]
     assert len(hats) == 4
     assert {shape.height for shape in hats} == {SPEED_MPS}
     together = np.sum([shape.columns for shape in hats], axis=0)
@@ -49,32 +49,35 @@ def other_loads(samples: Samples, load_n: np.ndarray) -> Samples:
 
 def test_errors_of_the_load_are_a_zero_and_what_grows_with_it(seen: tuple[Simulation, Samples, Linear]) -> None:
     simulation, samples, linear = seen
-    shapes = {shape.label.partition("|")[2]: shape for shape in input_shapes(linear)}
+    shapes = {found.shape.kind: found for found in input_shapes(linear)}
     load = np.asarray(samples.conditions.vertical_load_n)
     growing = load - load.mean()
-    for where, off in ((" everywhere", 0.02 * load.mean() + 0.0 * load), (", growing with the load", 0.1 * growing)):
-        shape = shapes[MISREAD + where]
+    for kind, off in (
+        (Kind.LOAD_ERROR, 0.02 * load.mean() + 0.0 * load),
+        (Kind.LOAD_ERROR_WITH_LOAD, 0.1 * growing),
+    ):
+        shape = shapes[kind]
         moved = at_speed(simulation, other_loads(samples, load + off), 0.0).centre - linear.centre
         scale = np.abs(off).max() / shape.height
         known = np.isfinite(moved)
         error = np.abs(scale * shape.columns + moved)[known]
-        assert np.quantile(error, 0.95) < 0.1 * np.std(moved[known]), where
+        assert np.quantile(error, 0.95) < 0.1 * np.std(moved[known]), kind
 
 
 @pytest.mark.parametrize("load_n", [11e3, 10987.654321])
 def test_one_load_has_nothing_that_grows_with_it(seen: tuple[Simulation, Samples, Linear], load_n: float) -> None:
     _, samples, linear = seen
     one = replace(linear.conditions, vertical_load_n=np.full(linear.value.shape[1], load_n))
-    labels = basis(samples, replace(linear, conditions=one)).labels
-    assert f"w|{MISREAD} everywhere" in labels
-    assert not [label for label in labels if "growing with" in label and "load" in label]
+    kinds = {shape.kind for shape in basis(samples, replace(linear, conditions=one)).shapes}
+    assert Kind.LOAD_ERROR in kinds
+    assert not kinds & {Kind.LOAD_ERROR_WITH_LOAD, Kind.ZERO_WITH_LOAD}
 
 
 def test_kinds_of_inputs_and_forces_are_apart(seen: tuple[Simulation, Samples, Linear]) -> None:
     _, samples, linear = seen
-    labels = basis(samples, linear).labels
-    inputs = {i for i, label in enumerate(labels) if label.partition("|")[0] in INPUTS}
-    kinds = [set(kind.tolist()) for kind in _kinds(labels)[:-1]]
+    shapes = basis(samples, linear).shapes
+    inputs = {i for i, shape in enumerate(shapes) if shape.channel in INPUTS}
+    kinds = [set(kind.tolist()) for kind in _kinds(shapes)[:-1]]
     assert all(kind <= inputs or not kind & inputs for kind in kinds)
     assert sorted(len(kind) for kind in kinds if kind <= inputs) == [1, 1, 4]
 
@@ -100,7 +103,7 @@ def test_a_receiver_that_is_off_at_some_speeds_is_no_listed_cause(bump_mps: floa
     assert found.verdict == "unexplained", found.sentence
     told = [one for one in found.what_is_wrong if one.channel == "ground_speed"]
     worst = max(told, key=lambda one: abs(one.statistic))
-    low, high = (float(x) for x in re.findall(r"[\d.]+", worst.where))
-    assert low < 1.6 < high
+    assert isinstance(worst.place, Shape) and worst.place.range
+    assert worst.place.range[0] < 1.6 < worst.place.range[1]
     assert np.sign(worst.size) == np.sign(bump_mps)
     assert "as if misread" in found.sentence

@@ -6,6 +6,7 @@ import pytest
 from diagnosis_support import linearised, simulated_campaign
 
 from model.diagnosis.core.campaign import DiagnosisOptions
+from model.diagnosis.core.shapes import Kind
 from model.diagnosis.time_series.basis import basis
 from model.diagnosis.time_series.diagnosis import diagnose
 from model.diagnosis.time_series.noise import Belief, Noise, remarks
@@ -44,6 +45,6 @@ def test_a_zero_that_nobody_asks_for_is_told_where_the_noise_takes_it() -> None:
 
 def test_one_direction_is_not_told_as_the_direction() -> None:
     _, samples, linear = linearised(1)
-    labels = [label.partition("|")[2] for label in basis(samples, linear).labels]
-    assert "all alike, driving" in labels
-    assert not [label for label in labels if label.startswith("direction")]
+    kinds = {shape.kind for shape in basis(samples, linear).shapes}
+    assert Kind.CONSTANT_DRIVING in kinds
+    assert not kinds & {Kind.DIRECTION_DRIVING, Kind.DIRECTION_BRAKING}

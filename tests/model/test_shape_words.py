@@ -1,4 +1,4 @@
-"""Every label of the catch-all reads on its own, behind any channel; a finding's size is what it says it is."""
+"""Every shape of the catch-all reads on its own, behind any channel; a hat over slip knows the slips that it covers."""
 
 from __future__ import annotations
 
@@ -7,41 +7,39 @@ import re
 import pytest
 from diagnosis_support import linearised
 
-from model.diagnosis.core.result import Finding
-from model.diagnosis.core.verdict_words import shape_words
-from model.diagnosis.findings.where_wrong import _said
+from model.diagnosis.core.shapes import Kind, Rows, Shape, place_text
 from model.diagnosis.time_series.basis import basis
 
 
 @pytest.fixture(scope="module")
-def labels() -> list[str]:
+def shapes() -> tuple[Shape, ...]:
     _, samples, linear = linearised(2)
-    return [label.partition("|")[2] for label in basis(samples, linear).labels]
+    return basis(samples, linear).shapes
 
 
-def test_every_label_reads_on_its_own(labels: list[str]) -> None:
-    said = [shape_words(label) for label in labels]
-    assert len(set(said)) == len(set(labels)), "what differed still does"
-    for text in said:
-        assert not re.search(r" - \d", text), "a minus sign is none of a dash"
-        assert text not in (
-            "load, driving",
-            "load, braking",
-            "load squared",
-            "large torque",
-            "torque over the campaign",
-        )
-        assert not re.match(r"(torque|drawbar pull) -?\d", text), "a simulated one, not the finding's channel"
-        assert not re.match(r"ground speed .*\d$", text), "a speed has its unit"
-    assert "braking, slip -0.05 to -0.15" in said
-    assert "growing with load, driving" in said
+def test_every_shape_reads_on_its_own(shapes: tuple[Shape, ...]) -> None:
+    said = {shape: place_text(shape) for shape in shapes if shape.channel == "dp"}
+    assert len(set(said.values())) == len(said), "what differs reads differently"
+    assert not any(re.search(r" - \d", text) for text in said.values()), "a minus sign is none of a dash"
+    assert "braking, slip -0.05 to -0.15" in said.values()
+    assert "growing with load, driving" in said.values()
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_every_kind_has_its_words(kind: Kind) -> None:
+    assert place_text(Shape(kind, "dp", (0.5, 2.0), run="run 1"))
 
 
 def test_a_campaigns_name_stays_before_it() -> None:
-    load = _said(Finding("drawbar_pull", "a: b: load, driving", 1.0, 4.0), ("a", "a: b"))
-    assert (load.where, load.campaign, load.slips) == ("a: b: growing with load, driving", "a: b", None)
-    slip = _said(Finding("drawbar_pull", "clay: braking, slip - 0.3 to 0.6", 1.0, 4.0), ("clay",))
-    assert (slip.where, slip.campaign) == ("clay: braking, slip -0.3 to -0.6", "clay")
-    assert slip.slips == (-1.0, -0.3), "the outer hat goes on"
-    assert _said(Finding("sinkage", "slip 0.05 to 0.4", 1.0, 4.0), ()).slips == (0.05, 0.4)
-    assert shape_words("run: 1, 0 to 20 s") == "run: 1, 0 to 20 s"
+    assert place_text(Shape(Kind.LOAD_DRIVING, "dp", campaign="a: b")) == "a: b: growing with load, driving"
+    assert place_text(Shape(Kind.TIME_IN_RUN, "dp", (0.0, 20.0), run="run: 1")) == "run: 1, 0 to 20 s"
+    assert place_text(Rows(-0.2, 512.0, 3, "table")) == "table, slip -0.20, load 512 N, braking (3 rows)"
+
+
+def test_the_outer_hats_over_slip_go_on(shapes: tuple[Shape, ...]) -> None:
+    slips = {shape.range: shape.slips for shape in shapes if shape.channel == "dp" and shape.slips}
+    assert slips[0.05, 0.2] == (0.0, 0.2)
+    assert slips[0.05, 0.4] == (0.05, 0.4)
+    assert slips[0.65, 0.95] == (0.65, 1.0)
+    assert slips[-0.3, -0.6] == (-1.0, -0.3)
+    assert len(slips) == 9

@@ -21,6 +21,7 @@ from model.diagnosis.core.result import (
     ParameterEstimate,
     Scores,
 )
+from model.diagnosis.core.shapes import Kind, Shape
 from model.diagnosis.core.tellable import PRESSURE_UNKNOWN, SAME_PASS
 from model.diagnosis.core.verdict import MOVING, Judgement, candidates, judgement, likely_sets, short_set
 from model.diagnosis.core.verdict_words import (
@@ -165,7 +166,7 @@ def test_sentences_say_verdict_size_and_what_to_do() -> None:
 
 
 def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
-    found = [Finding("drawbar_pull", "slip 0.4 to 0.9", -120.0, -8.2)]
+    found = [Finding("drawbar_pull", Shape(Kind.SLIP, "dp", (0.4, 0.9)), -120.0, -8.2)]
     left = unexplained_words(POOR, found, ("slope",), (("r1",), ("r2", "r3")))
     assert "the lack of fit is 3.00, where noise leaves up to 1.80" in left
     assert "drawbar pull, slip 0.4 to 0.9: -120 N (8.2 sigma)" in left

@@ -9,10 +9,10 @@ import pytest
 from diagnosis_support import linearised, simulated_campaign
 
 from model.diagnosis.core.campaign import DiagnosisOptions
-from model.diagnosis.time_series.basis import basis
+from model.diagnosis.core.shapes import Kind, Shape
+from model.diagnosis.time_series.basis import Basis, basis
 from model.diagnosis.time_series.diagnosis import diagnose
 from model.diagnosis.time_series.linearise import Linear
-from model.diagnosis.time_series.rests import ZERO_WITH_LOAD
 from model.diagnosis.time_series.samples import Samples
 
 LISTED = (
@@ -39,7 +39,7 @@ def test_one_zero_is_the_same_function_of_the_load_rolling_and_at_rest(
 ) -> None:
     samples, linear = seen
     found = basis(samples, linear)
-    at = found.labels.index(f"{channel}|{ZERO_WITH_LOAD}")
+    at = found.shapes.index(Shape(Kind.ZERO_WITH_LOAD, channel))
     load = np.asarray(samples.conditions.vertical_load_n)
     rolling = np.polyfit(load, found.columns[row, :, at], 1)
     resting = np.polyfit(np.asarray(samples.rests.conditions.vertical_load_n), found.rests[row, :, at], 1)
@@ -55,18 +55,22 @@ def test_without_a_standstill_there_is_no_such_shape(seen: tuple[Samples, Linear
     rests = replace(samples.rests, run=samples.rests.run[none])
     measured = {channel: values[none] for channel, values in samples.rests.measured.items()}
     never = replace(samples, rests=replace(rests, measured=measured))
-    assert f"dp|{ZERO_WITH_LOAD}" in basis(samples, linear).labels
-    assert not [label for label in basis(never, linear).labels if ZERO_WITH_LOAD in label]
+    assert Shape(Kind.ZERO_WITH_LOAD, "dp") in basis(samples, linear).shapes
+    assert not zeros(basis(never, linear))
     unread = {**samples.rests.measured, "t": np.full(len(samples.rests), np.nan)}
     only_dp = replace(samples, rests=replace(samples.rests, measured=unread))
-    assert [label for label in basis(only_dp, linear).labels if ZERO_WITH_LOAD in label] == [f"dp|{ZERO_WITH_LOAD}"]
+    assert zeros(basis(only_dp, linear)) == [Shape(Kind.ZERO_WITH_LOAD, "dp")]
+
+
+def zeros(found: Basis) -> list[Shape]:
+    return [shape for shape in found.shapes if shape.kind == Kind.ZERO_WITH_LOAD]
 
 
 def test_only_zeros_show_at_rest(seen: tuple[Samples, Linear]) -> None:
     found = basis(*seen)
-    assert len(found.labels) == len(found.input_heights) == found.columns.shape[-1] == found.rests.shape[-1]
-    showing = {label.partition("|")[2] for i, label in enumerate(found.labels) if found.rests[..., i].any()}
-    assert showing == {ZERO_WITH_LOAD}
+    assert len(found.shapes) == len(found.input_heights) == found.columns.shape[-1] == found.rests.shape[-1]
+    showing = {shape.kind for i, shape in enumerate(found.shapes) if found.rests[..., i].any()}
+    assert showing == {Kind.ZERO_WITH_LOAD}
 
 
 @pytest.mark.parametrize(
@@ -82,4 +86,4 @@ def test_cross_talk_and_a_zero_are_not_taken_for_each_other(hidden: str, family:
     assert [cause.name for cause in found.causes] == [family]
     found = diagnose([campaign], DiagnosisOptions(effects=tuple(key for key in LISTED if key != family)))
     assert found.verdict == "unexplained", found.sentence
-    assert any("at standstill too" in one.where for one in found.what_is_wrong)
+    assert any(one.place == Shape(Kind.ZERO_WITH_LOAD, "dp") for one in found.what_is_wrong)

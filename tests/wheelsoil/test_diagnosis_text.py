@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from model.diagnosis.core.result import Candidate, Finding, ParameterEstimate
+from model.diagnosis.core.shapes import Rows
 from wheelsoil.wording.diagnosis_text import diagnosis_lines, stages_lines
 
 VERDICTS = tuple(SENTENCES)
@@ -34,7 +35,7 @@ def test_it_fits_and_the_sentence_comes_first(verdict, width):
 
 
 def test_of_a_bench_table_the_mean_of_the_rows_is_said():
-    rows = (Finding("sinkage", "slip 0.35, load 512 N, driving (3 rows)", -0.004, -9.1, of_rows=True),)
+    rows = (Finding("sinkage", Rows(0.35, 512.0, 3), -0.004, -9.1),)
     text = squeezed(text_of(replace(diagnosis("named"), what_is_wrong=rows)))
     assert "channel mean sigmas where sinkage -0.004 m -9.1 slip 0.35, load 512 N, driving (3 rows)" in text
     assert "mean: of measured less simulated over these rows" in text
@@ -54,7 +55,7 @@ def test_everything_is_said():
         "slip sinkage H_m 0.970 0.051 0.04 .. 0.06 m",
         "as vasilev, within the family 0.620",
         "slip sinkage 0.970, bulldozing 0.030, none 0.020, 1 more below 0.01",
-        "-122 N -8.3 slip 0.4 to 0.9, driving",
+        "-122 N -8.3 slip 0.4 to 0.9",
         "its sign can be the other",
         "driving torque: 14 rows",
         "R0 of the drawbar pull falls by 45 % (95 %: 35 to 52 %)",

@@ -23,6 +23,9 @@ from .result import ParameterEstimate as ParameterEstimate
 from .result import Scores as Scores
 from .result import Seen as Seen
 from .result import SoilEstimate as SoilEstimate
+from .shapes import Kind as Kind
+from .shapes import Rows as Rows
+from .shapes import Shape as Shape
 from .tellable import cannot_tell as cannot_tell
 from .tellable import considered as considered
 from .verdict_words import SUMS as SUMS

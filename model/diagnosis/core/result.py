@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq import html_paragraph, html_table, number, probability
+from model.diagnosis.core.shapes import Rows, Shape, place_text
 
 NAMES = {"dp": "drawbar pull", "t": "driving torque", "z": "sinkage"}
 UNITS = {"dp": "N", "t": "N m", "z": "m"}
@@ -231,29 +232,30 @@ class Finding:
     Attributes
     ----------
     channel : "drawbar_pull", "driving_torque" or "sinkage"; or an input, "ground_speed" or "vertical_load"
-    where : str
-        e.g. "slip 0.4 to 0.9, driving".
+    place : Shape or Rows
+        A shape of recorded runs, or rows of a single-wheel table.
     size : float
         N, N m, m or m/s. Of recorded runs the height of the shape of misfit there, once soil and the stronger findings
-        were taken out, where the shape is largest; of a bench table the mean of measured less simulated. Of an input
+        were taken out, where the shape is largest; of rows the mean of measured less simulated. Of an input
         the error, measured less true, that would look like this misfit.
     statistic : float
         Over its standard deviation (signed).
-    slips : tuple of float, optional
-        Range of slip that the shape covers, where it is one over slip.
-    campaign : str
-        Whose shape it is, where there are several.
-    of_rows : bool
-        Whether it is of a bench table's rows.
     """
 
     channel: str
-    where: str
+    place: Shape | Rows
     size: float
     statistic: float
-    slips: tuple[float, float] | None = None
-    campaign: str = ""
-    of_rows: bool = False
+
+    @property
+    def of_rows(self) -> bool:
+        """Whether it is of rows of a single-wheel table."""
+        return isinstance(self.place, Rows)
+
+    @property
+    def where(self) -> str:
+        """The place in words."""
+        return place_text(self.place)
 
 
 @dataclass(frozen=True)
@@ -445,13 +447,14 @@ class Diagnosis:
         float
             In the channel's unit; NaN where the shape is none over slip or has no samples to be seen.
         """
-        if found.slips is None:
+        slips, campaign = found.place.slips, found.place.campaign
+        if slips is None:
             return float("nan")
-        (low, high), channel = found.slips, FIELD_KEYS.get(found.channel, "")
+        (low, high), channel = slips, FIELD_KEYS.get(found.channel, "")
         left = [
             (seen.measured[channel] - seen.base[channel])[(seen.slip >= low) & (seen.slip <= high)]
             for seen in self.seen
-            if channel in seen.base and found.campaign in ("", seen.campaign)
+            if channel in seen.base and campaign in ("", seen.campaign)
         ]
         known = np.concatenate([*left, np.zeros(0)])
         known = known[np.isfinite(known)]

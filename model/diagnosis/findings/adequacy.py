@@ -21,7 +21,6 @@ Every pair of groups is asked where there are few runs, else they are parted one
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -30,6 +29,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from model.diagnosis.core.result import Adequacy
+from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.grams import Grams
 
 FloatArray = NDArray[np.float64]
@@ -100,7 +100,6 @@ MOST_EXCESS = 2.0
 _FAR = 0.9998
 """Quantile that each kind is measured in, so that kinds of few shapes and of many are alike."""
 _DRAWS = 2000
-_RANGE = re.compile(r"\s*\S+ to \S+( s| kN| kN m)?$")
 
 
 @dataclass(frozen=True)
@@ -191,14 +190,13 @@ def excess(grams: Grams, keys: tuple[str, ...]) -> float:
     return float(np.clip(found / max(expected, 1e-9), 1.0, MOST_EXCESS))
 
 
-def _kinds(labels: tuple[str, ...]) -> list[NDArray[np.intp]]:
+def _kinds(basis: tuple[Shape, ...]) -> list[NDArray[np.intp]]:
     """Return the shapes of each kind, and all of them."""
-    groups: dict[str, list[int]] = {}
-    for i, label in enumerate(labels):
-        kind = _RANGE.sub("", label.partition("|")[2])
-        groups.setdefault("time in a run" if kind.endswith(",") else kind, []).append(i)
+    groups: dict[tuple[str, str], list[int]] = {}
+    for i, shape in enumerate(basis):
+        groups.setdefault(shape.group, []).append(i)
     several = list(groups.values()) if len(groups) > 1 else []
-    return [np.array(shapes, np.intp) for shapes in [*several, list(range(len(labels)))]]
+    return [np.array(shapes, np.intp) for shapes in [*several, list(range(len(basis)))]]
 
 
 def _kind(information: FloatArray, shapes: NDArray[np.intp]) -> _Kind:

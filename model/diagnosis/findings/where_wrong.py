@@ -8,15 +8,12 @@ of measured less simulated there. A statistic is that height over its one-sigma 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.core.result import FINDING_FIELDS, INPUTS, Finding
-from model.diagnosis.core.verdict_words import shape_words
+from model.diagnosis.core.shapes import Shape
 from model.diagnosis.findings.adequacy import LeftOver, left_over
-from model.diagnosis.time_series.basis import SLIP_RANGES
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.start import View
 
@@ -48,33 +45,19 @@ def findings(
         is a name for it, they are not asked for.
     """
     heights = np.concatenate([view.columns.heights for view in views])
-    asked = [i for i, label in enumerate(grams.basis) if inputs or label.partition("|")[0] not in INPUTS]
+    asked = [i for i, shape in enumerate(grams.basis) if inputs or shape.channel not in INPUTS]
     left = left_over(grams, keys)
     left = LeftOver(left.misfit, left.score[asked], left.information[np.ix_(asked, asked)])
-    found = found_in(left, tuple(grams.basis[i] for i in asked), heights[asked], excess)
-    names = tuple(view.campaign.name for view in views) if len(views) > 1 else ()
-    return [_said(one, names) for one in found]
+    return found_in(left, tuple(grams.basis[i] for i in asked), heights[asked], excess)
 
 
-def _said(found: Finding, campaigns: tuple[str, ...]) -> Finding:
-    """Return a finding, whose place is a label yet, in words and with what the label stands for."""
-    label, campaign = found.where, ""
-    for name in sorted(campaigns, key=len, reverse=True):
-        if label.startswith(f"{name}: "):
-            label, campaign = label.removeprefix(f"{name}: "), name
-            break
-    where = f"{campaign}: {shape_words(label)}" if campaign else shape_words(label)
-    return replace(found, where=where, slips=SLIP_RANGES.get(label), campaign=campaign)
-
-
-def found_in(left: LeftOver, labels: tuple[str, ...], height: FloatArray, excess: float = 1.0) -> list[Finding]:
+def found_in(left: LeftOver, shapes: tuple[Shape, ...], height: FloatArray, excess: float = 1.0) -> list[Finding]:
     """Return the shapes that stand out, one after the other.
 
     Parameters
     ----------
     left : LeftOver
-    labels : tuple of str
-        "channel|where"
+    shapes : tuple of Shape
     height : array, shape (b,)
         Of each shape with a coefficient of 1, in the unit of its channel or input.
     excess : float
@@ -83,16 +66,16 @@ def found_in(left: LeftOver, labels: tuple[str, ...], height: FloatArray, excess
     score, information = left.score.copy(), left.information.copy()
     whole = np.maximum(np.diag(information), 1e-12)
     found: list[Finding] = []
-    for _ in range(min(MOST, len(labels))):
+    for _ in range(min(MOST, len(shapes))):
         own = np.diag(information)
         known = own > _SEEN * whole
         z = np.where(known, score / np.sqrt(np.where(known, own * excess, 1.0)), 0.0)
         worst = int(np.argmax(np.abs(z)))
         if abs(z[worst]) < LEAST:
             break
-        channel, _, where = labels[worst].partition("|")
+        shape = shapes[worst]
         size = float(score[worst] / own[worst] * height[worst])
-        found.append(Finding(FINDING_FIELDS.get(channel, channel), where, size, float(z[worst])))
+        found.append(Finding(FINDING_FIELDS.get(shape.channel, shape.channel), shape, size, float(z[worst])))
         column = information[:, worst] / own[worst]
         score = score - column * score[worst]
         information = information - np.outer(column, information[worst])

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from model.diagnosis.core.prior import SIZE_PRIOR
 from model.diagnosis.core.result import FIELDS as CHANNEL_FIELDS
 from model.diagnosis.core.result import Cause, Detectable, Finding, ParameterEstimate, Seen, SoilEstimate
+from model.diagnosis.core.shapes import Rows
 from model.diagnosis.single_wheel.evidence import Posterior, posterior_of
 from model.diagnosis.single_wheel.problem import FIELDS, BenchProblem, CauseUse
 from model.diagnosis.single_wheel.search import Optimum
@@ -88,16 +89,15 @@ def findings_of(weighing: Weighing) -> tuple[Finding, ...]:
             size = float(error[own].mean())
             statistic = size / float(np.hypot(scatter / np.sqrt(own.sum()), noise.form_scale))
             if abs(statistic) > _SIGNIFICANT:
-                where = _where(problem, rows[own])
-                found.append(Finding(CHANNEL_FIELDS[noise.channel], where, size, statistic, of_rows=True))
+                place = _place(problem, rows[own])
+                found.append(Finding(CHANNEL_FIELDS[noise.channel], place, size, statistic))
     return tuple(sorted(found, key=lambda f: -abs(f.statistic)))
 
 
-def _where(problem: BenchProblem, rows: NDArray[np.intp]) -> str:
+def _place(problem: BenchProblem, rows: NDArray[np.intp]) -> Rows:
     slip, load = problem.slip[rows], problem.load_n[rows]
-    bench = f"{problem.benches[problem.bench[rows[0]]].name}, " if len(problem.benches) > 1 else ""
-    manner = "driving" if slip.mean() >= 0 else "braking"
-    return f"{bench}slip {slip.mean():.2f}, load {load.mean():.3g} N, {manner} ({len(rows)} rows)"
+    table = problem.benches[problem.bench[rows[0]]].name if len(problem.benches) > 1 else ""
+    return Rows(float(slip.mean()), float(load.mean()), len(rows), table)
 
 
 def mean_of(posterior: Posterior | None) -> dict[str, FloatArray]:

@@ -1,8 +1,8 @@
 """The catch-all: shapes of misfit that no cause of the library has to have.
 
 Smooth hats over everything that a misfit may hang on, for each channel on its own; a zero that grows with the load,
-which standstills part from the soil; and errors of ground speed and load, which show in all channels at once. Their
-labels are what a person is told: "dp|slip 0.35 to 0.65". They are taken at the smoothed slip, like everything else.
+which standstills part from the soil; and errors of ground speed and load, which show in all channels at once. They are
+taken at the smoothed slip, like everything else.
 
 Cross-talk and a constant zero, one taken for the other, leave a zero that grows with the load. Where no shape shows it,
 it passes for zeros that differ from run to run.
@@ -23,12 +23,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import exp
+from operator import neg
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.diagnosis.core.shapes import Kind, Shape
 from model.diagnosis.time_series.linearise import Linear
-from model.diagnosis.time_series.rests import AT_REST, ZERO_WITH_LOAD, growing_with_load, several_loads
+from model.diagnosis.time_series.rests import AT_REST, growing_with_load, several_loads
 from model.diagnosis.time_series.samples import Samples
 
 FloatArray = NDArray[np.float64]
@@ -39,52 +41,41 @@ _OF_SPEED = (0.02, 0.35, 0.65, 0.98)
 
 
 def hats(
-    what: str,
+    shape: Shape,
     x: FloatArray,
     knots: tuple[float, ...],
     on: NDArray[np.bool_],
-    say: Callable[[float], float] = float,
-    unit: str = "",
-) -> Iterator[tuple[str, FloatArray]]:
-    """Yield label and shape of a hat over each knot; the outer ones go on.
+    value: Callable[[float], float] = float,
+) -> Iterator[tuple[Shape, FloatArray]]:
+    """Yield a hat over each knot; the outer ones go on.
 
     Parameters
     ----------
-    what : str
-        First words of the labels.
+    shape : Shape
+        What the hats have in common.
     x : array, shape (n,)
     knots : tuple of float
         Ascending; of equal ones the last is kept.
     on : bool array, shape (n,)
         Where it may differ from zero; elsewhere it is zero.
-    say : callable
-        Turns a knot into what is said of it.
-    unit : str
-        Behind what is said.
+    value : callable
+        Turns a knot into the value that it stands for.
     """
     knots = tuple(k for k, after in zip(knots, (*knots[1:], np.inf), strict=True) if after > k)
     clipped = np.clip(np.where(on, x, knots[0]), knots[0], knots[-1])
-    for i in range(len(knots)):
+    values = [value(k) for k in knots]
+    for i, knot in enumerate(values):
         height = np.zeros(len(knots))
         height[i] = 1.0
-        low, high = ends(knots, i)
-        yield hat_label(what, say(low), say(high), unit), np.where(on, np.interp(clipped, knots, height), 0.0)
+        own = replace(shape, range=(values[max(i - 1, 0)], values[min(i + 1, len(knots) - 1)]), knot=knot)
+        yield own, np.where(on, np.interp(clipped, knots, height), 0.0)
 
 
-def ends(knots: tuple[float, ...], i: int) -> tuple[float, float]:
-    """Return a hat's neighbours; an outer one ends at its own knot."""
-    return knots[max(i - 1, 0)], knots[min(i + 1, len(knots) - 1)]
-
-
-def hat_label(what: str, low: float, high: float, unit: str = "") -> str:
-    """Return "what low to high"."""
-    return f"{what} {low:.2g} to {high:.2g}{unit}"
-
-
-def hats_of_speed(speed_mps: FloatArray) -> Iterator[tuple[str, FloatArray]]:
-    """Yield label and shape of hats over the logarithm of the ground speed, shape (n,)."""
+def hats_of_speed(shape: Shape, speed_mps: FloatArray) -> Iterator[tuple[Shape, FloatArray]]:
+    """Yield hats over the logarithm of the ground speed, shape (n,)."""
     tempo = np.log(np.maximum(speed_mps, _LEAST_SPEED_MPS))
-    yield from hats("ground speed", tempo, tuple(np.quantile(tempo, _OF_SPEED)), np.ones(len(tempo), bool), exp)
+    knots = tuple(np.quantile(tempo, _OF_SPEED))
+    yield from hats(replace(shape, unit="m/s"), tempo, knots, np.ones(len(tempo), bool), exp)
 
 
 SPEED_MPS = 0.03
@@ -93,25 +84,21 @@ LOAD_SHARE = 0.02
 """One-sigma of an error of the load, as a share of the mean load."""
 
 
-MISREAD = "as if misread"
-"""First words of a label's second part."""
-
-
 @dataclass(frozen=True)
 class InputShape:
     """An error of an input and what it does.
 
     Attributes
     ----------
-    label : str
-        "input|where", the input as a key of `model.diagnosis.core.result.INPUTS`.
+    shape : Shape
+        Its channel is the input's key in `model.diagnosis.core.result.INPUTS`.
     columns : array, shape (c, n)
         In N, N m and m.
     height : float
         The error's largest value, in m/s or N.
     """
 
-    label: str
+    shape: Shape
     columns: FloatArray
     height: float
 
@@ -125,23 +112,19 @@ def input_shapes(linear: Linear) -> Iterator[InputShape]:
     """
     at = linear.conditions
     by_speed, by_load = np.nan_to_num(linear.speed), np.nan_to_num(linear.load)
-    for where, hat in hats_of_speed(np.asarray(at.ground_speed_mps)):
-        yield InputShape(f"v|{MISREAD}, {where}", -SPEED_MPS * by_speed * hat, SPEED_MPS)
+    for shape, hat in hats_of_speed(Shape(Kind.SPEED_ERROR, "v"), np.asarray(at.ground_speed_mps)):
+        yield InputShape(shape, -SPEED_MPS * by_speed * hat, SPEED_MPS)
     size = LOAD_SHARE * float(np.mean(np.asarray(at.vertical_load_n)))
-    yield InputShape(f"w|{MISREAD} everywhere", -size * by_load, size)
+    yield InputShape(Shape(Kind.LOAD_ERROR, "w"), -size * by_load, size)
     if several_loads(at):
         growing = growing_with_load(at, at)
-        yield InputShape(
-            f"w|{MISREAD}, growing with the load", -size * by_load * growing, size * float(np.abs(growing).max())
-        )
+        grown = Shape(Kind.LOAD_ERROR_WITH_LOAD, "w")
+        yield InputShape(grown, -size * by_load * growing, size * float(np.abs(growing).max()))
 
-
-Shape = tuple[str, FloatArray]
 
 AMPLITUDE = {"dp": 0.02, "t": 0.02, "z": 0.02}
 """One-sigma of a shape: share of the load, of load times radius, of the radius."""
 
-_DRIVING, _BRAKING = "slip", "braking, slip -"
 _DRIVE_KNOTS = (0.05, 0.2, 0.4, 0.65, 0.95)
 _BRAKE_KNOTS = (0.05, 0.15, 0.3, 0.6)
 _PLACES = 13
@@ -156,8 +139,7 @@ class Basis:
 
     Attributes
     ----------
-    labels : tuple of str
-        "channel|where"; of an error of an input, "input|where".
+    shapes : tuple of Shape
     columns : array, shape (c, n, b)
         In N, N m and m.
     rests : array, shape (2, m, b)
@@ -166,7 +148,7 @@ class Basis:
         Largest error of an input, m/s or N; NaN for a shape of a channel.
     """
 
-    labels: tuple[str, ...]
+    shapes: tuple[Shape, ...]
     columns: FloatArray
     rests: FloatArray
     input_heights: FloatArray
@@ -180,26 +162,26 @@ def basis(samples: Samples, linear: Linear) -> Basis:
     samples : Samples
     linear : Linear
     """
-    shapes = [(label, x) for label, x in _shapes(samples, linear) if np.std(x) > 0]
+    own = [(shape, x) for shape, x in _shapes(samples, linear) if np.std(x) > 0]
     zeros, inputs = _channels_with_zeros(samples, linear), list(input_shapes(linear))
-    found = _empty(samples, linear, len(shapes) * len(linear.channels) + len(zeros) + len(inputs))
-    labels: list[str] = []
+    found = _empty(samples, linear, len(own) * len(linear.channels) + len(zeros) + len(inputs))
+    shapes: list[Shape] = []
     for row, channel in enumerate(linear.channels):
         amplitude = _amplitude(samples, channel)
-        for label, x in shapes:
-            found.columns[row, :, len(labels)] = amplitude * x
-            labels.append(f"{channel}|{label}")
+        for shape, x in own:
+            found.columns[row, :, len(shapes)] = amplitude * x
+            shapes.append(replace(shape, channel=channel))
     for channel in zeros:
         amplitude, drive = _amplitude(samples, channel), linear.conditions
         rolling, resting = (growing_with_load(at, drive) for at in (drive, samples.rests.conditions))
-        found.columns[linear.channels.index(channel), :, len(labels)] = amplitude * rolling
-        found.rests[AT_REST.index(channel), :, len(labels)] = amplitude * resting
-        labels.append(f"{channel}|{ZERO_WITH_LOAD}")
-    for shape in inputs:
-        found.columns[..., len(labels)] = shape.columns
-        found.input_heights[len(labels)] = shape.height
-        labels.append(shape.label)
-    return replace(found, labels=tuple(labels))
+        found.columns[linear.channels.index(channel), :, len(shapes)] = amplitude * rolling
+        found.rests[AT_REST.index(channel), :, len(shapes)] = amplitude * resting
+        shapes.append(Shape(Kind.ZERO_WITH_LOAD, channel))
+    for error in inputs:
+        found.columns[..., len(shapes)] = error.columns
+        found.input_heights[len(shapes)] = error.height
+        shapes.append(error.shape)
+    return replace(found, shapes=tuple(shapes))
 
 
 def no_basis(samples: Samples, linear: Linear) -> Basis:
@@ -227,39 +209,26 @@ def _amplitude(samples: Samples, channel: str) -> float:
     return AMPLITUDE[channel] * unit[channel]
 
 
-def _shapes(samples: Samples, linear: Linear) -> Iterator[Shape]:
+def _shapes(samples: Samples, linear: Linear) -> Iterator[tuple[Shape, FloatArray]]:
+    """Yield the shapes that every channel has, without their channel."""
     at = linear.conditions
     slip, speed = np.asarray(at.slip), np.asarray(at.ground_speed_mps)
-    yield from hats(_DRIVING, slip, _DRIVE_KNOTS, slip > 0)
-    yield from hats(_BRAKING, -slip, _BRAKE_KNOTS, slip < 0)
+    yield from hats(Shape(Kind.SLIP), slip, _DRIVE_KNOTS, slip > 0)
+    yield from hats(Shape(Kind.BRAKING_SLIP), -slip, _BRAKE_KNOTS, slip < 0, neg)
     driving = np.where(slip > 0, 1.0, 0.0)
     growing = growing_with_load(at, at)
-    yield "load, driving", driving * growing
-    yield "load, braking", (1.0 - driving) * growing
-    yield "load squared", growing**2
-    yield from hats_of_speed(speed)
+    yield Shape(Kind.LOAD_DRIVING), driving * growing
+    yield Shape(Kind.LOAD_BRAKING), (1.0 - driving) * growing
+    yield Shape(Kind.LOAD_SQUARED), growing**2
+    yield from hats_of_speed(Shape(Kind.GROUND_SPEED), speed)
     place = np.asarray(samples.conditions.line_position)
-    yield from hats("place on the line", place, tuple(np.linspace(-1.0, 1.0, _PLACES)), np.isfinite(place))
+    yield from hats(Shape(Kind.LINE_POSITION), place, tuple(np.linspace(-1.0, 1.0, _PLACES)), np.isfinite(place))
     yield from _in_time(samples)
-    direction = np.asarray(samples.conditions.direction)
-    what, sense = ("direction", direction) if np.ptp(direction) > 0 else ("all alike", np.ones(len(direction)))
-    yield f"{what}, driving", sense * driving
-    yield f"{what}, braking", sense * (1.0 - driving)
+    yield from _of_direction(np.asarray(samples.conditions.direction), driving)
     yield from _products(samples, linear, driving)
 
 
-def _slip_ranges() -> dict[str, tuple[float, float]]:
-    """Return the slips that each hat over slip covers; the outer ones go on to no slip and to all of it."""
-    found = {}
-    for what, knots, sign in ((_DRIVING, _DRIVE_KNOTS, 1.0), (_BRAKING, _BRAKE_KNOTS, -1.0)):
-        for i in range(len(knots)):
-            low, high = ends(knots, i)
-            covered = (sign * (low if i else 0.0), sign * (high if i < len(knots) - 1 else 1.0))
-            found[hat_label(what, low, high)] = (min(covered), max(covered))
-    return found
-
-
-def _in_time(samples: Samples) -> Iterator[Shape]:
+def _in_time(samples: Samples) -> Iterator[tuple[Shape, FloatArray]]:
     """Yield hats over each run's own time: early, middle and late."""
     for index, name in enumerate(samples.run_names):
         own = samples.run == index
@@ -267,15 +236,22 @@ def _in_time(samples: Samples) -> Iterator[Shape]:
             continue
         at = samples.time_s
         knots = np.linspace(at[own].min(), at[own].max(), _TIMES_IN_RUN)
-        for label, x in hats("", at, tuple(knots), own):
-            yield f"{name},{label} s", x
+        yield from hats(Shape(Kind.TIME_IN_RUN, unit="s", run=name), at, tuple(knots), own)
 
 
-def _products(samples: Samples, linear: Linear, driving: FloatArray) -> Iterator[Shape]:
+def _of_direction(direction: FloatArray, driving: FloatArray) -> Iterator[tuple[Shape, FloatArray]]:
+    """Yield what has the sign of the direction; a constant where all runs go one way."""
+    two_ways = np.ptp(direction) > 0
+    sense = direction if two_ways else np.ones(len(direction))
+    yield Shape(Kind.DIRECTION_DRIVING if two_ways else Kind.CONSTANT_DRIVING), sense * driving
+    yield Shape(Kind.DIRECTION_BRAKING if two_ways else Kind.CONSTANT_BRAKING), sense * (1.0 - driving)
+
+
+def _products(samples: Samples, linear: Linear, driving: FloatArray) -> Iterator[tuple[Shape, FloatArray]]:
     """Yield shapes of usual causes that nobody lists: hysteresis, lag, curved channels."""
     at = linear.conditions
-    yield "speeding up, driving", driving * np.tanh(np.asarray(at.ground_acceleration_mps2) / 0.3)
-    yield "speeding up, braking", (1.0 - driving) * np.tanh(np.asarray(at.ground_acceleration_mps2) / 0.3)
+    yield Shape(Kind.ACCELERATION_DRIVING), driving * np.tanh(np.asarray(at.ground_acceleration_mps2) / 0.3)
+    yield Shape(Kind.ACCELERATION_BRAKING), (1.0 - driving) * np.tanh(np.asarray(at.ground_acceleration_mps2) / 0.3)
     spin, omega = np.asarray(at.wheel_acceleration_radps2), np.maximum(np.asarray(at.wheel_speed_radps), 0.3)
     ground = np.maximum(np.asarray(at.ground_speed_mps), 0.1)
     rate = np.where(
@@ -283,14 +259,20 @@ def _products(samples: Samples, linear: Linear, driving: FloatArray) -> Iterator
         (1.0 - np.asarray(at.slip)) * (spin / omega - np.asarray(at.ground_acceleration_mps2) / ground),
         (1.0 + np.asarray(at.slip)) * (spin / omega - np.asarray(at.ground_acceleration_mps2) / ground),
     )
-    yield "rising slip, driving", driving * np.tanh(rate / 0.2)
-    yield "rising slip, braking", (1.0 - driving) * np.tanh(rate / 0.2)
+    yield Shape(Kind.SLIP_RATE_DRIVING), driving * np.tanh(rate / 0.2)
+    yield Shape(Kind.SLIP_RATE_BRAKING), (1.0 - driving) * np.tanh(rate / 0.2)
     yield from _of_channels(samples, linear)
 
 
-def _of_channels(samples: Samples, linear: Linear) -> Iterator[Shape]:
+_OWN_KINDS = (
+    ("dp", "kN", Kind.DRAWBAR_PULL, Kind.DRAWBAR_PULL_SQUARED, Kind.DRAWBAR_PULL_DRIFT),
+    ("t", "kN m", Kind.TORQUE, Kind.TORQUE_SQUARED, Kind.TORQUE_DRIFT),
+)
+
+
+def _of_channels(samples: Samples, linear: Linear) -> Iterator[tuple[Shape, FloatArray]]:
     """Yield shapes of a channel's own doing: a curve that bends, a gain that drifts."""
-    for channel, words, unit in (("dp", "drawbar pull", " kN"), ("t", "torque", " kN m")):
+    for channel, unit, bend, square, drift in _OWN_KINDS:
         if channel not in linear.channels:
             continue
         x = linear.value[linear.channels.index(channel)] / 1e3
@@ -298,11 +280,7 @@ def _of_channels(samples: Samples, linear: Linear) -> Iterator[Shape]:
         if known.sum() < 2:
             continue
         x = np.where(known, x, 0.0)
-        yield from hats(words, x, tuple(np.quantile(x[known], _OF_A_CHANNEL)), known, unit=unit)
+        yield from hats(Shape(bend, unit=unit), x, tuple(np.quantile(x[known], _OF_A_CHANNEL)), known)
         x = x / max(float(np.std(x[known])), 1e-9)
-        yield f"large {words}", x * np.abs(x) / 2.0
-        yield f"{words} over the campaign", np.nan_to_num(samples.conditions.campaign_time) * x
-
-
-SLIP_RANGES = _slip_ranges()
-"""Label of a hat over slip -> slips that it covers."""
+        yield Shape(square), x * np.abs(x) / 2.0
+        yield Shape(drift), np.nan_to_num(samples.conditions.campaign_time) * x

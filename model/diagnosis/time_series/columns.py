@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.basis import basis, no_basis
 from model.diagnosis.time_series.grams import CauseColumn
 from model.diagnosis.time_series.linearise import Linear, Simulation
@@ -31,7 +32,7 @@ class Columns:
     rests_present : bool array, shape (2, m)
     soil : tuple of str
     causes : tuple of CauseColumn
-    basis : tuple of str
+    basis : tuple of Shape
     input_heights : array, shape (b,)
         Of the catch-all's shapes, see `model.diagnosis.time_series.basis`: NaN but for errors of an input.
     constants : tuple of str
@@ -44,7 +45,7 @@ class Columns:
     rests_present: NDArray[np.bool_]
     soil: tuple[str, ...]
     causes: tuple[CauseColumn, ...]
-    basis: tuple[str, ...]
+    basis: tuple[Shape, ...]
     input_heights: FloatArray
     constants: tuple[str, ...]
 
@@ -119,7 +120,7 @@ def columns_of(simulation: Simulation, samples: Samples, linear: Linear, *, catc
         rests_present=rests_present,
         soil=simulation.space.labels,
         causes=causes,
-        basis=shapes.labels,
+        basis=shapes.shapes,
         input_heights=shapes.input_heights,
         constants=tuple(name for name, _ in by_run),
     )

@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from model.diagnosis.core.shapes import Shape
+
 FloatArray = NDArray[np.float64]
 
 
@@ -66,8 +68,8 @@ class Grams:
     soil : tuple of str
         Labels of the q soil columns.
     causes : tuple of CauseColumn
-    basis : tuple of str
-        Labels of the b catch-all columns: "channel|where".
+    basis : tuple of Shape
+        What the b catch-all columns are.
     """
 
     matrices: FloatArray
@@ -76,7 +78,7 @@ class Grams:
     run_names: tuple[str, ...]
     soil: tuple[str, ...]
     causes: tuple[CauseColumn, ...]
-    basis: tuple[str, ...]
+    basis: tuple[Shape, ...]
 
     @property
     def soil_columns(self) -> slice:

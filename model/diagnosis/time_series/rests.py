@@ -17,7 +17,6 @@ from processing import ProcessedRun, Standstill
 
 FloatArray = NDArray[np.float64]
 
-ZERO_WITH_LOAD = "zero, growing with load"
 LOAD_SPREAD = 0.15
 """Departure from the mean load, as a share of it, at which a shape that grows with load is 1."""
 _SAME_LOAD = 1e-6

@@ -21,7 +21,7 @@ Columns of a campaign to whitened Gram matrices, run by run.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -290,7 +290,7 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
             causes.setdefault((cause.key, cause.parameter), cause)
     several = len(parts) > 1
     soil = [_labelled(name, label, several) for name, _, c, _ in parts for label in c.soil]
-    basis = [_labelled(name, label, several) for name, _, c, _ in parts for label in c.basis]
+    basis = [replace(shape, campaign=name) if several else shape for name, _, c, _ in parts for shape in c.basis]
     names = [_labelled(name, run, several) for name, runs, _, _ in parts for run in runs]
     width = 1 + len(soil) + len(causes) + len(basis)
     index = {key: 1 + len(soil) + i for i, key in enumerate(causes)}
@@ -319,8 +319,5 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
 
 
 def _labelled(campaign: str, label: str, several: bool) -> str:
-    """Put the campaign's name into a label, behind the channel of a catch-all column."""
-    if not several:
-        return label
-    channel, bar, where = label.partition("|")
-    return f"{channel}|{campaign}: {where}" if bar else f"{campaign}: {label}"
+    """Put the campaign's name before a label."""
+    return f"{campaign}: {label}" if several else label

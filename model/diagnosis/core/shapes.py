@@ -1,0 +1,146 @@
+"""What a shape of misfit stands for, as values: its kind, its channel, the range that it covers, and of what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Kind(StrEnum):
+    """What a shape of the catch-all hangs on; shapes of one kind are judged together."""
+
+    SLIP = "slip"
+    BRAKING_SLIP = "braking slip"
+    LOAD_DRIVING = "load, driving"
+    LOAD_BRAKING = "load, braking"
+    LOAD_SQUARED = "load squared"
+    GROUND_SPEED = "ground speed"
+    LINE_POSITION = "line position"
+    TIME_IN_RUN = "time in a run"
+    DIRECTION_DRIVING = "direction, driving"
+    DIRECTION_BRAKING = "direction, braking"
+    CONSTANT_DRIVING = "constant, driving"
+    CONSTANT_BRAKING = "constant, braking"
+    ACCELERATION_DRIVING = "acceleration, driving"
+    ACCELERATION_BRAKING = "acceleration, braking"
+    SLIP_RATE_DRIVING = "slip rate, driving"
+    SLIP_RATE_BRAKING = "slip rate, braking"
+    DRAWBAR_PULL = "drawbar pull"
+    DRAWBAR_PULL_SQUARED = "drawbar pull squared"
+    DRAWBAR_PULL_DRIFT = "drawbar pull over the campaign"
+    TORQUE = "torque"
+    TORQUE_SQUARED = "torque squared"
+    TORQUE_DRIFT = "torque over the campaign"
+    ZERO_WITH_LOAD = "zero that grows with the load"
+    SPEED_ERROR = "error of the ground speed"
+    LOAD_ERROR = "error of the load"
+    LOAD_ERROR_WITH_LOAD = "error of the load that grows with it"
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One shape of the catch-all.
+
+    Attributes
+    ----------
+    kind : str
+        A `Kind`.
+    channel : str
+        "dp", "t" or "z"; of an error of an input its key in `model.diagnosis.core.result.INPUTS`.
+    range : (float, float), optional
+        Of a hat: the neighbours of its knot, in the order of the knots; an outer hat's ends at its own knot.
+    unit : str
+        Of the range.
+    knot : float
+        Where a hat is one.
+    run, campaign : str
+        Where the shape is one run's own, or one campaign's among several.
+    """
+
+    kind: str
+    channel: str = ""
+    range: tuple[float, float] | None = None
+    unit: str = ""
+    knot: float = float("nan")
+    run: str = ""
+    campaign: str = ""
+
+    @property
+    def group(self) -> tuple[str, str]:
+        """Shapes with the same one are judged together: kind and campaign; the times of all runs are one group."""
+        return self.kind, "" if self.run else self.campaign
+
+    @property
+    def slips(self) -> tuple[float, float] | None:
+        """Slip that a hat over slip covers; the outer ones go on to no slip and to all of it."""
+        if self.range is None or self.kind not in (Kind.SLIP, Kind.BRAKING_SLIP):
+            return None
+        whole = 1.0 if self.kind == Kind.SLIP else -1.0
+        near, far = self.range
+        covered = (0.0 if near == self.knot else near, whole if far == self.knot else far)
+        return min(covered), max(covered)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of a single-wheel table that were measured under one condition.
+
+    Attributes
+    ----------
+    slip, vertical_load_n : float
+        Means over the rows.
+    count : int
+    campaign : str
+        Name of the table where there are several.
+    """
+
+    slip: float
+    vertical_load_n: float
+    count: int
+    campaign: str = ""
+
+    @property
+    def slips(self) -> None:
+        """No range: the rows are one condition."""
+        return
+
+
+_TEXTS = {
+    Kind.SLIP: "slip {} to {}",
+    Kind.BRAKING_SLIP: "braking, slip {} to {}",
+    Kind.LOAD_DRIVING: "growing with load, driving",
+    Kind.LOAD_BRAKING: "growing with load, braking",
+    Kind.LOAD_SQUARED: "at loads far from the mean",
+    Kind.GROUND_SPEED: "ground speed {} to {} m/s",
+    Kind.LINE_POSITION: "place on the line {} to {} (of -1 to 1)",
+    Kind.TIME_IN_RUN: "{run}, {} to {} s",
+    Kind.DIRECTION_DRIVING: "with the sign of the direction (out +, back -), driving",
+    Kind.DIRECTION_BRAKING: "with the sign of the direction (out +, back -), braking",
+    Kind.CONSTANT_DRIVING: "the same wherever it drives",
+    Kind.CONSTANT_BRAKING: "the same wherever it brakes",
+    Kind.ACCELERATION_DRIVING: "speeding up (slowing down: the other sign), driving",
+    Kind.ACCELERATION_BRAKING: "speeding up (slowing down: the other sign), braking",
+    Kind.SLIP_RATE_DRIVING: "rising slip (falling: the other sign), driving",
+    Kind.SLIP_RATE_BRAKING: "rising slip (falling: the other sign), braking",
+    Kind.DRAWBAR_PULL: "simulated drawbar pull {} to {} kN",
+    Kind.DRAWBAR_PULL_SQUARED: "growing with the square of the simulated drawbar pull",
+    Kind.DRAWBAR_PULL_DRIFT: "as a share of drawbar pull that grows over the campaign",
+    Kind.TORQUE: "simulated torque {} to {} kN m",
+    Kind.TORQUE_SQUARED: "growing with the square of the simulated torque",
+    Kind.TORQUE_DRIFT: "as a share of torque that grows over the campaign",
+    Kind.ZERO_WITH_LOAD: "as a zero that grows with the load, at standstill too",
+    Kind.SPEED_ERROR: "as if misread, at {} to {} m/s",
+    Kind.LOAD_ERROR: "as if misread everywhere",
+    Kind.LOAD_ERROR_WITH_LOAD: "as if misread, growing with the load",
+}
+
+
+def place_text(place: Shape | Rows) -> str:
+    """Return where a misfit is, as it reads on its own."""
+    if isinstance(place, Rows):
+        before = f"{place.campaign}, " if place.campaign else ""
+        manner = "driving" if place.slip >= 0 else "braking"
+        return f"{before}slip {place.slip:.2f}, load {place.vertical_load_n:.3g} N, {manner} ({place.count} rows)"
+    before = f"{place.campaign}: " if place.campaign else ""
+    ends = [f"{end:.2g}" for end in place.range or ()]
+    return before + _TEXTS[Kind(place.kind)].format(*ends, run=place.run)
