@@ -26,6 +26,9 @@ from .errors import RecordingError as RecordingError
 from .errors import WheelsoilError as WheelsoilError
 from .errors import nearest as nearest
 from .host_clock import UnsureTimes as UnsureTimes
+from .notes import Note as Note
+from .notes import RecordingCode as RecordingCode
+from .notes import Severity as Severity
 from .shown import file_name as file_name
 from .shown import html_paragraph as html_paragraph
 from .shown import html_table as html_table

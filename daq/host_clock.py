@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.can.frames import FrameBatch, FrameFlag
+from daq.notes import Note, RecordingCode
 
 IntArray = NDArray[np.int64]
 
@@ -287,12 +288,11 @@ class UnsureTimes:
             rows = batch.frames["bus"] == number
             self._take_bus(bus, batch.frames["time_ns"][rows], unsure[rows])
 
-    def note(self) -> str:
-        """Return a sentence for people; empty where no frame was flagged."""
+    def notes(self) -> tuple[Note, ...]:
+        """Return what is to be said of them; nothing where no frame was flagged."""
         if not self.frames:
-            return ""
-        by = "" if self._waiting_ns else f" by up to {self.within_s:.3g} s"
-        return f"{self.frames:,} frames came while the host's clock was set; their times may be wrong{by}"
+            return ()
+        return (Note(RecordingCode.CLOCK_SET, values={"count": self.frames, "within_s": self.within_s}),)
 
     def _take_bus(self, bus: str, time_ns: NDArray[np.int64], unsure: NDArray[np.bool_]) -> None:
         sure, flagged = np.flatnonzero(~unsure), np.flatnonzero(unsure)

@@ -2,6 +2,8 @@ from .manual_selection import Interval as Interval
 from .manual_selection import check_within as check_within
 from .manual_selection import keep_only as keep_only
 from .manual_selection import with_by_hand as with_by_hand
+from .notes import RunCode as RunCode
+from .notes import ZeroCode as ZeroCode
 from .options import LOOK as LOOK
 from .options import SLIP_ROLES as SLIP_ROLES
 from .options import ProcessOptions as ProcessOptions
@@ -10,10 +12,10 @@ from .processed_run import ProcessedRun as ProcessedRun
 from .processed_run import QualityReport as QualityReport
 from .processed_run import Reason as Reason
 from .processed_run import Segment as Segment
+from .processed_run import SensorFacts as SensorFacts
 from .processed_run import Standstill as Standstill
 from .processed_run import block_of as block_of
 from .processed_run import units_of as units_of
-from .summary import summary_table as summary_table
 from .timebase import FloatArray as FloatArray
 from .timebase import IntArray as IntArray
 from .timebase import in_order as in_order

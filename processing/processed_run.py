@@ -12,7 +12,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import RunInfo, html_paragraph, html_table
+from daq import Note, RunInfo
 
 FloatArray = NDArray[np.float64]
 
@@ -138,17 +138,17 @@ class QualityReport:
         Ground speed over rim speed on hardly slipping samples; NaN where it cannot be estimated.
     clock : mapping str -> float
         GNSS time against host clock: offset_s, drift_ppm, residual_s (empty without GNSS time).
-    notes : tuple of str
-        Sentences for people, e.g. "no standstill: zeros could not be checked".
+    notes : tuple of Note
+        See `processing.notes.RunCode`.
     sensors : mapping role -> SensorFacts
     standstills : tuple of Standstill
     zeros : mapping role -> AppliedZero
         Empty where none was taken off.
     transducer_status : mapping str -> int
         Status samples that are not 0, by what the value table calls them.
-    missing : mapping role -> str
-        Of the speeds, load and drawbar pull those that the run does not carry, and what to do; known where the
-        purpose was to look.
+    missing : mapping role -> Note
+        Of the speeds, load and drawbar pull those that the run does not carry, and why; known where the purpose was to
+        look.
     """
 
     shares: dict[str, float] = field(default_factory=dict)
@@ -157,12 +157,12 @@ class QualityReport:
     speed_scale: float = float("nan")
     speed_scale_sigma: float = float("nan")
     clock: dict[str, float] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     sensors: dict[str, SensorFacts] = field(default_factory=dict)
     standstills: tuple[Standstill, ...] = ()
     zeros: dict[str, AppliedZero] = field(default_factory=dict)
     transducer_status: dict[str, int] = field(default_factory=dict)
-    missing: dict[str, str] = field(default_factory=dict)
+    missing: dict[str, Note] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -229,12 +229,6 @@ class ProcessedRun:
     def rim_speed_mps(self) -> FloatArray:
         """Wheel speed times the wheel's radius."""
         return self.wheel_radius_m * self.wheel_speed_radps
-
-    def _repr_html_(self) -> str:
-        from processing.summary import summary_table  # it reads what is defined here
-
-        notes = "".join(map(html_paragraph, self.quality.notes))
-        return html_table((), summary_table(self), left=2) + notes
 
 
 Column = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
+from wheelsoil.jupyter import register
+
 __version__ = "0.1.0"
 
 _ROOMS = ("daq", "processing", "model")
@@ -31,3 +33,4 @@ def _check_rooms() -> None:
 
 
 _check_rooms()
+register()

@@ -15,6 +15,7 @@ from typing import Self
 from daq.can.frames import FrameBatch, concatenate, renumbered
 from daq.config import RunInfo
 from daq.errors import DataError, Fault, RecordingError, nearest
+from daq.notes import Note, RecordingCode
 from daq.recording.contents import Loss
 from daq.recording.events import Event
 from daq.recording.format import LOSSES, RUN_END, RUN_START
@@ -39,11 +40,11 @@ class Gap:
     from_ns: int
     to_ns: int
 
-    def __str__(self) -> str:
+    def note(self) -> Note:
+        """Return what is to be said of it."""
         length_s = (self.to_ns - self.from_ns) * 1e-9
-        if length_s < 0:
-            return f"part {self.after} begins {-length_s:.2f} s before the last frame of part {self.before}"
-        return f"{length_s:.2f} s between part {self.before} and part {self.after} were not recorded"
+        code = RecordingCode.PARTS_OVERLAP if length_s < 0 else RecordingCode.PARTS_APART
+        return Note(code, values={"before": self.before, "after": self.after, "length_s": abs(length_s)})
 
 
 def gaps_between(parts: Sequence[Recording]) -> tuple[Gap, ...]:

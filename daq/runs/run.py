@@ -20,7 +20,6 @@ from daq.config import ROLES, RunInfo, RunsConfig, TerrainConfig, VehicleConfig,
 from daq.errors import DatabaseError, Fault, RecordingError, nearest
 from daq.logs import read_log
 from daq.recording import RunRecording
-from daq.shown import html_table
 from daq.zero_file import carried_zeros
 
 VEHICLE_FILE, TERRAIN_FILE, RUNS_FILE = "vehicle.toml", "terrain.toml", "runs.toml"
@@ -155,24 +154,6 @@ class Run:
     def files(self) -> tuple[Path, ...]:
         """The log, or the recording's parts in order."""
         return self.recording.files if self.recording else (self.path,)
-
-    def _repr_html_(self) -> str:
-        return html_table((), self._facts(), left=2)
-
-    def _facts(self) -> list[tuple[str, str]]:
-        """Return what is known without reading frames, as rows of text."""
-        info = self.info
-        pressure = f", {info.inflation_kpa:g} kPa" if info.inflation_kpa else ""
-        rows = [
-            ("run", self.id),
-            ("file", ", ".join(file.name for file in self.files)),
-            ("driven", f"{info.direction}, pass {info.pass_number}, {info.added_load_kg:g} kg added{pressure}"),
-            ("vehicle", self.vehicle.vehicle.name),
-            ("terrain", self.terrain.soil.name if self.terrain else "-"),
-            ("roles", ", ".join(self.vehicle.signals) or "-"),
-        ]
-        counts = self.recording.frame_counts if self.recording else {}
-        return rows + [(f"bus {bus}", f"{count:,} frames") for bus, count in counts.items()]
 
     def frame_batches(self) -> Iterator[FrameBatch]:
         """Yield the raw frames in bounded memory.

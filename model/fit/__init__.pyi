@@ -10,6 +10,3 @@ from .result import CampaignFit as CampaignFit
 from .result import Estimate as Estimate
 from .result import FitOptions as FitOptions
 from .result import ModelFit as ModelFit
-from .result import coefficients as coefficients
-from .result import criteria_table as criteria_table
-from .result import remarks as remarks

@@ -1,7 +1,4 @@
-"""What a fit returns.
-
-The tables of a fit: what `wheelsoil fit` prints and a notebook shows.
-"""
+"""What a fit returns."""
 
 from __future__ import annotations
 
@@ -10,7 +7,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import html_paragraph, html_table, number
 from model.effects.catalogue import EFFECTS
 from model.extended import ExtendedModel
 from model.fit.criteria import Criteria
@@ -20,68 +16,8 @@ from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import Soil, SoilPrior
 from model.wheel_soil.wheel_soil_model import Prediction, Reading, WheelSoilModel
 
-Table = tuple[list[str], list[list[str]]]
-"""Head and rows."""
-
 UNITS = {"dp": "N", "t": "N m"}
 """Channels that can be judged, and the unit of their R0."""
-
-
-def coefficients(fit: CampaignFit) -> Table:
-    """Return every model's coefficients with their intervals; the first two columns are names."""
-    head = ["model", "coefficient", "value", f"{100 * fit.options.confidence:g} % interval", "sigma", "unit"]
-    return head, [row for model in fit.models for row in _estimates(model)]
-
-
-def criteria_table(fit: CampaignFit, channel: str) -> Table:
-    """Return M0, R0, R2 and the load's ratio of every model that was judged by a channel; no rows where none was."""
-    name = {"dp": "drawbar pull", "t": "torque"}[channel]
-    head = [name, "M0 %", f"R0 {UNITS[channel]}", "R2", "samples", "load Eq.7/measured", "least", "most"]
-    scored = [model for model in fit.models if channel in model.criteria and model.criteria[channel].samples]
-    return head, [_criteria(model, channel) for model in scored]
-
-
-def remarks(fit: CampaignFit) -> list[str]:
-    """Return what a reader must know of the numbers: soil, reading, what is left out, what cannot be told apart."""
-    first = f"soil {fit.soil.name}, {fit.options.reading} reading, criteria at slips from {fit.slip_threshold:g} on"
-    reasons = {m.criteria["dp"].reason for m in fit.models if "dp" in m.criteria and m.criteria["dp"].reason}
-    return [first, *fit.notes, *sorted(reasons), *(f"{m.name}: {w}" for m in fit.models for w in m.warnings)]
-
-
-def fit_html(fit: CampaignFit) -> str:
-    """Return the tables as HTML."""
-    tables = [coefficients(fit), *(criteria_table(fit, channel) for channel in UNITS)]
-    shown = [html_table(head, rows, left=2 if i == 0 else 1) for i, (head, rows) in enumerate(tables) if rows]
-    return "".join([*shown, *map(html_paragraph, remarks(fit))])
-
-
-def _estimates(model: ModelFit) -> list[list[str]]:
-    held = [[model.name, name, f"{number(value)} (held)", "-", "-", ""] for name, value in model.fixed.items()]
-    if not model.estimates:
-        return held or [[model.name, "-", "-", "-", "-", ""]]
-    return held + [
-        [
-            model.name,
-            estimate.name,
-            number(estimate.value) + (" (bound)" if estimate.at_bound else ""),
-            f"{number(estimate.interval[0])} .. {number(estimate.interval[1])}",
-            number(estimate.sigma, 2),
-            estimate.unit,
-        ]
-        for estimate in model.estimates
-    ]
-
-
-def _criteria(model: ModelFit, channel: str) -> list[str]:
-    score, ratio = model.criteria[channel], model.load_ratio
-    return [
-        model.name,
-        number(score.M0_percent),
-        number(score.R0_N),
-        number(score.R2),
-        f"{score.samples}",
-        *(number(value) for value in (ratio.median, ratio.lowest, ratio.highest)),
-    ]
 
 
 FloatArray = NDArray[np.float64]
@@ -228,6 +164,3 @@ class CampaignFit:
     def model(self, name: str) -> ModelFit:
         """Return a model's fit by name."""
         return next(m for m in self.models if m.name == name)
-
-    def _repr_html_(self) -> str:
-        return fit_html(self)

@@ -14,7 +14,8 @@ from math import isfinite, nan, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import ClockFit, RunInfo
+from daq import ClockFit, Note, RunInfo
+from processing.notes import RunCode
 from processing.options import SLIP_ROLES, ProcessOptions
 from processing.pipeline.filters import standstill_sigma
 from processing.pipeline.inputs import MODEL_ROLES
@@ -102,8 +103,8 @@ class Material:
         Those that the run carries, one of them at least.
     latitude_deg, longitude_deg : float64 arrays
     clock : ClockFit or None
-    notes : tuple of str
-    missing : mapping role -> str
+    notes : tuple of Note
+    missing : mapping role -> Note
         See `QualityReport`.
     """
 
@@ -114,8 +115,8 @@ class Material:
     latitude_deg: FloatArray
     longitude_deg: FloatArray
     clock: ClockFit | None
-    notes: tuple[str, ...]
-    missing: dict[str, str] = field(default_factory=dict)
+    notes: tuple[Note, ...]
+    missing: dict[str, Note] = field(default_factory=dict)
 
     def values(self, role: str) -> FloatArray:
         """Return a role's values, NaN where the run does not carry it."""
@@ -168,7 +169,7 @@ def assemble(material: Material, radius_m: float, run: RunInfo, options: Process
     material = with_standstill_noise(material, segments, options.rate_hz)
     reason = combine_reasons(material.reasons().values(), segments, slip, load, slip_is_measured=material.has_slip)
     distance, bridged_m = distance_of(material.time_s, ground)
-    notes = [f"distance: {bridged_m:.1f} m were not seen and are bridged with the speeds around them"] * (bridged_m > 0)
+    notes = [Note(RunCode.DISTANCE_BRIDGED, values={"length_m": bridged_m})] * (bridged_m > 0)
     return ProcessedRun(
         run=run,
         rate_hz=options.rate_hz,
@@ -221,7 +222,7 @@ def _quality(
     reason: NDArray[np.uint8],
     radius_m: float,
     options: ProcessOptions,
-    notes: list[str],
+    notes: list[Note],
 ) -> QualityReport:
     speeds = _compare(material, radius_m, options.rate_hz)
     standing = standstills(

@@ -10,7 +10,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from daq import Channel, ClockFit, ConfigError, DataError, Fault, RunInfo, VehicleConfig, WheelSection
+from daq import (
+    Channel,
+    ClockFit,
+    ConfigError,
+    DataError,
+    Fault,
+    Note,
+    RunInfo,
+    Severity,
+    VehicleConfig,
+    WheelSection,
+)
+from processing.notes import RunCode
 from processing.options import FORCE_ROLES, LOOK, NEEDED_ROLES, SLIP_ROLES, ProcessOptions, require_roles
 from processing.pipeline.assembly import Material, assemble
 from processing.pipeline.collection import Samples, collect
@@ -90,8 +102,8 @@ def nothing_received(role: str, vehicle: VehicleConfig) -> Fault:
 
 def why_missing(
     roles: Collection[str], seen: Collection[str], came: Collection[str], vehicle: VehicleConfig
-) -> dict[str, str]:
-    """Return a sentence for each speed and force that a slip and a fit need and the run does not carry.
+) -> dict[str, Note]:
+    """Return a note for each speed and force that a slip and a fit need and the run does not carry.
 
     Parameters
     ----------
@@ -107,25 +119,35 @@ def why_missing(
         Nothing of all that has a signal can be used; says why of each.
     """
     if not any(role in roles for role in MODEL_ROLES):
-        raise DataError(*(Fault(_sentence(role, seen, came, vehicle)) for role in MODEL_ROLES if role in seen))
-    return {role: _sentence(role, seen, came, vehicle) for role in (*SLIP_ROLES, *FORCE_ROLES) if role not in roles}
+        raise DataError(*(_fault(_missing(role, seen, came, vehicle)) for role in MODEL_ROLES if role in seen))
+    return {role: _missing(role, seen, came, vehicle) for role in (*SLIP_ROLES, *FORCE_ROLES) if role not in roles}
 
 
-def _sentence(role: str, seen: Collection[str], came: Collection[str], vehicle: VehicleConfig) -> str:
-    return f"{role} is missing; {_step(role, seen, came, vehicle)}"
+def _fault(note: Note) -> Fault:
+    """Return a role that is missing as a fault."""
+    role, lacking, signal = (note.values[name] for name in ("role", "lacking", "signal"))
+    turns = "" if lacking == role else ", which turns it into vehicle axes"
+    found, step = {
+        "no_signal": (f"no signal of {lacking}", f"name {lacking}{turns}, under [signals] of vehicle.toml"),
+        "no_sample": (f"no sample of {lacking}{turns}", "check that its frames were recorded (wheelsoil info)"),
+        "never_usable": ("never a usable value", "check the sensor"),
+    }[note.values["cause"]]
+    return Fault(f"{role} is missing", signal, found, next_step=step)
 
 
-def _step(role: str, seen: Collection[str], came: Collection[str], vehicle: VehicleConfig) -> str:
+def _missing(role: str, seen: Collection[str], came: Collection[str], vehicle: VehicleConfig) -> Note:
+    lacking = _lacking(role, came, vehicle)
+    cause = "never_usable" if not lacking else "no_sample" if lacking in seen else "no_signal"
+    one = lacking or role
+    facts = {"role": role, "lacking": one, "cause": cause, "signal": vehicle.signals.get(one, one)}
+    return Note(RunCode.ROLE_MISSING, Severity.FAULT, facts)
+
+
+def _lacking(role: str, came: Collection[str], vehicle: VehicleConfig) -> str:
+    """Return the role without a sample for which a role is missing: itself, or what turns it into vehicle axes."""
     rotating = vehicle.transducer.frame == "wheel" and role in FORCE_ROLES
     lacking = [one for one in (_ROTATING if rotating else (role,)) if one not in came]
-    if not lacking:
-        check = "check the sensor, and with GNSS its fix" if role == "ground_speed" else "check the sensor"
-        return f"{vehicle.signals.get(role, 'its signal')} never has a usable value: {check}"
-    one = role if role in lacking else lacking[0]
-    name = "it" if one == role else f"{one}, which turns it into vehicle axes,"
-    if one not in seen:
-        return f"name {name} under [signals] of vehicle.toml"
-    return f"{vehicle.signals.get(one, one)} holds no sample: check that its frames were recorded (wheelsoil info)"
+    return role if role in lacking else next(iter(lacking), "")
 
 
 Base = tuple[int, FloatArray]
@@ -195,15 +217,15 @@ def process_stream(
     clock, notes = _settle_gnss(samples, vehicle)
     dead = _drop_dead(samples, options)
     missing = why_missing(samples, seen, came, vehicle) if options.purpose == LOOK else {}
-    notes += [f"{role}: never a usable value; treated as not measured" for role in dead if role not in missing]
+    notes += [Note(RunCode.NOT_MEASURED, Severity.DOUBT, {"role": role}) for role in dead if role not in missing]
     notes += missing.values()
-    cutoff_hz, note = choose_cutoff({role: samples[role] for role in MODEL_ROLES if role in samples}, options)
+    cutoff_hz, lowered = choose_cutoff({role: samples[role] for role in MODEL_ROLES if role in samples}, options)
     base = _time_base(samples, cutoff_hz, options)
     roles = gate.with_counts(removal.with_sigma(_put_all(samples, base, cutoff_hz, options, vehicle)))
     roles = at_soil(roles, vehicle, kernel_sigma_s(cutoff_hz), removal.zero_of_load())
     notes += not_carried(roles, vehicle)
     latitude, longitude = _position(samples, base)
-    notes += [note] * bool(note) + gate.notes() + removal.notes()
+    notes += lowered + gate.notes() + removal.notes()
     material = Material(*base, cutoff_hz, roles, latitude, longitude, clock, tuple(notes), missing)
     processed = assemble(material, wheel.radius_m, run or RunInfo(), options)
     quality = replace(processed.quality, zeros=removal.applied(), transducer_status=gate.words)
@@ -245,7 +267,7 @@ def _collect(
     return samples
 
 
-def _settle_gnss(samples: dict[str, Samples], vehicle: VehicleConfig) -> tuple[ClockFit | None, list[str]]:
+def _settle_gnss(samples: dict[str, Samples], vehicle: VehicleConfig) -> tuple[ClockFit | None, list[Note]]:
     """Take out invalid fixes and the jitter of arrival; returns the clock fit."""
     flags = samples.pop("ground_speed_valid", None)
     if flags is not None and "ground_speed" in samples:
@@ -257,7 +279,7 @@ def _settle_gnss(samples: dict[str, Samples], vehicle: VehicleConfig) -> tuple[C
     gnss_time = samples.pop("gnss_time")
     clock = fit_gnss_clock(gnss_time)
     if clock is None:
-        return None, ["gnss_time: too few epochs to compare the clocks"]
+        return None, [Note(RunCode.GNSS_CLOCK_UNKNOWN)]
     lag_ns = latency_ns(vehicle, "ground_speed") - latency_ns(vehicle, "gnss_time")
     if "ground_speed" in samples:
         samples["ground_speed"] = without_jitter(samples["ground_speed"], gnss_time, clock, lag_ns)

@@ -1,4 +1,4 @@
-"""Why samples are left out, in which shares, and what a person should know of the run."""
+"""Why samples are left out, in which shares, and what is to be noted of the run."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import Note, Severity
+from processing.notes import RunCode
 from processing.pipeline.latency import SpeedComparison
 from processing.processed_run import Reason, Segment, SensorFacts, Standstill
 from processing.timebase import FloatArray
@@ -19,7 +21,7 @@ _RING_DELAY_S = 0.015
 """One-sigma of what the estimate owes to a toothed ring, which at low speed is later than its declared delay."""
 _NOTABLE_SCALE = 0.02
 _NOTABLE_GAP_SHARE = 0.1
-_ZERO_ROLES = {"drawbar_pull": "N", "driving_torque": "N m"}
+_ZERO_ROLES = ("drawbar_pull", "driving_torque")
 
 
 def combine_reasons(
@@ -70,49 +72,39 @@ def shares_of(reason: NDArray[np.uint8]) -> dict[str, float]:
     return {why.name: float(counts[why] / len(reason)) for why in Reason if counts[why] or why is Reason.USED}
 
 
-def sensor_notes(sensors: dict[str, SensorFacts]) -> list[str]:
-    """Return sentences on channels whose stamps or samples are poor."""
+def sensor_notes(sensors: dict[str, SensorFacts]) -> list[Note]:
+    """Return notes on channels whose stamps or samples are poor."""
     notes = []
     for role, facts in sensors.items():
         if facts.late:
-            notes.append(f"{role}: samples left out because their stamps run backward: {facts.late}")
+            notes.append(Note(RunCode.LATE_STAMPS, Severity.DOUBT, {"role": role, "count": facts.late}))
         if not facts.samples:
-            notes.append(f"{role}: frames came, but never a usable value")
+            notes.append(Note(RunCode.NEVER_USABLE, Severity.DOUBT, {"role": role}))
         elif not np.isfinite(facts.sigma):
-            notes.append(f"{role}: too few samples to tell its noise; declare [sensors.{role}] sigma")
+            notes.append(Note(RunCode.NOISE_UNKNOWN, values={"role": role}))
     return notes
 
 
-def speed_notes(speeds: SpeedComparison, sensors: dict[str, SensorFacts]) -> list[str]:
-    """Return sentences on ground speed against wheel speed.
+def speed_notes(speeds: SpeedComparison, sensors: dict[str, SensorFacts]) -> list[Note]:
+    """Return notes on ground speed against wheel speed.
 
-    A late ground speed has one likely cause, a delay that is not declared; an early one has several, so that the
-    sentence proposes no number.
+    A late ground speed has one likely cause, a delay that is not declared; an early one has several, so that no number
+    is proposed.
     """
     notes = []
     latency_s, sigma_s = speeds.latency_s, speeds.latency_sigma_s
     if abs(latency_s) > 3 * hypot(_RING_DELAY_S, sigma_s):
-        said = f"ground speed is {abs(latency_s):.3f} +- {sigma_s:.3f} s"
         declared_s = {role: sensors[role].latency_s for role in ("ground_speed", "wheel_speed")}
+        values = {"latency_s": latency_s, "sigma_s": sigma_s, "declared_s": declared_s["ground_speed"]}
         if latency_s > 0:
             whole_s = declared_s["ground_speed"] + latency_s
-            notes.append(
-                f"{said} late against wheel speed beyond the declared delays: if the receiver's data sheet allows it, "
-                f"declare [sensors.ground_speed] latency_s = {whole_s:.3f} in place of {declared_s['ground_speed']:g}"
-            )
+            notes.append(Note(RunCode.GROUND_SPEED_LATE, Severity.DOUBT, values | {"whole_s": whole_s}))
         else:
-            notes.append(
-                f"{said} early against wheel speed: the declared latency_s of ground speed "
-                f"({declared_s['ground_speed']:g} s) may be too long, or that of wheel speed "
-                f"({declared_s['wheel_speed']:g} s) too short, as a toothed ring is late at low speed; check both data "
-                "sheets before changing either"
-            )
+            values["wheel_declared_s"] = declared_s["wheel_speed"]
+            notes.append(Note(RunCode.GROUND_SPEED_EARLY, Severity.DOUBT, values))
     scale, scale_sigma = speeds.scale, speeds.scale_sigma
     if abs(scale - 1) > max(_NOTABLE_SCALE, 3 * scale_sigma):
-        notes.append(
-            f"ground speed is {scale:.4f} +- {scale_sigma:.4f} of rim speed where the wheel hardly slips: "
-            "check [wheel] radius_m"
-        )
+        notes.append(Note(RunCode.SPEED_SCALE, Severity.DOUBT, {"scale": scale, "sigma": scale_sigma}))
     return notes
 
 
@@ -125,43 +117,43 @@ def run_notes(
     slip: FloatArray,
     acceleration_mps2: FloatArray,
     vertical_load_n: FloatArray,
-) -> list[str]:
-    """Return sentences on the run as a whole; `gaps` are the reasons of each channel."""
+) -> list[Note]:
+    """Return notes on the run as a whole; `gaps` are the reasons of each channel."""
     notes = []
     if not standing:
-        notes.append("no standstill: zeros could not be checked")
+        notes.append(Note(RunCode.NO_STANDSTILL))
     notes += _zero_notes(standing)
     for role, channel in gaps.items():
         share = float(np.mean((channel == Reason.GAP) | (channel == Reason.NOT_MEASURED)))
         if share > _NOTABLE_GAP_SHARE:
-            notes.append(f"{role} is missing for {share:.0%} of the run, and those samples are left out")
+            notes.append(Note(RunCode.CHANNEL_GAPS, Severity.DOUBT, {"role": role, "share": share}))
     load = vertical_load_n[np.isfinite(vertical_load_n)]
     if len(load) and np.median(load) <= 0:
-        notes.append("the vertical load is negative most of the time: check its sign (positive is up on the wheel)")
+        notes.append(Note(RunCode.LOAD_NEGATIVE, Severity.FAULT))
     used = reason == Reason.USED
-    notes += _opposed("torque", torque_nm, "acceleration", acceleration_mps2, used)
+    notes += _opposed("driving_torque", torque_nm, "acceleration", acceleration_mps2, used)
     # whatever the soil, more slip means more pull where there is little of it, braking included
-    notes += _opposed("drawbar pull", drawbar_pull_n, "slip", slip, used & (np.abs(slip) < _LITTLE_SLIP))
+    notes += _opposed("drawbar_pull", drawbar_pull_n, "slip", slip, used & (np.abs(slip) < _LITTLE_SLIP))
     return notes
 
 
-def _opposed(name: str, values: FloatArray, cause: str, of: FloatArray, rows: NDArray[np.bool_]) -> list[str]:
-    """Return a sentence when a force falls with what makes it rise: its sign is wrong."""
+def _opposed(role: str, values: FloatArray, against: str, of: FloatArray, rows: NDArray[np.bool_]) -> list[Note]:
+    """Return a note when a force falls with what makes it rise: its sign is wrong."""
     rows = rows & np.isfinite(values) & np.isfinite(of)
     if rows.sum() <= _SIGN_SAMPLES or not np.ptp(values[rows]) > 0 or not np.ptp(of[rows]) > 0:
         return []
     correlation = float(np.corrcoef(values[rows], of[rows])[0, 1])
     if correlation > -_OPPOSED:
         return []
-    return [f"{name} and {cause} are opposed (correlation {correlation:.2f}): check the sign of the {name}"]
+    facts = {"role": role, "against": against, "correlation": correlation}
+    return [Note(RunCode.SIGNS_OPPOSED, Severity.FAULT, facts)]
 
 
-def _zero_notes(standing: tuple[Standstill, ...]) -> list[str]:
+def _zero_notes(standing: tuple[Standstill, ...]) -> list[Note]:
     notes = []
-    for role, unit in _ZERO_ROLES.items():
+    for role in _ZERO_ROLES:
         seen = [(s.levels[role], s.sigmas[role]) for s in standing if role in s.levels]
         if seen and all(abs(level) > 3 * sigma for level, sigma in seen):
-            values = ", ".join(f"{level:.1f} +- {sigma:.1f}" for level, sigma in seen[:4])
-            what = f"{role.replace('_', ' ')} at standstill reads {values} {unit}"
-            notes.append(f"{what}: a zero, a slope or a held brake; not subtracted")
+            levels, sigmas = zip(*seen, strict=True)
+            notes.append(Note(RunCode.ZERO_AT_STANDSTILL, values={"role": role, "levels": levels, "sigmas": sigmas}))
     return notes

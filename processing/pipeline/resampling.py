@@ -8,6 +8,8 @@ from math import isfinite, nan
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import Note
+from processing.notes import RunCode
 from processing.options import HIGHEST_AUTOMATIC_CUTOFF_HZ, ProcessOptions
 from processing.pipeline.collection import Samples, rethin
 from processing.pipeline.filters import CUTOFF_PER_RATE, Smoothed, filtered_sigma, kernel_sigma_s, smooth
@@ -37,8 +39,8 @@ class OnBase:
     facts: SensorFacts
 
 
-def choose_cutoff(samples: dict[str, Samples], options: ProcessOptions) -> tuple[float, str]:
-    """Return the cut-off in Hz that every given channel can bear, and a sentence if that is not what was asked.
+def choose_cutoff(samples: dict[str, Samples], options: ProcessOptions) -> tuple[float, list[Note]]:
+    """Return the cut-off in Hz that every given channel can bear, and a note if that is not what was asked.
 
     Parameters
     ----------
@@ -49,13 +51,13 @@ def choose_cutoff(samples: dict[str, Samples], options: ProcessOptions) -> tuple
     intervals = {role: s.interval_s for role, s in samples.items() if isfinite(s.interval_s)}
     asked = options.cutoff_hz or min(HIGHEST_AUTOMATIC_CUTOFF_HZ, options.rate_hz / 10)
     if not intervals:
-        return asked, ""
+        return asked, []
     slowest = max(intervals, key=lambda role: intervals[role])
     bearable = CUTOFF_PER_RATE / intervals[slowest]
     if bearable >= asked:
-        return asked, ""
-    said = f"{slowest} comes at {1 / intervals[slowest]:.3g} Hz: every channel is filtered at {bearable:.2g} Hz"
-    return bearable, said + (f" instead of {asked:g} Hz" if options.cutoff_hz else "")
+        return asked, []
+    facts = {"role": slowest, "rate_hz": 1 / intervals[slowest], "cutoff_hz": bearable, "asked_hz": options.cutoff_hz}
+    return bearable, [Note(RunCode.CUTOFF_LOWERED, values=facts)]
 
 
 def gap_limit_s(samples: Samples, kernel_s: float, options: ProcessOptions) -> float:

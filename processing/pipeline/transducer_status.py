@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from daq import Channel, VehicleConfig
+from daq import Channel, Note, VehicleConfig
+from processing.notes import RunCode
 from processing.pipeline.collection import Samples
 from processing.pipeline.inputs import latency_ns
 from processing.pipeline.resampling import OnBase
@@ -103,21 +104,17 @@ class StatusGate:
             if role in roles
         }
 
-    def notes(self) -> list[str]:
-        """Return sentences on what was left out, and on what the status did not tell."""
+    def notes(self) -> list[Note]:
+        """Return notes on what was left out, and on what the status did not tell."""
         notes = []
         if self._left_out:
             count = max(self._left_out.values())
-            why = ", ".join(f"{word} {number:,}" for word, number in sorted(self.words.items(), key=lambda i: -i[1]))
-            notes.append(f"the transducer distrusts {count:,} samples, which are left out; its status: {why}")
+            notes.append(Note(RunCode.DISTRUSTED, values={"count": count, "statuses": dict(self.words)}))
         unknown, seen = (max(counts.values(), default=0) for counts in (self._unknown, self._seen))
         if seen and not self._came:
-            notes.append("the transducer's status never came: no sample is left out on its word")
+            notes.append(Note(RunCode.STATUS_NEVER_CAME))
         elif unknown > _NOTABLE_SHARE * seen:
-            notes.append(
-                f"of {unknown:,} of {seen:,} samples the transducer's status is not known, for it did not come: "
-                "they are used"
-            )
+            notes.append(Note(RunCode.STATUS_UNKNOWN, values={"count": unknown, "total": seen}))
         return notes
 
     def _take(self, status: Channel) -> None:

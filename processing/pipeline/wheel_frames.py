@@ -31,7 +31,8 @@ from typing import Literal
 
 import numpy as np
 
-from daq import Channel, TransducerSection, VehicleConfig
+from daq import Channel, Note, TransducerSection, VehicleConfig
+from processing.notes import RunCode
 from processing.pipeline.resampling import OnBase
 from processing.timebase import FloatArray, IntArray, in_order, interpolate, merge_equal_stamps, seconds_since
 
@@ -73,13 +74,13 @@ def at_soil(
     return moved
 
 
-def not_carried(roles: Collection[str], vehicle: VehicleConfig) -> list[str]:
-    """Return sentences on forces that `at_soil` leaves as the transducer feels them, for their speed is missing."""
+def not_carried(roles: Collection[str], vehicle: VehicleConfig) -> list[Note]:
+    """Return notes on forces that `at_soil` leaves as the transducer feels them, for their speed is missing."""
     wheel = vehicle.wheel
     if wheel is None:
         return []
     return [
-        f"{role}: the inertia of the parts outboard of the transducer is left in it, for {speed} is missing"
+        Note(RunCode.INERTIA_LEFT, values={"role": role, "speed": speed})
         for role, declared, speed in (
             ("drawbar_pull", wheel.outboard_mass_kg, "ground_speed"),
             ("driving_torque", wheel.outboard_inertia_kgm2, "wheel_speed"),

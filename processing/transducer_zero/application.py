@@ -1,6 +1,6 @@
 """The zero taken off a stream of channels, at the transducer's own rate, before rotation and filter.
 
-What a person should know of the zero that was taken off a run.
+What is to be noted of the zero that was taken off a run.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from daq import ZERO_FILE, Channel, ConfigError, Determination, Fault, VehicleConfig
+from daq import ZERO_FILE, Channel, ConfigError, Determination, Fault, Note, VehicleConfig
+from processing.notes import RunCode
 from processing.pipeline.resampling import OnBase
 from processing.pipeline.wheel_frames import interpolate_angle, merged_angle
 from processing.processed_run import AppliedZero
@@ -30,8 +31,8 @@ def zero_notes(
     source: str,
     temperature_degc: float | None,
     without_angle: tuple[int, int] | None,
-) -> list[str]:
-    """Return sentences on the zero of a run.
+) -> list[Note]:
+    """Return notes on the zero of a run.
 
     Parameters
     ----------
@@ -48,47 +49,39 @@ def zero_notes(
         Samples of which only the stationary part was taken off, and of how many; None where they are too few to tell.
     """
     notes = []
-    told: dict[str, list[str]] = {}
+    roles_by_use: dict[tuple[tuple[str, float], ...], list[str]] = {}
     for role, zero in chosen.items():
-        how = " and ".join(f"{one.of.method} {_age(one.of, span_ns)}" for one in zero.used)
-        told.setdefault(how, []).append(role)
-    for how, those in told.items():
-        notes.append(f"zero of {', '.join(those)} taken off, from {source}: {how}")
-    doubts = [_doubts(one.of, span_ns, temperature_degc) for zero in chosen.values() for one in zero.used]
-    notes += dict.fromkeys(doubt for each in doubts for doubt in each)
+        use = tuple((str(one.of.method), _age_s(one.of, span_ns)) for one in zero.used)
+        roles_by_use.setdefault(use, []).append(role)
+    for use, those in roles_by_use.items():
+        methods, ages_s = zip(*use, strict=True)
+        facts = {"roles": tuple(those), "source": source, "methods": methods, "ages_s": ages_s}
+        notes.append(Note(RunCode.ZERO_TAKEN_OFF, values=facts))
+    for one in (one.of for zero in chosen.values() for one in zero.used):
+        notes += [doubt for doubt in _doubts(one, span_ns, temperature_degc) if doubt not in notes]
     for role, zero in chosen.items():
         change, sigma = zero.drift()
         if abs(change) > _SIGNIFICANT_SIGMAS * sigma:
-            unit = "N m" if role == "driving_torque" else "N"
-            notes.append(
-                f"the zero of {role} moved by {change:+.1f} +- {sigma:.1f} {unit} from before the run to after it"
-            )
-    missing = [role for role in roles if role not in chosen]
+            notes.append(Note(RunCode.ZERO_MOVED, values={"role": role, "change": change, "sigma": sigma}))
+    missing = tuple(role for role in roles if role not in chosen)
     if missing:
-        notes.append(f"{source} has no zero of {', '.join(missing)}")
+        notes.append(Note(RunCode.ZERO_LACKING, values={"roles": missing, "source": source}))
     if without_angle:
         count, total = without_angle
-        notes.append(
-            f"of {count:,} of {total:,} transducer samples the wheel angle is not known: "
-            "only the stationary zero is taken off"
-        )
+        notes.append(Note(RunCode.ZERO_WITHOUT_ANGLE, values={"count": count, "total": total}))
     return notes
 
 
-def _doubts(one: Determination, span_ns: tuple[int, int], temperature_degc: float | None) -> list[str]:
+def _doubts(one: Determination, span_ns: tuple[int, int], temperature_degc: float | None) -> list[Note]:
     doubts = []
-    if abs(_age_s(one, span_ns)) > _OLD_S:
-        doubts.append(f"the zero was taken {_age(one, span_ns)}: take one before and after every run")
-    there = one.temperature_degc
+    age_s, there = _age_s(one, span_ns), one.temperature_degc
+    if abs(age_s) > _OLD_S:
+        doubts.append(Note(RunCode.ZERO_OLD, values={"age_s": age_s}))
     if there is not None and temperature_degc is not None and abs(there - temperature_degc) > _WARMER_K:
-        doubts.append(f"the zero was taken at {there:.0f} degC, and the run began at {temperature_degc:.0f} degC")
-    if one.method == "standstill" and one.frame == "wheel":
-        doubts.append("the zero is of a standstill in wheel axes: the outboard weight is the declared one")
-    elif one.method == "standstill":
-        doubts.append(
-            "the zero is of a standstill: the transducer's rotating zero is not known, and its part at that wheel "
-            "angle is taken off the mean of the forces"
-        )
+        doubts.append(Note(RunCode.ZERO_TEMPERATURE, values={"zero_degc": there, "run_degc": temperature_degc}))
+    if one.method == "standstill":
+        code = RunCode.ZERO_WEIGHT_DECLARED if one.frame == "wheel" else RunCode.ZERO_NOT_TURNED
+        doubts.append(Note(code))
     return doubts
 
 
@@ -97,21 +90,6 @@ def _age_s(one: Determination, span_ns: tuple[int, int]) -> float:
     if one.time_ns > span_ns[1]:
         return (span_ns[1] - one.time_ns) * 1e-9
     return max(span_ns[0] - one.time_ns, 0) * 1e-9
-
-
-def _age(one: Determination, span_ns: tuple[int, int]) -> str:
-    seconds = _age_s(one, span_ns)
-    if not seconds:
-        return "during the run"
-    size = abs(seconds)
-    told = (
-        f"{size / 60:.0f} min"
-        if size < 2 * 3600
-        else f"{size / 3600:.1f} h"
-        if size < 48 * 3600
-        else f"{size / 86_400:.0f} days"
-    )
-    return f"{told} {'before' if seconds > 0 else 'after'} the run"
 
 
 _OVERLAP_NS = 1_000_000_000
@@ -237,8 +215,8 @@ class ZeroRemoval:
             return self._vehicle.transducer.zero
         return "lifted" if load.first.of.holds_outboard_weight else "spin"
 
-    def notes(self) -> list[str]:
-        """Return sentences on what was taken off and how far it can be trusted."""
+    def notes(self) -> list[Note]:
+        """Return notes on what was taken off and how far it can be trusted."""
         if not self._zeros.determinations:
             return []
         return zero_notes(

@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import atan2, degrees, hypot
 
-from daq import ChannelZero, Determination, VehicleConfig
+from daq import ChannelZero, Determination, Note, VehicleConfig
+from processing.notes import ZeroCode
 from processing.pipeline.wheel_frames import STANDARD_GRAVITY_MPS2
 
 _GAIN = 0.01
@@ -28,7 +29,7 @@ class WeightCheck:
     mass_kg, mass_sigma_kg, declared_kg : float
     angle_error_deg, angle_error_sigma_deg : float
         psi as counted less the true one, by the direction of the weight; NaN where the weight is too small.
-    remarks : tuple of str
+    remarks : tuple of Note
     """
 
     mass_kg: float
@@ -36,7 +37,7 @@ class WeightCheck:
     declared_kg: float
     angle_error_deg: float
     angle_error_sigma_deg: float
-    remarks: tuple[str, ...]
+    remarks: tuple[Note, ...]
 
 
 def check_weight(forces: Mapping[str, tuple[ChannelZero, float]], vehicle: VehicleConfig) -> WeightCheck | None:
@@ -82,23 +83,18 @@ def check_weight(forces: Mapping[str, tuple[ChannelZero, float]], vehicle: Vehic
     return WeightCheck(mass, mass_sigma, declared, angle, angle_sigma, tuple(remarks))
 
 
-def _remarks(vehicle: VehicleConfig, masses: tuple[float, float, float], angles: tuple[float, float]) -> list[str]:
+def _remarks(vehicle: VehicleConfig, masses: tuple[float, float, float], angles: tuple[float, float]) -> list[Note]:
     remarks = []
     mass, sigma, declared = masses
     if abs(mass - declared) > _NOTABLE_SIGMAS * hypot(sigma, _GAIN * declared):
-        remarks.append(
-            f"the outboard weight is that of {mass:.1f} +- {sigma:.1f} kg, and outboard_mass_kg is "
-            f"{declared:g}: weigh the parts, or check the transducer's zero and gain"
-        )
+        facts = {"mass_kg": mass, "sigma_kg": sigma, "declared_kg": declared}
+        remarks.append(Note(ZeroCode.OUTBOARD_MASS, values=facts))
     angle, angle_sigma = angles
     if abs(angle) > max(_NOTABLE_SIGMAS * angle_sigma, _LEAST_ANGLE_DEG):
-        transducer = vehicle.transducer
-        if transducer.frame == "wheel":
-            better = transducer.angle_offset_deg + transducer.angle_direction * angle
-            cure = f"angle_offset_deg = {better:.2f} in place of {transducer.angle_offset_deg:g} would mend it"
-        else:
-            cure = "check the transducer's own angle offset, or the inclination of its frame"
-        remarks.append(f"the outboard weight points {angle:+.2f} +- {angle_sigma:.2f} deg off the vertical: {cure}")
+        offset, direction = vehicle.transducer.angle_offset_deg, vehicle.transducer.angle_direction
+        better = offset + direction * angle if vehicle.transducer.frame == "wheel" else None
+        direction_facts = {"angle_deg": angle, "sigma_deg": angle_sigma, "offset_deg": offset, "better_deg": better}
+        remarks.append(Note(ZeroCode.OUTBOARD_DIRECTION, values=direction_facts))
     return remarks
 
 
@@ -130,24 +126,24 @@ class Drift:
         return abs(self.change) > _SIGNIFICANT_SIGMAS * self.sigma
 
 
-def drift_between(before: Determination, after: Determination) -> tuple[list[Drift], list[str]]:
+def drift_between(before: Determination, after: Determination) -> tuple[list[Drift], list[Note]]:
     """Return the drift of every channel that both have, and what cannot be compared.
 
     Stationary parts are compared where both are of one kind (method, axes, on the ground or not), rotating parts where
     both have them.
     """
     if before.kind != after.kind:
-        return [], [f"{before.recording} ({_kind(before)}) and {after.recording} ({_kind(after)}) cannot be compared"]
+        return [], [Note(ZeroCode.NOT_COMPARABLE, values={"before": _kind(before), "after": _kind(after)})]
     remarks = []
     if before.angle_deg is not None and after.angle_deg is not None:
         apart = abs((after.angle_deg - before.angle_deg + 180) % 360 - 180)
         if apart > _SAME_ANGLE_DEG:
-            remarks.append(f"the wheel stood {apart:.0f} deg further on: a rotating zero looks like drift")
+            remarks.append(Note(ZeroCode.STOOD_ELSEWHERE, values={"apart_deg": apart}))
     rows = []
     for name, old in before.channels.items():
         new = after.channels.get(name)
         if new is None or new.unit != old.unit:
-            remarks.append(f"{name}: not in both, or in another unit")
+            remarks.append(Note(ZeroCode.NOT_IN_BOTH, values={"channel": name}))
         else:
             rows += _of_channel(name, old, new)
     return rows, remarks
@@ -165,6 +161,6 @@ def _of_channel(name: str, old: ChannelZero, new: ChannelZero) -> list[Drift]:
     ]
 
 
-def _kind(one: Determination) -> str:
-    where = ", on the ground" if one.on_ground else ""
-    return f"{one.method}, {one.frame} axes{where}, angle offset {one.angle_offset_deg:g} deg"
+def _kind(one: Determination) -> dict[str, object]:
+    names = ("recording", "method", "frame", "on_ground", "angle_offset_deg")
+    return {name: getattr(one, name) for name in names}

@@ -8,7 +8,8 @@ from math import hypot, isfinite, sqrt
 
 import numpy as np
 
-from daq import ChannelZero, DataError, Fault, VehicleConfig
+from daq import ChannelZero, DataError, Fault, Note, VehicleConfig
+from processing.notes import ZeroCode
 from processing.pipeline.wheel_frames import STANDARD_GRAVITY_MPS2, interpolate_angle, rotate
 from processing.timebase import FloatArray
 from processing.transducer_zero.parts import Harmonics, Motion, Part, find_spin, find_standstill, fit_harmonics
@@ -63,13 +64,13 @@ class Lifted:
     channels : mapping str -> ChannelZero
     outliers : mapping str -> int
         Samples of each channel that did not count.
-    remarks : tuple of str
+    remarks : tuple of Note
     """
 
     part: Part
     channels: dict[str, ChannelZero]
     outliers: dict[str, int]
-    remarks: tuple[str, ...]
+    remarks: tuple[Note, ...]
 
 
 def determine(
@@ -250,32 +251,24 @@ def _weight_n(role: str, psi: float, vehicle: VehicleConfig) -> float:
     return 0.0
 
 
-def _remarks(part: Part, motion: Motion, vehicle: VehicleConfig, *, on_ground: bool) -> list[str]:
+def _remarks(part: Part, motion: Motion, vehicle: VehicleConfig, *, on_ground: bool) -> list[Note]:
     if part.method == "spin":
         return _spin_remarks(part, vehicle)
-    remarks = ["a standstill shows the sum of the stationary and the rotating part at one wheel angle only"]
+    remarks = [Note(ZeroCode.ONE_WHEEL_ANGLE)]
     if not isfinite(part.angle_rad) and motion.speed is None:
-        remarks.append("neither wheel angle nor wheel speed is known: the wheel is taken to stand")
+        remarks.append(Note(ZeroCode.STANDING_ASSUMED))
     if on_ground:
-        remarks.append(
-            "on the ground: drawbar pull and torque alone, and only if the ground is level and nobody drives or "
-            f"brakes; {_ROLLING_RESISTANCE:.0%} of the load is in their sigma"
-        )
+        remarks.append(Note(ZeroCode.ON_GROUND, values={"load_share": _ROLLING_RESISTANCE}))
     elif vehicle.transducer.frame == "wheel":
         mass = vehicle.wheel.outboard_mass_kg if vehicle.wheel else 0.0
-        remarks.append(
-            f"wheel axes: the declared outboard mass of {mass:g} kg is taken out of both forces, so that what is left "
-            "is the bridges' zero; moments about x' and z' still hold the moment of that weight"
-        )
+        remarks.append(Note(ZeroCode.WEIGHT_TAKEN_OUT, values={"mass_kg": mass}))
     return remarks
 
 
-def _spin_remarks(part: Part, vehicle: VehicleConfig) -> list[str]:
+def _spin_remarks(part: Part, vehicle: VehicleConfig) -> list[Note]:
     speed = np.abs(part.speed[1])
     if np.ptp(speed) < _NOTABLE_CHANGE * np.mean(speed):
         return []
     inertia = vehicle.wheel.outboard_inertia_kgm2 if vehicle.wheel else 0.0
-    return [
-        f"the speed went from {speed[0]:.2f} to {speed[-1]:.2f} rad/s: what that takes is out of the torque by the "
-        f"declared outboard inertia, {inertia:g} kg m2"
-    ]
+    facts = {"from_radps": float(speed[0]), "to_radps": float(speed[-1]), "inertia_kgm2": inertia}
+    return [Note(ZeroCode.SPEED_CHANGED, values=facts)]

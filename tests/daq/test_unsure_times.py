@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag, split
 from daq.host_clock import UnsureTimes
+from wheelsoil.wording.notes import texts_of
 
 _BUSES = ("can0", "can1")
 MS = 1_000_000
@@ -23,15 +24,16 @@ def _batch(time_ms: list[float], unsure: list[bool], bus: list[int]) -> FrameBat
 
 def test_the_next_sure_frame_of_the_bus_bounds_the_error() -> None:
     times = UnsureTimes()
-    assert (times.frames, times.within_s, times.note()) == (0, 0.0, "")
+    assert (times.frames, times.within_s, times.notes()) == (0, 0.0, ())
     times.take(_batch([0, 1, 1, 1], [False, False, True, True], [0, 1, 0, 1]))
     assert np.isnan(times.within_s)
-    assert times.note() == "2 frames came while the host's clock was set; their times may be wrong"
+    assert texts_of(times.notes()) == ["2 frames came while the host's clock was set; their times may be wrong"]
     times.take(_batch([5, 8], [False, False], [0, 0]))
     assert np.isnan(times.within_s)  # nothing sure came from can1 yet
     times.take(_batch([13, 14, 14], [False, True, False], [1, 0, 0]))
     assert times.within_s == 0.012
-    assert times.note() == "3 frames came while the host's clock was set; their times may be wrong by up to 0.012 s"
+    said = "3 frames came while the host's clock was set; their times may be wrong by up to 0.012 s"
+    assert texts_of(times.notes()) == [said]
 
 
 @given(st.lists(st.tuples(st.integers(0, 50), st.booleans(), st.integers(0, 1)), max_size=60), st.integers(1, 60))

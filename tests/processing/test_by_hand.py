@@ -10,7 +10,7 @@ from daq.errors import ConfigError
 from processing.manual_selection import keep_only
 from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun, Reason
-from processing.summary import summary_table
+from wheelsoil.wording.run_summary import summary_table
 
 
 def run_of_20_s() -> ProcessedRun:

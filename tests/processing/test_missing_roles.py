@@ -14,7 +14,8 @@ from daq.errors import ConfigError, DataError
 from processing.options import FORCE_ROLES, LOOK, NEEDED_ROLES, SLIP_ROLES, ProcessOptions
 from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun, Reason, Segment
-from processing.summary import summary_table
+from wheelsoil.wording.notes import note_text, texts_of
+from wheelsoil.wording.run_summary import summary_table
 
 QUANTITIES = {
     "ground_speed": "ground_speed_mps",
@@ -59,9 +60,10 @@ def test_a_missing_role_costs_itself(role: str, declared: bool) -> None:
         assert np.isfinite(getattr(run, name)).any() == (other != role)
     assert np.isfinite(run.slip).any() == (role not in SLIP_ROLES)
     assert set(run.quality.missing) == {role} - {"driving_torque"}
-    for said in run.quality.missing.values():
-        assert said in run.quality.notes
-        assert ("holds no sample" if declared else f"{role} is missing; name it under [signals]") in said
+    for note in run.quality.missing.values():
+        assert note in run.quality.notes
+        wanted = "holds no sample" if declared else f"{role} is missing; name it under [signals]"
+        assert wanted in note_text(note)
     assert sum(run.quality.shares.values()) == pytest.approx(1.0)
     assert summary_table(run)
 
@@ -84,7 +86,7 @@ def test_forces_that_are_missing_leave_the_slip_to_be_used() -> None:
 @pytest.mark.parametrize(("role", "force"), [("ground_speed", "drawbar_pull"), ("wheel_speed", "driving_torque")])
 def test_a_force_that_cannot_be_carried_to_the_soil_says_so(role: str, force: str) -> None:
     run = looked_at(without(role), vehicle(wheel=OUTBOARD))
-    assert any(note.startswith(f"{force}: the inertia") and role in note for note in run.quality.notes)
+    assert any(note.startswith(f"{force}: the inertia") and role in note for note in texts_of(run.quality.notes))
     name = QUANTITIES[force]
     np.testing.assert_array_equal(getattr(run, name), getattr(looked_at(without(role)), name))
 
@@ -118,9 +120,9 @@ def test_a_role_without_a_usable_value_costs_no_more_than_one_that_is_missing(
         np.testing.assert_array_equal(getattr(run, name), getattr(lacking, name))
     assert run.cutoff_hz == lacking.cutoff_hz
     assert set(run.quality.missing) == {role} - {"driving_torque"}
-    assert any(role in note and "never" in note and "usable value" in note for note in run.quality.notes)
-    assert all("never has a usable value: check" in said for said in run.quality.missing.values())
-    assert any("fix" in said for said in run.quality.missing.values()) == (role == "ground_speed")
+    assert any(role in note and "never" in note and "usable value" in note for note in texts_of(run.quality.notes))
+    assert all("never has a usable value: check" in said for said in texts_of(run.quality.missing.values()))
+    assert any("fix" in said for said in texts_of(run.quality.missing.values())) == (role == "ground_speed")
 
 
 @pytest.mark.parametrize("lacking", ["wheel_angle", "vertical_load", "drawbar_pull"])
@@ -130,7 +132,9 @@ def test_wheel_axes_cannot_be_turned_by_halves(lacking: str) -> None:
     given = {role: one for role, one in (everything() | angle).items() if role != lacking}
     run = looked_at(given, vehicle(transducer=TransducerSection(frame="wheel")))
     assert set(run.quality.missing) == {"vertical_load", "drawbar_pull"}
-    assert all(f"name {'it' if role == lacking else lacking}" in said for role, said in run.quality.missing.items())
+    assert all(
+        f"name {'it' if role == lacking else lacking}" in note_text(note) for role, note in run.quality.missing.items()
+    )
     assert np.isfinite(run.driving_torque_nm).any() and run.used.any()
 
 
@@ -147,15 +151,13 @@ def test_where_nothing_is_usable_each_role_says_why(roles: tuple[str, ...]) -> N
     given = {role: DEAD[role][role] for role in roles} | position
     with pytest.raises(DataError) as caught:
         looked_at(given)
-    told = [fault.what for fault in caught.value.faults]
-    assert len(told) == len(roles)
-    assert all(any(text.startswith(f"{role} is missing; ") for text in told) for role in roles)
-    assert all("never has a usable value" in text for text in told)
+    assert {fault.what for fault in caught.value.faults} == {f"{role} is missing" for role in roles}
+    assert {fault.found for fault in caught.value.faults} == {"never a usable value"}
 
 
 def test_forces_alone_that_cannot_be_turned_say_why() -> None:
     given = {role: one for role, one in everything().items() if role in FORCE_ROLES}
-    with pytest.raises(DataError, match="name wheel_angle, which turns it into vehicle axes"):
+    with pytest.raises(DataError, match="name wheel_angle, which turns it into vehicle axes, under"):
         looked_at(given, vehicle(transducer=TransducerSection(frame="wheel")))
 
 

@@ -16,6 +16,7 @@ from processing.options import ProcessOptions
 from processing.pipeline.inputs import MODEL_ROLES
 from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun, Reason, Segment
+from wheelsoil.wording.notes import texts_of
 
 ARRAYS = [f.name for f in fields(ProcessedRun) if f.name not in ("run", "quality")]
 
@@ -176,7 +177,7 @@ def test_a_run_without_any_valid_fix_is_a_result_not_an_exception() -> None:
     run = process(channels | {"ground_speed_valid": flags}, vehicle())
     assert not run.used.any()
     assert run.quality.shares["INVALID_FIX"] > 0.95
-    assert any("ground_speed" in note for note in run.quality.notes)
+    assert any("ground_speed" in note for note in texts_of(run.quality.notes))
 
 
 def test_roles_that_are_not_there_are_not_measured() -> None:
@@ -193,16 +194,16 @@ def test_a_dead_optional_channel_does_not_take_the_run_with_it() -> None:
     dead = {"driving_torque": channel("T", at, np.full(len(at), np.nan))}
     run = process(speeds(10.0) | dead, vehicle())
     assert run.used.mean() > 0.9
-    assert any(note.startswith("driving_torque: never") for note in run.quality.notes)
+    assert any(note.startswith("driving_torque: never") for note in texts_of(run.quality.notes))
 
 
 def test_the_slowest_channel_sets_the_bandwidth_of_all_and_the_run_says_so() -> None:
     run = process(speeds(60.0, ground_rate_hz=2.0), vehicle())
     assert run.cutoff_hz == pytest.approx(0.4)
-    assert any("ground_speed comes at 2 Hz" in note for note in run.quality.notes)
+    assert any("ground_speed comes at 2 Hz" in note for note in texts_of(run.quality.notes))
     asked = process(speeds(60.0, ground_rate_hz=2.0), vehicle(), options=ProcessOptions(cutoff_hz=3.0))
     assert asked.cutoff_hz == pytest.approx(0.4)
-    assert any("instead of 3 Hz" in note for note in asked.quality.notes)
+    assert any("instead of 3 Hz" in note for note in texts_of(asked.quality.notes))
     assert process(speeds(20.0, ground_rate_hz=100.0), vehicle()).cutoff_hz == 5.0
 
 
@@ -254,7 +255,7 @@ def test_distance_goes_on_behind_a_gap_and_the_run_says_by_how_much() -> None:
     seen = np.isfinite(run.distance_m)
     assert (~seen).sum() > 490
     np.testing.assert_allclose(run.distance_m[seen], 2.0 * run.time_s[seen], atol=0.05)
-    assert any("10.2 m were not seen" in note or "10.1 m were not seen" in note for note in run.quality.notes)
+    assert any("10.2 m were not seen" in note or "10.1 m were not seen" in note for note in texts_of(run.quality.notes))
 
 
 def test_a_slow_sinkage_sensor_does_not_slow_the_rest() -> None:

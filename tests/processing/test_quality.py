@@ -13,10 +13,11 @@ from processing.pipeline.latency import SpeedComparison
 from processing.pipeline.pipeline import process
 from processing.pipeline.quality import speed_notes
 from processing.processed_run import SensorFacts
+from wheelsoil.wording.notes import note_text, texts_of
 
 
 def _notes(channels: dict[str, Channel]) -> str:
-    return "\n".join(process(channels, vehicle()).quality.notes)
+    return "\n".join(texts_of(process(channels, vehicle()).quality.notes))
 
 
 def _accelerating(torque_sign: float) -> dict[str, Channel]:
@@ -60,7 +61,7 @@ def test_a_load_that_pulls_the_wheel_down_is_noticed(sign: float) -> None:
     load = loads["vertical_load"]
     turned = {"vertical_load": Channel("W", "N", load.time_ns, sign * load.values)}
     run = process(speeds(20.0) | loads | turned, vehicle())
-    assert any("check its sign" in note for note in run.quality.notes) == (sign < 0)
+    assert any("check its sign" in note for note in texts_of(run.quality.notes)) == (sign < 0)
     assert ("NEGATIVE_LOAD" in run.quality.shares) == (sign < 0)
 
 
@@ -80,7 +81,7 @@ def test_standstill_shows_a_zero_and_subtracts_nothing(zero_n: float) -> None:
     assert standing.duration_s == pytest.approx(8.2, abs=0.5)
     for name, unit in (("drawbar pull", "N"), ("driving torque", "N m")):
         said = re.compile(rf"{name} at standstill reads 1[12]\d\.\d \+- \d\.\d {unit}: a zero")
-        assert any(said.match(note) for note in run.quality.notes) == (zero_n > 0)
+        assert any(said.match(note) for note in texts_of(run.quality.notes)) == (zero_n > 0)
     np.testing.assert_allclose(np.median(run.drawbar_pull_n[run.used]), zero_n + 500, atol=5)
 
 
@@ -103,8 +104,8 @@ def test_a_wrong_radius_and_a_late_receiver_are_noticed() -> None:
 def test_the_note_on_a_late_receiver_names_its_whole_delay(declared_s: float, note: str) -> None:
     facts = SensorFacts(100, 0, 20.0, 0, 0.05, declared_s, 0.03, "declared")
     speeds_found = SpeedComparison(0.15 - declared_s, 0.004)
-    (said,) = speed_notes(speeds_found, {"ground_speed": facts, "wheel_speed": facts})
-    assert note in said
+    (found,) = speed_notes(speeds_found, {"ground_speed": facts, "wheel_speed": facts})
+    assert note in note_text(found)
 
 
 @pytest.mark.parametrize("latency_s", [-0.04, -0.025, 0.025, 0.04])
@@ -117,7 +118,8 @@ def test_what_a_toothed_ring_may_do_gives_no_note(latency_s: float) -> None:
 
 def test_an_early_receiver_is_told_without_a_number_to_declare() -> None:
     facts = SensorFacts(100, 0, 20.0, 0, 0.05, 0.07, 0.03, "declared")
-    (said,) = speed_notes(SpeedComparison(-0.08, 0.005), {"ground_speed": facts, "wheel_speed": facts})
+    (note,) = speed_notes(SpeedComparison(-0.08, 0.005), {"ground_speed": facts, "wheel_speed": facts})
+    said = note_text(note)
     assert "early against wheel speed" in said
     assert "declare" not in said.replace("declared", "")
 
@@ -136,7 +138,7 @@ def test_stamps_that_run_backward_are_counted() -> None:
     time_ns = wheel.time_ns.copy()
     time_ns[500] -= 4_000_000_000
     channels["wheel_speed"] = Channel("w", "", time_ns, wheel.values)
-    assert "wheel_speed: samples left out because their stamps run backward: 1" in _notes(channels)
+    assert "wheel_speed: samples excluded because their stamps run backward: 1" in _notes(channels)
 
 
 def test_free_rolling_on_hard_ground_gives_the_radius() -> None:

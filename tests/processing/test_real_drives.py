@@ -16,7 +16,7 @@ from daq.runs.open import open_runs
 from daq.runs.run import Run
 from processing.pipeline.pipeline import process, process_stream
 from processing.processed_run import ProcessedRun, Reason, Segment
-from processing.summary import summary_table
+from wheelsoil.wording.run_summary import summary_table
 
 RADIUS_M = 0.33
 

@@ -5,7 +5,7 @@ from synthetic_run import forces, speeds, vehicle
 from daq.config import RunInfo
 from processing.pipeline.pipeline import process
 from processing.processed_run import UNITS, Column, ProcessedRun, Reason, block_of, units_of
-from processing.summary import summary_table
+from wheelsoil.wording.run_summary import summary_table
 
 
 @pytest.fixture(scope="module")

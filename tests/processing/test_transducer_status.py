@@ -10,6 +10,7 @@ from daq.channels import Channel
 from processing.options import ProcessOptions
 from processing.pipeline.pipeline import process, process_stream
 from processing.processed_run import ProcessedRun, Reason
+from wheelsoil.wording.notes import texts_of
 
 LABELS = {0: "Ok", 2: "Overrange", 15: "Fault"}
 
@@ -54,7 +55,7 @@ def test_distrusted_samples_are_left_out_for_a_reason_of_their_own(chunks: int) 
     assert not left_out[(run.time_s < 7.9) | (run.time_s > 10.1)].any()
     assert run.quality.transducer_status == {"Overrange": 1501, "Fault": 500}
     assert run.quality.sensors["drawbar_pull"].distrusted == 2001
-    assert any("Overrange 1,501, Fault 500" in note for note in run.quality.notes)
+    assert any("Overrange 1,501, Fault 500" in note for note in texts_of(run.quality.notes))
     assert np.abs(run.drawbar_pull_n[run.used]).max() < 950
     assert run.quality.shares["TRANSDUCER"] == pytest.approx(2.0 / 20.0, rel=0.1)
 
@@ -82,15 +83,15 @@ def test_a_status_that_stops_is_not_held_and_is_told(chunks: int, last: float) -
     assert not left_out[run.time_s > 8.3].any()
     assert left_out[(run.time_s > 7.7) & (run.time_s < 7.9)].all() == bool(last)
     assert run.used[run.time_s > 8.5].mean() > 0.95
-    (note,) = [note for note in run.quality.notes if "status is not known" in note]
+    (note,) = [note for note in texts_of(run.quality.notes) if "status is not known" in note]
     assert note.startswith("of 11,900 of 20,000 samples")
 
 
 def test_a_status_that_never_comes_is_told() -> None:
     made = speeds(20.0) | forces(20.0)
     run = process(made, vehicle(signals={"transducer_status": "W.Status"}))
-    assert any("status never came" in note for note in run.quality.notes)
-    assert not any("status" in note for note in process(made, vehicle()).quality.notes)
+    assert any("status never came" in note for note in texts_of(run.quality.notes))
+    assert not any("status" in note for note in texts_of(process(made, vehicle()).quality.notes))
 
 
 def test_a_status_that_arrives_late_holds_meanwhile() -> None:
@@ -99,4 +100,4 @@ def test_a_status_that_arrives_late_holds_meanwhile() -> None:
     for first in np.random.default_rng(2).integers(0, 19_900, 60):
         came[first : first + 80] = False
     run = _run(status, came=came)
-    assert not any("status" in note for note in run.quality.notes)
+    assert not any("status" in note for note in texts_of(run.quality.notes))

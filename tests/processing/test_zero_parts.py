@@ -10,6 +10,7 @@ from daq.config import VehicleConfig
 from daq.errors import DataError
 from processing.transducer_zero import TransducerSignal, determine
 from processing.transducer_zero.parts import Motion, find_spin, find_standstill
+from wheelsoil.wording.notes import texts_of
 
 FloatArray = NDArray[np.float64]
 RATE_HZ = 1000.0
@@ -77,7 +78,7 @@ def test_a_wheel_that_runs_out_by_itself_is_used_and_its_inertia_taken_out_of_th
     assert found.part.revolutions >= 7
     assert found.channels["W.My"].offset == pytest.approx(5.0, abs=0.25)
     assert np.mean(torque) < 2
-    assert any("outboard inertia, 8 kg m2" in remark for remark in found.remarks)
+    assert any("outboard inertia, 8 kg m2" in remark for remark in texts_of(found.remarks))
 
 
 def test_two_revolutions_are_needed() -> None:

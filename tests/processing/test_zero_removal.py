@@ -17,6 +17,7 @@ from daq.zero_file import ChannelZero, Determination
 from processing.pipeline.pipeline import process, process_stream
 from processing.processed_run import ProcessedRun
 from processing.transducer_zero import RunZeros, drift_between
+from wheelsoil.wording.notes import texts_of
 
 MASS, GRAVITY, LOAD = 75.0, 9.80665, 7000.0
 WEIGHT = MASS * GRAVITY
@@ -144,7 +145,10 @@ def test_between_two_of_a_kind_the_zero_is_interpolated_and_else_the_nearest_hol
     assert _torque(run) == pytest.approx(300.0, abs=0.1)
     facts = run.quality.sensors["driving_torque"]
     assert facts.systematic_sigma == pytest.approx(np.hypot(0.75 * 3, 0.25 * 3), rel=0.01)
-    assert any("the zero of driving_torque moved by +40.0 +- 4.2 N m from before" in note for note in run.quality.notes)
+    assert any(
+        "the zero of driving_torque moved by +40.0 +- 4.2 N m from before" in note
+        for note in texts_of(run.quality.notes)
+    )
 
     resting = _zero((0.0,), (-WEIGHT,), "vehicle", hours=0.5, torque=50.0)
     alone = process(channels, config, zeros=RunZeros((before, resting)))
@@ -175,7 +179,7 @@ def test_the_systematic_sigma_in_wheel_axes_is_the_rotating_one() -> None:
     assert run.quality.sensors["vertical_load"].systematic_sigma == pytest.approx(np.hypot(4, 4) / 2)
     rest = process(_channels("wheel"), _config("wheel"), zeros=RunZeros((WAYS["standstill, wheel axes"][3],)))
     assert np.isnan(rest.quality.sensors["vertical_load"].systematic_sigma)
-    assert any("the outboard weight is the declared one" in note for note in rest.quality.notes)
+    assert any("the outboard weight is the declared one" in note for note in texts_of(rest.quality.notes))
 
 
 def test_after_a_standstill_in_vehicle_axes_the_systematic_sigma_of_the_forces_is_not_known() -> None:
@@ -183,7 +187,7 @@ def test_after_a_standstill_in_vehicle_axes_the_systematic_sigma_of_the_forces_i
     sigma = {role: facts.systematic_sigma for role, facts in rest.quality.sensors.items()}
     assert np.isnan([sigma["drawbar_pull"], sigma["vertical_load"]]).all()  # and both are wrong by 60 to 130 N
     assert sigma["driving_torque"] == pytest.approx(3.0)
-    assert any("the transducer's rotating zero is not known" in note for note in rest.quality.notes)
+    assert any("the transducer's rotating zero is not known" in note for note in texts_of(rest.quality.notes))
 
 
 def test_without_the_angle_only_the_stationary_part_comes_off() -> None:
@@ -192,7 +196,7 @@ def test_without_the_angle_only_the_stationary_part_comes_off() -> None:
     run = process(channels, _config(), zeros=RunZeros((WAYS["spin, vehicle axes"][3],)))
     assert np.mean(run.vertical_load_n[run.used]) == pytest.approx(LOAD, abs=10)
     assert np.std(run.vertical_load_n[run.used]) > 5
-    assert any("only the stationary zero" in note for note in run.quality.notes)
+    assert any("only the stationary zero" in note for note in texts_of(run.quality.notes))
 
 
 @pytest.mark.parametrize("frame", ["vehicle", "wheel"])
@@ -205,7 +209,7 @@ def test_the_rotating_zero_is_taken_off_all_samples_of_angles_that_arrive_late(f
     came[[0, -1]] = True
     channels["wheel_angle"] = Channel(angle.name, angle.unit, angle.time_ns[came], angle.values[came])
     run = process(channels, _config(frame, zero), zeros=RunZeros((determination,)))
-    assert not any("wheel angle is not known" in note for note in run.quality.notes)
+    assert not any("wheel angle is not known" in note for note in texts_of(run.quality.notes))
     np.testing.assert_allclose(run.vertical_load_n[run.used], LOAD, atol=2.0)
     np.testing.assert_allclose(run.drawbar_pull_n[run.used], 500.0, atol=2.0)
 
@@ -219,7 +223,7 @@ def test_a_hole_in_the_angle_costs_only_the_rotating_part_there() -> None:
     assert run.used[(run.time_s > 9.5) & (run.time_s < 10.5)].all()
     sound = run.used & ((run.time_s < 8.5) | (run.time_s > 11.5))
     np.testing.assert_allclose(run.vertical_load_n[sound], LOAD, atol=1.0)
-    (note,) = [note for note in run.quality.notes if "only the stationary" in note]
+    (note,) = [note for note in texts_of(run.quality.notes) if "only the stationary" in note]
     assert re.search(r"of (5,9|6,0)\d\d of 60,000 transducer samples", note)  # two seconds of three channels
 
 
@@ -230,7 +234,7 @@ def test_a_hole_in_the_angle_costs_only_the_rotating_part_there() -> None:
 def test_a_doubtful_zero_is_remarked(hours: float, degc: float, said: str) -> None:
     one = _zero((0.0, OX, OZ), (-WEIGHT, OZ, -OX), "vehicle", hours=hours, temperature_degc=20.0)
     run = process(_channels("vehicle"), _config(), zeros=RunZeros((one,), "zero.toml", degc))
-    assert sum(said in note for note in run.quality.notes) == 1
+    assert sum(said in note for note in texts_of(run.quality.notes)) == 1
     fresh = _zero((0.0, OX, OZ), (-WEIGHT, OZ, -OX), "vehicle", temperature_degc=20.0)
     sound = process(_channels("vehicle"), _config(), zeros=RunZeros((fresh,), "zero.toml", 25.0))
     assert len(sound.quality.notes) == len(run.quality.notes) - 1
@@ -240,7 +244,7 @@ def test_a_channel_without_a_zero_is_named() -> None:
     one = WAYS["spin, vehicle axes"][3]
     bare = one.model_copy(update={"channels": {"W.Fx": one.channels["W.Fx"]}})
     run = process(_channels("vehicle"), _config(zero="spin"), zeros=RunZeros((bare,)))
-    assert any("has no zero of vertical_load, driving_torque" in note for note in run.quality.notes)
+    assert any("has no zero of vertical_load, driving_torque" in note for note in texts_of(run.quality.notes))
     assert np.mean(run.vertical_load_n[run.used]) == pytest.approx(LOAD, abs=10)  # as transducer.zero says
 
 
@@ -254,4 +258,4 @@ def test_a_rest_at_another_angle_is_no_drift() -> None:
     other = _zero((1.0,), (2.0,), "vehicle", hours=1.0, angle_deg=20.0)
     rows, remarks = drift_between(one, other)
     assert not any(row.significant for row in rows)
-    assert any("30 deg further on" in remark for remark in remarks)
+    assert any("30 deg further on" in remark for remark in texts_of(remarks))

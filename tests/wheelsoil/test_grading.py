@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from daq.notes import Note, Severity
 from daq.runs.open import open_runs
+from processing.notes import RunCode
 from processing.options import ProcessOptions
 from processing.processed_run import ProcessedRun, Reason, Standstill
-from wheelsoil.wording.notes import grade_of
+from wheelsoil.wording.grading import grade_of
 from wheelsoil.workflows.runs import process_runs
 
 
@@ -27,7 +29,7 @@ def without(run: ProcessedRun, share: float, why: Reason) -> ProcessedRun:
     return replace(run, reason=reason)
 
 
-def noted(run: ProcessedRun, note: str) -> ProcessedRun:
+def noted(run: ProcessedRun, note: Note) -> ProcessedRun:
     return replace(run, quality=replace(run.quality, notes=(note,)))
 
 
@@ -65,10 +67,12 @@ def test_a_run_that_was_only_braked_is_no_bad_data(run):
 
 
 def test_what_processing_noted_tells(run):
-    assert grade_of(noted(run, "torque and slip are opposed: check the sign of the torque")).level == "poor"
-    late = grade_of(noted(run, "ground speed is 0.100 +- 0.010 s late against wheel speed"))
-    assert late.level == "fair" and "late" in late.reasons[0]
-    assert grade_of(noted(run, "ground_speed comes at 20 Hz: every channel is filtered at 4 Hz")).level == "good"
+    signs = {"role": "driving_torque", "against": "acceleration", "correlation": -0.8}
+    turned = grade_of(noted(run, Note(RunCode.SIGNS_OPPOSED, Severity.FAULT, signs)))
+    assert turned.level == "poor" and "check the sign of the torque" in turned.reasons[0]
+    stamps = grade_of(noted(run, Note(RunCode.LATE_STAMPS, Severity.DOUBT, {"role": "ground_speed", "count": 3})))
+    assert stamps.level == "fair" and "run backward" in stamps.reasons[0]
+    assert grade_of(noted(run, Note(RunCode.NO_STANDSTILL))).level == "good"
 
 
 def test_losses_make_a_good_run_fair(run):

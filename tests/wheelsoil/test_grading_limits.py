@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from synthetic_run import forces, speeds, vehicle
 
+from daq.notes import Note, Severity
+from processing.notes import RunCode
 from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun, Reason, Standstill
-from wheelsoil.wording.notes import grade_of
+from wheelsoil.wording.grading import grade_of
 
 LOAD_N = 8000.0
 
@@ -73,5 +75,6 @@ def test_a_zero_is_larger_than_a_fiftieth_of_the_load_and_three_sigmas(
 
 def test_a_wrong_sign_is_poor() -> None:
     run = run_with()
-    noted = replace(run, quality=replace(run.quality, notes=("torque and slip are opposed: check the sign",)))
+    note = Note(RunCode.LOAD_NEGATIVE, Severity.FAULT)
+    noted = replace(run, quality=replace(run.quality, notes=(note,)))
     assert grade_of(noted).level == "poor"

@@ -4,13 +4,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from IPython.core.interactiveshell import InteractiveShell
 from short_campaign import driven
 
+from daq.notes import Note
 from daq.runs.open import open_runs
+from daq.runs.run import Run
 from model.diagnosis.core.campaign import DiagnosisOptions
 from model.diagnosis.time_series.diagnosis import diagnose
 from model.fit.fit import fit_models
 from model.fit.result import FitOptions
+from processing.notes import RunCode
+from wheelsoil.jupyter import html_of, register
+from wheelsoil.wording.notes import texts_of
 
 CLAY = Path(__file__).parents[2] / "recordings" / "clay"
 SCRIPT = '<script>alert("x")</script>'
@@ -24,7 +30,7 @@ def fit():
 
 
 def test_a_fit(fit):
-    page = fit._repr_html_()
+    page = html_of(fit)
     for text in ("vasilev", "H_m", "95 % interval", "chosen", "drawbar pull", "torque", "soil clay", "correlation"):
         assert text in page, text
     assert page.count("<table>") == 3
@@ -33,28 +39,45 @@ def test_a_fit(fit):
 
 def test_a_diagnosis():
     found = diagnose([driven("lyasko:m1=0.1,m2=0.05")], DiagnosisOptions(effects=("lyasko", "wheel_radius")))
-    page = found._repr_html_()
+    page = html_of(found)
     assert "slip sinkage" in page and f"verdict: {found.verdict.replace('_', ' ')}" in page
     named = replace(found, sentence=SCRIPT, causes=tuple(replace(c, name=SCRIPT) for c in found.causes))
-    assert "&lt;script&gt;" in named._repr_html_() and "<script" not in named._repr_html_()
+    assert "&lt;script&gt;" in html_of(named) and "<script" not in html_of(named)
 
 
 def test_a_processed_run_and_its_notes():
     run = driven().runs[0]
-    page = run._repr_html_()
-    assert "drawbar pull kN" in page and all(note.split()[0] in page for note in run.quality.notes)
-    strange = replace(run, run=run.run.model_copy(update={"id": SCRIPT}), quality=replace(run.quality, notes=(SCRIPT,)))
-    assert strange._repr_html_().count("&lt;script&gt;") == 2 and "<script" not in strange._repr_html_()
+    page = html_of(run)
+    assert "drawbar pull kN" in page and all(text.split()[0] in page for text in texts_of(run.quality.notes))
+    note = Note(RunCode.NOT_MEASURED, values={"role": SCRIPT})
+    strange = replace(run, run=run.run.model_copy(update={"id": SCRIPT}), quality=replace(run.quality, notes=(note,)))
+    assert html_of(strange).count("&lt;script&gt;") == 2 and "<script" not in html_of(strange)
 
 
 def test_a_run():
     (run,) = open_runs([CLAY / "run-1.mcap"])
-    page = run._repr_html_()
+    page = html_of(run)
     for text in ("run-1.mcap", "virtual test vehicle", "clay", "bus can0", "126,398 frames", "vertical_load"):
         assert text in page, text
-    assert "<script" not in replace(run, id=SCRIPT, recording=None)._repr_html_()
+    assert "<script" not in html_of(replace(run, id=SCRIPT, recording=None))
 
 
 def test_names_in_a_fit_are_escaped(fit):
     strange = replace(fit, soil=replace(fit.soil, name=SCRIPT), notes=(SCRIPT,))
-    assert "<script" not in strange._repr_html_()
+    assert "<script" not in html_of(strange)
+
+
+def test_a_notebook_shows_a_run_as_a_table():
+    (run,) = open_runs([CLAY / "run-1.mcap"])
+    shell = InteractiveShell.instance()
+    try:
+        register()
+        shown, _ = shell.display_formatter.format(run)
+    finally:
+        InteractiveShell.clear_instance()
+    assert shown["text/html"] == html_of(run)
+
+
+def test_without_a_notebook_nothing_is_registered():
+    register()
+    assert not hasattr(Run, "_repr_html_")

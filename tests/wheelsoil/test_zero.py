@@ -182,7 +182,7 @@ def test_only_a_part_is_looked_at_and_distrusted_samples_are_left_out(tmp_path: 
     (zero,) = told["zeros"]
     assert zero["start_s"] >= 5
     assert zero["start_s"] + zero["duration_s"] <= 12
-    assert any("500 samples left out" in remark for remark in zero["remarks"])
+    assert any("500 samples excluded" in remark for remark in zero["remarks"])
     short = invoke("zero", recording, "--from", 5, "--to", 6.2, "-o", tmp_path / "z.toml")
     assert short.code == 1
     assert "two revolutions" in short.err

@@ -21,6 +21,7 @@ from model.simulation import TransducerSetup, VirtualRun, VirtualSetup
 from processing.processed_run import ProcessedRun
 from wheelsoil.simulation.files import to_toml, vehicle_config
 from wheelsoil.simulation.frames import DBC_FILES, virtual_frames
+from wheelsoil.wording.notes import texts_of
 from wheelsoil.workflows.runs import open_and_process
 
 HOUR_NS = 3600 * 10**9
@@ -118,7 +119,7 @@ def test_the_zero_gives_back_the_run_without_offsets(frame: str, zero: str, tmp_
         assert zero_of.ages_s == pytest.approx((3600, -3600), abs=60)
     ripple = np.std((zeroed.drawbar_pull_n - clean.drawbar_pull_n)[used])
     assert ripple < 4
-    notes = " ".join(zeroed.quality.notes)
+    notes = " ".join(texts_of(zeroed.quality.notes))
     assert "1.0 h" in notes or "60 min before the run" in notes
     drift = re.search(r"the zero of driving_torque moved by \+([\d.]+) \+- ([\d.]+)", notes)
     assert drift

@@ -248,11 +248,12 @@ def info_command(
 
 
 def _as_json(facts: FileFacts) -> dict[str, Any]:
+    from wheelsoil.wording.notes import note_text
     from wheelsoil.wording.to_json import plain
 
     known: dict[str, Any] = plain(facts)
     return known | {
-        "gaps": [{**plain(gap), "text": str(gap)} for gap in facts.gaps],
+        "gaps": [{**plain(gap), "text": note_text(gap.note())} for gap in facts.gaps],
         "recording_now": facts.recording_now,
         "duration_s": plain(facts.duration_s),
         "rate_hz": {bus: plain(facts.rate_hz(bus)) for bus in facts.frames},
@@ -285,6 +286,7 @@ def _print(facts: FileFacts, shown_ids: int | None) -> None:
 
 
 def _head(facts: FileFacts) -> list[tuple[str, str]]:
+    from wheelsoil.wording.notes import note_text
     from wheelsoil.workflows.recording_summary import utc
 
     info = facts.info
@@ -318,7 +320,7 @@ def _head(facts: FileFacts) -> list[tuple[str, str]]:
         ("unsure time", _unsure(facts)),
         ("clock steps", ", ".join(f"{key} {text}" for key, text in facts.clock_steps.items())),
     ]
-    lines += [("gap", str(gap)) for gap in facts.gaps]
+    lines += [("gap", note_text(gap.note())) for gap in facts.gaps]
     return lines + [("loss", text) for text in facts.loss] + [("remark", text) for text in facts.remarks]
 
 

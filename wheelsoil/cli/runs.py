@@ -88,18 +88,19 @@ def process_command(
     if json:
         print_json([_as_json(run) for _, run in processed])
         return
-    from processing import summary_table
+    from wheelsoil.wording.notes import texts_of
+    from wheelsoil.wording.run_summary import summary_table
 
     for i, (_, run) in enumerate(processed):
         if i:
             print()
         print_facts(summary_table(run))
-        for note in run.quality.notes:
-            say_folded(f"{run.run.id}: {note}")
+        for text in texts_of(run.quality.notes):
+            say_folded(f"{run.run.id}: {text}")
 
 
 def _as_json(run: ProcessedRun) -> dict[str, Any]:
-    from processing import summary_table
+    from wheelsoil.wording.run_summary import summary_table
 
     return {
         "run": run.run,
@@ -238,7 +239,8 @@ def _fit_table(
 
 def print_fit(fit: CampaignFit) -> None:
     """Print coefficients and criteria as tables, warnings on stderr."""
-    from model.fit import UNITS, coefficients, criteria_table, remarks
+    from model.fit import UNITS
+    from wheelsoil.wording.fit_text import coefficients, criteria_table, remarks
     from wheelsoil.workflows.fit import NOT_AT_AN_END, ended
 
     print_table(*coefficients(fit), left=2)

@@ -13,7 +13,7 @@ from wheelsoil.cli.options import Json, LenientDbc, Vehicle
 from wheelsoil.cli.talk import print_facts, print_json, print_table, say
 
 if TYPE_CHECKING:
-    from daq import Quantity
+    from daq import Note, Quantity
     from processing.transducer_zero import Drift
     from wheelsoil.workflows.zero import Found
 
@@ -53,6 +53,7 @@ def zero_command(
     on, the drift from one to the next is told; beyond --max-drift, or where that cannot be told, the exit code is 1.
     """
     from daq.runs import open_runs
+    from wheelsoil.wording.notes import texts_of
     from wheelsoil.workflows.zero import all_compared, append, check_place, drifts, find_zeros, too_far, zero_path
 
     most = _limits(max_drift)
@@ -71,9 +72,9 @@ def zero_command(
     else:
         _print(found, rows)
     for one in found:
-        for text in one.remarks:
+        for text in texts_of(one.remarks):
             say(f"{one.run.path.name}: {text}")
-    for text in remarks:
+    for text in texts_of(remarks):
         say(f"drift: {text}")
     say(f"wrote {target}")
     usual = zero_path(first, vehicle, None)
@@ -122,7 +123,7 @@ def _limits(text: str | None) -> dict[Quantity, float]:
     return limits
 
 
-def _as_json(target: Path, found: Sequence[Found], rows: Sequence[Drift], remarks: Sequence[str]) -> dict[str, Any]:
+def _as_json(target: Path, found: Sequence[Found], rows: Sequence[Drift], remarks: Sequence[Note]) -> dict[str, Any]:
     from wheelsoil.wording.to_json import plain
 
     return {

@@ -26,7 +26,8 @@ from processing import ProcessedRun
 from wheelsoil import __version__
 from wheelsoil.report.figures import EDGES
 from wheelsoil.report.words import listed
-from wheelsoil.wording.notes import Grade, grade_of
+from wheelsoil.wording.grading import Grade, grade_of
+from wheelsoil.wording.notes import note_text
 from wheelsoil.workflows.fit import whole_runs
 from wheelsoil.workflows.recording_summary import sha256_of
 
@@ -346,7 +347,7 @@ def source_of(run: Run) -> Source:
         frames=sum(recording.frame_counts.values()) if recording else None,
         dropped_frames=sum(recording.drops.values()) if recording and recording.drops else None,
         loss=tuple(map(str, recording.loss)) if recording else (),
-        gaps=tuple(map(str, recording.gaps)) if recording else (),
+        gaps=tuple(note_text(gap.note()) for gap in recording.gaps) if recording else (),
         losses=recording.losses if recording else {},
         exit_status=recording.exit_status if recording else None,
         clock=recording.metadata.get("clock", {}) if recording else {},

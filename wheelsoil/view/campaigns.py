@@ -18,7 +18,7 @@ from model.wheel_soil import Soil, Wheel
 from processing import LOOK, Interval, ProcessOptions, check_within
 from wheelsoil.view.curve import Base
 from wheelsoil.view.jobs import Member, Seen
-from wheelsoil.wording.notes import Grade, grade_of
+from wheelsoil.wording.grading import Grade, grade_of
 from wheelsoil.workflows.choice import Choice, ChosenRun, is_called, runs_in_use
 from wheelsoil.workflows.fit import known_soil, wheel_of
 

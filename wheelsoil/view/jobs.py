@@ -18,6 +18,7 @@ from model.wheel_soil import SOIL_PARAMETERS, Reading
 from processing import Interval, ProcessedRun, ProcessOptions, keep_only, require_roles
 from wheelsoil.report.inputs import source_of
 from wheelsoil.view.trace import Trace, trace_of
+from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.to_json import plain
 from wheelsoil.workflows.diagnosis import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
 from wheelsoil.workflows.fit import FitChoices, fit_as_json, fit_runs
@@ -96,9 +97,9 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
         run=_slim(processed),
         trace=trace_of(processed),
         lost=tuple(source.lost),
-        notes=(*processed.quality.notes, *filter(None, said.getvalue().splitlines())),
+        notes=(*texts_of(processed.quality.notes), *filter(None, said.getvalue().splitlines())),
         sha256=source.sha256,
-        missing=processed.quality.missing,
+        missing={role: note_text(note) for role, note in processed.quality.missing.items()},
     )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from daq import ConfigError, WheelsoilError
 from daq.runs import Collected, Run, campaign_folders, open_runs, readable
 from wheelsoil.view.campaigns import ViewedCampaign, ViewedRun
+from wheelsoil.wording.notes import texts_of
 from wheelsoil.workflows.choice import CHOICE_FILE, is_called, load_choice, runs_in_use
 from wheelsoil.workflows.diagnosis import Together, together
 
@@ -119,4 +120,4 @@ def _taken_up(campaign: ViewedCampaign) -> list[str]:
     if runs_in_use(choice, own)[1]:
         return []  # it is of the folder's other terrain
     campaign.choice, campaign.saved_at = choice, path
-    return [chosen.warning for chosen in in_use if chosen.warning]
+    return [text for chosen in in_use for text in texts_of(chosen.warnings)]

@@ -10,11 +10,15 @@ from enum import Enum
 from pathlib import PurePath
 from typing import Any
 
+from daq import Note
+from wheelsoil.wording.notes import note_text
+
 
 def plain(value: Any) -> Any:
     """Return `value` as dicts, lists, strings, numbers, booleans and None.
 
-    Numbers that JSON cannot hold (NaN, infinities) become None. A sequence, array or set becomes a list.
+    Numbers that JSON cannot hold (NaN, infinities) become None, a note its sentence. A sequence, array or set becomes a
+    list.
 
     Raises
     ------
@@ -31,6 +35,8 @@ def plain(value: Any) -> Any:
         return float(value) if math.isfinite(value) else None
     if isinstance(value, PurePath):
         return str(value)
+    if isinstance(value, Note):
+        return note_text(value)
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import tomli_w
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from daq import ConfigError, Fault, nearest, read_toml
+from daq import ConfigError, Fault, Note, RecordingCode, nearest, read_toml
 from daq.runs import Run
 from model import ExtendedModel
 from model.effects import EFFECTS
@@ -306,13 +306,13 @@ class RunInUse:
     run : Run
     keep : tuple of (from, to) or None
         See `wheelsoil.workflows.choice.ChosenRun`.
-    warning : str
-        What a person should know: it is another recording than the one that the choice was made of.
+    warnings : tuple of Note
+        It is another recording than the one that the choice was made of.
     """
 
     run: Run
     keep: tuple[Interval, ...] | None = None
-    warning: str = ""
+    warnings: tuple[Note, ...] = ()
 
 
 def runs_in_use(choice: Choice, opened: Sequence[Run]) -> tuple[list[RunInUse], list[Fault]]:
@@ -332,7 +332,7 @@ def runs_in_use(choice: Choice, opened: Sequence[Run]) -> tuple[list[RunInUse], 
         else:
             chosen[meant[0]] = section
     in_use = [
-        RunInUse(run, chosen[i].keep, _warning(run, chosen[i], choice.source)) if i in chosen else RunInUse(run)
+        RunInUse(run, chosen[i].keep, _warnings(run, chosen[i], choice.source)) if i in chosen else RunInUse(run)
         for i, run in enumerate(opened)
         if i not in chosen or chosen[i].use
     ]
@@ -368,7 +368,7 @@ def _not_one(section: ChosenRun, meant: Sequence[Run], opened: Sequence[Run], wh
     return Fault(f"there is no run with {name}", where, known, near, "mend the name, or take this [[run]] out")
 
 
-def _warning(run: Run, section: ChosenRun, where: str) -> str:
+def _warnings(run: Run, section: ChosenRun, where: str) -> tuple[Note, ...]:
     if not section.sha256 or sha256_of(*run.files) == section.sha256:
-        return ""
-    return f"{run.path.name} is another recording than the one that {where} was made of; look at it again"
+        return ()
+    return (Note(RecordingCode.ANOTHER_FILE, values={"file": run.path.name, "choice": where}),)

@@ -11,7 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from daq import ConfigError, DataError, Fault, TerrainConfig, UnsureTimes, VehicleConfig, WheelSection, load_toml
+from daq import (
+    ConfigError,
+    DataError,
+    Fault,
+    Note,
+    TerrainConfig,
+    UnsureTimes,
+    VehicleConfig,
+    WheelSection,
+    load_toml,
+)
 from daq.can import no_bus_in_common
 from daq.logger import is_being_recorded
 from daq.runs import VEHICLE_FILE, Collected, Run, open_runs
@@ -19,6 +29,7 @@ from daq.series import WheelTable, parse_rename, parse_where, read_wheel_table
 from model.wheel_soil import Soil, Wheel
 from processing import ProcessedRun, ProcessOptions, keep_only
 from wheelsoil.cli.talk import progress, say
+from wheelsoil.wording.notes import texts_of
 from wheelsoil.workflows.choice import Choice, runs_in_use
 from wheelsoil.workflows.fit import known_soil, load_terrain, wheel_of
 
@@ -119,15 +130,15 @@ def process_runs(
     collected.errors += [ConfigError(*unfit)] * bool(unfit)
     for used in progress(in_use, "processing", len(in_use)):
         run = used.run
-        if used.warning:
-            say(f"run {run.id}: {used.warning}")
+        for text in texts_of(used.warnings):
+            say(f"run {run.id}: {text}")
         with collected.catch():
             _check_vehicle(run)
             try:
                 unsure = UnsureTimes()
                 channels = run.channel_batches(watch=unsure.take)
                 one = process_stream(channels, run.vehicle, run.info, options, zeros_for(run, zero))
-                one = _with_notes(one, [used.warning, unsure.note(), *_gaps(run)])
+                one = _with_notes(one, [*used.warnings, *unsure.notes(), *_gaps(run)])
                 processed.append((run, one if used.keep is None else keep_only(one, used.keep, chosen.source)))
             except (ConfigError, DataError) as error:
                 raise _explained(run, error) from None
@@ -141,12 +152,12 @@ def process_runs(
     return processed
 
 
-def _with_notes(run: ProcessedRun, notes: Iterable[str]) -> ProcessedRun:
-    return replace(run, quality=replace(run.quality, notes=(*filter(None, notes), *run.quality.notes)))
+def _with_notes(run: ProcessedRun, notes: Iterable[Note]) -> ProcessedRun:
+    return replace(run, quality=replace(run.quality, notes=(*notes, *run.quality.notes)))
 
 
-def _gaps(run: Run) -> list[str]:
-    return list(map(str, run.recording.gaps)) if run.recording else []
+def _gaps(run: Run) -> list[Note]:
+    return [gap.note() for gap in run.recording.gaps] if run.recording else []
 
 
 def _check_vehicle(run: Run) -> None:

@@ -23,6 +23,7 @@ from daq import (
     ConfigError,
     Determination,
     Fault,
+    Note,
     Quantity,
     Unit,
     ZeroConfig,
@@ -33,7 +34,7 @@ from daq import (
 )
 from daq.can import Decoder, RawKind, Signal, SignalRef, messages_by_bus, resolve_roles
 from daq.runs import Collected, Run, open_runs
-from processing import FloatArray, IntArray, in_order, merge_equal_stamps, seconds_since
+from processing import FloatArray, IntArray, ZeroCode, in_order, merge_equal_stamps, seconds_since
 from processing.pipeline import FORCE_ROLES, latency_ns, status_at, wheel_angle
 from processing.transducer_zero import (
     Drift,
@@ -256,14 +257,14 @@ class Found:
     check : WeightCheck or None
     outliers : mapping str -> int
         Samples of each channel that did not count.
-    remarks : tuple of str
+    remarks : tuple of Note
     """
 
     run: Run
     determination: Determination
     check: WeightCheck | None
     outliers: dict[str, int]
-    remarks: tuple[str, ...]
+    remarks: tuple[Note, ...]
 
 
 def find_zeros(
@@ -303,7 +304,7 @@ def _find(run: Run, from_s: float | None, to_s: float | None, *, on_ground: bool
     check = check_weight(forces, run.vehicle)
     remarks = [*lifted.remarks, *(check.remarks if check else ())]
     if data.distrusted:
-        remarks.append(f"{data.distrusted:,} samples left out because the transducer's status is not 0")
+        remarks.append(Note(ZeroCode.DISTRUSTED, values={"count": data.distrusted}))
     remarks += _warming(data, lifted)
     return Found(run, one, check, lifted.outliers, tuple(remarks))
 
@@ -344,17 +345,17 @@ def _temperatures(data: TransducerData, lifted: Lifted) -> FloatArray:
     return values[(time_s >= lifted.part.start_s) & (time_s < lifted.part.stop_s)]
 
 
-def _warming(data: TransducerData, lifted: Lifted) -> list[str]:
+def _warming(data: TransducerData, lifted: Lifted) -> list[Note]:
     warm = _temperatures(data, lifted)
     if not len(warm) or not np.ptp(warm) > _NOTABLE_RISE_K:
         return []
-    return [f"the transducer went from {warm[0]:.0f} to {warm[-1]:.0f} degC meanwhile: let it warm up first"]
+    return [Note(ZeroCode.WARMED_UP, values={"from_degc": float(warm[0]), "to_degc": float(warm[-1])})]
 
 
-def drifts(found: Sequence[Found]) -> tuple[list[Drift], list[str]]:
+def drifts(found: Sequence[Found]) -> tuple[list[Drift], list[Note]]:
     """Return the drift from each determination to the next, and what cannot be compared."""
     rows: list[Drift] = []
-    remarks: list[str] = []
+    remarks: list[Note] = []
     for before, after in pairwise(found):
         changes, doubts = drift_between(before.determination, after.determination)
         rows += changes

@@ -9,7 +9,7 @@ from wheelsoil.report.content import Block, Light, Lights, Section, Text
 from wheelsoil.report.inputs import Material
 from wheelsoil.report.sections.diagnosis import verdict
 from wheelsoil.report.words import count, listed
-from wheelsoil.wording.notes import Grade
+from wheelsoil.wording.grading import Grade
 
 KEY = "glance"
 TITLE = "In ten seconds"

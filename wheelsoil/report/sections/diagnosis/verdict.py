@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,9 @@ from wheelsoil.report.content import Block, Section, Text
 from wheelsoil.report.inputs import Material
 from wheelsoil.report.words import listed, number
 from wheelsoil.wording.diagnosis_text import plain_name
+from wheelsoil.wording.grading import sign_notes
 from wheelsoil.wording.model_styles import style
+from wheelsoil.wording.notes import note_text
 from wheelsoil.workflows.fit import NOT_AT_AN_END, ended
 
 KEY = "verdict"
@@ -27,7 +28,6 @@ _TORQUE_TOLERANCE = 0.10
 _MIN_USED = 0.5
 _MIN_SLIP_RANGE = 0.5
 _LOW_R2 = 0.5
-_WRONG_SIGN = re.compile(r"check (its|the) sign")
 _STOPS = {
     "converged_step": "the coefficients no longer move",
     "converged_cost": "no step could lower the error any further",
@@ -241,8 +241,8 @@ def _coverage(material: Material) -> Text:
 
 def _signs(material: Material) -> list[Text]:
     """Repeat what processing found wrong with a sign: R² cannot see it, and nothing else on the page is worth then."""
-    found = {note for run in material.runs for note in run.quality.notes if _WRONG_SIGN.search(note)}
-    return [Text(f"{note}.", "warning") for note in sorted(found)[:3]]
+    found = {note_text(note) for run in material.runs for note in sign_notes(run)}
+    return [Text(f"{text}.", "warning") for text in sorted(found)[:3]]
 
 
 def _losses(material: Material) -> Text:

@@ -6,7 +6,7 @@ from math import isfinite
 
 import numpy as np
 
-from processing.processed_run import ProcessedRun, Reason, Segment, SensorFacts
+from processing import ProcessedRun, Reason, Segment, SensorFacts
 
 _QUANTITIES = (
     ("slip", "slip", ".3f", 1.0),

@@ -1,0 +1,27 @@
+"""Every code of a note has its sentence, and every sentence its code."""
+
+from __future__ import annotations
+
+from itertools import chain
+
+from daq.notes import Note, RecordingCode, Severity
+from processing.notes import RunCode, ZeroCode
+from wheelsoil.wording.notes import SENTENCES, note_text, texts_of
+
+CODES = (RecordingCode, RunCode, ZeroCode)
+
+
+def test_every_code_has_one_sentence_and_every_sentence_a_code() -> None:
+    codes = list(chain.from_iterable(CODES))
+    assert len(set(map(str, codes))) == len(codes), "no code stands for two facts"
+    assert set(SENTENCES) == set(codes)
+
+
+def test_a_sentence_is_made_of_the_values() -> None:
+    gaps = Note(RunCode.CHANNEL_GAPS, Severity.DOUBT, {"role": "ground_speed", "share": 0.25})
+    assert note_text(gaps) == "ground_speed is missing for 25% of the run, and those samples are excluded"
+    assert texts_of([gaps, gaps]) == [note_text(gaps)], "each once"
+
+
+def test_severities_are_ordered() -> None:
+    assert Severity.REMARK < Severity.DOUBT < Severity.FAULT

@@ -1,0 +1,123 @@
+"""How good a run is, at a glance: good, fair or poor, and what speaks against it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from daq import Note, Severity
+from processing import SLIP_ROLES, ProcessedRun, Reason, RunCode
+from wheelsoil.wording.notes import runs_by_text, texts_of
+
+Level = Literal["good", "fair", "poor"]
+
+_BY_DESIGN = (Reason.STANDSTILL, Reason.TOO_SLOW, Reason.FILTER_EDGE, Reason.BY_HAND)
+"""Samples that no run has a use for: they speak against none."""
+_GOOD_SHARE, _FAIR_SHARE = 0.8, 0.5
+_GOOD_SLIP, _DRIVEN_SLIP = 0.5, 0.1
+"""Low slip tells little; a run that was only braked or coasted is no bad data, so that it is never poor for it."""
+_ZERO_SHARE, _MANY_SIGMAS = 0.02, 3.0
+"""Of the load: a reading at standstill that is larger than this, and than its noise, spoils a run."""
+_WRONG_SIGNS = (RunCode.LOAD_NEGATIVE, RunCode.SIGNS_OPPOSED)
+
+
+@dataclass(frozen=True)
+class Grade:
+    """What a run is worth.
+
+    Attributes
+    ----------
+    level : "good", "fair" or "poor"
+    reasons : tuple of str
+        What speaks against it, the worst first; empty for a good run.
+    usable_share : float
+        Of the samples in which the vehicle moved; NaN where it never did.
+    highest_slip : float
+        Of the usable samples; NaN without any.
+    """
+
+    level: Level
+    reasons: tuple[str, ...]
+    usable_share: float
+    highest_slip: float
+
+
+def grade_of(run: ProcessedRun, lost: Sequence[str] = ()) -> Grade:
+    """Grade a run.
+
+    Parameters
+    ----------
+    run : ProcessedRun
+    lost : sequence of str
+        What of its recording was lost, in words; anything makes a good run fair.
+    """
+    moving = ~np.isin(run.reason, _BY_DESIGN)
+    share = float(run.used.sum() / moving.sum()) if moving.any() else float("nan")
+    slip = run.slip[run.used]
+    highest = float(np.percentile(slip, 99.5)) if len(slip) else float("nan")
+    notes, missing = run.quality.notes, run.quality.missing
+    poor, fair = _of_samples(run, share, highest) if not set(missing) & set(SLIP_ROLES) else ([], [])
+    faults = [note for note in notes if note.severity == Severity.FAULT and note.code != RunCode.ROLE_MISSING]
+    doubts = [note for note in notes if note.severity == Severity.DOUBT]
+    poor = [*texts_of(missing.values()), *poor, *texts_of(faults)]
+    fair += [*texts_of(doubts), *_zeros(run), *lost]
+    level: Level = "poor" if poor else "fair" if fair else "good"
+    return Grade(level, (*poor, *fair), share, highest)
+
+
+def wrong_signs(runs: Iterable[ProcessedRun]) -> list[str]:
+    """Return what looks like the wrong sign of a force, with the names of the runs that say so."""
+    about = runs_by_text(runs, lambda run: map(_without_correlation, sign_notes(run)))
+    return [f"{', '.join(names)}: {text}" for text, names in about.items()]
+
+
+def sign_notes(run: ProcessedRun) -> list[Note]:
+    """Return what processing found wrong with the sign of a force."""
+    return [note for note in run.quality.notes if note.code in _WRONG_SIGNS]
+
+
+def _without_correlation(note: Note) -> Note:
+    return replace(note, values={name: value for name, value in note.values.items() if name != "correlation"})
+
+
+def _of_samples(run: ProcessedRun, share: float, highest: float) -> tuple[list[str], list[str]]:
+    """Return what is poor and what is only fair about the samples that are left."""
+    if not run.used.any():
+        return [f"no sample can be used: most are {_mostly(run)}"], []
+    poor: list[str] = []
+    fair: list[str] = []
+    if share < _GOOD_SHARE:
+        text = f"{100 * share:.0f} % of the samples in motion can be used, most others are {_mostly(run)}"
+        (poor if share < _FAIR_SHARE else fair).append(text)
+    if highest < _GOOD_SLIP:
+        hardly = "hardly driven: " if highest < _DRIVEN_SLIP else ""
+        fair.append(f"{hardly}slip reaches {highest:.2f} only")
+    return poor, fair
+
+
+def _mostly(run: ProcessedRun) -> str:
+    """Return the reason that cost most samples, by its name in the run's shares."""
+    kinds = [reason for reason in Reason if reason != Reason.USED and reason not in _BY_DESIGN]
+    counts = [int(np.count_nonzero(run.reason == reason)) for reason in kinds]
+    if not any(counts):
+        return "at standstill or too slow"
+    return kinds[int(np.argmax(counts))].name.lower().replace("_", " ")
+
+
+def _zeros(run: ProcessedRun) -> list[str]:
+    """Return what the transducer's forces read at every standstill, where that is more than a little."""
+    load = run.vertical_load_n[np.isfinite(run.vertical_load_n)]
+    if not len(load):
+        return []
+    said = []
+    for role, unit, arm_m in (("drawbar_pull", "N", 1.0), ("driving_torque", "N m", run.wheel_radius_m)):
+        seen = [(s.levels[role], s.sigmas[role]) for s in run.quality.standstills if role in s.levels]
+        levels = np.array([level for level, _ in seen])
+        sure = all(abs(level) > _MANY_SIGMAS * sigma for level, sigma in seen)
+        one_sided = len(levels) > 0 and (bool((levels > 0).all()) or bool((levels < 0).all()))
+        if sure and one_sided and abs(np.median(levels)) > _ZERO_SHARE * abs(np.median(load)) * arm_m:
+            said.append(f"{role.replace('_', ' ')} reads {np.median(levels):.0f} {unit} at standstill: take a zero")
+    return said

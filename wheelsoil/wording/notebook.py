@@ -1,0 +1,100 @@
+"""Runs, fits and diagnoses as a notebook shows them: small HTML tables."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from daq import html_paragraph, html_table, number, probability
+from daq.runs import Run
+from model.diagnosis.core import FIELD_NAMES, FIELD_UNITS, NAMES, UNITS, Cause, Diagnosis, Gain
+from model.fit import UNITS as FIT_UNITS
+from model.fit import CampaignFit
+from processing import ProcessedRun
+from wheelsoil.wording.diagnosis_text import plain_name
+from wheelsoil.wording.fit_text import coefficients, criteria_table, remarks
+from wheelsoil.wording.notes import texts_of
+from wheelsoil.wording.run_summary import summary_table
+
+_LEAST_SHOWN = 0.01
+_MOST_FINDINGS = 6
+
+
+def run_html(run: Run) -> str:
+    """Return what is known of a run without reading its frames."""
+    info = run.info
+    pressure = f", {info.inflation_kpa:g} kPa" if info.inflation_kpa else ""
+    rows = [
+        ("run", run.id),
+        ("file", ", ".join(file.name for file in run.files)),
+        ("driven", f"{info.direction}, pass {info.pass_number}, {info.added_load_kg:g} kg added{pressure}"),
+        ("vehicle", run.vehicle.vehicle.name),
+        ("terrain", run.terrain.soil.name if run.terrain else "-"),
+        ("roles", ", ".join(run.vehicle.signals) or "-"),
+    ]
+    counts = run.recording.frame_counts if run.recording else {}
+    return html_table((), rows + [(f"bus {bus}", f"{count:,} frames") for bus, count in counts.items()], left=2)
+
+
+def processed_run_html(run: ProcessedRun) -> str:
+    """Return the summary of a processed run and its notes."""
+    return html_table((), summary_table(run), left=2) + "".join(map(html_paragraph, texts_of(run.quality.notes)))
+
+
+def fit_html(fit: CampaignFit) -> str:
+    """Return the tables of a fit and its remarks."""
+    tables = [coefficients(fit), *(criteria_table(fit, channel) for channel in FIT_UNITS)]
+    shown = [html_table(head, rows, left=2 if i == 0 else 1) for i, (head, rows) in enumerate(tables) if rows]
+    return "".join([*shown, *map(html_paragraph, remarks(fit))])
+
+
+def diagnosis_html(found: Diagnosis) -> str:
+    """Return the verdict, the causes and where the simulation is off."""
+    shown = [html_paragraph(found.sentence)]
+    causes = [row for cause in found.causes for row in _cause_rows(cause)]
+    if causes:
+        head = ["cause", "parameter", "probability", "value", "95 % interval", "unit"]
+        shown.append(html_table(head, causes, left=2, caption=f"verdict: {plain_name(found.verdict)}"))
+    likely = [
+        [plain_name(c.name), probability(c.probability)] for c in found.candidates if c.probability >= _LEAST_SHOWN
+    ]
+    if likely:
+        shown.append(html_table(["candidate", "probability"], likely))
+    wrong = [
+        [
+            FIELD_NAMES.get(w.channel, w.channel),
+            w.where,
+            f"{number(w.size, 3)} {FIELD_UNITS.get(w.channel, '')}",
+            number(w.statistic, 3),
+        ]
+        for w in found.what_is_wrong[:_MOST_FINDINGS]
+    ]
+    if wrong:
+        shown.append(html_table(["channel", "where the simulation is off", "by", "sigmas"], wrong, left=2))
+    if found.gain is not None:
+        rows = _gain_rows(found.gain)
+        head = ["on runs left out", "R0 base", "R0 extended", "unit"]
+        shown.append(html_table(head, rows, caption=f"gain: {number(found.gain.log_likelihood_gain, 4)} nats"))
+    if found.next_run:
+        runs = [[run.change, number(run.expected_log_bayes_factor, 3)] for run in found.next_run]
+        shown.append(html_table(["next run, best first", "expected ln Bayes factor"], runs))
+    return "".join(shown)
+
+
+def _gain_rows(gain: Gain) -> list[list[str]]:
+    return [
+        [name, number(gain.base[key].R0), number(gain.extended[key].R0), UNITS[key]]
+        for key, name in NAMES.items()
+        if key in gain.base and key in gain.extended
+    ]
+
+
+def _cause_rows(cause: Cause) -> list[list[str]]:
+    name, sure = plain_name(cause.name), probability(cause.probability)
+    if not cause.parameters:
+        return [[name, "", sure, "", "", ""]]
+    rows = []
+    for p in cause.parameters:
+        low, high = p.interval95
+        interval = f"{number(low, 3)} .. {number(high, 3)}" if isfinite(low) and isfinite(high) else "-"
+        rows.append([name, p.name, sure, number(p.value, 3), interval, "" if p.unit == "1" else p.unit])
+    return rows

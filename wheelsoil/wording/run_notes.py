@@ -1,0 +1,188 @@
+"""The sentences of what is noted of recordings, of processed runs and of the transducer's zero, one for each code."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import isfinite
+from typing import Any
+
+from daq import RecordingCode
+from processing import RunCode, ZeroCode
+
+Values = Mapping[str, Any]
+Sentence = str | Callable[[Values], str]
+"""A template of the values, or a function of them."""
+
+_UNITS = {"drawbar_pull": "N", "driving_torque": "N m", "vertical_load": "N"}
+_FORCE_NAMES = {"driving_torque": "torque", "drawbar_pull": "drawbar pull"}
+_MOST_LEVELS = 4
+
+
+def _clock_set(v: Values) -> str:
+    by = f" by up to {v['within_s']:.3g} s" if isfinite(v["within_s"]) else ""
+    return f"{v['count']:,} frames came while the host's clock was set; their times may be wrong{by}"
+
+
+def _opposed(v: Values) -> str:
+    name = _FORCE_NAMES[v["role"]]
+    sure = f" (correlation {v['correlation']:.2f})" if "correlation" in v else ""
+    return f"{name} and {v['against']} are opposed{sure}: check the sign of the {name}"
+
+
+def _standing(v: Values) -> str:
+    pairs = list(zip(v["levels"], v["sigmas"], strict=True))[:_MOST_LEVELS]
+    values = ", ".join(f"{level:.1f} +- {sigma:.1f}" for level, sigma in pairs)
+    name = v["role"].replace("_", " ")
+    return f"{name} at standstill reads {values} {_UNITS[v['role']]}: a zero, a slope or a held brake; not subtracted"
+
+
+def _missing(v: Values) -> str:
+    role, lacking, signal = v["role"], v["lacking"], v["signal"]
+    name = "it" if lacking == role else f"{lacking}, which turns it into vehicle axes,"
+    fix = ", and with GNSS its fix" if role == "ground_speed" else ""
+    step = {
+        "no_signal": f"name {name} under [signals] of vehicle.toml",
+        "no_sample": f"{signal} holds no sample: check that its frames were recorded (wheelsoil info)",
+        "never_usable": f"{signal} never has a usable value: check the sensor{fix}",
+    }[v["cause"]]
+    return f"{role} is missing; {step}"
+
+
+def _cutoff(v: Values) -> str:
+    asked = f" instead of {v['asked_hz']:g} Hz" if v["asked_hz"] else ""
+    return f"{v['role']} comes at {v['rate_hz']:.3g} Hz: every channel is filtered at {v['cutoff_hz']:.2g} Hz{asked}"
+
+
+def _distrusted(v: Values) -> str:
+    why = ", ".join(f"{word} {count:,}" for word, count in sorted(v["statuses"].items(), key=lambda item: -item[1]))
+    return f"the transducer distrusts {v['count']:,} samples, which are excluded; its status: {why}"
+
+
+def _taken_off(v: Values) -> str:
+    how = " and ".join(f"{m} {age_text(age)}" for m, age in zip(v["methods"], v["ages_s"], strict=True))
+    return f"zero of {', '.join(v['roles'])} taken off, from {v['source']}: {how}"
+
+
+def age_text(seconds: float) -> str:
+    """Return how long before a run (negative: after it) something was."""
+    if not seconds:
+        return "during the run"
+    size = abs(seconds)
+    if size < 2 * 3600:
+        length = f"{size / 60:.0f} min"
+    else:
+        length = f"{size / 3600:.1f} h" if size < 48 * 3600 else f"{size / 86_400:.0f} days"
+    return f"{length} {'before' if seconds > 0 else 'after'} the run"
+
+
+def _moved(v: Values) -> str:
+    change = f"{v['change']:+.1f} +- {v['sigma']:.1f} {_UNITS[v['role']]}"
+    return f"the zero of {v['role']} moved by {change} from before the run to after it"
+
+
+def _direction(v: Values) -> str:
+    cure = "check the transducer's own angle offset, or the inclination of its frame"
+    if v["better_deg"] is not None:
+        cure = f"angle_offset_deg = {v['better_deg']:.2f} in place of {v['offset_deg']:g} would correct it"
+    return f"the outboard weight points {v['angle_deg']:+.2f} +- {v['sigma_deg']:.2f} deg off the vertical: {cure}"
+
+
+def _not_comparable(v: Values) -> str:
+    return f"{_determination(v['before'])} and {_determination(v['after'])} cannot be compared"
+
+
+def _determination(one: Values) -> str:
+    where = ", on the ground" if one["on_ground"] else ""
+    axes = f"{one['method']}, {one['frame']} axes{where}, angle offset {one['angle_offset_deg']:g} deg"
+    return f"{one['recording']} ({axes})"
+
+
+SENTENCES: dict[str, Sentence] = {
+    RecordingCode.ANOTHER_FILE: (
+        "{file} is another recording than the one that {choice} was made of; look at it again"
+    ),
+    RecordingCode.CLOCK_SET: _clock_set,
+    RecordingCode.PARTS_APART: "{length_s:.2f} s between part {before} and part {after} were not recorded",
+    RecordingCode.PARTS_OVERLAP: "part {after} begins {length_s:.2f} s before the last frame of part {before}",
+    RunCode.LATE_STAMPS: "{role}: samples excluded because their stamps run backward: {count}",
+    RunCode.NEVER_USABLE: "{role}: frames came, but never a usable value",
+    RunCode.NOT_MEASURED: "{role}: never a usable value; treated as not measured",
+    RunCode.NOISE_UNKNOWN: "{role}: too few samples to estimate its noise; declare [sensors.{role}] sigma",
+    RunCode.GROUND_SPEED_LATE: (
+        "ground speed is {latency_s:.3f} +- {sigma_s:.3f} s late against wheel speed beyond the declared delays: if "
+        "the receiver's data sheet allows it, declare [sensors.ground_speed] latency_s = {whole_s:.3f} in place of "
+        "{declared_s:g}"
+    ),
+    RunCode.GROUND_SPEED_EARLY: lambda v: (
+        f"ground speed is {abs(v['latency_s']):.3f} +- {v['sigma_s']:.3f} s early against wheel speed: the declared "
+        f"latency_s of ground speed ({v['declared_s']:g} s) may be too long, or that of wheel speed "
+        f"({v['wheel_declared_s']:g} s) too short, as a toothed ring is late at low speed; check both data sheets "
+        "before changing either"
+    ),
+    RunCode.SPEED_SCALE: (
+        "ground speed is {scale:.4f} +- {sigma:.4f} of rim speed where the wheel hardly slips: check [wheel] radius_m"
+    ),
+    RunCode.NO_STANDSTILL: "no standstill: zeros could not be checked",
+    RunCode.ZERO_AT_STANDSTILL: _standing,
+    RunCode.CHANNEL_GAPS: "{role} is missing for {share:.0%} of the run, and those samples are excluded",
+    RunCode.LOAD_NEGATIVE: (
+        "the vertical load is negative most of the time: check its sign (positive is up on the wheel)"
+    ),
+    RunCode.SIGNS_OPPOSED: _opposed,
+    RunCode.ROLE_MISSING: _missing,
+    RunCode.GNSS_CLOCK_UNKNOWN: "gnss_time: too few epochs to compare the clocks",
+    RunCode.CUTOFF_LOWERED: _cutoff,
+    RunCode.INERTIA_LEFT: (
+        "{role}: the inertia of the parts outboard of the transducer is left in it, for {speed} is missing"
+    ),
+    RunCode.DISTRUSTED: _distrusted,
+    RunCode.STATUS_NEVER_CAME: "the transducer's status never came: no sample is excluded by it",
+    RunCode.STATUS_UNKNOWN: (
+        "of {count:,} of {total:,} samples the transducer's status is not known, for it did not come: they are used"
+    ),
+    RunCode.DISTANCE_BRIDGED: "distance: {length_m:.1f} m were not seen and are bridged with the speeds around them",
+    RunCode.ZERO_TAKEN_OFF: _taken_off,
+    RunCode.ZERO_OLD: lambda v: f"the zero was taken {age_text(v['age_s'])}: take one before and after every run",
+    RunCode.ZERO_TEMPERATURE: "the zero was taken at {zero_degc:.0f} degC, and the run began at {run_degc:.0f} degC",
+    RunCode.ZERO_WEIGHT_DECLARED: (
+        "the zero is of a standstill in wheel axes: the outboard weight is the declared one"
+    ),
+    RunCode.ZERO_NOT_TURNED: (
+        "the zero is of a standstill: the transducer's rotating zero is not known, and its part at that wheel angle is "
+        "taken off the mean of the forces"
+    ),
+    RunCode.ZERO_MOVED: _moved,
+    RunCode.ZERO_LACKING: lambda v: f"{v['source']} has no zero of {', '.join(v['roles'])}",
+    RunCode.ZERO_WITHOUT_ANGLE: (
+        "of {count:,} of {total:,} transducer samples the wheel angle is not known: only the stationary zero is taken "
+        "off"
+    ),
+    ZeroCode.ONE_WHEEL_ANGLE: (
+        "a standstill shows the sum of the stationary and the rotating part at one wheel angle only"
+    ),
+    ZeroCode.STANDING_ASSUMED: "neither wheel angle nor wheel speed is known: the wheel is taken to stand",
+    ZeroCode.ON_GROUND: (
+        "on the ground: drawbar pull and torque alone, and only if the ground is level and nobody drives or brakes; "
+        "{load_share:.0%} of the load is in their sigma"
+    ),
+    ZeroCode.WEIGHT_TAKEN_OUT: (
+        "wheel axes: the declared outboard mass of {mass_kg:g} kg is taken out of both forces, so that what is left is "
+        "the bridges' zero; moments about x' and z' still hold the moment of that weight"
+    ),
+    ZeroCode.SPEED_CHANGED: (
+        "the speed went from {from_radps:.2f} to {to_radps:.2f} rad/s: what that takes is out of the torque by the "
+        "declared outboard inertia, {inertia_kgm2:g} kg m2"
+    ),
+    ZeroCode.OUTBOARD_MASS: (
+        "the outboard weight is that of {mass_kg:.1f} +- {sigma_kg:.1f} kg, and outboard_mass_kg is {declared_kg:g}: "
+        "weigh the parts, or check the transducer's zero and gain"
+    ),
+    ZeroCode.OUTBOARD_DIRECTION: _direction,
+    ZeroCode.NOT_COMPARABLE: _not_comparable,
+    ZeroCode.STOOD_ELSEWHERE: "the wheel stood {apart_deg:.0f} deg further on: a rotating zero looks like drift",
+    ZeroCode.NOT_IN_BOTH: "{channel}: not in both, or in another unit",
+    ZeroCode.DISTRUSTED: "{count:,} samples excluded because the transducer's status is not 0",
+    ZeroCode.WARMED_UP: (
+        "the transducer went from {from_degc:.0f} to {to_degc:.0f} degC meanwhile: let it warm up first"
+    ),
+}
