@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from gram_support import column, world
 
+from model.diagnosis.core.coverage import PRESSURE_UNKNOWN, SAME_PASS
 from model.diagnosis.core.prior import hypotheses
 from model.diagnosis.core.result import (
     Adequacy,
@@ -21,7 +22,6 @@ from model.diagnosis.core.result import (
     ParameterEstimate,
     Scores,
 )
-from model.diagnosis.core.tellable import PRESSURE_UNKNOWN, SAME_PASS
 from model.diagnosis.core.verdict import MOVING, Judgement, candidates, judgement, likely_sets, short_set
 from model.diagnosis.core.verdict_words import (
     disagreement_words,

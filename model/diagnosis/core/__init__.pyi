@@ -5,6 +5,9 @@ from .consistency import BoundRows as BoundRows
 from .consistency import bound_rows_of_runs as bound_rows_of_runs
 from .consistency import bound_rows_of_table as bound_rows_of_table
 from .consistency import inconsistent as inconsistent
+from .coverage import Coverage as Coverage
+from .coverage import cannot_tell as cannot_tell
+from .coverage import considered as considered
 from .result import FIELD_NAMES as FIELD_NAMES
 from .result import FIELD_UNITS as FIELD_UNITS
 from .result import INPUT_FIELDS as INPUT_FIELDS
@@ -23,6 +26,3 @@ from .result import ParameterEstimate as ParameterEstimate
 from .result import Scores as Scores
 from .result import Seen as Seen
 from .result import SoilEstimate as SoilEstimate
-from .tellable import cannot_tell as cannot_tell
-from .tellable import considered as considered
-from .verdict_words import SUMS as SUMS

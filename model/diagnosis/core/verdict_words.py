@@ -9,6 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from math import isfinite
 
+from model.diagnosis.core.coverage import USUAL
 from model.diagnosis.core.result import (
     BRIEF,
     FIELD_NAMES,
@@ -22,9 +23,9 @@ from model.diagnosis.core.result import (
     NextRun,
     ParameterEstimate,
 )
-from model.diagnosis.core.tellable import USUAL
 from model.diagnosis.core.verdict import Judgement
 from model.diagnosis.findings.agreement import Disagreement
+from model.effects.catalogue import EFFECTS
 
 _FIXED = {
     "load, driving": "growing with load, driving",
@@ -72,8 +73,6 @@ _NO_CHANGE = 0.5
 """Percent by which an error may fall or grow and still be said to stay."""
 _TOGETHER_AT = 0.1
 """Probability from which on a set of several causes is said."""
-SUMS = {"lyasko": {"p": "p = m1 + m2"}}
-"""Combinations of parameters that are told as one, by effect and name, and what they are."""
 
 
 def named_words(
@@ -239,9 +238,8 @@ def probability(p: float) -> str:
 
 def _cause(cause: Cause) -> str:
     form = f", likeliest as {cause.form} ({probability(cause.form_probability)})" if cause.form else ""
-    sums = SUMS.get(cause.key, {})
     known = [p for p in cause.parameters if all(map(isfinite, p.interval95))]
-    sizes = ", ".join(_estimate(p, sums.get(p.name, p.name)) for p in known or cause.parameters)
+    sizes = ", ".join(_estimate(p, EFFECTS[cause.key].spelled(p.name)) for p in known or cause.parameters)
     return f"{plain(cause.name)} is at work (probability {probability(cause.probability)}{form}): {sizes}"
 
 

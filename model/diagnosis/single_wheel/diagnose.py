@@ -122,7 +122,7 @@ def _undecided(why: str, known: Library, remarks: Sequence[str], stages: _Stages
         proposal=None,
         minimum_detectable={},
         next_run=(),
-        cannot_tell={**known.cannot_tell, **known.ruled_out, **dict.fromkeys(known.families, why)},
+        cannot_tell={**known.cannot_tell, **dict.fromkeys(known.families, why)},
         notes=tuple(remarks),
         stages_s=stages.seconds,
     )
@@ -160,7 +160,7 @@ def _diagnosis(
         proposal=None,
         minimum_detectable=detectable(problem, known, null.optima[0], options.name_at),
         next_run=runs,
-        cannot_tell={**known.cannot_tell, **known.ruled_out},
+        cannot_tell=known.cannot_tell,
         notes=(*remarks, *notes_of(problem, seen, skids, weighing)),
         noise=_noise(problem, mean_of(weighing.sets[0].posterior)),
         soils=soils_of(weighing, best),

@@ -186,8 +186,6 @@ def _spread(problem: BenchProblem, null: Optimum, use: CauseUse, which: int) -> 
 _COUNTED = 3.0
 """Nats below the likeliest set that holds a cause within which another one counts for its parameters."""
 _MOST = 12
-_SUMS = {"lyasko": (("m1", "m2"), "p")}
-"""Parameters of which only the sum is well determined, and what it is called."""
 
 
 @dataclass(frozen=True)
@@ -233,10 +231,10 @@ def estimates_of(weighing: Weighing, use: CauseUse, rng: np.random.Generator) ->
     effect = EFFECTS[use.key]
     draws = parameter_draws(weighing, use, rng)
     found = [draws[p.name].estimate(p.name, p.unit) for p in effect.parameters]
-    if use.key in _SUMS:
-        names, total_name = _SUMS[use.key]
-        total = Draws(np.sum([draws[name].values for name in names], axis=0), draws[names[0]].weights)
-        found.insert(0, total.estimate(total_name, effect.parameters[0].unit))
+    if effect.total:
+        each = [draws[p.name] for p in effect.parameters]
+        total = Draws(np.sum([one.values for one in each], axis=0), each[0].weights)
+        found.insert(0, total.estimate(effect.total, effect.parameters[0].unit))
     return tuple(found)
 
 
