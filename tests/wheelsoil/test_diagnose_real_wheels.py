@@ -1,6 +1,6 @@
 """The public single-wheel tests through ``diagnose --table``: what they decide, pinned (docs/real_data.md).
 
-The authors' hand-tuned soil is not used: docs/real_data/terrain.toml holds what plates and tables say.
+The authors' hand-tuned soil is not used: studies/real_data/terrain.toml holds what plates and tables say.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from model.diagnosis.single_wheel.findings import parameter_draws
 from model.diagnosis.single_wheel.held_out import foretell
 from model.diagnosis.single_wheel.problem import CauseUse
 from model.diagnosis.single_wheel.sets import skid_law
-from model.diagnosis.single_wheel.transfer_study import transfer
 from model.diagnosis.single_wheel.weighing import Weighing
+from studies.real_data.transfer import transfer
 from wheelsoil.cli.app import run
 
-REAL = Path(__file__).parents[2] / "docs" / "real_data"
+REAL = Path(__file__).parents[2] / "studies" / "real_data"
 DP, BOTH = ("dp",), ("dp", "z")
 
 

@@ -1,6 +1,6 @@
-"""Every number and figure of docs/real_data.md: ``WHEELSOIL_DATA=... python docs/real_data/study.py``.
+"""Every number and figure of docs/real_data.md: ``WHEELSOIL_DATA=... python -m studies.real_data.study``.
 
-Writes docs/real_data/numbers.json; with a Chromium also the figures in docs/images.
+Writes studies/real_data/numbers.json; with a Chromium also the figures in docs/images.
 """
 
 from __future__ import annotations
@@ -16,11 +16,9 @@ import numpy as np
 
 from model.diagnosis.core import Bench, Diagnosis, DiagnosisOptions
 from model.diagnosis.single_wheel import (
-    OWN,
     BenchProblem,
     CauseUse,
     Hypothesis,
-    Transfer,
     Weighing,
     diagnose_bench,
     driven_rows,
@@ -28,10 +26,10 @@ from model.diagnosis.single_wheel import (
     library,
     parameter_draws,
     skid_law,
-    transfer,
     weigh,
 )
 from model.diagnosis.single_wheel import noise as bench_noise
+from studies.real_data.transfer import OWN, Transfer, transfer
 from wheelsoil.workflows import bench_of, read_bench
 
 HERE = Path(__file__).parent

@@ -17,13 +17,24 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
-from model.diagnosis.core.campaign import Bench, DiagnosisOptions
-from model.diagnosis.single_wheel.findings import noise_of
-from model.diagnosis.single_wheel.noise import scatter_of_repeats
-from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
-from model.diagnosis.single_wheel.search import Optima
-from model.diagnosis.single_wheel.sets import Library, Sets, driven_rows, family_of, library
-from model.diagnosis.single_wheel.weighing import Weighed, Weighing, weigh, weighed
+from model.diagnosis.core import Bench, DiagnosisOptions
+from model.diagnosis.single_wheel import (
+    BenchProblem,
+    CauseUse,
+    Hypothesis,
+    Library,
+    Optima,
+    Sets,
+    Weighed,
+    Weighing,
+    driven_rows,
+    family_of,
+    library,
+    noise_of,
+    scatter_of_repeats,
+    weigh,
+    weighed,
+)
 from model.one_thread import one_thread
 
 FloatArray = NDArray[np.float64]
