@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from model.diagnosis.core import Bench, Diagnosis, DiagnosisOptions
+from model.diagnosis.core import Bench, Diagnosis, DiagnosisOptions, rms
 from model.diagnosis.single_wheel import (
     BenchProblem,
     CauseUse,
@@ -93,9 +93,9 @@ def sets_table(weighing: Weighing) -> dict[str, dict[str, float]]:
             "misfit": found.misfit,
             "probability": p,
             "ungated": ungated,
-            "left_out_dp_n": left_out.rms(weighing.problem, "dp"),
-            "left_out_z_mm": 1e3 * left_out.rms(weighing.problem, "z"),
-            "left_out_log_likelihood": float(left_out.log_likelihood.sum()),
+            "left_out_dp_n": rms(left_out, "dp"),
+            "left_out_z_mm": 1e3 * rms(left_out, "z"),
+            "left_out_log_likelihood": float(sum(fold.log_likelihood for fold in left_out)),
         }
     return rows
 

@@ -24,14 +24,15 @@ from model.diagnosis.single_wheel import (
     Hypothesis,
     Library,
     Optima,
-    Sets,
     Weighed,
     Weighing,
     driven_rows,
     family_of,
     library,
+    listed_uses,
     noise_of,
     scatter_of_repeats,
+    sets_of,
     weigh,
     weighed,
 )
@@ -233,7 +234,7 @@ def _means_of(weighing: Weighing) -> dict[str, FloatArray]:
 def _weigh_own(weighing: Weighing, both: BenchProblem, known: Library, most: int, rng: np.random.Generator) -> Weighing:
     """Weigh the first wheel's likeliest sets, each with every set of causes of the second wheel alone."""
     shared = _carried_over(weighing)
-    own = Sets.of(known.uses, min(most, 2)).log_prior
+    own = sets_of(known.uses, listed_uses(known.uses, min(most, 2)))
     log_prior = {(*a.hypothesis, *b): a.log_prior + p for a in shared for b, p in own.items() if len(b) < 2}
     found = Optima(both)
     found.add_from([(a.hypothesis, a.optima[0].standard) for a in shared])

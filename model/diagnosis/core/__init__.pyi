@@ -8,6 +8,7 @@ from .consistency import inconsistent as inconsistent
 from .coverage import Coverage as Coverage
 from .coverage import cannot_tell as cannot_tell
 from .coverage import considered as considered
+from .gain import rms as rms
 from .result import FIELD_NAMES as FIELD_NAMES
 from .result import FIELD_UNITS as FIELD_UNITS
 from .result import INPUT_FIELDS as INPUT_FIELDS

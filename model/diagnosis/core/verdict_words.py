@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 
 from model.diagnosis.core.coverage import USUAL
+from model.diagnosis.core.naming import Judgement
 from model.diagnosis.core.result import (
     BRIEF,
     FIELD_NAMES,
@@ -23,7 +24,6 @@ from model.diagnosis.core.result import (
     NextRun,
     ParameterEstimate,
 )
-from model.diagnosis.core.verdict import Judgement
 from model.diagnosis.findings.agreement import Disagreement
 from model.effects.catalogue import EFFECTS
 

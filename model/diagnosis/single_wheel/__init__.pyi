@@ -9,10 +9,11 @@ from .problem import CauseUse as CauseUse
 from .problem import Hypothesis as Hypothesis
 from .search import Optima as Optima
 from .sets import Library as Library
-from .sets import Sets as Sets
 from .sets import driven_rows as driven_rows
 from .sets import family_of as family_of
 from .sets import library as library
+from .sets import listed_uses as listed_uses
+from .sets import sets_of as sets_of
 from .sets import skid_law as skid_law
 from .weighing import Weighed as Weighed
 from .weighing import Weighing as Weighing

@@ -8,17 +8,15 @@ wheel, whose laws say nothing of them: a locked wheel ploughs, and pulls back wi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
-from math import comb, log
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.coverage import Coverage, considered, ruled_out
-from model.diagnosis.core.prior import SIZE_PRIOR
+from model.diagnosis.core.prior import Hypotheses, listed_sets
 from model.diagnosis.core.result import FIELDS as CHANNEL_FIELDS
 from model.diagnosis.single_wheel.noise import groups_of_rows
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
@@ -185,47 +183,19 @@ def _unseen_words(problem: BenchProblem) -> str:
     return f"it changes nothing that was measured ({', '.join(problem.channels)}; rows with {driven} only)"
 
 
-@dataclass(frozen=True)
-class Sets:
-    """Sets of causes with the logarithm of their prior.
+def sets_of(uses: Sequence[CauseUse], listed: Hypotheses) -> dict[Hypothesis, float]:
+    """Return the listed sets with the logarithm of their prior.
 
-    Attributes
+    Parameters
     ----------
-    uses : tuple of CauseUse
-    log_prior : mapping Hypothesis -> float
-        Of the listed sets among all sets of up to the largest size.
-    most : int
+    uses : sequence of CauseUse
+        Of the effects that are listed, in their order.
+    listed : Hypotheses
     """
+    rows = zip(listed.members.tolist(), listed.log_prior.tolist(), strict=True)
+    return {tuple(uses[i] for i in members if i >= 0): p for members, p in rows}
 
-    uses: tuple[CauseUse, ...]
-    log_prior: dict[Hypothesis, float]
-    most: int
 
-    @staticmethod
-    def of(uses: Sequence[CauseUse], most: int) -> Sets:
-        """Return none, every cause, and every pair; sets of three wait for `with_thirds`."""
-        empty = Sets(tuple(uses), {}, most)
-        return empty._with(s for size in range(min(most, 2) + 1) for s in combinations(uses, size))
-
-    def with_thirds(self, pairs: Iterable[Hypothesis]) -> Sets:
-        """Return the sets with every third cause added to some pairs."""
-        order = {use: i for i, use in enumerate(self.uses)}
-        return self._with(
-            tuple(sorted((*pair, third), key=order.__getitem__))
-            for pair in pairs
-            for third in self.uses
-            if third not in pair
-        )
-
-    def _with(self, more: Iterable[Hypothesis]) -> Sets:
-        families = [family_of(use) for use in self.uses]
-        count = len(set(families))
-        possible = [p if comb(count, size) and size <= self.most else 0.0 for size, p in enumerate(SIZE_PRIOR)]
-        found = dict(self.log_prior)
-        for chosen in more:
-            own = [family_of(use) for use in chosen]
-            if len(set(own)) < len(own):
-                continue
-            each = possible[len(chosen)] / sum(possible) / comb(count, len(chosen))
-            found[chosen] = log(each) - sum(log(families.count(family)) for family in own)
-        return Sets(self.uses, found, self.most)
+def listed_uses(uses: Sequence[CauseUse], most: int) -> Hypotheses:
+    """List the sets of up to two causes, with a prior that counts those of up to `most`; see `listed_sets`."""
+    return listed_sets({use.key: family_of(use) for use in uses}, most, triples=False)

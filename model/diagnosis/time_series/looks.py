@@ -39,6 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.core.clock import Clock
 from model.diagnosis.time_series.columns import columns_of
 from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate, log_evidence
 from model.diagnosis.time_series.grams import Grams
@@ -46,7 +47,7 @@ from model.diagnosis.time_series.hyper import blocks_of, estimated
 from model.diagnosis.time_series.linearise import Point, linearise
 from model.diagnosis.time_series.noise import Noise, beliefs, remarks
 from model.diagnosis.time_series.samples import Samples, places_of, steps_of
-from model.diagnosis.time_series.start import Clock, Start, View, begin, first_causes, never_told
+from model.diagnosis.time_series.start import Start, View, begin, first_causes, never_told
 from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed, smoothed_speed
 from model.one_thread import one_thread
 

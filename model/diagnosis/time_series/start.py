@@ -1,14 +1,12 @@
 """What a look starts from: samples, the simulation under test, and why a campaign may be unfit.
 
-One campaign as it is looked at, and the clock of the stages.
+One campaign as it is looked at.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from time import perf_counter
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,20 +51,6 @@ class View:
     noise: Noise
     grams: RunGrams
     speed_variance: FloatArray
-
-
-@dataclass
-class Clock:
-    """Seconds by stage."""
-
-    stages_s: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Count the time inside for a stage."""
-        start = perf_counter()
-        yield
-        self.stages_s[name] = self.stages_s.get(name, 0.0) + perf_counter() - start
 
 
 _FORCES = {"drawbar_pull_n": "drawbar pull", "driving_torque_nm": "torque"}
