@@ -15,12 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.core.gain import Foretold, gain_of
+from model.diagnosis.core.next_test import WORTH_SAYING, best_first, expected_nats
 from model.diagnosis.core.result import Gain, NextRun
 from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
 from model.diagnosis.single_wheel.noise import FORM_SHARE
@@ -131,7 +131,6 @@ _LOADS = ((0.5, "half the load"), (2.0, "twice the load"))
 _DRAWS = 160
 _SETS = 5
 _REPEATS = 3
-_WORTH = 0.05
 
 
 @dataclass(frozen=True)
@@ -147,19 +146,21 @@ def next_tests(weighing: Weighing, rng: np.random.Generator) -> tuple[NextRun, .
     found = []
     for design in _designs(weighing.problem) if len(rivals) > 1 else []:
         said = [_foretold_of_design(design, weighed, rng) for _, weighed in rivals]
-        total, weight, best = 0.0, 0.0, (0.0, ("", ""))
-        for i, j in combinations(range(len(rivals)), 2):
-            a, b = said[i], said[j]
-            if a is None or b is None:
-                break
-            p = rivals[i][0] * rivals[j][0]
-            each = 0.5 * (_divergence(a, b) + _divergence(b, a))
-            total, weight = total + p * each, weight + p
-            best = max(best, (p * each, _difference(rivals[i][1], rivals[j][1])))
-        else:
-            if total / weight > _WORTH:
-                found.append(NextRun(design.words, best[1], total / weight))
-    return tuple(sorted(found, key=lambda run: -run.expected_log_bayes_factor))
+        known = [foretold for foretold in said if foretold is not None]
+        if len(known) < len(said):
+            continue
+        nats = np.array([[_divergence(a, b) for b in known] for a in known])
+        expected = expected_nats(nats, [p for p, _ in rivals])
+        if expected > WORTH_SAYING:
+            found.append(NextRun(design.words, _parted(rivals, nats), expected))
+    return tuple(best_first(found))
+
+
+def _parted(rivals: Sequence[tuple[float, Weighed]], nats: FloatArray) -> tuple[str, str]:
+    """Return in what the two sets differ that come apart most, as likely as they are."""
+    p = np.array([probability for probability, _ in rivals])
+    i, j = divmod(int(np.argmax(np.outer(p, p) * (nats + nats.T))), len(rivals))
+    return _name(rivals[i][1], rivals[j][1]), _name(rivals[j][1], rivals[i][1])
 
 
 def _rivals(weighing: Weighing) -> list[tuple[float, Weighed]]:
@@ -169,10 +170,6 @@ def _rivals(weighing: Weighing) -> list[tuple[float, Weighed]]:
         if weighed.posterior is not None and p > 0:
             found.setdefault(weighed.families, (float(p), weighed))
     return sorted(found.values(), key=lambda pair: -pair[0])[:_SETS]
-
-
-def _difference(a: Weighed, b: Weighed) -> tuple[str, str]:
-    return _name(a, b), _name(b, a)
 
 
 def _name(weighed: Weighed, other: Weighed) -> str:
