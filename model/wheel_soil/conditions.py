@@ -15,6 +15,9 @@ import numpy as np
 from model.wheel_soil.dual import Number, value_of, where
 from model.wheel_soil.stresses import speed_ratio
 
+REFERENCE_INFLATION_KPA = 340.0
+"""Of a tyre whose pressure is not stated."""
+
 
 @dataclass(frozen=True)
 class Wheel:

@@ -16,7 +16,6 @@ from model.diagnosis.core import (
     FIELD_UNITS,
     INPUT_FIELDS,
     NAMES,
-    SUMS,
     UNITS,
     Cause,
     CauseSet,
@@ -103,7 +102,7 @@ def set_name(one: CauseSet) -> str:
 
 def parameter_name(key: str, name: str) -> str:
     """Return the name of a cause's parameter; of a combination, what it is made of."""
-    return SUMS.get(key, {}).get(name, name)
+    return EFFECTS[key].spelled(name) if key in EFFECTS else name
 
 
 _LEAST_SHOWN = 0.01

@@ -5,6 +5,10 @@ from .consistency import BoundRows as BoundRows
 from .consistency import bound_rows_of_runs as bound_rows_of_runs
 from .consistency import bound_rows_of_table as bound_rows_of_table
 from .consistency import inconsistent as inconsistent
+from .coverage import Coverage as Coverage
+from .coverage import cannot_tell as cannot_tell
+from .coverage import considered as considered
+from .gain import rms as rms
 from .result import FIELD_NAMES as FIELD_NAMES
 from .result import FIELD_UNITS as FIELD_UNITS
 from .result import INPUT_FIELDS as INPUT_FIELDS
@@ -26,6 +30,3 @@ from .result import SoilEstimate as SoilEstimate
 from .shapes import Kind as Kind
 from .shapes import Rows as Rows
 from .shapes import Shape as Shape
-from .tellable import cannot_tell as cannot_tell
-from .tellable import considered as considered
-from .verdict_words import SUMS as SUMS

@@ -399,3 +399,25 @@ class Diagnosis:
     def as_json(self) -> dict[str, Any]:
         """Return the contract's mapping; NaN stays NaN, for the writer to turn into null."""
         return diagnosis_json(self)
+
+
+def undecided(
+    sentence: str, cannot_tell: dict[str, str], notes: tuple[str, ...], stages_s: dict[str, float] | None = None
+) -> Diagnosis:
+    """Return a diagnosis that decides nothing and says for want of what; see `Diagnosis`."""
+    return Diagnosis(
+        verdict="nothing_detectable",
+        sentence=sentence,
+        causes=(),
+        candidates=(),
+        what_is_wrong=(),
+        gain=None,
+        inconsistent=(),
+        adequacy=None,
+        proposal=None,
+        minimum_detectable={},
+        next_run=(),
+        cannot_tell=cannot_tell,
+        notes=notes,
+        stages_s=stages_s or {},
+    )

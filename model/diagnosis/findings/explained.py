@@ -14,10 +14,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from model.diagnosis.core.naming import Judgement
+from model.diagnosis.core.posterior import Posterior, cause_of, likeliest_form
 from model.diagnosis.core.result import Cause, ParameterEstimate, Seen, SoilEstimate
-from model.diagnosis.core.verdict import Judgement
 from model.diagnosis.findings.detectable import isolability
-from model.diagnosis.time_series.evidence import Posterior, estimate
+from model.diagnosis.time_series.evidence import estimate
 from model.diagnosis.time_series.final import SetFit, fit_set, parameters_of, soils_of, spread_of
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearise import simulated
@@ -195,7 +196,9 @@ def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
             fit = fits[(key,)]
             values |= parameters_of(fit, look, spread if extended == (key,) else None)
             sizes |= fit.sizes
-    causes = tuple(_cause(found, family, key, values) for family, key in zip(verdict.families, keys, strict=True))
+    causes = tuple(
+        cause_of(found, family, key, values.get(key, ())) for family, key in zip(verdict.families, keys, strict=True)
+    )
     return Explained(causes, extended, sizes | _others(look, found, sizes), soils_of(whole, look, spread))
 
 
@@ -223,11 +226,6 @@ def doubtful(causes: Sequence[Cause]) -> str:
     return ""
 
 
-def likeliest_form(found: Posterior, family: str) -> str:
-    """Return the key of a family's likeliest form."""
-    return next(iter(found.forms(family)))
-
-
 def _extended(look: Look, verdict: Judgement, keys: Keys) -> Keys:
     if verdict.verdict == "named":
         order = [c.key for c in look.grams.causes]
@@ -235,19 +233,6 @@ def _extended(look: Look, verdict: Judgement, keys: Keys) -> Keys:
     if verdict.verdict == "one_of":
         return keys[:1]
     return look.best.keys if verdict.verdict == "unexplained" else ()
-
-
-def _cause(found: Posterior, family: str, key: str, values: dict[str, tuple[ParameterEstimate, ...]]) -> Cause:
-    effect = EFFECTS[key]
-    return Cause(
-        name=family,
-        form=effect.form,
-        kind=effect.kind,
-        key=key,
-        probability=found.families()[family],
-        form_probability=found.forms(family)[key],
-        parameters=values.get(key, ()),
-    )
 
 
 def _others(look: Look, found: Posterior, known: dict[str, FloatArray]) -> dict[str, FloatArray]:

@@ -8,11 +8,10 @@ from math import isfinite
 import numpy as np
 
 from model.diagnosis.core.result import BRIEF, Cause, Gain, NextRun, Seen, Verdict
-from model.diagnosis.core.verdict import MORE_AT
 from model.diagnosis.core.verdict_words import gain_words
 from model.diagnosis.single_wheel.noise import scatter_of_repeats
 from model.diagnosis.single_wheel.problem import BenchProblem
-from model.diagnosis.single_wheel.sets import SkidLaw, family_of
+from model.diagnosis.single_wheel.sets import SkidLaw
 from model.diagnosis.single_wheel.weighing import Weighing
 from model.effects.catalogue import EFFECTS
 
@@ -36,11 +35,7 @@ def sentence_of(
     if verdict == "named":
         names = " and ".join(f"{plain(c.name)} ({chance(c.probability)})" for c in causes)
         others = [f"{plain(name)} ({chance(p)})" for name, p in beside.items()]
-        more = (
-            f" Beside it, one of: {', '.join(others)}."
-            if others and beside.get("nothing more", 0.0) <= 1.0 - MORE_AT
-            else ""
-        )
+        more = f" Beside it, one of: {', '.join(others)}." if others else ""
         worth = gain_words(gain)
         left_out = f" On conditions left out {worth}." if worth else ""
         seen = f"{names.capitalize()} is seen in {channels}, among explanations that are right enough."
@@ -70,27 +65,6 @@ def mixed_words(problem: BenchProblem) -> str:
                 "may be of different wheels or tests; choose them with --where."
             )
     return ""
-
-
-def beside_of(weighing: Weighing, named: Sequence[str], level: float = 0.95) -> dict[str, float]:
-    """Return what is likely beside the named causes: families and "nothing more", until `level` is reached."""
-    given = [
-        (float(p), [f for f in map(family_of, w.hypothesis) if f not in named])
-        for p, w in zip(weighing.probabilities, weighing.sets, strict=True)
-        if p > 0 and w.families >= set(named)
-    ]
-    total = sum(p for p, _ in given)
-    chances: dict[str, float] = {}
-    for p, others in given:
-        for name in others or ["nothing more"]:
-            chances[name] = chances.get(name, 0.0) + p / total
-    chosen: dict[str, float] = {}
-    for name in sorted(chances, key=lambda n: -chances[n]):
-        covered = sum(p for p, others in given if set(others or ["nothing more"]) & set(chosen)) / total
-        if covered >= level:
-            break
-        chosen[name] = chances[name]
-    return chosen
 
 
 def notes_of(

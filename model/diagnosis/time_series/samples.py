@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.core.campaign import Campaign
+from model.diagnosis.core.coverage import Coverage
+from model.diagnosis.core.result import FIELDS
 from model.diagnosis.time_series.rests import Rests, rests_of
-from model.effects.vehicle.tyre_flattening import REFERENCE_KPA
-from model.wheel_soil.conditions import Conditions
+from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, Conditions
 from model.wheel_soil.run_conditions import campaign_times, line_positions
 from processing import ProcessedRun, Reason
 from processing.pipeline import kernel_sigma_s, slip_of
@@ -172,6 +173,43 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = ("dp", "t", "z"))
     )
 
 
+_ONE_LOAD = 0.08
+"""Spread of the runs' median loads, over their mean, below which they are one load."""
+_SOME = 20
+"""Samples below which the wheel was hardly ever driven, or braked."""
+
+
+def coverage_of(campaign: Campaign, samples: Samples) -> Coverage:
+    """Return what a campaign covers.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    samples : Samples
+        Of it.
+    """
+    runs, slip = [run.run for run in campaign.runs], np.asarray(samples.conditions.slip)
+    load = np.asarray(samples.conditions.vertical_load_n)
+    medians = [float(np.median(load[samples.run == i])) for i in range(samples.runs) if (samples.run == i).any()]
+    measured = [c for c, name in CHANNELS.items() if any(np.isfinite(getattr(r, name)).any() for r in campaign.runs)]
+    names = samples.conditions.__dataclass_fields__
+    return Coverage(
+        conditions=frozenset(name for name in names if not np.isnan(getattr(samples.conditions, name)).any()),
+        channels=frozenset(FIELDS[c] for c in samples.measured),
+        unused_channels=frozenset(FIELDS[c] for c in measured if c not in samples.measured),
+        several_loads=bool(medians) and bool(np.ptp(medians) >= _ONE_LOAD * np.mean(medians)),
+        both_directions=len({run.direction for run in runs}) > 1,
+        several_passes=len({run.pass_number for run in runs}) > 1,
+        several_runs=len(runs) > 1,
+        pressures=any(run.inflation_kpa for run in runs),
+        standstill=len(samples.rests) > 0,
+        driven=int(np.count_nonzero(slip > 0)) >= _SOME,
+        braked=int(np.count_nonzero(slip < 0)) >= _SOME,
+        largest_slip=float(np.max(slip, initial=0.0)),
+        tyre=campaign.tyre,
+    )
+
+
 _SIGMAS = {"dp": "drawbar_pull_sigma_n", "t": "driving_torque_sigma_nm", "z": "sinkage_sigma_m"}
 
 
@@ -220,7 +258,7 @@ def _blocks(
     for name, value in (
         ("direction", -1.0 if info.direction == "back" else 1.0),
         ("pass_number", float(info.pass_number)),
-        ("inflation_kpa", info.inflation_kpa or REFERENCE_KPA),
+        ("inflation_kpa", info.inflation_kpa or REFERENCE_INFLATION_KPA),
         ("unit_weight_n_m3", campaign.soil.unit_weight_n_m3),
     ):
         found[name] = np.full(len(starts), value)
