@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 
+from daq.notes import Note
 from model.diagnosis.core.result import (
     Adequacy,
     Candidate,
@@ -25,13 +27,8 @@ from model.diagnosis.core.result import (
     Verdict,
 )
 from model.diagnosis.core.shapes import Kind, Shape
-
-SENTENCES: dict[Verdict, str] = {
-    "named": "The simulation lacks slip sinkage: the wheel digs in with slip, 51 mm at full slip.",
-    "one_of": "One of slip sinkage and bulldozing; a run with another load would part them.",
-    "unexplained": "Something that is not in the library: nothing known explains what is left at slips of 0.4 to 0.9.",
-    "nothing_detectable": "Nothing can be seen. A slip sinkage of 12 mm at full slip would have been.",
-}
+from model.notes import DiagnosisCode, LackCode
+from wheelsoil.wording.verdict import sentence_of
 
 
 def seen(campaign: str = "clay", runs: tuple[str, ...] = ("run-1", "run-2"), samples: int = 120) -> Seen:
@@ -76,7 +73,6 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
     scores = Scores(120.0, 31.0, 0.91, -3200.0)
     return Diagnosis(
         verdict=verdict,
-        sentence=SENTENCES[verdict],
         causes={"named": (sinkage,), "one_of": (replace(sinkage, probability=0.55), pushing)}.get(verdict, ()),
         candidates=(
             Candidate("slip_sinkage", 0.97),
@@ -109,8 +105,8 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
             "speed_bias": Detectable("offset_mps", 0.02, "m/s"),
         },
         next_run=(NextRun("one run with 500 kg more", ("slip_sinkage", "bulldozing"), 6.3), NextRun("brake", (), 1.2)),
-        cannot_tell={"slope": "one direction only", "speed_bias": "one direction only"},
-        notes=("terrain.toml states no uncertainty: the usual laboratory's is taken",),
+        cannot_tell={"slope": Note(LackCode.ONE_DIRECTION), "speed_bias": Note(LackCode.ONE_DIRECTION)},
+        notes=(Note(DiagnosisCode.SOIL_SIGMA_ASSUMED, values={"campaigns": ("clay",)}),),
         noise={"dp_n": 35.0, "speed_mps": 0.04, "run_scatter": float("nan")},
         soils=(
             SoilEstimate("clay", {"cohesion_pa": 4100.0, "tan_phi": 0.22}, {"cohesion_pa": 300.0, "tan_phi": 0.01}),
@@ -119,3 +115,7 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
         stages_s={"look": 0.8, "evidence": 0.2},
         sets=(CauseSet(("slip_sinkage",), 0.9), CauseSet(("slip_sinkage", "bulldozing"), 0.06)),
     )
+
+
+SENTENCES = {verdict: sentence_of(diagnosis(verdict)) for verdict in get_args(Verdict)}
+"""What is said of each."""

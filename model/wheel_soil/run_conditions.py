@@ -10,6 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import Note
+from model.notes import DiagnosisCode
 from model.wheel_soil.conditions import Conditions
 from processing import ProcessedRun
 
@@ -20,7 +22,7 @@ _LEAST_FIXES = 20
 _LEAST_LENGTH_M = 5.0
 
 
-def line_positions(runs: Sequence[ProcessedRun]) -> tuple[list[FloatArray], str]:
+def line_positions(runs: Sequence[ProcessedRun]) -> tuple[list[FloatArray], tuple[Note, ...]]:
     """Return x of every sample of every run, from -1 to 1 along the campaign's line.
 
     "out" starts at -1 and "back" at 1; where all runs go one way, the ends are those of what was driven. The shape of a
@@ -35,17 +37,17 @@ def line_positions(runs: Sequence[ProcessedRun]) -> tuple[list[FloatArray], str]
     -------
     list of array, shape (n,) each
         NaN in gaps of the ground speed.
-    note : str
+    notes : tuple of Note
         What was not known; empty where positions were.
     """
     sides = [-1.0 if run.run.direction == "back" else 1.0 for run in runs]
-    starts, note = _starts_by_position(runs, sides)
+    starts, notes = _starts_by_position(runs, sides)
     if starts is None:
         length = max((_length(run) for run in runs), default=0.0)
         starts = [0.0 if side > 0 else length for side in sides]
     along = [start + side * run.distance_m for start, side, run in zip(starts, sides, runs, strict=True)]
     low, high = _ends(starts, sides, along)
-    return [2.0 * (x - low) / max(high - low, 1e-9) - 1.0 for x in along], note
+    return [2.0 * (x - low) / max(high - low, 1e-9) - 1.0 for x in along], notes
 
 
 def _ends(starts: list[float], sides: list[float], along: list[FloatArray]) -> tuple[float, float]:
@@ -74,11 +76,13 @@ def _length(run: ProcessedRun) -> float:
     return float(known.max()) if len(known) else 0.0
 
 
-def _starts_by_position(runs: Sequence[ProcessedRun], sides: list[float]) -> tuple[list[float] | None, str]:
+def _starts_by_position(
+    runs: Sequence[ProcessedRun], sides: list[float]
+) -> tuple[list[float] | None, tuple[Note, ...]]:
     """Return where on the line each run starts, m, from its fixes; None where they do not tell."""
     fixed = [np.isfinite(run.latitude_deg) & np.isfinite(run.longitude_deg) for run in runs]
     if not runs or any(np.count_nonzero(seen) < _LEAST_FIXES for seen in fixed):
-        return None, "no positions: where on the line a run lies is taken from its distance and direction"
+        return None, (Note(DiagnosisCode.NO_POSITIONS),)
     east, north = _plane(runs)
     points = np.concatenate([np.column_stack([e[s], n[s]]) for e, n, s in zip(east, north, fixed, strict=True)])
     spread = points - points.mean(axis=0)
@@ -86,9 +90,9 @@ def _starts_by_position(runs: Sequence[ProcessedRun], sides: list[float]) -> tup
     along = [e * axis[0] + n * axis[1] for e, n in zip(east, north, strict=True)]
     turned = sum(side * _travel(x, run) for x, side, run in zip(along, sides, runs, strict=True))
     if max(abs(_travel(x, run)) for x, run in zip(along, runs, strict=True)) < _LEAST_LENGTH_M:
-        return None, "the positions do not change: where on the line a run lies is taken from its distance"
+        return None, (Note(DiagnosisCode.POSITIONS_STILL),)
     along = [x if turned > 0 else -x for x in along]
-    return [_start(x, side * run.distance_m) for x, side, run in zip(along, sides, runs, strict=True)], ""
+    return [_start(x, side * run.distance_m) for x, side, run in zip(along, sides, runs, strict=True)], ()
 
 
 def _start(along: FloatArray, way: FloatArray) -> float:

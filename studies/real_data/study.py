@@ -30,6 +30,7 @@ from model.diagnosis.single_wheel import (
 )
 from model.diagnosis.single_wheel import noise as bench_noise
 from studies.real_data.transfer import OWN, Transfer, transfer
+from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.workflows import bench_of, read_bench
 
 HERE = Path(__file__).parent
@@ -197,7 +198,7 @@ def study() -> tuple[dict[str, Any], dict[str, Diagnosis], dict[str, Transfer]]:
     }
     weighings = {name: weighed(smooth, channels) for name, channels in CHANNELS.items()}
     numbers = {
-        "diagnoses": {name: d.as_json() for name, d in diagnoses.items()},
+        "diagnoses": {name: diagnosis_json(d) for name, d in diagnoses.items()},
         "sets": {name: sets_table(w) for name, w in weighings.items()},
         "families": {name: families(w) for name, w in weighings.items()},
         "slip_sinkage": slip_sinkage(smooth),

@@ -25,6 +25,7 @@ from model.wheel_soil.soils import prior_of, soil_from_terrain
 from processing.options import ProcessOptions
 from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun
+from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.workflows.diagnosis import campaigns_of
 from wheelsoil.workflows.runs import process_runs
 
@@ -84,6 +85,6 @@ def asked(campaign: Campaign, case: Case, truth: dict[str, Any]) -> dict[str, An
 
 
 def _told(said: Diagnosis) -> dict[str, Any]:
-    full = said.as_json()
+    full = diagnosis_json(said)
     kept = ("verdict", "sentence", "causes", "candidates", "what_is_wrong", "gain", "adequacy", "noise", "stages_s")
     return json.loads(json.dumps({key: full[key] for key in kept}, default=float))

@@ -15,6 +15,7 @@ from model.diagnosis.core.campaign import DiagnosisOptions
 from model.diagnosis.core.result import Diagnosis
 from model.diagnosis.time_series.diagnosis import diagnose
 from model.effects.catalogue import EFFECTS
+from wheelsoil.wording.verdict import sentence_of
 
 
 def diagnosed(seed: int, soil: str, hidden: list[tuple[str, float]]) -> Diagnosis:
@@ -31,7 +32,7 @@ def diagnosed(seed: int, soil: str, hidden: list[tuple[str, float]]) -> Diagnosi
 )
 def test_a_large_cause_is_named_with_its_size(soil: str, key: str, parameter: str, size: float) -> None:
     said = diagnosed(1, soil, [(key, size)])
-    assert said.verdict == "named", said.sentence
+    assert said.verdict == "named", sentence_of(said)
     assert [cause.name for cause in said.causes] == [EFFECTS[key].name]
     [cause] = said.causes
     assert cause.probability > 0.9
@@ -43,7 +44,7 @@ def test_a_large_cause_is_named_with_its_size(soil: str, key: str, parameter: st
 
 def test_nothing_is_named_where_nothing_is_hidden() -> None:
     said = diagnosed(2, "clay", [])
-    assert not said.causes, said.sentence
+    assert not said.causes, sentence_of(said)
     assert said.candidates[0].name == "none"
     assert said.minimum_detectable
 

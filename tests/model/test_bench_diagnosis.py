@@ -16,6 +16,10 @@ from model.diagnosis.core.shapes import Rows
 from model.diagnosis.single_wheel.diagnose import diagnose_bench
 from model.diagnosis.single_wheel.problem import CauseUse
 from studies.real_data.transfer import transfer
+from wheelsoil.wording.diagnosis_json import diagnosis_json
+from wheelsoil.wording.notes import texts_of
+from wheelsoil.wording.places import place_text
+from wheelsoil.wording.verdict import sentence_of
 
 FEW = ("vasilev", "interface_friction", "stress_peak_shift", "drawbar_pull_zero", "load_gain", "skid_sinkage")
 """A short library: what is tested is the machine, not its length."""
@@ -69,7 +73,7 @@ def test_a_channel_that_is_not_looked_at_is_foretold() -> None:
     assert seen.unseen == ("z",)
     assert set(seen.implied) >= {"vasilev", "interface_friction"}
     assert np.isfinite(seen.implied["vasilev"]["z"]).all()
-    assert any("which it has not seen" in note for note in found.notes)
+    assert any("which it has not seen" in note for note in texts_of(found.notes))
 
 
 def test_what_no_cause_explains_is_unexplained() -> None:
@@ -81,7 +85,7 @@ def test_what_no_cause_explains_is_unexplained() -> None:
     assert not found.causes
     assert found.what_is_wrong
     assert found.what_is_wrong[0].channel == "drawbar_pull"
-    assert found.what_is_wrong[0].where.startswith("slip")
+    assert place_text(found.what_is_wrong[0].place).startswith("slip")
     assert all(isinstance(one.place, Rows) for one in found.what_is_wrong)
 
 
@@ -119,7 +123,7 @@ def test_the_same_seed_says_the_same() -> None:
     one, two = (
         diagnose_bench([bench(np.random.default_rng(7), {"vasilev": {"H_m": 0.01}})], _options()) for _ in range(2)
     )
-    first, second = (json.dumps(d.as_json() | {"stages_s": None}) for d in (one, two))
+    first, second = (json.dumps(diagnosis_json(d) | {"stages_s": None}) for d in (one, two))
     assert first == second
 
 
@@ -136,14 +140,14 @@ def test_no_rows() -> None:
 def test_too_few_conditions(slips: tuple[float, ...]) -> None:
     found = diagnose_bench([bench(np.random.default_rng(0), slips=slips)], _options())
     assert found.verdict == "nothing_detectable"
-    assert "decide nothing" in found.sentence
+    assert "decide nothing" in sentence_of(found)
     assert "slip_sinkage" in found.cannot_tell
 
 
 def test_a_channel_that_was_not_measured() -> None:
     found = diagnose_bench([bench(np.random.default_rng(0))], _options("t"))
     assert found.verdict == "nothing_detectable"
-    assert "measured" in found.sentence
+    assert "measured" in sentence_of(found)
 
 
 def test_two_conditions_leave_no_gain() -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 from scipy.stats import multivariate_normal
 
+from daq.notes import Note
 from model.diagnosis.core.campaign import DiagnosisOptions
 from model.diagnosis.single_wheel.coordinates import CauseCoordinate, SoilCoordinates, cut_off
 from model.diagnosis.single_wheel.evidence import posterior_of
@@ -21,6 +22,7 @@ from model.diagnosis.single_wheel.search import answered, log_likelihood, search
 from model.diagnosis.single_wheel.sets import driven_rows, family_of, library, listed_uses, sets_of, skid_law
 from model.diagnosis.single_wheel.weighing import misfits, threshold
 from model.effects.catalogue import EFFECTS
+from model.notes import LackCode
 
 BOTH = DiagnosisOptions(channels=("dp", "z"))
 
@@ -285,7 +287,7 @@ def test_what_a_table_cannot_tell_is_said() -> None:
     options = DiagnosisOptions(channels=("dp",))
     known = library(BenchProblem.of([bench(np.random.default_rng(0))], options), options)
     assert {"speed_latency", "track_drift", "torque_zero", "skid_sinkage"} <= set(known.cannot_tell)
-    assert known.cannot_tell["grouser"] == "the tyre is declared smooth"
+    assert known.cannot_tell["grouser"] == Note(LackCode.SMOOTH_TYRE)
     assert "interface_friction" in known.families
 
 

@@ -10,12 +10,17 @@ import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign
 
+from daq.notes import Note
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.result import Diagnosis
-from model.diagnosis.time_series.diagnosis import FEW_RUNS, NOTHING_TO_TEST, diagnose
+from model.diagnosis.time_series.diagnosis import diagnose
 from model.diagnosis.time_series.noise import Noise, beliefs
 from model.diagnosis.time_series.samples import samples_of
+from model.notes import DiagnosisCode
 from processing.processed_run import ProcessedRun, Reason
+from wheelsoil.wording.diagnosis_json import diagnosis_json
+from wheelsoil.wording.notes import texts_of
+from wheelsoil.wording.verdict import sentence_of
 
 FEW = DiagnosisOptions(
     effects=(
@@ -39,7 +44,7 @@ def diagnosed(*campaigns: Campaign, options: DiagnosisOptions = FEW) -> Diagnosi
         for c in campaigns
     ]
     found = diagnose(campaigns, options, noises)
-    json.dumps(found.as_json())
+    json.dumps(diagnosis_json(found))
     assert sum(c.probability for c in found.candidates) >= 0.999 or not found.candidates
     return found
 
@@ -62,7 +67,7 @@ def plain() -> Campaign:
 
 def test_slip_sinkage_is_named_with_its_size(digging: Campaign) -> None:
     found = diagnosed(digging)
-    assert found.verdict == "named", found.sentence
+    assert found.verdict == "named", sentence_of(found)
     [cause] = found.causes
     assert cause.name == "slip_sinkage"
     assert cause.probability > 0.9
@@ -73,8 +78,8 @@ def test_slip_sinkage_is_named_with_its_size(digging: Campaign) -> None:
         low, high = cause.parameters[0].interval95
         assert low < 0.04 < high
     assert found.what_is_wrong[0].statistic != 0
-    if "would look almost the same" in found.sentence:
-        assert f"drive next: {found.next_run[0].change}." in found.sentence
+    if "would look almost the same" in sentence_of(found):
+        assert f"drive next: {found.next_run[0].change}." in sentence_of(found)
         assert "slip_sinkage" in found.next_run[0].separates
     assert found.sets[0].causes == ("slip_sinkage",)
     assert {"linearise", "whitening", "bagging", "held_out", "final"} <= set(found.stages_s)
@@ -88,7 +93,7 @@ def test_slip_sinkage_is_named_with_its_size(digging: Campaign) -> None:
 
 def test_nothing_is_seen_where_nothing_is_hidden(plain: Campaign) -> None:
     found = diagnosed(plain)
-    assert found.verdict == "nothing_detectable", found.sentence
+    assert found.verdict == "nothing_detectable", sentence_of(found)
     assert not found.causes
     assert set(found.minimum_detectable) == set(FEW.effects)
     assert all(0 < abs(d.value) < inf for d in found.minimum_detectable.values())
@@ -97,10 +102,10 @@ def test_nothing_is_seen_where_nothing_is_hidden(plain: Campaign) -> None:
 @pytest.mark.slow
 def test_two_campaigns_share_a_cause(digging: Campaign) -> None:
     found = diagnosed(replace(digging, runs=digging.runs[:2]), replace(digging, name="more", runs=digging.runs[2:]))
-    assert found.verdict == "named", found.sentence
+    assert found.verdict == "named", sentence_of(found)
     assert found.causes[0].name == "slip_sinkage"
     assert [soil.campaign for soil in found.soils] == [digging.name, "more"]
-    assert "disagree" not in found.sentence
+    assert "disagree" not in sentence_of(found)
 
 
 @pytest.mark.parametrize(
@@ -111,17 +116,17 @@ def test_two_campaigns_that_differ_in_the_size_of_a_shared_cause_are_told(
 ) -> None:
     deeper = simulated_campaign("clay", 4, RUNS, f"vasilev:H_m={sinkage_m:g}")
     found = diagnosed(digging, deeper, options=replace(FEW, effects=("vasilev", "slope")))
-    assert found.verdict == verdict, found.sentence
-    assert "The campaigns disagree about H_m: clay 3 0.0" in found.sentence
-    assert found.sentence.startswith("The campaigns disagree") == (verdict == "unexplained")
-    assert any("disagree about H_m" in note for note in found.notes)
+    assert found.verdict == verdict, sentence_of(found)
+    assert "The campaigns disagree about H_m: clay 3 0.0" in sentence_of(found)
+    assert sentence_of(found).startswith("The campaigns disagree") == (verdict == "unexplained")
+    assert any("disagree about H_m" in note for note in texts_of(found.notes))
 
 
 @pytest.mark.parametrize("runs", [1, 2])
 def test_one_or_two_runs_name_nothing(digging: Campaign, runs: int) -> None:
     found = diagnosed(replace(digging, runs=digging.runs[:runs]))
     assert found.verdict in ("one_of", "unexplained")
-    assert FEW_RUNS in found.notes
+    assert Note(DiagnosisCode.FEW_RUNS) in found.notes
     assert (found.gain is None) == (runs == 1)
 
 
@@ -129,8 +134,8 @@ def test_two_terrains_in_one_campaign_are_told(plain: Campaign) -> None:
     sand = simulated_campaign("sandy", 2, RUNS)
     found = diagnosed(replace(plain, runs=plain.runs[:2] + sand.runs[2:]))
     assert found.verdict == "unexplained"
-    assert "two terrains" in found.sentence
-    assert NOTHING_TO_TEST in found.notes
+    assert "two terrains" in sentence_of(found)
+    assert Note(DiagnosisCode.NOTHING_TO_TEST) in found.notes
     assert not found.causes
 
 
@@ -150,8 +155,8 @@ def test_too_little_is_a_verdict_that_says_so(digging: Campaign, few: str) -> No
         poor = replace(digging, runs=tuple(only(r, (r.time_s > 6) & (r.time_s < 8)) for r in digging.runs))
     found = diagnosed(poor)
     assert found.verdict == "nothing_detectable"
-    assert found.sentence.startswith("Nothing can be decided: ")
-    assert "Next: " in found.sentence
+    assert sentence_of(found).startswith("Nothing can be decided: ")
+    assert "Next: " in sentence_of(found)
     assert set(found.cannot_tell) == {"slip_sinkage", "stress_peak_shift", "bulldozing", "torque_zero"} | {
         "drawbar_pull_zero",
         "slope",
@@ -161,4 +166,4 @@ def test_too_little_is_a_verdict_that_says_so(digging: Campaign, few: str) -> No
 def test_a_campaign_with_too_little_is_left_out_of_several(digging: Campaign) -> None:
     found = diagnosed(digging, replace(digging, name="empty", runs=()))
     assert found.verdict == "named"
-    assert any("empty" in note and "left out" in note for note in found.notes)
+    assert any("empty" in note and "excluded" in note for note in texts_of(found.notes))

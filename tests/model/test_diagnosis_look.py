@@ -12,6 +12,7 @@ from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.time_series.looks import Look, look
 from model.diagnosis.time_series.samples import places_of
 from model.diagnosis.time_series.whitening import whitened_rows
+from wheelsoil.wording.notes import texts_of
 
 RUNS = 3
 FEW = ("vasilev", "crosstalk", "drawbar_pull_zero", "speed_latency", "wheel_radius")
@@ -54,7 +55,7 @@ def test_a_campaign_without_a_cause_leaves_white_noise(null: Look) -> None:
     values = null.views[0].noise.values
     assert 0.018 < values["speed_noise_mps"] < 0.045  # 0.03 were put in
     assert 20.0 < values["drawbar_pull_noise_n"] < 50.0  # 46, of which 35 are left of means over a fifth of a second
-    assert any("once a turn of the wheel" in note for note in null.notes)
+    assert any("once a turn of the wheel" in note for note in texts_of(null.notes))
     assert {"samples", "linearise", "noise", "whitening", "evidence", "smoothing"} <= set(null.stages_s)
 
 

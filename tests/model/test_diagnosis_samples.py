@@ -10,10 +10,12 @@ from diagnosis_support import simulated_campaign
 
 from daq.config import RunInfo
 from daq.errors import DataError
+from daq.notes import Note
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.coverage import cannot_tell, considered
 from model.diagnosis.time_series.looks import look
 from model.diagnosis.time_series.samples import STENCIL, coverage_of, samples_of
+from model.notes import DiagnosisCode, LackCode
 from model.wheel_soil.run_conditions import campaign_times, line_positions
 from processing.processed_run import ProcessedRun, Reason
 
@@ -78,8 +80,8 @@ def _first(run: ProcessedRun, count: int) -> ProcessedRun:
 
 def test_the_line_goes_from_where_out_starts_to_where_back_starts(campaign: Campaign) -> None:
     out, back = campaign.runs
-    lost, note = line_positions(campaign.runs)
-    assert "no positions" in note
+    lost, notes = line_positions(campaign.runs)
+    assert notes == (Note(DiagnosisCode.NO_POSITIONS),)
     assert np.nanmin(lost[0]) == pytest.approx(-1.0)
     assert np.nanmax(lost[1]) == pytest.approx(1.0)
     rng = np.random.default_rng(1)
@@ -90,8 +92,8 @@ def test_the_line_goes_from_where_out_starts_to_where_back_starts(campaign: Camp
         degrees = np.degrees(1 / 6_371_008.8)
         longitude = (179.9999 + east * degrees / np.cos(np.radians(45.0)) + 180.0) % 360.0 - 180.0
         placed.append(replace(run, latitude_deg=45.0 + north * degrees, longitude_deg=longitude))
-    found, note = line_positions(placed)
-    assert note == ""
+    found, notes = line_positions(placed)
+    assert notes == ()
     for run, x, start, side in zip(placed, found, (0.0, 60.0), (1.0, -1.0), strict=True):
         expected = (start + side * run.distance_m) / 30.0 - 1.0
         assert np.nanmax(np.abs(x - expected)) < 0.02
@@ -107,20 +109,21 @@ def test_the_campaigns_clock_runs_from_minus_to_plus_a_half(campaign: Campaign) 
 def test_what_one_kind_of_run_cannot_tell_is_said(campaign: Campaign) -> None:
     one_way = with_info(campaign, RunInfo(direction="out"), RunInfo(direction="out"))
     said = cannot_tell(coverage_of(one_way, samples_of(one_way)))
-    assert "one way" in said["slope"]
-    assert "pass" in said["multi_pass"]
+    assert said["slope"].code == LackCode.ONE_DIRECTION
+    assert said["multi_pass"].code == LackCode.SAME_PASS
     silent = changed(campaign, driving_torque_nm=np.nan)
     samples = samples_of(silent)
     assert set(samples.measured) == {"dp"}
-    assert "torque" in cannot_tell(coverage_of(silent, samples))["torque_zero"]
+    silence = cannot_tell(coverage_of(silent, samples))["torque_zero"]
+    assert silence == Note(LackCode.CHANNEL_MISSING, values={"role": "driving_torque"})
     smooth = replace(campaign, tyre="smooth")
     covered = coverage_of(smooth, samples_of(smooth))
     assert "grouser" not in {effect.name for effect in considered(covered, DiagnosisOptions())}
-    assert "smooth" in cannot_tell(covered)["grouser"]
+    assert cannot_tell(covered)["grouser"].code == LackCode.SMOOTH_TYRE
     only_one = replace(campaign, runs=campaign.runs[:1])
     said = cannot_tell(coverage_of(only_one, samples_of(only_one)))
-    assert "one load" in said["crosstalk"]
-    assert "one run" in said["zero_drift"]
+    assert said["crosstalk"].code == LackCode.ONE_LOAD
+    assert said["zero_drift"].code == LackCode.ONE_RUN_NO_DRIFT
 
 
 def test_holes_cost_their_samples_only(campaign: Campaign) -> None:

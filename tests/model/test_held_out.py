@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from short_campaign import driven, looked
 
+from daq.notes import Note
 from model.diagnosis.time_series.evidence import log_likelihood_of_run
 from model.diagnosis.time_series.final import fit_set
-from model.diagnosis.time_series.held_out import ONE_RUN, TWO_RUNS, foretold, held_out
+from model.diagnosis.time_series.held_out import foretold, held_out
+from model.notes import DiagnosisCode
 
 DIGGING = "vasilev:H_m=0.04"
 
@@ -18,7 +20,7 @@ DIGGING = "vasilev:H_m=0.04"
 def test_a_cause_that_is_there_gains_and_every_fold_chooses_it() -> None:
     seen = looked(driven(DIGGING), "vasilev", "torque_zero")
     gain, note = held_out(seen)
-    assert gain is not None and note == ""
+    assert gain is not None and note == ()
     assert all("vasilev" in keys for keys in gain.chosen) and len(gain.chosen) == 4
     assert gain.log_likelihood_gain > 20
     assert gain.extended["dp"].R0 < 0.8 * gain.base["dp"].R0
@@ -57,6 +59,6 @@ def test_a_left_out_run_does_not_teach_how_it_is_foretold() -> None:
 def test_few_runs_are_said() -> None:
     campaign = driven(DIGGING)
     one = looked(replace(campaign, runs=campaign.runs[:1]), "vasilev")
-    assert held_out(one) == (None, ONE_RUN)
-    gain, note = held_out(looked(replace(campaign, runs=campaign.runs[:2]), "vasilev"))
-    assert gain is not None and note == TWO_RUNS and np.isnan(gain.interval95).all()
+    assert held_out(one) == (None, (Note(DiagnosisCode.ONE_RUN),))
+    gain, notes = held_out(looked(replace(campaign, runs=campaign.runs[:2]), "vasilev"))
+    assert gain is not None and notes == (Note(DiagnosisCode.TWO_RUNS),) and np.isnan(gain.interval95).all()

@@ -20,6 +20,7 @@ from model.wheel_soil.soils import prior_of
 from processing.pipeline.pipeline import process
 from wheelsoil.simulation.campaign import simulated_roles
 from wheelsoil.simulation.options import SimulationOptions
+from wheelsoil.wording.verdict import sentence_of
 
 LISTED = ("vasilev", "speed_bias", "speed_latency", "wheel_radius", "load_gain", "torque_gain", "drawbar_pull_gain")
 
@@ -100,10 +101,10 @@ def misread_speed(bump_mps: float) -> Campaign:
 @pytest.mark.parametrize("bump_mps", [0.15, -0.15])
 def test_a_receiver_that_is_off_at_some_speeds_is_no_listed_cause(bump_mps: float) -> None:
     found = diagnose([misread_speed(bump_mps)], DiagnosisOptions(effects=LISTED))
-    assert found.verdict == "unexplained", found.sentence
+    assert found.verdict == "unexplained", sentence_of(found)
     told = [one for one in found.what_is_wrong if one.channel == "ground_speed"]
     worst = max(told, key=lambda one: abs(one.statistic))
     assert isinstance(worst.place, Shape) and worst.place.range
     assert worst.place.range[0] < 1.6 < worst.place.range[1]
     assert np.sign(worst.size) == np.sign(bump_mps)
-    assert "as if misread" in found.sentence
+    assert "as if misread" in sentence_of(found)

@@ -19,6 +19,7 @@ from model.diagnosis.planning.planned_runs import CampaignPlan, plan_for, planne
 from model.diagnosis.time_series.looks import look
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import SOILS
+from wheelsoil.wording.to_json import to_json
 
 EFFECTS = ("vasilev", "slope", "drawbar_pull_zero", "crosstalk", "torque_zero")
 OPTIONS = DiagnosisOptions(effects=EFFECTS)
@@ -62,7 +63,7 @@ def test_look_alikes_come_with_what_would_part_them() -> None:
     groups = {frozenset(a.families): a.next_runs for a in told.look_alikes}
     group = next(g for g in groups if "drawbar_pull_zero" in g and "crosstalk" in g)
     assert "wheel lifted" in groups[group][0].change
-    read = json.loads(json.dumps(told.as_json()))
+    read = json.loads(to_json(told.as_json()))
     assert [e["key"] for e in read["effects"]] == list(EFFECTS)
     assert np.array(read["cosine"]).shape == (5, 5)
 

@@ -7,8 +7,9 @@ import re
 import pytest
 from diagnosis_support import linearised
 
-from model.diagnosis.core.shapes import Kind, Rows, Shape, place_text
+from model.diagnosis.core.shapes import Kind, Rows, Shape
 from model.diagnosis.time_series.basis import basis
+from wheelsoil.wording.places import place_text
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ import pytest
 from cli_support import invoke, ok, small_campaign
 
 from model.diagnosis.time_series.samples import samples_of
+from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.to_json import plain
 from wheelsoil.workflows.choice import Choice, ChosenRun, load_choice
 from wheelsoil.workflows.diagnosis import campaigns_of, diagnose_campaigns, diagnosis_options
@@ -112,9 +113,9 @@ def test_the_diagnosis_sees_only_what_is_kept(clay, write):
     assert seen.left_out["by_hand"] > 0
     quick = ["--effects", "lyasko", "--most-causes", 1, "--json"]
     found = ok("diagnose", *three, "--choice", path, *quick).json
-    expected = diagnose_campaigns(
-        campaigns_of([], processed), diagnosis_options(effects=["lyasko"], most_causes=1)
-    ).as_json()
+    expected = diagnosis_json(
+        diagnose_campaigns(campaigns_of([], processed), diagnosis_options(effects=["lyasko"], most_causes=1))
+    )
     assert found["noise"] == plain(expected["noise"])
 
 

@@ -16,6 +16,7 @@ from daq.errors import ConfigError
 from daq.runs.open import open_runs
 from model.effects.catalogue import EFFECTS
 from processing.options import ProcessOptions
+from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.to_json import plain
 from wheelsoil.workflows.diagnosis import campaigns_of, diagnosis_options
 from wheelsoil.workflows.runs import process_runs
@@ -70,7 +71,7 @@ def check_shape(found: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("verdict", SENTENCES)
 def test_what_is_made_by_hand_has_the_shape(verdict):
-    check_shape(plain(diagnosis(verdict).as_json()))
+    check_shape(plain(diagnosis_json(diagnosis(verdict))))
 
 
 @pytest.fixture(scope="module")

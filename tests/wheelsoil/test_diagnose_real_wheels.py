@@ -122,7 +122,7 @@ def test_drawbar_pull_alone_does_not_name_slip_sinkage(study: Any, capsys: pytes
     assert _probability(found, "slip_sinkage") < 0.2
     assert found["adequacy"]["ok"]
     assert any("has not seen" in note for note in found["notes"])
-    assert any("rows with s < 0 left out" in note for note in found["notes"])
+    assert any("rows with s < 0 excluded" in note for note in found["notes"])
 
 
 def test_with_sinkage_slip_sinkage_is_named(study: Any, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 from diagnosis_samples import SENTENCES, diagnosis, seen
 
+from daq.errors import Fault
+from daq.notes import Note
 from daq.runs.open import open_runs
 from model.diagnosis.core.result import Candidate, Diagnosis, Seen
+from model.notes import DiagnosisCode, LackCode
 from processing.options import ProcessOptions
 from wheelsoil.report.build import Report, build_report
 from wheelsoil.report.content import Figure, Panels, Section, Table, Text
@@ -166,10 +169,9 @@ def test_a_diagnosis_leads_even_where_there_is_no_fit(plain_material):
 def test_names_stay_data(plain_material):
     found = replace(
         diagnosis("one_of"),
-        sentence=EVIL,
         candidates=(Candidate(EVIL, 0.5),),
-        cannot_tell={EVIL: EVIL},
-        notes=(EVIL,),
+        cannot_tell={EVIL: Note(LackCode.ONE_DIRECTION)},
+        notes=(Note(DiagnosisCode.CAMPAIGN_EXCLUDED, values={"fault": Fault(EVIL)}),),
         seen=(seen(campaign=EVIL, runs=(EVIL, "b")),),
     )
     page = built(plain_material, found).html("x.json")

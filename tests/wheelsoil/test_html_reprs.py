@@ -41,7 +41,7 @@ def test_a_diagnosis():
     found = diagnose([driven("lyasko:m1=0.1,m2=0.05")], DiagnosisOptions(effects=("lyasko", "wheel_radius")))
     page = html_of(found)
     assert "slip sinkage" in page and f"verdict: {found.verdict.replace('_', ' ')}" in page
-    named = replace(found, sentence=SCRIPT, causes=tuple(replace(c, name=SCRIPT) for c in found.causes))
+    named = replace(found, causes=tuple(replace(c, name=SCRIPT) for c in found.causes))
     assert "&lt;script&gt;" in html_of(named) and "<script" not in html_of(named)
 
 

@@ -17,6 +17,7 @@ from model.diagnosis.core.result import ParameterEstimate
 from model.extended import ExtendedEffect, ExtendedModel
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import SOILS, prior_of
+from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows.model_files import load_model, model_targets, model_toml, models_of
 
 CLAY = SOILS["clay"]
@@ -49,7 +50,7 @@ def test_what_a_diagnosis_leaves_is_read_again_and_says_what_it_is(tmp_path):
     assert facts["command"] == "wheelsoil diagnose clay"
     head = path.read_text(encoding="utf-8").split("schema")[0]
     assert "slip sinkage (vasilev): H_m = 0.051 (0.04 to 0.06) m" in head
-    assert diagnosis("named").sentence in head.replace("\n# ", " ")
+    assert sentence_of(diagnosis("named")) in head.replace("\n# ", " ")
 
 
 def test_a_plain_number_keeps_its_digits():

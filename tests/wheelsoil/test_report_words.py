@@ -10,7 +10,7 @@ import pytest
 from diagnosis_samples import diagnosis
 from report_support import section_of
 
-from model.diagnosis.core.result import NextRun, ParameterEstimate
+from model.diagnosis.core.result import Grounds, NextRun, ParameterEstimate
 from model.sinkage_from_forces.sinkage_growth import Estimate, Growth
 from wheelsoil.jupyter import html_of
 from wheelsoil.report.build import build_report
@@ -19,6 +19,7 @@ from wheelsoil.report.sections.diagnosis import candidates, detectable, glance, 
 from wheelsoil.report.sections.fit import coefficients, criteria
 from wheelsoil.report.sections.runs import provenance
 from wheelsoil.report.words import form_name, letter, measured, unit
+from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows.sinkage import growth_sentence
 
 CODE = re.compile(r"\b\w+_\w+\b")
@@ -86,14 +87,14 @@ def test_growth_is_not_said_of_every_shape_where_one_leaves_it_open():
 
 
 def test_one_sentence_leads_and_the_others_are_below(material):
-    said = "It is a (p > .999): b = 0.3. On runs left out it helps. To be surer of the name, drive next: a run."
-    found = replace(diagnosis("named"), sentence=said, next_run=(NextRun("a run", (), 5.0),))
+    alike = Grounds(look_alikes=("grouser",))
+    found = replace(diagnosis("named"), grounds=alike, next_run=(NextRun("a run", (), 5.0),), cannot_tell={})
     report = build_report(replace(material, diagnosed=found))
     blocks = section_of(report, "glance").blocks
     texts = {block.kind: block.text for block in blocks if isinstance(block, Text)}
-    assert texts["lead"] == "It is a (p > .999): b = 0.3."
-    assert texts["text"] == "On runs left out it helps."
-    assert report.numbers()["sections"]["glance"]["sentence"] == found.sentence
+    assert texts["lead"].startswith("Slip sinkage is at work") and texts["lead"].endswith(" m.")
+    assert texts["text"].startswith("On held-out runs") and "drive next" not in texts["text"]
+    assert report.numbers()["sections"]["glance"]["sentence"] == sentence_of(found)
 
 
 def test_a_good_run_says_of_what_its_share_is(material):
@@ -111,14 +112,13 @@ def test_a_notebook_is_told_gain_next_run_and_no_certainty():
 
 
 def test_a_part_of_a_sum_is_not_in_the_sentence():
-    from model.diagnosis.core.verdict_words import _cause
-
     nan = float("nan")
     parts = (
         ParameterEstimate("p", "1", 0.615, (0.58, 0.64), 0.02),
         ParameterEstimate("m1", "1", 0.582, (nan, nan), nan),
     )
-    said = _cause(replace(diagnosis("named").causes[0], key="lyasko", form="lyasko", parameters=parts))
+    cause = replace(diagnosis("named").causes[0], key="lyasko", form="lyasko", parameters=parts)
+    said = sentence_of(replace(diagnosis("named"), causes=(cause,)))
     assert "p = m1 + m2 = 0.615" in said and "m1 = 0.582" not in said
 
 

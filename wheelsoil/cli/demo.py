@@ -44,6 +44,7 @@ def demo_command(
     knows what was hidden.
     """
     from wheelsoil.wording.diagnosis_text import diagnosis_lines
+    from wheelsoil.wording.verdict import sentence_of
     from wheelsoil.workflows.demo import draw_hidden, open_envelope
 
     _check_folder(output)
@@ -57,7 +58,7 @@ def demo_command(
                 "report": page,
                 "numbers": numbers,
                 "recordings": output / _CAMPAIGN,
-                "result": found.sentence,
+                "result": sentence_of(found),
                 "verdict": found.verdict,
                 "hidden": {"family": hidden.family, "effect": hidden.key, "parameters": hidden.values},
                 "outcome": opened.outcome,

@@ -200,11 +200,12 @@ def _benches(
 
 
 def _print(diagnosis: Diagnosis, *, json: bool) -> None:
+    from wheelsoil.wording.diagnosis_json import diagnosis_json
     from wheelsoil.wording.diagnosis_text import diagnosis_lines, stages_lines
 
     width = terminal_width()
     if json:
-        print_json(diagnosis.as_json())
+        print_json(diagnosis_json(diagnosis))
     else:
         for line in diagnosis_lines(diagnosis, width):
             print(line)

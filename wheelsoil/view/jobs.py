@@ -18,6 +18,7 @@ from model.wheel_soil import SOIL_PARAMETERS
 from processing import Interval, ProcessedRun, ProcessOptions, keep_only, require_roles
 from wheelsoil.report.inputs import source_of
 from wheelsoil.view.trace import Trace, trace_of
+from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.to_json import plain
 from wheelsoil.workflows.diagnosis import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
@@ -145,7 +146,7 @@ def diagnose_members(
     """
     processed = _taken(members, "diagnose")
     options = diagnosis_options(choices.reading)
-    found: dict[str, Any] = plain(diagnose_campaigns(campaigns_of(paths, processed, soil), options).as_json())
+    found: dict[str, Any] = plain(diagnosis_json(diagnose_campaigns(campaigns_of(paths, processed, soil), options)))
     return found
 
 
@@ -158,7 +159,8 @@ def what_cannot_be_told(members: Sequence[Member], paths: Sequence[Path], soil: 
     if not taken:
         raise DataError("no run is used")
     [campaign] = campaigns_of(paths, taken, soil)
-    return cannot_tell(coverage_of(campaign, samples_of(campaign)))
+    lacking = cannot_tell(coverage_of(campaign, samples_of(campaign)))
+    return {family: note_text(why) for family, why in lacking.items()}
 
 
 def _taken(members: Sequence[Member], purpose: str) -> Processed:

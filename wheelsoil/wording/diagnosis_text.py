@@ -9,7 +9,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from math import isfinite
 
-from daq import number, table_lines
+from daq import Note, number, table_lines
 from daq import probability as as_probability
 from model.diagnosis.core import (
     FIELD_NAMES,
@@ -25,7 +25,10 @@ from model.diagnosis.core import (
     Gain,
     Scores,
 )
-from model.effects import EFFECTS
+from wheelsoil.wording.names import effect_name, family_of, parameter_name, plain_name
+from wheelsoil.wording.notes import note_text, texts_of
+from wheelsoil.wording.places import place_text
+from wheelsoil.wording.verdict import sentence_of
 
 FINDING_NOTE = (
     "Median there: of measured less simulated, as the panels show it. Size of the shape: what that shape (a hat over "
@@ -40,19 +43,6 @@ MISREAD_NOTE = "As if misread: the error of that input, measured less true, that
 def finding_note(note: str, found: Iterable[Finding]) -> str:
     """Return a note on findings, with what an error of an input means where one is among them."""
     return f"{note} {MISREAD_NOTE}" if any(one.channel in INPUT_FIELDS for one in found) else note
-
-
-def plain_name(name: str) -> str:
-    """Return the name of a family or a channel as people write it."""
-    return name.replace("_", " ")
-
-
-def effect_name(key: str) -> str:
-    """Return family and form of an effect of the library, or the key of one that is not in it."""
-    effect = EFFECTS.get(key)
-    if effect is None:
-        return plain_name(key)
-    return f"{plain_name(effect.name)} ({effect.form})" if effect.form else plain_name(effect.name)
 
 
 NO_GAIN = "No cause was chosen for any of the runs left out, so that there is nothing to gain."
@@ -73,7 +63,7 @@ CAN_BE_SEEN = "Can be seen, cannot be named"
 CANNOT_BE_SEEN = "Cannot be seen"
 
 
-def not_named(cannot_tell: Mapping[str, str], sizes: Mapping[str, Detectable]) -> dict[str, dict[str, str]]:
+def not_named(cannot_tell: Mapping[str, Note], sizes: Mapping[str, Detectable]) -> dict[str, dict[str, str]]:
     """Return what is never named, for want of what: by `CAN_BE_SEEN` and `CANNOT_BE_SEEN`.
 
     Parameters
@@ -85,24 +75,13 @@ def not_named(cannot_tell: Mapping[str, str], sizes: Mapping[str, Detectable]) -
     seen = {family_of(key) for key, least in sizes.items() if isfinite(least.value)}
     by_title: dict[str, dict[str, str]] = {CAN_BE_SEEN: {}, CANNOT_BE_SEEN: {}}
     for family, why in cannot_tell.items():
-        by_title[CAN_BE_SEEN if family in seen else CANNOT_BE_SEEN][family] = why
+        by_title[CAN_BE_SEEN if family in seen else CANNOT_BE_SEEN][family] = note_text(why)
     return {title: texts for title, texts in by_title.items() if texts}
-
-
-def family_of(key: str) -> str:
-    """Return the family of an effect of the library, or the key of one that is not in it."""
-    effect = EFFECTS.get(key)
-    return effect.name if effect else key
 
 
 def set_name(one: CauseSet) -> str:
     """Return a set of causes as people write it."""
     return " + ".join(map(plain_name, one.causes)) or "no cause"
-
-
-def parameter_name(key: str, name: str) -> str:
-    """Return the name of a cause's parameter; of a combination, what it is made of."""
-    return EFFECTS[key].spelled(name) if key in EFFECTS else name
 
 
 _LEAST_SHOWN = 0.01
@@ -126,7 +105,7 @@ def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
     """
     width = limited(width)
     parts = (
-        wrapped(diagnosis.sentence, width),
+        wrapped(sentence_of(diagnosis), width),
         _causes(diagnosis, width),
         _candidates(diagnosis, width),
         _sets(diagnosis, width),
@@ -138,7 +117,7 @@ def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
         *_not_named(diagnosis, width),
         _detectable(diagnosis, width),
         _next_run(diagnosis, width),
-        _notes(diagnosis.notes, width),
+        _notes(texts_of(diagnosis.notes), width),
     )
     return [line for i, part in enumerate(filter(None, parts)) for line in (("", *part) if i else part)]
 
@@ -217,7 +196,7 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
             *([] if of_rows else [_in_unit(diagnosis.median_there(found), found.channel)]),
             _in_unit(found.size, found.channel),
             number(found.statistic, 3),
-            found.where,
+            place_text(found.place),
         ]
         for found in findings
     ]

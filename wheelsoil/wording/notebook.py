@@ -10,10 +10,12 @@ from model.diagnosis.core import FIELD_NAMES, FIELD_UNITS, NAMES, UNITS, Cause, 
 from model.fit import UNITS as FIT_UNITS
 from model.fit import CampaignFit
 from processing import ProcessedRun
-from wheelsoil.wording.diagnosis_text import plain_name
 from wheelsoil.wording.fit_text import coefficients, criteria_table, remarks
+from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.notes import texts_of
+from wheelsoil.wording.places import place_text
 from wheelsoil.wording.run_summary import summary_table
+from wheelsoil.wording.verdict import sentence_of
 
 _LEAST_SHOWN = 0.01
 _MOST_FINDINGS = 6
@@ -49,7 +51,7 @@ def fit_html(fit: CampaignFit) -> str:
 
 def diagnosis_html(found: Diagnosis) -> str:
     """Return the verdict, the causes and where the simulation is off."""
-    shown = [html_paragraph(found.sentence)]
+    shown = [html_paragraph(sentence_of(found))]
     causes = [row for cause in found.causes for row in _cause_rows(cause)]
     if causes:
         head = ["cause", "parameter", "probability", "value", "95 % interval", "unit"]
@@ -62,7 +64,7 @@ def diagnosis_html(found: Diagnosis) -> str:
     wrong = [
         [
             FIELD_NAMES.get(w.channel, w.channel),
-            w.where,
+            place_text(w.place),
             f"{number(w.size, 3)} {FIELD_UNITS.get(w.channel, '')}",
             number(w.statistic, 3),
         ]

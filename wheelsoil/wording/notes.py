@@ -11,13 +11,18 @@ if TYPE_CHECKING:
     from daq import Note
     from processing import ProcessedRun
 
-SENTENCES = run_notes.SENTENCES
-
 
 def note_text(note: Note) -> str:
     """Return the sentence of a note, without a capital letter and a full stop."""
-    sentence = SENTENCES[note.code]
+    sentence = run_notes.SENTENCES.get(note.code) or _of_a_diagnosis(note.code)
     return sentence.format(**note.values) if isinstance(sentence, str) else sentence(note.values)
+
+
+def _of_a_diagnosis(code: str) -> run_notes.Sentence:
+    """Return the sentence of a code of the diagnosis, whose words need the effects: they take a while to import."""
+    from wheelsoil.wording import diagnosis_notes
+
+    return diagnosis_notes.SENTENCES[code]
 
 
 def texts_of(notes: Iterable[Note]) -> list[str]:

@@ -12,7 +12,8 @@ from daq import number, table_lines
 from model.diagnosis.core import Detectable
 from model.diagnosis.findings import SEEN
 from model.diagnosis.planning import ALIKE, Plan
-from wheelsoil.wording.diagnosis_text import CAN_BE_SEEN, effect_name, limited, not_named, plain_name, told, wrapped
+from wheelsoil.wording.diagnosis_text import CAN_BE_SEEN, limited, not_named, told, wrapped
+from wheelsoil.wording.names import effect_name, plain_name
 
 FloatArray = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import numpy as np
 from model.diagnosis.core import Cause, Diagnosis
 from model.effects import EFFECTS, Effect, Parameter
 from model.wheel_soil import Wheel
-from wheelsoil.wording.diagnosis_text import effect_name, plain_name
+from wheelsoil.wording.names import effect_name, plain_name
 
 Outcome = Literal["found", "in the set", "not named", "not seen", "wrong", "right"]
 

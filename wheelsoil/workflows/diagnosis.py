@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from daq import ConfigError, Fault, SoilSection, WheelSection, nearest
+from daq import ConfigError, Fault, Note, Severity, SoilSection, WheelSection, nearest
 from daq.runs import Collected, Run
+from model import DiagnosisCode
 from model.diagnosis.core import Bench, Campaign, Diagnosis, DiagnosisOptions
 from model.effects import EFFECTS
 from model.wheel_soil import Reading, prior_of
@@ -235,21 +236,17 @@ def diagnose_benches(benches: Sequence[Bench], options: DiagnosisOptions) -> Dia
 def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Diagnosis:
     """Add what only the files tell, and that runs are hardly of one terrain."""
     guessed = [one.name for one in given if one.soil_prior.source.startswith("default")]
-    remarks = [f"{', '.join(guessed)}: no uncertainty of the soil is stated, the usual laboratory's is taken"]
-    mixed = [text for one in given for text in _mixed(one, diagnosis, alone=len(given) == 1)]
-    sentence = " ".join([diagnosis.sentence, *mixed])
-    return replace(diagnosis, sentence=sentence, notes=(*diagnosis.notes, *(remarks if guessed else ())))
+    assumed = Note(DiagnosisCode.SOIL_SIGMA_ASSUMED, values={"campaigns": tuple(guessed)})
+    mixed = [note for one in given for note in _mixed(one, diagnosis, alone=len(given) == 1)]
+    grounds = replace(diagnosis.grounds, cautions=(*diagnosis.grounds.cautions, *mixed))
+    return replace(diagnosis, grounds=grounds, notes=(*diagnosis.notes, *([assumed] if guessed else [])))
 
 
-def _mixed(one: Campaign | Bench, diagnosis: Diagnosis, *, alone: bool) -> list[str]:
+def _mixed(one: Campaign | Bench, diagnosis: Diagnosis, *, alone: bool) -> list[Note]:
     """Say so where the soil differs more between runs than one terrain's does."""
     label = "" if alone else f"{one.name}: "
     scatter = diagnosis.noise.get(f"{label}friction_run_to_run", 0.0)
     known = one.soil_prior.sigma_of("tan_phi") / one.soil.tan_phi if one.soil.tan_phi else 0.0
     if not scatter > max(_ONE_TERRAIN, _SURPRISING * known):
         return []
-    return [
-        f"The soil of {one.name} differs by {100 * scatter:.0f} % in tan phi from run to run: hardly one terrain. "
-        "Nothing is said of a cause that one part of these runs has and the other has not; diagnose them as campaigns "
-        "of their own."
-    ]
+    return [Note(DiagnosisCode.SEVERAL_TERRAINS, Severity.FAULT, {"campaign": one.name, "share": scatter})]

@@ -17,7 +17,8 @@ from model.diagnosis.core import Bench, Campaign, Diagnosis, ParameterEstimate, 
 from model.wheel_soil import Reading
 from wheelsoil import __version__
 from wheelsoil.cli.talk import check_output
-from wheelsoil.wording.diagnosis_text import effect_name, parameter_name
+from wheelsoil.wording.names import effect_name, parameter_name
+from wheelsoil.wording.verdict import sentence_of
 
 _WIDTH = 100
 
@@ -76,7 +77,7 @@ def _provenance(diagnosis: Diagnosis, campaign: Campaign | Bench, command: str) 
         "campaign": campaign.name,
         "runs": tuple(runs),
         "verdict": diagnosis.verdict,
-        "sentence": diagnosis.sentence,
+        "sentence": sentence_of(diagnosis),
         "candidates": tuple(f"{c.name} {c.probability:.3f}" for c in diagnosis.candidates if c.probability >= 0.01),
     }
     if diagnosis.gain is not None:

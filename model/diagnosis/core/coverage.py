@@ -5,29 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from daq import Note
 from model.diagnosis.core.campaign import DiagnosisOptions
 from model.effects.base import Effect, Needs
 from model.effects.catalogue import EFFECTS
-
-SAME_PASS = "every run is on the same pass: drive a second one in the rut of the first"
-PRESSURE_UNKNOWN = "the inflation pressure is not known: taken as the same in every run"
-USUAL = (SAME_PASS, PRESSURE_UNKNOWN)
-"""What is wanting in nearly every campaign: it stands in the table, not in the sentence."""
-
-_NAMES = {
-    "ground_speed_mps": "the ground speed",
-    "wheel_speed_radps": "the wheel speed",
-    "ground_acceleration_mps2": "the acceleration",
-    "ground_jerk_mps3": "the change of the acceleration",
-    "wheel_acceleration_radps2": "the wheel's acceleration",
-    "line_position": "the place on the line",
-    "campaign_time": "the campaign's clock",
-    "direction": "the direction",
-    "pass_number": "the number of the pass",
-    "inflation_kpa": "the inflation pressure",
-    "unit_weight_n_m3": "the soil's unit weight",
-}
-_FORCES = {"driving_torque": "torque", "drawbar_pull": "drawbar pull"}
+from model.notes import LackCode
 
 
 @dataclass(frozen=True)
@@ -67,45 +49,45 @@ def considered(coverage: Coverage, options: DiagnosisOptions) -> tuple[type[Effe
     return tuple(e for e in effects if e.reading in ("any", options.reading) and not ruled_out(e.needs, coverage))
 
 
-def cannot_tell(coverage: Coverage) -> dict[str, str]:
-    """Return, for families of which no form can be identified, a sentence that says why."""
-    reasons: dict[str, list[str]] = {}
+def cannot_tell(coverage: Coverage) -> dict[str, Note]:
+    """Return, for families of which no form can be identified, a note on why."""
+    reasons: dict[str, list[Note | None]] = {}
     for effect in EFFECTS.values():
-        why = ruled_out(effect.needs, coverage) or next(_unmet(effect.needs, coverage), "")
-        reasons.setdefault(effect.name, []).append(why if effect.reading == "any" else "")
-    return {family: each[0] for family, each in reasons.items() if all(each)}
+        why = ruled_out(effect.needs, coverage) or next(_unmet(effect.needs, coverage), None)
+        reasons.setdefault(effect.name, []).append(why if effect.reading == "any" else None)
+    return {family: each[0] for family, each in reasons.items() if each[0] is not None and None not in each}
 
 
-def ruled_out(needs: Needs, coverage: Coverage) -> str:
-    """Return why an effect is not considered; empty where it is."""
-    missing = [name for name in needs.conditions if name not in coverage.conditions]
+def ruled_out(needs: Needs, coverage: Coverage) -> Note | None:
+    """Return why an effect is not considered; None where it is."""
+    missing = tuple(name for name in needs.conditions if name not in coverage.conditions)
     if missing:
-        return f"{' and '.join(_NAMES.get(name, name) for name in missing)} is not known everywhere"
-    return "the tyre is declared smooth" if needs.lugs and coverage.tyre == "smooth" else ""
+        return Note(LackCode.INPUT_UNKNOWN, values={"conditions": missing})
+    return Note(LackCode.SMOOTH_TYRE) if needs.lugs and coverage.tyre == "smooth" else None
 
 
-def _unmet(needs: Needs, coverage: Coverage) -> Iterator[str]:
+def _unmet(needs: Needs, coverage: Coverage) -> Iterator[Note]:
     """Yield why an effect that is considered is never named."""
     if needs.both_directions and not coverage.both_directions:
-        yield "all runs go one way: drive some back"
+        yield Note(LackCode.ONE_DIRECTION)
     if needs.several_passes and not coverage.several_passes:
-        yield SAME_PASS
+        yield Note(LackCode.SAME_PASS)
     if needs.pressures and not coverage.pressures:
-        yield PRESSURE_UNKNOWN
+        yield Note(LackCode.PRESSURE_UNKNOWN)
     if needs.two_loads and not coverage.several_loads:
-        yield "one load only: drive with another added mass"
+        yield Note(LackCode.ONE_LOAD)
     if needs.several_runs and not coverage.several_runs:
-        yield "one run only: a drift over the campaign does not show"
+        yield Note(LackCode.ONE_RUN_NO_DRIFT)
     if needs.braking and not coverage.braked:
-        yield "the wheel was hardly ever braked"
+        yield Note(LackCode.HARDLY_BRAKED)
     if needs.largest_slip and not coverage.driven:
-        yield "the wheel was hardly ever driven"
+        yield Note(LackCode.HARDLY_DRIVEN)
     if needs.largest_slip and coverage.largest_slip < needs.largest_slip:
-        yield f"the slip never was above {needs.largest_slip:g}"
+        yield Note(LackCode.LOW_SLIP, values={"slip": needs.largest_slip})
     for channel in needs.channels:
         if channel in coverage.unused_channels:
-            yield f"{_FORCES[channel]} was measured and not looked at"
+            yield Note(LackCode.CHANNEL_UNUSED, values={"role": channel})
         elif channel not in coverage.channels:
-            yield f"{_FORCES[channel]} was not measured"
+            yield Note(LackCode.CHANNEL_MISSING, values={"role": channel})
     if needs.standstill and not coverage.standstill:
-        yield "no standstill was recorded: it would show the zeros"
+        yield Note(LackCode.NOT_AT_STANDSTILL)

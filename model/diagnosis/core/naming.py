@@ -17,14 +17,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from daq import Note
 from model.diagnosis.core.posterior import Posterior, short_set
 from model.diagnosis.core.result import Adequacy, Gain, Verdict
+from model.notes import LackCode
 
 NOTHING_AT = 0.2
 """Probability of "none" from which on nothing is said to be seen: to cry wolf is worse than to wait for another run."""
 IDLE_AT = 0.05
 """The same where the causes that are chosen are of no use on left-out runs."""
-MOVING = "the linearisation never stood still at it"
 
 
 @dataclass(frozen=True)
@@ -38,21 +39,21 @@ class Judgement:
         The named ones; under "one_of" the set.
     beside : tuple of str
         Beside named ones: the families of which one more is likely at work; empty where nothing more need be.
-    barred : str
-        Why a family that is likely enough is not named; else empty.
+    barred : Note or None
+        Why a family that is likely enough is not named.
     """
 
     verdict: Verdict
     families: tuple[str, ...] = ()
     beside: tuple[str, ...] = ()
-    barred: str = ""
+    barred: Note | None = None
 
 
 def judgement(
     found: Posterior,
     judged: Adequacy,
     gain: Gain | None,
-    cannot_tell: Mapping[str, str] | None = None,
+    cannot_tell: Mapping[str, Note] | None = None,
     name_at: float = 0.9,
     settled: bool = True,
 ) -> Judgement:
@@ -77,18 +78,18 @@ def judgement(
     if found.none >= (IDLE_AT if idle else NOTHING_AT):
         return Judgement("nothing_detectable")
     sure = [family for family, p in found.families().items() if p > name_at]
-    barred = _barred(found, gain) or ("" if settled else MOVING)
+    barred = _barred(found, gain) or (None if settled else Note(LackCode.NOT_SETTLED))
     if sure and not barred:
         named = tuple(family for family in sure if family not in (cannot_tell or {}))
         if named:
             return Judgement("named", named, short_set(found, named))
         barred = (cannot_tell or {})[sure[0]]
-    return Judgement("one_of", short_set(found), barred=barred if sure else "")
+    return Judgement("one_of", short_set(found), barred=barred if sure else None)
 
 
-def _barred(found: Posterior, gain: Gain | None) -> str:
+def _barred(found: Posterior, gain: Gain | None) -> Note | None:
     if not found.calibrated or gain is None:
-        return "with fewer than three runs no name can be checked against other runs"
+        return Note(LackCode.NOT_CHECKED)
     if not gain.log_likelihood_gain > 0 or gain.reduction_percent < 0:
-        return "it does not foretell runs that were left out any better"
-    return ""
+        return Note(LackCode.NO_BETTER)
+    return None

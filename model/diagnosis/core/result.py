@@ -10,12 +10,13 @@ The contract that other programs read (``wheelsoil/diagnosis/1``).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.diagnosis.core.shapes import Rows, Shape, place_text
+from daq import Note
+from model.diagnosis.core.shapes import Rows, Shape
 
 NAMES = {"dp": "drawbar pull", "t": "driving torque", "z": "sinkage"}
 UNITS = {"dp": "N", "t": "N m", "z": "m"}
@@ -36,77 +37,6 @@ FIELD_UNITS = {
     **{field: unit for field, _, unit in INPUTS.values()},
 }
 FIELD_KEYS = {field: key for key, field in FIELDS.items()}
-
-
-SCHEMA = "wheelsoil/diagnosis/1"
-
-
-def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
-    """Return a diagnosis as plain mappings; NaN stays NaN, for the writer to turn into null."""
-    return {
-        "schema": SCHEMA,
-        "verdict": found.verdict,
-        "sentence": found.sentence,
-        "causes": [_cause_json(cause) for cause in found.causes],
-        "candidates": [{"name": c.name, "probability": c.probability} for c in found.candidates],
-        "sets": [{"causes": list(one.causes), "probability": one.probability} for one in found.sets],
-        "what_is_wrong": [_finding(one, found.median_there(one)) for one in found.what_is_wrong],
-        "gain": None if found.gain is None else _gain_json(found.gain),
-        "inconsistent": [vars(item) for item in found.inconsistent],
-        "adequacy": None if found.adequacy is None else vars(found.adequacy),
-        "proposal": None if found.proposal is None else vars(found.proposal),
-        "minimum_detectable": {key: vars(size) for key, size in found.minimum_detectable.items()},
-        "next_run": [{**vars(run), "separates": list(run.separates)} for run in found.next_run],
-        "cannot_tell": found.cannot_tell,
-        "notes": list(found.notes),
-        "noise": found.noise,
-        "soils": [vars(soil) for soil in found.soils],
-        "stages_s": found.stages_s,
-    }
-
-
-def _finding(found: Finding, median: float) -> dict[str, Any]:
-    return {
-        "channel": found.channel,
-        "where": found.where,
-        "size": found.size,
-        "statistic": found.statistic,
-        "median_there": median,
-    }
-
-
-def _cause_json(cause: Cause) -> dict[str, Any]:
-    return {
-        "name": cause.name,
-        "form": cause.form,
-        "kind": cause.kind,
-        "probability": cause.probability,
-        "form_probability": cause.form_probability,
-        "parameters": [
-            {"name": p.name, "unit": p.unit, "value": p.value, "interval95": list(p.interval95)}
-            for p in cause.parameters
-        ],
-    }
-
-
-def _gain_json(gain: Gain) -> dict[str, Any]:
-    def scores(found: dict[str, Scores]) -> dict[str, Any]:
-        pull = found.get("dp")
-        top = {"R0_N": pull.R0, "M0_percent": pull.M0_percent, "R2": pull.R2} if pull else {}
-        likelihood = next((one.log_likelihood for one in found.values()), float("nan"))  # of a run, all its channels
-        return {
-            **top,
-            "log_likelihood_of_a_run": likelihood,
-            "channels": {channel: vars(s) for channel, s in found.items()},
-        }
-
-    return {
-        "held_out": {"base": scores(gain.base), "extended": scores(gain.extended)},
-        "reduction_percent": gain.reduction_percent,
-        "interval95": list(gain.interval95),
-        "log_likelihood_gain": gain.log_likelihood_gain,
-        "chosen": [list(keys) for keys in gain.chosen],
-    }
 
 
 FloatArray = NDArray[np.float64]
@@ -190,11 +120,6 @@ class Finding:
     def of_rows(self) -> bool:
         """Whether it is of rows of a single-wheel table."""
         return isinstance(self.place, Rows)
-
-    @property
-    def where(self) -> str:
-        """The place in words."""
-        return place_text(self.place)
 
 
 @dataclass(frozen=True)
@@ -325,14 +250,46 @@ class SoilEstimate:
 
 
 @dataclass(frozen=True)
+class Grounds:
+    """What the verdict rests on beside the numbers of the diagnosis.
+
+    Attributes
+    ----------
+    undecided : Note or None
+        Why nothing can be decided.
+    barred : Note or None
+        Why a family that is likely enough is not named.
+    beside : tuple of str
+        Families of which one more is likely at work beside the named ones.
+    look_alikes : tuple of str
+        Families whose signatures are almost those of the named ones or of the set.
+    likeliest : tuple of str
+        Families of the likeliest set.
+    terrains : two tuples of str, optional
+        Runs that ask for one soil, and those that ask for another.
+    cautions : tuple of Note
+        What speaks against diagnosing these runs or rows together.
+    table_channels : tuple of str
+        Channels that were used, of single-wheel tables; empty for driven runs.
+    """
+
+    undecided: Note | None = None
+    barred: Note | None = None
+    beside: tuple[str, ...] = ()
+    look_alikes: tuple[str, ...] = ()
+    likeliest: tuple[str, ...] = ()
+    terrains: tuple[tuple[str, ...], tuple[str, ...]] | None = None
+    cautions: tuple[Note, ...] = ()
+    table_channels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The whole answer.
 
     Attributes
     ----------
     verdict : see `Verdict`
-    sentence : str
-        For people: the verdict, and what to do next.
     causes : the named ones; under "one_of" the set
     candidates : every family, likeliest first; "none" among them
     sets : tuple of CauseSet
@@ -344,16 +301,16 @@ class Diagnosis:
     minimum_detectable : mapping effect key -> Detectable
     cannot_tell : mapping family -> why
         What the data do not allow to decide, for want of what.
-    notes : tuple of str
+    notes : tuple of Note
     noise : mapping str -> float
         Hyper-parameters of the noise model, with unit suffix.
     soils : tuple of SoilEstimate
     seen : tuple of Seen
     stages_s : mapping stage -> seconds
+    grounds : Grounds
     """
 
     verdict: Verdict
-    sentence: str
     causes: tuple[Cause, ...]
     candidates: tuple[Candidate, ...]
     what_is_wrong: tuple[Finding, ...]
@@ -363,13 +320,14 @@ class Diagnosis:
     proposal: Proposal | None
     minimum_detectable: dict[str, Detectable]
     next_run: tuple[NextRun, ...]
-    cannot_tell: dict[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    cannot_tell: dict[str, Note] = field(default_factory=dict)
+    notes: tuple[Note, ...] = ()
     noise: dict[str, float] = field(default_factory=dict)
     soils: tuple[SoilEstimate, ...] = ()
     seen: tuple[Seen, ...] = ()
     stages_s: dict[str, float] = field(default_factory=dict)
     sets: tuple[CauseSet, ...] = ()
+    grounds: Grounds = field(default_factory=Grounds)
 
     def median_there(self, found: Finding) -> float:
         """Return the median of measured less simulated over the slips of a finding's shape, as figures show it.
@@ -396,18 +354,14 @@ class Diagnosis:
         known = known[np.isfinite(known)]
         return float(np.median(known)) if len(known) else float("nan")
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the contract's mapping; NaN stays NaN, for the writer to turn into null."""
-        return diagnosis_json(self)
-
 
 def undecided(
-    sentence: str, cannot_tell: dict[str, str], notes: tuple[str, ...], stages_s: dict[str, float] | None = None
+    why: Note, cannot_tell: dict[str, Note], notes: tuple[Note, ...], stages_s: dict[str, float] | None = None
 ) -> Diagnosis:
     """Return a diagnosis that decides nothing and says for want of what; see `Diagnosis`."""
     return Diagnosis(
         verdict="nothing_detectable",
-        sentence=sentence,
+        grounds=Grounds(undecided=why),
         causes=(),
         candidates=(),
         what_is_wrong=(),

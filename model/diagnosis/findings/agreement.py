@@ -15,19 +15,21 @@ Source: Cochran (1954), Biometrics 10:101.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincc
 
+from daq import Note, Severity
 from model.diagnosis.core.result import Cause, ParameterEstimate
 from model.diagnosis.findings.detectable import own_columns
 from model.diagnosis.findings.detectable import projected_without_soil as without_soil
 from model.diagnosis.time_series.evidence import log_evidence
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.looks import Look
+from model.notes import DiagnosisCode
 
 FloatArray = NDArray[np.float64]
 
@@ -174,3 +176,34 @@ def _judged(parameter: ParameterEstimate, own: tuple[Own, ...]) -> list[Disagree
     q = float(((values - mean) ** 2 / variances).sum())
     chance = float(gammaincc(0.5 * (len(own) - 1), 0.5 * q))
     return [Disagreement(parameter.name, parameter.unit, own, q, chance)] if chance < AT else []
+
+
+def disagreement_notes(
+    found: Sequence[Disagreement], forms: Mapping[tuple[str, str], tuple[str, float]]
+) -> tuple[Note, ...]:
+    """Return what joint campaigns disagree about; nothing where they agree.
+
+    Parameters
+    ----------
+    found : sequence of Disagreement
+    forms : mapping (family, campaign) -> (form, nats)
+        See `other_forms`.
+    """
+    sizes = (
+        {
+            "parameter": one.parameter,
+            "unit": one.unit,
+            "own": tuple((own.campaign, own.value, own.sigma) for own in one.own),
+            "q": one.q,
+            "chance": one.chance,
+        }
+        for one in found
+    )
+    others = (
+        {"campaign": campaign, "family": family, "form": form, "nats": nats}
+        for (family, campaign), (form, nats) in forms.items()
+    )
+    return (
+        *(Note(DiagnosisCode.DISAGREEMENT, Severity.FAULT, facts) for facts in sizes),
+        *(Note(DiagnosisCode.OTHER_FORM, Severity.DOUBT, facts) for facts in others),
+    )

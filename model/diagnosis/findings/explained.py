@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import Note
 from model.diagnosis.core.naming import Judgement
 from model.diagnosis.core.posterior import Posterior, cause_of, likeliest_form
 from model.diagnosis.core.result import Cause, ParameterEstimate, Seen, SoilEstimate
@@ -26,6 +27,7 @@ from model.diagnosis.time_series.looks import Look
 from model.diagnosis.time_series.noise import constants, loading, processes, white_variance
 from model.diagnosis.time_series.start import View
 from model.effects.catalogue import EFFECTS
+from model.notes import LackCode
 
 FloatArray = NDArray[np.float64]
 Sizes = Mapping[str, FloatArray]
@@ -202,8 +204,8 @@ def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
     return Explained(causes, extended, sizes | _others(look, found, sizes), soils_of(whole, look, spread))
 
 
-def doubtful(causes: Sequence[Cause]) -> str:
-    """Return why a cause's value does not bear its name; empty where all do.
+def doubtful(causes: Sequence[Cause]) -> Note | None:
+    """Return why a cause's value does not bear its name; None where all do.
 
     Parameters
     ----------
@@ -211,7 +213,6 @@ def doubtful(causes: Sequence[Cause]) -> str:
         With their values.
     """
     for cause in causes:
-        whose = f"the {cause.name.replace('_', ' ')}'s"
         limits = {p.name: p for p in EFFECTS[cause.key].parameters}
         for found in cause.parameters:
             own = limits.get(found.name)
@@ -219,11 +220,13 @@ def doubtful(causes: Sequence[Cause]) -> str:
                 continue
             edges = [edge for edge in (own.lower, own.upper) if edge != own.neutral]
             if np.isclose(found.value, edges, rtol=1e-3, atol=0.0).any():
-                return f"{whose} {found.name} ends at the limit of what is plausible, {found.value:.3g} {found.unit}"
+                facts = {"family": cause.name, "parameter": found.name, "value": found.value, "unit": found.unit}
+                return Note(LackCode.VALUE_AT_LIMIT, values=facts)
             low, high = found.interval95
             if len(cause.parameters) == 1 and low < own.neutral < high:
-                return f"{whose} {found.name} may as well be {own.neutral:g} ({low:.3g} to {high:.3g} {found.unit})"
-    return ""
+                facts = {"family": cause.name, "parameter": found.name, "neutral": own.neutral, "unit": found.unit}
+                return Note(LackCode.VALUE_MAY_BE_NEUTRAL, values={**facts, "low": low, "high": high})
+    return None
 
 
 def _extended(look: Look, verdict: Judgement, keys: Keys) -> Keys:

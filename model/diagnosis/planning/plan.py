@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import Note
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.result import Detectable, NextRun
 from model.diagnosis.findings.detectable import SEEN, Isolability, detectable_in_runs, isolability
@@ -52,15 +53,15 @@ class Plan:
     minimum_separable : mapping effect key -> Detectable
         That it is this and no other family.
     cannot_tell : mapping family -> why
-    notes : tuple of str
+    notes : tuple of Note
     """
 
     isolability: Isolability
     look_alikes: tuple[Advice, ...]
     minimum_detectable: dict[str, Detectable]
     minimum_separable: dict[str, Detectable]
-    cannot_tell: dict[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    cannot_tell: dict[str, Note] = field(default_factory=dict)
+    notes: tuple[Note, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return what a program reads; infinite stays infinite, for the writer to turn into null."""

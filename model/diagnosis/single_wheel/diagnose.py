@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import DataError, Fault
+from daq import DataError, Fault, Note, Severity
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.naming import judgement
 from model.diagnosis.core.posterior import candidates, cause_of, likeliest_form, likely_sets
-from model.diagnosis.core.result import Adequacy, Cause, Diagnosis, Gain, Verdict, undecided
+from model.diagnosis.core.result import Adequacy, Cause, Diagnosis, Gain, Grounds, Verdict, undecided
 from model.diagnosis.single_wheel.findings import (
     detectable_in_rows,
     estimates_of,
@@ -26,10 +26,11 @@ from model.diagnosis.single_wheel.findings import (
     with_posterior,
 )
 from model.diagnosis.single_wheel.held_out import held_out, next_tests
+from model.diagnosis.single_wheel.notes import mixed_repeats, notes_of
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
 from model.diagnosis.single_wheel.sets import NO_SLIP, Library, library, skid_law
 from model.diagnosis.single_wheel.weighing import Weighed, Weighing, weigh
-from model.diagnosis.single_wheel.words import mixed_words, notes_of, sentence_of
+from model.notes import DiagnosisCode, LackCode
 from model.one_thread import one_thread
 
 FloatArray = NDArray[np.float64]
@@ -68,7 +69,7 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
     few = _too_few(problem)
     if few:
         lacking = {**known.cannot_tell, **dict.fromkeys(known.families, few)}
-        return undecided(f"Nothing can be said: {few}.", lacking, tuple(remarks), clock.stages_s)
+        return undecided(few, lacking, tuple(remarks), clock.stages_s)
     rng = np.random.default_rng(options.seed)
     with clock.stage("evidence"):
         weighing = weigh(problem, known.uses, options.most_causes, rng)
@@ -78,8 +79,8 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
         return _diagnosis(benches, weighing, known, gain, remarks, options, clock, rng)
 
 
-def _rows(benches: Sequence[Bench], options: DiagnosisOptions) -> tuple[list[Bench], tuple[str, ...], list[str]]:
-    """Return the rows to diagnose, the channels to use, and what to say of the choice."""
+def _rows(benches: Sequence[Bench], options: DiagnosisOptions) -> tuple[list[Bench], tuple[str, ...], list[Note]]:
+    """Return the rows to diagnose, the channels to use, and what is to be noted of the choice."""
     driven = [bench.rows.slip > -NO_SLIP for bench in benches]
     braked = not any(int(np.count_nonzero(bench.rows.slip > NO_SLIP)) for bench in benches)
     kept, remarks = [], []
@@ -88,25 +89,25 @@ def _rows(benches: Sequence[Bench], options: DiagnosisOptions) -> tuple[list[Ben
         wanted = usable & ((bench.rows.slip < NO_SLIP) if braked else rows)
         left = int(np.count_nonzero(usable & ~wanted))
         if left:
-            remarks.append(f"{bench.name}: {left} rows with s < 0 left out of the diagnosis of a driven wheel")
+            remarks.append(Note(DiagnosisCode.BRAKED_ROWS_EXCLUDED, values={"table": bench.name, "rows": left}))
         part = bench.rows[wanted]
         slip = np.minimum(part.slip, 0.0) if braked else np.maximum(part.slip, 0.0)
         kept.append(replace(bench, rows=replace(part, slip=slip)))
     if braked:
-        remarks.append("rows of a braked wheel alone are diagnosed by their sinkage: its forces are not those of Eq. 4")
+        remarks.append(Note(DiagnosisCode.BRAKED_ROWS_ONLY))
         return kept, tuple(c for c in options.channels if c == "z"), remarks
     return kept, options.channels, remarks
 
 
-def _too_few(problem: BenchProblem) -> str:
-    """Return why nothing can be decided; empty where something can."""
+def _too_few(problem: BenchProblem) -> Note | None:
+    """Return why nothing can be decided; None where something can."""
     rows = sum(len(chosen) for chosen in problem.rows)
     if not problem.noises:
-        return "none of the channels that are looked at was measured in these rows"
+        return Note(LackCode.NO_CHANNEL_MEASURED, Severity.FAULT)
     if rows < _LEAST_ROWS or len(np.unique(problem.group)) < 2:
-        found = f"{len(problem.slip)} rows at {len(np.unique(problem.group))} slip and load"
-        return f"{found} decide nothing: measure at three slips or more, three times each"
-    return ""
+        facts = {"rows": len(problem.slip), "conditions": len(np.unique(problem.group))}
+        return Note(LackCode.FEW_ROWS, Severity.FAULT, facts)
+    return None
 
 
 def _diagnosis(
@@ -114,7 +115,7 @@ def _diagnosis(
     weighing: Weighing,
     known: Library,
     gain: Gain | None,
-    remarks: Sequence[str],
+    remarks: Sequence[Note],
     options: DiagnosisOptions,
     clock: Clock,
     rng: np.random.Generator,
@@ -131,12 +132,10 @@ def _diagnosis(
     shown = _shown(weighing, causes)
     seen = seen_of(weighing, best, shown)
     runs = next_tests(weighing, rng) if verdict.verdict == "one_of" or options.next_run else ()
-    beside = {family: found.families()[family] for family in verdict.beside}
     skids = {bench.name: law for bench in benches if (law := skid_law(bench)) is not None}
     null = weighing.of_set(())
     return Diagnosis(
         verdict=verdict.verdict,
-        sentence=sentence_of(verdict.verdict, weighing, causes, beside, gain, runs) + mixed_words(problem),
         causes=causes,
         candidates=candidates(found),
         what_is_wrong=findings_of(weighing),
@@ -148,6 +147,12 @@ def _diagnosis(
         next_run=runs,
         cannot_tell=known.cannot_tell,
         notes=(*remarks, *notes_of(problem, seen, skids, weighing)),
+        grounds=Grounds(
+            barred=verdict.barred,
+            beside=verdict.beside,
+            cautions=mixed_repeats(problem),
+            table_channels=problem.channels,
+        ),
         noise=_noise(problem, mean_of(weighing.sets[0].posterior)),
         soils=soils_of(weighing, best),
         seen=seen,

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import Note
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.coverage import Coverage, considered, ruled_out
 from model.diagnosis.core.prior import Hypotheses, listed_sets
@@ -21,6 +22,7 @@ from model.diagnosis.core.result import FIELDS as CHANNEL_FIELDS
 from model.diagnosis.single_wheel.noise import groups_of_rows
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
 from model.effects.catalogue import EFFECTS
+from model.notes import LackCode
 
 FloatArray = NDArray[np.float64]
 
@@ -100,7 +102,7 @@ class Library:
     """
 
     uses: tuple[CauseUse, ...]
-    cannot_tell: dict[str, str]
+    cannot_tell: dict[str, Note]
 
     @property
     def families(self) -> tuple[str, ...]:
@@ -129,7 +131,9 @@ def library(problem: BenchProblem, options: DiagnosisOptions, bench: int | None 
     uses = [CauseUse(e.key(), bench) for e in considered(coverage, options)]
     told = _seen(problem, uses)
     left = {family_of(use) for use in told}
-    unseen = {family_of(use): _unseen_words(problem) for use in uses if family_of(use) not in left}
+    braked = not (problem.slip > 0).any()
+    traceless = Note(LackCode.NO_TRACE, values={"channels": problem.channels, "braked": braked})
+    unseen = {family_of(use): traceless for use in uses if family_of(use) not in left}
     return Library(told, {**lacking, **unseen})
 
 
@@ -176,11 +180,6 @@ def _seen(problem: BenchProblem, uses: Sequence[CauseUse]) -> tuple[CauseUse, ..
         size = np.abs(said[noise.channel][1:, rows] - said[noise.channel][0, rows]) / noise.form_scale
         change = np.maximum(change, np.nan_to_num(size, nan=1.0).max(axis=1))
     return tuple(use for use, size in zip(uses, change, strict=True) if size > _UNSEEN)
-
-
-def _unseen_words(problem: BenchProblem) -> str:
-    driven = "s > 0" if (problem.slip > 0).any() else "s < 0"
-    return f"it changes nothing that was measured ({', '.join(problem.channels)}; rows with {driven} only)"
 
 
 def sets_of(uses: Sequence[CauseUse], listed: Hypotheses) -> dict[Hypothesis, float]:

@@ -11,23 +11,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import Fault
+from daq import Fault, Note, Severity
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.naming import Judgement, judgement
 from model.diagnosis.core.posterior import Posterior, candidates, likely_sets, short_set
-from model.diagnosis.core.result import Adequacy, Cause, Detectable, Diagnosis, Finding, Gain, NextRun, undecided
-from model.diagnosis.core.verdict_words import (
-    disagreement_words,
-    named_words,
-    nothing_words,
-    one_of_words,
-    unexplained_words,
-    want_words,
+from model.diagnosis.core.result import (
+    Adequacy,
+    Cause,
+    Detectable,
+    Diagnosis,
+    Finding,
+    Gain,
+    Grounds,
+    NextRun,
+    undecided,
 )
 from model.diagnosis.findings.adequacy import adequacy, excess, two_soils
-from model.diagnosis.findings.agreement import disagreements, other_forms, runs_of
+from model.diagnosis.findings.agreement import disagreement_notes, disagreements, other_forms, runs_of
 from model.diagnosis.findings.detectable import detectable_in_runs
 from model.diagnosis.findings.explained import (
     Explained,
@@ -50,10 +52,8 @@ from model.diagnosis.time_series.noise import Noise
 from model.diagnosis.time_series.samples import samples_of
 from model.diagnosis.time_series.start import unfit
 from model.effects.catalogue import EFFECTS
+from model.notes import DiagnosisCode, LackCode
 from model.one_thread import one_thread
-
-NOTHING_TO_TEST = "nothing explains these runs: there is no extension whose gain could be measured"
-FEW_RUNS = "fewer than three runs: probabilities could not be calibrated by drawing runs anew"
 
 
 @one_thread
@@ -73,7 +73,7 @@ def diagnose(
     Returns
     -------
     Diagnosis
-        Where nothing can be decided, its verdict is "nothing_detectable" and its sentence says for want of what.
+        Where nothing can be decided, its verdict is "nothing_detectable" and its grounds say for want of what.
     """
     options = options or DiagnosisOptions()
     faults = [_unfit(c, options) for c in campaigns]
@@ -82,7 +82,7 @@ def diagnose(
     if not kept:
         return _undecided(refused, options)
     seen = look([campaigns[i] for i in kept], options, [noises[i] for i in kept] if noises else None)
-    return _diagnosis(seen, options, tuple(_said(fault) for fault in refused))
+    return _diagnosis(seen, options, tuple(_excluded(fault) for fault in refused))
 
 
 def _unfit(campaign: Campaign, options: DiagnosisOptions) -> Fault | None:
@@ -91,17 +91,15 @@ def _unfit(campaign: Campaign, options: DiagnosisOptions) -> Fault | None:
     return unfit(campaign, samples_of(campaign, options.channels))
 
 
-def _said(fault: Fault) -> str:
-    return f"{fault.where}: {fault.what}" + (f", {fault.found}" if fault.found else "") + "; left out"
+def _excluded(fault: Fault) -> Note:
+    return Note(DiagnosisCode.CAMPAIGN_EXCLUDED, Severity.DOUBT, {"fault": fault})
 
 
 def _undecided(faults: Sequence[Fault], options: DiagnosisOptions) -> Diagnosis:
     """Return a diagnosis that says what was wanting."""
     families = dict.fromkeys(EFFECTS[key].name for key in options.effects if key in EFFECTS)
-    why = "; ".join(dict.fromkeys(f"{f.what} ({f.found})" if f.found else f.what for f in faults)) or "no campaign"
-    onward = "; ".join(dict.fromkeys(fault.next_step for fault in faults if fault.next_step))
-    sentence = f"Nothing can be decided: {why}." + (f" Next: {onward}." if onward else "")
-    return undecided(sentence, dict.fromkeys(families, why), tuple(_said(fault) for fault in faults))
+    why = Note(LackCode.NOTHING_USABLE, Severity.FAULT, {"faults": tuple(faults)})
+    return undecided(why, dict.fromkeys(families, why), tuple(_excluded(fault) for fault in faults))
 
 
 @dataclass(frozen=True)
@@ -116,12 +114,12 @@ class _Weighed:
     wrong: list[Finding]
 
 
-def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) -> Diagnosis:
+def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[Note, ...]) -> Diagnosis:
     clock, rng = Clock(), np.random.default_rng(options.seed)
     with clock.stage("adequacy"):
         judged, factor = _judged(seen, options, rng)
     fits = Fits(seen, "several" if judged.ok else "one")
-    weighed, remark = _weighed(seen, options, judged, factor, fits, clock, rng)
+    weighed, remarks = _weighed(seen, options, judged, factor, fits, clock, rng)
     verdict, found = weighed.verdict, weighed.found
     with clock.stage("final"):
         explained = explain(fits, verdict, found)
@@ -137,13 +135,19 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) ->
     with clock.stage("figures"):
         alone = {keys[0]: fit for keys, fit in fits.known.items() if len(keys) == 1}
         shown = seen_of(seen, fits[()], fits[explained.extended], explained.sizes, alone)
-        disputed = _disputed(seen, verdict, explained, fits)
-        said = [_sentence(seen, weighed, explained, onward, alike)]
-        sentence = " ".join([*disputed, *said] if verdict.verdict == "unexplained" else [*said, *disputed])
-    few = (FEW_RUNS,) if not found.calibrated else ()
+        disputes = _disputes(seen, verdict, explained, fits)
+        one_campaign = verdict.verdict == "unexplained" and len(seen.views) == 1
+        grounds = Grounds(
+            barred=verdict.barred,
+            beside=verdict.beside,
+            look_alikes=tuple(one.family for one in alike),
+            likeliest=tuple(EFFECTS[key].name for key in seen.best.keys),
+            terrains=two_soils(seen.grams) if one_campaign else None,
+            cautions=disputes,
+        )
+    few = (Note(DiagnosisCode.FEW_RUNS),) if not found.calibrated else ()
     return Diagnosis(
         verdict=verdict.verdict,
-        sentence=sentence,
         causes=explained.causes,
         candidates=candidates(found),
         what_is_wrong=tuple(weighed.wrong),
@@ -154,12 +158,13 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) ->
         minimum_detectable=weighed.sizes,
         next_run=onward,
         cannot_tell=seen.cannot_tell,
-        notes=tuple(dict.fromkeys((*notes, *seen.notes, *few, *([remark] if remark else []), *disputed))),
+        notes=tuple(dict.fromkeys((*notes, *seen.notes, *few, *remarks, *disputes))),
         sets=likely_sets(found),
         noise=_noise(seen),
         soils=explained.soils,
         seen=shown,
         stages_s={**seen.stages_s, **clock.stages_s},
+        grounds=grounds,
     )
 
 
@@ -181,21 +186,22 @@ def _weighed(
     fits: Fits,
     clock: Clock,
     rng: np.random.Generator,
-) -> tuple[_Weighed, str]:
+) -> tuple[_Weighed, tuple[Note, ...]]:
     """Weigh the sets, test them on left-out runs; return also what is to be remarked of the gain."""
     with clock.stage("bagging"):
         found = bagged(seen.grams, rng, seen.excluded, options.most_causes, factor)
         sizes = detectable_in_runs(seen.grams, seen.excluded, options.name_at, factor)
-    gain, remark = None, NOTHING_TO_TEST
+    gain: Gain | None = None
+    remarks: tuple[Note, ...] = (Note(DiagnosisCode.NOTHING_TO_TEST),)
     if judged.ok:
         with clock.stage("held_out"):
-            gain, remark = held_out(seen, options, fits=fits.of((), seen.best.keys))
+            gain, remarks = held_out(seen, options, fits=fits.of((), seen.best.keys))
     verdict = judgement(found, judged, gain, seen.cannot_tell, options.name_at, seen.settled)
     with clock.stage("where"):
         unnamed = verdict.verdict == "unexplained"
         left_by = seen.best.keys if unnamed else ()
         wrong = findings(seen.grams, seen.views, left_by, factor, inputs=unnamed)
-    return _Weighed(judged, found, sizes, gain, verdict, wrong), remark
+    return _Weighed(judged, found, sizes, gain, verdict, wrong), remarks
 
 
 def _onward(
@@ -221,8 +227,8 @@ def _onward(
     return next_runs(seen, members_of(sizes, {key: chances[EFFECTS[key].name] for key in sizes}))
 
 
-def _disputed(seen: Look, verdict: Judgement, explained: Explained, fits: Fits) -> tuple[str, ...]:
-    """Return in words what joint campaigns disagree about: the size of a cause, or its form.
+def _disputes(seen: Look, verdict: Judgement, explained: Explained, fits: Fits) -> tuple[Note, ...]:
+    """Return what joint campaigns disagree about: the size of a cause, or its form.
 
     Asked of the named causes, and of the likeliest set where nothing explains the campaigns together.
     """
@@ -234,34 +240,7 @@ def _disputed(seen: Look, verdict: Judgement, explained: Explained, fits: Fits) 
     if verdict.verdict not in ("named", "unexplained") or len(seen.views) < 2:
         return ()
     runs = runs_of(seen)
-    return disagreement_words(disagreements(seen.grams, runs, causes), other_forms(seen.grams, runs, causes))
-
-
-def _sentence(
-    seen: Look, weighed: _Weighed, explained: Explained, onward: tuple[NextRun, ...], alike: tuple[LookAlike, ...]
-) -> str:
-    verdict, found = weighed.verdict, weighed.found
-    chances = found.families()
-    others = tuple(one.family for one in alike)
-    if verdict.verdict == "named":
-        said = named_words(verdict, explained.causes, chances, weighed.gain, others, onward if alike else ())
-    elif verdict.verdict == "one_of":
-        said = one_of_words(verdict, chances, found.none, others, onward, likely_sets(found))
-    elif verdict.verdict == "unexplained":
-        best = tuple(EFFECTS[key].name for key in seen.best.keys)
-        soils = two_soils(seen.grams) if len(seen.views) == 1 else None
-        said = unexplained_words(weighed.judged, weighed.wrong, best, soils)
-    else:
-        said = nothing_words(chances, found.none, _by_family(weighed.sizes), weighed.wrong)
-    return said + want_words(seen.cannot_tell)
-
-
-def _by_family(sizes: dict[str, Detectable]) -> dict[str, Detectable]:
-    """Return the size of each family's first form."""
-    first: dict[str, Detectable] = {}
-    for key, size in sizes.items():
-        first.setdefault(EFFECTS[key].name, size)
-    return first
+    return disagreement_notes(disagreements(seen.grams, runs, causes), other_forms(seen.grams, runs, causes))
 
 
 def _noise(seen: Look) -> dict[str, float]:

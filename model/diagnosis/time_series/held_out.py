@@ -26,6 +26,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import Note
 from model.diagnosis.core.campaign import DiagnosisOptions
 from model.diagnosis.core.gain import Foretold, gain_of
 from model.diagnosis.core.posterior import Posterior, probabilities
@@ -44,6 +45,7 @@ from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.looks import Look
 from model.fit.fit import default_slip_threshold
+from model.notes import DiagnosisCode
 
 REPLICATES = 64
 FEWEST_RUNS = 3
@@ -98,9 +100,6 @@ def bagged(
 FloatArray = NDArray[np.float64]
 Keys = tuple[str, ...]
 
-ONE_RUN = "one run only: there is no other to test the extension on"
-TWO_RUNS = "two runs only: each was tested on what the other taught, and the gain has no interval"
-
 
 def held_out(
     look: Look,
@@ -108,7 +107,7 @@ def held_out(
     *,
     given: Keys | None = None,
     fits: Mapping[Keys, SetFit] | None = None,
-) -> tuple[Gain | None, str]:
+) -> tuple[Gain | None, tuple[Note, ...]]:
     """Measure the gain of the extension by leaving out one run at a time.
 
     Parameters
@@ -124,13 +123,13 @@ def held_out(
     -------
     Gain or None
         None with one run.
-    note : str
-        What few runs do to it; else empty.
+    notes : tuple of Note
+        What few runs do to it.
     """
     options = options or DiagnosisOptions()
     count = len(look.grams.run_names)
     if count < 2:
-        return None, ONE_RUN
+        return None, (Note(DiagnosisCode.ONE_RUN),)
     known = dict(fits or {})
     chosen = tuple(_chosen(look, run, options) if given is None else given for run in range(count))
     for keys in ((), *chosen):
@@ -141,7 +140,7 @@ def held_out(
     extended = [foretold(look, known[keys], run, grams[keys]) if keys else base[run] for run, keys in enumerate(chosen)]
     channel = next(c for c in ("dp", "t", "z") if any(c in run.measured for run in base))
     gain = gain_of(base, extended, chosen, channel, np.random.default_rng(options.seed))
-    return gain, TWO_RUNS if count == 2 else ""
+    return gain, (Note(DiagnosisCode.TWO_RUNS),) * (count == 2)
 
 
 def _chosen(look: Look, run: int, options: DiagnosisOptions) -> Keys:

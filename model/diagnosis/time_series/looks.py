@@ -38,6 +38,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import Note
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.time_series.columns import columns_of
@@ -45,7 +46,7 @@ from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.hyper import blocks_of, estimated
 from model.diagnosis.time_series.linearise import Point, linearise
-from model.diagnosis.time_series.noise import Noise, beliefs, remarks
+from model.diagnosis.time_series.noise import Noise, beliefs, noise_notes
 from model.diagnosis.time_series.samples import Samples, places_of, steps_of
 from model.diagnosis.time_series.start import Start, View, begin, first_causes, never_told
 from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed, smoothed_speed
@@ -337,19 +338,19 @@ class Look:
         Linearisations.
     settled : bool
         Whether the last one changed nothing.
-    notes : tuple of str
+    notes : tuple of Note
     stages_s : mapping stage -> seconds
     """
 
     grams: Grams
     views: tuple[View, ...]
     best: SetEstimate
-    cannot_tell: dict[str, str]
+    cannot_tell: dict[str, Note]
     excluded: frozenset[str]
     most_causes: int
     rounds: int
     settled: bool
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     stages_s: dict[str, float]
 
     @property
@@ -408,8 +409,8 @@ def _first(starts: Sequence[Start], causes: dict[str, float], options: Diagnosis
     return settle(starts, aims, _choice(options), clock)
 
 
-def _notes(view: View) -> tuple[str, ...]:
-    return (*view.samples.notes, *remarks(view.noise, beliefs(view.samples), view.linear.channels))
+def _notes(view: View) -> tuple[Note, ...]:
+    return (*view.samples.notes, *noise_notes(view.noise, beliefs(view.samples), view.linear.channels))
 
 
 def _choice(options: DiagnosisOptions) -> Callable[[Grams, SetEstimate | None], SetEstimate]:

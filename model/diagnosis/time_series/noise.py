@@ -1,6 +1,4 @@
-"""What the noise itself says of the sensors, in sentences for people.
-
-The statistical model of the measurement: which processes disturb the channels, and how each is seen.
+"""The statistical model of the measurement: which processes disturb the channels, and how each is seen.
 
 =================  ========================================================  =============================
 process            is                                                        is seen in
@@ -28,11 +26,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from model.diagnosis.core.result import NAMES
-from model.diagnosis.core.result import UNITS as SI
+from daq import Note
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.rests import AT_REST
 from model.diagnosis.time_series.samples import Samples
+from model.notes import DiagnosisCode
 
 FloatArray = NDArray[np.float64]
 
@@ -212,8 +210,8 @@ _NOTABLE_ZERO = 5.0
 """Of the zeros that differ from run to run, over what is believed."""
 
 
-def remarks(noise: Noise, believed: Mapping[str, Belief], channels: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the sentences of one campaign.
+def noise_notes(noise: Noise, believed: Mapping[str, Belief], channels: tuple[str, ...]) -> tuple[Note, ...]:
+    """Return what the noise of one campaign tells of its sensors.
 
     Parameters
     ----------
@@ -222,23 +220,18 @@ def remarks(noise: Noise, believed: Mapping[str, Belief], channels: tuple[str, .
         See `model.diagnosis.time_series.noise.beliefs`.
     channels : tuple of str
     """
-    return tuple(said for channel in channels for said in (*_swing(noise, channel), *_zeros(noise, believed, channel)))
+    return tuple(note for channel in channels for note in (*_swing(noise, channel), *_zeros(noise, believed, channel)))
 
 
-def _swing(noise: Noise, channel: str) -> Iterator[str]:
+def _swing(noise: Noise, channel: str) -> Iterator[Note]:
     name = named(channel, "wheel_order")
     size, unsure = noise.values.get(name, 0.0) * np.sqrt(2.0), noise.log_sigmas.get(name, np.inf)
     if unsure < _TOLD and size > _NOTABLE_SWING * noise.values[named(channel, "noise")]:
-        why = "a zero that turns with the wheel, or a wheel" if channel == "dp" else "a wheel"
-        yield f"{NAMES[channel]} swings by {size:.0f} {SI[channel]} once a turn of the wheel: {why} that is not round"
+        yield Note(DiagnosisCode.WHEEL_ORDER, values={"channel": channel, "size": float(size)})
 
 
-def _zeros(noise: Noise, believed: Mapping[str, Belief], channel: str) -> Iterator[str]:
+def _zeros(noise: Noise, believed: Mapping[str, Belief], channel: str) -> Iterator[Note]:
     name = named(channel, "of_run")
     size, usual = noise.values.get(name, 0.0), believed[name].centre
     if size > _NOTABLE_ZERO * usual:
-        yield (
-            f"{NAMES[channel]}: zeros that differ by {size:.2g} {SI[channel]} from run to run are taken for noise, "
-            f"where {usual:.1g} are usual; if the standstills read one sign, or more with more load, it is a cause "
-            "that was not considered"
-        )
+        yield Note(DiagnosisCode.ZEROS_DIFFER, values={"channel": channel, "size": size, "usual": usual})

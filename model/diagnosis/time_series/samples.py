@@ -19,6 +19,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import Note
 from model.diagnosis.core.campaign import Campaign
 from model.diagnosis.core.coverage import Coverage
 from model.diagnosis.core.result import FIELDS
@@ -89,7 +90,7 @@ class Samples:
         Length of a block.
     left_out : mapping str -> int
         Blocks that were not used, by reason.
-    notes : tuple of str
+    notes : tuple of Note
     """
 
     run: IntArray
@@ -107,7 +108,7 @@ class Samples:
     wheel_radius_m: float
     block_s: float
     left_out: dict[str, int]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     def __len__(self) -> int:
         return len(self.run)
@@ -139,7 +140,7 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = ("dp", "t", "z"))
     channels : of "dp", "t", "z"
         To use where they were measured.
     """
-    positions, note = line_positions(campaign.runs)
+    positions, notes = line_positions(campaign.runs)
     clocks = campaign_times(campaign.runs)
     left_out: Counter[str] = Counter()
     parts = [
@@ -169,7 +170,7 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = ("dp", "t", "z"))
         wheel_radius_m=campaign.wheel.radius_m,
         block_s=max((block_seconds(run) for run in campaign.runs), default=BLOCK_S),
         left_out=dict(left_out),
-        notes=(note,) * bool(note),
+        notes=notes,
     )
 
 

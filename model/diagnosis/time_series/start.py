@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import DataError, Fault
+from daq import DataError, Fault, Note
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.coverage import cannot_tell, considered
 from model.diagnosis.time_series.columns import Columns
@@ -140,7 +140,7 @@ def first_causes(starts: Sequence[Start]) -> tuple[dict[str, float], ...]:
     return tuple(found)
 
 
-def never_told(starts: Sequence[Start]) -> dict[str, str]:
+def never_told(starts: Sequence[Start]) -> dict[str, Note]:
     """Return what no campaign can tell."""
     each = [cannot_tell(coverage_of(s.campaign, s.samples)) for s in starts]
     shared = set.intersection(*(set(found) for found in each)) if each else set()

@@ -11,7 +11,8 @@ from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes, bars
 from wheelsoil.report.inputs import Material
 from wheelsoil.report.words import form_name, interval, letter, number, unit
-from wheelsoil.wording.diagnosis_text import not_named, parameter_name, plain_name, set_name
+from wheelsoil.wording.diagnosis_text import not_named, set_name
+from wheelsoil.wording.names import parameter_name, plain_name
 
 KEY = "candidates"
 TITLE = "Candidates"

@@ -9,7 +9,8 @@ from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes, words
 from wheelsoil.report.inputs import Material
 from wheelsoil.report.words import form_name, letter, number, unit
-from wheelsoil.wording.diagnosis_text import CAN_BE_SEEN, effect_name, family_of
+from wheelsoil.wording.diagnosis_text import CAN_BE_SEEN
+from wheelsoil.wording.names import effect_name, family_of
 
 KEY = "detectable"
 TITLE = "What could have been seen"

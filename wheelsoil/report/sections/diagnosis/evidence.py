@@ -24,8 +24,8 @@ from wheelsoil.report.figures import (
 )
 from wheelsoil.report.inputs import FloatArray, Material
 from wheelsoil.report.words import form_name, listed
-from wheelsoil.wording.diagnosis_text import effect_name
 from wheelsoil.wording.model_styles import STYLES, Style
+from wheelsoil.wording.names import effect_name
 
 KEY = "evidence"
 TITLE = "Evidence"

@@ -9,7 +9,8 @@ from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes
 from wheelsoil.report.inputs import Material
 from wheelsoil.report.words import form_name, interval, listed, number, signed
-from wheelsoil.wording.diagnosis_text import NO_GAIN, effect_name, nothing_chosen, reduction
+from wheelsoil.wording.diagnosis_text import NO_GAIN, nothing_chosen, reduction
+from wheelsoil.wording.names import effect_name
 
 KEY = "gain"
 TITLE = "Gain of the extension"

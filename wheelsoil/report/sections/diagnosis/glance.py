@@ -10,6 +10,7 @@ from wheelsoil.report.inputs import Material
 from wheelsoil.report.sections.diagnosis import verdict
 from wheelsoil.report.words import count, listed
 from wheelsoil.wording.grading import Grade
+from wheelsoil.wording.verdict import sentence_of
 
 KEY = "glance"
 TITLE = "In ten seconds"
@@ -49,7 +50,7 @@ def _without(rest: str, step: str) -> str:
 def _sentence(material: Material) -> str:
     """Return the result: a diagnosis says its own, so that no fault in judging the fit can take it."""
     if material.diagnosed is not None:
-        return material.diagnosed.sentence
+        return sentence_of(material.diagnosed)
     try:
         return str(verdict.build(material).numbers["sentence"])
     except DataError as error:

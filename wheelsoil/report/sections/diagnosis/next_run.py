@@ -10,7 +10,7 @@ from model.diagnosis.core import NextRun
 from wheelsoil.report.content import Section, Table, Text
 from wheelsoil.report.inputs import Material
 from wheelsoil.report.words import listed, number
-from wheelsoil.wording.diagnosis_text import plain_name
+from wheelsoil.wording.names import plain_name
 
 KEY = "next_run"
 TITLE = "Next run"

@@ -14,10 +14,11 @@ from wheelsoil.report.comparison import Ranking, rank
 from wheelsoil.report.content import Block, Section, Text
 from wheelsoil.report.inputs import Material
 from wheelsoil.report.words import listed, number
-from wheelsoil.wording.diagnosis_text import plain_name
 from wheelsoil.wording.grading import sign_notes
 from wheelsoil.wording.model_styles import style
+from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows.fit import NOT_AT_AN_END, ended
 
 KEY = "verdict"
@@ -62,7 +63,12 @@ def build(material: Material) -> Section:
     except DataError as error:
         why = "; ".join(fault.what for fault in error.faults)
         blocks, numbers = [Text(f"The four models could not be judged: {why}.", "warning")], {}
-    of_both = {**numbers, "fit_sentence": numbers.get("sentence"), "sentence": found.sentence, "verdict": found.verdict}
+    of_both = {
+        **numbers,
+        "fit_sentence": numbers.get("sentence"),
+        "sentence": sentence_of(found),
+        "verdict": found.verdict,
+    }
     return Section(KEY, TITLE, blocks, of_both)
 
 

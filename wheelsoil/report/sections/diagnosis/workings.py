@@ -7,7 +7,8 @@ from math import isfinite
 from wheelsoil.report.content import Block, Section, Table, Text
 from wheelsoil.report.inputs import Material
 from wheelsoil.report.words import letter, named_with_unit, number
-from wheelsoil.wording.diagnosis_text import plain_name
+from wheelsoil.wording.names import plain_name
+from wheelsoil.wording.notes import texts_of
 
 KEY = "workings"
 TITLE = "How the diagnosis was made"
@@ -26,7 +27,7 @@ _SOIL = {
 def build(material: Material) -> Section:
     """Build the section."""
     found = material.diagnosis
-    blocks: list[Block] = [Text(f"{note[0].upper()}{note[1:].rstrip('.')}.") for note in found.notes if note]
+    blocks: list[Block] = [Text(f"{note[0].upper()}{note[1:].rstrip('.')}.") for note in texts_of(found.notes)]
     if found.noise:
         named = [(*named_with_unit(name), value) for name, value in found.noise.items()]
         rows = [[name, number(value), unit] for name, unit, value in named]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from model.diagnosis.core import FIELD_NAMES, FIELD_UNITS, NAMES, UNITS, Diagnosis, Seen
+from model.diagnosis.core import FIELD_NAMES, FIELD_UNITS, NAMES, UNITS, Diagnosis, Finding, Seen
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import (
     EDGES,
@@ -27,7 +27,9 @@ from wheelsoil.report.figures import (
 from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.inputs import FloatArray, Material
 from wheelsoil.report.words import number, signed
-from wheelsoil.wording.diagnosis_text import FINDING_NOTE, finding_note, plain_name
+from wheelsoil.wording.diagnosis_text import FINDING_NOTE, finding_note
+from wheelsoil.wording.names import plain_name
+from wheelsoil.wording.places import place_text
 
 KEY = "misfit"
 TITLE = "What is wrong, and where"
@@ -48,7 +50,7 @@ def build(material: Material) -> Section:
     found = material.diagnosis
     blocks: list[Block] = [_findings(found), *_inconsistent(found)]
     numbers: dict[str, Any] = {
-        "what_is_wrong": found.what_is_wrong,
+        "what_is_wrong": [_finding_numbers(one) for one in found.what_is_wrong],
         "median_there": [found.median_there(one) for one in found.what_is_wrong],
         "inconsistent": found.inconsistent,
     }
@@ -61,6 +63,18 @@ def build(material: Material) -> Section:
     return Section(KEY, TITLE, blocks, numbers)
 
 
+def _finding_numbers(found: Finding) -> dict[str, Any]:
+    return {
+        "channel": found.channel,
+        "where": place_text(found.place),
+        "size": found.size,
+        "statistic": found.statistic,
+        "slips": found.place.slips,
+        "campaign": found.place.campaign,
+        "of_rows": found.of_rows,
+    }
+
+
 def _findings(found: Diagnosis) -> Block:
     if not found.what_is_wrong:
         return Text("Nothing stands out: what is left looks like noise everywhere.", "good")
@@ -68,7 +82,7 @@ def _findings(found: Diagnosis) -> Block:
     rows = [
         [
             FIELD_NAMES.get(one.channel, one.channel),
-            one.where,
+            place_text(one.place),
             *([] if of_rows else [_with_unit(found.median_there(one), one.channel)]),
             _with_unit(one.size, one.channel),
             signed(one.statistic, ".1f"),

@@ -1,0 +1,178 @@
+"""The sentence of a verdict says what, how large, how sure, where, and what to do next."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import nan
+
+import pytest
+from diagnosis_samples import diagnosis
+
+from daq.errors import Fault
+from daq.notes import Note, Severity
+from model.diagnosis.core.result import (
+    Adequacy,
+    Candidate,
+    Cause,
+    CauseSet,
+    Detectable,
+    Finding,
+    Gain,
+    Grounds,
+    NextRun,
+    ParameterEstimate,
+    Scores,
+    undecided,
+)
+from model.diagnosis.core.shapes import Kind, Shape
+from model.diagnosis.findings.agreement import Disagreement, Own, disagreement_notes
+from model.notes import DiagnosisCode, LackCode
+from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.verdict import (
+    gain_words,
+    named_words,
+    nothing_words,
+    one_of_words,
+    sentence_of,
+    unexplained_words,
+    want_words,
+)
+
+SIZE = ParameterEstimate("H_m", "m", 0.031, (0.027, 0.035), 0.002)
+CAUSE = Cause("slip_sinkage", "vasilev", "physical", "vasilev", 0.97, 0.7, (SIZE,))
+CHANCES = {"slip_sinkage": 0.97, "slope": 0.4, "bulldozing": 0.5, "grouser": 0.01}
+ONE_WAY = Note(LackCode.ONE_DIRECTION)
+DRIFT = Note(LackCode.ONE_RUN_NO_DRIFT)
+BARE = replace(diagnosis("named"), causes=(CAUSE,), gain=None, next_run=(), sets=(), cannot_tell={}, grounds=Grounds())
+
+
+def gain(reduction_percent: float = 20.0) -> Gain:
+    score = Scores(100.0, 1.0, 0.9, 0.0)
+    better, half = replace(score, R0=80.0), replace(score, R0=50.0)
+    return Gain({"dp": score, "t": score}, {"dp": better, "t": half}, reduction_percent, (10.0, 30.0), 9.0, ())
+
+
+def test_a_gain_is_that_of_its_own_channel() -> None:
+    assert gain_words(gain()) == "the error of drawbar pull falls by 20 (10 to 30) % and of torque by 50 %"
+    of_torque = replace(gain(), channel="t", reduction_percent=50.0, interval95=(40.0, 60.0))
+    assert gain_words(of_torque) == "the error of torque falls by 50 (40 to 60) % and of drawbar pull by 20 %"
+    small = replace(gain(), reduction_percent=-0.2, interval95=(-1.0, 0.8))
+    assert gain_words(small) == "the error of drawbar pull stays as it is (-1 to 1 %) and that of torque falls by 50 %"
+    assert gain_words(replace(gain(), reduction_percent=float("nan"))) == gain_words(None) == ""
+
+
+def test_a_look_alike_comes_with_the_run_that_would_split_it() -> None:
+    size = ParameterEstimate("p", "1", 0.615, (0.58, 0.64), 0.02)
+    cause = Cause("slip_sinkage", "lyasko", "physical", "lyasko", 0.99, 0.9, (size,))
+    runs = (NextRun("a run with more load", ("slip_sinkage", "grouser"), 9.0),)
+    alike = replace(BARE, causes=(cause,), next_run=runs, grounds=Grounds(look_alikes=("grouser",)))
+    said = named_words(alike, CHANCES)
+    assert said.endswith("To be surer of the name, drive next: a run with more load.")
+    assert "p = m1 + m2 = 0.615 (0.58 to 0.64)" in said
+    assert "drive next" not in named_words(replace(alike, grounds=Grounds()), CHANCES)
+
+
+def test_an_error_that_grows_is_not_said_to_fall_by_less_than_nothing() -> None:
+    worse = replace(gain(), reduction_percent=-38.0, interval95=(-75.0, -4.6))
+    said = named_words(replace(BARE, gain=worse), CHANCES)
+    assert "the error of drawbar pull grows by 38 (5 to 75) % and that of torque falls by 50 %" in said
+
+
+def test_campaigns_that_disagree_are_reported_with_their_own_values() -> None:
+    own = (Own("clay", 0.03, 0.001), Own("sand", 0.04, 0.002))
+    found = [Disagreement("H_m", "m", own, 20.0, 8e-6)]
+    [size, form] = map(note_text, disagreement_notes(found, {("slip_sinkage", "sand"): ("ding", 3.6)}))
+    assert "disagree about H_m: clay 0.03 +- 0.001 m, sand 0.04 +- 0.002 m (Cochran's Q 20.0 on 1, p < .001)" in size
+    assert form == "by itself, sand asks for slip sinkage as ding instead (3.6 nats)"
+    assert disagreement_notes([], {}) == ()
+
+
+def causes(*families: str) -> tuple[Cause, ...]:
+    return tuple(Cause(family, "", "physical", family, CHANCES.get(family, 0.5), 1.0, ()) for family in families)
+
+
+def test_a_name_is_said_with_size_gain_and_what_is_beside_it() -> None:
+    named = named_words(replace(BARE, gain=gain(), grounds=Grounds(beside=("slope", "bulldozing"))), CHANCES)
+    assert named.startswith("Slip sinkage is at work (probability .970, likeliest as vasilev (.700)): ")
+    assert "H_m = 0.031 (0.027 to 0.035) m" in named
+    assert "drawbar pull falls by 20 (10 to 30) % and of torque by 50 %" in named
+    assert "Something more is at work: one of slope (.400), bulldozing (.500)" in named
+    unsure = replace(CAUSE, parameters=(replace(SIZE, interval95=(nan, nan)),))
+    alone = named_words(replace(BARE, causes=(unsure,), grounds=Grounds(look_alikes=("grouser",))), CHANCES)
+    assert "H_m = 0.031 m" in alone
+    assert "Grouser would look almost the same" in alone
+
+
+def test_a_set_is_said_with_what_bars_a_name_and_what_to_drive() -> None:
+    runs = (NextRun("a run with more load", ("slope",), 4.0),)
+    one_of = one_of_words(replace(BARE, causes=causes("slope", "bulldozing"), next_run=runs), CHANCES, 0.04)
+    assert one_of.startswith("Something is at work (with probability .960): one of slope (.400), bulldozing (.500).")
+    assert one_of.endswith("Next: a run with more load.")
+    grounds = Grounds(barred=ONE_WAY, look_alikes=("grouser",))
+    barred = one_of_words(replace(BARE, causes=causes("slope"), grounds=grounds), CHANCES, 0.0)
+    assert "Slope is not named: all runs go one way: drive some back" in barred
+    assert "Grouser would look almost the same" in barred
+
+
+def test_under_one_of_a_family_that_acts_beside_the_set_is_said() -> None:
+    chances = {"load_gain": 0.62, "wheel_radius": 0.41, "grouser": 0.44}
+    sets = (CauseSet(("load_gain", "grouser"), 0.43), CauseSet(("wheel_radius",), 0.4), CauseSet((), 0.02))
+    said = one_of_words(replace(BARE, causes=causes("load_gain", "wheel_radius"), sets=sets), chances, 0.02)
+    assert "Several may act together: load gain and grouser (.430)." in said
+
+
+def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
+    found = [Finding("drawbar_pull", Shape(Kind.SLIP, "dp", (0.4, 0.9)), -120.0, -8.2)]
+    left = unexplained_words(Adequacy(3.0, 1.8, ok=False), found, ("slope",), (("r1",), ("r2", "r3")))
+    assert "the lack of fit is 3.00, where noise leaves up to 1.80" in left
+    assert "drawbar pull, slip 0.4 to 0.9: -120 N (8.2 sigma)" in left
+    assert "Runs r1 ask for another soil than r2 and r3" in left
+    unsure = nothing_words({"slope": 0.6, "grouser": 0.1}, 0.3, {}, ())
+    assert unsure.startswith("Nothing is sure enough to be told from chance (none: .300). Most suspicious is slope")
+    nothing = nothing_words({"slope": 0.05}, 0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, found)
+    assert "none: .930" in nothing
+    assert "slip sinkage from H_m = 0.0034 m on would be seen in half of such campaigns" in nothing
+
+
+def test_what_is_wanting_is_said_once_for_all_families_that_it_is_wanting_for() -> None:
+    want = want_words({"slope": ONE_WAY, "track_drift": ONE_WAY, "zero_drift": DRIFT})
+    assert want == (
+        " Cannot be named from these runs: slope and track drift (all runs go one way: drive some back); zero drift "
+        "(one run only: a drift over the campaign does not show)."
+    )
+    assert want_words({}) == ""
+    usual = {"multi_pass": Note(LackCode.SAME_PASS), "tyre_flattening": Note(LackCode.PRESSURE_UNKNOWN)}
+    assert want_words(usual) == "", "what is wanting nearly always stands in the table alone"
+    assert "zero drift" in want_words({**usual, "zero_drift": DRIFT})
+
+
+@pytest.mark.parametrize("verdict", ["named", "unexplained"])
+def test_what_speaks_against_one_diagnosis_stands_beside_a_name_and_before_no_explanation(verdict: str) -> None:
+    facts = {"parameter": "H_m", "unit": "m", "own": (("a", 0.01, 0.001), ("b", 0.03, 0.002)), "q": 9.0, "chance": 1e-4}
+    grounds = Grounds(cautions=(Note(DiagnosisCode.DISAGREEMENT, Severity.FAULT, facts),))
+    said = sentence_of(replace(diagnosis(verdict), grounds=grounds))  # type: ignore[arg-type]
+    caution = "The campaigns disagree about H_m: a 0.01 +- 0.001 m, b 0.03 +- 0.002 m (Cochran's Q 9.0 on 1, p < .001)"
+    assert said.startswith(caution) == (verdict == "unexplained") and caution in said
+
+
+def test_of_what_decides_nothing_the_reason_is_said() -> None:
+    few = Note(LackCode.FEW_ROWS, Severity.FAULT, {"rows": 3, "conditions": 1})
+    assert sentence_of(undecided(few, {}, ())).startswith("Nothing can be decided: 3 rows at 1 slip and load")
+    fault = Fault("there is no run", "clay", next_step="give recordings of driven runs")
+    nothing = Note(LackCode.NOTHING_USABLE, Severity.FAULT, {"faults": (fault,)})
+    assert sentence_of(undecided(nothing, {}, ())) == (
+        "Nothing can be decided: there is no run. Next: give recordings of driven runs."
+    )
+
+
+@pytest.mark.parametrize("verdict", ["named", "one_of", "unexplained", "nothing_detectable"])
+def test_of_a_table_its_channels_are_said(verdict: str) -> None:
+    found = replace(diagnosis(verdict), grounds=Grounds(table_channels=("dp", "t", "z")))  # type: ignore[arg-type]
+    said = sentence_of(found)
+    assert "drawbar pull, torque and sinkage" in said
+
+
+def test_a_probability_is_never_one_and_none_is_a_candidate() -> None:
+    sure = replace(BARE, candidates=(Candidate("slip_sinkage", 1.0), Candidate("none", 0.0)))
+    assert "none" not in sentence_of(sure)
+    assert gain_words(None) == ""

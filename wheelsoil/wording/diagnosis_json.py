@@ -1,0 +1,80 @@
+"""A diagnosis as the mapping that other programs read."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from model.diagnosis.core import Cause, Diagnosis, Finding, Gain, Scores
+from wheelsoil.wording.notes import note_text, texts_of
+from wheelsoil.wording.places import place_text
+from wheelsoil.wording.verdict import sentence_of
+
+_SCHEMA = "wheelsoil/diagnosis/1"
+
+
+def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
+    """Return a diagnosis as plain mappings; NaN stays NaN, for the writer to turn into null."""
+    return {
+        "schema": _SCHEMA,
+        "verdict": found.verdict,
+        "sentence": sentence_of(found),
+        "causes": [_cause_json(cause) for cause in found.causes],
+        "candidates": [{"name": c.name, "probability": c.probability} for c in found.candidates],
+        "sets": [{"causes": list(one.causes), "probability": one.probability} for one in found.sets],
+        "what_is_wrong": [_finding(one, found.median_there(one)) for one in found.what_is_wrong],
+        "gain": None if found.gain is None else _gain_json(found.gain),
+        "inconsistent": [vars(item) for item in found.inconsistent],
+        "adequacy": None if found.adequacy is None else vars(found.adequacy),
+        "proposal": None if found.proposal is None else vars(found.proposal),
+        "minimum_detectable": {key: vars(size) for key, size in found.minimum_detectable.items()},
+        "next_run": [{**vars(run), "separates": list(run.separates)} for run in found.next_run],
+        "cannot_tell": {family: note_text(why) for family, why in found.cannot_tell.items()},
+        "notes": texts_of(found.notes),
+        "noise": found.noise,
+        "soils": [vars(soil) for soil in found.soils],
+        "stages_s": found.stages_s,
+    }
+
+
+def _finding(found: Finding, median: float) -> dict[str, Any]:
+    return {
+        "channel": found.channel,
+        "where": place_text(found.place),
+        "size": found.size,
+        "statistic": found.statistic,
+        "median_there": median,
+    }
+
+
+def _cause_json(cause: Cause) -> dict[str, Any]:
+    return {
+        "name": cause.name,
+        "form": cause.form,
+        "kind": cause.kind,
+        "probability": cause.probability,
+        "form_probability": cause.form_probability,
+        "parameters": [
+            {"name": p.name, "unit": p.unit, "value": p.value, "interval95": list(p.interval95)}
+            for p in cause.parameters
+        ],
+    }
+
+
+def _gain_json(gain: Gain) -> dict[str, Any]:
+    def scores(found: dict[str, Scores]) -> dict[str, Any]:
+        pull = found.get("dp")
+        top = {"R0_N": pull.R0, "M0_percent": pull.M0_percent, "R2": pull.R2} if pull else {}
+        likelihood = next((one.log_likelihood for one in found.values()), float("nan"))  # of a run, all its channels
+        return {
+            **top,
+            "log_likelihood_of_a_run": likelihood,
+            "channels": {channel: vars(s) for channel, s in found.items()},
+        }
+
+    return {
+        "held_out": {"base": scores(gain.base), "extended": scores(gain.extended)},
+        "reduction_percent": gain.reduction_percent,
+        "interval95": list(gain.interval95),
+        "log_likelihood_gain": gain.log_likelihood_gain,
+        "chosen": [list(keys) for keys in gain.chosen],
+    }

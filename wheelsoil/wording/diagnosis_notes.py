@@ -1,0 +1,195 @@
+"""The sentences of what a diagnosis notes and of what it lacks, one for each code."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from daq import Fault
+from model import DiagnosisCode, LackCode
+from model.diagnosis.core import BRIEF, NAMES, UNITS
+from wheelsoil.wording.names import chance, effect_name, plain_name
+from wheelsoil.wording.run_notes import Sentence, Values
+
+_ROLES = {"driving_torque": "torque", "drawbar_pull": "drawbar pull"}
+_CONDITIONS = {
+    "ground_speed_mps": "the ground speed",
+    "wheel_speed_radps": "the wheel speed",
+    "ground_acceleration_mps2": "the acceleration",
+    "ground_jerk_mps3": "the change of the acceleration",
+    "wheel_acceleration_radps2": "the wheel's acceleration",
+    "line_position": "the place on the line",
+    "campaign_time": "the campaign's clock",
+    "direction": "the direction",
+    "pass_number": "the number of the pass",
+    "inflation_kpa": "the inflation pressure",
+    "unit_weight_n_m3": "the soil's unit weight",
+}
+_ROW_UNITS = {"dp": (1.0, "N"), "t": (1.0, "N m"), "z": (1e3, "mm")}
+
+
+def _inputs(v: Values) -> str:
+    return f"{' and '.join(_CONDITIONS.get(name, name) for name in v['conditions'])} is not known everywhere"
+
+
+def _no_trace(v: Values) -> str:
+    rows = "s < 0" if v["braked"] else "s > 0"
+    return f"it changes nothing that was measured ({', '.join(v['channels'])}; rows with {rows} only)"
+
+
+def _neutral(v: Values) -> str:
+    between = f"{v['low']:.3g} to {v['high']:.3g} {v['unit']}"
+    return f"the {plain_name(v['family'])}'s {v['parameter']} may as well be {v['neutral']:g} ({between})"
+
+
+def _at_limit(v: Values) -> str:
+    ends = f"ends at the limit of what is plausible, {v['value']:.3g} {v['unit']}"
+    return f"the {plain_name(v['family'])}'s {v['parameter']} {ends}"
+
+
+def _nothing_usable(v: Values) -> str:
+    texts = dict.fromkeys(f"{fault.what} ({fault.found})" if fault.found else fault.what for fault in v["faults"])
+    return "; ".join(texts) or "no campaign"
+
+
+def _excluded(v: Values) -> str:
+    fault: Fault = v["fault"]
+    return f"{fault.where}: {fault.what}{f', {fault.found}' if fault.found else ''}; excluded"
+
+
+def _wheel_order(v: Values) -> str:
+    channel = v["channel"]
+    why = "a zero that turns with the wheel, or a wheel" if channel == "dp" else "a wheel"
+    size = f"{v['size']:.0f} {UNITS[channel]}"
+    return f"{NAMES[channel]} swings by {size} once a turn of the wheel: {why} that is not round"
+
+
+def _zeros(v: Values) -> str:
+    channel = v["channel"]
+    return (
+        f"{NAMES[channel]}: zeros that differ by {v['size']:.2g} {UNITS[channel]} from run to run are taken for noise, "
+        f"where {v['usual']:.1g} are usual; if the standstills read one sign, or more with more load, it is a cause "
+        "that was not considered"
+    )
+
+
+def _disagreement(v: Values) -> str:
+    unit = "" if v["unit"] in ("", "1") else f" {v['unit']}"
+    own = ", ".join(f"{campaign} {value:.3g} +- {sigma:.3g}{unit}" for campaign, value, sigma in v["own"])
+    test = f"Cochran's Q {v['q']:.1f} on {len(v['own']) - 1}, p {chance(v['chance'])}"
+    return (
+        f"the campaigns disagree about {v['parameter']}: {own} ({test}): a shared value is not theirs, diagnose each "
+        "by itself"
+    )
+
+
+def _other_form(v: Values) -> str:
+    nats = f"{v['nats']:.1f} nats"
+    return f"by itself, {v['campaign']} asks for {plain_name(v['family'])} as {v['form']} instead ({nats})"
+
+
+def _repeats(v: Values) -> str:
+    factor, unit = _ROW_UNITS[v["channel"]]
+    usual = f"a right model may have an error of form of {factor * v['form_scale']:.2g} {unit}"
+    return f"{BRIEF[v['channel']]}: repeats scatter by {factor * v['scatter']:.2g} {unit}; {usual}"
+
+
+def _mixed_repeats(v: Values) -> str:
+    share = f"{100.0 * v['share']:.0f} % of the load in {BRIEF[v['channel']]}"
+    return f"rows of one group scatter by {share}: they may be of different wheels or tests; choose them with --where"
+
+
+def _likeliest(v: Values) -> str:
+    return f"likeliest set: {' and '.join(map(effect_name, v['keys']))} ({chance(v['probability'])})"
+
+
+def _without_gate(v: Values) -> str:
+    families: Mapping[str, float] = v["families"]
+    return f"without the gate of adequacy: {', '.join(f'{plain_name(f)} {chance(p)}' for f, p in families.items())}"
+
+
+def _unseen(v: Values) -> str:
+    factor, unit = _ROW_UNITS[v["channel"]]
+    errors: Mapping[str, Any] = v["errors"]
+    words = ", ".join(f"{effect_name(key)} {factor * error:.2g}" for key, error in errors.items())
+    return (
+        f"{v['table']}: the {BRIEF[v['channel']]} that each candidate implies misses the measured one, which it has "
+        f"not seen, by (rms, {unit}): {words}"
+    )
+
+
+def _skid(v: Values) -> str:
+    return (
+        f"{v['table']}: {v['rows']} rows with s <= 0 have a law of their own, Z = {1e3 * v['static_sinkage_m']:.1f} mm "
+        f"+ ({1e3 * v['H2_m']:.1f} +- {1e3 * v['H2_sigma_m']:.1f}) mm s^2, held-out rms "
+        f"{1e3 * v['left_out_rms_m']:.2f} mm; laws of a driven wheel are not asked there"
+    )
+
+
+def _terrains(v: Values) -> str:
+    return (
+        f"the soil of {v['campaign']} differs by {100 * v['share']:.0f} % in tan phi from run to run: hardly one "
+        "terrain. Nothing is said of a cause that one part of these runs has and the other has not; diagnose them as "
+        "campaigns of their own"
+    )
+
+
+SENTENCES: dict[str, Sentence] = {
+    LackCode.INPUT_UNKNOWN: _inputs,
+    LackCode.SMOOTH_TYRE: "the tyre is declared smooth",
+    LackCode.ONE_DIRECTION: "all runs go one way: drive some back",
+    LackCode.SAME_PASS: "every run is on the same pass: drive a second one in the rut of the first",
+    LackCode.PRESSURE_UNKNOWN: "the inflation pressure is not known: taken as the same in every run",
+    LackCode.ONE_LOAD: "one load only: drive with another added mass",
+    LackCode.ONE_RUN_NO_DRIFT: "one run only: a drift over the campaign does not show",
+    LackCode.HARDLY_BRAKED: "the wheel was hardly ever braked",
+    LackCode.HARDLY_DRIVEN: "the wheel was hardly ever driven",
+    LackCode.LOW_SLIP: "the slip never was above {slip:g}",
+    LackCode.CHANNEL_UNUSED: lambda v: f"{_ROLES[v['role']]} was measured and not looked at",
+    LackCode.CHANNEL_MISSING: lambda v: f"{_ROLES[v['role']]} was not measured",
+    LackCode.NOT_AT_STANDSTILL: "no standstill was recorded: it would show the zeros",
+    LackCode.NO_TRACE: _no_trace,
+    LackCode.NOT_SETTLED: "the linearisation did not converge at it",
+    LackCode.NOT_CHECKED: "with fewer than three runs no name can be checked against other runs",
+    LackCode.NO_BETTER: "it does not predict held-out runs any better",
+    LackCode.VALUE_AT_LIMIT: _at_limit,
+    LackCode.VALUE_MAY_BE_NEUTRAL: _neutral,
+    LackCode.NOTHING_USABLE: _nothing_usable,
+    LackCode.NO_CHANNEL_MEASURED: "none of the channels that are looked at was measured in these rows",
+    LackCode.FEW_ROWS: (
+        "{rows} rows at {conditions} slip and load decide nothing: measure at three slips or more, three times each"
+    ),
+    DiagnosisCode.CAMPAIGN_EXCLUDED: _excluded,
+    DiagnosisCode.NOTHING_TO_TEST: ("nothing explains these runs: there is no extension whose gain could be measured"),
+    DiagnosisCode.FEW_RUNS: "fewer than three runs: probabilities could not be calibrated by drawing runs anew",
+    DiagnosisCode.ONE_RUN: "one run only: there is no other to test the extension on",
+    DiagnosisCode.TWO_RUNS: "two runs only: each was tested on what the other taught, and the gain has no interval",
+    DiagnosisCode.NO_POSITIONS: ("no positions: where on the line a run lies is taken from its distance and direction"),
+    DiagnosisCode.POSITIONS_STILL: (
+        "the positions do not change: where on the line a run lies is taken from its distance"
+    ),
+    DiagnosisCode.WHEEL_ORDER: _wheel_order,
+    DiagnosisCode.ZEROS_DIFFER: _zeros,
+    DiagnosisCode.DISAGREEMENT: _disagreement,
+    DiagnosisCode.OTHER_FORM: _other_form,
+    DiagnosisCode.BRAKED_ROWS_EXCLUDED: (
+        "{table}: {rows} rows with s < 0 excluded from the diagnosis of a driven wheel"
+    ),
+    DiagnosisCode.BRAKED_ROWS_ONLY: (
+        "rows of a braked wheel alone are diagnosed by their sinkage: its forces are not those of Eq. 4"
+    ),
+    DiagnosisCode.PRIOR_SCALED: (
+        "prior scales in N and N m are stated for a wheel under 10 kN; here {share:.3g} of them (median load "
+        "{load_n:.3g} N)"
+    ),
+    DiagnosisCode.REPEATS_SCATTER: _repeats,
+    DiagnosisCode.REPEATS_MIXED: _mixed_repeats,
+    DiagnosisCode.LIKELIEST_SET: _likeliest,
+    DiagnosisCode.WITHOUT_GATE: _without_gate,
+    DiagnosisCode.UNSEEN_CHANNEL: _unseen,
+    DiagnosisCode.SKID_LAW: _skid,
+    DiagnosisCode.SOIL_SIGMA_ASSUMED: lambda v: (
+        f"{', '.join(v['campaigns'])}: no uncertainty of the soil is stated, the usual laboratory's is taken"
+    ),
+    DiagnosisCode.SEVERAL_TERRAINS: _terrains,
+}

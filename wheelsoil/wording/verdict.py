@@ -1,0 +1,271 @@
+"""The sentence of a verdict: what it is, how large, how sure, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+
+from daq import Note
+from model import LackCode
+from model.diagnosis.core import (
+    BRIEF,
+    FIELD_NAMES,
+    FIELD_UNITS,
+    Adequacy,
+    Cause,
+    Detectable,
+    Diagnosis,
+    Finding,
+    Gain,
+    ParameterEstimate,
+)
+from wheelsoil.wording.names import chance, family_of, parameter_name, plain_name
+from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.places import place_text
+
+_MOST_EXAMPLES = 3
+_WORTH_SAYING = 0.2
+_NO_CHANGE = 0.5
+"""Percent by which an error may fall or grow and still be said to stay."""
+_TOGETHER_AT = 0.1
+"""Probability from which on a set of several causes is said."""
+_USUAL = (LackCode.SAME_PASS, LackCode.PRESSURE_UNKNOWN)
+"""What is wanting in nearly every campaign: it stands in the table, not in the sentence."""
+
+
+def sentence_of(found: Diagnosis) -> str:
+    """Return the verdict in a sentence or a few, with what speaks against it and what to do next."""
+    grounds = found.grounds
+    if grounds.undecided is not None:
+        return _undecided(grounds.undecided)
+    said = _of_table(found) if grounds.table_channels else _of_runs(found)
+    cautions = _sentences([note_text(note) for note in grounds.cautions])
+    parts = [cautions, said] if found.verdict == "unexplained" else [said, cautions]
+    return " ".join(filter(None, parts))
+
+
+def _undecided(why: Note) -> str:
+    steps = dict.fromkeys(fault.next_step for fault in why.values.get("faults", ()) if fault.next_step)
+    return _sentences([f"nothing can be decided: {note_text(why)}", f"next: {'; '.join(steps)}" if steps else ""])
+
+
+def _of_runs(found: Diagnosis) -> str:
+    grounds = found.grounds
+    chances = {cause.name: cause.probability for cause in found.causes}
+    chances |= {one.name: one.probability for one in found.candidates}
+    none = chances.pop("none", 0.0)
+    if found.verdict == "named":
+        said = named_words(found, chances)
+    elif found.verdict == "one_of":
+        said = one_of_words(found, chances, none)
+    elif found.verdict == "unexplained" and found.adequacy is not None:
+        said = unexplained_words(found.adequacy, found.what_is_wrong, grounds.likeliest, grounds.terrains)
+    else:
+        said = nothing_words(chances, none, _by_family(found.minimum_detectable), found.what_is_wrong)
+    return said + want_words(found.cannot_tell)
+
+
+def _by_family(sizes: Mapping[str, Detectable]) -> dict[str, Detectable]:
+    """Return the size of each family's first form."""
+    first: dict[str, Detectable] = {}
+    for key, size in sizes.items():
+        first.setdefault(family_of(key), size)
+    return first
+
+
+def _of_table(found: Diagnosis) -> str:
+    channels = _listed([BRIEF[c] for c in found.grounds.table_channels])
+    chances = {one.name: one.probability for one in found.candidates}
+    onward = f" Next: {found.next_run[0].change}." if found.next_run else ""
+    if found.verdict == "named":
+        names = " and ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in found.causes)
+        others = [f"{plain_name(name)} ({chance(chances[name])})" for name in found.grounds.beside]
+        more = f" Beside it, one of: {', '.join(others)}." if others else ""
+        worth = gain_words(found.gain)
+        held_out = f" On held-out conditions {worth}." if worth else ""
+        seen = f"{names.capitalize()} is seen in {channels}, among explanations that are right enough."
+        return f"{seen}{held_out}{more}{onward}"
+    if found.verdict == "one_of":
+        names = ", ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in found.causes)
+        if len(found.causes) == 1:
+            return f"Most likely {names}, but no name: with it, held-out rows are not predicted better.{onward}"
+        return f"One of {names}: {channels} of these rows cannot separate them.{onward}"
+    if found.verdict == "unexplained":
+        return (
+            f"No cause of the library, alone or with two others, explains {channels} to within what repeats scatter "
+            "and a right model may miss."
+        )
+    return f"Nothing can be seen in {channels}: the simulation with its soil within the laboratory's spread is enough."
+
+
+def named_words(found: Diagnosis, chances: Mapping[str, float]) -> str:
+    """Return the sentence of "named"."""
+    alike = found.grounds.look_alikes
+    said = [" and ".join(_cause(cause) for cause in found.causes)]
+    if worth := gain_words(found.gain):
+        said.append(f"On held-out runs {worth}")
+    if found.grounds.beside:
+        said.append(f"Something more is at work: {_one_of(found.grounds.beside, chances)}")
+    if alike:
+        said.append(
+            f"{_listed([plain_name(f) for f in alike]).capitalize()} would look almost the same in these runs; "
+            "that it is not has been weighed, and rests on differences that are small, but beyond the noise"
+        )
+    if alike and found.next_run:
+        said.append(f"To be surer of the name, drive next: {found.next_run[0].change}")
+    return _sentences(said)
+
+
+def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) -> str:
+    """Return the sentence of "one_of"."""
+    families, barred = [cause.name for cause in found.causes], found.grounds.barred
+    likely = f"with probability {chance(1.0 - none)}"
+    if len(families) == 1:
+        one = f"{plain_name(families[0])} ({chance(chances[families[0]])})"
+        said = [f"Something is at work ({likely}), most likely {one}"]
+        if barred is None:
+            said.append("That is not sure enough for a name")
+    else:
+        said = [f"Something is at work ({likely}): {_one_of(families, chances)}"]
+    together = [one for one in found.sets if len(one.causes) > 1 and one.probability >= _TOGETHER_AT]
+    if together:
+        pairs = [f"{_listed([plain_name(f) for f in one.causes])} ({chance(one.probability)})" for one in together]
+        said.append(f"Several may act together: {'; '.join(pairs)}")
+    if barred is not None:
+        said.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}")
+    others = [family for family in found.grounds.look_alikes if family not in families]
+    if others:
+        said.append(f"{_listed([plain_name(f) for f in others]).capitalize()} would look almost the same")
+    if found.next_run:
+        said.append(f"Next: {found.next_run[0].change}")
+    return _sentences(said)
+
+
+def unexplained_words(
+    judged: Adequacy, left: Sequence[Finding], best: Sequence[str], soils: tuple[Sequence[str], Sequence[str]] | None
+) -> str:
+    """Return the sentence of "unexplained".
+
+    Parameters
+    ----------
+    judged : Adequacy
+    left : sequence of Finding
+        Where the likeliest set leaves something.
+    best : sequence of str
+        Families of that set.
+    soils : two sequences of str, optional
+        Runs that ask for one soil, and those that ask for another.
+    """
+    tried = f", not even {_listed([plain_name(f) for f in best])}," if best else ""
+    said = [
+        f"Neither the soil nor any set of causes in the library{tried} explains these runs: the lack of fit "
+        f"is {judged.statistic:.2f}, where noise leaves up to {judged.threshold:.2f}"
+    ]
+    if left:
+        said.append(f"It shows in {_findings(left)}")
+    if soils:
+        one, other = (_listed(runs) for runs in soils)
+        said.append(
+            f"Runs {one} ask for another soil than {other}: if these are two terrains, diagnose them as two campaigns"
+        )
+    return _sentences(said)
+
+
+def nothing_words(
+    chances: Mapping[str, float], none: float, sizes: Mapping[str, Detectable], wrong: Sequence[Finding]
+) -> str:
+    """Return the sentence of "nothing_detectable"; `sizes` by family."""
+    said = [f"No cause is seen (none: {chance(none)}): soil and noise explain these runs"]
+    likeliest = max(chances, key=lambda family: chances[family], default="")
+    if likeliest and chances[likeliest] > _WORTH_SAYING:
+        said = [
+            f"Nothing is sure enough to be told from chance (none: {chance(none)})",
+            f"Most suspicious is {plain_name(likeliest)} ({chance(chances[likeliest])}): another run would tell",
+        ]
+    shown = [
+        f"{plain_name(name)} from {d.parameter} = {_number(d.value)}{_unit(d.unit)} on" for name, d in sizes.items()
+    ]
+    if shown:
+        examples = _listed(shown[:_MOST_EXAMPLES])
+        said.append(f"That does not mean there is none: {examples} would be seen in half of such campaigns")
+    if wrong:
+        said.append(f"What stands out most is {_findings(wrong[:1])}")
+    return _sentences(said)
+
+
+def want_words(cannot_tell: Mapping[str, Note]) -> str:
+    """Return what cannot be named, for want of what; empty where everything can, but for what is usually wanting."""
+    by_reason: dict[str, list[str]] = {}
+    for family, why in cannot_tell.items():
+        if why.code not in _USUAL:
+            by_reason.setdefault(note_text(why), []).append(plain_name(family))
+    said = [f"{_listed(families)} ({why})" for why, families in by_reason.items()]
+    return f" Cannot be named from these runs: {'; '.join(said)}." if said else ""
+
+
+def _cause(cause: Cause) -> str:
+    form = f", likeliest as {cause.form} ({chance(cause.form_probability)})" if cause.form else ""
+    known = [p for p in cause.parameters if all(map(isfinite, p.interval95))]
+    sizes = ", ".join(_estimate(p, parameter_name(cause.key, p.name)) for p in known or cause.parameters)
+    return f"{plain_name(cause.name)} is at work (probability {chance(cause.probability)}{form}): {sizes}"
+
+
+def _estimate(p: ParameterEstimate, name: str) -> str:
+    low, high = p.interval95
+    known = isfinite(low) and isfinite(high)
+    band = f" ({_number(low)} to {_number(high)})" if known else ""
+    return f"{name} = {_number(p.value)}{band}{_unit(p.unit)}"
+
+
+def gain_words(gain: Gain | None) -> str:
+    """Return by how much the errors of what was left out fall, without an end; nothing where that is not known."""
+    if gain is None or not isfinite(gain.reduction_percent):
+        return ""
+    low, high = gain.interval95
+    first, others = gain.channel, [channel for channel in gain.base if channel != gain.channel]
+    falls, size = ("falls", 1.0) if gain.reduction_percent >= 0 else ("grows", -1.0)
+    low, high = sorted((size * low, size * high))
+    between = f"{low:.0f} to {high:.0f}" if isfinite(low) and isfinite(high) else ""
+    stays = abs(gain.reduction_percent) < _NO_CHANGE
+    if stays:
+        change = f"stays as it is ({between} %)" if between else "stays as it is"
+    else:
+        change = f"{falls} by {size * gain.reduction_percent:.0f}{f' ({between})' if between else ''} %"
+    said = [f"the error of {BRIEF[first]} {change}"]
+    for channel in others:
+        before, after = gain.base[channel].R0, gain.extended[channel].R0
+        if before > 0:
+            fell = 100 * (1 - after / before)
+            verb = "falls " if fell >= 0 else "grows "
+            verb = "" if not stays and (fell >= 0) == (size > 0) else verb
+            said.append(f"{'that ' if verb else ''}of {BRIEF[channel]} {verb}by {abs(fell):.0f} %")
+    return _listed(said)
+
+
+def _one_of(families: Sequence[str], chances: Mapping[str, float]) -> str:
+    each = [f"{plain_name(family)} ({chance(chances[family])})" for family in families]
+    return each[0] if len(each) == 1 else f"one of {', '.join(each)}"
+
+
+def _findings(found: Sequence[Finding]) -> str:
+    return "; ".join(
+        f"{FIELD_NAMES.get(one.channel, one.channel)}, {place_text(one.place)}: "
+        f"{one.size:+.3g} {FIELD_UNITS.get(one.channel, '')} ({abs(one.statistic):.1f} sigma)"
+        for one in found[:_MOST_EXAMPLES]
+    )
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
+
+
+def _number(x: float) -> str:
+    return f"{x:.3g}"
+
+
+def _unit(unit: str) -> str:
+    return "" if unit in ("", "1") else f" {unit}"
+
+
+def _sentences(said: Sequence[str]) -> str:
+    return " ".join(f"{text[0].upper()}{text[1:]}." for text in said if text)
