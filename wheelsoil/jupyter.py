@@ -14,7 +14,7 @@ _SHOWN = {
     ("model.fit.result", "CampaignFit"): "fit_html",
     ("model.diagnosis.core.result", "Diagnosis"): "diagnosis_html",
 }
-"""Module and name of a type, and the function of `wheelsoil.wording.notebook` that shows it."""
+"""Module and name of a type, and the function of `wheelsoil.notebook` that shows it."""
 
 
 def register() -> None:
@@ -40,5 +40,5 @@ def html_of(value: Any) -> str:
 
 
 def _html(function: str, value: Any) -> str:
-    show: Callable[[Any], str] = getattr(import_module("wheelsoil.wording.notebook"), function)
+    show: Callable[[Any], str] = getattr(import_module("wheelsoil.notebook"), function)
     return show(value)

@@ -17,8 +17,8 @@ from model.diagnosis.single_wheel.diagnose import diagnose_bench
 from model.diagnosis.single_wheel.problem import CauseUse
 from studies.real_data.transfer import transfer
 from wheelsoil.wording.diagnosis_json import diagnosis_json
+from wheelsoil.wording.names import place_text
 from wheelsoil.wording.notes import texts_of
-from wheelsoil.wording.places import place_text
 from wheelsoil.wording.verdict import sentence_of
 
 FEW = ("vasilev", "interface_friction", "stress_peak_shift", "drawbar_pull_zero", "load_gain", "skid_sinkage")

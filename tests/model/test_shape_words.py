@@ -9,7 +9,7 @@ from diagnosis_support import linearised
 
 from model.diagnosis.core.shapes import Kind, Rows, Shape
 from model.diagnosis.time_series.basis import basis
-from wheelsoil.wording.places import place_text
+from wheelsoil.wording.names import place_text
 
 
 @pytest.fixture(scope="module")

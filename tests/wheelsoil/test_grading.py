@@ -12,7 +12,7 @@ from daq.runs.open import open_runs
 from processing.notes import RunCode
 from processing.options import ProcessOptions
 from processing.processed_run import ProcessedRun, Reason, Standstill
-from wheelsoil.wording.grading import grade_of
+from wheelsoil.workflows.grading import grade_of
 from wheelsoil.workflows.runs import process_runs
 
 

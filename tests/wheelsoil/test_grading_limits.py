@@ -13,7 +13,7 @@ from daq.notes import Note, Severity
 from processing.notes import RunCode
 from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun, Reason, Standstill
-from wheelsoil.wording.grading import grade_of
+from wheelsoil.workflows.grading import grade_of
 
 LOAD_N = 8000.0
 

@@ -35,7 +35,7 @@ def say_folded(text: str) -> None:
 
 def say_wrong_signs(processed: Iterable[tuple[Run, ProcessedRun]]) -> None:
     """Tell the person which forces seem to have the wrong sign (stderr): what follows from them is worth nothing."""
-    from wheelsoil.wording.grading import wrong_signs
+    from wheelsoil.workflows.grading import wrong_signs
 
     for text in wrong_signs(run for _, run in processed):
         say_folded(text)

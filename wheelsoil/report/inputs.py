@@ -26,9 +26,9 @@ from processing import ProcessedRun
 from wheelsoil import __version__
 from wheelsoil.report.figures import EDGES
 from wheelsoil.report.words import listed
-from wheelsoil.wording.grading import Grade, grade_of
 from wheelsoil.wording.notes import note_text
 from wheelsoil.workflows.fit import whole_runs
+from wheelsoil.workflows.grading import Grade, grade_of
 from wheelsoil.workflows.recording_summary import sha256_of
 
 FloatArray = NDArray[np.float64]

@@ -17,9 +17,9 @@ from model.wheel_soil import REFERENCE_INFLATION_KPA, Soil, Wheel
 from processing import LOOK, Interval, ProcessOptions, check_within
 from wheelsoil.view.curve import Base
 from wheelsoil.view.jobs import Member, Seen
-from wheelsoil.wording.grading import Grade, grade_of
 from wheelsoil.workflows.choice import Choice, ChosenRun, is_called, runs_in_use
 from wheelsoil.workflows.fit import known_soil, wheel_of
+from wheelsoil.workflows.grading import Grade, grade_of
 
 RunState = Literal["waiting", "processing", "ready", "failed"]
 Keeps = tuple[tuple[Seen, tuple[Interval, ...] | None], ...]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from model.diagnosis.core import Cause, Diagnosis, Finding, Gain, Scores
+from wheelsoil.wording.names import place_text
 from wheelsoil.wording.notes import note_text, texts_of
-from wheelsoil.wording.places import place_text
 from wheelsoil.wording.verdict import sentence_of
 
 _SCHEMA = "wheelsoil/diagnosis/1"

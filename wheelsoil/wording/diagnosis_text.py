@@ -25,9 +25,8 @@ from model.diagnosis.core import (
     Gain,
     Scores,
 )
-from wheelsoil.wording.names import effect_name, family_of, parameter_name, plain_name
+from wheelsoil.wording.names import effect_name, family_of, parameter_name, place_text, plain_name
 from wheelsoil.wording.notes import note_text, texts_of
-from wheelsoil.wording.places import place_text
 from wheelsoil.wording.verdict import sentence_of
 
 FINDING_NOTE = (

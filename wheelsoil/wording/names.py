@@ -1,7 +1,8 @@
-"""Names and probabilities as sentences and tables write them."""
+"""Names, places and probabilities as sentences and tables write them."""
 
 from __future__ import annotations
 
+from model.diagnosis.core import Kind, Rows, Shape
 from model.effects import EFFECTS
 
 
@@ -32,3 +33,44 @@ def parameter_name(key: str, name: str) -> str:
 def chance(p: float) -> str:
     """Return a probability; never 1 or 0, which no data give."""
     return "> .999" if p > 0.9995 else "< .001" if p < 0.0005 else f"{p:.3f}".lstrip("0")
+
+
+_TEXTS = {
+    Kind.SLIP: "slip {} to {}",
+    Kind.BRAKING_SLIP: "braking, slip {} to {}",
+    Kind.LOAD_DRIVING: "growing with load, driving",
+    Kind.LOAD_BRAKING: "growing with load, braking",
+    Kind.LOAD_SQUARED: "at loads far from the mean",
+    Kind.GROUND_SPEED: "ground speed {} to {} m/s",
+    Kind.LINE_POSITION: "place on the line {} to {} (of -1 to 1)",
+    Kind.TIME_IN_RUN: "{run}, {} to {} s",
+    Kind.DIRECTION_DRIVING: "with the sign of the direction (out +, back -), driving",
+    Kind.DIRECTION_BRAKING: "with the sign of the direction (out +, back -), braking",
+    Kind.CONSTANT_DRIVING: "the same wherever it drives",
+    Kind.CONSTANT_BRAKING: "the same wherever it brakes",
+    Kind.ACCELERATION_DRIVING: "speeding up (slowing down: the other sign), driving",
+    Kind.ACCELERATION_BRAKING: "speeding up (slowing down: the other sign), braking",
+    Kind.SLIP_RATE_DRIVING: "rising slip (falling: the other sign), driving",
+    Kind.SLIP_RATE_BRAKING: "rising slip (falling: the other sign), braking",
+    Kind.DRAWBAR_PULL: "simulated drawbar pull {} to {} kN",
+    Kind.DRAWBAR_PULL_SQUARED: "growing with the square of the simulated drawbar pull",
+    Kind.DRAWBAR_PULL_DRIFT: "as a share of drawbar pull that grows over the campaign",
+    Kind.TORQUE: "simulated torque {} to {} kN m",
+    Kind.TORQUE_SQUARED: "growing with the square of the simulated torque",
+    Kind.TORQUE_DRIFT: "as a share of torque that grows over the campaign",
+    Kind.ZERO_WITH_LOAD: "as a zero that grows with the load, at standstill too",
+    Kind.SPEED_ERROR: "as if misread, at {} to {} m/s",
+    Kind.LOAD_ERROR: "as if misread everywhere",
+    Kind.LOAD_ERROR_WITH_LOAD: "as if misread, growing with the load",
+}
+
+
+def place_text(place: Shape | Rows) -> str:
+    """Return where a misfit is, as it reads on its own."""
+    if isinstance(place, Rows):
+        before = f"{place.campaign}, " if place.campaign else ""
+        manner = "driving" if place.slip >= 0 else "braking"
+        return f"{before}slip {place.slip:.2f}, load {place.vertical_load_n:.3g} N, {manner} ({place.count} rows)"
+    before = f"{place.campaign}: " if place.campaign else ""
+    ends = [f"{end:.2g}" for end in place.range or ()]
+    return before + _TEXTS[Kind(place.kind)].format(*ends, run=place.run)

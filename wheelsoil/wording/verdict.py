@@ -19,9 +19,8 @@ from model.diagnosis.core import (
     Gain,
     ParameterEstimate,
 )
-from wheelsoil.wording.names import chance, family_of, parameter_name, plain_name
+from wheelsoil.wording.names import chance, family_of, parameter_name, place_text, plain_name
 from wheelsoil.wording.notes import note_text
-from wheelsoil.wording.places import place_text
 
 _MOST_EXAMPLES = 3
 _WORTH_SAYING = 0.2

@@ -9,8 +9,8 @@ from wheelsoil.report.content import Block, Light, Lights, Section, Text
 from wheelsoil.report.inputs import Material
 from wheelsoil.report.sections.diagnosis import verdict
 from wheelsoil.report.words import count, listed
-from wheelsoil.wording.grading import Grade
 from wheelsoil.wording.verdict import sentence_of
+from wheelsoil.workflows.grading import Grade
 
 KEY = "glance"
 TITLE = "In ten seconds"

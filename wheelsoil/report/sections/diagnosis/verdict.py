@@ -14,12 +14,12 @@ from wheelsoil.report.comparison import Ranking, rank
 from wheelsoil.report.content import Block, Section, Text
 from wheelsoil.report.inputs import Material
 from wheelsoil.report.words import listed, number
-from wheelsoil.wording.grading import sign_notes
 from wheelsoil.wording.model_styles import style
 from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows.fit import NOT_AT_AN_END, ended
+from wheelsoil.workflows.grading import sign_notes
 
 KEY = "verdict"
 TITLE = "How far to trust it"

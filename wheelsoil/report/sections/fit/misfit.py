@@ -28,8 +28,7 @@ from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.inputs import FloatArray, Material
 from wheelsoil.report.words import number, signed
 from wheelsoil.wording.diagnosis_text import FINDING_NOTE, finding_note
-from wheelsoil.wording.names import plain_name
-from wheelsoil.wording.places import place_text
+from wheelsoil.wording.names import place_text, plain_name
 
 KEY = "misfit"
 TITLE = "What is wrong, and where"

@@ -11,9 +11,8 @@ from model.fit import UNITS as FIT_UNITS
 from model.fit import CampaignFit
 from processing import ProcessedRun
 from wheelsoil.wording.fit_text import coefficients, criteria_table, remarks
-from wheelsoil.wording.names import plain_name
+from wheelsoil.wording.names import place_text, plain_name
 from wheelsoil.wording.notes import texts_of
-from wheelsoil.wording.places import place_text
 from wheelsoil.wording.run_summary import summary_table
 from wheelsoil.wording.verdict import sentence_of
 
