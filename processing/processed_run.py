@@ -1,7 +1,4 @@
-"""A processed run as named columns with units, for Parquet and CSV.
-
-ProcessedRun: everything the model needs of one run, on one time base.
-"""
+"""ProcessedRun: everything the model needs of one run, on one time base, with units."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""Which file a run goes into: a name of its own, or the next part of a run that was cut off.
+"""The file of a run: a name of its own, or the next part of a run that was cut off.
 
-One logger a folder: a lock on the folder itself, which the kernel takes off however the logger ends.
-
-Others tell by it whether a file without its end is still being written.
+One logger per folder: a lock on the folder itself, which the kernel releases however the logger ends. Other commands
+see by it whether a file without its end is still being written.
 """
 
 from __future__ import annotations

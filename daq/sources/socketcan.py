@@ -1,7 +1,4 @@
-"""SocketCAN: hundreds of frames a system call, with the kernel's time stamps and its count of lost frames.
-
-Sockets of SocketCAN: opened and set up, asked for their losses, and why they refuse.
-"""
+"""SocketCAN: hundreds of frames per system call, with the kernel's time stamps and its count of lost frames."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Filtered roles to a `ProcessedRun`: slip, segments, reasons, quality.
-
-What the sensors read at standstill: facts for the report and the diagnosis. Nothing is subtracted.
-
-Distance along the track from ground speed.
-"""
+"""Filtered roles to a `ProcessedRun`: slip ratio, distance, segments, exclusion reasons, quality, readings at rest."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Channels of one run to a `ProcessedRun`: the room's one door.
-
-What a run does not carry, for a purpose that only looks: which roles, why, and what to do.
-"""
+"""Channels of one run to a `ProcessedRun`; and which roles a run lacks, with the reason and what to do."""
 
 from __future__ import annotations
 

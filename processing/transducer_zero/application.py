@@ -1,7 +1,4 @@
-"""The zero taken off a stream of channels, at the transducer's own rate, before rotation and filter.
-
-What a person should know of the zero that was taken off a run.
-"""
+"""Subtraction of the zero from a stream of channels, at the transducer's own rate, before rotation and filter."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Whether the vehicle moves, by the two speeds it knows; and when they contradict each other.
-
-What is watched: every message of the DBCs with its signals, and the roles among them.
-
-Names in ``[health]`` of vehicle.toml that nothing goes by: what they were to excuse is not excused.
-"""
+"""What is watched: the messages of the DBCs, their signals and roles, and whether the vehicle moves."""
 
 from __future__ import annotations
 
