@@ -1,6 +1,5 @@
 r"""The one low-pass filter that every channel passes on its way to the time base, and the sigma of a filtered sample.
 
-
 Channels come at 1 kHz, 100 Hz, 20 Hz or 1 Hz, with jitter and lost frames. Eq. 6 and the model divide and compare them,
 so that all must have been through *the same* transfer function. A recursive filter cannot give that: its coefficients
 belong to one rate, and bringing a 20 Hz channel to 100 Hz first is itself a low-pass that the others do not see.
