@@ -1,7 +1,4 @@
-"""A model and runs to a fit: estimates with intervals, criteria, and the load that the model's sinkage carries.
-
-What a fit asks of its options and data before it begins.
-"""
+"""Fit of the wheel-soil model to runs: checks of options and data, estimates with intervals, criteria."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What a fit returns.
-
-The tables of a fit: what `wheelsoil fit` prints and a notebook shows.
-"""
+"""The result of a fit and its tables."""
 
 from __future__ import annotations
 

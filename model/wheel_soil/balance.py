@@ -1,7 +1,4 @@
-"""Static sinkage: the closed form (Eq. 10) and the vertical balance (Eq. 7).
-
-Where the wheel settles: its sinkage, and the forces that the stresses give there.
-"""
+"""Static sinkage of a wheel: the closed form (Eq. 10) and the vertical balance (Eq. 7), with the forces there."""
 
 from __future__ import annotations
 

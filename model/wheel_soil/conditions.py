@@ -1,9 +1,4 @@
-"""What effects see of a wheel on soil, and what they give back.
-
-The wheel, as the wheel-soil model sees it.
-
-What a wheel is put through, sample by sample: measured inputs of the model, and what else effects may ask for.
-"""
+"""Inputs of the wheel-soil model, sample by sample, and the values that effects read and give back."""
 
 from __future__ import annotations
 

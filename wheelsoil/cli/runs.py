@@ -1,7 +1,4 @@
-"""``wheelsoil fit``.
-
-``wheelsoil process``.
-"""
+"""``wheelsoil process`` and ``wheelsoil fit``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""One channel against slip: measured with its density, every model with its band, driving and braking apart.
-
-One quantity against slip with every model in one panel, as the section on the sinkage draws it.
-"""
+"""Figures over slip: a channel with its density and every model with its band, driving and braking apart."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What a report is made from: processed runs, their fit, and where everything came from.
-
-How sure a fitted model is of its own curve: the covariance of its coefficients, carried through its slopes.
-"""
+"""Inputs of a report: processed runs, their fit with the uncertainty of its curves, and their provenance."""
 
 from __future__ import annotations
 

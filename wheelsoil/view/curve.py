@@ -1,7 +1,4 @@
-"""What can be moved on the page: the soil's parameters and those of every effect, each with where it may go.
-
-A model's curve over the slip, for sliders: one load, a steady drive, no fit.
-"""
+"""The model's curve over slip for the page's sliders: one load, a steady drive, no fit; and the sliders' ranges."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Recordings of a lifted wheel to zero.toml, and zero.toml to the runs that it is taken off.
-
-The signals of a transducer, whole, from the messages that carry its roles.
-"""
+"""Recordings of a lifted wheel to zero.toml, and zero.toml to the runs that it is subtracted from."""
 
 from __future__ import annotations
 
