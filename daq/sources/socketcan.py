@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import fcntl
 import select
 import socket
 import struct
@@ -102,6 +101,8 @@ def lost_frames(made: socket.socket) -> int:
 
 def interface_is_up(made: socket.socket, channel: str) -> bool:
     """Whether an interface is there and up."""
+    import fcntl  # Unix has it; so has every system with SocketCAN
+
     try:
         _, flags = _IFREQ.unpack(fcntl.ioctl(made, _SIOCGIFFLAGS, _IFREQ.pack(channel.encode(), 0)))
     except OSError:
