@@ -4,6 +4,8 @@ from .clock import fit_clock as fit_clock
 from .config import ROLES as ROLES
 from .config import SOIL_KEYS as SOIL_KEYS
 from .config import BusSection as BusSection
+from .config import HealthSection as HealthSection
+from .config import LoggerSection as LoggerSection
 from .config import RunInfo as RunInfo
 from .config import RunsConfig as RunsConfig
 from .config import SensorSection as SensorSection

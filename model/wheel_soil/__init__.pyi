@@ -1,9 +1,16 @@
 from .conditions import Conditions as Conditions
+from .conditions import Reaction as Reaction
+from .conditions import SoilState as SoilState
 from .conditions import Wheel as Wheel
+from .conditions import WheelState as WheelState
 from .contact import Patch as Patch
 from .contact import Quadrature as Quadrature
 from .contact import entry_angle as entry_angle
 from .contact import resultants as resultants
+from .dual import Dual as Dual
+from .dual import Number as Number
+from .dual import value_of as value_of
+from .dual import where as where
 from .run_conditions import conditions_of as conditions_of
 from .soils import LABORATORY_SPREAD as LABORATORY_SPREAD
 from .soils import SOIL_PARAMETERS as SOIL_PARAMETERS

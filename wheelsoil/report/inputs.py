@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from daq import DataError, Fault, VehicleConfig
 from daq.recording import Event
 from daq.runs import Run
-from model.diagnosis.core import Diagnosis
+from model.diagnosis import Diagnosis
 from model.fit import CHANNELS, CampaignFit, ModelFit
 from model.wheel_soil import Conditions, Prediction, conditions_of
 from processing import ProcessedRun

@@ -152,8 +152,7 @@ def what_cannot_be_told(
     members: Sequence[Member], paths: Sequence[Path], soil: str | None, reading: Reading
 ) -> dict[str, str]:
     """Return, for the families of effects that these runs say nothing about, a sentence that says why."""
-    from model.diagnosis.core import cannot_tell, considered
-    from model.diagnosis.time_series import samples_of
+    from model.diagnosis import cannot_tell, considered, samples_of
 
     taken = _taken(members, "diagnose")
     if not taken:

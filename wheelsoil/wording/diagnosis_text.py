@@ -11,7 +11,7 @@ from math import isfinite
 
 from daq import number, table_lines
 from daq import probability as as_probability
-from model.diagnosis.core import (
+from model.diagnosis import (
     FIELD_NAMES,
     FIELD_UNITS,
     INPUT_FIELDS,

@@ -11,7 +11,7 @@ import numpy as np
 
 from daq import ConfigError, Fault, SoilSection, WheelSection, nearest
 from daq.runs import Collected, Run
-from model.diagnosis.core import Bench, Campaign, Diagnosis, DiagnosisOptions
+from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions
 from model.effects import EFFECTS
 from model.wheel_soil import Reading, prior_of
 from processing import ProcessedRun
@@ -194,7 +194,7 @@ def diagnose_campaigns(campaigns: Sequence[Campaign], options: DiagnosisOptions)
     ConfigError, DataError
         See `model.diagnosis.time_series.diagnosis.diagnose`.
     """
-    from model.diagnosis.time_series import diagnose
+    from model.diagnosis import diagnose
 
     return _with_remarks(diagnose(campaigns, options), campaigns)
 
@@ -226,7 +226,7 @@ def diagnose_benches(benches: Sequence[Bench], options: DiagnosisOptions) -> Dia
     ConfigError, DataError
         See `model.diagnosis.single_wheel.diagnose.diagnose_bench`.
     """
-    from model.diagnosis.single_wheel import diagnose_bench
+    from model.diagnosis import diagnose_bench
 
     return _with_remarks(diagnose_bench(benches, options), benches)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.diagnosis.core import NAMES, UNITS, Diagnosis, Seen
+from model.diagnosis import NAMES, UNITS, Diagnosis, Seen
 from wheelsoil.report.content import Block, Figure, Panels, Section, Text
 from wheelsoil.report.figures import (
     EDGES,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from model.diagnosis.core import NAMES, UNITS, Gain, Scores
+from model.diagnosis import NAMES, UNITS, Gain, Scores
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes
 from wheelsoil.report.inputs import Material

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from daq import DataError
-from model.diagnosis.core import Diagnosis, Gain
+from model.diagnosis import Diagnosis, Gain
 from model.fit import CHOSEN, EXTENDED
 from wheelsoil.report.comparison import Ranking, rank
 from wheelsoil.report.content import Block, Section, Text

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from daq import DataError
-from model.diagnosis.core import NAMES, UNITS
+from model.diagnosis import NAMES, UNITS
 from model.fit import CHANNELS
 from processing import ProcessedRun, Segment
 from processing.pipeline import runs_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import Any
 
-from model.diagnosis.core import UNITS
+from model.diagnosis import UNITS
 from model.effects import EFFECTS
 from model.fit import CHANNELS, EXTENDED, CampaignFit, Estimate, ModelFit, free_parameters
 from model.wheel_soil import WheelSoilModel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from model.diagnosis.core import NAMES, UNITS
+from model.diagnosis import NAMES, UNITS
 from model.fit import CampaignFit
 from wheelsoil.report.content import Section, Table
 from wheelsoil.report.inputs import Material

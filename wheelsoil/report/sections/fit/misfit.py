@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from model.diagnosis.core import FIELD_NAMES, FIELD_UNITS, NAMES, UNITS, Diagnosis, Seen
+from model.diagnosis import FIELD_NAMES, FIELD_UNITS, NAMES, UNITS, Diagnosis, Seen
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import (
     EDGES,
