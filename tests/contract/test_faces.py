@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import pkgutil
+import textwrap
 from collections.abc import Iterator
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
@@ -100,3 +101,17 @@ def test_every_name_of_a_face_is_there_and_no_module_is_called_the_same(stub: Pa
     assert names == set(package.__all__)
     assert [name for name in sorted(names) if not hasattr(package, name)] == []
     assert names & {module.name for module in pkgutil.iter_modules(package.__path__)} == set()
+
+
+def entry(stub: Path) -> str:
+    """What docs/api.md says of a package: its name, what it is, what it exports."""
+    package = importlib.import_module(dotted(stub))
+    names = ", ".join(f"`{name}`" for name in sorted(exports(package.__name__), key=str.casefold))
+    return f"### {package.__name__}\n{(package.__doc__ or '').splitlines()[0]}\n\n{textwrap.fill(names, 120)}\n"
+
+
+@pytest.mark.parametrize("stub", STUBS, ids=dotted)
+def test_a_face_is_in_the_docs_as_it_is(stub: Path) -> None:
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    assert entry(stub) in page, f"docs/api.md should have\n\n{entry(stub)}"
+    assert page.count("\n### ") == len(STUBS)

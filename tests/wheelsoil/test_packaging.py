@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import site
 import subprocess
 import sys
 import venv
@@ -25,8 +24,12 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     venv.create(folder / "env", symlinks=True)
     [packages] = (folder / "env").glob("lib/python*/site-packages")
     zipfile.ZipFile(wheel).extractall(packages)
-    (packages / "dependencies.pth").write_text("\n".join(site.getsitepackages()), encoding="utf-8")
+    (packages / "dependencies.pth").write_text("\n".join(_installed()), encoding="utf-8")
     return folder / "env" / "bin" / "python"
+
+
+def _installed() -> list[str]:
+    return [folder for folder in sys.path if Path(folder).name == "site-packages"]
 
 
 @pytest.mark.slow
