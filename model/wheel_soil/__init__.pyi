@@ -1,6 +1,5 @@
 from .conditions import Conditions as Conditions
 from .conditions import Reaction as Reaction
-from .conditions import SoilState as SoilState
 from .conditions import Wheel as Wheel
 from .conditions import WheelState as WheelState
 from .contact import Patch as Patch
@@ -17,6 +16,7 @@ from .soils import SOIL_PARAMETERS as SOIL_PARAMETERS
 from .soils import SOILS as SOILS
 from .soils import Soil as Soil
 from .soils import SoilPrior as SoilPrior
+from .soils import SoilState as SoilState
 from .soils import prior_of as prior_of
 from .soils import soil_from_terrain as soil_from_terrain
 from .stresses import speed_ratio as speed_ratio

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from model.wheel_soil.dual import Number, value_of, where
+from model.wheel_soil.soils import SoilState
 from model.wheel_soil.stresses import speed_ratio
 
 
@@ -90,30 +91,6 @@ def slip_of_ratio(ratio: Number) -> Number:
     """Return the slip ratio for V/(r omega); the inverse of `model.wheel_soil.stresses.speed_ratio`."""
     braking = value_of(ratio) > 1.0
     return where(braking, 1.0 / where(braking, ratio, 1.0) - 1.0, 1.0 - ratio)
-
-
-@dataclass(frozen=True)
-class SoilState:
-    """The soil's parameters under given conditions, as columns or scalars in SI units.
-
-    ``interface`` multiplies tan phi where soil shears on the rim; the soil itself keeps its friction.
-    """
-
-    cohesion: Number
-    tan_phi: Number
-    shear_modulus: Number
-    exponent: Number
-    cohesive_modulus: Number
-    frictional_modulus: Number
-    interface: Number = 1.0
-
-    def stiffer(self, factor: Number) -> SoilState:
-        """Return the soil with k of Eq. 2 multiplied by a factor."""
-        return replace(
-            self,
-            cohesive_modulus=self.cohesive_modulus * factor,
-            frictional_modulus=self.frictional_modulus * factor,
-        )
 
 
 @dataclass(frozen=True)
