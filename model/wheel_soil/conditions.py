@@ -9,7 +9,7 @@ import numpy as np
 
 from model.wheel_soil.dual import Number, value_of, where
 from model.wheel_soil.soils import SoilState
-from model.wheel_soil.stresses import speed_ratio
+from model.wheel_soil.stresses import slip_of_ratio, speed_ratio
 
 
 @dataclass(frozen=True)
@@ -85,12 +85,6 @@ class Conditions:
     def map(self, function: Callable[[Number], Number]) -> Conditions:
         """Return the conditions with `function` applied to every field."""
         return Conditions(*(function(getattr(self, f.name)) for f in fields(self)))
-
-
-def slip_of_ratio(ratio: Number) -> Number:
-    """Return the slip ratio for V/(r omega); the inverse of `model.wheel_soil.stresses.speed_ratio`."""
-    braking = value_of(ratio) > 1.0
-    return where(braking, 1.0 / where(braking, ratio, 1.0) - 1.0, 1.0 - ratio)
 
 
 @dataclass(frozen=True)

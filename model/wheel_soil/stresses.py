@@ -90,3 +90,9 @@ def speed_ratio(slip: Number) -> Number:
     turning = where(braking, slip + 1.0, 1.0)
     turning = where(value_of(turning) < 1e-9, 1e-9, turning)
     return where(braking, 1.0 / turning, 1.0 - slip)
+
+
+def slip_of_ratio(ratio: Number) -> Number:
+    """Return the slip ratio for V/(r omega); the inverse of `speed_ratio`."""
+    braking = value_of(ratio) > 1.0
+    return where(braking, 1.0 / where(braking, ratio, 1.0) - 1.0, 1.0 - ratio)

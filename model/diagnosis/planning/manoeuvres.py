@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from model.diagnosis.time_series.rests import Rests
 from model.diagnosis.time_series.samples import Instants, Samples
-from model.wheel_soil.conditions import Conditions, slip_of_ratio
+from model.wheel_soil.conditions import Conditions
+from model.wheel_soil.stresses import slip_of_ratio
 from processing.pipeline import STANDARD_GRAVITY_MPS2
 
 FloatArray = NDArray[np.float64]

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from model.diagnosis.time_series.samples import CHANNELS, STENCIL, Samples
 from model.effects.base import Effect
-from model.wheel_soil.conditions import Conditions, Wheel, slip_of_ratio
+from model.wheel_soil.conditions import Conditions, Wheel
 from model.wheel_soil.dual import Dual, Number, column, value_of
 from model.wheel_soil.soils import SOIL_PARAMETERS, Soil, SoilPrior
+from model.wheel_soil.stresses import slip_of_ratio
 from model.wheel_soil.wheel_soil_model import Reading, WheelSoilModel
 
 FloatArray = NDArray[np.float64]
