@@ -1,7 +1,15 @@
+from .channels import CHANNELS as CHANNELS
+from .channels import INPUTS as INPUTS
+from .channels import ON_TIME_BASE as ON_TIME_BASE
+from .channels import OUTPUTS as OUTPUTS
+from .channels import REACTIONS as REACTIONS
+from .channels import ROLES as ROLES
+from .channels import TRANSDUCER_ROLES as TRANSDUCER_ROLES
 from .channels import Channel as Channel
+from .channels import ChannelDefinition as ChannelDefinition
+from .channels import Use as Use
 from .clock import ClockFit as ClockFit
 from .clock import fit_clock as fit_clock
-from .config import ROLES as ROLES
 from .config import SOIL_KEYS as SOIL_KEYS
 from .config import BusSection as BusSection
 from .config import HealthSection as HealthSection
@@ -37,6 +45,8 @@ from .shown import table_lines as table_lines
 from .units import Quantity as Quantity
 from .units import Unit as Unit
 from .units import find_unit as find_unit
+from .units import unit_suffix as unit_suffix
+from .units import unit_text as unit_text
 from .zero_file import ZERO_FILE as ZERO_FILE
 from .zero_file import ChannelZero as ChannelZero
 from .zero_file import Determination as Determination

@@ -45,6 +45,16 @@ class Unit:
     offset: float = 0.0
 
 
+def unit_text(unit: str) -> str:
+    """Return one of our units as people write it: "N m" of "Nm"."""
+    return "N m" if unit == Quantity.MOMENT.value else unit
+
+
+def unit_suffix(unit: str) -> str:
+    """Return one of our units as names end in it: "radps" of "rad/s"; a plain number has none."""
+    return "" if unit == Quantity.RATIO.value else unit.lower().replace("/", "p")
+
+
 _POUND_FORCE = 4.4482216152605
 _FOOT = 0.3048
 _DEGREE = math.pi / 180.0

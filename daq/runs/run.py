@@ -15,8 +15,8 @@ from daq.can.databases import Database, load_database
 from daq.can.decoding import Decoder
 from daq.can.frames import FrameBatch
 from daq.can.roles import SignalRef, resolve_roles
-from daq.channels import Channel
-from daq.config import ROLES, RunInfo, RunsConfig, TerrainConfig, VehicleConfig, load_toml, parse_toml
+from daq.channels import ROLES, Channel
+from daq.config import RunInfo, RunsConfig, TerrainConfig, VehicleConfig, load_toml, parse_toml
 from daq.errors import DatabaseError, Fault, RecordingError, nearest
 from daq.logs import read_log
 from daq.recording import RunRecording
@@ -300,7 +300,7 @@ def _attached_databases(
 
 def _in_our_units(reference: SignalRef, decoded: Channel) -> Channel:
     channel = reference.to_si(decoded)
-    if reference.role in ("latitude", "longitude"):
+    if ROLES[reference.role].in_degrees:
         return replace(channel, unit="deg", values=np.degrees(channel.values))
     return channel
 

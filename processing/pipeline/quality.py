@@ -8,6 +8,7 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import REACTIONS
 from processing.pipeline.latency import SpeedComparison
 from processing.processed_run import Reason, Segment, SensorFacts, Standstill
 from processing.timebase import FloatArray
@@ -19,7 +20,6 @@ _RING_DELAY_S = 0.015
 """One-sigma of what the estimate owes to a toothed ring, which at low speed is later than its declared delay."""
 _NOTABLE_SCALE = 0.02
 _NOTABLE_GAP_SHARE = 0.1
-_ZERO_ROLES = {"drawbar_pull": "N", "driving_torque": "N m"}
 
 
 def combine_reasons(
@@ -158,10 +158,11 @@ def _opposed(name: str, values: FloatArray, cause: str, of: FloatArray, rows: ND
 
 def _zero_notes(standing: tuple[Standstill, ...]) -> list[str]:
     notes = []
-    for role, unit in _ZERO_ROLES.items():
+    for channel in REACTIONS.values():
+        role = channel.role
         seen = [(s.levels[role], s.sigmas[role]) for s in standing if role in s.levels]
         if seen and all(abs(level) > 3 * sigma for level, sigma in seen):
             values = ", ".join(f"{level:.1f} +- {sigma:.1f}" for level, sigma in seen[:4])
-            what = f"{role.replace('_', ' ')} at standstill reads {values} {unit}"
+            what = f"{channel.name} at standstill reads {values} {channel.unit_text}"
             notes.append(f"{what}: a zero, a slope or a held brake; not subtracted")
     return notes

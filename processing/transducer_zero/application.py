@@ -8,12 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from daq import ZERO_FILE, Channel, ConfigError, Determination, Fault, VehicleConfig
+from daq import ROLES, TRANSDUCER_ROLES, ZERO_FILE, Channel, ConfigError, Determination, Fault, VehicleConfig
 from processing.pipeline.resampling import OnBase
 from processing.pipeline.wheel_frames import interpolate_angle, merged_angle
 from processing.processed_run import AppliedZero
 from processing.timebase import FloatArray, IntArray, in_order, seconds_since
-from processing.transducer_zero.choice import ROLE_QUANTITIES, RoleZero, choose, systematic_sigma
+from processing.transducer_zero.choice import RoleZero, choose, systematic_sigma
 
 _OLD_S = 86_400.0
 _WARMER_K = 10.0
@@ -56,10 +56,8 @@ def zero_notes(
     for role, zero in chosen.items():
         change, sigma = zero.drift()
         if abs(change) > _SIGNIFICANT_SIGMAS * sigma:
-            unit = "N m" if role == "driving_torque" else "N"
-            notes.append(
-                f"the zero of {role} moved by {change:+.1f} +- {sigma:.1f} {unit} from before the run to after it"
-            )
+            size = f"{change:+.1f} +- {sigma:.1f} {ROLES[role].unit_text}"
+            notes.append(f"the zero of {role} moved by {size} from before the run to after it")
     missing = [role for role in roles if role not in chosen]
     if missing:
         notes.append(f"{source} has no zero of {', '.join(missing)}")
@@ -240,7 +238,7 @@ class ZeroRemoval:
             return []
         return zero_notes(
             self._chosen or {},
-            [role for role in ROLE_QUANTITIES if role in self._vehicle.signals],
+            [role for role in TRANSDUCER_ROLES if role in self._vehicle.signals],
             self._span_ns,
             self._zeros.source,
             self._zeros.temperature_degc,
@@ -250,7 +248,7 @@ class ZeroRemoval:
     def _begin(self, chunk: dict[str, Channel]) -> None:
         if self._chosen is not None:
             return
-        starts = [int(chunk[role].time_ns[0]) for role in ROLE_QUANTITIES if role in chunk and len(chunk[role])]
+        starts = [int(chunk[role].time_ns[0]) for role in TRANSDUCER_ROLES if role in chunk and len(chunk[role])]
         if starts:
             self._span_ns = (min(starts), min(starts))
             self._chosen = choose(self._zeros.determinations, self._vehicle, min(starts))
@@ -292,7 +290,7 @@ class ZeroRemoval:
             self._turning += len(psi)
             self._without_angle += int(np.sum(~np.isfinite(psi)))
             taken = offset + np.nan_to_num(cos * np.cos(psi) + sin * np.sin(psi))
-        return Channel(role, "Nm" if role == "driving_torque" else "N", time_ns, values - taken)
+        return Channel(role, ROLES[role].unit, time_ns, values - taken)
 
     def _psi(self, time_ns: IntArray, one: Determination) -> FloatArray:
         """Return psi as the determination counted it; NaN where the angle is not known."""

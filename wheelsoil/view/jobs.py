@@ -106,6 +106,7 @@ def _slim(run: ProcessedRun) -> ProcessedRun:
     """Return the run without what the page never asks for; see `Seen`."""
     arrays = {field.name for field in fields(run) if isinstance(getattr(run, field.name), np.ndarray)}
     changed: dict[str, Any] = {name: np.zeros(0) for name in arrays - {"time_s", "slip", "reason"}}
+    changed["extras"] = {}
     changed |= {name: getattr(run, name).astype(np.float32) for name in _DRAWN}
     return replace(run, **changed)
 

@@ -11,7 +11,8 @@ from daq.can.bits import Message
 from daq.can.buses import messages_by_bus
 from daq.can.databases import Database
 from daq.can.roles import SignalRef, resolve_roles
-from daq.config import ROLES, HealthSection, VehicleConfig
+from daq.channels import ROLES
+from daq.config import HealthSection, VehicleConfig
 from daq.errors import ConfigError, Fault, nearest
 from daq.logger.health.flow import MessageFlow
 from daq.logger.health.report import Level, Reason, Recent, SignalHealth, Since, reason
