@@ -7,7 +7,6 @@ from .observations import Observations as Observations
 from .problem import free_parameters as free_parameters
 from .result import CHOSEN as CHOSEN
 from .result import EXTENDED as EXTENDED
-from .result import UNITS as UNITS
 from .result import CampaignFit as CampaignFit
 from .result import Estimate as Estimate
 from .result import FitOptions as FitOptions

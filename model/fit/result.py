@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import html_paragraph, html_table, number
+from daq import OUTPUTS, REACTIONS, html_paragraph, html_table, number
 from model.effects.catalogue import EFFECTS
 from model.extended import ExtendedModel
 from model.fit.criteria import Criteria
@@ -20,9 +20,6 @@ from model.wheel_soil.wheel_soil_model import Prediction, Reading, WheelSoilMode
 Table = tuple[list[str], list[list[str]]]
 """Head and rows."""
 
-UNITS = {"dp": "N", "t": "N m"}
-"""Channels that can be judged, and the unit of their R0."""
-
 
 def coefficients(fit: CampaignFit) -> Table:
     """Return every model's coefficients with their intervals; the first two columns are names."""
@@ -32,8 +29,8 @@ def coefficients(fit: CampaignFit) -> Table:
 
 def criteria_table(fit: CampaignFit, channel: str) -> Table:
     """Return M0, R0, R2 and the load's ratio of every model that was judged by a channel; no rows where none was."""
-    name = {"dp": "drawbar pull", "t": "torque"}[channel]
-    head = [name, "M0 %", f"R0 {UNITS[channel]}", "R2", "samples", "load Eq.7/measured", "least", "most"]
+    of = OUTPUTS[channel]
+    head = [of.name, "M0 %", f"R0 {of.unit_text}", "R2", "samples", "load Eq.7/measured", "least", "most"]
     scored = [model for model in fit.models if channel in model.criteria and model.criteria[channel].samples]
     return head, [_criteria(model, channel) for model in scored]
 
@@ -47,7 +44,7 @@ def remarks(fit: CampaignFit) -> list[str]:
 
 def fit_html(fit: CampaignFit) -> str:
     """Return the tables as HTML."""
-    tables = [coefficients(fit), *(criteria_table(fit, channel) for channel in UNITS)]
+    tables = [coefficients(fit), *(criteria_table(fit, channel) for channel in REACTIONS)]
     shown = [html_table(head, rows, left=2 if i == 0 else 1) for i, (head, rows) in enumerate(tables) if rows]
     return "".join([*shown, *map(html_paragraph, remarks(fit))])
 

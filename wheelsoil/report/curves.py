@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.fit import CHANNELS
+from daq import OUTPUTS
 from wheelsoil.report.content import Figure, Panels
 from wheelsoil.report.figures import (
     EDGES,
@@ -121,7 +121,7 @@ def curves_of(material: Material, channel: str, key: str, axis: str, reading: st
     """
     pool = material.pool
     measured = pool.measured(channel)
-    predicted = {model.name: pool.predicted(model.name, CHANNELS[channel]) for model in material.fit.models}
+    predicted = {model.name: pool.predicted(model.name, OUTPUTS[channel].field) for model in material.fit.models}
     predicted = {name: np.where(np.isfinite(measured), values, np.nan) for name, values in predicted.items()}
     sigmas = material.sigmas[channel]
     choices = {ALL_RUNS: np.ones(len(measured), np.bool_)}

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import DataError
+from daq import ON_TIME_BASE, DataError, Use
 from daq.runs import Run
 from model.wheel_soil import SOIL_PARAMETERS, Reading
 from processing import Interval, ProcessedRun, ProcessOptions, keep_only, require_roles
@@ -23,14 +23,7 @@ from wheelsoil.workflows.diagnosis import Processed, campaigns_of, diagnose_camp
 from wheelsoil.workflows.fit import FitChoices, fit_as_json, fit_runs
 from wheelsoil.workflows.runs import process_runs
 
-_DRAWN = (
-    "drawbar_pull_n",
-    "driving_torque_nm",
-    "vertical_load_n",
-    "ground_speed_mps",
-    "wheel_speed_radps",
-    "sinkage_m",
-)
+_DRAWN = tuple(channel.field for channel in ON_TIME_BASE if channel.use is not Use.EXTRA)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,15 +9,10 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from math import isfinite
 
-from daq import number, table_lines
+from daq import OUTPUTS, ROLES, Use, number, table_lines
 from daq import probability as as_probability
 from model.diagnosis import (
-    FIELD_NAMES,
-    FIELD_UNITS,
-    INPUT_FIELDS,
-    NAMES,
     SUMS,
-    UNITS,
     Cause,
     CauseSet,
     Detectable,
@@ -26,6 +21,7 @@ from model.diagnosis import (
     Gain,
     Scores,
 )
+from model.diagnosis.core import SUMS, Cause, CauseSet, Detectable, Diagnosis, Finding, Gain, Scores
 from model.effects import EFFECTS
 
 FINDING_NOTE = (
@@ -40,7 +36,7 @@ MISREAD_NOTE = "As if misread: the error of that input, measured less true, that
 
 def finding_note(note: str, found: Iterable[Finding]) -> str:
     """Return a note on findings, with what an error of an input means where one is among them."""
-    return f"{note} {MISREAD_NOTE}" if any(one.channel in INPUT_FIELDS for one in found) else note
+    return f"{note} {MISREAD_NOTE}" if any(ROLES[one.channel].use is Use.INPUT for one in found) else note
 
 
 def plain_name(name: str) -> str:
@@ -214,7 +210,7 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
     of_rows = all(found.of_rows for found in findings)
     rows = [
         [
-            FIELD_NAMES.get(found.channel, found.channel),
+            ROLES[found.channel].name,
             *([] if of_rows else [_in_unit(diagnosis.median_there(found), found.channel)]),
             _in_unit(found.size, found.channel),
             number(found.statistic, 3),
@@ -239,7 +235,7 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
 
 
 def _in_unit(value: float, channel: str) -> str:
-    return f"{number(value, 3)} {FIELD_UNITS.get(channel, '')}".rstrip() if isfinite(value) else "-"
+    return f"{number(value, 3)} {ROLES[channel].unit_text}".rstrip() if isfinite(value) else "-"
 
 
 def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
@@ -262,9 +258,9 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
 
 def _score_row(channel: str, which: str, scores: Scores, *, first: bool) -> list[str]:
     return [
-        f"{NAMES.get(channel, channel)}, {which}",
+        f"{OUTPUTS[channel].name}, {which}",
         number(scores.R0, 4),
-        UNITS.get(channel, ""),
+        OUTPUTS[channel].unit_text,
         number(scores.M0_percent, 3),
         number(scores.R2, 4),
         number(scores.log_likelihood, 5) if first else "",  # of the run, all its channels together
@@ -280,7 +276,7 @@ def gain_text(gain: Gain) -> str:
     chosen = sum(bool(keys) for keys in gain.chosen)
     folds = f"; {chosen} of {len(gain.chosen)} folds chose a cause" if gain.chosen else ""
     return (
-        f"R0 of the {NAMES[gain.channel]} {how} by {number(abs(gain.reduction_percent), 3)} %{within}; "
+        f"R0 of the {OUTPUTS[gain.channel].name} {how} by {number(abs(gain.reduction_percent), 3)} %{within}; "
         f"the log likelihood gains {number(gain.log_likelihood_gain, 4)} nats{folds}."
     )
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from daq import ConfigError, Fault, SoilSection, WheelSection, nearest
+from daq import OUTPUTS, ConfigError, Fault, SoilSection, WheelSection, nearest
 from daq.runs import Collected, Run
 from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions
 from model.effects import EFFECTS
@@ -20,8 +20,6 @@ from wheelsoil.workflows.runs import BenchFiles
 
 Processed = Sequence[tuple[Run, ProcessedRun]]
 
-CHANNELS = ("dp", "t", "z")
-_COLUMNS = {"dp": "drawbar_pull_n", "t": "driving_torque_nm", "z": "sinkage_m"}
 _ONE_TERRAIN = 0.1
 """Scatter of tan phi from run to run that one terrain may have."""
 _SURPRISING = 2.0
@@ -35,7 +33,7 @@ def diagnosis_options(
     *,
     effects: Iterable[str] = (),
     without: Iterable[str] = (),
-    channels: Sequence[str] = CHANNELS,
+    channels: Sequence[str] = tuple(OUTPUTS),
     most_causes: int = 3,
     seed: int = 0,
     next_run: bool = False,
@@ -58,9 +56,9 @@ def diagnosis_options(
         Everything that is wrong with them.
     """
     faults = [
-        Fault(f"there is no channel {c!r} to diagnose", expected=", ".join(CHANNELS), next_step="use --channels dp,t,z")
+        Fault(f"there is no channel {c!r} to diagnose", expected=", ".join(OUTPUTS), next_step="use --channels dp,t,z")
         for c in channels or ("",)
-        if c not in CHANNELS
+        if c not in OUTPUTS
     ]
     wanted, unwanted = list(effects), list(without)
     faults += [_unknown(name) for name in (*wanted, *unwanted) if not _keys(name)]
@@ -203,9 +201,9 @@ def bench_of(files: BenchFiles) -> Bench:
     """Return the rows of a bench table as a diagnosis takes them."""
     table = files.rows
     sigmas = {
-        channel: float(np.sqrt(np.nanmean(table.sigma[column] ** 2)))
-        for channel, column in _COLUMNS.items()
-        if column in table.sigma and np.isfinite(table.sigma[column]).any()
+        key: float(np.sqrt(np.nanmean(table.sigma[channel.field] ** 2)))
+        for key, channel in OUTPUTS.items()
+        if channel.field in table.sigma and np.isfinite(table.sigma[channel.field]).any()
     }
     return Bench(
         name=Path(table.name).stem,

@@ -5,11 +5,6 @@ from .consistency import BoundRows as BoundRows
 from .consistency import bound_rows_of_runs as bound_rows_of_runs
 from .consistency import bound_rows_of_table as bound_rows_of_table
 from .consistency import inconsistent as inconsistent
-from .result import FIELD_NAMES as FIELD_NAMES
-from .result import FIELD_UNITS as FIELD_UNITS
-from .result import INPUT_FIELDS as INPUT_FIELDS
-from .result import NAMES as NAMES
-from .result import UNITS as UNITS
 from .result import Candidate as Candidate
 from .result import Cause as Cause
 from .result import CauseSet as CauseSet

@@ -1,7 +1,5 @@
 """What a diagnosis says.
 
-Channels as a diagnosis keys them, names them and measures them.
-
 A diagnosis as small HTML tables, for a notebook; `wheelsoil diagnose` and the report say more.
 
 The contract that other programs read (``wheelsoil/diagnosis/1``).
@@ -16,28 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import html_paragraph, html_table, number, probability
-
-NAMES = {"dp": "drawbar pull", "t": "driving torque", "z": "sinkage"}
-UNITS = {"dp": "N", "t": "N m", "z": "m"}
-BRIEF = {**NAMES, "t": "torque"}
-"""In a sentence."""
-FIELDS = {"dp": "drawbar_pull", "t": "driving_torque", "z": "sinkage"}
-"""In a finding and in JSON."""
-INPUTS = {"v": ("ground_speed", "measured ground speed", "m/s"), "w": ("vertical_load", "measured load", "N")}
-"""What the simulation is given, and a finding can be an error of: key, field, name and unit."""
-INPUT_FIELDS = frozenset(field for field, _, _ in INPUTS.values())
-FINDING_FIELDS = {**FIELDS, **{key: field for key, (field, _, _) in INPUTS.items()}}
-FIELD_NAMES = {
-    **{field: NAMES[key] for key, field in FIELDS.items()},
-    **{field: name for field, name, _ in INPUTS.values()},
-}
-FIELD_UNITS = {
-    **{field: UNITS[key] for key, field in FIELDS.items()},
-    **{field: unit for field, _, unit in INPUTS.values()},
-}
-FIELD_KEYS = {field: key for key, field in FIELDS.items()}
-
+from daq import OUTPUTS, ROLES, html_paragraph, html_table, number, probability
 
 _LEAST_SHOWN = 0.01
 _MOST_FINDINGS = 6
@@ -55,9 +32,9 @@ def diagnosis_html(found: Diagnosis) -> str:
         shown.append(html_table(["candidate", "probability"], likely))
     wrong = [
         [
-            FIELD_NAMES.get(w.channel, w.channel),
+            ROLES[w.channel].name,
             w.where,
-            f"{number(w.size, 3)} {FIELD_UNITS.get(w.channel, '')}",
+            f"{number(w.size, 3)} {ROLES[w.channel].unit_text}",
             number(w.statistic, 3),
         ]
         for w in found.what_is_wrong[:_MOST_FINDINGS]
@@ -76,8 +53,8 @@ def diagnosis_html(found: Diagnosis) -> str:
 
 def _gain(gain: Gain) -> list[list[str]]:
     return [
-        [name, number(gain.base[key].R0), number(gain.extended[key].R0), UNITS[key]]
-        for key, name in NAMES.items()
+        [channel.name, number(gain.base[key].R0), number(gain.extended[key].R0), channel.unit_text]
+        for key, channel in OUTPUTS.items()
         if key in gain.base and key in gain.extended
     ]
 
@@ -447,7 +424,7 @@ class Diagnosis:
         """
         if found.slips is None:
             return float("nan")
-        (low, high), channel = found.slips, FIELD_KEYS.get(found.channel, "")
+        (low, high), channel = found.slips, ROLES[found.channel].key
         left = [
             (seen.measured[channel] - seen.base[channel])[(seen.slip >= low) & (seen.slip <= high)]
             for seen in self.seen

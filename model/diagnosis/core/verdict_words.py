@@ -9,19 +9,8 @@ import re
 from collections.abc import Mapping, Sequence
 from math import isfinite
 
-from model.diagnosis.core.result import (
-    BRIEF,
-    FIELD_NAMES,
-    FIELD_UNITS,
-    Adequacy,
-    Cause,
-    CauseSet,
-    Detectable,
-    Finding,
-    Gain,
-    NextRun,
-    ParameterEstimate,
-)
+from daq import OUTPUTS, ROLES
+from model.diagnosis.core.result import Adequacy, Cause, CauseSet, Detectable, Finding, Gain, NextRun, ParameterEstimate
 from model.diagnosis.core.tellable import USUAL
 from model.diagnosis.core.verdict import Judgement
 from model.diagnosis.findings.agreement import Disagreement
@@ -266,14 +255,14 @@ def gain_words(gain: Gain | None) -> str:
         change = f"stays as it is ({between} %)" if between else "stays as it is"
     else:
         change = f"{falls} by {size * gain.reduction_percent:.0f}{f' ({between})' if between else ''} %"
-    said = [f"the error of {BRIEF[first]} {change}"]
+    said = [f"the error of {OUTPUTS[first].name} {change}"]
     for channel in others:
         before, after = gain.base[channel].R0, gain.extended[channel].R0
         if before > 0:
             fell = 100 * (1 - after / before)
             verb = "falls " if fell >= 0 else "grows "
             verb = "" if not stays and (fell >= 0) == (size > 0) else verb
-            said.append(f"{'that ' if verb else ''}of {BRIEF[channel]} {verb}by {abs(fell):.0f} %")
+            said.append(f"{'that ' if verb else ''}of {OUTPUTS[channel].name} {verb}by {abs(fell):.0f} %")
     return _listed(said)
 
 
@@ -284,8 +273,7 @@ def _one_of(families: Sequence[str], chances: Mapping[str, float]) -> str:
 
 def _findings(found: Sequence[Finding]) -> str:
     return "; ".join(
-        f"{FIELD_NAMES.get(f.channel, f.channel)}, {f.where}: {f.size:+.3g} {FIELD_UNITS.get(f.channel, '')} "
-        f"({abs(f.statistic):.1f} sigma)"
+        f"{ROLES[f.channel].name}, {f.where}: {f.size:+.3g} {ROLES[f.channel].unit_text} ({abs(f.statistic):.1f} sigma)"
         for f in found[:_MOST_EXAMPLES]
     )
 

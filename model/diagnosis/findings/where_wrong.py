@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from model.diagnosis.core.result import FINDING_FIELDS, INPUTS, Finding
+from daq import INPUTS, OUTPUTS
+from model.diagnosis.core.result import Finding
 from model.diagnosis.core.verdict_words import shape_words
 from model.diagnosis.findings.adequacy import LeftOver, left_over
 from model.diagnosis.time_series.basis import SLIP_RANGES
@@ -92,7 +93,7 @@ def found_in(left: LeftOver, labels: tuple[str, ...], height: FloatArray, excess
             break
         channel, _, where = labels[worst].partition("|")
         size = float(score[worst] / own[worst] * height[worst])
-        found.append(Finding(FINDING_FIELDS.get(channel, channel), where, size, float(z[worst])))
+        found.append(Finding({**INPUTS, **OUTPUTS}[channel].role, where, size, float(z[worst])))
         column = information[:, worst] / own[worst]
         score = score - column * score[worst]
         information = information - np.outer(column, information[worst])

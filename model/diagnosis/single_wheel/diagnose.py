@@ -10,7 +10,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import DataError, Fault
+from daq import OUTPUTS, DataError, Fault
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.result import Adequacy, Candidate, Cause, CauseSet, Diagnosis, Gain, Verdict
@@ -224,11 +224,10 @@ def _least_misfit(weighing: Weighing) -> float:
 
 
 def _noise(problem: BenchProblem, said: dict[str, FloatArray]) -> dict[str, float]:
-    units = {"dp": "n", "t": "nm", "z": "m"}
     found = {}
     for channel, (scatter, form) in noise_of(problem, said).items():
-        found[f"{channel}_repeats_{units[channel]}"] = scatter
-        found[f"{channel}_form_{units[channel]}"] = form
+        found[f"{channel}_repeats_{OUTPUTS[channel].suffix}"] = scatter
+        found[f"{channel}_form_{OUTPUTS[channel].suffix}"] = form
     return found
 
 

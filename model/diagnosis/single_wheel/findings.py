@@ -14,11 +14,11 @@ from math import log, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import OUTPUTS
 from model.diagnosis.core.prior import SIZE_PRIOR
-from model.diagnosis.core.result import FIELDS as CHANNEL_FIELDS
 from model.diagnosis.core.result import Cause, Detectable, Finding, ParameterEstimate, Seen, SoilEstimate
 from model.diagnosis.single_wheel.evidence import Posterior, posterior_of
-from model.diagnosis.single_wheel.problem import FIELDS, BenchProblem, CauseUse
+from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
 from model.diagnosis.single_wheel.search import Optimum
 from model.diagnosis.single_wheel.sets import Library, family_of
 from model.diagnosis.single_wheel.weighing import Weighed, Weighing, with_usual_form
@@ -48,7 +48,7 @@ def seen_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tuple[S
     found = []
     for i, bench in enumerate(problem.benches):
         rows = problem.bench == i
-        channels = [c for c in FIELDS if np.isfinite(problem.measured(c)[rows]).any()]
+        channels = [c for c in OUTPUTS if np.isfinite(problem.measured(c)[rows]).any()]
         nothing = np.full(int(rows.sum()), np.nan)
         found.append(
             Seen(
@@ -68,7 +68,7 @@ def seen_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tuple[S
                     key: {c: (said[c] - null.optima[0].said[c])[rows] for c in channels if c in problem.channels}
                     for key, said in members.items()
                 },
-                implied={key: {c: said[c][rows] for c in FIELDS} for key, said in members.items()},
+                implied={key: {c: said[c][rows] for c in OUTPUTS} for key, said in members.items()},
                 unseen=tuple(c for c in channels if c not in problem.channels),
             )
         )
@@ -89,7 +89,7 @@ def findings_of(weighing: Weighing) -> tuple[Finding, ...]:
             statistic = size / float(np.hypot(scatter / np.sqrt(own.sum()), noise.form_scale))
             if abs(statistic) > _SIGNIFICANT:
                 where = _where(problem, rows[own])
-                found.append(Finding(CHANNEL_FIELDS[noise.channel], where, size, statistic, of_rows=True))
+                found.append(Finding(OUTPUTS[noise.channel].role, where, size, statistic, of_rows=True))
     return tuple(sorted(found, key=lambda f: -abs(f.statistic)))
 
 

@@ -20,6 +20,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import OUTPUTS
 from model.diagnosis.core.result import Gain, NextRun, Scores
 from model.diagnosis.single_wheel.evidence import Posterior, posterior_of
 from model.diagnosis.single_wheel.noise import FORM_SHARE
@@ -204,7 +205,6 @@ def _scores(problem: BenchProblem, foretold: Foretold) -> dict[str, Scores]:
     return found
 
 
-_WORDS = {"dp": "drawbar pull", "t": "driving torque", "z": "sinkage"}
 _LOADS = ((0.5, "half the load"), (2.0, "twice the load"))
 _DRAWS = 160
 _SETS = 5
@@ -264,14 +264,14 @@ def _designs(problem: BenchProblem) -> list[_Design]:
     slip, load = (np.array([x[problem.group == g].mean() for g in groups]) for x in (problem.slip, problem.load_n))
     at_centres = replace(problem, slip=slip, load_n=load, bench=problem.bench[first], group=np.arange(len(groups)))
     used = problem.channels
-    missing = [channel for channel in _WORDS if channel not in used]
-    designs = [_Design(f"measure the {_WORDS[c]} too", at_centres, (*used, c)) for c in missing]
+    missing = [channel for channel in OUTPUTS if channel not in used]
+    designs = [_Design(f"measure the {OUTPUTS[c].name} too", at_centres, (*used, c)) for c in missing]
     for factor, words in _LOADS:
         designs.append(_Design(words, replace(at_centres, load_n=load * factor), used))
     if missing:
         more = tuple(dict.fromkeys((*used, *missing)))
         for factor, words in _LOADS:
-            together = f"{words}, with {' and '.join(_WORDS[c] for c in missing)} measured"
+            together = f"{words}, with {' and '.join(OUTPUTS[c].name for c in missing)} measured"
             designs.append(_Design(together, replace(at_centres, load_n=load * factor), more))
     return designs
 

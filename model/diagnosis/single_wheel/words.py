@@ -7,7 +7,8 @@ from math import isfinite
 
 import numpy as np
 
-from model.diagnosis.core.result import BRIEF, Cause, Gain, NextRun, Seen, Verdict
+from daq import OUTPUTS
+from model.diagnosis.core.result import Cause, Gain, NextRun, Seen, Verdict
 from model.diagnosis.core.verdict import MORE_AT
 from model.diagnosis.core.verdict_words import gain_words
 from model.diagnosis.single_wheel.noise import scatter_of_repeats
@@ -30,8 +31,8 @@ def sentence_of(
     runs: Sequence[NextRun],
 ) -> str:
     """Return the verdict for people, and what to do next."""
-    channels = " and ".join([BRIEF[c] for c in weighing.problem.channels][-2:])
-    channels = ", ".join([*(BRIEF[c] for c in weighing.problem.channels[:-2]), channels])
+    channels = " and ".join([OUTPUTS[c].name for c in weighing.problem.channels][-2:])
+    channels = ", ".join([*(OUTPUTS[c].name for c in weighing.problem.channels[:-2]), channels])
     onward = f" Next: {runs[0].change}." if runs else ""
     if verdict == "named":
         names = " and ".join(f"{plain(c.name)} ({chance(c.probability)})" for c in causes)
@@ -66,8 +67,8 @@ def mixed_words(problem: BenchProblem) -> str:
         share = scatter_of_repeats(noise.measured, noise.groups) / problem.size_of(noise.channel)
         if noise.channel != "z" and share > MUCH_SCATTER:
             return (
-                f" Rows of one group scatter by {100.0 * share:.0f} % of the load in {BRIEF[noise.channel]}: they "
-                "may be of different wheels or tests; choose them with --where."
+                f" Rows of one group scatter by {100.0 * share:.0f} % of the load in "
+                f"{OUTPUTS[noise.channel].name}: they may be of different wheels or tests; choose them with --where."
             )
     return ""
 
@@ -106,7 +107,7 @@ def notes_of(
         factor, unit = _UNITS[noise.channel]
         scatter = factor * scatter_of_repeats(noise.measured, noise.groups)
         usual = f"a right model may have an error of form of {factor * noise.form_scale:.2g} {unit}"
-        notes.append(f"{BRIEF[noise.channel]}: repeats scatter by {scatter:.2g} {unit}; {usual}")
+        notes.append(f"{OUTPUTS[noise.channel].name}: repeats scatter by {scatter:.2g} {unit}; {usual}")
     if weighing.any_adequate:
         best = weighing.sets[0]
         families = ", ".join(
@@ -132,8 +133,8 @@ def _unseen(seen: Sequence[Seen]) -> list[str]:
             words = ", ".join(f"{_effect(key)} {error:.2g}" for key, error in errors.items() if isfinite(error))
             if words:
                 notes.append(
-                    f"{bench.campaign}: the {BRIEF[channel]} that each candidate implies misses the measured one, "
-                    f"which it has not seen, by (rms, {unit}): {words}"
+                    f"{bench.campaign}: the {OUTPUTS[channel].name} that each candidate implies misses the measured "
+                    f"one, which it has not seen, by (rms, {unit}): {words}"
                 )
     return notes
 

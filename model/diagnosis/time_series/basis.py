@@ -138,7 +138,7 @@ def input_shapes(linear: Linear) -> Iterator[InputShape]:
 
 Shape = tuple[str, FloatArray]
 
-AMPLITUDE = {"dp": 0.02, "t": 0.02, "z": 0.02}
+AMPLITUDE = 0.02
 """One-sigma of a shape: share of the load, of load times radius, of the radius."""
 
 _DRIVING, _BRAKING = "slip", "braking, slip -"
@@ -185,12 +185,12 @@ def basis(samples: Samples, linear: Linear) -> Basis:
     found = _empty(samples, linear, len(shapes) * len(linear.channels) + len(zeros) + len(inputs))
     labels: list[str] = []
     for row, channel in enumerate(linear.channels):
-        amplitude = _amplitude(samples, channel)
+        amplitude = amplitude_of(samples, channel)
         for label, x in shapes:
             found.columns[row, :, len(labels)] = amplitude * x
             labels.append(f"{channel}|{label}")
     for channel in zeros:
-        amplitude, drive = _amplitude(samples, channel), linear.conditions
+        amplitude, drive = amplitude_of(samples, channel), linear.conditions
         rolling, resting = (growing_with_load(at, drive) for at in (drive, samples.rests.conditions))
         found.columns[linear.channels.index(channel), :, len(labels)] = amplitude * rolling
         found.rests[AT_REST.index(channel), :, len(labels)] = amplitude * resting
@@ -220,11 +220,11 @@ def _channels_with_zeros(samples: Samples, linear: Linear) -> list[str]:
     return [c for c in known if np.isfinite(samples.rests.measured[c]).any()]
 
 
-def _amplitude(samples: Samples, channel: str) -> float:
+def amplitude_of(samples: Samples, channel: str) -> float:
     """Return one-sigma of a shape, in the channel's unit."""
     load = float(np.median(samples.conditions.vertical_load_n)) if len(samples) else 1.0
     unit = {"dp": load, "t": load * samples.wheel_radius_m, "z": samples.wheel_radius_m}
-    return AMPLITUDE[channel] * unit[channel]
+    return AMPLITUDE * unit[channel]
 
 
 def _shapes(samples: Samples, linear: Linear) -> Iterator[Shape]:

@@ -26,6 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import OUTPUTS
 from model.diagnosis.core.campaign import DiagnosisOptions
 from model.diagnosis.core.result import Gain, Scores
 from model.diagnosis.findings.adequacy import excess
@@ -171,7 +172,7 @@ def held_out(
     base = [foretold(look, known[()], run, grams[()]) for run in range(count)]
     extended = [foretold(look, known[keys], run, grams[keys]) if keys else base[run] for run, keys in enumerate(chosen)]
     base, extended = _judged(base, extended)
-    channel = next(c for c in ("dp", "t", "z") if any(c in run.measured for run in base))
+    channel = next(c for c in OUTPUTS if any(c in run.measured for run in base))
     squares = _squares(base, extended, channel)
     gain = Gain(
         base=_scores(base),

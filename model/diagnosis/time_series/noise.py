@@ -28,16 +28,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from model.diagnosis.core.result import NAMES
-from model.diagnosis.core.result import UNITS as SI
+from daq import OUTPUTS
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.rests import AT_REST
 from model.diagnosis.time_series.samples import Samples
 
 FloatArray = NDArray[np.float64]
 
-UNITS = {"dp": ("drawbar_pull", "n"), "t": ("driving_torque", "nm"), "z": ("sinkage", "m")}
-"""Name and unit of a channel in the names of hyper-parameters."""
 _LEAST_RADPS = 0.3
 
 
@@ -77,7 +74,9 @@ class Noise:
 
 def processes(channels: tuple[str, ...]) -> tuple[Process, ...]:
     """Return the processes that go on within a run."""
-    own = [Process(named(c, "noise"), f"{UNITS[c][0]}_noise_time_s", over_distance=False, loading=c) for c in channels]
+    own = [
+        Process(named(c, "noise"), f"{OUTPUTS[c].role}_noise_time_s", over_distance=False, loading=c) for c in channels
+    ]
     return (
         *own,
         Process("speed_noise_mps", "speed_noise_time_s", over_distance=False, loading="speed"),
@@ -112,7 +111,7 @@ def beliefs(samples: Samples) -> dict[str, Belief]:
         sigma = _positive(samples.sigma[c], typical[c])
         found |= {
             named(c, "noise"): Belief(0.7 * sigma, 0.7),
-            f"{UNITS[c][0]}_noise_time_s": Belief(0.15, 0.7),
+            f"{OUTPUTS[c].role}_noise_time_s": Belief(0.15, 0.7),
             named(c, "white"): Belief(0.3 * sigma, 0.8),
             named(c, "of_run"): Belief(0.01 * samples.wheel_radius_m, 1.0) if c == "z" else Belief(0.15 * sigma, 0.8),
         }
@@ -139,8 +138,7 @@ def beliefs(samples: Samples) -> dict[str, Belief]:
 
 def named(channel: str, what: str) -> str:
     """Return the name of a hyper-parameter of one channel."""
-    name, unit = UNITS[channel]
-    return f"{name}_{what}_{unit}"
+    return f"{OUTPUTS[channel].role}_{what}_{OUTPUTS[channel].suffix}"
 
 
 def _positive(sigma: float, otherwise: float) -> float:
@@ -197,7 +195,7 @@ def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float])
     for row, c in enumerate(AT_REST):
         if c not in linear.channels:
             continue
-        length = np.maximum(samples.rests.duration_s, 0.1) / values[f"{UNITS[c][0]}_noise_time_s"]
+        length = np.maximum(samples.rests.duration_s, 0.1) / values[f"{OUTPUTS[c].role}_noise_time_s"]
         scatter = np.fmin(samples.rests.spread[c], values[named(c, "noise")]) ** 2
         averaged = scatter * 2.0 * (length - 1.0 + np.exp(-length)) / length**2
         found[row] = averaged + values[named(c, "at_rest")] ** 2
@@ -230,7 +228,8 @@ def _swing(noise: Noise, channel: str) -> Iterator[str]:
     size, unsure = noise.values.get(name, 0.0) * np.sqrt(2.0), noise.log_sigmas.get(name, np.inf)
     if unsure < _TOLD and size > _NOTABLE_SWING * noise.values[named(channel, "noise")]:
         why = "a zero that turns with the wheel, or a wheel" if channel == "dp" else "a wheel"
-        yield f"{NAMES[channel]} swings by {size:.0f} {SI[channel]} once a turn of the wheel: {why} that is not round"
+        swing = f"{OUTPUTS[channel].name} swings by {size:.0f} {OUTPUTS[channel].unit_text}"
+        yield f"{swing} once a turn of the wheel: {why} that is not round"
 
 
 def _zeros(noise: Noise, believed: Mapping[str, Belief], channel: str) -> Iterator[str]:
@@ -238,7 +237,8 @@ def _zeros(noise: Noise, believed: Mapping[str, Belief], channel: str) -> Iterat
     size, usual = noise.values.get(name, 0.0), believed[name].centre
     if size > _NOTABLE_ZERO * usual:
         yield (
-            f"{NAMES[channel]}: zeros that differ by {size:.2g} {SI[channel]} from run to run are taken for noise, "
-            f"where {usual:.1g} are usual; if the standstills read one sign, or more with more load, it is a cause "
+            f"{OUTPUTS[channel].name}: zeros that differ by {size:.2g} {OUTPUTS[channel].unit_text} from run to run "
+            f"are taken for noise, where {usual:.1g} are usual; if the standstills read one sign, or more with more "
+            "load, it is a cause "
             "that was not considered"
         )

@@ -19,6 +19,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import OUTPUTS, REACTIONS
 from model.diagnosis.core.campaign import Campaign
 from model.diagnosis.time_series.rests import Rests, rests_of
 from model.effects.vehicle.tyre_flattening import REFERENCE_KPA
@@ -29,9 +30,6 @@ from processing.pipeline import kernel_sigma_s, slip_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
-
-CHANNELS = {"dp": "drawbar_pull_n", "t": "driving_torque_nm", "z": "sinkage_m"}
-"""Measured channels by their short name."""
 
 FEWEST = 50
 """Usable samples below which nothing can be said."""
@@ -129,7 +127,7 @@ class Samples:
         )
 
 
-def samples_of(campaign: Campaign, channels: tuple[str, ...] = ("dp", "t", "z")) -> Samples:
+def samples_of(campaign: Campaign, channels: tuple[str, ...] = tuple(OUTPUTS)) -> Samples:
     """Return the samples of a campaign.
 
     Parameters
@@ -150,7 +148,7 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = ("dp", "t", "z"))
     def joined(key: str) -> FloatArray:
         return np.concatenate([part[key] for part in parts], axis=-1) if parts else np.zeros(0)
 
-    measured = {c: joined(name) for c, name in CHANNELS.items() if c in channels}
+    measured = {key: joined(channel.field) for key, channel in OUTPUTS.items() if key in channels}
     measured = {c: x for c, x in measured.items() if np.isfinite(x).any()}
     return Samples(
         run=np.repeat(np.arange(len(parts)), [len(part["time_s"]) for part in parts]),
@@ -158,21 +156,18 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = ("dp", "t", "z"))
         time_s=joined("time_s"),
         conditions=Conditions(**{name: joined(name) for name in Conditions.__dataclass_fields__}),
         measured=measured,
-        sigma={c: _typical([getattr(run, _SIGMAS[c]) for run in campaign.runs]) for c in measured},
+        sigma={c: _typical([getattr(run, OUTPUTS[c].sigma_field) for run in campaign.runs]) for c in measured},
         speed_sigma_mps=_typical([run.ground_speed_sigma_mps for run in campaign.runs]),
         load_sigma_n=_typical([run.vertical_load_sigma_n for run in campaign.runs]),
         distance_m=joined("distance_m"),
         wheel_angle_rad=joined("wheel_angle_rad"),
         instants=Instants(*(joined(f"instants.{f}") for f in Instants.__dataclass_fields__)),
-        rests=rests_of(campaign, tuple(c for c in measured if c != "z"), clocks, positions),
+        rests=rests_of(campaign, tuple(c for c in measured if c in REACTIONS), clocks, positions),
         wheel_radius_m=campaign.wheel.radius_m,
         block_s=max((block_seconds(run) for run in campaign.runs), default=BLOCK_S),
         left_out=dict(left_out),
         notes=(note,) * bool(note),
     )
-
-
-_SIGMAS = {"dp": "drawbar_pull_sigma_n", "t": "driving_torque_sigma_nm", "z": "sinkage_sigma_m"}
 
 
 def block_seconds(run: ProcessedRun) -> float:

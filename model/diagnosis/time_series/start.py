@@ -13,7 +13,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import DataError, Fault
+from daq import REACTIONS, DataError, Fault
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.tellable import cannot_tell, considered
 from model.diagnosis.time_series.columns import Columns
@@ -70,7 +70,6 @@ class Clock:
 
 
 LATENCY = "speed_latency"
-_FORCES = {"drawbar_pull_n": "drawbar pull", "driving_torque_nm": "torque"}
 _NOTABLE_DELAY_S = 0.06
 """Delay between the speeds from which on it is tried as a start."""
 
@@ -112,10 +111,12 @@ def unfit(campaign: Campaign, samples: Samples) -> Fault | None:
     """
     if len(samples) < FEWEST:
         return _too_few(campaign, samples)
-    if set(samples.measured) & {"dp", "t"}:
+    if samples.measured.keys() & REACTIONS:
         return None
     there = [
-        words for name, words in _FORCES.items() if any(np.isfinite(getattr(run, name)).any() for run in campaign.runs)
+        channel.name
+        for channel in REACTIONS.values()
+        if any(np.isfinite(getattr(run, channel.field)).any() for run in campaign.runs)
     ]
     if there:
         return Fault(
