@@ -28,6 +28,8 @@ from .config import load_toml as load_toml
 from .config import parse_mapping as parse_mapping
 from .config import parse_toml as parse_toml
 from .config import read_toml as read_toml
+from .data_frames import data_frame as data_frame
+from .data_frames import frame_of_rows as frame_of_rows
 from .errors import ConfigError as ConfigError
 from .errors import DataError as DataError
 from .errors import Fault as Fault

@@ -8,11 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum, auto
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.data_frames import data_frame
 from daq.units import Quantity, unit_suffix, unit_text
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Use(Enum):
@@ -156,3 +161,16 @@ class Channel:
 
     def __len__(self) -> int:
         return len(self.values)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return ``time_ns`` and the values as a frame; the unit is in ``attrs["units"]``.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Shape (n, 2). A channel in the unit of its role is a column like ``drawbar_pull_n``, any other one has the
+            name of its signal.
+        """
+        known = ROLES.get(self.name)
+        name = known.field if known and known.unit == self.unit else self.name
+        return data_frame({"time_ns": self.time_ns, name: self.values}, {"time_ns": "ns", name: self.unit})

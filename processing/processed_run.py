@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import ON_TIME_BASE, RunInfo, Use, html_paragraph, html_table
+from daq import ON_TIME_BASE, RunInfo, Use, data_frame, html_paragraph, html_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FloatArray = NDArray[np.float64]
 
@@ -236,6 +239,20 @@ class ProcessedRun:
         if name in _EXTRAS:
             return self.extras.get(name, np.broadcast_to(np.float64(np.nan), self.time_s.shape))
         return np.asarray(getattr(self, name))
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the run as a frame: one row a sample, units in ``attrs["units"]``, the run's name in ``attrs["run"]``.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Shape (n, columns). Columns as `wheelsoil process -o` writes them, for instance ``drawbar_pull_n``;
+            quantities that were not measured are left out; ``segment`` and ``reason`` are names.
+        """
+        units = units_of(self)
+        frame = data_frame(block_of(self, units, slice(None)), units)
+        frame.attrs["run"] = self.run.id
+        return frame
 
     def _repr_html_(self) -> str:
         from processing.summary import summary_table  # it reads what is defined here

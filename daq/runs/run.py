@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from daq.logs import read_log
 from daq.recording import RunRecording
 from daq.shown import html_table
 from daq.zero_file import carried_zeros
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 VEHICLE_FILE, TERRAIN_FILE, RUNS_FILE = "vehicle.toml", "terrain.toml", "runs.toml"
 LENIENT_KEY = "lenient_dbc"
@@ -236,6 +240,21 @@ class Run:
             for role, channel in batch.items():
                 pieces.setdefault(role, []).append(channel)
         return {role: _joined(parts) for role, parts in pieces.items()}
+
+    def to_frames(self, roles: Collection[str] = ROLES) -> dict[str, pd.DataFrame]:
+        """Return the channels of some roles as frames, each with its own time stamps; see `channels`.
+
+        Returns
+        -------
+        dict
+            Role to frame with the columns ``time_ns`` and, for instance, ``drawbar_pull_n``.
+
+        Raises
+        ------
+        ConfigError, RecordingError
+            See `channels`.
+        """
+        return {role: channel.to_frame() for role, channel in self.channels(roles).items()}
 
 
 def recording_run(path: Path, given: Configuration, *, lenient_dbc: bool = False) -> Run:

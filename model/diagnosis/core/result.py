@@ -9,12 +9,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import OUTPUTS, ROLES, html_paragraph, html_table, number, probability
+from daq import OUTPUTS, ROLES, frame_of_rows, html_paragraph, html_table, number, probability
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _LEAST_SHOWN = 0.01
 _MOST_FINDINGS = 6
@@ -407,6 +410,17 @@ class Diagnosis:
     stages_s: dict[str, float] = field(default_factory=dict)
     sets: tuple[CauseSet, ...] = ()
 
+    def to_frames(self) -> dict[str, pd.DataFrame]:
+        """Return the tables of the diagnosis as frames.
+
+        Returns
+        -------
+        dict of pandas.DataFrame
+            ``causes`` (one row a parameter, with its 95 % interval), ``candidates``, ``what_is_wrong``, ``gain`` (one
+            row a channel and model), ``minimum_detectable`` and ``next_run``; sizes in the unit of the row.
+        """
+        return _frames(self)
+
     def _repr_html_(self) -> str:
         return diagnosis_html(self)
 
@@ -437,3 +451,33 @@ class Diagnosis:
     def as_json(self) -> dict[str, Any]:
         """Return the contract's mapping; NaN stays NaN, for the writer to turn into null."""
         return diagnosis_json(self)
+
+
+def _frames(found: Diagnosis) -> dict[str, pd.DataFrame]:
+    none = (ParameterEstimate("", "", float("nan"), (float("nan"), float("nan")), float("nan")),)
+    causes = [
+        (c.name, c.form, c.kind, c.probability, c.form_probability, p.name, p.unit, p.value, p.sigma, *p.interval95)
+        for c in found.causes
+        for p in c.parameters or none
+    ]
+    wrong = [
+        (w.channel, w.where, ROLES[w.channel].unit, w.size, found.median_there(w), w.statistic)
+        for w in found.what_is_wrong
+    ]
+    scores = (("base", found.gain.base), ("extended", found.gain.extended)) if found.gain else ()
+    gain = [
+        (OUTPUTS[key].role, which, OUTPUTS[key].unit, one.R0, one.M0_percent, one.R2, one.log_likelihood)
+        for which, of in scores
+        for key, one in of.items()
+    ]
+    least = [(key, d.parameter, d.value, d.unit) for key, d in found.minimum_detectable.items()]
+    runs = [(run.change, ", ".join(run.separates), run.expected_log_bayes_factor) for run in found.next_run]
+    estimate = ("parameter", "unit", "value", "sigma", "lower95", "upper95")
+    return {
+        "causes": frame_of_rows(("name", "form", "kind", "probability", "form_probability", *estimate), causes),
+        "candidates": frame_of_rows(("name", "probability"), [(c.name, c.probability) for c in found.candidates]),
+        "what_is_wrong": frame_of_rows(("channel", "where", "unit", "size", "median_there", "statistic"), wrong),
+        "gain": frame_of_rows(("channel", "model", "unit", "R0", "M0_percent", "R2", "log_likelihood"), gain),
+        "minimum_detectable": frame_of_rows(("effect", "parameter", "value", "unit"), least),
+        "next_run": frame_of_rows(("change", "separates", "expected_log_bayes_factor"), runs),
+    }
