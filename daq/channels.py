@@ -104,6 +104,7 @@ CHANNELS = (
     ChannelDefinition("drawbar_pull", (Quantity.FORCE,), Use.OUTPUT, "dp", required=True),
     ChannelDefinition("driving_torque", (Quantity.MOMENT,), Use.OUTPUT, "t", required=True),
     ChannelDefinition("sinkage", (Quantity.LENGTH,), Use.OUTPUT, "z"),
+    ChannelDefinition("tyre_pressure", (Quantity.PRESSURE,), Use.EXTRA),
     ChannelDefinition("ground_speed_valid", (Quantity.RATIO,), Use.FLAG),
     ChannelDefinition("latitude", (Quantity.ANGLE,), Use.AID, in_degrees=True),
     ChannelDefinition("longitude", (Quantity.ANGLE,), Use.AID, in_degrees=True),
