@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -110,3 +112,12 @@ def test_a_diagnosis_has_its_tables(diagnosis: Diagnosis) -> None:
     assert set(frames["minimum_detectable"]["effect"]) == set(diagnosis.minimum_detectable)
     for name in ("what_is_wrong", "gain", "next_run"):
         assert len(frames[name].columns), "columns are there without a row, too"
+
+
+def test_pandas_is_not_imported_before_a_frame_is_asked_for() -> None:
+    program = (
+        "import sys; from wheelsoil.cli.app import run; "
+        f"code = run(['info', {str(SAMPLE)!r}]); sys.exit(code or 'pandas' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

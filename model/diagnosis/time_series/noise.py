@@ -239,6 +239,5 @@ def _zeros(noise: Noise, believed: Mapping[str, Belief], channel: str) -> Iterat
         yield (
             f"{OUTPUTS[channel].name}: zeros that differ by {size:.2g} {OUTPUTS[channel].unit_text} from run to run "
             f"are taken for noise, where {usual:.1g} are usual; if the standstills read one sign, or more with more "
-            "load, it is a cause "
-            "that was not considered"
+            "load, it is a cause that was not considered"
         )
