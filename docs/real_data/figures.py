@@ -15,8 +15,8 @@ from playwright.sync_api import sync_playwright
 from plotly.subplots import make_subplots
 from study import CHANNELS, HERE, bench, weighed
 
-from model.diagnosis.core import DiagnosisOptions, Seen
-from model.diagnosis.single_wheel import Weighed, Weighing, diagnose_bench, driven_rows, skid_law, transfer
+from model.diagnosis import DiagnosisOptions, Seen, diagnose_bench
+from model.diagnosis.single_wheel import Weighed, Weighing, driven_rows, skid_law, transfer
 
 FloatArray = NDArray[np.float64]
 IMAGES = HERE.parent / "images"

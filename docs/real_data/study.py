@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from model.diagnosis.core import Bench, Diagnosis, DiagnosisOptions
+from model.diagnosis import Bench, Diagnosis, DiagnosisOptions, diagnose_bench
 from model.diagnosis.single_wheel import (
     OWN,
     BenchProblem,
@@ -22,7 +22,6 @@ from model.diagnosis.single_wheel import (
     Hypothesis,
     Transfer,
     Weighing,
-    diagnose_bench,
     driven_rows,
     foretell,
     library,

@@ -1,9 +1,4 @@
-from .core import FIELD_NAMES as FIELD_NAMES
-from .core import FIELD_UNITS as FIELD_UNITS
-from .core import INPUT_FIELDS as INPUT_FIELDS
-from .core import NAMES as NAMES
 from .core import SUMS as SUMS
-from .core import UNITS as UNITS
 from .core import Bench as Bench
 from .core import BoundRows as BoundRows
 from .core import Campaign as Campaign

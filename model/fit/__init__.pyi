@@ -2,7 +2,6 @@ from .criteria import Criteria as Criteria
 from .fit import fit_models as fit_models
 from .fit import fit_observations as fit_observations
 from .gauss_newton import StopReason as StopReason
-from .observations import CHANNELS as CHANNELS
 from .observations import Observations as Observations
 from .problem import free_parameters as free_parameters
 from .result import CHOSEN as CHOSEN

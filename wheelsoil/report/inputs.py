@@ -17,7 +17,6 @@ from daq import OUTPUTS, REACTIONS, DataError, Fault, VehicleConfig
 from daq.recording import Event
 from daq.runs import Run
 from model.diagnosis import Diagnosis
-from model.diagnosis.core import Diagnosis
 from model.fit import CampaignFit, ModelFit
 from model.wheel_soil import Conditions, Prediction, conditions_of
 from processing import ProcessedRun

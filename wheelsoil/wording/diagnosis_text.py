@@ -21,7 +21,6 @@ from model.diagnosis import (
     Gain,
     Scores,
 )
-from model.diagnosis.core import SUMS, Cause, CauseSet, Detectable, Diagnosis, Finding, Gain, Scores
 from model.effects import EFFECTS
 
 FINDING_NOTE = (

@@ -8,7 +8,6 @@ import numpy as np
 
 from daq import OUTPUTS
 from model.diagnosis import Diagnosis, Seen
-from model.diagnosis.core import Diagnosis, Seen
 from wheelsoil.report.content import Block, Figure, Panels, Section, Text
 from wheelsoil.report.figures import (
     EDGES,

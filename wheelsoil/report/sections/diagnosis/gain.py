@@ -6,7 +6,6 @@ from collections import Counter
 
 from daq import OUTPUTS
 from model.diagnosis import Gain, Scores
-from model.diagnosis.core import Gain, Scores
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes
 from wheelsoil.report.inputs import Material
