@@ -14,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from daq.can.frames import FrameArray, FrameBatch, joined
+from daq.can.frames import FrameArray, FrameBatch, as_bytes, joined
 from daq.config import RunInfo
 from daq.errors import DataError, Fault
 from daq.recording.chunks import Compression
@@ -23,6 +23,7 @@ from daq.recording.events import HostTopics
 from daq.recording.format import (
     CLASSIC_SCHEMA,
     FD_SCHEMA,
+    RAW_DTYPES,
     RUN_END,
     RUN_START,
     raw_message_head,
@@ -99,45 +100,51 @@ class RawTopics:
             schema_id = self._sink.add_schema(schema, raw_schema_text(schema))
             topic = self._names.raw_topic(bus, is_fd)
             channel_id = self._sink.add_channel(topic, schema_id, {"bus": bus, "bus_index": str(index)})
-            stream = self._streams[bus, is_fd] = _Stream(channel_id, index)
+            stream = self._streams[bus, is_fd] = _Stream(channel_id, index, RAW_DTYPES[schema])
         return stream
 
     def _gather(self, batch: FrameBatch) -> None:
         bus = batch.frames["bus"]
-        for number in np.flatnonzero(np.bincount(bus)):
-            rows = bus == number
-            own = batch.frames.copy() if rows.all() else batch[rows].frames
-            self._stream(batch.buses[number], batch.is_fd).take(own)
+        for number in {int(bus[0])} if (bus == bus[0]).all() else np.flatnonzero(np.bincount(bus)).tolist():
+            own = bus == number
+            frames = batch.frames if own.all() else batch[own].frames
+            self._stream(batch.buses[number], batch.is_fd).take(frames)
         self._pending_bytes += batch.frames.nbytes
 
 
 class _Stream:
     """Frames gathered for one topic."""
 
-    def __init__(self, channel_id: int, bus_index: int) -> None:
+    def __init__(self, channel_id: int, bus_index: int, dtype: np.dtype[np.void]) -> None:
         self.channel_id = channel_id
         self.bus_index = bus_index
-        self.pending: list[FrameArray] = []
+        self.pending = 0
         self.count = self.written = 0
         self.steps_back = 0
+        self._frames: FrameArray = np.empty(FRAMES_PER_MESSAGE, dtype)
         self._sequence = 0
         self._last_ns: int | None = None
 
     def take(self, frames: FrameArray) -> None:
-        """Gather frames; the array is ours from now on."""
-        frames["bus"] = self.bus_index
-        time_ns = frames["time_ns"]
+        """Gather copies of frames."""
+        end = self.pending + len(frames)
+        if end > len(self._frames):
+            self._frames = joined([self._frames, np.empty(end, frames.dtype)])
+        own = self._frames[self.pending : end]
+        as_bytes(own)[:] = as_bytes(frames)
+        own["bus"] = self.bus_index
+        time_ns = own["time_ns"]
         self.steps_back += int(np.count_nonzero(time_ns[1:] < time_ns[:-1]))
         if self._last_ns is not None and time_ns[0] < self._last_ns:
             self.steps_back += 1
         self._last_ns = int(time_ns[-1])
-        self.pending.append(frames)
+        self.pending = end
         self.count += len(frames)
 
     def release(self) -> MessageGroup:
-        """Return the gathered frames as messages, and forget them."""
-        frames = self.pending[0] if len(self.pending) == 1 else joined(self.pending)
-        self.pending = []
+        """Return the gathered frames as messages, to be written before others are gathered, and forget them."""
+        frames = self._frames[: self.pending]
+        self.pending = 0
         starts = range(0, len(frames), FRAMES_PER_MESSAGE)
         records: list[bytes | memoryview] = []
         offsets = np.zeros(len(starts), np.int64)
