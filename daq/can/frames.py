@@ -129,7 +129,7 @@ def joined(parts: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
 
 def as_bytes(records: NDArray[np.void]) -> NDArray[np.void]:
     """Return records without their fields: numpy then copies them whole, 17 times faster than field by field."""
-    return records.view((np.void, records.dtype.itemsize))
+    return records.view(np.dtype(f"V{records.dtype.itemsize}"))  # a dtype given as a tuple would swallow a Ctrl-C
 
 
 def renumbered(batch: FrameBatch, buses: tuple[str, ...]) -> FrameArray:

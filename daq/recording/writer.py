@@ -30,7 +30,7 @@ from daq.recording.format import (
     raw_schema_text,
     with_checksum,
 )
-from daq.recording.sink import McapSink, MessageGroup
+from daq.recording.sink import INDEX_ENTRY, McapSink, MessageGroup
 from daq.recording.topics import TopicNames
 
 FRAMES_PER_MESSAGE = 4096
@@ -60,7 +60,7 @@ class RawTopics:
         """Frames taken so far, per bus; after a failed write, those of them that are in the file."""
         counts = dict.fromkeys(self._buses, 0)
         for (bus, _), stream in self._streams.items():
-            counts[bus] += stream.written if self._sink.failed else stream.count
+            counts[bus] += stream.written if self._sink.file.failed else stream.count
         return counts
 
     @property
@@ -70,7 +70,8 @@ class RawTopics:
 
     def write(self, batch: FrameBatch) -> None:
         """Gather frames, and write a chunk when there are enough; see `RecordingWriter.write_frames`."""
-        highest = int(batch.frames["bus"].max(initial=0))
+        bus = batch.frames["bus"]
+        highest = int(bus.max(initial=0))
         if highest >= len(batch.buses) and len(batch):
             raise DataError(Fault(f"a frame is of bus {highest}", found=f"{len(batch.buses)} buses in the batch"))
         for name in batch.buses:
@@ -105,10 +106,11 @@ class RawTopics:
 
     def _gather(self, batch: FrameBatch) -> None:
         bus = batch.frames["bus"]
-        for number in {int(bus[0])} if (bus == bus[0]).all() else np.flatnonzero(np.bincount(bus)).tolist():
-            own = bus == number
-            frames = batch.frames if own.all() else batch[own].frames
-            self._stream(batch.buses[number], batch.is_fd).take(frames)
+        if len(batch.buses) == 1 or (bus == bus[0]).all():
+            self._stream(batch.buses[bus[0]], batch.is_fd).take(batch.frames, int(bus[0]))
+        else:
+            for number in np.flatnonzero(np.bincount(bus)).tolist():
+                self._stream(batch.buses[number], batch.is_fd).take(batch[bus == number].frames, number)
         self._pending_bytes += batch.frames.nbytes
 
 
@@ -123,21 +125,20 @@ class _Stream:
         self.steps_back = 0
         self._frames: FrameArray = np.empty(FRAMES_PER_MESSAGE, dtype)
         self._sequence = 0
-        self._last_ns: int | None = None
+        self._last_ns = np.int64(-(2**63))
 
-    def take(self, frames: FrameArray) -> None:
-        """Gather copies of frames."""
+    def take(self, frames: FrameArray, bus_index: int) -> None:
+        """Gather copies of frames; `bus_index` is what their bus column holds."""
         end = self.pending + len(frames)
         if end > len(self._frames):
             self._frames = joined([self._frames, np.empty(end, frames.dtype)])
         own = self._frames[self.pending : end]
         as_bytes(own)[:] = as_bytes(frames)
-        own["bus"] = self.bus_index
+        if bus_index != self.bus_index:
+            own["bus"] = self.bus_index
         time_ns = own["time_ns"]
-        self.steps_back += int(np.count_nonzero(time_ns[1:] < time_ns[:-1]))
-        if self._last_ns is not None and time_ns[0] < self._last_ns:
-            self.steps_back += 1
-        self._last_ns = int(time_ns[-1])
+        self.steps_back += int(np.count_nonzero(time_ns[1:] < time_ns[:-1]) + (time_ns[0] < self._last_ns))
+        self._last_ns = time_ns[-1]
         self.pending = end
         self.count += len(frames)
 
@@ -145,22 +146,18 @@ class _Stream:
         """Return the gathered frames as messages, to be written before others are gathered, and forget them."""
         frames = self._frames[: self.pending]
         self.pending = 0
-        starts = range(0, len(frames), FRAMES_PER_MESSAGE)
         records: list[bytes | memoryview] = []
-        offsets = np.zeros(len(starts), np.int64)
-        log_time_ns = np.zeros(len(starts), np.int64)
+        entries: list[tuple[int, int]] = []
         position = 0
-        for i, start in enumerate(starts):
+        for start in range(0, len(frames), FRAMES_PER_MESSAGE):
             piece = frames[start : start + FRAMES_PER_MESSAGE]
-            offsets[i] = position
-            log_time_ns[i] = piece["time_ns"].max()
-            head = raw_message_head(
-                self.channel_id, self._sequence, int(log_time_ns[i]), len(piece), piece.dtype.itemsize
-            )
+            latest_ns = int(piece["time_ns"].max())
+            head = raw_message_head(self.channel_id, self._sequence, latest_ns, len(piece), piece.dtype.itemsize)
+            entries.append((max(latest_ns, 0), position))
             records += [head, piece.view(np.uint8).data]
             position += len(head) + piece.nbytes
             self._sequence += 1
-        return MessageGroup(self.channel_id, records, offsets, log_time_ns)
+        return MessageGroup(self.channel_id, records, np.array(entries, INDEX_ENTRY))
 
 
 class RecordingWriter(TopicWriter):
@@ -234,7 +231,7 @@ class RecordingWriter(TopicWriter):
                 self._sink.attach(name, data)
             self.add_metadata(RUN_START, started)
             if sync_every_s is not None:
-                self._sink.sync()
+                self._sink.file.sync()
         except BaseException:
             self._sink.give_up()
             raise
@@ -252,12 +249,12 @@ class RecordingWriter(TopicWriter):
     @property
     def failed(self) -> bool:
         """Whether a write has failed; nothing is written any more then."""
-        return self._sink.failed
+        return self._sink.file.failed
 
     @property
     def bytes_written(self) -> int:
         """Size of the file so far."""
-        return self._sink.position
+        return self._sink.file.position
 
     def write_frames(self, batch: FrameBatch) -> None:
         """Take frames in the order they were received.
@@ -293,7 +290,7 @@ class RecordingWriter(TopicWriter):
         """Flush, and have it put on the disk; a power cut cannot take it any more."""
         self._synced_at = self._clock()
         self.flush()
-        self._sink.sync()
+        self._sink.file.sync()
 
     @property
     def flush_due_s(self) -> float:
@@ -310,10 +307,10 @@ class RecordingWriter(TopicWriter):
         the raw frames, are written when it is time to sync only: in small pieces they take much room.
         """
         now = self._clock()
-        if self._sync_is_due(now) and not self._sink.syncing:
+        if self._sync_is_due(now) and not self._sink.file.syncing:
             self._synced_at = now
             self.flush()
-            self._sink.begin_sync()
+            self._sink.file.begin_sync()
         elif self._flush_every_s is not None and now - self._flushed_at >= self._flush_every_s:
             self._flush(decoded=self._sync_every_s is None)
 
@@ -356,7 +353,7 @@ class RecordingWriter(TopicWriter):
     ) -> None:
         if kind is None:
             self.close()
-        elif self._sink.failed:
+        elif self._sink.file.failed:
             self._closed = True
             self._sink.finish()
         else:
@@ -365,7 +362,7 @@ class RecordingWriter(TopicWriter):
     def _sync_is_due(self, now: float) -> bool:
         if self._sync_every_s is None:
             return False
-        return now - self._synced_at >= self._sync_every_s - min(self._sink.sync_took_s, self._sync_every_s / 2)
+        return now - self._synced_at >= self._sync_every_s - min(self._sink.file.sync_took_s, self._sync_every_s / 2)
 
     def _flush(self, *, decoded: bool) -> None:
         self._begin()
