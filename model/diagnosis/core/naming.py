@@ -88,7 +88,7 @@ def judgement(
 
 def _barred(found: Posterior, gain: Gain | None) -> str:
     if not found.calibrated or gain is None:
-        return "with fewer than three runs no name can be checked against other runs"
+        return "with fewer than three runs or conditions no name can be checked against others"
     if not gain.log_likelihood_gain > 0 or gain.reduction_percent < 0:
-        return "it does not foretell runs that were left out any better"
+        return "it does not foretell what was left out any better"
     return ""

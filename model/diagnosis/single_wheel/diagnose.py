@@ -136,7 +136,8 @@ def _diagnosis(
     null = weighing.of_set(())
     return Diagnosis(
         verdict=verdict.verdict,
-        sentence=sentence_of(verdict.verdict, weighing, causes, beside, gain, runs) + mixed_words(problem),
+        sentence=sentence_of(verdict.verdict, weighing, causes, beside, verdict.barred, gain, runs)
+        + mixed_words(problem),
         causes=causes,
         candidates=candidates(found),
         what_is_wrong=findings_of(weighing),

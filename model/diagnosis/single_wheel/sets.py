@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
-from model.diagnosis.core.coverage import Coverage, considered, ruled_out
+from model.diagnosis.core.coverage import Coverage, cannot_tell, considered, ruled_out
 from model.diagnosis.core.prior import Hypotheses, listed_sets
 from model.diagnosis.core.result import FIELDS as CHANNEL_FIELDS
 from model.diagnosis.single_wheel.noise import groups_of_rows
@@ -96,7 +96,7 @@ class Library:
     uses : tuple of CauseUse
         Candidates, as they act.
     cannot_tell : mapping family -> why
-        Families that are left out for want of something, or that cannot be, as the vehicle is declared.
+        Families that are left out, or never named, for want of something.
     """
 
     uses: tuple[CauseUse, ...]
@@ -130,7 +130,7 @@ def library(problem: BenchProblem, options: DiagnosisOptions, bench: int | None 
     told = _seen(problem, uses)
     left = {family_of(use) for use in told}
     unseen = {family_of(use): _unseen_words(problem) for use in uses if family_of(use) not in left}
-    return Library(told, {**lacking, **unseen})
+    return Library(told, {**cannot_tell(coverage), **lacking, **unseen})
 
 
 def coverage_of(problem: BenchProblem, bench: int | None = None) -> Coverage:

@@ -25,6 +25,7 @@ def sentence_of(
     weighing: Weighing,
     causes: Sequence[Cause],
     beside: Mapping[str, float],
+    barred: str,
     gain: Gain | None,
     runs: Sequence[NextRun],
 ) -> str:
@@ -43,9 +44,7 @@ def sentence_of(
     if verdict == "one_of":
         names = ", ".join(f"{plain(c.name)} ({chance(c.probability)})" for c in causes)
         if len(causes) == 1:
-            return (
-                f"Most likely {names}, but no name: with it, rows that were left out are not foretold better.{onward}"
-            )
+            return f"Most likely {names}, but not sure enough for a name{f': {barred}' if barred else ''}.{onward}"
         return f"One of {names}: {channels} of these rows cannot part them.{onward}"
     if verdict == "unexplained":
         return (
