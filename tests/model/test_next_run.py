@@ -12,8 +12,8 @@ from short_campaign import driven, noise_of
 
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.next_test import against_rest
-from model.diagnosis.findings.detectable import least_left, own_columns
-from model.diagnosis.findings.detectable import projected_without_soil as without_soil
+from model.diagnosis.findings.isolability import least_left, own_columns
+from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 from model.diagnosis.planning.manoeuvres import (
     LIKE_OTHERS,
     braked,

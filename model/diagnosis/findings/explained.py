@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from model.diagnosis.core.naming import Judgement
 from model.diagnosis.core.posterior import Posterior, cause_of, likeliest_form
 from model.diagnosis.core.result import Cause, ParameterEstimate, Seen, SoilEstimate
-from model.diagnosis.findings.detectable import isolability
+from model.diagnosis.findings.isolability import isolability
+from model.diagnosis.findings.set_fit import SetFit, fit_set, parameters_of, soils_of, spread_of
 from model.diagnosis.time_series.evidence import estimate
-from model.diagnosis.time_series.final import SetFit, fit_set, parameters_of, soils_of, spread_of
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.looks import Look

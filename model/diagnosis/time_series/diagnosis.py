@@ -28,7 +28,6 @@ from model.diagnosis.core.verdict_words import (
 )
 from model.diagnosis.findings.adequacy import adequacy, excess, two_soils
 from model.diagnosis.findings.agreement import disagreements, other_forms, runs_of
-from model.diagnosis.findings.detectable import detectable_in_runs
 from model.diagnosis.findings.explained import (
     Explained,
     Fits,
@@ -39,12 +38,13 @@ from model.diagnosis.findings.explained import (
     look_alikes,
     seen_of,
 )
+from model.diagnosis.findings.held_out import bagged, held_out
+from model.diagnosis.findings.isolability import detectable_in_runs
 from model.diagnosis.findings.proposal import propose_for
+from model.diagnosis.findings.set_fit import parameters_of
 from model.diagnosis.findings.where_wrong import findings
 from model.diagnosis.planning.next_run import members_of, next_runs, plausible_grams
 from model.diagnosis.time_series.evidence import posterior
-from model.diagnosis.time_series.final import parameters_of
-from model.diagnosis.time_series.held_out import bagged, held_out
 from model.diagnosis.time_series.looks import Look, look
 from model.diagnosis.time_series.noise import Noise
 from model.diagnosis.time_series.samples import samples_of

@@ -31,6 +31,7 @@ from model.diagnosis.core.gain import Foretold, gain_of
 from model.diagnosis.core.posterior import Posterior, probabilities
 from model.diagnosis.core.result import Gain
 from model.diagnosis.findings.adequacy import excess
+from model.diagnosis.findings.set_fit import SetFit, fit_set
 from model.diagnosis.time_series.evidence import (
     estimate,
     log_likelihood_of_run,
@@ -39,7 +40,6 @@ from model.diagnosis.time_series.evidence import (
     weighed,
     without_soil,
 )
-from model.diagnosis.time_series.final import SetFit, fit_set
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.looks import Look
