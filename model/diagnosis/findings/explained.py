@@ -25,7 +25,6 @@ from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.looks import Look
 from model.diagnosis.time_series.noise import constants, loading, processes, white_variance
 from model.diagnosis.time_series.start import View
-from model.effects.catalogue import EFFECTS
 
 FloatArray = NDArray[np.float64]
 Sizes = Mapping[str, FloatArray]
@@ -200,30 +199,6 @@ def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
         cause_of(found, family, key, values.get(key, ())) for family, key in zip(verdict.families, keys, strict=True)
     )
     return Explained(causes, extended, sizes | _others(look, found, sizes), soils_of(whole, look, spread))
-
-
-def doubtful(causes: Sequence[Cause]) -> str:
-    """Return why a cause's value does not bear its name; empty where all do.
-
-    Parameters
-    ----------
-    causes : sequence of Cause
-        With their values.
-    """
-    for cause in causes:
-        whose = f"the {cause.name.replace('_', ' ')}'s"
-        limits = {p.name: p for p in EFFECTS[cause.key].parameters}
-        for found in cause.parameters:
-            own = limits.get(found.name)
-            if own is None:  # a combination, as Lyasko's p
-                continue
-            edges = [edge for edge in (own.lower, own.upper) if edge != own.neutral]
-            if np.isclose(found.value, edges, rtol=1e-3, atol=0.0).any():
-                return f"{whose} {found.name} ends at the limit of what is plausible, {found.value:.3g} {found.unit}"
-            low, high = found.interval95
-            if len(cause.parameters) == 1 and low < own.neutral < high:
-                return f"{whose} {found.name} may as well be {own.neutral:g} ({low:.3g} to {high:.3g} {found.unit})"
-    return ""
 
 
 def _extended(look: Look, verdict: Judgement, keys: Keys) -> Keys:

@@ -12,7 +12,7 @@ from daq import DataError, Fault
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
-from model.diagnosis.core.naming import judgement
+from model.diagnosis.core.naming import confirmed, judgement
 from model.diagnosis.core.posterior import candidates, cause_of, likeliest_form, likely_sets
 from model.diagnosis.core.result import Adequacy, Cause, Diagnosis, Gain, Verdict, undecided
 from model.diagnosis.single_wheel.findings import (
@@ -123,10 +123,10 @@ def _diagnosis(
     found = weighing.posterior
     judged = Adequacy(_least_misfit(weighing), weighing.threshold, weighing.any_adequate)
     verdict = judgement(found, judged, gain, known.cannot_tell, options.name_at)
-    forms = {family: likeliest_form(found, family) for family in verdict.families}
-    causes = tuple(
-        cause_of(found, family, key, estimates_of(weighing, CauseUse(key), rng)) for family, key in forms.items()
-    )
+    causes = _causes(weighing, verdict.families, rng)
+    if (after := confirmed(verdict, found, causes)) != verdict:
+        verdict = after
+        causes = _causes(weighing, verdict.families, rng)
     best = with_posterior(weighing, _extension(weighing, verdict.verdict, causes), rng)
     shown = _shown(weighing, causes)
     seen = seen_of(weighing, best, shown)
@@ -154,6 +154,14 @@ def _diagnosis(
         seen=seen,
         stages_s=clock.stages_s,
         sets=likely_sets(found),
+    )
+
+
+def _causes(weighing: Weighing, families: Sequence[str], rng: np.random.Generator) -> tuple[Cause, ...]:
+    found = weighing.posterior
+    forms = {family: likeliest_form(found, family) for family in families}
+    return tuple(
+        cause_of(found, family, key, estimates_of(weighing, CauseUse(key), rng)) for family, key in forms.items()
     )
 
 

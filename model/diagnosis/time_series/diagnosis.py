@@ -15,8 +15,8 @@ from daq import Fault
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
-from model.diagnosis.core.naming import Judgement, judgement
-from model.diagnosis.core.posterior import Posterior, candidates, likely_sets, short_set
+from model.diagnosis.core.naming import Judgement, confirmed, judgement
+from model.diagnosis.core.posterior import Posterior, candidates, likely_sets
 from model.diagnosis.core.result import Adequacy, Cause, Detectable, Diagnosis, Finding, Gain, NextRun, undecided
 from model.diagnosis.core.verdict_words import (
     disagreement_words,
@@ -32,7 +32,6 @@ from model.diagnosis.findings.explained import (
     Explained,
     Fits,
     LookAlike,
-    doubtful,
     explain,
     imitating,
     look_alikes,
@@ -125,9 +124,8 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) ->
     verdict, found = weighed.verdict, weighed.found
     with clock.stage("final"):
         explained = explain(fits, verdict, found)
-        if verdict.verdict == "named" and (why := doubtful(explained.causes)):
-            verdict = Judgement("one_of", short_set(found), barred=why)
-            weighed = replace(weighed, verdict=verdict)
+        if (after := confirmed(verdict, found, explained.causes)) != verdict:
+            verdict, weighed = after, replace(weighed, verdict=after)
             explained = explain(fits, verdict, found)
     with clock.stage("next_run"):
         alike = look_alikes(seen.grams, found, verdict)
