@@ -27,6 +27,8 @@ _NAMES = {
     "inflation_kpa": "the inflation pressure",
     "unit_weight_n_m3": "the soil's unit weight",
 }
+ONE_LOAD = 0.08
+"""Spread of loads, over their mean, below which they are one load."""
 _FORCES = {"driving_torque": "torque", "drawbar_pull": "drawbar pull"}
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
-from model.diagnosis.core.coverage import Coverage, cannot_tell, considered, ruled_out
+from model.diagnosis.core.coverage import ONE_LOAD, Coverage, cannot_tell, considered, ruled_out
 from model.diagnosis.core.prior import Hypotheses, listed_sets
 from model.diagnosis.core.result import FIELDS as CHANNEL_FIELDS
 from model.diagnosis.single_wheel.noise import groups_of_rows
@@ -79,8 +79,6 @@ def _left_out(design: FloatArray, sinkage: FloatArray, rows: NDArray[np.bool_]) 
     return np.asarray(sinkage[rows] - design[rows] @ values)
 
 
-_ONE_LOAD = 0.08
-"""Spread of loads, over their mean, below which they are one."""
 _KNOWN = frozenset({"slip", "vertical_load_n", "unit_weight_n_m3"})
 """What of `Conditions` a table gives."""
 _UNSEEN = 1e-6
@@ -148,7 +146,7 @@ def coverage_of(problem: BenchProblem, bench: int | None = None) -> Coverage:
         conditions=_KNOWN,
         channels=frozenset(CHANNEL_FIELDS[c] for c in problem.channels),
         unused_channels=frozenset(CHANNEL_FIELDS[c] for c in measured - set(problem.channels)),
-        several_loads=bool(np.ptp(problem.load_n) >= _ONE_LOAD * problem.load_n.mean()),
+        several_loads=bool(np.ptp(problem.load_n) >= ONE_LOAD * problem.load_n.mean()),
         both_directions=False,
         several_passes=False,
         several_runs=False,

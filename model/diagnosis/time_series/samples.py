@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.core.campaign import Campaign
-from model.diagnosis.core.coverage import Coverage
+from model.diagnosis.core.coverage import ONE_LOAD, Coverage
 from model.diagnosis.core.result import FIELDS
 from model.diagnosis.time_series.rests import Rests, rests_of
 from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, Conditions
@@ -173,8 +173,6 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = ("dp", "t", "z"))
     )
 
 
-_ONE_LOAD = 0.08
-"""Spread of the runs' median loads, over their mean, below which they are one load."""
 _SOME = 20
 """Samples below which the wheel was hardly ever driven, or braked."""
 
@@ -197,7 +195,7 @@ def coverage_of(campaign: Campaign, samples: Samples) -> Coverage:
         conditions=frozenset(name for name in names if not np.isnan(getattr(samples.conditions, name)).any()),
         channels=frozenset(FIELDS[c] for c in samples.measured),
         unused_channels=frozenset(FIELDS[c] for c in measured if c not in samples.measured),
-        several_loads=bool(medians) and bool(np.ptp(medians) >= _ONE_LOAD * np.mean(medians)),
+        several_loads=bool(medians) and bool(np.ptp(medians) >= ONE_LOAD * np.mean(medians)),
         both_directions=len({run.direction for run in runs}) > 1,
         several_passes=len({run.pass_number for run in runs}) > 1,
         several_runs=len(runs) > 1,
