@@ -25,7 +25,8 @@ from model.diagnosis.single_wheel.findings import (
     soils_of,
     with_posterior,
 )
-from model.diagnosis.single_wheel.held_out import held_out, next_tests
+from model.diagnosis.single_wheel.held_out import held_out
+from model.diagnosis.single_wheel.next_tests import next_tests
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
 from model.diagnosis.single_wheel.sets import NO_SLIP, Library, library, skid_law
 from model.diagnosis.single_wheel.weighing import Weighed, Weighing, weigh
