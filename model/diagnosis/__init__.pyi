@@ -1,4 +1,3 @@
-from .core import SUMS as SUMS
 from .core import Bench as Bench
 from .core import BoundRows as BoundRows
 from .core import Campaign as Campaign

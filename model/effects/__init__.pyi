@@ -1,4 +1,5 @@
 from .base import Effect as Effect
+from .base import Needs as Needs
 from .base import Parameter as Parameter
 from .base import Values as Values
 from .catalogue import EFFECTS as EFFECTS

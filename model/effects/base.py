@@ -18,6 +18,60 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class Needs:
+    """What the data must hold for an effect to be identified.
+
+    Without `conditions`, or on a tyre that has no lugs, an effect is not considered at all. Without the rest it is
+    considered, since it may be there, but never named.
+
+    Attributes
+    ----------
+    conditions : tuple of str
+        Fields of `Conditions` beyond slip and load that its formula takes.
+    channels : tuple of "drawbar_pull", "driving_torque"
+        Measured forces without which nothing of it shows.
+    two_loads, both_directions, several_passes, several_runs : bool
+        What the runs must differ in.
+    pressures : bool
+        The inflation pressure must be stated.
+    standstill, braking : bool
+        The wheel must stand, or be braked, for some time.
+    largest_slip : float
+        The driven wheel must reach more than this slip; 0: it need not be driven.
+    lugs : bool
+        It cannot be on a tyre that is declared smooth.
+    """
+
+    conditions: tuple[str, ...] = ()
+    channels: tuple[str, ...] = ()
+    two_loads: bool = False
+    both_directions: bool = False
+    several_passes: bool = False
+    several_runs: bool = False
+    pressures: bool = False
+    standstill: bool = False
+    braking: bool = False
+    largest_slip: float = 0.0
+    lugs: bool = False
+
+
+@dataclass(frozen=True)
+class FirstEstimate:
+    """A quantity of the processing that estimates the parameter of an effect by itself.
+
+    Attributes
+    ----------
+    quality : str
+        Field of a run's quality.
+    notable : float
+        Size from which on a diagnosis starts from it, too.
+    """
+
+    quality: str
+    notable: float
+
+
+@dataclass(frozen=True)
 class Parameter:
     """A number to be estimated.
 
@@ -88,14 +142,20 @@ class Effect:
     shows : tuple of str
         Channels that it changes: "drawbar_pull", "driving_torque", "vertical_load", "ground_speed", "wheel_speed".
         Where drawbar pull and torque differ, a physical effect's wheel speed may too: it is not counted.
-    needs : tuple of str
-        Fields of `Conditions` beyond slip and load without which the effect cannot be told.
+    needs : Needs
+        What the data must hold.
     at_standstill : bool
         Whether it shows when the wheel does not turn.
     reading : "any" or "literal"
         "literal": an effect of the paper's literal reading only.
-    excluded_tyres : tuple of str
-        Declared tyres ("smooth", "lugged") on which the effect cannot be.
+    total : str
+        What the sum of all parameters is called, where the data determine it better than each of them; else empty.
+    secant : bool
+        The derivative at neutral misleads (the response grows as a root): a secant stands for it.
+    starts : tuple of float
+        Where else a search starts, in prior scales, where wrong values confirm themselves.
+    first_estimate : FirstEstimate or None
+        What estimates the only parameter beforehand.
     stage : int
         Place in the chain from the truth to a reading: a model takes its effects in this order, whatever order they
         are given in. Physical causes and speeds 0, gains 1, cross-talk 2, gain of the load 3, zeros 4, drift 5.
@@ -109,10 +169,13 @@ class Effect:
     parameters: ClassVar[tuple[Parameter, ...]]
     own_symbols: ClassVar[bool] = False
     shows: ClassVar[tuple[str, ...]] = ("drawbar_pull", "driving_torque")
-    needs: ClassVar[tuple[str, ...]] = ()
+    needs: ClassVar[Needs] = Needs()
     at_standstill: ClassVar[bool] = False
     reading: ClassVar[Literal["any", "literal"]] = "any"
-    excluded_tyres: ClassVar[tuple[str, ...]] = ()
+    total: ClassVar[str] = ""
+    secant: ClassVar[bool] = False
+    starts: ClassVar[tuple[float, ...]] = ()
+    first_estimate: ClassVar[FirstEstimate | None] = None
     stage: ClassVar[int] = 0
 
     def inputs(self, conditions: Conditions, values: Values) -> Conditions:
@@ -176,6 +239,11 @@ class Effect:
     def parameter_keys(cls) -> dict[str, str]:
         """Return the name by which a model knows each parameter."""
         return {p.name: p.name if cls.own_symbols else f"{cls.key()}.{p.name}" for p in cls.parameters}
+
+    @classmethod
+    def spelled(cls, name: str) -> str:
+        """Return the name of a parameter; of the total, what it is the sum of."""
+        return f"{name} = {' + '.join(p.name for p in cls.parameters)}" if cls.total and name == cls.total else name
 
     @classmethod
     def keyed(cls, values: Mapping[str, float]) -> dict[str, float]:

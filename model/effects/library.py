@@ -8,7 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from daq import CHANNELS, ConfigError, Fault
-from model.effects.base import Effect, Parameter
+from model.effects.base import Effect, Needs, Parameter
 
 GROUP = "wheelsoil.effects"
 _SHOWN_IN = tuple(channel.role for channel in CHANNELS if channel.required)
@@ -92,6 +92,8 @@ def _misfits(effect: type[Effect]) -> Iterable[tuple[str, str, str]]:
         yield "is of an unknown kind", repr(effect.kind), "physical or measurement"
     if not isinstance(effect.shows, tuple) or not effect.shows or not set(effect.shows) <= set(_SHOWN_IN):
         yield "shows where no channel is", repr(effect.shows), f"a tuple of {', '.join(_SHOWN_IN)}"
+    if not isinstance(effect.needs, Needs):
+        yield "does not say in the usual form what it needs", repr(effect.needs), "a model.effects.Needs"
     for p in effect.parameters:
         if not isinstance(p, Parameter):
             yield "has a parameter that is none", repr(p), "a model.effects.Parameter"

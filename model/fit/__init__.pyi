@@ -6,6 +6,7 @@ from .observations import Observations as Observations
 from .problem import free_parameters as free_parameters
 from .result import CHOSEN as CHOSEN
 from .result import EXTENDED as EXTENDED
+from .result import MODELS as MODELS
 from .result import CampaignFit as CampaignFit
 from .result import Estimate as Estimate
 from .result import FitOptions as FitOptions

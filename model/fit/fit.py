@@ -144,7 +144,7 @@ def _check_needs(driven: Observations, effects: Sequence[type[Effect]], instead:
             next_step=f"give it (runs.toml, or the signal's role under [signals]), or {instead}",
         )
         for effect in effects
-        for name in effect.needs
+        for name in effect.needs.conditions
         if len(driven) and not np.isfinite(getattr(driven.conditions, name)).any()
     ]
     if lacking:

@@ -1,3 +1,4 @@
+from .conditions import REFERENCE_INFLATION_KPA as REFERENCE_INFLATION_KPA
 from .conditions import Conditions as Conditions
 from .conditions import Reaction as Reaction
 from .conditions import Wheel as Wheel

@@ -11,6 +11,9 @@ from model.wheel_soil.dual import Number, value_of, where
 from model.wheel_soil.soils import SoilState
 from model.wheel_soil.stresses import slip_of_ratio, speed_ratio
 
+REFERENCE_INFLATION_KPA = 340.0
+"""Of a tyre whose pressure is not stated."""
+
 
 @dataclass(frozen=True)
 class Wheel:

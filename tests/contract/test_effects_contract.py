@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 from dataclasses import fields, replace
 from pathlib import Path
@@ -17,8 +18,10 @@ from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.dual import column
 from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
 from model.wheel_soil.wheel_soil_model import WheelSoilModel
+from processing.processed_run import QualityReport
 
-DOCS = Path(__file__).parents[2] / "docs" / "effects"
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs" / "effects"
 CONDITIONS = full_conditions()
 OPTIONAL = tuple(f.name for f in fields(Conditions) if f.name not in ("slip", "vertical_load_n"))
 PARAMETERS = [(key, name) for key, effect in EFFECTS.items() for name in effect.parameter_keys().values()]
@@ -148,7 +151,49 @@ def test_survives_json(key: str) -> None:
 def test_needs_what_it_says_and_nothing_else(key: str, field: str) -> None:
     without = replace(CONDITIONS, **{field: np.full(len(CONDITIONS.slip), np.nan)})
     missing = np.isnan(measured(model_with(key).predict(without, away(key, 0.4))))
-    assert missing.any() == (field in EFFECTS[key].needs)
+    assert missing.any() == (field in EFFECTS[key].needs.conditions)
+
+
+def _changed(key: str) -> dict[str, np.ndarray]:
+    """Return, for drawbar pull and torque, which samples an effect changes."""
+    without = WheelSoilModel(WHEEL, SOILS["sandy"], (), reading_of(EFFECTS[key])).predict(CONDITIONS)
+    prediction = model_with(key).predict(CONDITIONS, away(key, 0.4))
+    forces = {"drawbar_pull": "drawbar_pull_n", "driving_torque": "driving_torque_nm"}
+    return {c: ~np.isclose(getattr(without, name), getattr(prediction, name), 1e-6) for c, name in forces.items()}
+
+
+@every_effect
+def test_asks_for_the_only_force_in_which_it_shows(key: str) -> None:
+    shown = [channel for channel, changed in _changed(key).items() if changed.any()]
+    assert EFFECTS[key].needs.channels == (tuple(shown) if len(shown) == 1 else ())
+
+
+@every_effect
+def test_asks_for_a_driven_or_a_braked_wheel_where_it_shows_on_that_only(key: str) -> None:
+    needs, changed = EFFECTS[key].needs, np.logical_or.reduce(list(_changed(key).values()))
+    driven, braked = changed[CONDITIONS.slip > 0].any(), changed[CONDITIONS.slip < 0].any()
+    assert needs.braking == (not driven)
+    assert bool(needs.largest_slip) == (not braked)
+
+
+@every_effect
+def test_asks_for_runs_that_differ_in_what_it_takes(key: str) -> None:
+    needs = EFFECTS[key].needs
+    assert needs.both_directions == bool({"direction", "line_position"} & set(needs.conditions))
+    assert needs.several_passes == ("pass_number" in needs.conditions)
+    assert needs.several_runs == ("campaign_time" in needs.conditions)
+    assert needs.pressures == ("inflation_kpa" in needs.conditions)
+    assert needs.standstill == EFFECTS[key].at_standstill
+
+
+@every_effect
+def test_a_total_is_of_parameters_of_one_scale_and_a_first_estimate_of_the_only_one(key: str) -> None:
+    effect = EFFECTS[key]
+    if effect.total:
+        assert len({(p.unit, p.prior_scale, p.neutral) for p in effect.parameters}) == 1 < len(effect.parameters)
+    if effect.first_estimate is not None:
+        assert len(effect.parameters) == 1
+        assert effect.first_estimate.quality in QualityReport.__dataclass_fields__
 
 
 @every_effect
@@ -166,3 +211,21 @@ def test_has_a_page(key: str) -> None:
     assert page.startswith(f"# {effect.name}\n")
     assert all(f"`{p.name}`" in page and f"{p.prior_scale:g}" in page for p in effect.parameters)
     assert f"[{effect.name}]({effect.name}.md)" in (DOCS / "README.md").read_text()
+
+
+ROOMS = ("processing", "model", "wheelsoil")
+OTHER_MEANING = {("consistency.py", "wheel_radius")}
+"""Names that mean a measured quantity: the channel that a broken bound makes suspect."""
+
+
+def test_no_family_is_known_by_name_outside_the_effects() -> None:
+    """What the program must know of an effect it declares itself, so that one of another package is an equal."""
+    families = {effect.name for effect in (*PHYSICAL, *MEASUREMENT)}
+    files = [path for room in ROOMS for path in (ROOT / room).glob("**/*.py") if "effects" not in path.parts]
+    found = [
+        (path.name, node.value)
+        for path in files
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and node.value in families
+    ]
+    assert set(found) <= OTHER_MEANING

@@ -27,7 +27,7 @@ SIMULATED = {
 WHERE: dict[str, Path] = {
     "clay": ROOT / "recordings" / "clay",
     "sandy": ROOT / "recordings" / "sandy",
-    "real": ROOT / "docs" / "real_data",
+    "real": ROOT / "studies" / "real_data",
     "wheels": Path(__file__).parent / "published",
 }
 

@@ -14,7 +14,7 @@ from model.diagnosis.core.campaign import DiagnosisOptions
 from model.diagnosis.core.result import Diagnosis
 from model.diagnosis.single_wheel.diagnose import diagnose_bench
 from model.diagnosis.single_wheel.problem import CauseUse
-from model.diagnosis.single_wheel.transfer_study import transfer
+from studies.real_data.transfer import transfer
 
 FEW = ("vasilev", "interface_friction", "stress_peak_shift", "drawbar_pull_zero", "load_gain", "skid_sinkage")
 """A short library: what is tested is the machine, not its length."""

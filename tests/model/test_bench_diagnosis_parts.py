@@ -18,7 +18,7 @@ from model.diagnosis.single_wheel.evidence import posterior_of
 from model.diagnosis.single_wheel.noise import ChannelNoise, groups_of_rows, scatter_of_repeats
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
 from model.diagnosis.single_wheel.search import answered, log_likelihood, search
-from model.diagnosis.single_wheel.sets import Sets, driven_rows, family_of, library, skid_law
+from model.diagnosis.single_wheel.sets import driven_rows, family_of, library, listed_uses, sets_of, skid_law
 from model.diagnosis.single_wheel.weighing import misfits, threshold
 from model.effects.catalogue import EFFECTS
 
@@ -270,8 +270,7 @@ def test_the_gate_lets_the_truth_pass_and_stops_what_is_wrong() -> None:
 def test_the_published_prior() -> None:
     problem = BenchProblem.of([bench(np.random.default_rng(0))], BOTH)
     known = library(problem, BOTH)
-    sets = Sets.of(known.uses, 2)
-    p = {h: np.exp(x) for h, x in sets.log_prior.items()}
+    p = {h: np.exp(x) for h, x in sets_of(known.uses, listed_uses(known.uses, 2)).items()}
     total = [sum(x for h, x in p.items() if len(h) == size) for size in range(3)]
     assert total == pytest.approx([0.5 / 0.97, 0.35 / 0.97, 0.12 / 0.97])
     alone = {family_of(h[0]): 0.0 for h in p if len(h) == 1}
@@ -279,14 +278,14 @@ def test_the_published_prior() -> None:
         if len(h) == 1:
             alone[family_of(h[0])] += x
     assert list(alone.values()) == pytest.approx([0.35 / 0.97 / len(alone)] * len(alone))
-    assert not any(len({family_of(use) for use in h}) < len(h) for h in sets.log_prior)
+    assert not any(len({family_of(use) for use in h}) < len(h) for h in p)
 
 
 def test_what_a_table_cannot_tell_is_said() -> None:
     options = DiagnosisOptions(channels=("dp",))
     known = library(BenchProblem.of([bench(np.random.default_rng(0))], options), options)
     assert {"speed_latency", "track_drift", "torque_zero", "skid_sinkage"} <= set(known.cannot_tell)
-    assert known.ruled_out == {"grouser": "the wheel is declared smooth"}
+    assert known.cannot_tell["grouser"] == "the tyre is declared smooth"
     assert "interface_friction" in known.families
 
 

@@ -7,10 +7,9 @@ import pytest
 from diagnosis_support import simulated_campaign
 
 from model.diagnosis.core.campaign import DiagnosisOptions
-from model.diagnosis.core.tellable import considered
+from model.diagnosis.core.coverage import considered
 from model.diagnosis.time_series.linearise import (
     SECANT_SHARE,
-    SECANTS,
     Linear,
     Point,
     Simulation,
@@ -18,7 +17,7 @@ from model.diagnosis.time_series.linearise import (
     simulated,
     soil_space,
 )
-from model.diagnosis.time_series.samples import Samples, samples_of
+from model.diagnosis.time_series.samples import Samples, coverage_of, samples_of
 from model.wheel_soil.soils import SoilPrior
 
 CAUSES = {"H_m": 0.02, "crosstalk.coefficient": 0.01, "torque_gain.relative": 0.03, "wheel_radius.relative": 0.01}
@@ -33,7 +32,7 @@ def about() -> tuple[Simulation, Samples, Linear]:
         campaign.wheel,
         campaign.soil,
         soil_space(campaign.soil_prior),
-        considered(campaign, samples, DiagnosisOptions()),
+        considered(coverage_of(campaign, samples), DiagnosisOptions()),
         "balanced",
     )
     point = Point(np.linspace(-0.5, 0.5, 6), dict(CAUSES), np.full(len(samples), 0.01))
@@ -66,7 +65,7 @@ def test_cause_columns_are_derivatives_at_their_values(about: tuple[Simulation, 
     for i, (effect, which, key) in enumerate(simulation.parameters):
         scale = effect.parameters[which].towards(simulation.wheel)
         at = linear.point.causes.get(key, effect.parameters[which].neutral)
-        if effect.key() in SECANTS:
+        if effect.secant:
             moved = said(about, linear.point.soil, {**linear.point.causes, key: at + SECANT_SHARE * scale})
             expected = (moved - said(about, linear.point.soil, linear.point.causes)) / (SECANT_SHARE * scale)
         elif effect.parameters[which].one_sided and key not in linear.point.causes:

@@ -9,7 +9,7 @@ import pytest
 from diagnosis_support import simulated_campaign
 
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.tellable import considered
+from model.diagnosis.core.coverage import considered
 from model.diagnosis.time_series import hyper as noise_blocks
 from model.diagnosis.time_series.columns import Columns, columns_of
 from model.diagnosis.time_series.hyper import (
@@ -24,7 +24,7 @@ from model.diagnosis.time_series.hyper import (
 )
 from model.diagnosis.time_series.linearise import Linear, Point, Simulation, linearise, soil_space
 from model.diagnosis.time_series.noise import beliefs, constants, loading, processes
-from model.diagnosis.time_series.samples import Samples, samples_of
+from model.diagnosis.time_series.samples import Samples, coverage_of, samples_of
 from model.diagnosis.time_series.whitening import run_grams
 
 
@@ -39,7 +39,7 @@ def seen_of(campaign: Campaign, samples: Samples) -> tuple[Samples, Linear, Colu
         campaign.wheel,
         campaign.soil,
         soil_space(campaign.soil_prior),
-        considered(campaign, samples, DiagnosisOptions()),
+        considered(coverage_of(campaign, samples), DiagnosisOptions()),
         "balanced",
     )
     linear = linearise(simulation, samples, Point(np.zeros(6), {}, np.zeros(len(samples))))

@@ -11,9 +11,9 @@ from diagnosis_support import simulated_campaign
 from daq.config import RunInfo
 from daq.errors import DataError
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.tellable import cannot_tell, considered
+from model.diagnosis.core.coverage import cannot_tell, considered
 from model.diagnosis.time_series.looks import look
-from model.diagnosis.time_series.samples import STENCIL, samples_of
+from model.diagnosis.time_series.samples import STENCIL, coverage_of, samples_of
 from model.wheel_soil.run_conditions import campaign_times, line_positions
 from processing.processed_run import ProcessedRun, Reason
 
@@ -106,19 +106,19 @@ def test_the_campaigns_clock_runs_from_minus_to_plus_a_half(campaign: Campaign) 
 
 def test_what_one_kind_of_run_cannot_tell_is_said(campaign: Campaign) -> None:
     one_way = with_info(campaign, RunInfo(direction="out"), RunInfo(direction="out"))
-    said = cannot_tell(one_way, samples_of(one_way), considered(one_way, samples_of(one_way), DiagnosisOptions()))
+    said = cannot_tell(coverage_of(one_way, samples_of(one_way)))
     assert "one way" in said["slope"]
     assert "pass" in said["multi_pass"]
     silent = changed(campaign, driving_torque_nm=np.nan)
     samples = samples_of(silent)
     assert set(samples.measured) == {"dp"}
-    assert "torque" in cannot_tell(silent, samples, ())["torque_zero"]
+    assert "torque" in cannot_tell(coverage_of(silent, samples))["torque_zero"]
     smooth = replace(campaign, tyre="smooth")
-    effects = considered(smooth, samples_of(smooth), DiagnosisOptions())
-    assert "grouser" not in {effect.name for effect in effects}
-    assert "smooth" in cannot_tell(smooth, samples_of(smooth), effects)["grouser"]
+    covered = coverage_of(smooth, samples_of(smooth))
+    assert "grouser" not in {effect.name for effect in considered(covered, DiagnosisOptions())}
+    assert "smooth" in cannot_tell(covered)["grouser"]
     only_one = replace(campaign, runs=campaign.runs[:1])
-    said = cannot_tell(only_one, samples_of(only_one), ())
+    said = cannot_tell(coverage_of(only_one, samples_of(only_one)))
     assert "one load" in said["crosstalk"]
     assert "one run" in said["zero_drift"]
 

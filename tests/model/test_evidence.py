@@ -10,8 +10,17 @@ import pytest
 from gram_support import World, column, library, world
 from scipy.stats import multivariate_normal, norm
 
-from model.diagnosis.core.prior import SIZE_PRIOR, hypotheses
-from model.diagnosis.time_series.evidence import Posterior, best_set, box, estimate, posterior, weighed, without_soil
+from model.diagnosis.core.prior import SIZE_PRIOR
+from model.diagnosis.time_series.evidence import (
+    Posterior,
+    best_set,
+    box,
+    estimate,
+    hypotheses,
+    posterior,
+    weighed,
+    without_soil,
+)
 from model.diagnosis.time_series.grams import Grams
 
 

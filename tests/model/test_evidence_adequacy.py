@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from gram_support import World, column, library, world
 
-from model.diagnosis.core.prior import hypotheses
 from model.diagnosis.findings.adequacy import MOST_EXCESS, SLACK, adequacy, excess, left_over, two_soils
-from model.diagnosis.findings.detectable import minimum_detectable
+from model.diagnosis.findings.isolability import detectable_in_runs
 from model.diagnosis.findings.where_wrong import found_in
-from model.diagnosis.time_series.evidence import posterior
+from model.diagnosis.time_series.evidence import hypotheses, posterior
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +78,7 @@ def test_the_smallest_detectable_size_is_detected_half_of_the_time() -> None:
     columns = (column("a"), column("b", one_sided=True), column("c"))
     small = world(3, columns, n=60, strength=(20, 40))
     rng = np.random.default_rng(3)
-    sizes = minimum_detectable(small.grams(np.zeros(3), rng), name_at=0.9)
+    sizes = detectable_in_runs(small.grams(np.zeros(3), rng), name_at=0.9)
     listed = hypotheses(small.grams(np.zeros(3), rng), most=1)
     for i, key in enumerate(("a", "b")):
         coefficients = np.zeros(3)
@@ -97,8 +96,8 @@ def test_what_leaves_no_trace_is_never_detectable() -> None:
     small = world(3, columns, n=40)
     small.causes[..., 1] = 0.0
     grams = small.grams(np.zeros(2), np.random.default_rng(0))
-    assert minimum_detectable(grams)["b"].value == np.inf
-    assert set(minimum_detectable(grams, frozenset({"b"}))) == {"a"}
+    assert detectable_in_runs(grams)["b"].value == np.inf
+    assert set(detectable_in_runs(grams, frozenset({"b"}))) == {"a"}
 
 
 def test_a_misfit_is_found_where_it_is(drawn: World) -> None:

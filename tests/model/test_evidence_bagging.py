@@ -9,9 +9,9 @@ import pytest
 from gram_support import World, column, library, world
 
 from model.diagnosis.findings.adequacy import excess
+from model.diagnosis.findings.held_out import bagged
 from model.diagnosis.time_series.evidence import Posterior, posterior
 from model.diagnosis.time_series.grams import Grams
-from model.diagnosis.time_series.held_out import bagged
 
 RUNS = 6
 
@@ -47,7 +47,7 @@ def test_it_is_a_distribution_and_repeats_itself(worlds: list[World]) -> None:
     once, again = weighed(grams, 3), weighed(grams, 3)
     assert once.probability.sum() == pytest.approx(1.0)
     np.testing.assert_array_equal(once.probability, again.probability)
-    assert once.resampled == 32
+    assert once.calibrated
 
 
 def test_none_is_that_of_the_runs_as_they_are(worlds: list[World]) -> None:
@@ -61,7 +61,7 @@ def test_none_is_that_of_the_runs_as_they_are(worlds: list[World]) -> None:
 def test_one_cause_alone_can_be_weighed() -> None:
     alone = world(0, (column("a"),), runs=4, n=30)
     found = bagged(alone.grams(np.array([3.0]), np.random.default_rng(0)), np.random.default_rng(0))
-    assert found.resampled and found.families()["a"] > 0.5
+    assert found.calibrated and found.families()["a"] > 0.5
 
 
 @pytest.mark.parametrize("runs", [1, 2])
@@ -69,7 +69,7 @@ def test_one_or_two_runs_cannot_be_resampled(worlds: list[World], runs: int) -> 
     rng = np.random.default_rng(2)
     grams = worlds[0].grams(np.zeros(len(worlds[0].columns)), rng, runs=runs)
     found = bagged(grams, rng)
-    assert found.resampled == 0
+    assert not found.calibrated
     np.testing.assert_allclose(found.probability, posterior(grams).probability)
 
 

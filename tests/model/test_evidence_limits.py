@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from gram_support import column, world
 
-from model.diagnosis.core.prior import hypotheses
-from model.diagnosis.findings.detectable import minimum_detectable
-from model.diagnosis.time_series.evidence import probabilities, without_soil
+from model.diagnosis.findings.isolability import detectable_in_runs
+from model.diagnosis.time_series.evidence import hypotheses, probabilities, without_soil
 
 COLUMNS = (column("a"), column("b", one_sided=True), column("c"))
 
@@ -23,7 +22,7 @@ def test_without_data_the_prior_stands() -> None:
 def test_at_the_smallest_detectable_size_the_expected_odds_are_those_of_a_name(name_at: float) -> None:
     """ln of the odds: half of (a^2 l^2 + l)/(1 + l) - ln(1 + l), ln 2 where one-sided, and the prior's."""
     grams = world(3, COLUMNS, n=60, strength=(20, 40)).grams(np.zeros(3), np.random.default_rng(3))
-    sizes = minimum_detectable(grams, name_at=name_at)
+    sizes = detectable_in_runs(grams, name_at=name_at)
     information = np.diag(without_soil(grams, grams.total()))[1:]
     listed = hypotheses(grams, most=1)
     for i, cause in enumerate(COLUMNS):

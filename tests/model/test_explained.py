@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
+from model.diagnosis.core.naming import doubtful
 from model.diagnosis.core.result import Cause, ParameterEstimate
-from model.diagnosis.findings.explained import doubtful
 from model.effects.catalogue import EFFECTS
 
 

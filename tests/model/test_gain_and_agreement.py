@@ -9,9 +9,9 @@ import pytest
 from gram_support import column, world
 from scipy.stats import chi2, norm
 
+from model.diagnosis.core.gain import _interval, _reduction
 from model.diagnosis.core.result import Cause, ParameterEstimate
 from model.diagnosis.findings.agreement import disagreements
-from model.diagnosis.time_series.held_out import _interval, _reduction
 
 
 def test_the_gain_is_of_the_error_and_not_of_its_square() -> None:
@@ -24,12 +24,12 @@ def test_its_interval_is_that_of_many_runs() -> None:
     """With many runs the gain is normal: 1.96 of its standard deviations to either side."""
     rng = np.random.default_rng(1)
     squares = np.column_stack([np.full(400, 100.0), rng.uniform(10.0, 90.0, 400), np.full(400, 10.0)])
-    low, high = _interval(squares, 0)
+    low, high = _interval(squares, np.random.default_rng(0))
     share = squares[:, 1].mean() / 100.0
     sigma = 100.0 * np.std(squares[:, 1] / 100.0) / np.sqrt(400) / (2 * np.sqrt(share))
     assert high - low == pytest.approx(2 * norm.ppf(0.975) * sigma, rel=0.08)
-    assert np.isnan(_interval(squares[:2], 0)).all()
-    assert np.isfinite(_interval(squares[:3], 0)).all()
+    assert np.isnan(_interval(squares[:2], np.random.default_rng(0))).all()
+    assert np.isfinite(_interval(squares[:3], np.random.default_rng(0))).all()
 
 
 @pytest.mark.parametrize("campaigns", [2, 3])

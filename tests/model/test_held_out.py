@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from short_campaign import driven, looked
 
+from model.diagnosis.findings.held_out import ONE_RUN, TWO_RUNS, foretold, held_out
+from model.diagnosis.findings.set_fit import fit_set
 from model.diagnosis.time_series.evidence import log_likelihood_of_run
-from model.diagnosis.time_series.final import fit_set
-from model.diagnosis.time_series.held_out import ONE_RUN, TWO_RUNS, foretold, held_out
 
 DIGGING = "vasilev:H_m=0.04"
 

@@ -11,8 +11,9 @@ import pytest
 from short_campaign import driven, noise_of
 
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.findings.detectable import least_left, own_columns
-from model.diagnosis.findings.detectable import projected_without_soil as without_soil
+from model.diagnosis.core.next_test import against_rest
+from model.diagnosis.findings.isolability import least_left, own_columns
+from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 from model.diagnosis.planning.manoeuvres import (
     LIKE_OTHERS,
     braked,
@@ -23,7 +24,7 @@ from model.diagnosis.planning.manoeuvres import (
     typical_run,
     with_load_times,
 )
-from model.diagnosis.planning.next_run import Member, against_rest, next_runs
+from model.diagnosis.planning.next_run import Member, next_runs
 from model.diagnosis.time_series.looks import Look, look
 from model.diagnosis.time_series.samples import Samples, samples_of
 from model.wheel_soil.soils import prior_of

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from gram_support import column, world
 
-from model.diagnosis.core.prior import hypotheses
+from model.diagnosis.core.coverage import PRESSURE_UNKNOWN, SAME_PASS
+from model.diagnosis.core.naming import MOVING, Judgement, judgement
+from model.diagnosis.core.posterior import Posterior, candidates, likely_sets, short_set
 from model.diagnosis.core.result import (
     Adequacy,
     Cause,
@@ -21,8 +23,6 @@ from model.diagnosis.core.result import (
     ParameterEstimate,
     Scores,
 )
-from model.diagnosis.core.tellable import PRESSURE_UNKNOWN, SAME_PASS
-from model.diagnosis.core.verdict import MOVING, Judgement, candidates, judgement, likely_sets, short_set
 from model.diagnosis.core.verdict_words import (
     disagreement_words,
     gain_words,
@@ -33,7 +33,7 @@ from model.diagnosis.core.verdict_words import (
     want_words,
 )
 from model.diagnosis.findings.agreement import Disagreement, Own
-from model.diagnosis.time_series.evidence import Posterior
+from model.diagnosis.time_series.evidence import hypotheses
 from model.diagnosis.time_series.grams import Grams
 
 FINE = Adequacy(1.0, 1.8, ok=True)
@@ -62,13 +62,13 @@ def grams() -> Grams:
     return world(0, columns, runs=3, n=20).grams(np.zeros(5), np.random.default_rng(0))
 
 
-def made(grams: Grams, chances: dict[tuple[str, ...], float], resampled: int = 64) -> Posterior:
+def made(grams: Grams, chances: dict[tuple[str, ...], float], calibrated: bool = True) -> Posterior:
     listed = hypotheses(grams)
     probability = np.zeros(len(listed))
     for keys, p in chances.items():
         probability[listed.index_of(keys)] = p
     assert probability.sum() == pytest.approx(1.0)
-    return Posterior(listed, np.zeros(len(listed)), probability, resampled)
+    return Posterior(listed, np.zeros(len(listed)), probability, calibrated)
 
 
 def test_lack_of_fit_comes_before_everything(grams: Grams) -> None:
@@ -112,13 +112,20 @@ def test_beside_a_named_cause_stands_the_set_of_the_other(grams: Grams) -> None:
     assert judgement(alone, FINE, gain(20.0)).beside == ()
 
 
-@pytest.mark.parametrize("without", [{"resampled": 0}, {}])
-def test_without_other_runs_there_is_no_name(grams: Grams, without: dict[str, int]) -> None:
+@pytest.mark.parametrize("without", [{"calibrated": False}, {}])
+def test_without_other_runs_there_is_no_name(grams: Grams, without: dict[str, bool]) -> None:
     found = made(grams, {("a",): 0.99, (): 0.01}, **without)
     said = judgement(found, FINE, None if not without else gain(9.0))
     assert said.verdict == "one_of"
     assert said.families == ("a",)
     assert "runs" in said.barred
+
+
+def test_a_cause_with_which_the_error_grows_is_not_named(grams: Grams) -> None:
+    found = made(grams, {("a",): 0.99, (): 0.01})
+    said = judgement(found, FINE, replace(gain(9.0), reduction_percent=-1.0))
+    assert (said.verdict, said.families) == ("one_of", ("a",))
+    assert "left out" in said.barred
 
 
 def test_what_cannot_be_told_is_not_named(grams: Grams) -> None:
@@ -136,7 +143,7 @@ def test_a_set_is_as_short_as_the_data_allow(grams: Grams) -> None:
 
 
 def test_candidates_hold_none_and_every_family(grams: Grams) -> None:
-    said = candidates(made(grams, {(): 0.3, ("a",): 0.5, ("a", "c1"): 0.2}))
+    said = {c.name: c.probability for c in candidates(made(grams, {(): 0.3, ("a",): 0.5, ("a", "c1"): 0.2}))}
     assert list(said) == ["a", "none", "c", "b", "d"]
     assert said == pytest.approx({"a": 0.7, "none": 0.3, "c": 0.2, "b": 0.0, "d": 0.0})
 

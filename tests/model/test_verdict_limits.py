@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from gram_support import column, world
 
-from model.diagnosis.core.prior import hypotheses
+from model.diagnosis.core.naming import judgement
+from model.diagnosis.core.posterior import Posterior
 from model.diagnosis.core.result import Adequacy, Gain
-from model.diagnosis.core.verdict import judgement
-from model.diagnosis.time_series.evidence import Posterior
+from model.diagnosis.time_series.evidence import hypotheses
 from model.diagnosis.time_series.grams import Grams
 
 FINE = Adequacy(0.9, 1.8, ok=True)
@@ -25,7 +25,7 @@ def found(grams: Grams, none: float, first: float) -> Posterior:
     probability = np.zeros(len(listed))
     for keys, p in (((), none), (("a",), first), (("b",), 1 - none - first)):
         probability[listed.index_of(keys)] = p
-    return Posterior(listed, np.zeros(len(listed)), probability, 64)
+    return Posterior(listed, np.zeros(len(listed)), probability, calibrated=True)
 
 
 def gain(nats: float) -> Gain:

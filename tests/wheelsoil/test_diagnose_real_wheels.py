@@ -1,6 +1,6 @@
 """The public single-wheel tests through ``diagnose --table``: what they decide, pinned (docs/real_data.md).
 
-The authors' hand-tuned soil is not used: docs/real_data/terrain.toml holds what plates and tables say.
+The authors' hand-tuned soil is not used: studies/real_data/terrain.toml holds what plates and tables say.
 """
 
 from __future__ import annotations
@@ -20,17 +20,18 @@ from daq.config import TerrainConfig, load_toml
 from daq.series.single_wheel_tables import PlateTest
 from model.bevameter import WindowOptions, fit_pressure_sinkage
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
+from model.diagnosis.core.gain import rms
 from model.diagnosis.core.result import ParameterEstimate
 from model.diagnosis.single_wheel.diagnose import diagnose_bench
 from model.diagnosis.single_wheel.findings import parameter_draws
 from model.diagnosis.single_wheel.held_out import foretell
 from model.diagnosis.single_wheel.problem import CauseUse
 from model.diagnosis.single_wheel.sets import skid_law
-from model.diagnosis.single_wheel.transfer_study import transfer
 from model.diagnosis.single_wheel.weighing import Weighing
+from studies.real_data.transfer import transfer
 from wheelsoil.cli.app import run
 
-REAL = Path(__file__).parents[2] / "docs" / "real_data"
+REAL = Path(__file__).parents[2] / "studies" / "real_data"
 DP, BOTH = ("dp",), ("dp", "z")
 
 
@@ -153,10 +154,10 @@ def test_left_out_speeds(seeing: Weighing) -> None:
     assert {use.key for use in best.hypothesis} == {"vasilev", "interface_friction"}
     extended = foretell(problem, best.optima, np.random.default_rng(1))
     wong = foretell(problem, seeing.of_set(()).optima, np.random.default_rng(1))
-    assert extended.rms(problem, "z") < 2.5e-3
-    assert extended.rms(problem, "dp") < 0.95
-    assert wong.rms(problem, "z") > 5e-3
-    assert wong.rms(problem, "dp") > 1.7
+    assert rms(extended, "z") < 2.5e-3
+    assert rms(extended, "dp") < 0.95
+    assert rms(wong, "z") > 5e-3
+    assert rms(wong, "dp") > 1.7
 
 
 @pytest.mark.slow

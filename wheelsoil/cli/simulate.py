@@ -147,7 +147,7 @@ def _say_what_cannot_show(options: SimulationOptions) -> None:
 
     if set(options.pass_number) == {1}:
         for name in options.effects:
-            if "pass_number" in EFFECTS[name].needs:
+            if EFFECTS[name].needs.several_passes:
                 say(f"{name} acts from the second pass on, and every run is a first one: add --pass-number 2")
 
 

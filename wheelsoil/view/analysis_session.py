@@ -28,7 +28,6 @@ from wheelsoil.view.requests import CurveAsked, SelectedAsked
 from wheelsoil.view.saving import saved, selected_of
 from wheelsoil.view.trace import trace_as_json
 from wheelsoil.workflows.choice import SCHEMA, Choice, parse_choice
-from wheelsoil.workflows.fit import FitChoices
 
 _OF_DIAGNOSIS = frozenset({"run", "cutoff_hz", "min_speed_mps", "sinkage"})
 """What a diagnosis takes of a choice; the rest is the fit's."""
@@ -123,7 +122,7 @@ class Desk:
             told, asked = campaign.told.get(choices.reading), (campaign.ready_members(), campaign.options)
             pending = campaign.pending
         if told is None and not pending:
-            told = self._what_cannot_be_told(asked[0], choices)
+            told = self._what_cannot_be_told(asked[0])
             with self.lock:
                 if (campaign.ready_members(), campaign.options) == asked:
                     campaign.told[choices.reading] = told
@@ -136,10 +135,8 @@ class Desk:
             "effects": effect_entries(base, choices.reading, told or {}),
         }
 
-    def _what_cannot_be_told(self, members: Sequence[Member], choices: FitChoices) -> dict[str, str]:
-        asked = self._quick.ask(
-            jobs.what_cannot_be_told, members, self.paths, self.files.soil, choices.reading, urgent=True
-        )
+    def _what_cannot_be_told(self, members: Sequence[Member]) -> dict[str, str]:
+        asked = self._quick.ask(jobs.what_cannot_be_told, members, self.paths, self.files.soil, urgent=True)
         try:
             found: dict[str, str] = asked.result()
         except HelperEndedError:

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from daq import ConfigError, DataError, Fault, WheelsoilError
 from daq.runs import Run
-from model.effects.vehicle import REFERENCE_KPA
-from model.wheel_soil import Soil, Wheel
+from model.wheel_soil import REFERENCE_INFLATION_KPA, Soil, Wheel
 from processing import LOOK, Interval, ProcessOptions, check_within
 from wheelsoil.view.curve import Base
 from wheelsoil.view.jobs import Member, Seen
@@ -262,7 +261,7 @@ class ViewedCampaign:
             ground_speed_mps=_USUAL_SPEED_MPS if np.isnan(speed_mps) else speed_mps,
             direction=-1.0 if all(info.direction == "back" for info in infos) else 1.0,
             pass_number=float(max(info.pass_number for info in infos)),
-            inflation_kpa=min((info.inflation_kpa for info in infos if info.inflation_kpa), default=REFERENCE_KPA),
+            inflation_kpa=min(filter(None, (info.inflation_kpa for info in infos)), default=REFERENCE_INFLATION_KPA),
         )
 
     def _medians(

@@ -14,7 +14,7 @@ import numpy as np
 
 from daq import ON_TIME_BASE, DataError, Use
 from daq.runs import Run
-from model.wheel_soil import SOIL_PARAMETERS, Reading
+from model.wheel_soil import SOIL_PARAMETERS
 from processing import Interval, ProcessedRun, ProcessOptions, keep_only, require_roles
 from wheelsoil.report.inputs import source_of
 from wheelsoil.view.trace import Trace, trace_of
@@ -142,19 +142,16 @@ def diagnose_members(
     return found
 
 
-def what_cannot_be_told(
-    members: Sequence[Member], paths: Sequence[Path], soil: str | None, reading: Reading
-) -> dict[str, str]:
+def what_cannot_be_told(members: Sequence[Member], paths: Sequence[Path], soil: str | None) -> dict[str, str]:
     """Return, for the families of effects that these runs say nothing about, a sentence that says why."""
-    from model.diagnosis import cannot_tell, considered, samples_of
+    from model.diagnosis import cannot_tell, samples_of
+    from model.diagnosis.time_series import coverage_of
 
     taken = _taken(members, "diagnose")
     if not taken:
         raise DataError("no run is used")
     [campaign] = campaigns_of(paths, taken, soil)
-    samples = samples_of(campaign)
-    options = diagnosis_options(reading)
-    return cannot_tell(campaign, samples, considered(campaign, samples, options))
+    return cannot_tell(coverage_of(campaign, samples_of(campaign)))
 
 
 def _taken(members: Sequence[Member], purpose: str) -> Processed:

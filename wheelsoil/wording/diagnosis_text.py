@@ -11,16 +11,7 @@ from math import isfinite
 
 from daq import OUTPUTS, ROLES, Use, number, table_lines
 from daq import probability as as_probability
-from model.diagnosis import (
-    SUMS,
-    Cause,
-    CauseSet,
-    Detectable,
-    Diagnosis,
-    Finding,
-    Gain,
-    Scores,
-)
+from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain, Scores
 from model.effects import EFFECTS
 
 FINDING_NOTE = (
@@ -98,7 +89,7 @@ def set_name(one: CauseSet) -> str:
 
 def parameter_name(key: str, name: str) -> str:
     """Return the name of a cause's parameter; of a combination, what it is made of."""
-    return SUMS.get(key, {}).get(name, name)
+    return EFFECTS[key].spelled(name) if key in EFFECTS else name
 
 
 _LEAST_SHOWN = 0.01

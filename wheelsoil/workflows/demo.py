@@ -15,8 +15,6 @@ from wheelsoil.wording.diagnosis_text import effect_name, plain_name
 Outcome = Literal["found", "in the set", "not named", "not seen", "wrong", "right"]
 
 NONE = "none"
-_OUT_OF_REACH = ("closed_form_sinkage",)
-"""Of the literal reading only."""
 _NOTHING_SHARE = 0.08
 _LEAST, _MOST = 0.6, 1.6
 _STREAM = 1 << 20
@@ -64,8 +62,8 @@ def draw_hidden(seed: int, wheel: Wheel) -> Hidden:
     if rng.random() < _NOTHING_SHARE:
         return Hidden(NONE)
     families: dict[str, list[type[Effect]]] = {}
-    for key, effect in EFFECTS.items():
-        if key not in _OUT_OF_REACH:
+    for effect in EFFECTS.values():
+        if effect.reading == "any":
             families.setdefault(effect.name, []).append(effect)
     forms = families[list(families)[rng.integers(len(families))]]
     effect = forms[rng.integers(len(forms))]

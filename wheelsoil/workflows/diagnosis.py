@@ -96,10 +96,11 @@ def _unknown(name: str) -> Fault:
 
 
 def _nothing_left(reading: Reading) -> Fault:
+    literal = " and ".join(key for key, effect in EFFECTS.items() if effect.reading == "literal")
     return Fault(
         "no cause is left to consider",
         found=f"{reading} reading",
-        next_step="take more into --effects, or less into --without; closed_form_sinkage needs --sinkage literal",
+        next_step=f"take more into --effects, or less into --without; {literal} needs --sinkage literal",
     )
 
 

@@ -5,6 +5,10 @@ from .consistency import BoundRows as BoundRows
 from .consistency import bound_rows_of_runs as bound_rows_of_runs
 from .consistency import bound_rows_of_table as bound_rows_of_table
 from .consistency import inconsistent as inconsistent
+from .coverage import Coverage as Coverage
+from .coverage import cannot_tell as cannot_tell
+from .coverage import considered as considered
+from .gain import rms as rms
 from .result import Candidate as Candidate
 from .result import Cause as Cause
 from .result import CauseSet as CauseSet
@@ -18,6 +22,3 @@ from .result import ParameterEstimate as ParameterEstimate
 from .result import Scores as Scores
 from .result import Seen as Seen
 from .result import SoilEstimate as SoilEstimate
-from .tellable import cannot_tell as cannot_tell
-from .tellable import considered as considered
-from .verdict_words import SUMS as SUMS

@@ -7,6 +7,7 @@ size is as likely as any other, and within a family every form. The sizes are in
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -14,8 +15,6 @@ from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
-
-from model.diagnosis.time_series.grams import Grams
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -36,8 +35,6 @@ class Hypotheses:
         Distinct, in the order of the effects.
     family : int array, shape (effects,)
         Index of each effect's family.
-    columns : int array, shape (effects, widest)
-        Positions of each effect's columns among the causes' columns, -1 where there is none.
     members : int array, shape (n, most)
         Indices of each set's effects, -1 where there is none; the first set is empty.
     log_prior : array, shape (n,)
@@ -47,18 +44,11 @@ class Hypotheses:
     effects: tuple[str, ...]
     families: tuple[str, ...]
     family: IntArray
-    columns: IntArray
     members: IntArray
     log_prior: FloatArray
 
     def __len__(self) -> int:
         return len(self.members)
-
-    @cached_property
-    def set_columns(self) -> IntArray:
-        """Columns of each set, shape (n, most * widest), -1 behind the last."""
-        table = np.vstack([self.columns, np.full(self.columns.shape[1], -1)])
-        return np.asarray(np.sort(table[self.members].reshape(len(self), -1), axis=1)[:, ::-1])
 
     @cached_property
     def has_effect(self) -> NDArray[np.bool_]:
@@ -93,29 +83,23 @@ class Hypotheses:
         raise KeyError(keys)
 
 
-def hypotheses(grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3, triples: bool = True) -> Hypotheses:
+def listed_sets(family_of: Mapping[str, str], most: int = 3, triples: bool = True) -> Hypotheses:
     """List the sets of up to `most` causes.
 
     Parameters
     ----------
-    grams : Grams
-    excluded : set of str
-        Families or keys that the data do not allow to tell.
+    family_of : mapping effect -> family
+        Of every effect that is considered.
     most : int
         0 to 3.
     triples : bool
         Without: sets of three wait for `with_triples`; their prior counts all the same.
     """
-    kept = [c for c in grams.causes if c.family not in excluded and c.key not in excluded]
-    effects = tuple(dict.fromkeys(column.key for column in kept))
-    family_of = {column.key: column.family for column in kept}
-    families = tuple(dict.fromkeys(family_of[key] for key in effects))
-    family = np.array([families.index(family_of[key]) for key in effects], np.intp)
-    listed = Hypotheses(
-        effects, families, family, _columns(grams, effects), np.zeros((0, max(most, 1)), np.intp), _NONE
-    )
+    families = tuple(dict.fromkeys(family_of.values()))
+    family = np.array([families.index(own) for own in family_of.values()], np.intp)
+    listed = Hypotheses(tuple(family_of), families, family, np.zeros((0, max(most, 1)), np.intp), _NONE)
     sizes = range(min(most, 3 if triples else 2) + 1)
-    return _listing(listed, [_combinations(len(effects), size) for size in sizes], most)
+    return _listing(listed, [_combinations(len(family_of), size) for size in sizes], most)
 
 
 def with_triples(pairs: Hypotheses, promising: IntArray) -> Hypotheses:
@@ -142,13 +126,6 @@ _NONE = np.zeros(0)
 
 def _combinations(count: int, size: int) -> IntArray:
     return np.array(list(combinations(range(count), size)), np.intp).reshape(comb(count, size), size)
-
-
-def _columns(grams: Grams, effects: tuple[str, ...]) -> IntArray:
-    start = grams.cause_columns.start
-    own = [[position - start for position in grams.columns_of(key)] for key in effects]
-    widest = max((len(columns) for columns in own), default=1)
-    return np.array([c + [-1] * (widest - len(c)) for c in own], np.intp).reshape(len(effects), widest)
 
 
 def _listing(listed: Hypotheses, sets: list[IntArray], most: int) -> Hypotheses:

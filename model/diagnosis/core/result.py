@@ -481,3 +481,25 @@ def _frames(found: Diagnosis) -> dict[str, pd.DataFrame]:
         "minimum_detectable": frame_of_rows(("effect", "parameter", "value", "unit"), least),
         "next_run": frame_of_rows(("change", "separates", "expected_log_bayes_factor"), runs),
     }
+
+
+def undecided(
+    sentence: str, cannot_tell: dict[str, str], notes: tuple[str, ...], stages_s: dict[str, float] | None = None
+) -> Diagnosis:
+    """Return a diagnosis that decides nothing and says for want of what; see `Diagnosis`."""
+    return Diagnosis(
+        verdict="nothing_detectable",
+        sentence=sentence,
+        causes=(),
+        candidates=(),
+        what_is_wrong=(),
+        gain=None,
+        inconsistent=(),
+        adequacy=None,
+        proposal=None,
+        minimum_detectable={},
+        next_run=(),
+        cannot_tell=cannot_tell,
+        notes=notes,
+        stages_s=stages_s or {},
+    )

@@ -10,10 +10,20 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 
 from daq import OUTPUTS, ROLES
-from model.diagnosis.core.result import Adequacy, Cause, CauseSet, Detectable, Finding, Gain, NextRun, ParameterEstimate
-from model.diagnosis.core.tellable import USUAL
-from model.diagnosis.core.verdict import Judgement
+from model.diagnosis.core.coverage import USUAL
+from model.diagnosis.core.naming import Judgement
+from model.diagnosis.core.result import (
+    Adequacy,
+    Cause,
+    CauseSet,
+    Detectable,
+    Finding,
+    Gain,
+    NextRun,
+    ParameterEstimate,
+)
 from model.diagnosis.findings.agreement import Disagreement
+from model.effects.catalogue import EFFECTS
 
 _FIXED = {
     "load, driving": "growing with load, driving",
@@ -61,8 +71,6 @@ _NO_CHANGE = 0.5
 """Percent by which an error may fall or grow and still be said to stay."""
 _TOGETHER_AT = 0.1
 """Probability from which on a set of several causes is said."""
-SUMS = {"lyasko": {"p": "p = m1 + m2"}}
-"""Combinations of parameters that are told as one, by effect and name, and what they are."""
 
 
 def named_words(
@@ -228,9 +236,8 @@ def probability(p: float) -> str:
 
 def _cause(cause: Cause) -> str:
     form = f", likeliest as {cause.form} ({probability(cause.form_probability)})" if cause.form else ""
-    sums = SUMS.get(cause.key, {})
     known = [p for p in cause.parameters if all(map(isfinite, p.interval95))]
-    sizes = ", ".join(_estimate(p, sums.get(p.name, p.name)) for p in known or cause.parameters)
+    sizes = ", ".join(_estimate(p, EFFECTS[cause.key].spelled(p.name)) for p in known or cause.parameters)
     return f"{plain(cause.name)} is at work (probability {probability(cause.probability)}{form}): {sizes}"
 
 

@@ -14,17 +14,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from model.diagnosis.core.naming import Judgement
+from model.diagnosis.core.posterior import Posterior, cause_of, likeliest_form
 from model.diagnosis.core.result import Cause, ParameterEstimate, Seen, SoilEstimate
-from model.diagnosis.core.verdict import Judgement
-from model.diagnosis.findings.detectable import isolability
-from model.diagnosis.time_series.evidence import Posterior, estimate
-from model.diagnosis.time_series.final import SetFit, fit_set, parameters_of, soils_of, spread_of
+from model.diagnosis.findings.isolability import isolability
+from model.diagnosis.findings.set_fit import SetFit, fit_set, parameters_of, soils_of, spread_of
+from model.diagnosis.time_series.evidence import estimate
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.looks import Look
 from model.diagnosis.time_series.noise import constants, loading, processes, white_variance
 from model.diagnosis.time_series.start import View
-from model.effects.catalogue import EFFECTS
 
 FloatArray = NDArray[np.float64]
 Sizes = Mapping[str, FloatArray]
@@ -195,37 +195,10 @@ def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
             fit = fits[(key,)]
             values |= parameters_of(fit, look, spread if extended == (key,) else None)
             sizes |= fit.sizes
-    causes = tuple(_cause(found, family, key, values) for family, key in zip(verdict.families, keys, strict=True))
+    causes = tuple(
+        cause_of(found, family, key, values.get(key, ())) for family, key in zip(verdict.families, keys, strict=True)
+    )
     return Explained(causes, extended, sizes | _others(look, found, sizes), soils_of(whole, look, spread))
-
-
-def doubtful(causes: Sequence[Cause]) -> str:
-    """Return why a cause's value does not bear its name; empty where all do.
-
-    Parameters
-    ----------
-    causes : sequence of Cause
-        With their values.
-    """
-    for cause in causes:
-        whose = f"the {cause.name.replace('_', ' ')}'s"
-        limits = {p.name: p for p in EFFECTS[cause.key].parameters}
-        for found in cause.parameters:
-            own = limits.get(found.name)
-            if own is None:  # a combination, as Lyasko's p
-                continue
-            edges = [edge for edge in (own.lower, own.upper) if edge != own.neutral]
-            if np.isclose(found.value, edges, rtol=1e-3, atol=0.0).any():
-                return f"{whose} {found.name} ends at the limit of what is plausible, {found.value:.3g} {found.unit}"
-            low, high = found.interval95
-            if len(cause.parameters) == 1 and low < own.neutral < high:
-                return f"{whose} {found.name} may as well be {own.neutral:g} ({low:.3g} to {high:.3g} {found.unit})"
-    return ""
-
-
-def likeliest_form(found: Posterior, family: str) -> str:
-    """Return the key of a family's likeliest form."""
-    return next(iter(found.forms(family)))
 
 
 def _extended(look: Look, verdict: Judgement, keys: Keys) -> Keys:
@@ -235,19 +208,6 @@ def _extended(look: Look, verdict: Judgement, keys: Keys) -> Keys:
     if verdict.verdict == "one_of":
         return keys[:1]
     return look.best.keys if verdict.verdict == "unexplained" else ()
-
-
-def _cause(found: Posterior, family: str, key: str, values: dict[str, tuple[ParameterEstimate, ...]]) -> Cause:
-    effect = EFFECTS[key]
-    return Cause(
-        name=family,
-        form=effect.form,
-        kind=effect.kind,
-        key=key,
-        probability=found.families()[family],
-        form_probability=found.forms(family)[key],
-        parameters=values.get(key, ()),
-    )
 
 
 def _others(look: Look, found: Posterior, known: dict[str, FloatArray]) -> dict[str, FloatArray]:

@@ -21,7 +21,7 @@ at whatever size j imitates it best, by an expected
 
 .. math:: \tfrac12\, d^2_{i|j}(G) = \tfrac12\, z_i^2 (1 - \cos^2_{ij})
 
-nats (`model.diagnosis.findings.detectable`: z is d, and the cosine is that of the signatures once the soil is projected
+nats (`model.diagnosis.findings.isolability`: z is d, the cosine is that of the signatures once the soil is projected
 out). What one more run adds is the difference of that with and without it. Against the whole rest of the set, with
 weights :math:`w_j`, i gains :math:`-\ln \sum_j w_j \exp(-\Delta_{ij})`: a run that parts i from all others but one
 look-alike is worth little.
@@ -36,9 +36,10 @@ from math import exp
 import numpy as np
 from numpy.typing import NDArray
 
+from model.diagnosis.core.next_test import WORTH_SAYING, best_first, comes_apart, expected_nats
 from model.diagnosis.core.result import NextRun
-from model.diagnosis.findings.detectable import Projected, least_left, own_columns
-from model.diagnosis.findings.detectable import projected_without_soil as without_soil
+from model.diagnosis.findings.isolability import Projected, least_left, own_columns
+from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 from model.diagnosis.planning.manoeuvres import LIKE_OTHERS, Manoeuvre, manoeuvres, typical_run, with_standstills
 from model.diagnosis.time_series.columns import columns_of
 from model.diagnosis.time_series.grams import Grams
@@ -182,10 +183,6 @@ def _known(view: View, simulation: Simulation) -> dict[str, float]:
     return {key: value for key, value in view.linear.point.causes.items() if key in names}
 
 
-PARTS = 2.0
-"""Expected nats, whichever of both is the cause, from which on a run is said to part two members: odds of 7 to 1."""
-
-
 @dataclass(frozen=True)
 class Member:
     """A cause of the set.
@@ -239,29 +236,8 @@ def split(grams: Grams, added: FloatArray, members: tuple[Member, ...], now: Flo
     total = grams.total() if now is None else now
     before = _pairwise(grams, without_soil(grams, total), members)
     nats = np.maximum(_pairwise(grams, without_soil(grams, total + added), members) - before, 0.0)
-    weights = np.array([max(member.probability, 1e-9) for member in members])
-    weights = weights / weights.sum()
-    gained = [against_rest(nats[i], weights, i) for i in range(len(members))] if len(members) > 1 else [0.0]
-    comes_apart = np.any(0.5 * (nats + nats.T) >= PARTS, axis=1).tolist()
-    parted = tuple(member.key for member, apart in zip(members, comes_apart, strict=True) if apart)
-    return Split(nats, float(weights @ gained), parted)
-
-
-def against_rest(nats: FloatArray, weights: FloatArray, i: int) -> float:
-    """Return the expected log Bayes factor of member i against all others together.
-
-    Parameters
-    ----------
-    nats : array, shape (members,)
-        Against each.
-    weights : array, shape (members,)
-        Probabilities.
-    i : int
-    """
-    rest = np.arange(len(weights)) != i
-    share = weights[rest] / weights[rest].sum()
-    least = float(nats[rest].min())
-    return least - float(np.log(share @ np.exp(least - nats[rest])))
+    parted = tuple(member.key for member, apart in zip(members, comes_apart(nats), strict=True) if apart)
+    return Split(nats, expected_nats(nats, [member.probability for member in members]), parted)
 
 
 def _pairwise(grams: Grams, projected: Projected, members: tuple[Member, ...]) -> FloatArray:
@@ -284,7 +260,6 @@ def members_of(sizes: Mapping[str, FloatArray], probabilities: Mapping[str, floa
 
 MOST = 5
 COASTING = "coasting on hard ground for two minutes, speeding up and slowing down"
-_WORTH_SAYING = 0.05
 _BETTER = 1.05
 """Times what one more run like the others would give: less is no reason to drive another way."""
 
@@ -318,9 +293,9 @@ def next_runs(look: Look, members: tuple[Member, ...], most: int = MOST) -> tupl
         said = NextRun(change, families, result.expected_log_bayes_factor)
         if change not in found or found[change].expected_log_bayes_factor < said.expected_log_bayes_factor:
             found[change] = said
-    ranked = sorted(found.values(), key=lambda run: -run.expected_log_bayes_factor)
+    ranked = best_first(found.values())
     plain = max((r.expected_log_bayes_factor for r in ranked if r.change.endswith(LIKE_OTHERS)), default=0.0)
-    least = max(_BETTER * plain, _WORTH_SAYING)
+    least = max(_BETTER * plain, WORTH_SAYING)
     return tuple(r for r in ranked if r.expected_log_bayes_factor > least or r.change.endswith(LIKE_OTHERS))[:most]
 
 

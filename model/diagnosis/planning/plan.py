@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.result import Detectable, NextRun
-from model.diagnosis.findings.detectable import SEEN, Isolability, isolability, minimum_detectable
+from model.diagnosis.findings.isolability import SEEN, Isolability, detectable_in_runs, isolability
 from model.diagnosis.planning.next_run import Member, next_runs
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.looks import Look, look
@@ -149,7 +149,7 @@ def plan_from_look(
     chosen = options or DiagnosisOptions()
     found = isolability(seen.grams, sizes)
     groups = found.look_alikes(ALIKE)
-    detectable = minimum_detectable(seen.grams, name_at=chosen.name_at)
+    detectable = detectable_in_runs(seen.grams, name_at=chosen.name_at)
     return Plan(
         isolability=found,
         look_alikes=tuple(Advice(g, _advice(seen, found, g) if advise else ()) for g in groups),

@@ -2,35 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from time import perf_counter
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq import OUTPUTS, DataError, Fault
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
+from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
-from model.diagnosis.core.result import Adequacy, Candidate, Cause, CauseSet, Diagnosis, Gain, Verdict
-from model.diagnosis.core.verdict import IDLE_AT, NOTHING_AT, likeliest_of
+from model.diagnosis.core.naming import confirmed, judgement
+from model.diagnosis.core.posterior import candidates, cause_of, likeliest_form, likely_sets
+from model.diagnosis.core.result import Adequacy, Cause, Diagnosis, Gain, Verdict, undecided
 from model.diagnosis.single_wheel.findings import (
-    cause_of,
-    detectable,
+    detectable_in_rows,
+    estimates_of,
     findings_of,
     mean_of,
     noise_of,
     seen_of,
-    short_set,
     soils_of,
     with_posterior,
 )
-from model.diagnosis.single_wheel.held_out import gain_of, next_tests
-from model.diagnosis.single_wheel.problem import BenchProblem
+from model.diagnosis.single_wheel.held_out import held_out
+from model.diagnosis.single_wheel.next_tests import next_tests
+from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
 from model.diagnosis.single_wheel.sets import NO_SLIP, Library, library, skid_law
 from model.diagnosis.single_wheel.weighing import Weighed, Weighing, weigh
-from model.diagnosis.single_wheel.words import beside_of, mixed_words, notes_of, sentence_of
+from model.diagnosis.single_wheel.words import mixed_words, notes_of, sentence_of
 from model.one_thread import one_thread
 
 FloatArray = NDArray[np.float64]
@@ -61,21 +61,22 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
     options = options or DiagnosisOptions()
     if not any(len(bench.rows) for bench in benches):
         raise DataError(Fault("the table has no rows to diagnose", ", ".join(b.name for b in benches)))
-    stages = _Stages()
-    with stages.timed("rows"):
+    clock = Clock()
+    with clock.stage("rows"):
         chosen, channels, remarks = _rows(benches, options)
         problem = BenchProblem.of(chosen, replace(options, channels=channels))
         known = library(problem, options)
     few = _too_few(problem)
     if few:
-        return _undecided(few, known, remarks, stages)
+        lacking = {**known.cannot_tell, **dict.fromkeys(known.families, few)}
+        return undecided(f"Nothing can be said: {few}.", lacking, tuple(remarks), clock.stages_s)
     rng = np.random.default_rng(options.seed)
-    with stages.timed("evidence"):
+    with clock.stage("evidence"):
         weighing = weigh(problem, known.uses, options.most_causes, rng)
-    with stages.timed("held_out"):
-        gain = gain_of(weighing, rng)
-    with stages.timed("verdict"):
-        return _diagnosis(benches, weighing, known, gain, remarks, options, stages, rng)
+    with clock.stage("held_out"):
+        gain = held_out(weighing, rng)
+    with clock.stage("verdict"):
+        return _diagnosis(benches, weighing, known, gain, remarks, options, clock, rng)
 
 
 def _rows(benches: Sequence[Bench], options: DiagnosisOptions) -> tuple[list[Bench], tuple[str, ...], list[str]]:
@@ -109,25 +110,6 @@ def _too_few(problem: BenchProblem) -> str:
     return ""
 
 
-def _undecided(why: str, known: Library, remarks: Sequence[str], stages: _Stages) -> Diagnosis:
-    return Diagnosis(
-        verdict="nothing_detectable",
-        sentence=f"Nothing can be said: {why}.",
-        causes=(),
-        candidates=(),
-        what_is_wrong=(),
-        gain=None,
-        inconsistent=(),
-        adequacy=None,
-        proposal=None,
-        minimum_detectable={},
-        next_run=(),
-        cannot_tell={**known.cannot_tell, **known.ruled_out, **dict.fromkeys(known.families, why)},
-        notes=tuple(remarks),
-        stages_s=stages.seconds,
-    )
-
-
 def _diagnosis(
     benches: Sequence[Bench],
     weighing: Weighing,
@@ -135,70 +117,53 @@ def _diagnosis(
     gain: Gain | None,
     remarks: Sequence[str],
     options: DiagnosisOptions,
-    stages: _Stages,
+    clock: Clock,
     rng: np.random.Generator,
 ) -> Diagnosis:
     problem = weighing.problem
-    verdict, families = verdict_of(weighing, known, gain, options)
-    causes = tuple(cause_of(weighing, family, weighing.of_family(family), rng) for family in families)
-    best = with_posterior(weighing, _extension(weighing, verdict, causes), rng)
+    found = weighing.posterior
+    judged = Adequacy(_least_misfit(weighing), weighing.threshold, weighing.any_adequate)
+    verdict = judgement(found, judged, gain, known.cannot_tell, options.name_at)
+    causes = _causes(weighing, verdict.families, rng)
+    if (after := confirmed(verdict, found, causes)) != verdict:
+        verdict = after
+        causes = _causes(weighing, verdict.families, rng)
+    best = with_posterior(weighing, _extension(weighing, verdict.verdict, causes), rng)
     shown = _shown(weighing, causes)
     seen = seen_of(weighing, best, shown)
-    runs = next_tests(weighing, rng) if verdict == "one_of" or options.next_run else ()
-    beside = beside_of(weighing, families) if verdict == "named" else {}
+    runs = next_tests(weighing, rng) if verdict.verdict == "one_of" or options.next_run else ()
+    beside = {family: found.families()[family] for family in verdict.beside}
     skids = {bench.name: law for bench in benches if (law := skid_law(bench)) is not None}
     null = weighing.of_set(())
     return Diagnosis(
-        verdict=verdict,
-        sentence=sentence_of(verdict, weighing, causes, beside, gain, runs) + mixed_words(problem),
+        verdict=verdict.verdict,
+        sentence=sentence_of(verdict.verdict, weighing, causes, beside, verdict.barred, gain, runs)
+        + mixed_words(problem),
         causes=causes,
-        candidates=candidates_of(weighing, known),
+        candidates=candidates(found),
         what_is_wrong=findings_of(weighing),
         gain=gain,
         inconsistent=inconsistencies(benches),
-        adequacy=Adequacy(_least_misfit(weighing), weighing.threshold, weighing.any_adequate),
+        adequacy=judged,
         proposal=None,
-        minimum_detectable=detectable(problem, known, null.optima[0], options.name_at),
+        minimum_detectable=detectable_in_rows(problem, known, null.optima[0], options.name_at),
         next_run=runs,
-        cannot_tell={**known.cannot_tell, **known.ruled_out},
+        cannot_tell=known.cannot_tell,
         notes=(*remarks, *notes_of(problem, seen, skids, weighing)),
         noise=_noise(problem, mean_of(weighing.sets[0].posterior)),
         soils=soils_of(weighing, best),
         seen=seen,
-        stages_s=stages.seconds,
-        sets=sets_of(weighing),
+        stages_s=clock.stages_s,
+        sets=likely_sets(found),
     )
 
 
-def sets_of(weighing: Weighing) -> tuple[CauseSet, ...]:
-    """Return the likeliest sets of families, forms put together."""
-    chances = [(w.families, float(p)) for p, w in zip(weighing.probabilities, weighing.sets, strict=True) if p > 0]
-    named = {family for own, _ in chances for family in own}
-    return likeliest_of(chances, {family: weighing.of_family(family) for family in named})
-
-
-def verdict_of(
-    weighing: Weighing, known: Library, gain: Gain | None, options: DiagnosisOptions
-) -> tuple[Verdict, list[str]]:
-    """Return the verdict and its families, in the published order of rules."""
-    if not weighing.any_adequate:
-        return "unexplained", []
-    none = float(sum(p for p, w in zip(weighing.probabilities, weighing.sets, strict=True) if not w.hypothesis))
-    chance = {family: weighing.of_family(family) for family in known.families}
-    sure = sorted((f for f in known.families if chance[f] > options.name_at), key=lambda f: -chance[f])
-    idle = gain is not None and not gain.log_likelihood_gain > 0
-    if none >= (IDLE_AT if idle else NOTHING_AT):
-        return "nothing_detectable", []
-    if sure and gain is not None and not idle and not gain.reduction_percent < 0:
-        return "named", sure
-    return "one_of", short_set(weighing, known.families)
-
-
-def candidates_of(weighing: Weighing, known: Library) -> tuple[Candidate, ...]:
-    """Return every family with its probability, likeliest first; "none" among them."""
-    found = [Candidate(family, weighing.of_family(family)) for family in known.families]
-    none = sum(p for p, w in zip(weighing.probabilities, weighing.sets, strict=True) if not w.hypothesis)
-    return tuple(sorted([*found, Candidate("none", float(none))], key=lambda c: -c.probability))
+def _causes(weighing: Weighing, families: Sequence[str], rng: np.random.Generator) -> tuple[Cause, ...]:
+    found = weighing.posterior
+    forms = {family: likeliest_form(found, family) for family in families}
+    return tuple(
+        cause_of(found, family, key, estimates_of(weighing, CauseUse(key), rng)) for family, key in forms.items()
+    )
 
 
 def _extension(weighing: Weighing, verdict: Verdict, causes: Sequence[Cause]) -> Weighed:
@@ -229,16 +194,3 @@ def _noise(problem: BenchProblem, said: dict[str, FloatArray]) -> dict[str, floa
         found[f"{channel}_repeats_{OUTPUTS[channel].suffix}"] = scatter
         found[f"{channel}_form_{OUTPUTS[channel].suffix}"] = form
     return found
-
-
-@dataclass
-class _Stages:
-    """What took how long."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def timed(self, name: str) -> Iterator[None]:
-        start = perf_counter()
-        yield
-        self.seconds[name] = perf_counter() - start

@@ -35,7 +35,7 @@ _MODE_GAP = 6.0
 
 
 @dataclass(frozen=True)
-class Posterior:
+class SetPosterior:
     """Weighted draws of one hypothesis.
 
     Attributes
@@ -96,7 +96,7 @@ class _Proposal:
 
 def posterior_of(
     problem: BenchProblem, optima: Sequence[Optimum], rng: np.random.Generator, rows: FloatArray | None = None
-) -> Posterior:
+) -> SetPosterior:
     """Return the corrected evidence and the posterior of a hypothesis.
 
     Parameters
@@ -185,14 +185,14 @@ def _summed(
     log_weight: FloatArray,
     said: dict[str, FloatArray],
     seen: FloatArray,
-) -> Posterior:
+) -> SetPosterior:
     said = {channel: np.where(np.isfinite(seen)[:, None], values, 0.0) for channel, values in said.items()}
     each = log_weight + seen
     top = float(each.max())
     share = np.exp(each - top)
     mean = float(share.mean())
     error = float(share.std() / np.sqrt(len(share)) / mean)
-    return Posterior(hypothesis, top + log(mean), error, draws, log_weight, said, seen)
+    return SetPosterior(hypothesis, top + log(mean), error, draws, log_weight, said, seen)
 
 
 def _shares(log_weight: FloatArray) -> FloatArray:

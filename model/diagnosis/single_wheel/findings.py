@@ -9,18 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq import OUTPUTS
-from model.diagnosis.core.prior import SIZE_PRIOR
-from model.diagnosis.core.result import Cause, Detectable, Finding, ParameterEstimate, Seen, SoilEstimate
-from model.diagnosis.single_wheel.evidence import Posterior, posterior_of
+from model.diagnosis.core.detectable import Direction, minimum_detectable
+from model.diagnosis.core.result import Detectable, Finding, ParameterEstimate, Seen, SoilEstimate
+from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
 from model.diagnosis.single_wheel.search import Optimum
-from model.diagnosis.single_wheel.sets import Library, family_of
+from model.diagnosis.single_wheel.sets import Library, listed_uses
 from model.diagnosis.single_wheel.weighing import Weighed, Weighing, with_usual_form
 from model.effects.catalogue import EFFECTS
 
@@ -100,7 +99,7 @@ def _where(problem: BenchProblem, rows: NDArray[np.intp]) -> str:
     return f"{bench}slip {slip.mean():.2f}, load {load.mean():.3g} N, {manner} ({len(rows)} rows)"
 
 
-def mean_of(posterior: Posterior | None) -> dict[str, FloatArray]:
+def mean_of(posterior: SetPosterior | None) -> dict[str, FloatArray]:
     """Return what a set says on average over its posterior: channel -> array, shape (n,)."""
     assert posterior is not None
     return {channel: posterior.weights @ values for channel, values in posterior.said.items()}
@@ -126,8 +125,8 @@ def noise_of(problem: BenchProblem, said: dict[str, FloatArray]) -> dict[str, tu
     return found
 
 
-def detectable(problem: BenchProblem, library: Library, null: Optimum, name_at: float) -> dict[str, Detectable]:
-    """Return the size of each cause from which on its family is expected to be named.
+def detectable_in_rows(problem: BenchProblem, library: Library, null: Optimum, name_at: float) -> dict[str, Detectable]:
+    """Return the smallest size of every cause that these rows show; see `model.diagnosis.core.detectable`.
 
     Parameters
     ----------
@@ -138,26 +137,18 @@ def detectable(problem: BenchProblem, library: Library, null: Optimum, name_at: 
     name_at : float
         Probability from which on a family is named.
     """
-    keys = [use.key for use in library.uses]
-    count = len(library.families)
-    found: dict[str, Detectable] = {}
-    for use in library.uses:
-        forms = sum(family_of(other) == family_of(use) for other in library.uses)
-        odds = log(SIZE_PRIOR[1] / count / forms / SIZE_PRIOR[0])
-        sizes = []
-        for which, coordinate in enumerate(problem.coordinates(use)):
-            spread = _spread(problem, null, use, which)
-            wanted = 2.0 * (log(name_at / (1.0 - name_at)) - odds + 0.5 * log(1.0 + 1.0 / spread**2))
-            sizes.append((spread * sqrt(max(wanted, 0.0)), coordinate))
-        size, coordinate = min(sizes, key=lambda pair: pair[0])
-        found[use.key] = Detectable(
-            coordinate.name, coordinate.neutral + coordinate.side * coordinate.scale * size, coordinate.unit
-        )
-    return {key: found[key] for key in keys}
+    directions = {
+        use.key: [
+            Direction(c.name, c.unit, c.neutral, c.side * c.scale, p.one_sided, _information(problem, null, use, i))
+            for i, (c, p) in enumerate(zip(problem.coordinates(use), EFFECTS[use.key].parameters, strict=True))
+        ]
+        for use in library.uses
+    }
+    return minimum_detectable(listed_uses(library.uses, 1), directions, name_at)
 
 
-def _spread(problem: BenchProblem, null: Optimum, use: CauseUse, which: int) -> float:
-    """Return the one-sigma of a parameter, in prior scales, with the soil projected out."""
+def _information(problem: BenchProblem, null: Optimum, use: CauseUse, which: int) -> float:
+    """Return the information on a parameter, in prior scales, with the soil projected out; 0 without an answer."""
     size = len(EFFECTS[use.key].parameters)
     soil = problem.soil_offsets[-1]
     standard = np.zeros((1, soil + size))
@@ -167,7 +158,6 @@ def _spread(problem: BenchProblem, null: Optimum, use: CauseUse, which: int) -> 
         value = coordinate.neutral + (0.5 * coordinate.side * coordinate.scale if i == which else 0.0)
         standard[0, soil + i] = coordinate.standard(value)
     said, _ = problem.evaluate([(use,)], standard)
-    information = 0.0
     fixed = with_usual_form(problem)
     change, slopes, precision = [], [], []
     for noise, rows in zip(fixed.noises, fixed.rows, strict=True):
@@ -176,18 +166,16 @@ def _spread(problem: BenchProblem, null: Optimum, use: CauseUse, which: int) -> 
         precision.append(noise.precision(np.ones(1)))
     information = sum(float(c @ p @ c) for c, p in zip(change, precision, strict=True))
     if not np.isfinite(information) or information <= 0:
-        return np.inf
+        return 0.0
     cross = sum(s.T @ p @ c for s, p, c in zip(slopes, precision, change, strict=True))
     inner = np.eye(soil) + sum(s.T @ p @ s for s, p in zip(slopes, precision, strict=True))
     left = information - float(cross @ np.linalg.solve(inner, cross))
-    return 1.0 / sqrt(left) if left > 0 else np.inf
+    return max(left, 0.0)
 
 
 _COUNTED = 3.0
 """Nats below the likeliest set that holds a cause within which another one counts for its parameters."""
 _MOST = 12
-_SUMS = {"lyasko": (("m1", "m2"), "p")}
-"""Parameters of which only the sum is well determined, and what it is called."""
 
 
 @dataclass(frozen=True)
@@ -207,36 +195,15 @@ class Draws:
         return ParameterEstimate(name, unit, mean, (float(low), float(high)), sigma)
 
 
-def cause_of(weighing: Weighing, family: str, probability: float, rng: np.random.Generator) -> Cause:
-    """Return a family's likeliest form with its parameters, over all sets that hold it."""
-    shares: dict[CauseUse, float] = {}
-    for p, weighed in zip(weighing.probabilities, weighing.sets, strict=True):
-        for use in weighed.hypothesis:
-            if family_of(use) == family:
-                shares[use] = shares.get(use, 0.0) + float(p)
-    use = max(shares, key=lambda u: shares[u])
-    effect = EFFECTS[use.key]
-    total = sum(shares.values())
-    return Cause(
-        name=family,
-        form=effect.form,
-        kind=effect.kind,
-        key=use.key,
-        probability=probability,
-        form_probability=shares[use] / total if total > 0 else 1.0 / len(shares),
-        parameters=estimates_of(weighing, use, rng),
-    )
-
-
 def estimates_of(weighing: Weighing, use: CauseUse, rng: np.random.Generator) -> tuple[ParameterEstimate, ...]:
     """Return the parameters of a cause, over all sets that hold it."""
     effect = EFFECTS[use.key]
     draws = parameter_draws(weighing, use, rng)
     found = [draws[p.name].estimate(p.name, p.unit) for p in effect.parameters]
-    if use.key in _SUMS:
-        names, total_name = _SUMS[use.key]
-        total = Draws(np.sum([draws[name].values for name in names], axis=0), draws[names[0]].weights)
-        found.insert(0, total.estimate(total_name, effect.parameters[0].unit))
+    if effect.total:
+        each = [draws[p.name] for p in effect.parameters]
+        total = Draws(np.sum([one.values for one in each], axis=0), each[0].weights)
+        found.insert(0, total.estimate(effect.total, effect.parameters[0].unit))
     return tuple(found)
 
 
@@ -284,18 +251,3 @@ def soils_of(weighing: Weighing, weighed: Weighed) -> tuple[SoilEstimate, ...]:
             )
         )
     return tuple(found)
-
-
-def short_set(weighing: Weighing, families: Sequence[str], level: float = 0.95) -> list[str]:
-    """Return the fewest families, likeliest first, one of which is among the causes with a probability of `level`.
-
-    What has no cause at all does not count.
-    """
-    holds = np.array([[family in w.families for family in families] for w in weighing.sets], bool)
-    some = np.array([bool(w.hypothesis) for w in weighing.sets])
-    p = np.where(some, weighing.probabilities, 0.0)
-    left, chosen = p.copy(), list[int]()
-    while p.sum() > 0 and left.sum() > (1.0 - level) * p.sum() and len(chosen) < len(families):
-        chosen.append(int(np.argmax(left @ holds)))
-        left = np.where(holds[:, chosen[-1]], 0.0, left)
-    return [families[i] for i in chosen]

@@ -8,16 +8,16 @@ wheel, whose laws say nothing of them: a locked wheel ploughs, and pulls back wi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
-from math import comb, log
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import OUTPUTS
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
-from model.diagnosis.core.prior import SIZE_PRIOR
+from model.diagnosis.core.coverage import ONE_LOAD, Coverage, cannot_tell, considered, ruled_out
+from model.diagnosis.core.prior import Hypotheses, listed_sets
 from model.diagnosis.single_wheel.noise import groups_of_rows
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
 from model.effects.catalogue import EFFECTS
@@ -79,21 +79,10 @@ def _left_out(design: FloatArray, sinkage: FloatArray, rows: NDArray[np.bool_]) 
     return np.asarray(sinkage[rows] - design[rows] @ values)
 
 
-_KNOWN = ("unit_weight_n_m3",)
-"""What of `Conditions` a table gives beyond slip and load."""
+_KNOWN = frozenset({"slip", "vertical_load_n", "unit_weight_n_m3"})
+"""What of `Conditions` a table gives."""
 _UNSEEN = 1e-6
 """Share of the error of form below which a cause of its prior's size changes nothing that was measured."""
-_NEEDS = {
-    "ground_speed_mps": "the ground speed",
-    "ground_acceleration_mps2": "the acceleration",
-    "ground_jerk_mps3": "its change",
-    "wheel_acceleration_radps2": "the wheel's acceleration",
-    "line_position": "the position along a line",
-    "campaign_time": "the time",
-    "direction": "the direction of travel",
-    "pass_number": "the pass",
-    "inflation_kpa": "the inflation pressure",
-}
 
 
 @dataclass(frozen=True)
@@ -105,14 +94,11 @@ class Library:
     uses : tuple of CauseUse
         Candidates, as they act.
     cannot_tell : mapping family -> why
-        Families that are left out for want of something.
-    ruled_out : mapping family -> why
-        Families that cannot be, as the vehicle is declared.
+        Families that are left out, or never named, for want of something.
     """
 
     uses: tuple[CauseUse, ...]
     cannot_tell: dict[str, str]
-    ruled_out: dict[str, str]
 
     @property
     def families(self) -> tuple[str, ...]:
@@ -135,27 +121,42 @@ def library(problem: BenchProblem, options: DiagnosisOptions, bench: int | None 
     bench : int, optional
         Causes of this bench only, with values of their own; else causes of all.
     """
-    uses: list[CauseUse] = []
-    cannot_tell: dict[str, str] = {}
-    ruled_out: dict[str, str] = {}
-    tyres = [b.tyre for i, b in enumerate(problem.benches) if bench in (None, i)]
-    for key in options.effects:
-        effect = EFFECTS[key]
-        if effect.reading not in ("any", options.reading):
-            continue
-        wanted = [need for need in effect.needs if need not in _KNOWN]
-        if all(tyre in effect.excluded_tyres for tyre in tyres):
-            ruled_out[effect.name] = f"the wheel is declared {tyres[0]}"
-        elif wanted:
-            words = " and ".join(_NEEDS.get(need, need) for need in wanted)
-            cannot_tell[effect.name] = f"a table of single rows does not hold {words}"
-        else:
-            uses.append(CauseUse(key, bench))
+    coverage = coverage_of(problem, bench)
+    effects = [e for e in map(EFFECTS.__getitem__, options.effects) if e.reading in ("any", options.reading)]
+    lacking = {e.name: why for e in effects if (why := ruled_out(e.needs, coverage))}
+    uses = [CauseUse(e.key(), bench) for e in considered(coverage, options)]
     told = _seen(problem, uses)
-    for use in uses:
-        if use not in told and family_of(use) not in {family_of(other) for other in told}:
-            cannot_tell[family_of(use)] = _unseen_words(problem)
-    return Library(told, cannot_tell, ruled_out)
+    left = {family_of(use) for use in told}
+    unseen = {family_of(use): _unseen_words(problem) for use in uses if family_of(use) not in left}
+    return Library(told, {**cannot_tell(coverage), **lacking, **unseen})
+
+
+def coverage_of(problem: BenchProblem, bench: int | None = None) -> Coverage:
+    """Return what the rows cover.
+
+    Parameters
+    ----------
+    problem : BenchProblem
+    bench : int, optional
+        Whose tyre is asked for; else a tyre counts that all benches have.
+    """
+    tyres = {b.tyre for i, b in enumerate(problem.benches) if bench in (None, i)}
+    measured = {channel for channel in OUTPUTS if np.isfinite(problem.measured(channel)).any()}
+    return Coverage(
+        conditions=_KNOWN,
+        channels=frozenset(OUTPUTS[c].field for c in problem.channels),
+        unused_channels=frozenset(OUTPUTS[c].field for c in measured - set(problem.channels)),
+        several_loads=bool(np.ptp(problem.load_n) >= ONE_LOAD * problem.load_n.mean()),
+        both_directions=False,
+        several_passes=False,
+        several_runs=False,
+        pressures=False,
+        standstill=False,
+        driven=bool((problem.slip > 0).any()),
+        braked=bool((problem.slip < 0).any()),
+        largest_slip=float(problem.slip.max(initial=0.0)),
+        tyre=tyres.pop() if len(tyres) == 1 else "",
+    )
 
 
 def _seen(problem: BenchProblem, uses: Sequence[CauseUse]) -> tuple[CauseUse, ...]:
@@ -180,47 +181,19 @@ def _unseen_words(problem: BenchProblem) -> str:
     return f"it changes nothing that was measured ({', '.join(problem.channels)}; rows with {driven} only)"
 
 
-@dataclass(frozen=True)
-class Sets:
-    """Sets of causes with the logarithm of their prior.
+def sets_of(uses: Sequence[CauseUse], listed: Hypotheses) -> dict[Hypothesis, float]:
+    """Return the listed sets with the logarithm of their prior.
 
-    Attributes
+    Parameters
     ----------
-    uses : tuple of CauseUse
-    log_prior : mapping Hypothesis -> float
-        Of the listed sets among all sets of up to the largest size.
-    most : int
+    uses : sequence of CauseUse
+        Of the effects that are listed, in their order.
+    listed : Hypotheses
     """
+    rows = zip(listed.members.tolist(), listed.log_prior.tolist(), strict=True)
+    return {tuple(uses[i] for i in members if i >= 0): p for members, p in rows}
 
-    uses: tuple[CauseUse, ...]
-    log_prior: dict[Hypothesis, float]
-    most: int
 
-    @staticmethod
-    def of(uses: Sequence[CauseUse], most: int) -> Sets:
-        """Return none, every cause, and every pair; sets of three wait for `with_thirds`."""
-        empty = Sets(tuple(uses), {}, most)
-        return empty._with(s for size in range(min(most, 2) + 1) for s in combinations(uses, size))
-
-    def with_thirds(self, pairs: Iterable[Hypothesis]) -> Sets:
-        """Return the sets with every third cause added to some pairs."""
-        order = {use: i for i, use in enumerate(self.uses)}
-        return self._with(
-            tuple(sorted((*pair, third), key=order.__getitem__))
-            for pair in pairs
-            for third in self.uses
-            if third not in pair
-        )
-
-    def _with(self, more: Iterable[Hypothesis]) -> Sets:
-        families = [family_of(use) for use in self.uses]
-        count = len(set(families))
-        possible = [p if comb(count, size) and size <= self.most else 0.0 for size, p in enumerate(SIZE_PRIOR)]
-        found = dict(self.log_prior)
-        for chosen in more:
-            own = [family_of(use) for use in chosen]
-            if len(set(own)) < len(own):
-                continue
-            each = possible[len(chosen)] / sum(possible) / comb(count, len(chosen))
-            found[chosen] = log(each) - sum(log(families.count(family)) for family in own)
-        return Sets(self.uses, found, self.most)
+def listed_uses(uses: Sequence[CauseUse], most: int) -> Hypotheses:
+    """List the sets of up to two causes, with a prior that counts those of up to `most`; see `listed_sets`."""
+    return listed_sets({use.key: family_of(use) for use in uses}, most, triples=False)

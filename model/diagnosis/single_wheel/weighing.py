@@ -23,11 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq import DataError, Fault
-from model.diagnosis.single_wheel.evidence import Posterior, posterior_of
+from model.diagnosis.core.posterior import Posterior, probabilities
+from model.diagnosis.core.prior import listed_sets, with_triples
+from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
 from model.diagnosis.single_wheel.noise import ChannelNoise, scatter_of_repeats
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
 from model.diagnosis.single_wheel.search import Optima, Optimum, search
-from model.diagnosis.single_wheel.sets import Sets, family_of
+from model.diagnosis.single_wheel.sets import family_of, listed_uses, sets_of
+from model.effects.catalogue import EFFECTS
 
 FloatArray = NDArray[np.float64]
 
@@ -119,7 +122,8 @@ class Weighed:
         From several starts, best first.
     misfit : float
         `model.diagnosis.single_wheel.weighing.misfits`.
-    posterior : Posterior or None
+    posterior : SetPosterior or None
+        Of its coordinates.
     """
 
     hypothesis: Hypothesis
@@ -127,7 +131,7 @@ class Weighed:
     log_evidence: float
     optima: tuple[Optimum, ...]
     misfit: float
-    posterior: Posterior | None = None
+    posterior: SetPosterior | None = None
 
     @property
     def score(self) -> float:
@@ -170,16 +174,33 @@ class Weighing:
     def probabilities(self) -> FloatArray:
         """Of each set, among the adequate ones where there are any, else among all."""
         gated = self.any_adequate
-        score = np.array([w.score if self.adequate(w) or not gated else -np.inf for w in self.sets])
-        share = np.exp(score - score.max())
-        return np.asarray(share / share.sum())
+        passed = np.array([0.0 if self.adequate(w) or not gated else -np.inf for w in self.sets])
+        return probabilities(np.array([w.log_evidence for w in self.sets]) + passed, self._log_prior)
 
     @cached_property
     def ungated(self) -> FloatArray:
         """Probability of each set without the gate."""
-        score = np.array([w.score for w in self.sets])
-        share = np.exp(score - score.max())
-        return np.asarray(share / share.sum())
+        return probabilities(np.array([w.log_evidence for w in self.sets]), self._log_prior)
+
+    @property
+    def _log_prior(self) -> FloatArray:
+        return np.array([w.log_prior for w in self.sets])
+
+    @cached_property
+    def posterior(self) -> Posterior:
+        """Probabilities of the sets as `model.diagnosis.core` takes them, no cause first."""
+        order = sorted(range(len(self.sets)), key=lambda i: bool(self.sets[i].hypothesis))
+        keys = {use.key for w in self.sets for use in w.hypothesis}
+        family_of_key = {key: EFFECTS[key].name for key in EFFECTS if key in keys}
+        place = {key: i for i, key in enumerate(family_of_key)}
+        most = max(len(w.hypothesis) for w in self.sets)
+        members = np.full((len(order), max(most, 1)), -1, np.intp)
+        for row, i in zip(members, order, strict=True):
+            own = sorted(place[use.key] for use in self.sets[i].hypothesis)
+            row[: len(own)] = own
+        listed = replace(listed_sets(family_of_key, 0), members=members, log_prior=self._log_prior[order])
+        evidence = np.array([self.sets[i].log_evidence for i in order])
+        return Posterior(listed, evidence, self.probabilities[order], calibrated=True)
 
     def of_family(self, family: str, probabilities: FloatArray | None = None) -> float:
         """Return the probability that a family is among the causes."""
@@ -207,18 +228,20 @@ def weigh(problem: BenchProblem, uses: Sequence[CauseUse], most: int, rng: np.ra
     DataError
         No soil near the laboratory's carries the wheel.
     """
-    sets = Sets.of(uses, most)
+    listed = listed_uses(uses, most)
+    log_prior = sets_of(uses, listed)
     found = Optima(problem)
     for size in range(min(most, 2) + 1):
-        found.add_all(h for h in sets.log_prior if len(h) == size)
+        found.add_all(h for h in log_prior if len(h) == size)
         if not size:
             _refuse_unanswered(found.best(()), problem)
-    score = {h: found.best(h).log_evidence + prior for h, prior in sets.log_prior.items()}
-    if most > 2:
-        ranked = sorted((h for h in score if len(h) == 2), key=lambda h: -score[h])[:_MOST_PAIRS]
-        sets = sets.with_thirds(h for h in ranked if score[h] > max(score.values()) - _PROMISING)
-        found.add_all(h for h in sets.log_prior if len(h) == 3)
-    return weighed(found, sets.log_prior, rng)
+    score = np.array([found.best(h).log_evidence + prior for h, prior in log_prior.items()])
+    pairs = [i for i in np.argsort(-score, kind="stable").tolist() if (listed.members[i] >= 0).sum() == 2]
+    promising = [i for i in pairs[:_MOST_PAIRS] if score[i] > score.max() - _PROMISING]
+    if most > 2 and promising:
+        log_prior = sets_of(uses, with_triples(listed, np.array(promising, np.intp)))
+        found.add_all(log_prior)
+    return weighed(found, log_prior, rng)
 
 
 def _refuse_unanswered(null: Optimum, problem: BenchProblem) -> None:

@@ -9,11 +9,10 @@ import numpy as np
 
 from daq import OUTPUTS
 from model.diagnosis.core.result import Cause, Gain, NextRun, Seen, Verdict
-from model.diagnosis.core.verdict import MORE_AT
 from model.diagnosis.core.verdict_words import gain_words
 from model.diagnosis.single_wheel.noise import scatter_of_repeats
 from model.diagnosis.single_wheel.problem import BenchProblem
-from model.diagnosis.single_wheel.sets import SkidLaw, family_of
+from model.diagnosis.single_wheel.sets import SkidLaw
 from model.diagnosis.single_wheel.weighing import Weighing
 from model.effects.catalogue import EFFECTS
 
@@ -27,6 +26,7 @@ def sentence_of(
     weighing: Weighing,
     causes: Sequence[Cause],
     beside: Mapping[str, float],
+    barred: str,
     gain: Gain | None,
     runs: Sequence[NextRun],
 ) -> str:
@@ -37,11 +37,7 @@ def sentence_of(
     if verdict == "named":
         names = " and ".join(f"{plain(c.name)} ({chance(c.probability)})" for c in causes)
         others = [f"{plain(name)} ({chance(p)})" for name, p in beside.items()]
-        more = (
-            f" Beside it, one of: {', '.join(others)}."
-            if others and beside.get("nothing more", 0.0) <= 1.0 - MORE_AT
-            else ""
-        )
+        more = f" Beside it, one of: {', '.join(others)}." if others else ""
         worth = gain_words(gain)
         left_out = f" On conditions left out {worth}." if worth else ""
         seen = f"{names.capitalize()} is seen in {channels}, among explanations that are right enough."
@@ -49,9 +45,7 @@ def sentence_of(
     if verdict == "one_of":
         names = ", ".join(f"{plain(c.name)} ({chance(c.probability)})" for c in causes)
         if len(causes) == 1:
-            return (
-                f"Most likely {names}, but no name: with it, rows that were left out are not foretold better.{onward}"
-            )
+            return f"Most likely {names}, but not sure enough for a name{f': {barred}' if barred else ''}.{onward}"
         return f"One of {names}: {channels} of these rows cannot part them.{onward}"
     if verdict == "unexplained":
         return (
@@ -71,27 +65,6 @@ def mixed_words(problem: BenchProblem) -> str:
                 f"{OUTPUTS[noise.channel].name}: they may be of different wheels or tests; choose them with --where."
             )
     return ""
-
-
-def beside_of(weighing: Weighing, named: Sequence[str], level: float = 0.95) -> dict[str, float]:
-    """Return what is likely beside the named causes: families and "nothing more", until `level` is reached."""
-    given = [
-        (float(p), [f for f in map(family_of, w.hypothesis) if f not in named])
-        for p, w in zip(weighing.probabilities, weighing.sets, strict=True)
-        if p > 0 and w.families >= set(named)
-    ]
-    total = sum(p for p, _ in given)
-    chances: dict[str, float] = {}
-    for p, others in given:
-        for name in others or ["nothing more"]:
-            chances[name] = chances.get(name, 0.0) + p / total
-    chosen: dict[str, float] = {}
-    for name in sorted(chances, key=lambda n: -chances[n]):
-        covered = sum(p for p, others in given if set(others or ["nothing more"]) & set(chosen)) / total
-        if covered >= level:
-            break
-        chosen[name] = chances[name]
-    return chosen
 
 
 def notes_of(

@@ -13,9 +13,11 @@ import numpy as np
 
 from daq import Fault
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
-from model.diagnosis.core.result import Adequacy, Candidate, Cause, Detectable, Diagnosis, Finding, Gain, NextRun
-from model.diagnosis.core.verdict import Judgement, candidates, judgement, likely_sets, short_set
+from model.diagnosis.core.naming import Judgement, confirmed, judgement
+from model.diagnosis.core.posterior import Posterior, candidates, likely_sets
+from model.diagnosis.core.result import Adequacy, Cause, Detectable, Diagnosis, Finding, Gain, NextRun, undecided
 from model.diagnosis.core.verdict_words import (
     disagreement_words,
     named_words,
@@ -26,27 +28,26 @@ from model.diagnosis.core.verdict_words import (
 )
 from model.diagnosis.findings.adequacy import adequacy, excess, two_soils
 from model.diagnosis.findings.agreement import disagreements, other_forms, runs_of
-from model.diagnosis.findings.detectable import minimum_detectable
 from model.diagnosis.findings.explained import (
     Explained,
     Fits,
     LookAlike,
-    doubtful,
     explain,
     imitating,
     look_alikes,
     seen_of,
 )
+from model.diagnosis.findings.held_out import bagged, held_out
+from model.diagnosis.findings.isolability import detectable_in_runs
 from model.diagnosis.findings.proposal import propose_for
+from model.diagnosis.findings.set_fit import parameters_of
 from model.diagnosis.findings.where_wrong import findings
 from model.diagnosis.planning.next_run import members_of, next_runs, plausible_grams
-from model.diagnosis.time_series.evidence import Posterior, posterior
-from model.diagnosis.time_series.final import parameters_of
-from model.diagnosis.time_series.held_out import bagged, held_out
+from model.diagnosis.time_series.evidence import posterior
 from model.diagnosis.time_series.looks import Look, look
 from model.diagnosis.time_series.noise import Noise
 from model.diagnosis.time_series.samples import samples_of
-from model.diagnosis.time_series.start import Clock, unfit
+from model.diagnosis.time_series.start import unfit
 from model.effects.catalogue import EFFECTS
 from model.one_thread import one_thread
 
@@ -98,21 +99,8 @@ def _undecided(faults: Sequence[Fault], options: DiagnosisOptions) -> Diagnosis:
     families = dict.fromkeys(EFFECTS[key].name for key in options.effects if key in EFFECTS)
     why = "; ".join(dict.fromkeys(f"{f.what} ({f.found})" if f.found else f.what for f in faults)) or "no campaign"
     onward = "; ".join(dict.fromkeys(fault.next_step for fault in faults if fault.next_step))
-    return Diagnosis(
-        verdict="nothing_detectable",
-        sentence=f"Nothing can be decided: {why}." + (f" Next: {onward}." if onward else ""),
-        causes=(),
-        candidates=(),
-        what_is_wrong=(),
-        gain=None,
-        inconsistent=(),
-        adequacy=None,
-        proposal=None,
-        minimum_detectable={},
-        next_run=(),
-        cannot_tell=dict.fromkeys(families, why),
-        notes=tuple(_said(fault) for fault in faults),
-    )
+    sentence = f"Nothing can be decided: {why}." + (f" Next: {onward}." if onward else "")
+    return undecided(sentence, dict.fromkeys(families, why), tuple(_said(fault) for fault in faults))
 
 
 @dataclass(frozen=True)
@@ -136,9 +124,8 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) ->
     verdict, found = weighed.verdict, weighed.found
     with clock.stage("final"):
         explained = explain(fits, verdict, found)
-        if verdict.verdict == "named" and (why := doubtful(explained.causes)):
-            verdict = Judgement("one_of", short_set(found), barred=why)
-            weighed = replace(weighed, verdict=verdict)
+        if (after := confirmed(verdict, found, explained.causes)) != verdict:
+            verdict, weighed = after, replace(weighed, verdict=after)
             explained = explain(fits, verdict, found)
     with clock.stage("next_run"):
         alike = look_alikes(seen.grams, found, verdict)
@@ -151,12 +138,12 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[str, ...]) ->
         disputed = _disputed(seen, verdict, explained, fits)
         said = [_sentence(seen, weighed, explained, onward, alike)]
         sentence = " ".join([*disputed, *said] if verdict.verdict == "unexplained" else [*said, *disputed])
-    few = (FEW_RUNS,) if not found.resampled else ()
+    few = (FEW_RUNS,) if not found.calibrated else ()
     return Diagnosis(
         verdict=verdict.verdict,
         sentence=sentence,
         causes=explained.causes,
-        candidates=tuple(Candidate(name, p) for name, p in candidates(found).items()),
+        candidates=candidates(found),
         what_is_wrong=tuple(weighed.wrong),
         gain=weighed.gain,
         inconsistent=inconsistencies([v.campaign for v in seen.views]),
@@ -196,7 +183,7 @@ def _weighed(
     """Weigh the sets, test them on left-out runs; return also what is to be remarked of the gain."""
     with clock.stage("bagging"):
         found = bagged(seen.grams, rng, seen.excluded, options.most_causes, factor)
-        sizes = minimum_detectable(seen.grams, seen.excluded, options.name_at, factor)
+        sizes = detectable_in_runs(seen.grams, seen.excluded, options.name_at, factor)
     gain, remark = None, NOTHING_TO_TEST
     if judged.ok:
         with clock.stage("held_out"):

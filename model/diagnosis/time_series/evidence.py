@@ -41,7 +41,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from model.diagnosis.core.prior import Hypotheses, IntArray, hypotheses, with_triples
+from model.diagnosis.core.posterior import Posterior, probabilities
+from model.diagnosis.core.prior import Hypotheses, IntArray, listed_sets, with_triples
 from model.diagnosis.time_series.grams import CauseColumn, Grams
 from model.fit.linear_step import bounded_least_squares
 
@@ -94,52 +95,6 @@ def _interval(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray, Flo
 
 KEEP = 3.0
 """Odds below which a set stays where it is, see `best_set`."""
-
-
-@dataclass(frozen=True)
-class Posterior:
-    """Probabilities of sets of causes.
-
-    Attributes
-    ----------
-    hypotheses : Hypotheses
-    log_evidence : array, shape (n,)
-        Less that of the empty set.
-    probability : array, shape (n,)
-        Of each set, given the data; sums to 1.
-    resampled : int
-        Resamplings of the runs that the probabilities are the mean of; 0: none.
-    """
-
-    hypotheses: Hypotheses
-    log_evidence: FloatArray
-    probability: FloatArray
-    resampled: int = 0
-
-    @property
-    def none(self) -> float:
-        """Probability that no cause is at work."""
-        return float(self.probability[0])
-
-    def families(self) -> dict[str, float]:
-        """Return the probability of each family to be among the causes, likeliest first."""
-        inclusion = self.probability @ self.hypotheses.has_family
-        order = np.argsort(-inclusion, kind="stable")
-        return {self.hypotheses.families[i]: float(inclusion[i]) for i in order}
-
-    def forms(self, family: str) -> dict[str, float]:
-        """Return the probability of each form (by its key), given that its family is at work; likeliest first."""
-        h = self.hypotheses
-        own = np.flatnonzero(h.family == h.families.index(family))
-        inclusion = self.probability @ h.has_effect[:, own]
-        total = inclusion.sum()
-        shares = inclusion / total if total > 0 else np.full(own.size, 1.0 / own.size)
-        return {h.effects[own[i]]: float(shares[i]) for i in np.argsort(-shares, kind="stable")}
-
-    def best(self, least: int = 0) -> tuple[str, ...]:
-        """Return the likeliest set with `least` causes or more; with none where there are no such."""
-        enough = (self.hypotheses.members >= 0).sum(axis=1) >= least
-        return self.hypotheses.keys_of(int(np.argmax(np.where(enough, self.probability, -1.0))))
 
 
 @dataclass(frozen=True)
@@ -200,22 +155,47 @@ def without_soil(grams: Grams, total: FloatArray) -> FloatArray:
     return np.asarray(kept - np.swapaxes(across, -1, -2) @ np.linalg.solve(inner, across))
 
 
-def log_evidences(reduced: FloatArray, listed: Hypotheses, lower: FloatArray, upper: FloatArray) -> FloatArray:
+def hypotheses(grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3, triples: bool = True) -> Hypotheses:
+    """List the sets of up to `most` causes of the columns.
+
+    Parameters
+    ----------
+    grams : Grams
+    excluded : set of str
+        Families or keys that the data do not allow to tell.
+    most, triples
+        See `model.diagnosis.core.prior.listed_sets`.
+    """
+    kept = {c.key: c.family for c in grams.causes if c.family not in excluded and c.key not in excluded}
+    return listed_sets(kept, most, triples)
+
+
+def set_columns(grams: Grams, listed: Hypotheses) -> IntArray:
+    """Return the positions of each set's columns among the causes' columns, shape (n, widest), -1 behind the last."""
+    own = [[i for i, c in enumerate(grams.causes) if c.key == key] for key in listed.effects]
+    widest = max(map(len, own), default=1)
+    table = np.array([*(columns + [-1] * (widest - len(columns)) for columns in own), [-1] * widest], np.intp)
+    return np.asarray(np.sort(table[listed.members].reshape(len(listed), -1), axis=1)[:, ::-1])
+
+
+def log_evidences(grams: Grams, reduced: FloatArray, listed: Hypotheses) -> FloatArray:
     """Return the log evidence of every set, less that of the empty set.
 
     Parameters
     ----------
+    grams : Grams
+        For what the columns are.
     reduced : array, shape (..., 1 + k [+ b], same)
         From `without_soil`.
-    lower, upper : array, shape (k,)
-        From `box`.
+    listed : Hypotheses
 
     Returns
     -------
     array, shape (..., n)
     """
     products = np.moveaxis(reduced.reshape(-1, *reduced.shape[-2:]), 0, -1)
-    columns = listed.set_columns
+    columns = set_columns(grams, listed)
+    lower, upper = box(grams.causes)
     sizes = (columns >= 0).sum(axis=1)
     found = np.zeros((products.shape[-1], len(listed)))
     prior_mass = log_interval_probability(lower, upper)
@@ -257,13 +237,6 @@ def _invert(matrix: FloatArray) -> FloatArray:
     return log_det
 
 
-def probabilities(log_evidence: FloatArray, log_prior: FloatArray) -> FloatArray:
-    """Return the sets' probabilities, normalised along the last axis."""
-    joint = log_evidence + log_prior
-    joint = np.exp(joint - joint.max(axis=-1, keepdims=True))
-    return np.asarray(joint / joint.sum(axis=-1, keepdims=True))
-
-
 def weighed(
     grams: Grams,
     reduced: FloatArray,
@@ -280,7 +253,7 @@ def weighed(
     reduced : array, shape (..., 1 + k [+ b], same)
         From `without_soil`; with leading axes the beam keeps the pairs that are best in any of them.
     excluded, most
-        See `model.diagnosis.core.prior.hypotheses`.
+        See `hypotheses`.
     beam : int or None
         Pairs whose sets of three are weighed; None: every set of three.
 
@@ -288,9 +261,8 @@ def weighed(
     -------
     Hypotheses, and log evidences of shape (..., n)
     """
-    lower, upper = box(grams.causes)
     listed = hypotheses(grams, excluded, most, triples=beam is None)
-    found = log_evidences(reduced, listed, lower, upper)
+    found = log_evidences(grams, reduced, listed)
     if beam is None or most < 3:
         return listed, found
     two = np.flatnonzero((listed.members >= 0).sum(axis=1) == 2)
@@ -298,7 +270,7 @@ def weighed(
         return listed, found
     joint = (found + listed.log_prior)[..., two].reshape(-1, two.size).max(axis=0)
     listed = with_triples(listed, two[np.argsort(-joint, kind="stable")[:beam]])
-    return listed, log_evidences(reduced, listed, lower, upper)
+    return listed, log_evidences(grams, reduced, listed)
 
 
 def posterior(
@@ -385,8 +357,7 @@ def log_evidence(grams: Grams, keys: tuple[str, ...] = ()) -> float:
     if not keys:
         return base
     listed = hypotheses(grams, frozenset(c.key for c in grams.causes if c.key not in keys), len(keys))
-    lower, upper = box(grams.causes)
-    return base + float(log_evidences(reduced, listed, lower, upper)[listed.index_of(keys)])
+    return base + float(log_evidences(grams, reduced, listed)[listed.index_of(keys)])
 
 
 def log_likelihood_of_run(grams: Grams, run: int, keys: tuple[str, ...] = ()) -> float:

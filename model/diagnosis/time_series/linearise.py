@@ -99,8 +99,6 @@ _LEAST_SPEED_MPS = 0.05
 _SPEED_STEP = 0.02
 SECANT_SHARE = 0.25
 """Of a prior's scale: where a derivative at neutral is infinite or zero, the column is a secant of this length."""
-SECANTS = frozenset({"exit_angle"})
-"""Effects whose derivative at neutral misleads: the angle behind the wheel grows with the root of its parameter."""
 
 
 @dataclass(frozen=True)
@@ -230,7 +228,7 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
     centre = found.pop("value")
     causes = found.pop("causes")
     for i, (effect, _, key) in enumerate(simulation.parameters):
-        if effect.key() in SECANTS and key not in point.causes:
+        if effect.secant and key not in point.causes:
             causes[..., i] = _secant(simulation, conditions, values, effect, key, channels, centre)
     v = conditions.ground_speed_mps
     step = np.minimum(_SPEED_STEP, 0.25 * v)
@@ -287,7 +285,7 @@ def derivatives(
         "value", "speed" and "load" of shape (c, n); "soil", by the parameters themselves, and "causes" (c, n, ...).
     """
     model = WheelSoilModel(simulation.wheel, simulation.soil, simulation.effects, simulation.reading)
-    secants = {key for e, _, key in simulation.parameters if e.key() in SECANTS and key not in values}
+    secants = {key for e, _, key in simulation.parameters if e.secant and key not in values}
     names = [*SOIL_PARAMETERS, *(key for _, _, key in simulation.parameters if key not in secants)]
     neutral = {key: e.parameters[i].neutral for e, i, key in simulation.parameters}
     radius, width = simulation.wheel.radius_m, simulation.wheel.width_m

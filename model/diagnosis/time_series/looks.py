@@ -39,6 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
+from model.diagnosis.core.clock import Clock
 from model.diagnosis.time_series.columns import columns_of
 from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate, log_evidence
 from model.diagnosis.time_series.grams import Grams
@@ -46,7 +47,7 @@ from model.diagnosis.time_series.hyper import blocks_of, estimated
 from model.diagnosis.time_series.linearise import Point, linearise
 from model.diagnosis.time_series.noise import Noise, beliefs, remarks
 from model.diagnosis.time_series.samples import Samples, places_of, steps_of
-from model.diagnosis.time_series.start import LATENCY, Clock, Start, View, begin, delays_s, never_told
+from model.diagnosis.time_series.start import Start, View, begin, first_causes, never_told
 from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed, smoothed_speed
 from model.one_thread import one_thread
 
@@ -121,12 +122,11 @@ class Aim:
     speed_variance: FloatArray
 
 
-def first_aim(start: Start, delay_s: float) -> Aim:
-    """Return the laboratory's soil with no cause but a delay, and the noise as it is thought of beforehand."""
+def first_aim(start: Start, causes: dict[str, float]) -> Aim:
+    """Return the laboratory's soil with the given causes, and the noise as it is thought of beforehand."""
     samples = start.samples
     noise = start.noise or Noise({name: b.centre for name, b in beliefs(samples).items()})
     variance = noise.values["speed_noise_mps"] ** 2 + noise.values["speed_white_mps"] ** 2
-    causes = {name: delay_s for e, _, name in start.simulation.parameters if e.key() == LATENCY and delay_s}
     point = Point(np.zeros(len(start.simulation.space)), causes, np.zeros(len(samples)))
     return Aim(point, noise, np.full(len(samples), variance))
 
@@ -383,7 +383,7 @@ def look(
     clock = Clock()
     with clock.stage("samples"):
         starts = [begin(c, options, noises[i] if noises else None) for i, c in enumerate(campaigns)]
-    found = [_first(starts, delay, options, clock) for delay in delays_s(starts)]
+    found = [_first(starts, causes, options, clock) for causes in first_causes(starts)]
     likeliest = max(found, key=lambda f: log_evidence(f.grams, f.best.keys))
     if not likeliest.still:
         seemed = tuple(dict.fromkeys(keys for f in found for keys in f.seemed))
@@ -402,9 +402,9 @@ def look(
     )
 
 
-def _first(starts: Sequence[Start], delay_s: float, options: DiagnosisOptions, clock: Clock) -> Settled:
-    """Settle at what is likeliest, from the laboratory's soil and no cause."""
-    aims = [first_aim(s, delay_s) for s in starts]
+def _first(starts: Sequence[Start], causes: dict[str, float], options: DiagnosisOptions, clock: Clock) -> Settled:
+    """Settle at what is likeliest, from the laboratory's soil and the given causes."""
+    aims = [first_aim(s, causes) for s in starts]
     return settle(starts, aims, _choice(options), clock)
 
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from daq import REACTIONS
 from model.diagnosis.core.campaign import Campaign
-from model.effects.vehicle.tyre_flattening import REFERENCE_KPA
-from model.wheel_soil.conditions import Conditions
+from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, Conditions
 from processing import ProcessedRun, Standstill
 
 FloatArray = NDArray[np.float64]
@@ -111,7 +110,7 @@ def rests_of(
                 "x": float(x[i]),
                 "direction": -1.0 if run.run.direction == "back" else 1.0,
                 "pass": float(run.run.pass_number),
-                "kpa": run.run.inflation_kpa or REFERENCE_KPA,
+                "kpa": run.run.inflation_kpa or REFERENCE_INFLATION_KPA,
                 "duration": (inside.stop - inside.start) / run.rate_hz,
                 "angle": float(angle[i]),
             }

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from daq import OUTPUTS, REACTIONS
 from model.diagnosis.core.campaign import Campaign
+from model.diagnosis.core.coverage import ONE_LOAD, Coverage
 from model.diagnosis.time_series.rests import Rests, rests_of
-from model.effects.vehicle.tyre_flattening import REFERENCE_KPA
-from model.wheel_soil.conditions import Conditions
+from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, Conditions
 from model.wheel_soil.run_conditions import campaign_times, line_positions
 from processing import ProcessedRun, Reason
 from processing.pipeline import kernel_sigma_s, slip_of
@@ -170,6 +170,43 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = tuple(OUTPUTS)) -
     )
 
 
+_SOME = 20
+"""Samples below which the wheel was hardly ever driven, or braked."""
+
+
+def coverage_of(campaign: Campaign, samples: Samples) -> Coverage:
+    """Return what a campaign covers.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    samples : Samples
+        Of it.
+    """
+    runs, slip = [run.run for run in campaign.runs], np.asarray(samples.conditions.slip)
+    load = np.asarray(samples.conditions.vertical_load_n)
+    medians = [float(np.median(load[samples.run == i])) for i in range(samples.runs) if (samples.run == i).any()]
+    measured = [
+        c for c, name in OUTPUTS.items() if any(np.isfinite(getattr(r, name.field)).any() for r in campaign.runs)
+    ]
+    names = samples.conditions.__dataclass_fields__
+    return Coverage(
+        conditions=frozenset(name for name in names if not np.isnan(getattr(samples.conditions, name)).any()),
+        channels=frozenset(OUTPUTS[c].field for c in samples.measured),
+        unused_channels=frozenset(OUTPUTS[c].field for c in measured if c not in samples.measured),
+        several_loads=bool(medians) and bool(np.ptp(medians) >= ONE_LOAD * np.mean(medians)),
+        both_directions=len({run.direction for run in runs}) > 1,
+        several_passes=len({run.pass_number for run in runs}) > 1,
+        several_runs=len(runs) > 1,
+        pressures=any(run.inflation_kpa for run in runs),
+        standstill=len(samples.rests) > 0,
+        driven=int(np.count_nonzero(slip > 0)) >= _SOME,
+        braked=int(np.count_nonzero(slip < 0)) >= _SOME,
+        largest_slip=float(np.max(slip, initial=0.0)),
+        tyre=campaign.tyre,
+    )
+
+
 def block_seconds(run: ProcessedRun) -> float:
     """Return the length of a block: 0.2 s, or longer where the common filter is slow."""
     return max(BLOCK_S, 0.8 / run.cutoff_hz) if np.isfinite(run.cutoff_hz) else BLOCK_S
@@ -215,7 +252,7 @@ def _blocks(
     for name, value in (
         ("direction", -1.0 if info.direction == "back" else 1.0),
         ("pass_number", float(info.pass_number)),
-        ("inflation_kpa", info.inflation_kpa or REFERENCE_KPA),
+        ("inflation_kpa", info.inflation_kpa or REFERENCE_INFLATION_KPA),
         ("unit_weight_n_m3", campaign.soil.unit_weight_n_m3),
     ):
         found[name] = np.full(len(starts), value)

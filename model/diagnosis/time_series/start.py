@@ -1,25 +1,23 @@
 """What a look starts from: samples, the simulation under test, and why a campaign may be unfit.
 
-One campaign as it is looked at, and the clock of the stages.
+One campaign as it is looked at.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from time import perf_counter
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq import REACTIONS, DataError, Fault
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.tellable import cannot_tell, considered
+from model.diagnosis.core.coverage import cannot_tell, considered
 from model.diagnosis.time_series.columns import Columns
 from model.diagnosis.time_series.linearise import Linear, Simulation, soil_space
 from model.diagnosis.time_series.noise import Noise
-from model.diagnosis.time_series.samples import FEWEST, Samples, samples_of
+from model.diagnosis.time_series.samples import FEWEST, Samples, coverage_of, samples_of
 from model.diagnosis.time_series.whitening import RunGrams
 
 FloatArray = NDArray[np.float64]
@@ -55,25 +53,6 @@ class View:
     speed_variance: FloatArray
 
 
-@dataclass
-class Clock:
-    """Seconds by stage."""
-
-    stages_s: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Count the time inside for a stage."""
-        start = perf_counter()
-        yield
-        self.stages_s[name] = self.stages_s.get(name, 0.0) + perf_counter() - start
-
-
-LATENCY = "speed_latency"
-_NOTABLE_DELAY_S = 0.06
-"""Delay between the speeds from which on it is tried as a start."""
-
-
 @dataclass(frozen=True)
 class Start:
     """A campaign before it was looked at."""
@@ -94,7 +73,7 @@ def begin(campaign: Campaign, options: DiagnosisOptions, noise: Noise | None) ->
         campaign.wheel,
         campaign.soil,
         soil_space(campaign.soil_prior),
-        considered(campaign, samples, options),
+        considered(coverage_of(campaign, samples), options),
         options.reading,
     )
     return Start(campaign, samples, simulation, noise)
@@ -142,21 +121,26 @@ def _too_few(campaign: Campaign, samples: Samples) -> Fault:
     )
 
 
-def delays_s(starts: Sequence[Start]) -> tuple[float, ...]:
-    """Return the delays of ground speed to start from: none, and what the two speeds say of it themselves.
+def first_causes(starts: Sequence[Start]) -> tuple[dict[str, float], ...]:
+    """Return the values of causes to start from: none, and for each effect that the runs' quality estimates that one.
 
-    Near s = 0 forces are so steep in the ground speed that a wrong delay confirms itself once it is linearised about;
-    and from none a large one is not found.
+    A late ground speed is one: near s = 0 forces are so steep in it that a wrong delay confirms itself once it is
+    linearised about, and from none a large one is not found.
     """
-    known = all(any(e.key() == LATENCY for e in s.simulation.effects) for s in starts)
-    seen = [run.quality.residual_latency_s for s in starts for run in s.campaign.runs]
-    seen = [delay for delay in seen if np.isfinite(delay)]
-    middle = float(np.median(seen)) if seen else 0.0
-    return (0.0, middle) if known and abs(middle) > _NOTABLE_DELAY_S else (0.0,)
+    found: list[dict[str, float]] = [{}]
+    for effect in starts[0].simulation.effects if starts else ():
+        if effect.first_estimate is None or not all(effect in s.simulation.effects for s in starts):
+            continue
+        seen = [getattr(run.quality, effect.first_estimate.quality) for s in starts for run in s.campaign.runs]
+        known = [value for value in seen if np.isfinite(value)]
+        middle = float(np.median(known)) if known else 0.0
+        if abs(middle) > effect.first_estimate.notable:
+            found.append(effect.keyed({effect.parameters[0].name: middle}))
+    return tuple(found)
 
 
 def never_told(starts: Sequence[Start]) -> dict[str, str]:
     """Return what no campaign can tell."""
-    each = [cannot_tell(s.campaign, s.samples, s.simulation.effects) for s in starts]
+    each = [cannot_tell(coverage_of(s.campaign, s.samples)) for s in starts]
     shared = set.intersection(*(set(found) for found in each)) if each else set()
     return {family: why for family, why in each[0].items() if family in shared} if each else {}

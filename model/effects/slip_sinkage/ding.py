@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 
 if TYPE_CHECKING:
     from model.wheel_soil.conditions import Conditions
@@ -24,6 +24,7 @@ class Ding(Effect):
     summary = "The wheel digs in with slip because the sheared soil gets softer: the sinkage exponent grows with slip."
     source = "Ding et al. (2010), J. Cent. South Univ. Technol. 17:129-135; Yang et al. (2016), Eq. 13"
     parameters = (Parameter("n1", "1", 0.0, 0.3, 0.0, 2.0, 0.3, "Yang Tab. 3: .35 clay, .53 sand", side=1),)
+    needs = Needs(largest_slip=0.15)
 
     def soil(self, soil: SoilState, conditions: Conditions, values: Values) -> SoilState:
         """Return the soil with N of Eq. 13."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 from model.wheel_soil.dual import Number
 
 if TYPE_CHECKING:
@@ -25,6 +25,8 @@ class Lyasko(Effect):
         ),
         Parameter("m2", "1", 0.0, 0.05, -1.0, 0.95, 0.35, "Yang Tab. 3: .05 clay, .03 sand", side=1),
     )
+    total = "p"
+    needs = Needs(largest_slip=0.15)
 
     def sinkage(self, static_sinkage: Number, conditions: Conditions, values: Values) -> Number:
         """Return Eq. 12."""

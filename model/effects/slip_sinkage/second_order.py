@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 from model.wheel_soil.dual import Number
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ class SecondOrder(Effect):
         Parameter("H_m", "m", 0.0, 0.02, 0.0, 0.5, 0.05, "Yang Tab. 3: .02 clay, .08 sand", side=1),
         Parameter("Q_m", "m", 0.0, 0.01, -0.5, 0.5, 0.05, "as H_m: the law may bend as much as it rises"),
     )
+    needs = Needs(largest_slip=0.15)
 
     def sinkage(self, static_sinkage: Number, conditions: Conditions, values: Values) -> Number:
         """Return the sinkage of a driven wheel."""

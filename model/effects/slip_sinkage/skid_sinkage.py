@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 from model.wheel_soil.dual import Number
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ class SkidSinkage(Effect):
             in_radii=True,
         ),
     )
+    needs = Needs(braking=True)
 
     def sinkage(self, static_sinkage: Number, conditions: Conditions, values: Values) -> Number:
         """Return the sinkage of a braked wheel."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 
 if TYPE_CHECKING:
     from model.wheel_soil.conditions import Reaction, WheelState
@@ -28,7 +28,7 @@ class Bulldozing(Effect):
     parameters = (
         Parameter("fraction", "1", 0.0, 0.2, 0.0, 3.0, 0.6, "the whole would count compaction twice", side=1),
     )
-    needs = ("unit_weight_n_m3",)
+    needs = Needs(conditions=("unit_weight_n_m3",), channels=("drawbar_pull",), two_loads=True)
 
     def resultants(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
         """Return the forces less what the wedge takes."""

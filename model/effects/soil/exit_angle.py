@@ -31,6 +31,7 @@ class ExitAngle(Effect):
     parameters = (
         Parameter("lambda", "1", 0.0, 0.1, 0.0, 0.9, 0.25, "0 to .2 on natural soil; up to .9 in rover codes", side=1),
     )
+    secant = True
 
     def patch(self, patch: Patch, conditions: Conditions, values: Values) -> Patch:
         """Return the contact patch with its exit; 1 - cos x = 2 sin^2(x/2) on both sides."""

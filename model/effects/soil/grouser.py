@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 
 if TYPE_CHECKING:
     from model.wheel_soil.conditions import Conditions
@@ -21,7 +21,7 @@ class Grouser(Effect):
     parameters = (
         Parameter("height_m", "m", 0.0, 0.01, 0.0, 0.2, 0.02, "lugs of 5 to 20 mm; about half of them counts", side=1),
     )
-    excluded_tyres = ("smooth",)
+    needs = Needs(lugs=True)
 
     def patch(self, patch: Patch, conditions: Conditions, values: Values) -> Patch:
         """Return the contact patch with lugs."""

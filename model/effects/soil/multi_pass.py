@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 
 if TYPE_CHECKING:
     from model.wheel_soil.conditions import Conditions
@@ -20,7 +20,7 @@ class MultiPass(Effect):
     parameters = (
         Parameter("per_pass", "1", 0.0, 0.1, -0.3, 3.0, 0.15, "Holm (1969): most of the change in the first passes"),
     )
-    needs = ("pass_number",)
+    needs = Needs(conditions=("pass_number",), several_passes=True)
 
     def soil(self, soil: SoilState, conditions: Conditions, values: Values) -> SoilState:
         """Return the soil of the present pass."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 from model.wheel_soil.dual import value_of, where
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ class RateStiffness(Effect):
     parameters = (
         Parameter("exponent", "1", 0.0, 0.1, 0.0, 1.0, 0.15, "Pope (1971): .05 to .25 clay, about 0 dry sand", side=1),
     )
-    needs = ("ground_speed_mps",)
+    needs = Needs(conditions=("ground_speed_mps",))
 
     def soil(self, soil: SoilState, conditions: Conditions, values: Values) -> SoilState:
         """Return the soil at the present speed."""

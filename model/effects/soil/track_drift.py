@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 
 if TYPE_CHECKING:
     from model.wheel_soil.conditions import Conditions
@@ -22,7 +22,7 @@ class TrackDrift(Effect):
     parameters = (
         Parameter("log_stiffness_half_span", "1", 0.0, 0.1, -2.0, 2.0, 0.2, "20 to 50 % over a field, both ends"),
     )
-    needs = ("line_position",)
+    needs = Needs(conditions=("line_position",), both_directions=True)
 
     def soil(self, soil: SoilState, conditions: Conditions, values: Values) -> SoilState:
         """Return the soil of the present place."""

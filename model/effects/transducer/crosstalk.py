@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 
 if TYPE_CHECKING:
     from model.effects.signals import Signals
@@ -22,6 +22,7 @@ class Crosstalk(Effect):
     source = "MTS Systems (2008), SWIFT 30 manual: cross-talk matrix (KFXFZ -0.003); usually 0.3 to 1 %"
     shows = ("drawbar_pull",)
     parameters = (Parameter("coefficient", "1", 0.0, 0.01, -0.3, 0.3, 0.02, "1 deg of tilt is 0.017"),)
+    needs = Needs(channels=("drawbar_pull",), two_loads=True, standstill=True)
     at_standstill = True
     stage = 2
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 
 if TYPE_CHECKING:
     from model.effects.signals import Signals
@@ -33,6 +33,7 @@ class DrawbarPullGain(Effect):
             "static weighing and pulling; an uncalibrated bridge may be off by several per cent",
         ),
     )
+    needs = Needs(channels=("drawbar_pull",))
     stage = 1
 
     def observation(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 
 if TYPE_CHECKING:
     from model.effects.signals import Signals
@@ -33,6 +33,7 @@ class DrawbarPullZero(Effect):
             "stationary bridge offset, or 1 deg of tilt at 8 kN (140 N)",
         ),
     )
+    needs = Needs(channels=("drawbar_pull",), two_loads=True, standstill=True)
     at_standstill = True
     stage = 4
 

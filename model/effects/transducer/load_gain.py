@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 
 if TYPE_CHECKING:
     from model.effects.signals import Signals
@@ -33,6 +33,7 @@ class LoadGain(Effect):
             "static weighing and pulling; an uncalibrated bridge may be off by several per cent",
         ),
     )
+    needs = Needs(two_loads=True)
     stage = 3
 
     def inputs(self, conditions: Conditions, values: Values) -> Conditions:

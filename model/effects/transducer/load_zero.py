@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 
 if TYPE_CHECKING:
     from model.effects.signals import Signals
@@ -33,6 +33,7 @@ class LoadZero(Effect):
             "1 to 2 % of a 25 kN range, or outboard weight taken off twice (75 kg: 740 N)",
         ),
     )
+    needs = Needs(two_loads=True)
     stage = 4
 
     def inputs(self, conditions: Conditions, values: Values) -> Conditions:

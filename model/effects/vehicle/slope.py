@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 
 if TYPE_CHECKING:
     from model.wheel_soil.conditions import Reaction, WheelState
@@ -21,7 +21,7 @@ class Slope(Effect):
     source = "statics; Wong (2008), Theory of Ground Vehicles, grade resistance"
     shows = ("drawbar_pull",)
     parameters = (Parameter("angle_rad", "rad", 0.0, 0.02, -0.3, 0.3, 0.03, "a field that looks level: 1 to 2 deg"),)
-    needs = ("direction",)
+    needs = Needs(conditions=("direction",), channels=("drawbar_pull",), both_directions=True, standstill=True)
     at_standstill = True
 
     def resultants(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 from model.wheel_soil.dual import value_of, where
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ class SpeedBias(Effect):
     source = "Racelogic (2014), VBOX data sheets: 0.1 km/h as a mean of four samples"
     shows = ("ground_speed",)
     parameters = (Parameter("offset_mps", "m/s", 0.0, 0.05, -0.5, 0.5, 0.10, "receivers' data sheets"),)
-    needs = ("ground_speed_mps",)
+    needs = Needs(conditions=("ground_speed_mps",))
     stage = 4
 
     def inputs(self, conditions: Conditions, values: Values) -> Conditions:

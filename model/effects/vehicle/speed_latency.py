@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, FirstEstimate, Needs, Parameter, Values
 
 if TYPE_CHECKING:
     from model.effects.signals import Signals
@@ -31,7 +31,9 @@ class SpeedLatency(Effect):
     parameters = (
         Parameter("extra_delay_s", "s", 0.0, 0.1, -0.6, 0.6, 0.2, "receivers' data sheets; undeclared filter delays"),
     )
-    needs = ("ground_speed_mps", "ground_acceleration_mps2", "ground_jerk_mps3")
+    needs = Needs(conditions=("ground_speed_mps", "ground_acceleration_mps2", "ground_jerk_mps3"))
+    starts = (-1.0, -0.4, 0.4, 1.0)
+    first_estimate = FirstEstimate("residual_latency_s", notable=0.06)
 
     def inputs(self, conditions: Conditions, values: Values) -> Conditions:
         """Return the conditions with ground speed and acceleration of the moment itself."""

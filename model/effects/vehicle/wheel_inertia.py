@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from model.effects.base import Effect, Parameter, Values
+from model.effects.base import Effect, Needs, Parameter, Values
 
 if TYPE_CHECKING:
     from model.wheel_soil.conditions import Reaction, WheelState
@@ -33,7 +33,7 @@ class WheelInertia(Effect):
             side=1,
         ),
     )
-    needs = ("ground_acceleration_mps2", "wheel_acceleration_radps2")
+    needs = Needs(conditions=("ground_acceleration_mps2", "wheel_acceleration_radps2"))
 
     def resultants(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
         """Return the forces with what moves rim and tyre."""

@@ -9,7 +9,8 @@ import numpy as np
 
 from daq import DataError
 from model.diagnosis import Diagnosis, Gain
-from model.fit import CHOSEN, EXTENDED
+from model.effects import EFFECTS
+from model.fit import CHOSEN, EXTENDED, MODELS
 from wheelsoil.report.comparison import Ranking, rank
 from wheelsoil.report.content import Block, Section, Text
 from wheelsoil.report.inputs import Material
@@ -28,6 +29,8 @@ _MIN_USED = 0.5
 _MIN_SLIP_RANGE = 0.5
 _LOW_R2 = 0.5
 _WRONG_SIGN = re.compile(r"check (its|the) sign")
+_LAWS = frozenset(EFFECTS[key].name for effects in MODELS.values() for key in effects)
+"""Families of the laws that the paper's models add."""
 _STOPS = {
     "converged_step": "the coefficients no longer move",
     "converged_cost": "no step could lower the error any further",
@@ -120,7 +123,7 @@ def _model(name: str, *, short: bool = False) -> str:
 def _beside(found: Diagnosis, concerns: int) -> str:
     """Return what the diagnosis leaves of the fit's result: there are not two verdicts."""
     named = [cause.name for cause in found.causes]
-    if found.verdict == "named" and "slip_sinkage" in named:
+    if found.verdict == "named" and _LAWS & set(named):
         return f"The diagnosis names slip sinkage too. {_trust(concerns)}"
     said = {
         "named": f"The diagnosis names {listed([plain_name(name) for name in named])} and no slip sinkage",

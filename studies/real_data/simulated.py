@@ -1,4 +1,4 @@
-"""How often the machine is right on simulated tables of this size: ``python docs/real_data/simulated.py [tables]``.
+"""How often the machine is right on simulated tables of this size: ``python -m studies.real_data.simulated [tables]``.
 
 Soils are drawn from terrain.toml's covariance, repeats scatter as the real ones do, and the truth has an error of form
 of its own at every speed. Simulator and engine share their physics: this shows the machine, not nature.
@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from study import HERE
 
 from daq import TerrainConfig, load_toml
 from model.diagnosis import Bench, DiagnosisOptions, diagnose_bench
@@ -20,6 +19,7 @@ from model.diagnosis.single_wheel import SoilCoordinates
 from model.effects import EFFECTS
 from model.fit import Observations
 from model.wheel_soil import Conditions, Wheel, WheelSoilModel, prior_of, soil_from_terrain
+from studies.real_data.study import HERE
 
 SLIPS = np.repeat([0.0, 0.23, 0.5, 0.75, 0.9], 3)
 SCATTER = {"dp": 0.3, "z": 0.6e-3}

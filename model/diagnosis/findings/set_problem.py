@@ -17,7 +17,6 @@ from model.diagnosis.time_series.columns import Columns, columns_of
 from model.diagnosis.time_series.evidence import box
 from model.diagnosis.time_series.grams import CauseColumn, Grams
 from model.diagnosis.time_series.linearise import (
-    SECANTS,
     Linear,
     Point,
     Simulation,
@@ -146,7 +145,7 @@ class SetProblem:
         moved = {}
         for (effect, _, key), i in zip(part.simulation.parameters, part.causes, strict=True):
             cause, size = self.causes[i], float(x[len(self.soil) + i])
-            if effect.key() in SECANTS:
+            if effect.secant:
                 size = max(size, _NEAR_NEUTRAL)
             if size != 0.0:
                 moved[key] = cause.neutral + size * cause.scale

@@ -17,13 +17,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
-from model.diagnosis.core.campaign import Bench, DiagnosisOptions
-from model.diagnosis.single_wheel.findings import noise_of
-from model.diagnosis.single_wheel.noise import scatter_of_repeats
-from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
-from model.diagnosis.single_wheel.search import Optima
-from model.diagnosis.single_wheel.sets import Library, Sets, driven_rows, family_of, library
-from model.diagnosis.single_wheel.weighing import Weighed, Weighing, weigh, weighed
+from model.diagnosis import Bench, DiagnosisOptions
+from model.diagnosis.single_wheel import (
+    BenchProblem,
+    CauseUse,
+    Hypothesis,
+    Library,
+    Optima,
+    Weighed,
+    Weighing,
+    driven_rows,
+    family_of,
+    library,
+    listed_uses,
+    noise_of,
+    scatter_of_repeats,
+    sets_of,
+    weigh,
+    weighed,
+)
 from model.one_thread import one_thread
 
 FloatArray = NDArray[np.float64]
@@ -222,7 +234,7 @@ def _means_of(weighing: Weighing) -> dict[str, FloatArray]:
 def _weigh_own(weighing: Weighing, both: BenchProblem, known: Library, most: int, rng: np.random.Generator) -> Weighing:
     """Weigh the first wheel's likeliest sets, each with every set of causes of the second wheel alone."""
     shared = _carried_over(weighing)
-    own = Sets.of(known.uses, min(most, 2)).log_prior
+    own = sets_of(known.uses, listed_uses(known.uses, min(most, 2)))
     log_prior = {(*a.hypothesis, *b): a.log_prior + p for a in shared for b, p in own.items() if len(b) < 2}
     found = Optima(both)
     found.add_from([(a.hypothesis, a.optima[0].standard) for a in shared])

@@ -20,31 +20,30 @@ Source: Buehlmann (2014), Stat. Sci. 29:91; Huggins & Miller (2023), Bayesian An
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq import OUTPUTS
 from model.diagnosis.core.campaign import DiagnosisOptions
-from model.diagnosis.core.result import Gain, Scores
+from model.diagnosis.core.gain import Foretold, gain_of
+from model.diagnosis.core.posterior import Posterior, probabilities
+from model.diagnosis.core.result import Gain
 from model.diagnosis.findings.adequacy import excess
+from model.diagnosis.findings.set_fit import SetFit, fit_set
 from model.diagnosis.time_series.evidence import (
-    Posterior,
     estimate,
     log_likelihood_of_run,
     others,
     posterior,
-    probabilities,
     weighed,
     without_soil,
 )
-from model.diagnosis.time_series.final import SetFit, fit_set
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.looks import Look
-from model.fit.criteria import criteria
 from model.fit.fit import default_slip_threshold
 
 REPLICATES = 64
@@ -79,7 +78,7 @@ def bagged(
     Returns
     -------
     Posterior
-        With ``resampled`` 0 where there are too few runs: then the noise model is taken at its word.
+        Not ``calibrated`` where there are too few runs: then the noise model is taken at its word.
     """
     grams = replace(grams, matrices=grams.matrices / excess)
     runs = len(grams.run_names)
@@ -94,7 +93,7 @@ def bagged(
     mean = each[1:].mean(axis=0)
     mean[1:] *= (1.0 - each[0, 0]) / max(mean[1:].sum(), 1e-300)
     mean[0] = each[0, 0]
-    return Posterior(listed, found[0], mean, replicates)
+    return Posterior(listed, found[0], mean, calibrated=True)
 
 
 FloatArray = NDArray[np.float64]
@@ -102,36 +101,6 @@ Keys = tuple[str, ...]
 
 ONE_RUN = "one run only: there is no other to test the extension on"
 TWO_RUNS = "two runs only: each was tested on what the other taught, and the gain has no interval"
-_RESAMPLINGS = 2000
-_FEWEST_FOR_INTERVAL = 3
-
-
-@dataclass(frozen=True)
-class Foretold:
-    """One left-out run, as the other runs foretell it.
-
-    Attributes
-    ----------
-    log_likelihood : float
-        Nats.
-    measured, predicted : mapping channel -> array, shape (n,)
-    judged : bool array, shape (n,)
-        At or above the paper's slip threshold.
-    numbers : int
-        That the log likelihood is the density of.
-    """
-
-    log_likelihood: float
-    measured: dict[str, FloatArray]
-    predicted: dict[str, FloatArray]
-    judged: NDArray[np.bool_]
-    numbers: int
-
-    def squares(self, channel: str) -> tuple[float, int]:
-        """Return the sum of squared errors in a channel, and how many there are."""
-        error = (self.measured[channel] - self.predicted[channel])[self.judged]
-        error = error[np.isfinite(error)]
-        return float(error @ error), len(error)
 
 
 def held_out(
@@ -171,18 +140,8 @@ def held_out(
     grams = {keys: known[keys].grams() for keys in {(), *chosen}}
     base = [foretold(look, known[()], run, grams[()]) for run in range(count)]
     extended = [foretold(look, known[keys], run, grams[keys]) if keys else base[run] for run, keys in enumerate(chosen)]
-    base, extended = _judged(base, extended)
     channel = next(c for c in OUTPUTS if any(c in run.measured for run in base))
-    squares = _squares(base, extended, channel)
-    gain = Gain(
-        base=_scores(base),
-        extended=_scores(extended),
-        reduction_percent=_reduction(squares),
-        interval95=_interval(squares, options.seed),
-        log_likelihood_gain=sum(_gained(b, e) for b, e in zip(base, extended, strict=True)),
-        chosen=chosen,
-        channel=channel,
-    )
+    gain = gain_of(base, extended, chosen, channel, np.random.default_rng(options.seed))
     return gain, TWO_RUNS if count == 2 else ""
 
 
@@ -192,11 +151,6 @@ def _chosen(look: Look, run: int, options: DiagnosisOptions) -> Keys:
     first = posterior(known, look.excluded, options.most_causes).best()
     wider = replace(known, matrices=known.matrices / excess(known, first))
     return posterior(wider, look.excluded, options.most_causes).best()
-
-
-def _gained(base: Foretold, extended: Foretold) -> float:
-    """Return by how much better a run was foretold, nats; nothing where one has an answer for more samples."""
-    return extended.log_likelihood - base.log_likelihood if extended.numbers == base.numbers else 0.0
 
 
 def foretold(look: Look, fit: SetFit, run: int, grams: Grams | None = None) -> Foretold:
@@ -228,53 +182,3 @@ def foretold(look: Look, fit: SetFit, run: int, grams: Grams | None = None) -> F
         predicted=dict(zip(part.frozen.channels, values, strict=True)),
         judged=np.asarray(samples.conditions.slip) >= default_slip_threshold(look.views[at].campaign.soil),
     )
-
-
-def _judged(*models: list[Foretold]) -> tuple[list[Foretold], ...]:
-    """Return the runs of every model; where no sample at all is above the threshold, judged on every sample."""
-    if any(run.judged.any() for run in models[0]):
-        return models
-    return tuple([replace(run, judged=np.ones(len(run.judged), bool)) for run in runs] for runs in models)
-
-
-def _scores(runs: Sequence[Foretold]) -> dict[str, Scores]:
-    """Return the criteria of every channel over all left-out runs."""
-    likelihood = float(np.mean([run.log_likelihood for run in runs]))
-    found = {}
-    for channel in dict.fromkeys(c for run in runs for c in run.measured):
-        own = [run for run in runs if channel in run.measured]
-        judged = criteria(
-            np.concatenate([run.measured[channel] for run in own]),
-            np.concatenate([run.predicted[channel] for run in own]),
-            np.concatenate([run.judged for run in own]).astype(float),
-            1.0,
-        )
-        found[channel] = Scores(judged.R0_N, judged.M0_percent, judged.R2, likelihood)
-    return found
-
-
-def _squares(base: Sequence[Foretold], extended: Sequence[Foretold], channel: str) -> FloatArray:
-    """Return squared errors of base and extended model in a channel, and their number; shape (runs, 3)."""
-    pairs = [
-        (b.squares(channel), e.squares(channel)) for b, e in zip(base, extended, strict=True) if channel in b.measured
-    ]
-    return np.array([(before, after, n) for (before, n), (after, _) in pairs], float)
-
-
-def _reduction(squares: FloatArray) -> float:
-    """Return by how much R0 falls, percent."""
-    before, after, _ = squares.sum(axis=0)
-    return float(100.0 * (1.0 - np.sqrt(after / before))) if before > 0 else float("nan")
-
-
-def _interval(squares: FloatArray, seed: int) -> tuple[float, float]:
-    """Return the 95 % interval of the reduction by resampling runs; NaN with too few of them."""
-    if len(squares) < _FEWEST_FOR_INTERVAL:
-        return float("nan"), float("nan")
-    draws = np.random.default_rng(seed).integers(len(squares), size=(_RESAMPLINGS, len(squares)))
-    sums = squares[draws].sum(axis=1)
-    if not (sums[:, 0] > 0).all():
-        return float("nan"), float("nan")
-    reductions = 100.0 * (1.0 - np.sqrt(sums[:, 1] / sums[:, 0]))
-    low, high = np.quantile(reductions, (0.025, 0.975))
-    return float(low), float(high)

@@ -1,4 +1,4 @@
-"""Figures of docs/real_data.md as PNG in docs/images; needs a Chromium: ``python docs/real_data/figures.py``."""
+"""Figures of docs/real_data.md as PNG in docs/images; needs a Chromium: ``python -m studies.real_data.figures``."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from playwright.sync_api import sync_playwright
 from plotly.subplots import make_subplots
-from study import CHANNELS, HERE, bench, weighed
 
 from model.diagnosis import DiagnosisOptions, Seen, diagnose_bench
-from model.diagnosis.single_wheel import Weighed, Weighing, driven_rows, skid_law, transfer
+from model.diagnosis.single_wheel import Weighed, Weighing, driven_rows, skid_law
+from studies.real_data.study import CHANNELS, HERE, bench, weighed
+from studies.real_data.transfer import transfer
 
 FloatArray = NDArray[np.float64]
-IMAGES = HERE.parent / "images"
-SIZE = {"width": 1120, "height": 460}
+IMAGES = HERE.parents[1] / "docs" / "images"
+WIDTH, HEIGHT = 1120, 460
 LOOKS = {
     "measured": ("#111111", "solid"),
     "wong": ("#7f7f7f", "dash"),
@@ -48,7 +49,8 @@ def canvas(titles: tuple[str, str]) -> go.Figure:
         font={"size": 15, "color": "#111"},
         legend={"orientation": "h", "y": -0.2, "x": 0.5, "xanchor": "center"},
         margin={"l": 70, "r": 20, "t": 50, "b": 60},
-        **SIZE,
+        width=WIDTH,
+        height=HEIGHT,
     )
     return figure
 
@@ -252,7 +254,7 @@ def main() -> None:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         for name, figure in figures.items():
-            page = browser.new_page(viewport=SIZE, device_scale_factor=1.5)
+            page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT}, device_scale_factor=1.5)
             page.set_content(figure.to_html(include_plotlyjs=True, config={"staticPlot": True}))
             page.wait_for_selector(".main-svg")
             page.locator(".plot-container").screenshot(path=IMAGES / f"{name}.png")

@@ -1,6 +1,6 @@
-"""Every number and figure of docs/real_data.md: ``WHEELSOIL_DATA=... python docs/real_data/study.py``.
+"""Every number and figure of docs/real_data.md: ``WHEELSOIL_DATA=... python -m studies.real_data.study``.
 
-Writes docs/real_data/numbers.json; with a Chromium also the figures in docs/images.
+Writes studies/real_data/numbers.json; with a Chromium also the figures in docs/images.
 """
 
 from __future__ import annotations
@@ -15,22 +15,21 @@ from typing import Any
 import numpy as np
 
 from model.diagnosis import Bench, Diagnosis, DiagnosisOptions, diagnose_bench
+from model.diagnosis.core import rms
 from model.diagnosis.single_wheel import (
-    OWN,
     BenchProblem,
     CauseUse,
     Hypothesis,
-    Transfer,
     Weighing,
     driven_rows,
     foretell,
     library,
     parameter_draws,
     skid_law,
-    transfer,
     weigh,
 )
 from model.diagnosis.single_wheel import noise as bench_noise
+from studies.real_data.transfer import OWN, Transfer, transfer
 from wheelsoil.workflows import bench_of, read_bench
 
 HERE = Path(__file__).parent
@@ -94,9 +93,9 @@ def sets_table(weighing: Weighing) -> dict[str, dict[str, float]]:
             "misfit": found.misfit,
             "probability": p,
             "ungated": ungated,
-            "left_out_dp_n": left_out.rms(weighing.problem, "dp"),
-            "left_out_z_mm": 1e3 * left_out.rms(weighing.problem, "z"),
-            "left_out_log_likelihood": float(left_out.log_likelihood.sum()),
+            "left_out_dp_n": rms(left_out, "dp"),
+            "left_out_z_mm": 1e3 * rms(left_out, "z"),
+            "left_out_log_likelihood": float(sum(fold.log_likelihood for fold in left_out)),
         }
     return rows
 

@@ -28,10 +28,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.core.result import ParameterEstimate, SoilEstimate
+from model.diagnosis.findings.set_problem import SetProblem, set_problem
 from model.diagnosis.time_series.evidence import estimate, posterior
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.looks import Look
-from model.diagnosis.time_series.set_problem import SetProblem, set_problem
+from model.effects.catalogue import EFFECTS
 from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
 from model.fit.intervals import Blocks, profile_of_sum, sandwich
 from model.one_thread import one_thread
@@ -160,9 +161,6 @@ _GLANCE = replace(_OPTIONS, max_iterations=4)
 _PROMISING = 20.0
 """Cost above the best, after a few steps from another start, up to which it is followed to its end."""
 _SMALL = 0.2
-_LATENCY_STARTS = (-1.0, -0.4, 0.4, 1.0)
-_SUMS = {"lyasko": (("m1", "m2"), "p")}
-"""Effects of whose two parameters the sum is what the data tell."""
 _PARTED = 0.9
 """Size of the correlation of two parameters above which each on its own says little."""
 _PRECISION = 0.03
@@ -288,11 +286,10 @@ def _others(problem: SetProblem, start: FloatArray) -> Iterator[FloatArray]:
     """Yield where else to start."""
     lower, upper = problem.bounds
     for i, cause in enumerate(problem.causes, len(problem.soil)):
-        if cause.family == "speed_latency":
-            others = [size for size in _LATENCY_STARTS if abs(size - start[i]) > _SMALL]
-        else:
-            others = [1.0] if cause.one_sided and start[i] < _SMALL else []
-        for size in others:
+        starts = (1.0,) if cause.one_sided and start[i] < _SMALL else EFFECTS[cause.key].starts
+        for size in starts:
+            if abs(size - start[i]) <= _SMALL:
+                continue
             moved = start.copy()
             moved[i] = np.clip(size, lower[i], upper[i])
             yield moved
@@ -317,8 +314,8 @@ def parameters_of(fit: SetFit, look: Look, spread: Spread | None = None) -> dict
     for key in fit.keys:
         own = [offset + i for i, c in enumerate(fit.problem.causes) if c.key == key]
         singly = [_estimate(fit, spread, i) for i in own]
-        if key in _SUMS and len(own) == 2:
-            total = _sum(fit, spread, (own[0], own[1]), _SUMS[key][1])
+        if EFFECTS[key].total:
+            total = _sum(fit, spread, (own[0], own[1]), EFFECTS[key].total)
             correlation = spread.correlation(*own)
             if not abs(correlation) < _PARTED:
                 nothing = (float("nan"), float("nan"))

@@ -1,0 +1,143 @@
+"""What an extension is worth on data that neither the choice of its causes nor its fit has seen.
+
+What is left out at a time is a run, or a condition of a table with its repeats. It is foretold twice from the others:
+by the base model and by the extended one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.diagnosis.core.result import Gain, Scores
+from model.fit.criteria import criteria
+
+FloatArray = NDArray[np.float64]
+
+_RESAMPLINGS = 2000
+_FEWEST_FOR_INTERVAL = 3
+
+
+@dataclass(frozen=True)
+class Foretold:
+    """One left-out run or condition, as the others foretell it.
+
+    Attributes
+    ----------
+    log_likelihood : float
+        Nats.
+    measured, predicted : mapping channel -> array, shape (n,)
+    judged : bool array, shape (n,)
+        Samples that errors are of: those at or above the paper's slip threshold.
+    numbers : int
+        That the log likelihood is the density of.
+    """
+
+    log_likelihood: float
+    measured: dict[str, FloatArray]
+    predicted: dict[str, FloatArray]
+    judged: NDArray[np.bool_]
+    numbers: int
+
+    def squares(self, channel: str) -> tuple[float, int]:
+        """Return the sum of squared errors in a channel, and how many there are."""
+        error = (self.measured[channel] - self.predicted[channel])[self.judged]
+        error = error[np.isfinite(error)]
+        return float(error @ error), len(error)
+
+
+def rms(folds: Sequence[Foretold], channel: str) -> float:
+    """Return the root mean square error of a channel over all folds, in its unit."""
+    total, count = np.sum([fold.squares(channel) for fold in folds], axis=0)
+    return float(np.sqrt(total / count))
+
+
+def gain_of(
+    base: Sequence[Foretold],
+    extended: Sequence[Foretold],
+    chosen: Sequence[tuple[str, ...]],
+    channel: str,
+    rng: np.random.Generator,
+) -> Gain:
+    """Return the gain of the extended model over the base model.
+
+    Parameters
+    ----------
+    base, extended : sequence of Foretold
+        Of every fold.
+    chosen : sequence of tuple of str
+        Keys of the causes that each fold chose.
+    channel : "dp", "t" or "z"
+        Whose error is told first.
+    rng : Generator
+        For the interval, by bootstrap over folds.
+    """
+    base, extended = _judged(base), _judged(extended)
+    squares = _squares(base, extended, channel)
+    return Gain(
+        base=_scores(base),
+        extended=_scores(extended),
+        reduction_percent=_reduction(squares),
+        interval95=_interval(squares, rng),
+        log_likelihood_gain=sum(_gained(b, e) for b, e in zip(base, extended, strict=True)),
+        chosen=tuple(chosen),
+        channel=channel,
+    )
+
+
+def _gained(base: Foretold, extended: Foretold) -> float:
+    """Return by how much better a fold was foretold, nats; nothing where one has an answer for more samples."""
+    return extended.log_likelihood - base.log_likelihood if extended.numbers == base.numbers else 0.0
+
+
+def _judged(folds: Sequence[Foretold]) -> Sequence[Foretold]:
+    """Return the folds; where no sample at all is above the threshold, judged on every sample."""
+    if any(fold.judged.any() for fold in folds):
+        return folds
+    return [replace(fold, judged=np.ones(len(fold.judged), bool)) for fold in folds]
+
+
+def _scores(runs: Sequence[Foretold]) -> dict[str, Scores]:
+    """Return the criteria of every channel over all folds."""
+    likelihood = float(np.mean([run.log_likelihood for run in runs]))
+    found = {}
+    for channel in dict.fromkeys(c for run in runs for c in run.measured):
+        own = [run for run in runs if channel in run.measured]
+        judged = criteria(
+            np.concatenate([run.measured[channel] for run in own]),
+            np.concatenate([run.predicted[channel] for run in own]),
+            np.concatenate([run.judged for run in own]).astype(float),
+            1.0,
+        )
+        found[channel] = Scores(judged.R0_N, judged.M0_percent, judged.R2, likelihood)
+    return found
+
+
+def _squares(base: Sequence[Foretold], extended: Sequence[Foretold], channel: str) -> FloatArray:
+    """Return squared errors of base and extended model in a channel, and their number; shape (folds, 3)."""
+    pairs = [
+        (b.squares(channel), e.squares(channel)) for b, e in zip(base, extended, strict=True) if channel in b.measured
+    ]
+    return np.array([(before, after, n) for (before, n), (after, _) in pairs], float)
+
+
+def _reduction(squares: FloatArray) -> float:
+    """Return by how much R0 falls, percent."""
+    before, after, _ = squares.sum(axis=0)
+    return float(100.0 * (1.0 - np.sqrt(after / before))) if before > 0 else float("nan")
+
+
+def _interval(squares: FloatArray, rng: np.random.Generator) -> tuple[float, float]:
+    """Return the 95 % interval of the reduction by resampling folds; NaN with too few of them."""
+    if len(squares) < _FEWEST_FOR_INTERVAL:
+        return float("nan"), float("nan")
+    draws = rng.integers(len(squares), size=(_RESAMPLINGS, len(squares)))
+    sums = squares[draws].sum(axis=1)
+    if not (sums[:, 0] > 0).all():
+        return float("nan"), float("nan")
+    reductions = 100.0 * (1.0 - np.sqrt(sums[:, 1] / sums[:, 0]))
+    low, high = np.quantile(reductions, (0.025, 0.975))
+    return float(low), float(high)

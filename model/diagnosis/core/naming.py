@@ -1,0 +1,136 @@
+"""The verdict, in the published order.
+
+1. Lack of fit above its threshold: `unexplained`.
+2. "None" not unlikely: above `NOTHING_AT`, or above `IDLE_AT` where the causes that are chosen do not foretell
+   left-out runs any better: `nothing_detectable`.
+3. A family above `name_at`, with which left-out runs are foretold better than with no cause, in likelihood and in the
+   error of the first channel: `named`.
+4. Else `one_of`: the shortest set of families of which one is at work with 95 % if anything is.
+
+A name needs three runs or more (of a table: three conditions), since its probability must be calibrated and its gain
+be measured, and data that can tell the family: what stands in ``cannot_tell`` is never named, however likely, but may
+be a member of a set. What is named must have a value that bears the name, see `confirmed`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.diagnosis.core.posterior import Posterior, short_set
+from model.diagnosis.core.result import Adequacy, Cause, Gain, Verdict
+from model.effects.catalogue import EFFECTS
+
+NOTHING_AT = 0.2
+"""Probability of "none" from which on nothing is said to be seen: to cry wolf is worse than to wait for another run."""
+IDLE_AT = 0.05
+"""The same where the causes that are chosen are of no use on left-out runs."""
+MOVING = "the linearisation never stood still at it"
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A verdict and what it is about.
+
+    Attributes
+    ----------
+    verdict : see `Verdict`
+    families : tuple of str
+        The named ones; under "one_of" the set.
+    beside : tuple of str
+        Beside named ones: the families of which one more is likely at work; empty where nothing more need be.
+    barred : str
+        Why a family that is likely enough is not named; else empty.
+    """
+
+    verdict: Verdict
+    families: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
+    barred: str = ""
+
+
+def judgement(
+    found: Posterior,
+    judged: Adequacy,
+    gain: Gain | None,
+    cannot_tell: Mapping[str, str] | None = None,
+    name_at: float = 0.9,
+    settled: bool = True,
+) -> Judgement:
+    """Return the verdict.
+
+    Parameters
+    ----------
+    found : Posterior
+        Of samples averaged over resampled runs.
+    judged : Adequacy
+        Of the likeliest set.
+    gain : Gain or None
+        On left-out runs, the causes chosen anew in each fold.
+    cannot_tell : mapping family -> why
+    name_at : float
+    settled : bool
+        Whether the linearisation stood still.
+    """
+    if not judged.ok:
+        return Judgement("unexplained")
+    idle = gain is not None and not gain.log_likelihood_gain > 0
+    if found.none >= (IDLE_AT if idle else NOTHING_AT):
+        return Judgement("nothing_detectable")
+    sure = [family for family, p in found.families().items() if p > name_at]
+    barred = _barred(found, gain) or ("" if settled else MOVING)
+    if sure and not barred:
+        named = tuple(family for family in sure if family not in (cannot_tell or {}))
+        if named:
+            return Judgement("named", named, short_set(found, named))
+        barred = (cannot_tell or {})[sure[0]]
+    return Judgement("one_of", short_set(found), barred=barred if sure else "")
+
+
+def _barred(found: Posterior, gain: Gain | None) -> str:
+    if not found.calibrated or gain is None:
+        return "with fewer than three runs or conditions no name can be checked against others"
+    if not gain.log_likelihood_gain > 0 or gain.reduction_percent < 0:
+        return "it does not foretell what was left out any better"
+    return ""
+
+
+def confirmed(verdict: Judgement, found: Posterior, causes: Sequence[Cause]) -> Judgement:
+    """Return the verdict once its causes have their values: a value that does not bear its name takes the name back.
+
+    Parameters
+    ----------
+    verdict : Judgement
+    found : Posterior
+    causes : sequence of Cause
+        Of the verdict, with their values.
+    """
+    if verdict.verdict == "named" and (why := doubtful(causes)):
+        return Judgement("one_of", short_set(found), barred=why)
+    return verdict
+
+
+def doubtful(causes: Sequence[Cause]) -> str:
+    """Return why a cause's value does not bear its name; empty where all do.
+
+    Parameters
+    ----------
+    causes : sequence of Cause
+        With their values.
+    """
+    for cause in causes:
+        whose = f"the {cause.name.replace('_', ' ')}'s"
+        limits = {p.name: p for p in EFFECTS[cause.key].parameters}
+        for found in cause.parameters:
+            own = limits.get(found.name)
+            if own is None:  # a combination, as Lyasko's p
+                continue
+            edges = [edge for edge in (own.lower, own.upper) if edge != own.neutral]
+            if np.isclose(found.value, edges, rtol=1e-3, atol=0.0).any():
+                return f"{whose} {found.name} ends at the limit of what is plausible, {found.value:.3g} {found.unit}"
+            low, high = found.interval95
+            if len(cause.parameters) == 1 and low < own.neutral < high:
+                return f"{whose} {found.name} may as well be {own.neutral:g} ({low:.3g} to {high:.3g} {found.unit})"
+    return ""

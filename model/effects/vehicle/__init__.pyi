@@ -1,1 +1,0 @@
-from .tyre_flattening import REFERENCE_KPA as REFERENCE_KPA
