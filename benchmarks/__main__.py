@@ -36,6 +36,9 @@ def main(arguments: Sequence[str]) -> int:
         module = importlib.import_module(f"benchmarks.bench_{arguments[1]}")
         print(json.dumps([asdict(row) for row in module.rows()]))
         return 0
+    if "--help" in arguments or "-h" in arguments:
+        print(f"{__doc__}\nThere are: {', '.join(NAMES)}.")
+        return 0
     names = [name.removeprefix("bench_") for name in arguments]
     if unknown := sorted(set(names) - set(NAMES)):
         print(f"no benchmark {', '.join(unknown)}; there are {', '.join(NAMES)}", file=sys.stderr)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from benchmarks.table import Row, at_most, judged, times
 from benchmarks.timing import CommandCost, command_cost, median_cpu_seconds
-from model.diagnosis.core import Campaign, DiagnosisOptions
+from model.diagnosis import Campaign, DiagnosisOptions
 from model.diagnosis.time_series import look
 from model.effects import EFFECTS
 from model.wheel_soil import prior_of

@@ -1,11 +1,132 @@
-"""Channel: one signal's samples with their own time stamps."""
+"""The table of channels that a vehicle can carry, and the samples of one of them.
+
+A signal of a DBC becomes a channel by its role in vehicle.toml. What is known of a channel (quantity, unit, names, use)
+stands in `CHANNELS` and nowhere else.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import Enum, auto
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from daq.data_frames import data_frame
+from daq.units import Quantity, unit_suffix, unit_text
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class Use(Enum):
+    """What a channel is for."""
+
+    INPUT = auto()
+    """Given to the wheel-soil model."""
+    OUTPUT = auto()
+    """Predicted by the wheel-soil model."""
+    EXTRA = auto()
+    """Processed and exported; no model takes it."""
+    AID = auto()
+    """Used to place or to prepare the others."""
+    FLAG = auto()
+    """Says what other channels are worth; its labels are values."""
+
+
+@dataclass(frozen=True)
+class ChannelDefinition:
+    """One row of the table of channels.
+
+    Attributes
+    ----------
+    role : str
+        Name in ``[signals]`` of vehicle.toml, in findings and in JSON.
+    quantities : tuple of Quantity
+        What its signal may measure; the first one is what it is converted to.
+    use : Use
+    key : str
+        Short name on the command line and in a fit or diagnosis; only inputs and outputs have one.
+    required : bool
+        Whether a used sample must have it, where the run carries it at all.
+    in_degrees : bool
+        Whether an angle stays in degrees, as positions do.
+    """
+
+    role: str
+    quantities: tuple[Quantity, ...]
+    use: Use
+    key: str = ""
+    required: bool = False
+    in_degrees: bool = False
+
+    @property
+    def name(self) -> str:
+        """Plain name: "drawbar pull"."""
+        return self.role.replace("_", " ")
+
+    @property
+    def unit(self) -> str:
+        """Unit inside the program and in tables: "Nm"."""
+        return "deg" if self.in_degrees else self.quantities[0].value
+
+    @property
+    def unit_text(self) -> str:
+        """Unit as people write it: "N m"."""
+        return unit_text(self.unit)
+
+    @property
+    def suffix(self) -> str:
+        """Unit at the end of a name: "nm"."""
+        return unit_suffix(self.unit)
+
+    @property
+    def field(self) -> str:
+        """Name of its values in arrays and tables: ``driving_torque_nm``."""
+        return f"{self.role}_{self.suffix}"
+
+    @property
+    def sigma_field(self) -> str:
+        """Name of the one-sigma of its values: ``driving_torque_sigma_nm``."""
+        return f"{self.role}_sigma_{self.suffix}"
+
+    @property
+    def on_time_base(self) -> bool:
+        """Whether it is filtered onto the common time base of a processed run."""
+        return self.use in (Use.INPUT, Use.OUTPUT, Use.EXTRA)
+
+
+CHANNELS = (
+    ChannelDefinition("ground_speed", (Quantity.SPEED,), Use.INPUT, "v", required=True),
+    ChannelDefinition("wheel_speed", (Quantity.ANGULAR_SPEED, Quantity.SPEED), Use.INPUT, "omega", required=True),
+    ChannelDefinition("vertical_load", (Quantity.FORCE,), Use.INPUT, "w", required=True),
+    ChannelDefinition("drawbar_pull", (Quantity.FORCE,), Use.OUTPUT, "dp", required=True),
+    ChannelDefinition("driving_torque", (Quantity.MOMENT,), Use.OUTPUT, "t", required=True),
+    ChannelDefinition("sinkage", (Quantity.LENGTH,), Use.OUTPUT, "z"),
+    ChannelDefinition("tyre_pressure", (Quantity.PRESSURE,), Use.EXTRA),
+    ChannelDefinition("ground_speed_valid", (Quantity.RATIO,), Use.FLAG),
+    ChannelDefinition("latitude", (Quantity.ANGLE,), Use.AID, in_degrees=True),
+    ChannelDefinition("longitude", (Quantity.ANGLE,), Use.AID, in_degrees=True),
+    ChannelDefinition("course", (Quantity.ANGLE,), Use.AID),
+    ChannelDefinition("gnss_time", (Quantity.TIME,), Use.AID),
+    ChannelDefinition("wheel_angle", (Quantity.ANGLE,), Use.AID),
+    ChannelDefinition("transducer_status", (Quantity.RATIO,), Use.FLAG),
+)
+"""Every channel. A wheel speed given as a speed is that of the rim: omega = v / r."""
+
+ROLES = {channel.role: channel for channel in CHANNELS}
+"""Every channel by its role. A command asks only for the roles it needs."""
+INPUTS = {channel.key: channel for channel in CHANNELS if channel.use is Use.INPUT}
+"""What a wheel-soil model is given, by key."""
+OUTPUTS = {channel.key: channel for channel in CHANNELS if channel.use is Use.OUTPUT}
+"""What a wheel-soil model predicts, by key."""
+ON_TIME_BASE = tuple(channel for channel in CHANNELS if channel.on_time_base)
+"""Channels of which a processed run has values and one-sigma."""
+TRANSDUCER_ROLES = tuple(c.role for c in CHANNELS if c.quantities[0] in (Quantity.FORCE, Quantity.MOMENT))
+"""What the wheel force transducer measures: its status and its zeros are about these."""
+REACTIONS = {key: channel for key, channel in OUTPUTS.items() if channel.role in TRANSDUCER_ROLES}
+"""Outputs that the transducer measures, by key: both are zero at standstill on level ground."""
 
 
 @dataclass(frozen=True)
@@ -41,3 +162,16 @@ class Channel:
 
     def __len__(self) -> int:
         return len(self.values)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return ``time_ns`` and the values as a frame; the unit is in ``attrs["units"]``.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Shape (n, 2). A channel in the unit of its role is a column like ``drawbar_pull_n``, any other one has the
+            name of its signal.
+        """
+        known = ROLES.get(self.name)
+        name = known.field if known and known.unit == self.unit else self.name
+        return data_frame({"time_ns": self.time_ns, name: self.values}, {"time_ns": "ns", name: self.unit})

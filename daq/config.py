@@ -9,24 +9,8 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from daq.channels import ROLES
 from daq.errors import ConfigError, Fault, nearest
-
-ROLES = (
-    "vertical_load",
-    "drawbar_pull",
-    "driving_torque",
-    "wheel_speed",
-    "ground_speed",
-    "ground_speed_valid",
-    "latitude",
-    "longitude",
-    "course",
-    "gnss_time",
-    "wheel_angle",
-    "sinkage",
-    "transducer_status",
-)
-"""What a signal can be to us. A command asks only for the roles it needs."""
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]

@@ -1,11 +1,9 @@
-"""Frames whose time is unsure, because the host's clock was set while they came in: how many, and how unsure.
-
-The time of a recording: the host's monotonic clock plus the UTC offset that held when the session began.
+"""The time of a recording: the host's monotonic clock plus the UTC offset that held when the session began.
 
 The kernel stamps frames with CLOCK_REALTIME, which can be set at any moment. On Linux the difference between it and
 the monotonic clock changes in steps only (``docs/decisions/time.md``), so that a stamp can be brought back exactly when
 it is known which difference held when it was made: `HostClock` keeps them, a `StampTracker` applies them to the frames
-of one source.
+of one source. Frames that came in while the clock was set have an uncertain time; they are counted with its bound.
 """
 
 from __future__ import annotations

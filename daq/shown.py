@@ -1,7 +1,4 @@
-"""Names from data as names of files.
-
-Numbers and tables as people see them, in a terminal and in a notebook.
-"""
+"""Numbers, tables and file names as people read them, in a terminal and in a notebook."""
 
 from __future__ import annotations
 

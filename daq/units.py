@@ -26,6 +26,7 @@ class Quantity(Enum):
     ANGLE = "rad"
     LENGTH = "m"
     TIME = "s"
+    PRESSURE = "Pa"
     TEMPERATURE = "K"
     RATIO = "1"
 
@@ -43,6 +44,16 @@ class Unit:
     symbol: str
     factor: float
     offset: float = 0.0
+
+
+def unit_text(unit: str) -> str:
+    """Return one of our units as people write it: "N m" of "Nm"."""
+    return "N m" if unit == Quantity.MOMENT.value else unit
+
+
+def unit_suffix(unit: str) -> str:
+    """Return one of our units as names end in it: "radps" of "rad/s"; a plain number has none."""
+    return "" if unit == Quantity.RATIO.value else unit.lower().replace("/", "p")
 
 
 _POUND_FORCE = 4.4482216152605
@@ -104,6 +115,13 @@ _TABLE: dict[Quantity, dict[str, tuple[float, str]]] = {
         "ns": (1e-9, "nanosecond"),
         "min": (60.0, "minute minutes minut"),
         "h": (3600.0, "hr hour hours"),
+    },
+    Quantity.PRESSURE: {
+        "Pa": (1.0, "pascal pascals"),
+        "hPa": (1e2, "hectopascal mbar millibar"),
+        "kPa": (1e3, "kilopascal kilopascals"),
+        "bar": (1e5, "bars"),
+        "psi": (_POUND_FORCE / (_FOOT / 12.0) ** 2, "lbf/in2"),
     },
     Quantity.TEMPERATURE: {
         "K": (1.0, "kelvin degk"),

@@ -1,18 +1,19 @@
-"""A processed run as named columns with units, for Parquet and CSV.
-
-ProcessedRun: everything the model needs of one run, on one time base.
-"""
+"""ProcessedRun: everything the model needs of one run, on one time base, with units."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import Note, RunInfo
+from daq import ON_TIME_BASE, Note, RunInfo, Use, data_frame
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FloatArray = NDArray[np.float64]
 
@@ -186,6 +187,8 @@ class ProcessedRun:
     time_s : since the first sample; ``start_ns`` is its UTC time.
     reason : uint8, see `Reason`; ``segment`` : uint8, see `Segment`.
     latitude_deg, longitude_deg : NaN without position.
+    extras : mapping str -> float64 array
+        Values and one-sigma of channels that no model takes, by the names of their columns; only those measured.
     """
 
     run: RunInfo
@@ -216,6 +219,7 @@ class ProcessedRun:
     segment: NDArray[np.uint8]
     reason: NDArray[np.uint8]
     quality: QualityReport
+    extras: dict[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -230,32 +234,41 @@ class ProcessedRun:
         """Wheel speed times the wheel's radius."""
         return self.wheel_radius_m * self.wheel_speed_radps
 
+    def column(self, name: str) -> NDArray[Any]:
+        """Return a column by its name, extras too; NaN for a quantity that was not measured."""
+        if name in _EXTRAS:
+            return self.extras.get(name, np.broadcast_to(np.float64(np.nan), self.time_s.shape))
+        return np.asarray(getattr(self, name))
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the run as a frame: one row a sample, units in ``attrs["units"]``, the run's name in ``attrs["run"]``.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Shape (n, columns). Columns as `wheelsoil process -o` writes them, for instance ``drawbar_pull_n``;
+            quantities that were not measured are left out; ``segment`` and ``reason`` are names.
+        """
+        units = units_of(self)
+        frame = data_frame(block_of(self, units, slice(None)), units)
+        frame.attrs["run"] = self.run.id
+        return frame
+
 
 Column = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]
 
 UNITS = {
     "slip": "1",
-    "ground_speed_mps": "m/s",
-    "wheel_speed_radps": "rad/s",
-    "vertical_load_n": "N",
-    "drawbar_pull_n": "N",
-    "driving_torque_nm": "Nm",
-    "sinkage_m": "m",
+    **{channel.field: channel.unit for channel in ON_TIME_BASE},
     "ground_acceleration_mps2": "m/s^2",
     "wheel_acceleration_radps2": "rad/s^2",
     "distance_m": "m",
     "latitude_deg": "deg",
     "longitude_deg": "deg",
 }
-_SIGMAS = {
-    "slip": "slip_sigma",
-    "ground_speed_mps": "ground_speed_sigma_mps",
-    "wheel_speed_radps": "wheel_speed_sigma_radps",
-    "vertical_load_n": "vertical_load_sigma_n",
-    "drawbar_pull_n": "drawbar_pull_sigma_n",
-    "driving_torque_nm": "driving_torque_sigma_nm",
-    "sinkage_m": "sinkage_sigma_m",
-}
+"""Quantities of a processed run and their units: the channels, and what follows from them."""
+_SIGMAS = {"slip": "slip_sigma"} | {channel.field: channel.sigma_field for channel in ON_TIME_BASE}
+_EXTRAS = {name for c in ON_TIME_BASE if c.use is Use.EXTRA for name in (c.field, c.sigma_field)}
 _NAMED: dict[str, type[Segment] | type[Reason]] = {"segment": Segment, "reason": Reason}
 
 
@@ -267,7 +280,7 @@ def units_of(run: ProcessedRun) -> dict[str, str]:
     """
     units = {"time_ns": "ns", "time_s": "s"}
     for name, unit in UNITS.items():
-        if not np.isnan(getattr(run, name)).all():
+        if not np.isnan(run.column(name)).all():
             units |= {column: unit for column in (name, _SIGMAS.get(name)) if column}
     return units | dict.fromkeys(_NAMED, "")
 
@@ -282,5 +295,5 @@ def _column(run: ProcessedRun, name: str, rows: slice) -> Column:
         return run.start_ns + np.round(run.time_s[rows] * 1e9).astype(np.int64)
     if name in _NAMED:
         words: NDArray[np.str_] = np.array([member.name.lower() for member in _NAMED[name]])
-        return np.asarray(words[getattr(run, name)[rows]])
-    return np.ascontiguousarray(getattr(run, name)[rows])
+        return np.asarray(words[run.column(name)[rows]])
+    return np.ascontiguousarray(run.column(name)[rows])

@@ -123,10 +123,12 @@ class View:
 
 
 @contextmanager
-def viewing(*args: object, port: int | None = 0, browser: bool = False, **env: str) -> Iterator[View]:
+def viewing(
+    *args: object, port: int | None = 0, browser: bool = False, program: str = _START, **env: str
+) -> Iterator[View]:
     """``wheelsoil view`` with some arguments; it must end by Ctrl-C, with 130 and without a traceback."""
     given = [*([] if port is None else ["--port", port]), *([] if browser else ["--no-browser"])]
-    command = [sys.executable, "-c", _START, "view", *given, *args]
+    command = [sys.executable, "-c", program, "view", *given, *args]
     process = subprocess.Popen(
         [str(part) for part in command],
         stderr=subprocess.PIPE,

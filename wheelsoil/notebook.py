@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from math import isfinite
 
-from daq import html_paragraph, html_table, number, probability
+from daq import OUTPUTS, REACTIONS, ROLES, html_paragraph, html_table, number, probability
 from daq.runs import Run
-from model.diagnosis.core import FIELD_NAMES, FIELD_UNITS, NAMES, UNITS, Cause, Diagnosis, Gain
-from model.fit import UNITS as FIT_UNITS
+from model.diagnosis import Cause, Diagnosis, Gain
 from model.fit import CampaignFit
 from processing import ProcessedRun
 from wheelsoil.wording.fit_text import coefficients, criteria_table, remarks
@@ -43,7 +42,7 @@ def processed_run_html(run: ProcessedRun) -> str:
 
 def fit_html(fit: CampaignFit) -> str:
     """Return the tables of a fit and its remarks."""
-    tables = [coefficients(fit), *(criteria_table(fit, channel) for channel in FIT_UNITS)]
+    tables = [coefficients(fit), *(criteria_table(fit, channel) for channel in REACTIONS)]
     shown = [html_table(head, rows, left=2 if i == 0 else 1) for i, (head, rows) in enumerate(tables) if rows]
     return "".join([*shown, *map(html_paragraph, remarks(fit))])
 
@@ -62,9 +61,9 @@ def diagnosis_html(found: Diagnosis) -> str:
         shown.append(html_table(["candidate", "probability"], likely))
     wrong = [
         [
-            FIELD_NAMES.get(w.channel, w.channel),
+            ROLES[w.channel].name,
             place_text(w.place),
-            f"{number(w.size, 3)} {FIELD_UNITS.get(w.channel, '')}",
+            f"{number(w.size, 3)} {ROLES[w.channel].unit_text}",
             number(w.statistic, 3),
         ]
         for w in found.what_is_wrong[:_MOST_FINDINGS]
@@ -83,8 +82,8 @@ def diagnosis_html(found: Diagnosis) -> str:
 
 def _gain_rows(gain: Gain) -> list[list[str]]:
     return [
-        [name, number(gain.base[key].R0), number(gain.extended[key].R0), UNITS[key]]
-        for key, name in NAMES.items()
+        [channel.name, number(gain.base[key].R0), number(gain.extended[key].R0), channel.unit_text]
+        for key, channel in OUTPUTS.items()
         if key in gain.base and key in gain.extended
     ]
 

@@ -1,7 +1,4 @@
-"""DBC files through cantools: load them, and find the ones that ship with wheelsoil.
-
-The text of a DBC file: its encoding, where cantools stumbles, and what a lenient load leaves out.
-"""
+"""DBC files through cantools: loading, encoding of the text, repairs of a lenient load, and the files that ship."""
 
 from __future__ import annotations
 

@@ -123,9 +123,13 @@ def concatenate(batches: Sequence[FrameBatch]) -> FrameBatch:
 
 
 def joined(parts: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
-    """Join arrays of one record type, as bytes: numpy copies records field by field, which takes 17 times longer."""
-    kind = parts[0].dtype
-    return np.concatenate([part.view((np.void, kind.itemsize)) for part in parts]).view(kind)
+    """Join arrays of one record type."""
+    return np.concatenate([as_bytes(part) for part in parts]).view(parts[0].dtype)
+
+
+def as_bytes(records: NDArray[np.void]) -> NDArray[np.void]:
+    """Return records without their fields: numpy then copies them whole, 17 times faster than field by field."""
+    return records.view(np.dtype(f"V{records.dtype.itemsize}"))  # a dtype given as a tuple would swallow a Ctrl-C
 
 
 def renumbered(batch: FrameBatch, buses: tuple[str, ...]) -> FrameArray:

@@ -12,29 +12,11 @@ import numpy as np
 from daq.can.bits import Message, RawKind, Signal
 from daq.can.buses import messages_by_bus
 from daq.can.databases import Database
-from daq.channels import Channel
+from daq.channels import ROLES, Channel, Use
 from daq.config import VehicleConfig
 from daq.errors import ConfigError, Fault, nearest
 from daq.units import Quantity, explain_unknown, find_unit
 
-ROLE_QUANTITIES: dict[str, tuple[Quantity, ...]] = {
-    "vertical_load": (Quantity.FORCE,),
-    "drawbar_pull": (Quantity.FORCE,),
-    "driving_torque": (Quantity.MOMENT,),
-    "wheel_speed": (Quantity.ANGULAR_SPEED, Quantity.SPEED),
-    "ground_speed": (Quantity.SPEED,),
-    "ground_speed_valid": (Quantity.RATIO,),
-    "latitude": (Quantity.ANGLE,),
-    "longitude": (Quantity.ANGLE,),
-    "course": (Quantity.ANGLE,),
-    "gnss_time": (Quantity.TIME,),
-    "wheel_angle": (Quantity.ANGLE,),
-    "sinkage": (Quantity.LENGTH,),
-    "transducer_status": (Quantity.RATIO,),
-}
-"""What each role may measure. A wheel speed given as a speed is that of the rim: omega = v / r."""
-_FLAGS = ("ground_speed_valid", "transducer_status")
-"""Roles whose labels say what other channels are worth: "invalid" is a value of theirs."""
 _NO_DATA = re.compile(
     r"not.?avail|unavail|not.?valid|invalid|(?<![a-z])init|(?<!no.)(?<![a-z])(error|fault)|^(sna|n/?a)$", re.IGNORECASE
 )
@@ -153,7 +135,7 @@ def _resolve(
         return place
     bus, message, signal = place
     where = f"vehicle.toml [signals] {role}"
-    quantities = ROLE_QUANTITIES[role]
+    quantities = ROLES[role].quantities
     unit = find_unit(signal.unit, quantities)
     if unit is None:
         what, known = explain_unknown(signal.unit, quantities)
@@ -166,7 +148,7 @@ def _resolve(
             return Fault(what, where, "no [wheel]", next_step="add [wheel] radius_m: the radius its sender assumes")
         factor, si_unit = factor / vehicle.wheel.radius_m, Quantity.ANGULAR_SPEED.value
     sign = -1.0 if text.startswith("-") else 1.0
-    missing = () if role in _FLAGS else _missing(signal)
+    missing = () if ROLES[role].use is Use.FLAG else _missing(signal)
     limit = _missing_from(signal) if messages[bus][message].j1939 else math.inf
     at = (role, bus, message, signal.name, signal.unit)
     return SignalRef(*at, si_unit, sign * factor, sign * unit.offset, missing, limit)

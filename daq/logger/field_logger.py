@@ -1,10 +1,6 @@
-"""The field logger: the vehicle's buses into recordings, until the time is up or it is told to stop.
+"""The field logger: records the vehicle's buses until the time is up or a signal or a command ends it.
 
-How it works is told in `daq.logger`.
-
-The signals that end a recording, as something that can be looked at.
-
-How quickly Python's threads take turns.
+How it works is described in `daq.logger`.
 """
 
 from __future__ import annotations

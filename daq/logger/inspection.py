@@ -1,8 +1,6 @@
-"""Between the writer and the inspection: gathers frames, and gives way when the writer is behind.
+"""Inspection of frames while they are recorded, in a thread of its own.
 
-The boundary around everything that only looks at frames: whatever goes wrong there, recording goes on.
-
-What is found out about frames while they are recorded; in a thread of its own, so that it can stop nothing.
+Frames are gathered for it, and not inspected while the writer is behind. Whatever fails in here, recording goes on.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The thread of one bus: fetch frames, bring their stamps to the session's time base, hand them over.
+"""The thread of one bus: fetches frames, brings their stamps to the session's time base, and queues them.
 
-A queue with a limit in bytes between the threads that read the buses and the one that writes.
+The queue between these threads and the one that writes has a limit in bytes.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 """The files of a session: runs, and what comes between them.
 
-The time of one run: the session's, moved to how the host's clock was set when the run began.
-
-A machine without a clock of its own learns the date after the logger has started; the session's time then goes on
-evenly, and the next run begins with the right date.
+A machine without a clock of its own learns the date after the logger has started. The session's time then goes on
+evenly; the time of the next run begins with the right date.
 """
 
 from __future__ import annotations

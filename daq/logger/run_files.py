@@ -1,13 +1,12 @@
-"""Which file a run goes into: a name of its own, or the next part of a run that was cut off.
+"""The file of a run: a name of its own, or the next part of a run that was cut off.
 
-One logger a folder: a lock on the folder itself, which the kernel takes off however the logger ends.
-
-Others tell by it whether a file without its end is still being written.
+One logger per folder: a lock on the folder itself, which the kernel releases however the logger ends. Other commands
+see by it whether a file without its end is still being written.
 """
 
 from __future__ import annotations
 
-import fcntl
+import errno
 import os
 import re
 import time
@@ -38,7 +37,7 @@ BETWEEN_FOLDER = "between"
 def folder_lock(folder: Path) -> Iterator[None]:
     """Hold the folder for one logger.
 
-    A file system that knows no such locks (some network ones) is used without.
+    A file system that knows no such locks (some network ones) is used without, and so is a system without `fcntl`.
 
     Raises
     ------
@@ -67,6 +66,8 @@ def folder_lock(folder: Path) -> Iterator[None]:
 def is_being_recorded(file: Path) -> bool:
     """Return whether a logger holds the folder of a recording, and wrote into it just now.
 
+    False on a system without `fcntl` (Windows): no logger locks a folder there.
+
     Parameters
     ----------
     file : Path
@@ -82,16 +83,33 @@ def is_being_recorded(file: Path) -> bool:
 
 def _take(descriptor: int) -> None:
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _lock(descriptor)
     except BlockingIOError:
         time.sleep(_LOOKED_AT_S)
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _lock(descriptor)
+
+
+def _lock(descriptor: int, *, shared: bool = False) -> None:
+    """Lock an open folder.
+
+    Raises
+    ------
+    BlockingIOError
+        If somebody else holds it.
+    OSError
+        If the file system or the operating system has no such locks.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        raise OSError(errno.ENOTSUP, "this system has no locks on folders") from None
+    fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
 
 
 def _is_held(folder: Path) -> bool:
     descriptor = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        _lock(descriptor, shared=True)
     except BlockingIOError:
         return True
     finally:

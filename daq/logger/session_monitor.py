@@ -1,10 +1,6 @@
 """Everything beside writing frames: inspection, health, events, the panel and its commands, the service manager.
 
-What a service manager is told: ready, alive, stopping (systemd's sd_notify protocol, without its library).
-
-What a logger tells its caller: while it records, and when it has ended.
-
-What a session is made of.
+The service manager (systemd) is notified of ready, alive and stopping by the sd_notify protocol, without its library.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""What the logger knows of its buses, its machine and itself, and the events that come of it.
-
-What the logger knows of its own process.
-"""
+"""State of the buses, the machine and the logger's own process, and the events that follow from it."""
 
 from __future__ import annotations
 

@@ -1,9 +1,6 @@
-"""BLF (Vector's binary log): zlib containers taken apart as columns.
+"""BLF (Vector's binary log): zlib containers and the CAN frames in them, as columns.
 
-Layout after Toby Lorenz' vector_blf, as python-can uses it. This file finds the objects; `daq.logs.blf`
-turns them into frames.
-
-The objects of a BLF file that are CAN frames, as columns.
+Layout after Toby Lorenz' vector_blf, as python-can uses it.
 """
 
 from __future__ import annotations

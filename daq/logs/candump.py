@@ -1,10 +1,8 @@
-"""Frames -> candump -L text, all lines of one shape at a time.
-
-candump -L text, a block of lines at a time.
+"""candump -L text, read and written a block of lines at a time.
 
 One regular expression is the grammar. It is matched against one line; all lines of the same length that have the
 same characters in its fixed places, digits where it has digits and hexadecimal digits where it has those, are then
-taken apart as columns. A log has a few dozen such shapes at most.
+taken apart as columns. A log has a few dozen such shapes at most. Writing goes the same way back.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""read_log: any log, in batches of a known size.
-
-Which reader reads what: by suffix, checked against what the file looks like.
-"""
+"""The log formats, each with its reader by suffix and content, and `read_log`, which reads any of them in batches."""
 
 from __future__ import annotations
 

@@ -7,7 +7,9 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import BinaryIO, Literal, Self, get_args
+from typing import BinaryIO, Literal, NamedTuple, Self, get_args
+
+from mcap.opcode import Opcode
 
 from daq.errors import ConfigError, Fault, nearest
 
@@ -18,7 +20,8 @@ LARGEST_CHUNK_BYTES = 1 << 30
 
 _RECORD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<BQQQQII")
-_CHUNK_OPCODE = 6
+_LONGEST_NAME = 32
+_LONGEST_HEAD = _CHUNK_HEAD.size + _LONGEST_NAME + 8
 _MESSAGE_HEAD = struct.Struct("<HIQ")
 MESSAGE_HEAD_SIZE = 22
 """Bytes of a message record's body before its data."""
@@ -60,7 +63,7 @@ class ChunkEntry:
         DamagedError
             If its lengths contradict each other.
         """
-        head = _ChunkHead.read(file, offset, size)
+        head = _head(read_at(file, offset, min(size, _LONGEST_HEAD)), size)
         return cls(offset, size, head.start_ns, head.end_ns)
 
     def with_channel(self, channel_id: int) -> Self:
@@ -77,31 +80,32 @@ class ChunkEntry:
         )
 
 
-@dataclass(frozen=True)
-class _ChunkHead:
+class _Head(NamedTuple):
+    """What a chunk record says ahead of its data, and where in the record they begin."""
+
     start_ns: int
     end_ns: int
     unpacked_size: int
     crc: int
     compression: str
     data_offset: int
-    data_size: int
 
-    @classmethod
-    def read(cls, file: BinaryIO, offset: int, size: int) -> Self:
-        head = read_at(file, offset, _CHUNK_HEAD.size)
-        if len(head) < _CHUNK_HEAD.size:
-            raise DamagedError("a chunk is cut off")
-        opcode, length, start_ns, end_ns, unpacked, crc, name_size = _CHUNK_HEAD.unpack(head)
-        if opcode != _CHUNK_OPCODE or length != size - 9 or name_size > 32:
-            raise DamagedError("no chunk where one should be")
-        rest = read_at(file, offset + _CHUNK_HEAD.size, name_size + 8)
-        data_offset = offset + _CHUNK_HEAD.size + name_size + 8
-        data_size = int.from_bytes(rest[name_size:], "little")
-        if len(rest) != name_size + 8 or data_offset + data_size != offset + size:
-            raise DamagedError("a chunk whose lengths contradict each other")
-        name = rest[:name_size].decode("ascii", "replace")
-        return cls(start_ns, end_ns, unpacked, crc, name, data_offset, data_size)
+
+def _head(record: bytes, size: int) -> _Head:
+    """Parse the head of a chunk record of `size` bytes, of which at least the first `_LONGEST_HEAD` are given."""
+    if len(record) < min(size, _LONGEST_HEAD):
+        raise DamagedError("a chunk is cut off")
+    opcode, length, start_ns, end_ns, unpacked_size, crc, name_size = _CHUNK_HEAD.unpack_from(
+        record.ljust(_CHUNK_HEAD.size, b"\0")
+    )
+    if opcode != Opcode.CHUNK or length != size - 9 or name_size > _LONGEST_NAME:
+        raise DamagedError("no chunk where one should be")
+    name_end = _CHUNK_HEAD.size + name_size
+    data_offset = name_end + 8
+    if data_offset + int.from_bytes(record[name_end:data_offset], "little") != size:
+        raise DamagedError("a chunk whose lengths contradict each other")
+    name = record[_CHUNK_HEAD.size : name_end].decode("ascii", "replace")
+    return _Head(start_ns, end_ns, unpacked_size, crc, name, data_offset)
 
 
 @dataclass(frozen=True)
@@ -112,6 +116,13 @@ class PackedChunk:
     compression: str
     unpacked_size: int
     crc: int
+
+    def head(self, start_ns: int, end_ns: int) -> bytes:
+        """Return what goes before the data in the record of a chunk of messages with these log times."""
+        name = self.compression.encode()
+        length = _CHUNK_HEAD.size - 9 + len(name) + 8 + len(self.data)
+        numbers = (length, start_ns, end_ns, self.unpacked_size, self.crc, len(name))
+        return _CHUNK_HEAD.pack(Opcode.CHUNK, *numbers) + name + len(self.data).to_bytes(8, "little")
 
 
 def read_at(file: BinaryIO, offset: int, size: int) -> bytes:
@@ -134,9 +145,9 @@ def read_packed(file: BinaryIO, entry: ChunkEntry) -> PackedChunk:
     if entry.bare:
         data = read_at(file, entry.offset, entry.size)
         return PackedChunk(data, "", entry.size, zlib.crc32(data))
-    head = _ChunkHead.read(file, entry.offset, entry.size)
-    data = read_at(file, head.data_offset, head.data_size)
-    return PackedChunk(data, head.compression, head.unpacked_size, head.crc)
+    record = read_at(file, entry.offset, entry.size)
+    head = _head(record, entry.size)
+    return PackedChunk(record[head.data_offset :], head.compression, head.unpacked_size, head.crc)
 
 
 def read_chunk(file: BinaryIO, entry: ChunkEntry) -> bytes:

@@ -23,7 +23,7 @@ from daq.config import VehicleConfig
 from daq.errors import DataError, Fault, nearest
 from daq.recording.events import DiagnosticStatus, Event, HostTopics
 from daq.recording.format import NAVSATFIX_SCHEMA, NAVSATFIX_TEXT, fill_prefix, fixed_message_dtype
-from daq.recording.sink import McapSink, MessageGroup
+from daq.recording.sink import McapSink, MessageGroup, index_entries
 from daq.recording.topics import DecodedLayout, TopicNames, decoded_layout
 
 NAVSATFIX_DTYPE = fixed_message_dtype(
@@ -169,7 +169,7 @@ def _group(topic: _Topic) -> MessageGroup:
     records = joined(topic.pending)
     topic.pending = []
     offsets = np.arange(len(records), dtype=np.int64) * records.dtype.itemsize
-    return MessageGroup(topic.channel_id, [records.tobytes()], offsets, records["log_time"].astype(np.int64))
+    return MessageGroup(topic.channel_id, [records.tobytes()], index_entries(records["log_time"], offsets))
 
 
 @dataclass(frozen=True)

@@ -52,16 +52,17 @@ class DiskFile:
         self._file = _create(path, overwrite)
         sync_folder(path)
 
-    def write(self, data: bytes) -> None:
-        """Append all of `data`, or nothing."""
+    def write(self, *parts: bytes | memoryview) -> None:
+        """Append all of `parts`, or nothing."""
         if self.failed:
             raise HardwareError(Fault("the recording was given up after a failed write", str(self._path)))
         self._raise_sync_error()
-        end = self.position + len(data)
+        end = self.position + sum(map(len, parts))
         try:
-            rest = memoryview(data)
-            while rest:
-                rest = rest[self._file.write(rest) :]
+            for part in parts:
+                rest = memoryview(part)
+                while rest:
+                    rest = rest[self._file.write(rest) :]
             self.position = end
         except OSError as error:
             raise self._given_up(error) from None

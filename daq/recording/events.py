@@ -30,7 +30,7 @@ from daq.recording.format import (
     RECORD_HEAD_SIZE,
     TIME_DEFINITION,
 )
-from daq.recording.sink import McapSink, MessageGroup
+from daq.recording.sink import McapSink, MessageGroup, index_entries
 from daq.recording.topics import CdrDecoder, CdrEncoder
 
 Severity = Literal["info", "warning", "error"]
@@ -265,7 +265,7 @@ def _group(topic: _Topic) -> MessageGroup:
     records, times_ns = topic.records, topic.times_ns
     topic.records, topic.times_ns = [], []
     sizes = np.array([0, *map(len, records[:-1])], np.int64)
-    return MessageGroup(topic.channel_id, records, np.cumsum(sizes), np.array(times_ns, np.int64))
+    return MessageGroup(topic.channel_id, records, index_entries(np.array(times_ns), np.cumsum(sizes)))
 
 
 def read_events(path: Path, contents: Contents, damaged: Callable[[ChunkEntry, str], None]) -> tuple[Event, ...]:

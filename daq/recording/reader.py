@@ -17,7 +17,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata
 from pydantic import ValidationError
 
-from daq.can.frames import FrameArray, FrameBatch, concatenate
+from daq.can.frames import FrameArray, FrameBatch, concatenate, joined
 from daq.config import RunInfo
 from daq.errors import DataError, Fault, RecordingError, nearest
 from daq.recording.chunks import MESSAGE_HEAD_SIZE, ChunkEntry, DamagedError, content_records, message_head, read_chunk
@@ -146,7 +146,7 @@ def _merged(
     streams = []
     for channel_id in sorted(gathered):
         channel = channels[channel_id]
-        frames = np.concatenate(gathered[channel_id])
+        frames = joined(gathered[channel_id])
         number = buses.index(channel.bus)
         if number != channel.bus_index:
             frames["bus"] = number
@@ -158,7 +158,7 @@ def _merged(
     # A clock that steps back must not reorder the frames of one topic: they are sorted by the latest time so far.
     latest = np.concatenate([np.maximum.accumulate(stream.frames["time_ns"]) for stream in streams])
     order = np.argsort(latest, kind="stable")
-    return FrameBatch(np.concatenate([stream.frames for stream in streams]).take(order), buses)
+    return FrameBatch(joined([stream.frames for stream in streams]).take(order), buses)
 
 
 T = TypeVar("T")

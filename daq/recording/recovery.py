@@ -86,7 +86,7 @@ def _copy_chunks(contents: Contents, sink: McapSink) -> tuple[int, list[Loss]]:
             try:
                 packed = read_packed(file, entry)
                 messages = _messages(unpacked(packed), contents, entry)
-                sink.put_chunk(packed.data, packed.compression, packed.unpacked_size, packed.crc, messages)
+                sink.put_chunk(packed, messages)
             except DamagedError as damage:
                 damaged.append(Loss(str(damage), entry.offset, entry.size))
     return len(contents.chunks) - len(damaged), damaged

@@ -13,8 +13,10 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mcap.data_stream import RecordBuilder
@@ -23,7 +25,6 @@ from mcap.records import (
     Attachment,
     AttachmentIndex,
     Channel,
-    Chunk,
     ChunkIndex,
     DataEnd,
     Footer,
@@ -37,12 +38,13 @@ from mcap.records import (
 )
 from numpy.typing import NDArray
 
-from daq.recording.chunks import Compression, compressor
+from daq.recording.chunks import Compression, PackedChunk, compressor
 from daq.recording.contents import MAGIC
 from daq.recording.disk_file import DiskFile
 from daq.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
 
-_INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
+INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
+"""A message in the index of a chunk: its time, and where it begins in the uncompressed chunk."""
 _FOOTER_LENGTH = 8 + 8 + 4
 
 
@@ -55,22 +57,16 @@ def serialized(*records: McapRecord) -> bytes:
     return data
 
 
-def index_entries(log_time_ns: NDArray[np.int64], offsets: NDArray[np.int64]) -> NDArray[np.void]:
-    """Return a message index as the array `McapSink.put_chunk` takes.
-
-    Parameters
-    ----------
-    log_time_ns, offsets : int64 arrays, shape (n,)
-        Not negative; bytes from the beginning of the uncompressed chunk.
-    """
-    entries = np.empty(len(offsets), _INDEX_ENTRY)
-    entries["log_time"] = log_time_ns
+def index_entries(log_time_ns: NDArray[Any], offsets: NDArray[np.int64]) -> NDArray[np.void]:
+    """Return an index of messages, an array of `INDEX_ENTRY`; times before 1970 become 0."""
+    entries = np.empty(len(offsets), INDEX_ENTRY)
+    entries["log_time"] = np.maximum(log_time_ns, 0)
     entries["offset"] = offsets
     return entries
 
 
 def message_index(channel_id: int, entries: NDArray[np.void]) -> bytes:
-    """Return the message index record of one channel of a chunk; `entries` as `index_entries` makes them."""
+    """Return the message index record of one channel of a chunk; `entries` are of `INDEX_ENTRY`."""
     size = entries.nbytes
     head = bytes([Opcode.MESSAGE_INDEX]) + (6 + size).to_bytes(8, "little")
     return head + channel_id.to_bytes(2, "little") + size.to_bytes(4, "little") + entries.tobytes()
@@ -84,6 +80,7 @@ def footer(summary: bytes, offsets: bytes, start: int) -> bytes:
     return serialized(Footer(start, offset_start, zlib.crc32(summary + offsets + told)))
 
 
+@cache
 def library() -> str:
     """Return what a file says that it was written by."""
     try:
@@ -104,15 +101,13 @@ class MessageGroup:
     channel_id : int
     records : sequence of bytes-like
         Whole MCAP message records; joined they are what is written.
-    offsets : int64 array, shape (n,)
-        Where each message begins in the joined `records`.
-    log_time_ns : int64 array, shape (n,)
+    index : structured array of `INDEX_ENTRY`
+        Of the messages; offsets are counted from the beginning of the joined `records`.
     """
 
     channel_id: int
     records: Sequence[bytes | memoryview]
-    offsets: NDArray[np.int64]
-    log_time_ns: NDArray[np.int64]
+    index: NDArray[np.void]
 
 
 class McapSink:
@@ -127,6 +122,12 @@ class McapSink:
     profile : str
     clock : callable
         Monotonic time, s.
+
+    Attributes
+    ----------
+    file : DiskFile
+    schemas, channels : dict
+        Defined so far, by id.
 
     Raises
     ------
@@ -148,22 +149,22 @@ class McapSink:
         self.path = path
         self._compression = "" if compression == "none" else compression
         self._compress = compressor(compression)
-        self._file = DiskFile(path, overwrite=overwrite, clock=clock)
+        self.file = DiskFile(path, overwrite=overwrite, clock=clock)
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self._defined: set[int] = set()
-        self._chunk_indexes = bytearray()
+        self._chunk_indexes = RecordBuilder()
         self._chunk_count = 0
         self._attachment_indexes: list[AttachmentIndex] = []
         self._metadata_indexes: list[MetadataIndex] = []
         self._message_counts: dict[int, int] = {}
         self._times: tuple[int, int] | None = None
         try:
-            self._file.write(MAGIC + serialized(Header(profile, library())))
+            self.file.write(MAGIC + serialized(Header(profile, library())))
         except BaseException:
             self.give_up()
             raise
-        self._noted = self._file.position
+        self._noted = self.file.position
 
     def add_schema(self, name: str, text: str) -> int:
         """Add a ros2msg schema, or return the id of the one that is there."""
@@ -185,74 +186,65 @@ class McapSink:
         """Write definitions of another file, under the ids they have there, ahead of its chunks."""
         self.schemas.update(schemas)
         self.channels.update(channels)
-        self._file.write(serialized(*schemas.values(), *channels.values()))
-        self._noted = self._file.position
+        self.file.write(serialized(*schemas.values(), *channels.values()))
+        self._noted = self.file.position
 
     def write_chunk(self, groups: Iterable[MessageGroup]) -> None:
         """Write messages as one chunk, behind the definitions they need that no chunk has had yet."""
         groups = list(groups)
+        if not groups:
+            return
         new = [self.channels[group.channel_id] for group in groups if group.channel_id not in self._defined]
         schemas = [self.schemas[schema_id] for schema_id in dict.fromkeys(channel.schema_id for channel in new)]
         parts: list[bytes | memoryview] = [serialized(*schemas, *new)]
         size = len(parts[0])
         index: dict[int, NDArray[np.void]] = {}
         for group in groups:
-            index[group.channel_id] = index_entries(np.maximum(group.log_time_ns, 0), group.offsets + size)
+            index[group.channel_id] = group.index
+            group.index["offset"] += size
             parts += group.records
-            size += sum(len(part) for part in group.records)
-        if index:
-            content = b"".join(parts)
-            self.put_chunk(self._compress(content), self._compression, len(content), zlib.crc32(content), index)
-            self._defined.update(index)
+            size += sum(map(len, group.records))
+        content = b"".join(parts)
+        chunk = PackedChunk(self._compress(content), self._compression, size, zlib.crc32(content))
+        self.put_chunk(chunk, index)
+        self._defined.update(index)
 
-    def put_chunk(
-        self, data: bytes, compression: str, size: int, crc: int, index: Mapping[int, NDArray[np.void]]
-    ) -> None:
-        """Write a chunk that is already compressed, with the index of its messages.
+    def put_chunk(self, chunk: PackedChunk, index: Mapping[int, NDArray[np.void]]) -> None:
+        """Write a chunk that is already compressed.
 
         Parameters
         ----------
-        data : bytes
-        compression : str
-            As MCAP names it: ``"zstd"``, ``"lz4"`` or ``""``.
-        size, crc : int
-            Of the uncompressed content.
-        index : mapping channel id -> structured array of ``log_time``, ``offset``
+        chunk : PackedChunk
+        index : mapping channel id -> index of its messages
+            Arrays of `INDEX_ENTRY`.
         """
-        start = min((int(entries["log_time"].min()) for entries in index.values() if len(entries)), default=0)
-        end = max((int(entries["log_time"].max()) for entries in index.values() if len(entries)), default=0)
-        chunk = serialized(
-            Chunk(
-                compression=compression,
-                data=data,
-                message_start_time=start,
-                message_end_time=end,
-                uncompressed_crc=crc,
-                uncompressed_size=size,
-            )
-        )
+        times = [entries["log_time"] for entries in index.values() if len(entries)]
+        start = min((int(own.min()) for own in times), default=0)
+        end = max((int(own.max()) for own in times), default=0)
+        head = chunk.head(start, end)
+        size = len(head) + len(chunk.data)
         offsets: dict[int, int] = {}
         messages = b""
         for channel_id, entries in index.items():
-            offsets[channel_id] = self._file.position + len(chunk) + len(messages)
+            offsets[channel_id] = self.file.position + size + len(messages)
             messages += message_index(channel_id, entries)
         chunk_index = ChunkIndex(
-            chunk_length=len(chunk),
-            chunk_start_offset=self._file.position,
-            compression=compression,
-            compressed_size=len(data),
+            chunk_length=size,
+            chunk_start_offset=self.file.position,
+            compression=chunk.compression,
+            compressed_size=len(chunk.data),
             message_end_time=end,
             message_index_length=len(messages),
             message_index_offsets=offsets,
             message_start_time=start,
-            uncompressed_size=size,
+            uncompressed_size=chunk.unpacked_size,
         )
-        with self._written_and_noted(chunk + messages):
-            self._chunk_indexes += serialized(chunk_index)
+        with self._written_and_noted(head, chunk.data, messages):
+            chunk_index.write(self._chunk_indexes)
             self._chunk_count += 1
             for channel_id, entries in index.items():
                 self._message_counts[channel_id] = self._message_counts.get(channel_id, 0) + len(entries)
-            if any(len(entries) for entries in index.values()):
+            if times:
                 first, last = self._times or (start, end)
                 self._times = (min(first, start), max(last, end))
 
@@ -261,44 +253,16 @@ class McapSink:
         time_ns = time.time_ns()
         media_type = "text/plain" if name.endswith(_TEXT_SUFFIXES) else "application/octet-stream"
         record = serialized(Attachment(0, time_ns, name, media_type, data))
-        index = AttachmentIndex(self._file.position, len(record), time_ns, 0, len(data), name, media_type)
+        index = AttachmentIndex(self.file.position, len(record), time_ns, 0, len(data), name, media_type)
         with self._written_and_noted(record):
             self._attachment_indexes.append(index)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record."""
         record = serialized(Metadata(name=name, metadata=dict(values)))
-        index = MetadataIndex(self._file.position, len(record), name)
+        index = MetadataIndex(self.file.position, len(record), name)
         with self._written_and_noted(record):
             self._metadata_indexes.append(index)
-
-    @property
-    def position(self) -> int:
-        """Size of the file so far."""
-        return self._file.position
-
-    @property
-    def failed(self) -> bool:
-        """Whether a write has failed; nothing is written any more then."""
-        return self._file.failed
-
-    def sync(self) -> None:
-        """Have the operating system put on the disk what was written."""
-        self._file.sync()
-
-    @property
-    def syncing(self) -> bool:
-        """Whether the operating system is putting on the disk what was written."""
-        return self._file.syncing
-
-    @property
-    def sync_took_s(self) -> float:
-        """How long the operating system took the last time."""
-        return self._file.sync_took_s
-
-    def begin_sync(self) -> None:
-        """See `DiskFile.begin_sync`."""
-        self._file.begin_sync()
 
     def finish(self) -> None:
         """Write the summary and close the file.
@@ -307,33 +271,34 @@ class McapSink:
         index: readers then go by the records themselves.
         """
         try:
-            if not self._file.failed and self._file.position == self._noted:
-                self._file.write(self._summary())
-                self._file.sync()
+            if not self.file.failed and self.file.position == self._noted:
+                self.file.write(self._summary())
+                self.file.sync()
         finally:
-            self._file.close()
+            self.file.close()
 
     def give_up(self) -> None:
         """Close the file and take it away: for one that could not even be begun."""
-        self._file.close()
+        self.file.close()
         self.path.unlink(missing_ok=True)
 
     @contextmanager
-    def _written_and_noted(self, record: bytes) -> Iterator[None]:
-        """Write a record, then have it noted for the summary; Ctrl-C between the two shows at `finish`."""
-        missed = self._file.position - self._noted
-        self._file.write(record)
+    def _written_and_noted(self, *record: bytes | memoryview) -> Iterator[None]:
+        """Write a record in parts, then have it noted for the summary; Ctrl-C between the two shows at `finish`."""
+        missed = self.file.position - self._noted
+        self.file.write(*record)
         yield
-        self._noted = self._file.position - missed
+        self._noted = self.file.position - missed
 
     def _summary(self) -> bytes:
         data_end = serialized(DataEnd(0))
-        start = self._file.position + len(data_end)
+        start = self.file.position + len(data_end)
+        chunk_indexes: bytes = self._chunk_indexes.end()  # type: ignore[no-untyped-call]
         groups = (
             (Opcode.SCHEMA, serialized(*self.schemas.values())),
             (Opcode.CHANNEL, serialized(*self.channels.values())),
             (Opcode.STATISTICS, serialized(self._statistics())),
-            (Opcode.CHUNK_INDEX, bytes(self._chunk_indexes)),
+            (Opcode.CHUNK_INDEX, chunk_indexes),
             (Opcode.ATTACHMENT_INDEX, serialized(*self._attachment_indexes)),
             (Opcode.METADATA_INDEX, serialized(*self._metadata_indexes)),
         )

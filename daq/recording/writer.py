@@ -14,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from daq.can.frames import FrameArray, FrameBatch, joined
+from daq.can.frames import FrameArray, FrameBatch, as_bytes, joined
 from daq.config import RunInfo
 from daq.errors import DataError, Fault
 from daq.recording.chunks import Compression
@@ -23,13 +23,14 @@ from daq.recording.events import HostTopics
 from daq.recording.format import (
     CLASSIC_SCHEMA,
     FD_SCHEMA,
+    RAW_DTYPES,
     RUN_END,
     RUN_START,
     raw_message_head,
     raw_schema_text,
     with_checksum,
 )
-from daq.recording.sink import McapSink, MessageGroup
+from daq.recording.sink import INDEX_ENTRY, McapSink, MessageGroup
 from daq.recording.topics import TopicNames
 
 FRAMES_PER_MESSAGE = 4096
@@ -59,7 +60,7 @@ class RawTopics:
         """Frames taken so far, per bus; after a failed write, those of them that are in the file."""
         counts = dict.fromkeys(self._buses, 0)
         for (bus, _), stream in self._streams.items():
-            counts[bus] += stream.written if self._sink.failed else stream.count
+            counts[bus] += stream.written if self._sink.file.failed else stream.count
         return counts
 
     @property
@@ -69,7 +70,8 @@ class RawTopics:
 
     def write(self, batch: FrameBatch) -> None:
         """Gather frames, and write a chunk when there are enough; see `RecordingWriter.write_frames`."""
-        highest = int(batch.frames["bus"].max(initial=0))
+        bus = batch.frames["bus"]
+        highest = int(bus.max(initial=0))
         if highest >= len(batch.buses) and len(batch):
             raise DataError(Fault(f"a frame is of bus {highest}", found=f"{len(batch.buses)} buses in the batch"))
         for name in batch.buses:
@@ -99,61 +101,63 @@ class RawTopics:
             schema_id = self._sink.add_schema(schema, raw_schema_text(schema))
             topic = self._names.raw_topic(bus, is_fd)
             channel_id = self._sink.add_channel(topic, schema_id, {"bus": bus, "bus_index": str(index)})
-            stream = self._streams[bus, is_fd] = _Stream(channel_id, index)
+            stream = self._streams[bus, is_fd] = _Stream(channel_id, index, RAW_DTYPES[schema])
         return stream
 
     def _gather(self, batch: FrameBatch) -> None:
         bus = batch.frames["bus"]
-        for number in np.flatnonzero(np.bincount(bus)):
-            rows = bus == number
-            own = batch.frames.copy() if rows.all() else batch[rows].frames
-            self._stream(batch.buses[number], batch.is_fd).take(own)
+        if len(batch.buses) == 1 or (bus == bus[0]).all():
+            self._stream(batch.buses[bus[0]], batch.is_fd).take(batch.frames, int(bus[0]))
+        else:
+            for number in np.flatnonzero(np.bincount(bus)).tolist():
+                self._stream(batch.buses[number], batch.is_fd).take(batch[bus == number].frames, number)
         self._pending_bytes += batch.frames.nbytes
 
 
 class _Stream:
     """Frames gathered for one topic."""
 
-    def __init__(self, channel_id: int, bus_index: int) -> None:
+    def __init__(self, channel_id: int, bus_index: int, dtype: np.dtype[np.void]) -> None:
         self.channel_id = channel_id
         self.bus_index = bus_index
-        self.pending: list[FrameArray] = []
+        self.pending = 0
         self.count = self.written = 0
         self.steps_back = 0
+        self._frames: FrameArray = np.empty(FRAMES_PER_MESSAGE, dtype)
         self._sequence = 0
-        self._last_ns: int | None = None
+        self._last_ns = np.int64(-(2**63))
 
-    def take(self, frames: FrameArray) -> None:
-        """Gather frames; the array is ours from now on."""
-        frames["bus"] = self.bus_index
-        time_ns = frames["time_ns"]
-        self.steps_back += int(np.count_nonzero(time_ns[1:] < time_ns[:-1]))
-        if self._last_ns is not None and time_ns[0] < self._last_ns:
-            self.steps_back += 1
-        self._last_ns = int(time_ns[-1])
-        self.pending.append(frames)
+    def take(self, frames: FrameArray, bus_index: int) -> None:
+        """Gather copies of frames; `bus_index` is what their bus column holds."""
+        end = self.pending + len(frames)
+        if end > len(self._frames):
+            self._frames = joined([self._frames, np.empty(end, frames.dtype)])
+        own = self._frames[self.pending : end]
+        as_bytes(own)[:] = as_bytes(frames)
+        if bus_index != self.bus_index:
+            own["bus"] = self.bus_index
+        time_ns = own["time_ns"]
+        self.steps_back += int(np.count_nonzero(time_ns[1:] < time_ns[:-1]) + (time_ns[0] < self._last_ns))
+        self._last_ns = time_ns[-1]
+        self.pending = end
         self.count += len(frames)
 
     def release(self) -> MessageGroup:
-        """Return the gathered frames as messages, and forget them."""
-        frames = self.pending[0] if len(self.pending) == 1 else joined(self.pending)
-        self.pending = []
-        starts = range(0, len(frames), FRAMES_PER_MESSAGE)
+        """Return the gathered frames as messages, to be written before others are gathered, and forget them."""
+        frames = self._frames[: self.pending]
+        self.pending = 0
         records: list[bytes | memoryview] = []
-        offsets = np.zeros(len(starts), np.int64)
-        log_time_ns = np.zeros(len(starts), np.int64)
+        entries: list[tuple[int, int]] = []
         position = 0
-        for i, start in enumerate(starts):
+        for start in range(0, len(frames), FRAMES_PER_MESSAGE):
             piece = frames[start : start + FRAMES_PER_MESSAGE]
-            offsets[i] = position
-            log_time_ns[i] = piece["time_ns"].max()
-            head = raw_message_head(
-                self.channel_id, self._sequence, int(log_time_ns[i]), len(piece), piece.dtype.itemsize
-            )
+            latest_ns = int(piece["time_ns"].max())
+            head = raw_message_head(self.channel_id, self._sequence, latest_ns, len(piece), piece.dtype.itemsize)
+            entries.append((max(latest_ns, 0), position))
             records += [head, piece.view(np.uint8).data]
             position += len(head) + piece.nbytes
             self._sequence += 1
-        return MessageGroup(self.channel_id, records, offsets, log_time_ns)
+        return MessageGroup(self.channel_id, records, np.array(entries, INDEX_ENTRY))
 
 
 class RecordingWriter(TopicWriter):
@@ -227,7 +231,7 @@ class RecordingWriter(TopicWriter):
                 self._sink.attach(name, data)
             self.add_metadata(RUN_START, started)
             if sync_every_s is not None:
-                self._sink.sync()
+                self._sink.file.sync()
         except BaseException:
             self._sink.give_up()
             raise
@@ -245,12 +249,12 @@ class RecordingWriter(TopicWriter):
     @property
     def failed(self) -> bool:
         """Whether a write has failed; nothing is written any more then."""
-        return self._sink.failed
+        return self._sink.file.failed
 
     @property
     def bytes_written(self) -> int:
         """Size of the file so far."""
-        return self._sink.position
+        return self._sink.file.position
 
     def write_frames(self, batch: FrameBatch) -> None:
         """Take frames in the order they were received.
@@ -286,7 +290,7 @@ class RecordingWriter(TopicWriter):
         """Flush, and have it put on the disk; a power cut cannot take it any more."""
         self._synced_at = self._clock()
         self.flush()
-        self._sink.sync()
+        self._sink.file.sync()
 
     @property
     def flush_due_s(self) -> float:
@@ -303,10 +307,10 @@ class RecordingWriter(TopicWriter):
         the raw frames, are written when it is time to sync only: in small pieces they take much room.
         """
         now = self._clock()
-        if self._sync_is_due(now) and not self._sink.syncing:
+        if self._sync_is_due(now) and not self._sink.file.syncing:
             self._synced_at = now
             self.flush()
-            self._sink.begin_sync()
+            self._sink.file.begin_sync()
         elif self._flush_every_s is not None and now - self._flushed_at >= self._flush_every_s:
             self._flush(decoded=self._sync_every_s is None)
 
@@ -349,7 +353,7 @@ class RecordingWriter(TopicWriter):
     ) -> None:
         if kind is None:
             self.close()
-        elif self._sink.failed:
+        elif self._sink.file.failed:
             self._closed = True
             self._sink.finish()
         else:
@@ -358,7 +362,7 @@ class RecordingWriter(TopicWriter):
     def _sync_is_due(self, now: float) -> bool:
         if self._sync_every_s is None:
             return False
-        return now - self._synced_at >= self._sync_every_s - min(self._sink.sync_took_s, self._sync_every_s / 2)
+        return now - self._synced_at >= self._sync_every_s - min(self._sink.file.sync_took_s, self._sync_every_s / 2)
 
     def _flush(self, *, decoded: bool) -> None:
         self._begin()

@@ -7,9 +7,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from daq.errors import Fault, RecordingError, WheelsoilError
+from daq.logs.formats import LOG_SUFFIXES
 from daq.runs.run import RUNS_FILE
 
-RUN_SUFFIXES = (".mcap", ".log", ".candump", ".blf", ".asc", ".trc", ".mf4")
+RUN_SUFFIXES = (".mcap", *(suffix for suffix in LOG_SUFFIXES if suffix != ".csv"))
 """Files that a folder without runs.toml offers as runs (a CSV may be anything)."""
 
 

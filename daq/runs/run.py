@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,12 +16,15 @@ from daq.can.databases import Database, load_database
 from daq.can.decoding import Decoder
 from daq.can.frames import FrameBatch
 from daq.can.roles import SignalRef, resolve_roles
-from daq.channels import Channel
-from daq.config import ROLES, RunInfo, RunsConfig, TerrainConfig, VehicleConfig, load_toml, parse_toml
+from daq.channels import ROLES, Channel
+from daq.config import RunInfo, RunsConfig, TerrainConfig, VehicleConfig, load_toml, parse_toml
 from daq.errors import DatabaseError, Fault, RecordingError, nearest
 from daq.logs import read_log
 from daq.recording import RunRecording
 from daq.zero_file import carried_zeros
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 VEHICLE_FILE, TERRAIN_FILE, RUNS_FILE = "vehicle.toml", "terrain.toml", "runs.toml"
 LENIENT_KEY = "lenient_dbc"
@@ -218,6 +222,21 @@ class Run:
                 pieces.setdefault(role, []).append(channel)
         return {role: _joined(parts) for role, parts in pieces.items()}
 
+    def to_frames(self, roles: Collection[str] = ROLES) -> dict[str, pd.DataFrame]:
+        """Return the channels of some roles as frames, each with its own time stamps; see `channels`.
+
+        Returns
+        -------
+        dict
+            Role to frame with the columns ``time_ns`` and, for instance, ``drawbar_pull_n``.
+
+        Raises
+        ------
+        ConfigError, RecordingError
+            See `channels`.
+        """
+        return {role: channel.to_frame() for role, channel in self.channels(roles).items()}
+
 
 def recording_run(path: Path, given: Configuration, *, lenient_dbc: bool = False) -> Run:
     """Open a recording with all parts of its run; `given` overrides what it carries."""
@@ -281,7 +300,7 @@ def _attached_databases(
 
 def _in_our_units(reference: SignalRef, decoded: Channel) -> Channel:
     channel = reference.to_si(decoded)
-    if reference.role in ("latitude", "longitude"):
+    if ROLES[reference.role].in_degrees:
         return replace(channel, unit="deg", values=np.degrees(channel.values))
     return channel
 

@@ -1,4 +1,5 @@
 from .export import write_blocks as write_blocks
+from .export import write_frame as write_frame
 from .export import write_table as write_table
 from .single_wheel_tables import PlateTest as PlateTest
 from .single_wheel_tables import ShearTest as ShearTest

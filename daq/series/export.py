@@ -6,12 +6,15 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import ConfigError, DataError, Fault, HardwareError, nearest
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Columns = Mapping[str, NDArray[Any]]
 _LONGEST_MATLAB_NAME = 63
@@ -20,6 +23,25 @@ _LONGEST_MATLAB_NAME = 63
 def write_table(path: str | Path, columns: Columns, units: Mapping[str, str] | None = None) -> Path:
     """Write columns of equal length as a table; see `write_blocks`."""
     return write_blocks(path, [columns], units)
+
+
+def write_frame(path: str | Path, frame: pd.DataFrame) -> Path:
+    """Write a frame as a table, with the units of its ``attrs["units"]``; see `write_blocks`.
+
+    Parameters
+    ----------
+    path : str or Path
+    frame : pandas.DataFrame
+        Shape (n, columns), as `to_frame` of a channel or a processed run gives it; its index is left out.
+
+    Raises
+    ------
+    ConfigError, DataError, HardwareError
+        See `write_blocks`.
+    """
+    columns = {name: frame[name].to_numpy() for name in frame.columns}
+    columns = {name: values.astype(str) if values.dtype == object else values for name, values in columns.items()}
+    return write_table(path, columns, frame.attrs.get("units", {}))
 
 
 def write_blocks(path: str | Path, blocks: Iterable[Columns], units: Mapping[str, str] | None = None) -> Path:

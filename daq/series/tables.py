@@ -1,10 +1,8 @@
-"""Tables that people write: a CSV file to named columns of numbers, every fault with its line.
+"""Tables that people write: a CSV file to named columns of numbers, with the line of every fault.
 
 Comma, semicolon or tab between the cells; the first line that is neither empty nor a ``#`` comment names the columns.
-A foreign table is fitted to our names by two options of the commands: ``--rename new=old*factor`` takes a column under
-another name and, with a factor, in another unit or sign; ``--where column=value`` keeps the rows that have the value.
-
-What fits a foreign table to our names: the options ``--rename new=old*factor`` and ``--where column=value``.
+Two options of the commands fit a foreign table to our names: ``--rename new=old*factor`` takes a column under another
+name and, with a factor, in another unit or sign; ``--where column=value`` keeps the rows that have the value.
 """
 
 from __future__ import annotations

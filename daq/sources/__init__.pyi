@@ -1,4 +1,9 @@
+from .can_source import InterfaceDownError as InterfaceDownError
+from .can_source import Sink as Sink
+from .can_source import Source as Source
+from .can_source import SourceCounters as SourceCounters
 from .interfaces import open_sink as open_sink
+from .interfaces import open_source as open_source
 from .player import ReplaySummary as ReplaySummary
 from .replaying import replay as replay
 from .replaying import replay_batches as replay_batches

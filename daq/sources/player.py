@@ -1,6 +1,6 @@
-"""Sends frames when they are due, and keeps count of how late it was and what it cost.
+"""Sends frames when they are due, and measures how late and at what cost.
 
-Waiting for a moment: the kernel is asked to wake this thread on time, and the rest is spent looking at the clock.
+The kernel is asked to wake the thread shortly before a frame is due; the rest is spent polling the clock.
 """
 
 from __future__ import annotations

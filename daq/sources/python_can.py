@@ -1,11 +1,10 @@
-"""Any python-can interface as a source of frames or a place to send them to.
+"""Any python-can interface as a source or a sink of frames.
 
-Stamps of a CAN adapter's own clock, which counts from power-up or was set once, brought to the host's clock.
-
-A frame cannot arrive before it was stamped. So the smallest (arrival - stamp) seen is the adapter's clock against the
-host's, too large by the shortest delay on the way; all stamps are moved by it, and keep the adapter's order and
-spacing. It rises again by 200 ppm, so that an adapter whose clock is slow is followed too: what a stamp owes to that is
-200 ppm of the time since the last frame that came quickly.
+Some adapters stamp frames with a clock of their own, which counts from power-up or was set once; its stamps are
+brought to the host's clock. A frame cannot arrive before it was stamped, so the smallest (arrival - stamp) is the
+offset between the two clocks plus the shortest delay on the way. All stamps are moved by it, and keep the adapter's
+order and spacing. The offset may rise again by 200 ppm, so that a slow adapter clock is followed too: the error from
+that is at most 200 ppm of the time since the last frame with the shortest delay.
 """
 
 from __future__ import annotations

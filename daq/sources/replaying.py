@@ -1,7 +1,4 @@
-"""Recording -> bus, at the recorded timing, N times faster, or as fast as the bus takes; once, N times or for ever.
-
-A recording several times over, as one stream of frames.
-"""
+"""Recording -> bus, at the recorded timing, N times faster, or as fast as the bus takes; once, N times or for ever."""
 
 from __future__ import annotations
 

@@ -1,13 +1,9 @@
-"""SocketCAN: hundreds of frames a system call, with the kernel's time stamps and its count of lost frames.
-
-Sockets of SocketCAN: opened and set up, asked for their losses, and why they refuse.
-"""
+"""SocketCAN: hundreds of frames per system call, with the kernel's time stamps and its count of lost frames."""
 
 from __future__ import annotations
 
 import ctypes
 import errno
-import fcntl
 import select
 import socket
 import struct
@@ -105,6 +101,8 @@ def lost_frames(made: socket.socket) -> int:
 
 def interface_is_up(made: socket.socket, channel: str) -> bool:
     """Whether an interface is there and up."""
+    import fcntl  # Unix has it; so has every system with SocketCAN
+
     try:
         _, flags = _IFREQ.unpack(fcntl.ioctl(made, _SIOCGIFFLAGS, _IFREQ.pack(channel.encode(), 0)))
     except OSError:

@@ -8,12 +8,8 @@ and z_r a sinkage that all tests reached: C/b + A is a pressure, nearly independ
 their unit with n. Each test enters by ln p(z_r) and n (`model.bevameter.joint`). k_c is not kept from being negative:
 plates that carry more pressure the larger they are contradict the law, and the user must see it.
 
-Source: Bekker (1969), Introduction to Terrain-Vehicle Systems; Wong (1980), J. Terramechanics 17(1).
-
-One pressure-sinkage curve: p = k z^n.
-
-The curve is reduced to the pressure at a reference sinkage and n, which are nearly independent of each other; k = p at
-1 m is not, and its unit depends on n.
+One curve, p = k z^n, is reduced to the pressure at a reference sinkage and n, which are nearly independent of each
+other; k = p at 1 m is not, and its unit depends on n.
 
 Source: Bekker (1969), Introduction to Terrain-Vehicle Systems; Wong (1980), J. Terramechanics 17(1).
 """

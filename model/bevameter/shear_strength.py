@@ -7,10 +7,6 @@ share of the strength.
 
 Source: Janosi & Hanamoto (1961), 1st International Conference on Terrain-Vehicle Systems; Wong (1980), J.
 Terramechanics 17(1).
-
-One shear curve: tau = tau_max (1 - exp(-j/K)).
-
-Source: Janosi & Hanamoto (1961), 1st International Conference on Terrain-Vehicle Systems.
 """
 
 from __future__ import annotations

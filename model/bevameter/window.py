@@ -1,11 +1,9 @@
-"""Zero and window of a pressure-sinkage curve: which samples count, and from where sinkage and pressure are measured.
+"""Zero and window of a test curve: the samples that count, and the origin of sinkage and pressure.
+
+A curve is refused where too few samples remain. Neighbouring points of one curve are not independent: their covariance
+is widened by the integrated autocorrelation of the residual, (1 + rho)/(1 - rho) for a first-order process.
 
 Source: Wong (1980), J. Terramechanics 17(1), on the evaluation of plate tests; the contact rule is ours.
-
-What the fit of one curve has in common with the other: when it is refused, and how far its points can be trusted.
-
-Neighbouring points of one curve are not independent. Their covariance is widened by the integrated autocorrelation of
-the residual, (1 + rho)/(1 - rho) for a first-order process.
 """
 
 from __future__ import annotations

@@ -12,8 +12,9 @@ from model.wheel_soil.dual import Dual, Number
 
 if TYPE_CHECKING:
     from model.effects.signals import Signals
-    from model.wheel_soil.conditions import Conditions, Reaction, SoilState, Wheel, WheelState
+    from model.wheel_soil.conditions import Conditions, Reaction, Wheel, WheelState
     from model.wheel_soil.contact import Patch
+    from model.wheel_soil.soils import SoilState
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from daq import ConfigError, Fault
+from daq import CHANNELS, ConfigError, Fault
 from model.effects.base import Effect, Needs, Parameter
 
 GROUP = "wheelsoil.effects"
-CHANNELS = ("drawbar_pull", "driving_torque", "vertical_load", "ground_speed", "wheel_speed")
+_SHOWN_IN = tuple(channel.role for channel in CHANNELS if channel.required)
 """Where an effect may show."""
 _STATED = ("name", "summary", "source", "parameters")
 
@@ -90,8 +90,8 @@ def _misfits(effect: type[Effect]) -> Iterable[tuple[str, str, str]]:
         yield "has a name that cannot be typed", repr(effect.key()), "letters, digits and underscores"
     if effect.kind not in ("physical", "measurement"):
         yield "is of an unknown kind", repr(effect.kind), "physical or measurement"
-    if not isinstance(effect.shows, tuple) or not effect.shows or not set(effect.shows) <= set(CHANNELS):
-        yield "shows where no channel is", repr(effect.shows), f"a tuple of {', '.join(CHANNELS)}"
+    if not isinstance(effect.shows, tuple) or not effect.shows or not set(effect.shows) <= set(_SHOWN_IN):
+        yield "shows where no channel is", repr(effect.shows), f"a tuple of {', '.join(_SHOWN_IN)}"
     if not isinstance(effect.needs, Needs):
         yield "does not say in the usual form what it needs", repr(effect.needs), "a model.effects.Needs"
     for p in effect.parameters:

@@ -1,12 +1,12 @@
+from .criteria import Criteria as Criteria
 from .fit import fit_models as fit_models
 from .fit import fit_observations as fit_observations
-from .observations import CHANNELS as CHANNELS
+from .gauss_newton import StopReason as StopReason
 from .observations import Observations as Observations
 from .problem import free_parameters as free_parameters
 from .result import CHOSEN as CHOSEN
 from .result import EXTENDED as EXTENDED
 from .result import MODELS as MODELS
-from .result import UNITS as UNITS
 from .result import CampaignFit as CampaignFit
 from .result import Estimate as Estimate
 from .result import FitOptions as FitOptions

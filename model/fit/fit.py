@@ -1,7 +1,4 @@
-"""A model and runs to a fit: estimates with intervals, criteria, and the load that the model's sinkage carries.
-
-What a fit asks of its options and data before it begins.
-"""
+"""Fit of the wheel-soil model to runs: checks of options and data, estimates with intervals, criteria."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import ConfigError, DataError, Fault, nearest
+from daq import OUTPUTS, REACTIONS, ConfigError, DataError, Fault, nearest
 from model.effects.base import Effect
 from model.effects.catalogue import EFFECTS
 from model.extended import ExtendedModel
@@ -19,7 +16,7 @@ from model.fit.criteria import criteria
 from model.fit.estimates import correlations, estimates_of, spread_of, warnings_of
 from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
 from model.fit.intervals import Blocks, blocks_of
-from model.fit.observations import CHANNELS, Observations, observations_of
+from model.fit.observations import Observations, observations_of
 from model.fit.problem import FitProblem, free_parameters
 from model.fit.result import CHOSEN, EXTENDED, MODELS, CampaignFit, FitOptions, LoadRatio, ModelFit
 from model.one_thread import one_thread
@@ -37,9 +34,9 @@ def check_options(options: FitOptions) -> None:
     """Raise ConfigError for models or channels that there are not, or an extended model of another reading."""
     faults = [Fault(f"there is no model {m!r}", expected=nearest(m, MODELS)) for m in options.models if m not in MODELS]
     faults += [
-        Fault(f"there is no channel {c!r} to fit", expected="dp, t", next_step="use --channels dp,t")
+        Fault(f"there is no channel {c!r} to fit", expected=", ".join(REACTIONS), next_step="use --channels dp,t")
         for c in options.channels or ("",)
-        if c not in CHANNELS
+        if c not in REACTIONS
     ]
     if options.extended is not None and options.extended.reading != options.reading:
         faults.append(
@@ -69,7 +66,7 @@ def driven_samples(observations: Observations, options: FitOptions) -> Observati
         raise DataError(
             *(
                 Fault(
-                    f"{CHANNELS[c]} was not measured",
+                    f"{OUTPUTS[c].field} was not measured",
                     next_step=f"leave {c!r} out of --channels, or give the signal a role under [signals]",
                 )
                 for c in missing
@@ -194,8 +191,8 @@ def fit_models(
         models.append(replace(fit, predictions=predictions))
         predicted.append(
             {
-                c: np.concatenate([getattr(p, CHANNELS[c])[r.used] for p, r in zip(predictions, runs, strict=True)])
-                for c in CHANNELS
+                key: np.concatenate([getattr(p, channel.field)[r.used] for p, r in zip(predictions, runs, strict=True)])
+                for key, channel in REACTIONS.items()
             }
         )
     return replace(fitted, models=judge_alike(models, everything, predicted, fitted.slip_threshold, wheel.radius_m))
@@ -237,7 +234,7 @@ def fit_observations(
     fits = [_fit_one(name, driven, wheel, soil, chosen) for name in chosen.names]
     forward = [chosen.forward(wheel, soil, fit.name) for fit in fits]
     predictions = [model.predict(observations.conditions, fit.values) for model, fit in zip(forward, fits, strict=True)]
-    predicted = [{c: getattr(p, CHANNELS[c]) for c in CHANNELS} for p in predictions]
+    predicted = [{key: getattr(p, channel.field) for key, channel in REACTIONS.items()} for p in predictions]
     models = judge_alike(fits, observations, predicted, threshold, wheel.radius_m)
     notes = (f"{lost} driven samples left out: the soil does not carry their load above the axle",) if lost else ()
     return CampaignFit(models, wheel, soil, chosen, threshold, observations, notes)
@@ -357,7 +354,7 @@ def judge_alike(
                 threshold,
                 vertical_load_n=forces[c],
             )
-            for c in CHANNELS
+            for c in REACTIONS
             if c == "dp" or np.isfinite(measured.measured(c)).any()
         }
         judged.append(replace(fit, criteria=found))

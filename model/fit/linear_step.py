@@ -1,6 +1,4 @@
-"""A bounded least-squares problem as it was handed in: checked at the door, evaluated, linearised.
-
-The linearised least-squares problem of one Gauss-Newton iteration: undamped, damped and bounded steps.
+"""The linearised least-squares problem of a Gauss-Newton iteration: checks, evaluation, and damped and bounded steps.
 
 In the scaled step ``y = D s`` and with ``[J D^-1 | r] = Q [R | q]`` the problem ``min |r + J s|^2 + mu |D s|^2`` is
 

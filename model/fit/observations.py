@@ -8,13 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import OUTPUTS
 from model.wheel_soil.conditions import Conditions
 from processing import ProcessedRun
 
 FloatArray = NDArray[np.float64]
-
-CHANNELS = {"dp": "drawbar_pull_n", "t": "driving_torque_nm"}
-"""Channels that can be fitted, by their short name on the command line."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +63,7 @@ class Observations:
 
     def measured(self, channel: str) -> FloatArray:
         """Return the measured values of "dp" or "t"."""
-        values: FloatArray = getattr(self, CHANNELS[channel])
+        values: FloatArray = getattr(self, OUTPUTS[channel].field)
         return values
 
 

@@ -17,7 +17,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from model.fit.observations import CHANNELS, Observations
+from daq import OUTPUTS
+from model.fit.observations import Observations
 from model.wheel_soil.soils import SOIL_PARAMETERS, SoilPrior
 from model.wheel_soil.wheel_soil_model import Prediction, WheelSoilModel
 
@@ -124,7 +125,8 @@ class FitProblem:
         """Return the problem with those parameters fixed, at their start or neutral, that nothing fitted shows."""
         x = self.answered_start()
         slopes = self.predict(x, self.names).sensitivities
-        shown = [any(np.any(getattr(slopes[name], CHANNELS[c]) != 0.0) for c in self.channels) for name in self.names]
+        fields = [OUTPUTS[channel].field for channel in self.channels]
+        shown = [any(np.any(getattr(slopes[name], field) != 0.0) for field in fields) for name in self.names]
         kept = tuple(f for f, seen in zip(self.free, shown, strict=True) if seen or f.name in SOIL_PARAMETERS)
         idle = {f.name: float(getattr(f, at)) for f in self.free if f not in kept}
         return replace(self, free=kept, fixed={**self.fixed, **idle})
@@ -149,7 +151,7 @@ class FitProblem:
         for channel in self.channels:
             weight = np.sqrt(self.tempering / self.variance[channel])
             residual.append(self.miss(prediction, channel) * weight)
-            slopes = [getattr(prediction.sensitivities[n], CHANNELS[channel]) for n in self.names]
+            slopes = [getattr(prediction.sensitivities[n], OUTPUTS[channel].field) for n in self.names]
             jacobian.append(np.stack(slopes, axis=1) * weight[:, None])
         if self.prior is not None:
             rows, target = self._prior_rows()
@@ -159,7 +161,7 @@ class FitProblem:
 
     def miss(self, prediction: Prediction, channel: str) -> FloatArray:
         """Return model minus measured, shape (n,)."""
-        predicted: FloatArray = getattr(prediction, CHANNELS[channel])
+        predicted: FloatArray = getattr(prediction, OUTPUTS[channel].field)
         return predicted - self.driven.measured(channel)
 
     def sensitivities_and_scores(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -191,9 +193,9 @@ class FitProblem:
         prediction = self.predict(x, ("slip", "vertical_load_n"))
         variance, floor = {}, {}
         for channel in self.channels:
-            by_slip = getattr(prediction.sensitivities["slip"], CHANNELS[channel]) * self.driven.slip_sigma
+            by_slip = getattr(prediction.sensitivities["slip"], OUTPUTS[channel].field) * self.driven.slip_sigma
             by_load = (
-                getattr(prediction.sensitivities["vertical_load_n"], CHANNELS[channel])
+                getattr(prediction.sensitivities["vertical_load_n"], OUTPUTS[channel].field)
                 * self.driven.vertical_load_sigma_n
             )
             carried = by_slip**2 + by_load**2

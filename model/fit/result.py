@@ -1,12 +1,14 @@
-"""What a fit returns."""
+"""The result of a fit and its tables."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import OUTPUTS, frame_of_rows
 from model.effects.catalogue import EFFECTS
 from model.extended import ExtendedModel
 from model.fit.criteria import Criteria
@@ -16,9 +18,8 @@ from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import Soil, SoilPrior
 from model.wheel_soil.wheel_soil_model import Prediction, Reading, WheelSoilModel
 
-UNITS = {"dp": "N", "t": "N m"}
-"""Channels that can be judged, and the unit of their R0."""
-
+if TYPE_CHECKING:
+    import pandas as pd
 
 FloatArray = NDArray[np.float64]
 
@@ -164,3 +165,37 @@ class CampaignFit:
     def model(self, name: str) -> ModelFit:
         """Return a model's fit by name."""
         return next(m for m in self.models if m.name == name)
+
+    def to_frames(self) -> dict[str, pd.DataFrame]:
+        """Return ``estimates`` (one row a parameter) and ``criteria`` (one row a model and channel) as frames.
+
+        Returns
+        -------
+        dict of pandas.DataFrame
+            Values are in the unit of the row's ``unit``; ``lower`` and ``upper`` are the ends of the interval at
+            ``options.confidence``. A parameter that is ``held`` has no interval.
+        """
+        return {"estimates": _estimates_frame(self), "criteria": _criteria_frame(self)}
+
+
+def _estimates_frame(fit: CampaignFit) -> pd.DataFrame:
+    names = ("model", "name", "unit", "value", "sigma", "lower", "upper", "derived", "at_bound", "held")
+    nan = float("nan")
+    rows: list[tuple[Any, ...]] = []
+    for model in fit.models:
+        rows += [(model.name, n, "", value, nan, nan, nan, False, False, True) for n, value in model.fixed.items()]
+        rows += [
+            (model.name, e.name, e.unit, e.value, e.sigma, *e.interval, e.derived, e.at_bound, False)
+            for e in model.estimates
+        ]
+    return frame_of_rows(names, rows)
+
+
+def _criteria_frame(fit: CampaignFit) -> pd.DataFrame:
+    names = ("model", "channel", "unit", "R0", "M0_percent", "R2", "samples", "reason")
+    rows = [
+        (model.name, OUTPUTS[key].role, OUTPUTS[key].unit, one.R0_N, one.M0_percent, one.R2, one.samples, one.reason)
+        for model in fit.models
+        for key, one in model.criteria.items()
+    ]
+    return frame_of_rows(names, rows)

@@ -1,7 +1,4 @@
-"""How the vehicle is driven: standstill, accelerate-coast-brake cycles, standstill.
-
-Vertical load under way: added mass, load transfer with acceleration, road roughness.
-"""
+"""Motion of the vehicle: standstill and accelerate-coast-brake cycles, with the vertical load on the way."""
 
 from __future__ import annotations
 

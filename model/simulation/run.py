@@ -1,7 +1,4 @@
-"""One run of the virtual test: driving, soil, vehicle and sensors put together.
-
-A soil drawn from the laboratory's uncertainty: what the field really is, as against what terrain.toml says.
-"""
+"""One simulated run: driving, soil, vehicle and sensors; the soil is drawn from the laboratory's uncertainty."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""The wheel force transducer: forces at the hub, its noise, its rotating zero offset, its axes.
-
-Clocks: the sensors' sampling clocks and the host clock that stamps their messages.
-
-Noise of instruments.
-"""
+"""The wheel force transducer: forces at the hub, noise, rotating zero offset, axes, sampling clock."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What the soil does to the wheel under way: the true histories of a virtual run.
-
-What a virtual run happens under, besides slip and load: everything that an effect may ask for.
-"""
+"""True histories of a simulated run: the conditions along the track, and what the soil does to the wheel."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Static sinkage: the closed form (Eq. 10) and the vertical balance (Eq. 7).
-
-Where the wheel settles: its sinkage, and the forces that the stresses give there.
-"""
+"""Static sinkage of a wheel: the closed form (Eq. 10) and the vertical balance (Eq. 7), with the forces there."""
 
 from __future__ import annotations
 
@@ -13,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.effects.base import Effect, Values
-from model.wheel_soil.conditions import Conditions, SoilState
+from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.contact import Patch, Quadrature, Resultants, entry_angle, resultants
 from model.wheel_soil.dual import Dual, Number, rows, value_of, where
+from model.wheel_soil.pressure_sinkage import closed_form
+from model.wheel_soil.soils import SoilState
 from model.wheel_soil.stresses import speed_ratio
 
 FloatArray = NDArray[np.float64]
@@ -43,7 +42,7 @@ class Contact:
     def map(self, function: Any) -> Contact:
         """Return the contact with `function` applied to every number."""
         return Contact(
-            SoilState(*(function(getattr(self.soil, name)) for name in SoilState.__dataclass_fields__)),
+            self.soil.map(function),
             function(self.radius),
             function(self.width),
             self.conditions.map(function),
@@ -67,7 +66,7 @@ class Contact:
             cohesion=soil.cohesion,
             tan_phi=soil.tan_phi * soil.interface,
             shear_modulus=soil.shear_modulus,
-            stiffness=soil.cohesive_modulus / self.width + soil.frictional_modulus,
+            stiffness=soil.stiffness(self.width),
             exponent=soil.exponent,
         )
         for effect, values in self.effects:
@@ -133,8 +132,7 @@ def _closed(contact: Contact) -> Number:
         contact.conditions.vertical_load_n,
         contact.radius,
         contact.width,
-        soil.cohesive_modulus,
-        soil.frictional_modulus,
+        soil.stiffness(contact.width),
         soil.exponent,
     )
 
@@ -186,24 +184,6 @@ LoadOf = Callable[[Any, Any], Any]
 _TOLERANCE = 1e-7
 _DEEPEST = 0.999
 """Of the radius: a wheel sunk to its axle is beyond the model."""
-
-
-def closed_form(load: Number, radius: Number, width: Number, cohesive: Number, frictional: Number, n: Number) -> Number:
-    """Return Z0 of Eq. 10 in metres.
-
-    Parameters
-    ----------
-    load : N, > 0
-    radius, width : m
-    cohesive, frictional : k_c in N/m^(n+1), k_phi in N/m^(n+2)
-    n : sinkage exponent
-
-    Notes
-    -----
-    Source: Bekker (1969); Yang et al. (2016), Eq. 10. Neglects shear and assumes Z0 much smaller than 2 r.
-    """
-    ratio = 3.0 * load / (np.sqrt(2.0 * radius) * (cohesive + width * frictional) * (3.0 - n))
-    return np.exp(np.log(ratio) * (2.0 / (2.0 * n + 1.0)))
 
 
 def balanced(

@@ -1,9 +1,4 @@
-"""What effects see of a wheel on soil, and what they give back.
-
-The wheel, as the wheel-soil model sees it.
-
-What a wheel is put through, sample by sample: measured inputs of the model, and what else effects may ask for.
-"""
+"""Inputs of the wheel-soil model, sample by sample, and the values that effects read and give back."""
 
 from __future__ import annotations
 
@@ -13,7 +8,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from model.wheel_soil.dual import Number, value_of, where
-from model.wheel_soil.stresses import speed_ratio
+from model.wheel_soil.soils import SoilState
+from model.wheel_soil.stresses import slip_of_ratio, speed_ratio
 
 REFERENCE_INFLATION_KPA = 340.0
 """Of a tyre whose pressure is not stated."""
@@ -92,36 +88,6 @@ class Conditions:
     def map(self, function: Callable[[Number], Number]) -> Conditions:
         """Return the conditions with `function` applied to every field."""
         return Conditions(*(function(getattr(self, f.name)) for f in fields(self)))
-
-
-def slip_of_ratio(ratio: Number) -> Number:
-    """Return the slip ratio for V/(r omega); the inverse of `model.wheel_soil.stresses.speed_ratio`."""
-    braking = value_of(ratio) > 1.0
-    return where(braking, 1.0 / where(braking, ratio, 1.0) - 1.0, 1.0 - ratio)
-
-
-@dataclass(frozen=True)
-class SoilState:
-    """The soil's parameters under given conditions, as columns or scalars in SI units.
-
-    ``interface`` multiplies tan phi where soil shears on the rim; the soil itself keeps its friction.
-    """
-
-    cohesion: Number
-    tan_phi: Number
-    shear_modulus: Number
-    exponent: Number
-    cohesive_modulus: Number
-    frictional_modulus: Number
-    interface: Number = 1.0
-
-    def stiffer(self, factor: Number) -> SoilState:
-        """Return the soil with k of Eq. 2 multiplied by a factor."""
-        return replace(
-            self,
-            cohesive_modulus=self.cohesive_modulus * factor,
-            frictional_modulus=self.frictional_modulus * factor,
-        )
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.wheel_soil import stresses
+from model.wheel_soil import pressure_sinkage, stresses
 from model.wheel_soil.dual import Dual, Number, concatenate_rows, rows, value_of, weighted_sum, where
 
 CHUNK = 1024
@@ -257,7 +257,7 @@ def _panel_sums(
     drop, advance = stresses.geometry(patch.entry_angle, delta)
     mirrored = _mirrored(patch, stop, span, rule.left) if rear else None
     depth = patch.radius * (drop if mirrored is None else stresses.geometry(patch.entry_angle, mirrored)[0])
-    sigma = stresses.normal_stress(patch.stiffness, depth, patch.exponent)
+    sigma = pressure_sinkage.normal_stress(patch.stiffness, depth, patch.exponent)
     j = stresses.shear_displacement(delta, advance, patch.radius, patch.speed_ratio)
     if _present(patch.lug_height):
         j = j + patch.lug_height * delta

@@ -1,7 +1,4 @@
-"""Everything that effects may ask for, for every sample of processed runs.
-
-Where on the campaign's line, and when on its clock, every sample of every run was taken.
-"""
+"""Conditions of every sample of processed runs, for effects: position on the line, time on the campaign clock, pass."""
 
 from __future__ import annotations
 

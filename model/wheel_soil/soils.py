@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from math import cos, radians, tan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daq import SOIL_KEYS, TerrainConfig
+from model.wheel_soil import pressure_sinkage
+from model.wheel_soil.dual import Number
 
 SOIL_PARAMETERS = (
     "cohesion_pa",
@@ -60,8 +63,44 @@ class Soil:
         return tan(self.friction_angle_rad)
 
     def stiffness(self, width_m: float) -> float:
-        """Return k = k_c/b + k_phi of Eq. 2 in Pa/m^n (the paper's print k_c/(b + k_phi) is a misprint)."""
-        return self.cohesive_modulus / width_m + self.frictional_modulus
+        """Return k of Eq. 2 in Pa/m^n."""
+        return float(pressure_sinkage.stiffness(self.cohesive_modulus, self.frictional_modulus, width_m))
+
+    def state(self, parameters: Mapping[str, Number]) -> SoilState:
+        """Return the soil with other values of `SOIL_PARAMETERS`."""
+        return SoilState(*(parameters[name] for name in SOIL_PARAMETERS))
+
+
+@dataclass(frozen=True)
+class SoilState:
+    """The soil's parameters under given conditions, as columns or scalars in SI units.
+
+    ``interface`` multiplies tan phi where soil shears on the rim; the soil itself keeps its friction.
+    """
+
+    cohesion: Number
+    tan_phi: Number
+    shear_modulus: Number
+    exponent: Number
+    cohesive_modulus: Number
+    frictional_modulus: Number
+    interface: Number = 1.0
+
+    def map(self, function: Callable[[Number], Number]) -> SoilState:
+        """Return the soil with `function` applied to every parameter."""
+        return SoilState(**{name: function(getattr(self, name)) for name in self.__dataclass_fields__})
+
+    def stiffness(self, width: Number) -> Number:
+        """Return k of Eq. 2 in Pa/m^n at a width in m."""
+        return pressure_sinkage.stiffness(self.cohesive_modulus, self.frictional_modulus, width)
+
+    def stiffer(self, factor: Number) -> SoilState:
+        """Return the soil with k of Eq. 2 multiplied by a factor."""
+        return replace(
+            self,
+            cohesive_modulus=self.cohesive_modulus * factor,
+            frictional_modulus=self.frictional_modulus * factor,
+        )
 
 
 def soil_from_terrain(terrain: TerrainConfig) -> Soil:

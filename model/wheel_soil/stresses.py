@@ -1,9 +1,8 @@
-r"""Normal and shear stress under a wheel, as functions of the angle behind the entry.
+r"""Where points of the rim are, and the shear stress there, as functions of the angle behind the entry.
 
 Everything is written in :math:`\delta = \theta_1 - \theta`, so that nothing cancels near the entry.
 
-Sources: Bekker (1969); Wong, Theory of Ground Vehicles (2008); Janosi & Hanamoto (1961); Yang et al. (2016),
-Eq. 2-5, where Eq. 2 is misprinted: k = k_c/b + k_phi.
+Sources: Wong, Theory of Ground Vehicles (2008); Janosi & Hanamoto (1961); Yang et al. (2016), Eq. 3-5.
 """
 
 from __future__ import annotations
@@ -31,11 +30,6 @@ def geometry(entry_angle: Number, delta: Number) -> tuple[Number, Number]:
     a = square + square  # 1 - cos(delta)
     q = 2.0 * (half * np.sqrt(1.0 - square))  # sin(delta)
     return sin1 * q - cos1 * a, sin1 * a + cos1 * q
-
-
-def normal_stress(stiffness: Number, sinkage: Number, exponent: Number) -> Number:
-    """Return sigma of Eq. 2 in Pa: k Z^n, with k in Pa/m^n and Z = r drop > 0 of Eq. 3 in m."""
-    return stiffness * np.exp(exponent * np.log(sinkage))
 
 
 def shear_displacement(delta: Number, advance: Number, radius: Number, speed_ratio: Number) -> Number:
@@ -96,3 +90,9 @@ def speed_ratio(slip: Number) -> Number:
     turning = where(braking, slip + 1.0, 1.0)
     turning = where(value_of(turning) < 1e-9, 1e-9, turning)
     return where(braking, 1.0 / turning, 1.0 - slip)
+
+
+def slip_of_ratio(ratio: Number) -> Number:
+    """Return the slip ratio for V/(r omega); the inverse of `speed_ratio`."""
+    braking = value_of(ratio) > 1.0
+    return where(braking, 1.0 / where(braking, ratio, 1.0) - 1.0, 1.0 - ratio)

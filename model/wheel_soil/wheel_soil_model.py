@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from daq import ConfigError, Fault, nearest
 from model.effects.base import Effect
 from model.wheel_soil.balance import Active, Contact, Solution, solve
-from model.wheel_soil.conditions import Conditions, Reaction, SoilState, Wheel, WheelState
+from model.wheel_soil.conditions import Conditions, Reaction, Wheel, WheelState
 from model.wheel_soil.contact import Quadrature
 from model.wheel_soil.dual import Dual, Number, column, value_of
 from model.wheel_soil.soils import SOIL_PARAMETERS, Soil
@@ -183,7 +183,7 @@ class WheelSoilModel:
         active = self._active(parameters)
         for effect, values in reversed(active):
             conditions = effect.inputs(conditions, values)
-        soil, radius = self._soil(parameters), parameters["radius_m"]
+        soil, radius = self.soil.state(parameters), parameters["radius_m"]
         for effect, values in active:
             soil = effect.soil(soil, conditions, values)
             radius = effect.contact_radius(radius, conditions, values)
@@ -221,7 +221,7 @@ class WheelSoilModel:
         parameters = self._parameters(values or {}, wrt)
         active = tuple(pair for pair in self._active(parameters) if pair[0].at_standstill)
         state = WheelState(
-            conditions, self._soil(parameters), parameters["radius_m"], parameters["width_m"], np.nan, np.nan
+            conditions, self.soil.state(parameters), parameters["radius_m"], parameters["width_m"], np.nan, np.nan
         )
         nothing = np.zeros(np.shape(conditions.vertical_load_n))
         reaction = _read(active, Reaction(nothing, nothing), state)
@@ -231,10 +231,6 @@ class WheelSoilModel:
         """Return the effects that are not at their neutral values, each with its own parameters."""
         own = [(e, {name: parameters[key] for name, key in e.parameter_keys().items()}) for e in self.effects]
         return tuple((effect, values) for effect, values in own if effect.is_active(values))
-
-    @staticmethod
-    def _soil(parameters: Mapping[str, Number]) -> SoilState:
-        return SoilState(*(parameters[name] for name in SOIL_PARAMETERS))
 
     def _solution(self, contact: Contact, given: Number | None, static: Number | None) -> Solution:
         """Solve in the model's reading, or in a mixture of both where an effect says so."""

@@ -1,20 +1,15 @@
-"""Filtered roles to a `ProcessedRun`: slip, segments, reasons, quality.
-
-What the sensors read at standstill: facts for the report and the diagnosis. Nothing is subtracted.
-
-Distance along the track from ground speed.
-"""
+"""Filtered roles to a `ProcessedRun`: slip ratio, distance, segments, exclusion reasons, quality, readings at rest."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from math import isfinite, nan, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import ClockFit, Note, RunInfo
+from daq import ON_TIME_BASE, TRANSDUCER_ROLES, ChannelDefinition, ClockFit, Note, RunInfo, Use
 from processing.notes import RunCode
 from processing.options import SLIP_ROLES, ProcessOptions
 from processing.pipeline.filters import standstill_sigma
@@ -86,9 +81,6 @@ def distance_of(time_s: FloatArray, ground_speed_mps: FloatArray) -> tuple[Float
     parts = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time_s[known])
     distance[known] = np.concatenate([[0.0], np.cumsum(parts)])
     return distance, float(np.abs(parts[np.diff(known) > 1]).sum())
-
-
-FORCES = ("drawbar_pull", "driving_torque", "vertical_load")
 
 
 @dataclass(frozen=True)
@@ -179,18 +171,8 @@ def assemble(material: Material, radius_m: float, run: RunInfo, options: Process
         time_s=material.time_s,
         slip=slip,
         slip_sigma=sigma,
-        ground_speed_mps=ground,
-        ground_speed_sigma_mps=material.sigma("ground_speed"),
-        wheel_speed_radps=material.values("wheel_speed"),
-        wheel_speed_sigma_radps=material.sigma("wheel_speed"),
-        vertical_load_n=load,
-        vertical_load_sigma_n=material.sigma("vertical_load"),
-        drawbar_pull_n=material.values("drawbar_pull"),
-        drawbar_pull_sigma_n=material.sigma("drawbar_pull"),
-        driving_torque_nm=torque,
-        driving_torque_sigma_nm=material.sigma("driving_torque"),
-        sinkage_m=material.values("sinkage"),
-        sinkage_sigma_m=material.sigma("sinkage"),
+        **_columns(material, (channel for channel in ON_TIME_BASE if channel.use is not Use.EXTRA)),
+        extras=_columns(material, (c for c in ON_TIME_BASE if c.use is Use.EXTRA and c.role in material.roles)),
         ground_acceleration_mps2=acceleration,
         wheel_acceleration_radps2=material.slope("wheel_speed"),
         distance_m=distance,
@@ -202,10 +184,19 @@ def assemble(material: Material, radius_m: float, run: RunInfo, options: Process
     )
 
 
+def _columns(material: Material, channels: Iterable[ChannelDefinition]) -> dict[str, FloatArray]:
+    """Return values and one-sigma of some channels by the names of their columns."""
+    found = {}
+    for channel in channels:
+        found[channel.field] = material.values(channel.role)
+        found[channel.sigma_field] = material.sigma(channel.role)
+    return found
+
+
 def with_standstill_noise(material: Material, segments: NDArray[np.uint8], rate_hz: float) -> Material:
     """Raise the estimated sigma of each force to what it does at standstill, see `processing.pipeline.filters`."""
     roles = dict(material.roles)
-    for role in FORCES:
+    for role in TRANSDUCER_ROLES:
         if role not in roles or roles[role].facts.sigma_source == "declared":
             continue
         sigma = standstill_sigma(roles[role].values, segments, rate_hz, material.cutoff_hz)
@@ -228,7 +219,7 @@ def _quality(
     standing = standstills(
         material.time_s,
         segments,
-        {role: material.values(role) for role in (*FORCES, "ground_speed") if role in material.roles},
+        {role: material.values(role) for role in (*TRANSDUCER_ROLES, "ground_speed") if role in material.roles},
         material.cutoff_hz,
     )
     sensors = {role: on_base.facts for role, on_base in material.roles.items()}

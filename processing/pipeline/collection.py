@@ -4,8 +4,6 @@ A recording may be larger than memory, so raw samples are not kept where they co
 `thin` shares each sample between the two nearest nodes of a grid, the nearer node taking the larger part. That is a
 triangular kernel two nodes wide: tones near the node rate are damped by 50 dB before they could fold, and what the
 kernel adds to the filter is a variance of time, which is measured and taken off the filter again (`filters.smooth`).
-
-A series that grows in place: no pile of small pieces, no second copy when it is complete.
 """
 
 from __future__ import annotations

@@ -1,18 +1,4 @@
-r"""One-sigma of one filtered sample, from the declared sigma, the data, or both.
-
-Of white noise of density S the filter lets through S B, with B its `white_noise_bandwidth`; slow noise (a receiver's
-own filter, wheel-order ripple, quantisation of a quiet signal) passes whole. A declared sigma d is of one raw sample
-and holds both. The data show the white part w: by what the filter takes out and by what differs from one raw sample to
-the next, whichever is less (the first holds signal beyond the cut-off, too); the rest is slow. With the sampling
-interval D:
-
-.. math:: \sigma_f^2 = \min(d, w)^2 D B + \max(d^2 - 1.2 w^2, 0)
-
-(w is known to some ten percent only: without the 1.2 white noise would seem to have a slow part.) Where no sigma is
-declared, d is the larger of w and q/sqrt(12) of the resolution q. Slow noise cannot be told from signal then, but at
-standstill there is no signal: what a force still does there is a lower bound.
-
-The one low-pass filter that every channel passes on its way to the time base.
+r"""The one low-pass filter that every channel passes on its way to the time base, and the sigma of a filtered sample.
 
 Channels come at 1 kHz, 100 Hz, 20 Hz or 1 Hz, with jitter and lost frames. Eq. 6 and the model divide and compare them,
 so that all must have been through *the same* transfer function. A recursive filter cannot give that: its coefficients
@@ -27,6 +13,19 @@ with w_i the time that sample i stands for. a is the filtered value, b the deriv
 is zero, a ramp passes unchanged whatever the jitter, also at the ends of a stretch, and there is no overshoot.
 Common bandwidth: the sum over samples equals the integral (to 4e-4) as long as f_c is at most a fifth of the channel's
 rate; the slowest channel therefore sets f_c for all.
+
+One-sigma of one filtered sample, from the declared sigma, the data, or both.
+Of white noise of density S the filter lets through S B, with B its `white_noise_bandwidth`; slow noise (a receiver's
+own filter, wheel-order ripple, quantisation of a quiet signal) passes whole. A declared sigma d is of one raw sample
+and holds both. The data show the white part w: by what the filter takes out and by what differs from one raw sample to
+the next, whichever is less (the first holds signal beyond the cut-off, too); the rest is slow. With the sampling
+interval D:
+
+.. math:: \sigma_f^2 = \min(d, w)^2 D B + \max(d^2 - 1.2 w^2, 0)
+
+(w is known to some ten percent only: without the 1.2 white noise would seem to have a slow part.) Where no sigma is
+declared, d is the larger of w and q/sqrt(12) of the resolution q. Slow noise cannot be told from signal then, but at
+standstill there is no signal: what a force still does there is a lower bound.
 """
 
 from __future__ import annotations

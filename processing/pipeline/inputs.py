@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from daq import Channel, ClockFit, DataError, VehicleConfig, fit_clock
+from daq import ON_TIME_BASE, Channel, ClockFit, DataError, VehicleConfig, fit_clock
 from processing.pipeline.collection import Samples
 from processing.timebase import FloatArray, as_of
 
-MODEL_ROLES = ("ground_speed", "wheel_speed", "vertical_load", "drawbar_pull", "driving_torque")
+MODEL_ROLES = tuple(channel.role for channel in ON_TIME_BASE if channel.required)
 """Channels that a used sample must have, where the run carries them at all."""
-_OTHER_ROLES = ("ground_speed_valid", "latitude", "longitude", "gnss_time", "sinkage")
+_AIDS = ("ground_speed_valid", "latitude", "longitude", "gnss_time")
 _STALE_INTERVALS = 1.75
 
 
@@ -31,7 +31,7 @@ def ready(
     with_angle : bool
         Whether the wheel angle is of use.
     """
-    roles = (*MODEL_ROLES, *_OTHER_ROLES, *(("wheel_angle",) if with_angle else ()))
+    roles = (*(channel.role for channel in ON_TIME_BASE), *_AIDS, *(("wheel_angle",) if with_angle else ()))
     for chunk in chunks:
         seen |= set(chunk)
         yield {role: _on_time(role, chunk[role], vehicle) for role in roles if role in chunk}

@@ -1,6 +1,4 @@
-r"""Ground speed held against wheel speed: residual latency and scale.
-
-Residual latency of ground speed against wheel speed, with its uncertainty.
+r"""Residual latency and scale of ground speed against wheel speed, with uncertainty.
 
 .. math:: V_m(t) = g(t - \tau), \qquad g = r \omega (c_0 + c_1 u + c_2 u^2 + c_3 u^3), \qquad u = T / (r W)
 

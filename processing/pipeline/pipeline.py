@@ -1,7 +1,4 @@
-"""Channels of one run to a `ProcessedRun`: the room's one door.
-
-What a run does not carry, for a purpose that only looks: which roles, why, and what to do.
-"""
+"""Channels of one run to a `ProcessedRun`; and which roles a run lacks, with the reason and what to do."""
 
 from __future__ import annotations
 
@@ -11,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from daq import (
+    ON_TIME_BASE,
     Channel,
     ClockFit,
     ConfigError,
@@ -315,11 +313,12 @@ def _time_base(samples: dict[str, Samples], cutoff_hz: float, options: ProcessOp
 def _put_all(
     samples: dict[str, Samples], base: Base, cutoff_hz: float, options: ProcessOptions, vehicle: VehicleConfig
 ) -> dict[str, OnBase]:
-    """Filter every role onto the base; sinkage, which may be slow, is not let lower the others' cut-off."""
+    """Filter every role onto the base; what is not required may be slow and does not lower the others' cut-off."""
     roles = {}
-    for role in (*MODEL_ROLES, "sinkage"):
+    for channel in ON_TIME_BASE:
+        role = channel.role
         if role in samples:
-            own_hz = choose_cutoff({role: samples[role]}, options)[0] if role == "sinkage" else cutoff_hz
+            own_hz = cutoff_hz if channel.required else choose_cutoff({role: samples[role]}, options)[0]
             sensor = vehicle.sensors.get(role)
             declared = (vehicle.latency_s(role), sensor.sigma if sensor else None)
             roles[role] = put_on_base(

@@ -8,7 +8,7 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import Note, Severity
+from daq import REACTIONS, Note, Severity
 from processing.notes import RunCode
 from processing.pipeline.latency import SpeedComparison
 from processing.processed_run import Reason, Segment, SensorFacts, Standstill
@@ -21,7 +21,6 @@ _RING_DELAY_S = 0.015
 """One-sigma of what the estimate owes to a toothed ring, which at low speed is later than its declared delay."""
 _NOTABLE_SCALE = 0.02
 _NOTABLE_GAP_SHARE = 0.1
-_ZERO_ROLES = ("drawbar_pull", "driving_torque")
 
 
 def combine_reasons(
@@ -151,7 +150,8 @@ def _opposed(role: str, values: FloatArray, against: str, of: FloatArray, rows: 
 
 def _zero_notes(standing: tuple[Standstill, ...]) -> list[Note]:
     notes = []
-    for role in _ZERO_ROLES:
+    for channel in REACTIONS.values():
+        role = channel.role
         seen = [(s.levels[role], s.sigmas[role]) for s in standing if role in s.levels]
         if seen and all(abs(level) > 3 * sigma for level, sigma in seen):
             levels, sigmas = zip(*seen, strict=True)

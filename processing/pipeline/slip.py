@@ -1,7 +1,4 @@
-"""Effective rolling radius: ground speed over rim speed where the wheel rolls freely.
-
-Slip of Eq. 6 and its braking counterpart, with propagated uncertainty.
-"""
+"""Slip ratio of Eq. 6 and its braking counterpart, with propagated uncertainty, and the effective rolling radius."""
 
 from __future__ import annotations
 

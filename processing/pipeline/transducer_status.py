@@ -7,15 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from daq import Channel, Note, VehicleConfig
+from daq import TRANSDUCER_ROLES, Channel, Note, VehicleConfig
 from processing.notes import RunCode
 from processing.pipeline.collection import Samples
 from processing.pipeline.inputs import latency_ns
 from processing.pipeline.resampling import OnBase
 from processing.timebase import FloatArray, IntArray
 
-FORCE_ROLES = ("vertical_load", "drawbar_pull", "driving_torque")
-"""Channels that the status speaks of."""
 _HELD_INTERVALS = 5
 _HELD_NS = 100_000_000
 _REMEMBERED = 1000
@@ -84,7 +82,7 @@ class StatusGate:
             if "transducer_status" in chunk:
                 self._take(chunk["transducer_status"])
             if self._came or self._declared:
-                kept |= {role: self._trusted(role, chunk[role]) for role in FORCE_ROLES if role in chunk}
+                kept |= {role: self._trusted(role, chunk[role]) for role in TRANSDUCER_ROLES if role in chunk}
             yield kept
             self._last = (self._last[0][-1:], self._last[1][-1:])
 

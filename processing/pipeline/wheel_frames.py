@@ -1,4 +1,4 @@
-r"""Wheel axes to vehicle axes, for a transducer that rotates with the wheel.
+r"""Wheel axes to vehicle axes for a transducer that rotates with the wheel; outboard weight and inertia.
 
 The rotation mixes the forces at wheel frequency, so that it is done at the transducer's own rate and before any filter:
 
@@ -8,7 +8,7 @@ with psi counted in the sense in which the wheel rolls forward and zero where x'
 side of the vehicle the y axis of a transducer points outward all the same, so that x' and the torque count the other
 way; both are turned round first.
 
-What the transducer feels less than the soil does: weight and inertia of the declared parts outboard of it.
+The transducer measures less than the soil gives: weight and inertia of the declared parts outboard of it are added.
 
 Newton for the parts between transducer and soil (mass m_o, inertia I_o about the axle):
 

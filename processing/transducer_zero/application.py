@@ -1,7 +1,4 @@
-"""The zero taken off a stream of channels, at the transducer's own rate, before rotation and filter.
-
-What is to be noted of the zero that was taken off a run.
-"""
+"""Subtraction of the zero from a stream of channels, at the transducer's own rate, before rotation and filter."""
 
 from __future__ import annotations
 
@@ -11,13 +8,13 @@ from typing import Literal
 
 import numpy as np
 
-from daq import ZERO_FILE, Channel, ConfigError, Determination, Fault, Note, VehicleConfig
+from daq import ROLES, TRANSDUCER_ROLES, ZERO_FILE, Channel, ConfigError, Determination, Fault, Note, VehicleConfig
 from processing.notes import RunCode
 from processing.pipeline.resampling import OnBase
 from processing.pipeline.wheel_frames import interpolate_angle, merged_angle
 from processing.processed_run import AppliedZero
 from processing.timebase import FloatArray, IntArray, in_order, seconds_since
-from processing.transducer_zero.choice import ROLE_QUANTITIES, RoleZero, choose, systematic_sigma
+from processing.transducer_zero.choice import RoleZero, choose, systematic_sigma
 
 _OLD_S = 86_400.0
 _WARMER_K = 10.0
@@ -221,7 +218,7 @@ class ZeroRemoval:
             return []
         return zero_notes(
             self._chosen or {},
-            [role for role in ROLE_QUANTITIES if role in self._vehicle.signals],
+            [role for role in TRANSDUCER_ROLES if role in self._vehicle.signals],
             self._span_ns,
             self._zeros.source,
             self._zeros.temperature_degc,
@@ -231,7 +228,7 @@ class ZeroRemoval:
     def _begin(self, chunk: dict[str, Channel]) -> None:
         if self._chosen is not None:
             return
-        starts = [int(chunk[role].time_ns[0]) for role in ROLE_QUANTITIES if role in chunk and len(chunk[role])]
+        starts = [int(chunk[role].time_ns[0]) for role in TRANSDUCER_ROLES if role in chunk and len(chunk[role])]
         if starts:
             self._span_ns = (min(starts), min(starts))
             self._chosen = choose(self._zeros.determinations, self._vehicle, min(starts))
@@ -273,7 +270,7 @@ class ZeroRemoval:
             self._turning += len(psi)
             self._without_angle += int(np.sum(~np.isfinite(psi)))
             taken = offset + np.nan_to_num(cos * np.cos(psi) + sin * np.sin(psi))
-        return Channel(role, "Nm" if role == "driving_torque" else "N", time_ns, values - taken)
+        return Channel(role, ROLES[role].unit, time_ns, values - taken)
 
     def _psi(self, time_ns: IntArray, one: Determination) -> FloatArray:
         """Return psi as the determination counted it; NaN where the angle is not known."""

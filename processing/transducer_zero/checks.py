@@ -1,7 +1,4 @@
-"""How a zero moved from one determination to the next.
-
-What a spin says of the outboard mass and of the wheel angle's zero, against what vehicle.toml declares.
-"""
+"""Checks of a zero: its drift between determinations, and the outboard mass and wheel angle against vehicle.toml."""
 
 from __future__ import annotations
 

@@ -7,15 +7,8 @@ from math import hypot, sqrt
 
 import numpy as np
 
-from daq import ChannelZero, Determination, Quantity, VehicleConfig, find_unit
+from daq import ROLES, TRANSDUCER_ROLES, ChannelZero, Determination, VehicleConfig, find_unit
 from processing.timebase import FloatArray, IntArray
-
-ROLE_QUANTITIES = {
-    "vertical_load": Quantity.FORCE,
-    "drawbar_pull": Quantity.FORCE,
-    "driving_torque": Quantity.MOMENT,
-}
-"""Roles that a zero is taken off."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +97,7 @@ def choose(determinations: tuple[Determination, ...], vehicle: VehicleConfig, st
         one holds.
     """
     chosen = {}
-    for role in ROLE_QUANTITIES:
+    for role in TRANSDUCER_ROLES:
         found = [one for one in (_find(d, role, vehicle) for d in determinations) if one is not None]
         before = max((f for f in found if f.of.time_ns <= start_ns), key=lambda f: f.of.time_ns, default=None)
         after = min((f for f in found if f.of.time_ns > start_ns), key=lambda f: f.of.time_ns, default=None)
@@ -144,7 +137,7 @@ def _find(determination: Determination, role: str, vehicle: VehicleConfig) -> Fo
     channel = determination.channels.get(plain) or determination.channels.get(plain.rpartition(":")[2])
     if channel is None:
         return None
-    unit = find_unit(channel.unit, (ROLE_QUANTITIES[role],))
+    unit = find_unit(channel.unit, ROLES[role].quantities)
     if unit is None:
         return None
     return Found(determination, channel, (-1.0 if text.startswith("-") else 1.0) * unit.factor)

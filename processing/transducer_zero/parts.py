@@ -1,6 +1,6 @@
-"""Which part of a recording a zero can be taken from: steady revolutions, or a standstill, of a lifted wheel.
+"""The parts of a recording that give a zero: steady revolutions, or a standstill, of a lifted wheel.
 
-Offset, once and twice per revolution of one signal, with sigmas that hold for noise correlated in time.
+Of each signal come the offset and the amplitudes once and twice per revolution, with sigmas for correlated noise.
 
 A robust fit (bisquare: spikes do not count) gives the coefficients. Their covariance is the jackknife over blocks of
 time of a second or more, which are nearly independent however the samples within them depend on each other; blocks

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from playwright.sync_api import sync_playwright
 from plotly.subplots import make_subplots
 
-from model.diagnosis.core import DiagnosisOptions, Seen
-from model.diagnosis.single_wheel import Weighed, Weighing, diagnose_bench, driven_rows, skid_law
+from model.diagnosis import DiagnosisOptions, Seen, diagnose_bench
+from model.diagnosis.single_wheel import Weighed, Weighing, driven_rows, skid_law
 from studies.real_data.study import CHANNELS, HERE, bench, weighed
 from studies.real_data.transfer import transfer
 

@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from daq import TerrainConfig, load_toml
-from model.diagnosis.core import Bench, DiagnosisOptions
-from model.diagnosis.single_wheel import SoilCoordinates, diagnose_bench
+from model.diagnosis import Bench, DiagnosisOptions, diagnose_bench
+from model.diagnosis.single_wheel import SoilCoordinates
 from model.effects import EFFECTS
 from model.fit import Observations
 from model.wheel_soil import Conditions, Wheel, WheelSoilModel, prior_of, soil_from_terrain

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from model.diagnosis.core import Bench, Diagnosis, DiagnosisOptions, rms
+from model.diagnosis import Bench, Diagnosis, DiagnosisOptions, diagnose_bench
+from model.diagnosis.core import rms
 from model.diagnosis.single_wheel import (
     BenchProblem,
     CauseUse,
     Hypothesis,
     Weighing,
-    diagnose_bench,
     driven_rows,
     foretell,
     library,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
-from model.diagnosis.core import Bench, DiagnosisOptions
+from model.diagnosis import Bench, DiagnosisOptions
 from model.diagnosis.single_wheel import (
     BenchProblem,
     CauseUse,

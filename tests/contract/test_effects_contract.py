@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 from dataclasses import fields, replace
 from pathlib import Path
@@ -19,7 +20,8 @@ from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
 from model.wheel_soil.wheel_soil_model import WheelSoilModel
 from processing.processed_run import QualityReport
 
-DOCS = Path(__file__).parents[2] / "docs" / "effects"
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs" / "effects"
 CONDITIONS = full_conditions()
 OPTIONAL = tuple(f.name for f in fields(Conditions) if f.name not in ("slip", "vertical_load_n"))
 PARAMETERS = [(key, name) for key, effect in EFFECTS.items() for name in effect.parameter_keys().values()]
@@ -209,3 +211,21 @@ def test_has_a_page(key: str) -> None:
     assert page.startswith(f"# {effect.name}\n")
     assert all(f"`{p.name}`" in page and f"{p.prior_scale:g}" in page for p in effect.parameters)
     assert f"[{effect.name}]({effect.name}.md)" in (DOCS / "README.md").read_text()
+
+
+ROOMS = ("processing", "model", "wheelsoil")
+OTHER_MEANING = {("consistency.py", "wheel_radius")}
+"""Names that mean a measured quantity: the channel that a broken bound makes suspect."""
+
+
+def test_no_family_is_known_by_name_outside_the_effects() -> None:
+    """What the program must know of an effect it declares itself, so that one of another package is an equal."""
+    families = {effect.name for effect in (*PHYSICAL, *MEASUREMENT)}
+    files = [path for room in ROOMS for path in (ROOT / room).glob("**/*.py") if "effects" not in path.parts]
+    found = [
+        (path.name, node.value)
+        for path in files
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and node.value in families
+    ]
+    assert set(found) <= OTHER_MEANING

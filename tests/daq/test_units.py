@@ -63,6 +63,7 @@ NIST_SP_811: dict[Quantity, dict[str, float]] = {
         "min": 6.0e1,
         "h": 3.6e3,
     },
+    Quantity.PRESSURE: {"Pa": 1.0, "hPa": 1.0e2, "kPa": 1.0e3, "bar": 1.0e5, "psi": 6.894757e3},
     Quantity.TEMPERATURE: {"K": 1.0, "degC": 1.0, "degF": 5.555556e-1},
     Quantity.RATIO: {"1": 1.0, "%": 1.0e-2, "permille": 1.0e-3},
 }
@@ -83,6 +84,8 @@ EXACT: dict[tuple[Quantity, str], float] = {
     (Quantity.ANGLE, "arcsec"): constants.arcsecond,
     (Quantity.LENGTH, "in"): constants.inch,
     (Quantity.LENGTH, "ft"): constants.foot,
+    (Quantity.PRESSURE, "bar"): constants.bar,
+    (Quantity.PRESSURE, "psi"): constants.psi,
     (Quantity.TIME, "min"): constants.minute,
     (Quantity.TIME, "h"): constants.hour,
 }

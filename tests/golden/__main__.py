@@ -33,7 +33,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(f"set WHEELSOIL_DATA, or choose other CASES: public data are needed by {' '.join(missing)}")
     moved, failed = _run([case for case in chosen if case.name not in missing], renew=options.keep is not None)
     if missing:
-        print(f"\nSKIPPED {len(missing)} of {len(chosen)} cases, for WHEELSOIL_DATA is not set: {' '.join(missing)}")
+        named = os.environ.get("WHEELSOIL_DATA")
+        why = f"WHEELSOIL_DATA, {named}, is no folder" if named else "WHEELSOIL_DATA is not set"
+        print(f"\nSKIPPED {len(missing)} of {len(chosen)} cases, for {why}: {' '.join(missing)}")
     if options.keep is not None:
         gone = forget_unknown(CASES) if options.cases == ["*"] else []
         if moved or gone:
@@ -61,7 +63,7 @@ def _run(cases: Sequence[Case], *, renew: bool) -> tuple[list[str], list[str]]:
                 failed.append(case.name)
                 print(f"{case.name}: FAILED, {type(error).__name__}: {error}", flush=True)
                 continue
-            verdict = f"{len(found)} differences" if found else "as kept"
+            verdict = f"{len(found)} difference{'s' * (len(found) > 1)}" if found else "as kept"
             print(f"{case.name}: {verdict} ({time.process_time() - start:.1f} s CPU)", flush=True)
             if found:
                 moved.append(case.name)

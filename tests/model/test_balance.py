@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from model.wheel_soil.balance import Contact, solve
-from model.wheel_soil.conditions import Conditions, SoilState
+from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.contact import CHUNK, Quadrature
 from model.wheel_soil.dual import Dual, column
-from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
+from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS, SoilState
 
 UNSOLVABLE = 7
 

@@ -12,8 +12,9 @@ from effects_support import WHEEL
 from model.effects.base import Effect
 from model.effects.catalogue import EFFECTS, MEASUREMENT
 from model.effects.signals import Signals
-from model.wheel_soil.conditions import Conditions, Reaction, SoilState, WheelState, slip_of_ratio
-from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
+from model.wheel_soil.conditions import Conditions, Reaction, WheelState
+from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS, SoilState
+from model.wheel_soil.stresses import slip_of_ratio
 
 RATE_HZ = 200.0
 TIME = np.arange(0.0, 30.0, 1.0 / RATE_HZ)

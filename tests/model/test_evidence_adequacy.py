@@ -10,7 +10,7 @@ from gram_support import World, column, library, world
 
 from model.diagnosis.core.shapes import Kind, Shape
 from model.diagnosis.findings.adequacy import MOST_EXCESS, SLACK, _kinds, adequacy, excess, left_over, two_soils
-from model.diagnosis.findings.detectable import detectable_in_runs
+from model.diagnosis.findings.isolability import detectable_in_runs
 from model.diagnosis.findings.where_wrong import found_in
 from model.diagnosis.time_series.evidence import hypotheses, posterior
 

@@ -9,9 +9,9 @@ import pytest
 from gram_support import World, column, library, world
 
 from model.diagnosis.findings.adequacy import excess
+from model.diagnosis.findings.held_out import bagged
 from model.diagnosis.time_series.evidence import Posterior, posterior
 from model.diagnosis.time_series.grams import Grams
-from model.diagnosis.time_series.held_out import bagged
 
 RUNS = 6
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gram_support import column, world
 
-from model.diagnosis.findings.detectable import detectable_in_runs
+from model.diagnosis.findings.isolability import detectable_in_runs
 from model.diagnosis.time_series.evidence import hypotheses, probabilities, without_soil
 
 COLUMNS = (column("a"), column("b", one_sided=True), column("c"))

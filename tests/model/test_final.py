@@ -9,10 +9,10 @@ import pytest
 from short_campaign import driven, looked, noise_of
 
 from model.diagnosis.core.campaign import DiagnosisOptions
+from model.diagnosis.findings.set_fit import TRUST, fit_set, interval, parameters_of, soils_of, spread_of
+from model.diagnosis.findings.set_problem import set_problem
 from model.diagnosis.time_series.evidence import estimate
-from model.diagnosis.time_series.final import TRUST, fit_set, interval, parameters_of, soils_of, spread_of
 from model.diagnosis.time_series.looks import look
-from model.diagnosis.time_series.set_problem import set_problem
 
 
 @pytest.mark.parametrize("keys", [("vasilev",), ("lyasko", "torque_zero"), ("speed_latency",)])

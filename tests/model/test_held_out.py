@@ -9,9 +9,9 @@ import pytest
 from short_campaign import driven, looked
 
 from daq.notes import Note
+from model.diagnosis.findings.held_out import foretold, held_out
+from model.diagnosis.findings.set_fit import fit_set
 from model.diagnosis.time_series.evidence import log_likelihood_of_run
-from model.diagnosis.time_series.final import fit_set
-from model.diagnosis.time_series.held_out import foretold, held_out
 from model.notes import DiagnosisCode
 
 DIGGING = "vasilev:H_m=0.04"

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from diagnosis_support import at_speed, linearised
 
+from daq.channels import INPUTS
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.result import INPUTS
 from model.diagnosis.core.shapes import Kind, Shape
 from model.diagnosis.findings.adequacy import _kinds
 from model.diagnosis.time_series.basis import SPEED_MPS, basis, input_shapes

@@ -12,8 +12,8 @@ from short_campaign import driven, noise_of
 
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.next_test import against_rest
-from model.diagnosis.findings.detectable import least_left, own_columns
-from model.diagnosis.findings.detectable import projected_without_soil as without_soil
+from model.diagnosis.findings.isolability import least_left, own_columns
+from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 from model.diagnosis.planning.manoeuvres import (
     LIKE_OTHERS,
     braked,
@@ -21,6 +21,7 @@ from model.diagnosis.planning.manoeuvres import (
     only_run,
     slower_ramps,
     turned,
+    typical_run,
     with_load_times,
 )
 from model.diagnosis.planning.next_run import Member, next_runs
@@ -50,6 +51,14 @@ def driven_with(*added_load_kg: float) -> Campaign:
 
 def run_of_samples() -> Samples:
     return only_run(samples_of(driven()), 0)
+
+
+def test_rounding_does_not_decide_which_of_two_runs_is_the_typical_one() -> None:
+    samples = samples_of(driven())
+    for rounding in (-1e-14, 1e-14):
+        load_n = np.array([580.0, 590.0 * (1 + rounding), 600.0, 610.0])[samples.run]
+        loaded = replace(samples, conditions=replace(samples.conditions, vertical_load_n=load_n))
+        assert typical_run(loaded).run_names == samples.run_names[1:2]
 
 
 def members(**sizes: float) -> tuple[Member, ...]:

@@ -13,7 +13,7 @@ from short_campaign import driven, looked, noise_of
 from daq.config import RunInfo, VehicleConfig
 from daq.errors import ConfigError, DataError
 from model.diagnosis.core.campaign import DiagnosisOptions
-from model.diagnosis.findings.detectable import isolability
+from model.diagnosis.findings.isolability import isolability
 from model.diagnosis.planning.plan import Plan, plan_from_look, plan_of
 from model.diagnosis.planning.planned_runs import CampaignPlan, plan_for, planned_campaign, usual_runs
 from model.diagnosis.time_series.looks import look

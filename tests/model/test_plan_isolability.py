@@ -8,8 +8,8 @@ from diagnosis_grams import columns_of_runs, grams_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.diagnosis.findings.detectable import isolability
-from model.diagnosis.findings.detectable import projected_without_soil as without_soil
+from model.diagnosis.findings.isolability import isolability
+from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 
 
 def made(seed: int, alike: float = 0.0, soil_like: float = 0.0):

@@ -10,8 +10,8 @@ from diagnosis_grams import grams_of
 from short_campaign import driven, looked
 
 from model.diagnosis.findings.proposal import TermColumn, chosen_terms, propose, propose_for
+from model.diagnosis.findings.set_fit import fit_set
 from model.diagnosis.time_series.evidence import posterior
-from model.diagnosis.time_series.final import fit_set
 from processing.processed_run import ProcessedRun
 
 NAMES = {f"{channel}: {text}": (f"{channel}: {text}", False) for channel in ("dp", "t") for text in ("s^2", "W", "V x")}

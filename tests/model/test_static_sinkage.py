@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from model.effects.catalogue import EFFECTS
-from model.wheel_soil.balance import balanced, closed_form
+from model.wheel_soil.balance import balanced
 from model.wheel_soil.conditions import Conditions, Wheel
 from model.wheel_soil.contact import entry_angle
+from model.wheel_soil.pressure_sinkage import closed_form, stiffness
 from model.wheel_soil.soils import SOILS
 from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
@@ -49,7 +50,7 @@ def test_the_entry_angle_is_that_of_the_circle() -> None:
 def test_the_closed_form_satisfies_bekkers_equation(load: float, n: float, radius: float, width: float) -> None:
     """W = b k sqrt(D) Z^(n + 1/2) (3 - n) / 3 with D = 2 r (Bekker 1969), which Eq. 10 solves for Z."""
     k_c, k_phi = 43.68e3, 499.3e3
-    z = closed_form(load, radius, width, k_c, k_phi, n)
+    z = closed_form(load, radius, width, stiffness(k_c, k_phi, width), n)
     carried = (k_c + width * k_phi) * np.sqrt(2 * radius) * z ** (n + 0.5) * (3 - n) / 3
     assert carried == pytest.approx(load, rel=1e-9)
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from daq.errors import ConfigError
 from model.effects.catalogue import EFFECTS
-from model.wheel_soil.balance import closed_form
 from model.wheel_soil.conditions import Conditions, Wheel
 from model.wheel_soil.contact import Quadrature
+from model.wheel_soil.pressure_sinkage import closed_form
 from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
 from model.wheel_soil.wheel_soil_model import INPUTS, WHEEL_PARAMETERS, WheelSoilModel
 
@@ -127,5 +127,5 @@ def test_unknown_parameter_names_the_nearest() -> None:
 
 def test_closed_form_matches_the_table() -> None:
     s = SOILS["clay"]
-    z = closed_form(8000.0, 0.47, 0.318, s.cohesive_modulus, s.frictional_modulus, s.sinkage_exponent)
+    z = closed_form(8000.0, 0.47, 0.318, s.stiffness(0.318), s.sinkage_exponent)
     assert z == pytest.approx(0.119587375, rel=1e-8)

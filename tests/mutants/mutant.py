@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -51,7 +52,9 @@ class Mutant:
         parts = text.split(self.old)
         found = len(parts) - 1
         if found == 0 or (found > 1 and not self.occurrence) or self.occurrence > found:
-            raise ValueError(f"{self.id}: expected {self.old!r} once in {self.file}, got {found} times")
+            raise ValueError(
+                f"{self.id}: expected {self.old!r} once in {self.file}, got {found} times: change {self.room}.toml"
+            )
         at = self.occurrence or 1
         return self.old.join(parts[:at]) + self.new + self.old.join(parts[at:])
 
@@ -59,10 +62,17 @@ class Mutant:
 def all_mutants() -> list[Mutant]:
     """Return the mutants of every list in this folder."""
     return [
-        Mutant(room=path.stem, **entry | {"tests": tuple(entry["tests"])})
+        _mutant(path, entry)
         for path in sorted(HERE.glob("*.toml"))
         for entry in tomllib.loads(path.read_text(encoding="utf-8"))["mutant"]
     ]
+
+
+def _mutant(path: Path, entry: dict[str, Any]) -> Mutant:
+    try:
+        return Mutant(room=path.stem, **entry | {"tests": tuple(entry.get("tests", ()))})
+    except TypeError as error:
+        raise SystemExit(f"{path.name}: {entry.get('id', 'a mutant without id')}: {error}") from None
 
 
 def problems(mutants: list[Mutant], root: Path = ROOT) -> list[str]:

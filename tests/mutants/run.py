@@ -35,9 +35,10 @@ def main() -> None:
     wrong = problems(mutants)
     if wrong or options.check:
         sys.exit("\n".join(wrong) or None)
-    chosen = [m for m in mutants if any(fnmatch(m.id, n) or fnmatch(f"{m.room}/{m.id}", n) for n in options.only)]
-    if not chosen:
-        sys.exit(f"no mutant is named {' or '.join(options.only)}")
+    named = {name: [mutant for mutant in mutants if _goes_by(mutant, name)] for name in options.only}
+    if unknown := [name for name, found in named.items() if not found]:
+        sys.exit(f"no mutant is named {' or '.join(unknown)}")
+    chosen = [mutant for mutant in mutants if any(mutant in found for found in named.values())]
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         copies = [Checkout(Path(folder).resolve() / str(number)) for number in range(min(options.jobs, len(chosen)))]
@@ -52,9 +53,16 @@ def main() -> None:
             for copy in copies:
                 copy.stop()
             write_table(TABLE, mutants, {o.mutant.id: o.test or f"**{o.state}**" for o in outcomes})
-    survived = [outcome.mutant.id for outcome in outcomes if outcome.state == "survived"]
-    print(f"{len(outcomes) - len(survived)} of {len(outcomes)} killed; survived: {', '.join(survived) or 'none'}")
-    sys.exit(bool(survived))
+    killed = sum(outcome.state == "killed" for outcome in outcomes)
+    numeric = [outcome.state == "killed" for outcome in outcomes if outcome.mutant.numeric]
+    print(f"{killed} of {len(outcomes)} killed; {sum(numeric)} of the {len(numeric)} that change a number in silence")
+    for outcome in (one for one in outcomes if one.state != "killed"):
+        print(f"{outcome.state}: {outcome.mutant.id} ({outcome.mutant.why}), {outcome.mutant.file}")
+    sys.exit(killed < len(outcomes))
+
+
+def _goes_by(mutant: Mutant, name: str) -> bool:
+    return fnmatch(mutant.id, name) or fnmatch(f"{mutant.room}/{mutant.id}", name)
 
 
 def _options() -> argparse.Namespace:

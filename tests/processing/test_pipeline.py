@@ -18,7 +18,7 @@ from processing.pipeline.pipeline import process
 from processing.processed_run import ProcessedRun, Reason, Segment
 from wheelsoil.wording.notes import texts_of
 
-ARRAYS = [f.name for f in fields(ProcessedRun) if f.name not in ("run", "quality")]
+ARRAYS = [f.name for f in fields(ProcessedRun) if f.name not in ("run", "quality", "extras")]
 
 
 def _delayed(channels: dict[str, Channel], delays_ms: dict[str, int]) -> dict[str, Channel]:

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daq.channels import Channel
-from daq.config import ROLES, RunInfo, VehicleConfig
+from daq.channels import ROLES, Channel
+from daq.config import RunInfo, VehicleConfig
 from model.simulation import (
     TRUTH_QUADRATURE,
     HostClock,

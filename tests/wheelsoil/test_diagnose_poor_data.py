@@ -121,7 +121,7 @@ def test_channels_that_were_measured_and_not_looked_at_are_not_said_to_be_missin
     assert "take dp or t into --channels" in found["sentence"]
     assert "vehicle.toml" not in found["sentence"]
     pull = diagnosed(driven, "--channels", "dp", "--effects", "vasilev,torque_zero", "--most-causes", 1)
-    assert pull["cannot_tell"]["torque_zero"] == "torque was measured and not looked at"
+    assert pull["cannot_tell"]["torque_zero"] == "driving torque was measured and not looked at"
 
 
 def test_no_soil_uncertainty(driven, tmp_path):

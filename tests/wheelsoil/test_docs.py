@@ -41,3 +41,13 @@ def test_links_between_pages_lead_somewhere(page: str) -> None:
     for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", text):
         if "://" not in target:
             assert (ROOT / page).parent.joinpath(target).exists(), f"{page}: {target}"
+
+
+@pytest.mark.parametrize(
+    "page", ["CONTRIBUTING.md", "docs/architecture.md", "docs/effects/README.md", "docs/testing.md"]
+)
+def test_files_that_a_page_names_are_there(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    named = re.findall(r"`((?:daq|processing|model|wheelsoil|tests|docs)/[\w/.]+)`", text)
+    assert named
+    assert [name for name in named if not re.search("[A-Z]{3}", Path(name).stem) and not (ROOT / name).exists()] == []

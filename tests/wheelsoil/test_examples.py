@@ -51,14 +51,15 @@ def test_a_notebook_is_kept_without_outputs_and_paths(name):
 def test_first_run(execute):
     shown = execute("01_first_run.ipynb")
     tables, figures = pages(shown), drawn(shown)
-    assert len(tables) == 5 and len(figures) == 3
+    assert len(tables) == 6 and len(figures) == 3
     assert "virtual test vehicle" in tables[0]
     assert "driving torque kNm" in tables[1]
     assert "lyasko" in tables[2] and "chosen" not in tables[2]
-    assert "slip sinkage" in tables[3]
-    assert "chosen" in tables[4]
+    assert "M0_percent" in tables[3] and "lyasko" in tables[3]
+    assert "slip sinkage" in tables[4]
+    assert "chosen" in tables[5]
     assert len(figures[2]["data"]) == 6 + 4
-    verdict = unescape(re.search(r"<p>(.*?)</p>", tables[3]).group(1))
+    verdict = unescape(re.search(r"<p>(.*?)</p>", tables[4]).group(1))
     assert shown[-1]["text/plain"].strip("'\"").startswith(verdict.partition(" (")[0])
 
 

@@ -1,9 +1,11 @@
-"""The wheel carries what the checkout has, and a module that hides one of ours is named."""
+"""The wheel carries what the checkout has, its types too, and a module that hides one of ours is named."""
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+import venv
 import zipfile
 from pathlib import Path
 
@@ -12,18 +14,31 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.slow
-def test_the_built_wheel_finds_its_dbc_files(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", tmp_path, ROOT]
+@pytest.fixture(scope="module")
+def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the interpreter of an environment with the built wheel; what it depends on comes from this one."""
+    folder = tmp_path_factory.mktemp("wheel")
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, ROOT]
     subprocess.run(command, check=True, capture_output=True)
-    [wheel] = tmp_path.glob("*.whl")
-    unpacked = tmp_path / "site"
-    zipfile.ZipFile(wheel).extractall(unpacked)
+    [wheel] = folder.glob("*.whl")
+    venv.create(folder / "env", symlinks=True)
+    [packages] = (folder / "env").glob("lib/python*/site-packages")
+    zipfile.ZipFile(wheel).extractall(packages)
+    (packages / "dependencies.pth").write_text("\n".join(_installed()), encoding="utf-8")
+    return folder / "env" / "bin" / "python"
+
+
+def _installed() -> list[str]:
+    return [folder for folder in sys.path if Path(folder).name == "site-packages"]
+
+
+@pytest.mark.slow
+def test_the_built_wheel_finds_its_files(python: Path, tmp_path: Path) -> None:
     script = (
-        "import sys; sys.path.insert(0, sys.argv[1]); import wheelsoil\n"
-        "from daq.can.databases import load_database, shipped_dbc\n"
+        "import sys, wheelsoil\n"
+        "from daq.can import load_database, shipped_dbc\n"
         "for name in ('wft.dbc', 'wheel_speed.dbc', 'gnss.dbc'):\n"
-        "    path = shipped_dbc(name); assert str(path).startswith(sys.argv[1]), path; load_database(path)\n"
+        "    path = shipped_dbc(name); assert str(path).startswith(sys.prefix), path; load_database(path)\n"
         "from importlib.resources import files\n"
         "assert (files('wheelsoil') / 'report' / 'template.html.j2').is_file()\n"
         "from wheelsoil.live import app, hub\n"
@@ -31,8 +46,18 @@ def test_the_built_wheel_finds_its_dbc_files(tmp_path: Path) -> None:
         "assert (files('wheelsoil.web') / 'static' / 'common.css').is_file()\n"
         "app.make_app(hub.Hub('x'), lambda command: True, guard.Rules.of('localhost', '127.0.0.1', None))\n"
     )
-    done = subprocess.run([sys.executable, "-c", script, str(unpacked)], cwd=tmp_path, capture_output=True, text=True)
+    done = subprocess.run([python, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_the_example_of_the_public_api_is_typed_for_who_installs_the_wheel(python: Path, tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    [example] = re.findall(r"```python\n(.*?)```", page, re.S)
+    (tmp_path / "example.py").write_text(example, encoding="utf-8")
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--python-executable", python, "example.py"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
 
 
 def test_a_module_that_hides_ours_is_named(tmp_path: Path) -> None:

@@ -53,11 +53,14 @@ def gain(reduction_percent: float = 20.0) -> Gain:
 
 
 def test_a_gain_is_that_of_its_own_channel() -> None:
-    assert gain_words(gain()) == "the error of drawbar pull falls by 20 (10 to 30) % and of torque by 50 %"
+    assert gain_words(gain()) == "the error of drawbar pull falls by 20 (10 to 30) % and of driving torque by 50 %"
     of_torque = replace(gain(), channel="t", reduction_percent=50.0, interval95=(40.0, 60.0))
-    assert gain_words(of_torque) == "the error of torque falls by 50 (40 to 60) % and of drawbar pull by 20 %"
+    assert gain_words(of_torque) == "the error of driving torque falls by 50 (40 to 60) % and of drawbar pull by 20 %"
     small = replace(gain(), reduction_percent=-0.2, interval95=(-1.0, 0.8))
-    assert gain_words(small) == "the error of drawbar pull stays as it is (-1 to 1 %) and that of torque falls by 50 %"
+    assert (
+        gain_words(small)
+        == "the error of drawbar pull stays as it is (-1 to 1 %) and that of driving torque falls by 50 %"
+    )
     assert gain_words(replace(gain(), reduction_percent=float("nan"))) == gain_words(None) == ""
 
 
@@ -75,7 +78,7 @@ def test_a_look_alike_comes_with_the_run_that_would_split_it() -> None:
 def test_an_error_that_grows_is_not_said_to_fall_by_less_than_nothing() -> None:
     worse = replace(gain(), reduction_percent=-38.0, interval95=(-75.0, -4.6))
     said = named_words(replace(BARE, gain=worse), CHANCES)
-    assert "the error of drawbar pull grows by 38 (5 to 75) % and that of torque falls by 50 %" in said
+    assert "the error of drawbar pull grows by 38 (5 to 75) % and that of driving torque falls by 50 %" in said
 
 
 def test_campaigns_that_disagree_are_reported_with_their_own_values() -> None:
@@ -95,7 +98,7 @@ def test_a_name_is_said_with_size_gain_and_what_is_beside_it() -> None:
     named = named_words(replace(BARE, gain=gain(), grounds=Grounds(beside=("slope", "bulldozing"))), CHANCES)
     assert named.startswith("Slip sinkage is at work (probability .970, likeliest as vasilev (.700)): ")
     assert "H_m = 0.031 (0.027 to 0.035) m" in named
-    assert "drawbar pull falls by 20 (10 to 30) % and of torque by 50 %" in named
+    assert "drawbar pull falls by 20 (10 to 30) % and of driving torque by 50 %" in named
     assert "Something more is at work: one of slope (.400), bulldozing (.500)" in named
     unsure = replace(CAUSE, parameters=(replace(SIZE, interval95=(nan, nan)),))
     alone = named_words(replace(BARE, causes=(unsure,), grounds=Grounds(look_alikes=("grouser",))), CHANCES)

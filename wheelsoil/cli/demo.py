@@ -17,7 +17,7 @@ from wheelsoil.cli.options import Json
 from wheelsoil.cli.talk import print_facts, print_json, say, terminal_width
 
 if TYPE_CHECKING:
-    from model.diagnosis.core import Diagnosis
+    from model.diagnosis import Diagnosis
     from wheelsoil.simulation.options import SimulationOptions
 
 _CAMPAIGN = "clay"

@@ -27,7 +27,7 @@ from wheelsoil.cli.options import (
 from wheelsoil.cli.talk import check_output, print_json, say, say_wrong_signs, terminal_width
 
 if TYPE_CHECKING:
-    from model.diagnosis.core import Bench, Campaign, Diagnosis, DiagnosisOptions
+    from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions
     from wheelsoil.workflows.choice import Choice
     from wheelsoil.workflows.diagnosis import Given
     from wheelsoil.workflows.planning import PlanFiles

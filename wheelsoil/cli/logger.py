@@ -1,7 +1,4 @@
-"""``wheelsoil log``.
-
-``wheelsoil doctor``.
-"""
+"""``wheelsoil doctor`` and ``wheelsoil log``."""
 
 from __future__ import annotations
 

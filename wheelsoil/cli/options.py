@@ -1,7 +1,4 @@
-"""Arguments and options that several commands share.
-
-Vehicle, terrain and DBCs as the options of a command give them.
-"""
+"""Arguments and options that several commands share."""
 
 from __future__ import annotations
 

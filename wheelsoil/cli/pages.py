@@ -1,7 +1,4 @@
-"""``wheelsoil view``.
-
-``wheelsoil report``.
-"""
+"""``wheelsoil report`` and ``wheelsoil view``."""
 
 from __future__ import annotations
 

@@ -1,13 +1,4 @@
-"""``wheelsoil replay``.
-
-``wheelsoil export``.
-
-``wheelsoil import``.
-
-``wheelsoil info``.
-
-``wheelsoil recover``.
-"""
+"""``wheelsoil export``, ``wheelsoil import``, ``wheelsoil info``, ``wheelsoil recover`` and ``wheelsoil replay``."""
 
 from __future__ import annotations
 

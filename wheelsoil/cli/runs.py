@@ -1,7 +1,4 @@
-"""``wheelsoil fit``.
-
-``wheelsoil process``.
-"""
+"""``wheelsoil process`` and ``wheelsoil fit``."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from daq import ConfigError, Fault, number
+from daq import REACTIONS, ConfigError, Fault, number
 from wheelsoil.cli.options import (
     Channels,
     ChoiceFile,
@@ -239,12 +236,11 @@ def _fit_table(
 
 def print_fit(fit: CampaignFit) -> None:
     """Print coefficients and criteria as tables, warnings on stderr."""
-    from model.fit import UNITS
     from wheelsoil.wording.fit_text import coefficients, criteria_table, remarks
     from wheelsoil.workflows.fit import NOT_AT_AN_END, ended
 
     print_table(*coefficients(fit), left=2)
-    for channel in UNITS:
+    for channel in REACTIONS:
         head, rows = criteria_table(fit, channel)
         if rows:
             print()

@@ -1,1 +1,5 @@
 """The fitted-model report: one self-contained HTML file and its numbers as JSON."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

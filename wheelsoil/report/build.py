@@ -1,9 +1,4 @@
-"""Material -> a report: every section in a boundary of its own, one HTML file and its numbers.
-
-Sections -> one self-contained HTML page.
-
-A report as PDF, printed by the Chromium or Chrome that is installed.
-"""
+"""Inputs -> sections, each in a boundary of its own -> one self-contained HTML page with its numbers, and a PDF."""
 
 from __future__ import annotations
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from model.fit import CHANNELS, ModelFit
+from daq import OUTPUTS
+from model.fit import ModelFit
 from wheelsoil.report.inputs import Material
 
 FloatArray = NDArray[np.float64]
@@ -82,7 +83,7 @@ def rank(material: Material, channel: str = "dp") -> Ranking:
         raise DataError("; ".join(sorted(reasons)) or "no model could be judged")
     ordered = sorted(scored, key=lambda model: model.criteria[channel].R0_N)
     measured = pool.measured(channel)
-    errors = {model.name: pool.predicted(model.name, CHANNELS[channel]) - measured for model in ordered}
+    errors = {model.name: pool.predicted(model.name, OUTPUTS[channel].field) - measured for model in ordered}
     counted = pool.slip >= fit.slip_threshold
     for error in errors.values():
         counted &= np.isfinite(error)

@@ -1,7 +1,4 @@
-"""One channel against slip: measured with its density, every model with its band, driving and braking apart.
-
-One quantity against slip with every model in one panel, as the section on the sinkage draws it.
-"""
+"""Figures over slip: a channel with its density and every model with its band, driving and braking apart."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.fit import CHANNELS
+from daq import OUTPUTS
 from wheelsoil.report.content import Figure, Panels
 from wheelsoil.report.figures import (
     EDGES,
@@ -124,7 +121,7 @@ def curves_of(material: Material, channel: str, key: str, axis: str, reading: st
     """
     pool = material.pool
     measured = pool.measured(channel)
-    predicted = {model.name: pool.predicted(model.name, CHANNELS[channel]) for model in material.fit.models}
+    predicted = {model.name: pool.predicted(model.name, OUTPUTS[channel].field) for model in material.fit.models}
     predicted = {name: np.where(np.isfinite(measured), values, np.nan) for name, values in predicted.items()}
     sigmas = material.sigmas[channel]
     choices = {ALL_RUNS: np.ones(len(measured), np.bool_)}

@@ -1,7 +1,4 @@
-"""Plotly figures as plain dicts: one style, colour-blind-safe, and legible in black and white.
-
-Fewer points that look like all of them: what keeps a report of many runs small.
-"""
+"""Plotly figures as plain dicts: one style, colour-blind-safe, legible in black and white, thinned to a few points."""
 
 from __future__ import annotations
 

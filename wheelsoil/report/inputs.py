@@ -1,7 +1,4 @@
-"""What a report is made from: processed runs, their fit, and where everything came from.
-
-How sure a fitted model is of its own curve: the covariance of its coefficients, carried through its slopes.
-"""
+"""Inputs of a report: processed runs, their fit with the uncertainty of its curves, and their provenance."""
 
 from __future__ import annotations
 
@@ -16,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import DataError, Fault, VehicleConfig
+from daq import OUTPUTS, REACTIONS, DataError, Fault, VehicleConfig
 from daq.recording import Event
 from daq.runs import Run
-from model.diagnosis.core import Diagnosis
-from model.fit import CHANNELS, CampaignFit, ModelFit
+from model.diagnosis import Diagnosis
+from model.fit import CampaignFit, ModelFit
 from model.wheel_soil import Conditions, Prediction, conditions_of
 from processing import ProcessedRun
 from wheelsoil import __version__
@@ -56,7 +53,7 @@ def model_sigmas(runs: Sequence[ProcessedRun], fit: CampaignFit) -> dict[str, di
     slip = np.concatenate([run.slip[keep] for run, keep in zip(runs, used, strict=True)])
     rows = _rows(slip, np.repeat(np.arange(len(runs)), [int(keep.sum()) for keep in used]))
     conditions = _chosen(runs, fit.soil.unit_weight_n_m3, rows)
-    found: dict[str, dict[str, FloatArray]] = {channel: {} for channel in CHANNELS}
+    found: dict[str, dict[str, FloatArray]] = {channel: {} for channel in REACTIONS}
     for model in fit.models:
         for channel, sigma in _of_model(fit, model, conditions).items():
             found[channel][model.name] = np.full(len(slip), np.nan)
@@ -68,12 +65,12 @@ def _of_model(fit: CampaignFit, model: ModelFit, conditions: Conditions) -> dict
     """Return one-sigma of each channel under some conditions."""
     names, covariance = _covariance(model)
     if not names:
-        return dict.fromkeys(CHANNELS, np.full(len(conditions.slip), np.nan))
+        return dict.fromkeys(REACTIONS, np.full(len(conditions.slip), np.nan))
     forward = fit.options.forward(fit.wheel, fit.soil, model.name)
     said = forward.predict(conditions, model.values, wrt=names)
     found = {}
-    for channel, quantity in CHANNELS.items():
-        slopes = np.stack([getattr(said.sensitivities[name], quantity) for name in names])
+    for channel, quantity in REACTIONS.items():
+        slopes = np.stack([getattr(said.sensitivities[name], quantity.field) for name in names])
         found[channel] = np.sqrt(np.maximum(np.einsum("in,ij,jn->n", slopes, covariance, slopes), 0.0))
     return found
 
@@ -319,9 +316,9 @@ class Pool:
         DataError
             It was not measured.
         """
-        values = self._of_runs(CHANNELS[channel])
+        values = self._of_runs(OUTPUTS[channel].field)
         if not np.isfinite(values).any():
-            what = CHANNELS[channel].rpartition("_")[0].replace("_", " ")
+            what = OUTPUTS[channel].name
             raise DataError(Fault(f"the {what} was not measured"))
         return values
 

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 
+from daq import Quantity, unit_suffix, unit_text
 from wheelsoil.wording.model_styles import STYLES
 
 PARAMETERS = {
@@ -77,7 +78,7 @@ def interval(low: float, high: float, digits: int = 3) -> str:
     return f"{number(low, digits)} … {number(high, digits)}" if math.isfinite(low) and math.isfinite(high) else "–"
 
 
-_UNITS = {"n": "N", "nm": "N m", "s": "s", "mps": "m/s", "m": "m", "rad": "rad"}
+_UNITS = {unit_suffix(quantity.value): unit_text(quantity.value) for quantity in Quantity}
 
 
 def named_with_unit(name: str) -> tuple[str, str]:

@@ -1,7 +1,4 @@
-"""The files that people would write of a campaign, as the virtual test knows them.
-
-The soil of a simulated field, drawn from what terrain.toml says of its uncertainty.
-"""
+"""Files of a simulated campaign, as people would write them, and the draw of its soil."""
 
 from __future__ import annotations
 

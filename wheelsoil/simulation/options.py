@@ -1,7 +1,4 @@
-"""A model that a diagnosis left, as the truth of a simulated campaign.
-
-What a person may choose about a simulated campaign, checked at the door.
-"""
+"""Options of a simulated campaign, checked at the start; a saved model may be its soil."""
 
 from __future__ import annotations
 

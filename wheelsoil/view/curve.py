@@ -1,7 +1,4 @@
-"""What can be moved on the page: the soil's parameters and those of every effect, each with where it may go.
-
-A model's curve over the slip, for sliders: one load, a steady drive, no fit.
-"""
+"""The model's curve over slip for the page's sliders: one load, a steady drive, no fit; and the sliders' ranges."""
 
 from __future__ import annotations
 
@@ -14,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import ConfigError, Fault, nearest
+from daq import OUTPUTS, ConfigError, Fault, nearest
 from model.effects import EFFECTS
 from model.effects import Parameter as EffectParameter
 from model.wheel_soil import (
@@ -107,9 +104,7 @@ def curve_of(
     found = model.predict(base.conditions(), values)
     return {
         "slip": SLIPS,
-        "drawbar_pull_n": found.drawbar_pull_n,
-        "driving_torque_nm": found.driving_torque_nm,
-        "sinkage_m": found.sinkage_m,
+        **{channel.field: getattr(found, channel.field) for channel in OUTPUTS.values()},
         "load_n": base.load_n,
     }
 
@@ -268,7 +263,7 @@ def _shown(base: Base, reading: Reading) -> dict[str, bool]:
         }
         moved = curve_of(base, (key,), reading, values)
         found[key] = any(
-            not np.allclose(moved[name], plain[name], rtol=1e-9, atol=1e-9, equal_nan=True)
-            for name in ("drawbar_pull_n", "driving_torque_nm", "sinkage_m")
+            not np.allclose(moved[c.field], plain[c.field], rtol=1e-9, atol=1e-9, equal_nan=True)
+            for c in OUTPUTS.values()
         )
     return found

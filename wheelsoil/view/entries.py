@@ -1,7 +1,4 @@
-"""What the page's list says of campaigns and runs, as plain values.
-
-Command lines that do by a saved choice what was done on the page: with the same recordings, the same files.
-"""
+"""The page's list of campaigns and runs as plain values, with the command line that repeats a choice."""
 
 from __future__ import annotations
 

@@ -160,7 +160,7 @@ def serve(pipe: Connection) -> None:
     """Do what comes through the pipe until it is closed; the process's main function."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the page's
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    with suppress(OSError):
+    with suppress(OSError, AttributeError):  # Windows has no such call
         os.nice(_NICENESS)
     while True:
         try:

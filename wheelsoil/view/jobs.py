@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import DataError
+from daq import ON_TIME_BASE, DataError, Use
 from daq.runs import Run
 from model.wheel_soil import SOIL_PARAMETERS
 from processing import Interval, ProcessedRun, ProcessOptions, keep_only, require_roles
@@ -25,14 +25,7 @@ from wheelsoil.workflows.diagnosis import Processed, campaigns_of, diagnose_camp
 from wheelsoil.workflows.fit import FitChoices, fit_as_json, fit_runs
 from wheelsoil.workflows.runs import process_runs
 
-_DRAWN = (
-    "drawbar_pull_n",
-    "driving_torque_nm",
-    "vertical_load_n",
-    "ground_speed_mps",
-    "wheel_speed_radps",
-    "sinkage_m",
-)
+_DRAWN = tuple(channel.field for channel in ON_TIME_BASE if channel.use is not Use.EXTRA)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +101,7 @@ def _slim(run: ProcessedRun) -> ProcessedRun:
     """Return the run without what the page never asks for; see `Seen`."""
     arrays = {field.name for field in fields(run) if isinstance(getattr(run, field.name), np.ndarray)}
     changed: dict[str, Any] = {name: np.zeros(0) for name in arrays - {"time_s", "slip", "reason"}}
+    changed["extras"] = {}
     changed |= {name: getattr(run, name).astype(np.float32) for name in _DRAWN}
     return replace(run, **changed)
 
@@ -152,8 +146,8 @@ def diagnose_members(
 
 def what_cannot_be_told(members: Sequence[Member], paths: Sequence[Path], soil: str | None) -> dict[str, str]:
     """Return, for the families of effects that these runs say nothing about, a sentence that says why."""
-    from model.diagnosis.core import cannot_tell
-    from model.diagnosis.time_series import coverage_of, samples_of
+    from model.diagnosis import cannot_tell, samples_of
+    from model.diagnosis.time_series import coverage_of
 
     taken = _taken(members, "diagnose")
     if not taken:

@@ -1,7 +1,4 @@
-"""The choice as a file beside the runs.
-
-What is selected of a run on the page, counted over all of its samples and not over the points that are drawn.
-"""
+"""Saving the choice beside the runs, and counting the samples that are selected on the page."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Serves the page until Ctrl-C.
-
-The page's paths: what is asked comes in as JSON, what is answered goes out as JSON, and every error as faults.
-"""
+"""The page's server: its paths take and give JSON, and every error is a list of faults; it serves until Ctrl-C."""
 
 from __future__ import annotations
 

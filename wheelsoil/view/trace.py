@@ -63,18 +63,7 @@ class Trace:
 def trace_of(run: ProcessedRun) -> Trace:
     """Thin a processed run; see `rows_to_draw`."""
     rows = rows_to_draw(run)
-    found = {
-        "time_s": run.time_s,
-        "slip": run.slip,
-        "drawbar_pull_n": run.drawbar_pull_n,
-        "driving_torque_nm": run.driving_torque_nm,
-        "vertical_load_n": run.vertical_load_n,
-        "ground_speed_mps": run.ground_speed_mps,
-        "rim_speed_mps": run.rim_speed_mps,
-        "sinkage_m": run.sinkage_m,
-        "distance_m": run.distance_m,
-    }
-    quantities = {name: np.round(values[rows], _DECIMALS[name]) for name, values in found.items()}
+    quantities = {name: np.round(getattr(run, name)[rows], decimals) for name, decimals in _DECIMALS.items()}
     return Trace(quantities, run.reason[rows], _segments(run), len(run))
 
 

@@ -1,7 +1,4 @@
-"""Who may ask the page for what: host name, origin, token, kind and size of a request, and what a browser may load.
-
-The files that make an empty page: read once, and served without a token.
-"""
+"""Checks of a request: host name, origin, token, kind and size; and the files that need no token."""
 
 from __future__ import annotations
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import ipaddress
 import secrets
 import socket
@@ -89,7 +88,8 @@ def _listening(host: str, port: int) -> socket.socket:
     listening = socket.socket(family, kind, protocol)
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _DEAF_MS)
+        if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
+            listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _DEAF_MS)
         listening.bind(address)
         listening.listen(32)
     except OSError:
@@ -120,7 +120,11 @@ def _fault(error: OSError, host: str, port: int, page: str) -> Fault:
 
 
 def _interface_addresses() -> tuple[str, ...]:
-    """Return this machine's IPv4 addresses, the loopback's last."""
+    """Return this machine's IPv4 addresses, the loopback's last; none where the system (Windows) has no `fcntl`."""
+    try:
+        import fcntl
+    except ImportError:
+        return ()
     found = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         for _, name in socket.if_nameindex():

@@ -1,7 +1,4 @@
-"""How both pages are served.
-
-A connection of a browser, which has to say in good time what it wants: there is room for few.
-"""
+"""Serving of both pages: connections of browsers, few at a time, each with a limit of time."""
 
 from __future__ import annotations
 

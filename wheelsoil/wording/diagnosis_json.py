@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from model.diagnosis.core import Cause, Diagnosis, Finding, Gain, Scores
+from model.diagnosis import Cause, Diagnosis, Finding, Gain, Scores
 from wheelsoil.wording.names import place_text
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.verdict import sentence_of

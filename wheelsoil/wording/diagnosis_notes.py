@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from daq import Fault
+from daq import OUTPUTS, ROLES, Fault
 from model import DiagnosisCode, LackCode
-from model.diagnosis.core import BRIEF, NAMES, UNITS
 from wheelsoil.wording.names import chance, effect_name, plain_name
 from wheelsoil.wording.run_notes import Sentence, Values
 
-_ROLES = {"driving_torque": "torque", "drawbar_pull": "drawbar pull"}
 _CONDITIONS = {
     "ground_speed_mps": "the ground speed",
     "wheel_speed_radps": "the wheel speed",
@@ -60,14 +58,15 @@ def _excluded(v: Values) -> str:
 def _wheel_order(v: Values) -> str:
     channel = v["channel"]
     why = "a zero that turns with the wheel, or a wheel" if channel == "dp" else "a wheel"
-    size = f"{v['size']:.0f} {UNITS[channel]}"
-    return f"{NAMES[channel]} swings by {size} once a turn of the wheel: {why} that is not round"
+    size = f"{v['size']:.0f} {OUTPUTS[channel].unit_text}"
+    return f"{OUTPUTS[channel].name} swings by {size} once a turn of the wheel: {why} that is not round"
 
 
 def _zeros(v: Values) -> str:
     channel = v["channel"]
+    size = f"{v['size']:.2g} {OUTPUTS[channel].unit_text}"
     return (
-        f"{NAMES[channel]}: zeros that differ by {v['size']:.2g} {UNITS[channel]} from run to run are taken for noise, "
+        f"{OUTPUTS[channel].name}: zeros that differ by {size} from run to run are taken for noise, "
         f"where {v['usual']:.1g} are usual; if the standstills read one sign, or more with more load, it is a cause "
         "that was not considered"
     )
@@ -91,11 +90,11 @@ def _other_form(v: Values) -> str:
 def _repeats(v: Values) -> str:
     factor, unit = _ROW_UNITS[v["channel"]]
     usual = f"a right model may have an error of form of {factor * v['form_scale']:.2g} {unit}"
-    return f"{BRIEF[v['channel']]}: repeats scatter by {factor * v['scatter']:.2g} {unit}; {usual}"
+    return f"{OUTPUTS[v['channel']].name}: repeats scatter by {factor * v['scatter']:.2g} {unit}; {usual}"
 
 
 def _mixed_repeats(v: Values) -> str:
-    share = f"{100.0 * v['share']:.0f} % of the load in {BRIEF[v['channel']]}"
+    share = f"{100.0 * v['share']:.0f} % of the load in {OUTPUTS[v['channel']].name}"
     return f"rows of one group scatter by {share}: they may be of different wheels or tests; choose them with --where"
 
 
@@ -113,8 +112,8 @@ def _unseen(v: Values) -> str:
     errors: Mapping[str, Any] = v["errors"]
     words = ", ".join(f"{effect_name(key)} {factor * error:.2g}" for key, error in errors.items())
     return (
-        f"{v['table']}: the {BRIEF[v['channel']]} that each candidate implies misses the measured one, which it has "
-        f"not seen, by (rms, {unit}): {words}"
+        f"{v['table']}: the {OUTPUTS[v['channel']].name} that each candidate implies misses the measured one, which it "
+        f"has not seen, by (rms, {unit}): {words}"
     )
 
 
@@ -145,13 +144,13 @@ SENTENCES: dict[str, Sentence] = {
     LackCode.HARDLY_BRAKED: "the wheel was hardly ever braked",
     LackCode.HARDLY_DRIVEN: "the wheel was hardly ever driven",
     LackCode.LOW_SLIP: "the slip never was above {slip:g}",
-    LackCode.CHANNEL_UNUSED: lambda v: f"{_ROLES[v['role']]} was measured and not looked at",
-    LackCode.CHANNEL_MISSING: lambda v: f"{_ROLES[v['role']]} was not measured",
+    LackCode.CHANNEL_UNUSED: lambda v: f"{ROLES[v['role']].name} was measured and not looked at",
+    LackCode.CHANNEL_MISSING: lambda v: f"{ROLES[v['role']].name} was not measured",
     LackCode.NOT_AT_STANDSTILL: "no standstill was recorded: it would show the zeros",
     LackCode.NO_TRACE: _no_trace,
     LackCode.NOT_SETTLED: "the linearisation did not converge at it",
-    LackCode.NOT_CHECKED: "with fewer than three runs no name can be checked against other runs",
-    LackCode.NO_BETTER: "it does not predict held-out runs any better",
+    LackCode.NOT_CHECKED: "with fewer than three runs or conditions no name can be checked against others",
+    LackCode.NO_BETTER: "it does not predict held-out runs or conditions any better",
     LackCode.VALUE_AT_LIMIT: _at_limit,
     LackCode.VALUE_MAY_BE_NEUTRAL: _neutral,
     LackCode.NOTHING_USABLE: _nothing_usable,

@@ -9,22 +9,9 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from math import isfinite
 
-from daq import Note, number, table_lines
+from daq import OUTPUTS, ROLES, Note, Use, number, table_lines
 from daq import probability as as_probability
-from model.diagnosis.core import (
-    FIELD_NAMES,
-    FIELD_UNITS,
-    INPUT_FIELDS,
-    NAMES,
-    UNITS,
-    Cause,
-    CauseSet,
-    Detectable,
-    Diagnosis,
-    Finding,
-    Gain,
-    Scores,
-)
+from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain, Scores
 from wheelsoil.wording.names import effect_name, family_of, parameter_name, place_text, plain_name
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.verdict import sentence_of
@@ -41,7 +28,7 @@ MISREAD_NOTE = "As if misread: the error of that input, measured less true, that
 
 def finding_note(note: str, found: Iterable[Finding]) -> str:
     """Return a note on findings, with what an error of an input means where one is among them."""
-    return f"{note} {MISREAD_NOTE}" if any(one.channel in INPUT_FIELDS for one in found) else note
+    return f"{note} {MISREAD_NOTE}" if any(ROLES[one.channel].use is Use.INPUT for one in found) else note
 
 
 NO_GAIN = "No cause was chosen for any of the runs left out, so that there is nothing to gain."
@@ -191,7 +178,7 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
     of_rows = all(found.of_rows for found in findings)
     rows = [
         [
-            FIELD_NAMES.get(found.channel, found.channel),
+            ROLES[found.channel].name,
             *([] if of_rows else [_in_unit(diagnosis.median_there(found), found.channel)]),
             _in_unit(found.size, found.channel),
             number(found.statistic, 3),
@@ -216,7 +203,7 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
 
 
 def _in_unit(value: float, channel: str) -> str:
-    return f"{number(value, 3)} {FIELD_UNITS.get(channel, '')}".rstrip() if isfinite(value) else "-"
+    return f"{number(value, 3)} {ROLES[channel].unit_text}".rstrip() if isfinite(value) else "-"
 
 
 def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
@@ -239,9 +226,9 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
 
 def _score_row(channel: str, which: str, scores: Scores, *, first: bool) -> list[str]:
     return [
-        f"{NAMES.get(channel, channel)}, {which}",
+        f"{OUTPUTS[channel].name}, {which}",
         number(scores.R0, 4),
-        UNITS.get(channel, ""),
+        OUTPUTS[channel].unit_text,
         number(scores.M0_percent, 3),
         number(scores.R2, 4),
         number(scores.log_likelihood, 5) if first else "",  # of the run, all its channels together
@@ -257,7 +244,7 @@ def gain_text(gain: Gain) -> str:
     chosen = sum(bool(keys) for keys in gain.chosen)
     folds = f"; {chosen} of {len(gain.chosen)} folds chose a cause" if gain.chosen else ""
     return (
-        f"R0 of the {NAMES[gain.channel]} {how} by {number(abs(gain.reduction_percent), 3)} %{within}; "
+        f"R0 of the {OUTPUTS[gain.channel].name} {how} by {number(abs(gain.reduction_percent), 3)} %{within}; "
         f"the log likelihood gains {number(gain.log_likelihood_gain, 4)} nats{folds}."
     )
 

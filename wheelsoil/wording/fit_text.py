@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from daq import number
-from model.fit import UNITS, CampaignFit, ModelFit
+from daq import OUTPUTS, number
+from model.fit import CampaignFit, ModelFit
 
 Table = tuple[list[str], list[list[str]]]
 """Head and rows."""
@@ -17,8 +17,8 @@ def coefficients(fit: CampaignFit) -> Table:
 
 def criteria_table(fit: CampaignFit, channel: str) -> Table:
     """Return M0, R0, R2 and the load's ratio of every model that was judged by a channel; no rows where none was."""
-    name = {"dp": "drawbar pull", "t": "torque"}[channel]
-    head = [name, "M0 %", f"R0 {UNITS[channel]}", "R2", "samples", "load Eq.7/measured", "least", "most"]
+    of = OUTPUTS[channel]
+    head = [of.name, "M0 %", f"R0 {of.unit_text}", "R2", "samples", "load Eq.7/measured", "least", "most"]
     scored = [model for model in fit.models if channel in model.criteria and model.criteria[channel].samples]
     return head, [_criteria(model, channel) for model in scored]
 

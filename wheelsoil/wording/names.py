@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from model.diagnosis.core import Kind, Rows, Shape
+from model.diagnosis import Kind, Rows, Shape
 from model.effects import EFFECTS
 
 

@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq import number, table_lines
-from model.diagnosis.core import Detectable
-from model.diagnosis.findings import SEEN
-from model.diagnosis.planning import ALIKE, Plan
+from model.diagnosis import ALIKE, SEEN, Detectable, Plan
 from wheelsoil.wording.diagnosis_text import CAN_BE_SEEN, limited, not_named, told, wrapped
 from wheelsoil.wording.names import effect_name, plain_name
 

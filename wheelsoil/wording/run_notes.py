@@ -6,15 +6,13 @@ from collections.abc import Callable, Mapping
 from math import isfinite
 from typing import Any
 
-from daq import RecordingCode
+from daq import ROLES, RecordingCode
 from processing import RunCode, ZeroCode
 
 Values = Mapping[str, Any]
 Sentence = str | Callable[[Values], str]
 """A template of the values, or a function of them."""
 
-_UNITS = {"drawbar_pull": "N", "driving_torque": "N m", "vertical_load": "N"}
-_FORCE_NAMES = {"driving_torque": "torque", "drawbar_pull": "drawbar pull"}
 _MOST_LEVELS = 4
 
 
@@ -24,7 +22,7 @@ def _clock_set(v: Values) -> str:
 
 
 def _opposed(v: Values) -> str:
-    name = _FORCE_NAMES[v["role"]]
+    name = ROLES[v["role"]].name
     sure = f" (correlation {v['correlation']:.2f})" if "correlation" in v else ""
     return f"{name} and {v['against']} are opposed{sure}: check the sign of the {name}"
 
@@ -32,8 +30,8 @@ def _opposed(v: Values) -> str:
 def _standing(v: Values) -> str:
     pairs = list(zip(v["levels"], v["sigmas"], strict=True))[:_MOST_LEVELS]
     values = ", ".join(f"{level:.1f} +- {sigma:.1f}" for level, sigma in pairs)
-    name = v["role"].replace("_", " ")
-    return f"{name} at standstill reads {values} {_UNITS[v['role']]}: a zero, a slope or a held brake; not subtracted"
+    of = ROLES[v["role"]]
+    return f"{of.name} at standstill reads {values} {of.unit_text}: a zero, a slope or a held brake; not subtracted"
 
 
 def _missing(v: Values) -> str:
@@ -76,7 +74,7 @@ def age_text(seconds: float) -> str:
 
 
 def _moved(v: Values) -> str:
-    change = f"{v['change']:+.1f} +- {v['sigma']:.1f} {_UNITS[v['role']]}"
+    change = f"{v['change']:+.1f} +- {v['sigma']:.1f} {ROLES[v['role']].unit_text}"
     return f"the zero of {v['role']} moved by {change} from before the run to after it"
 
 

@@ -5,20 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import isfinite
 
-from daq import Note
+from daq import OUTPUTS, ROLES, Note
 from model import LackCode
-from model.diagnosis.core import (
-    BRIEF,
-    FIELD_NAMES,
-    FIELD_UNITS,
-    Adequacy,
-    Cause,
-    Detectable,
-    Diagnosis,
-    Finding,
-    Gain,
-    ParameterEstimate,
-)
+from model.diagnosis import Adequacy, Cause, Detectable, Diagnosis, Finding, Gain, ParameterEstimate
 from wheelsoil.wording.names import chance, family_of, parameter_name, place_text, plain_name
 from wheelsoil.wording.notes import note_text
 
@@ -73,7 +62,7 @@ def _by_family(sizes: Mapping[str, Detectable]) -> dict[str, Detectable]:
 
 
 def _of_table(found: Diagnosis) -> str:
-    channels = _listed([BRIEF[c] for c in found.grounds.table_channels])
+    channels = _listed([OUTPUTS[c].name for c in found.grounds.table_channels])
     chances = {one.name: one.probability for one in found.candidates}
     onward = f" Next: {found.next_run[0].change}." if found.next_run else ""
     if found.verdict == "named":
@@ -87,7 +76,8 @@ def _of_table(found: Diagnosis) -> str:
     if found.verdict == "one_of":
         names = ", ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in found.causes)
         if len(found.causes) == 1:
-            return f"Most likely {names}, but no name: with it, held-out rows are not predicted better.{onward}"
+            why = "" if found.grounds.barred is None else f": {note_text(found.grounds.barred)}"
+            return f"Most likely {names}, but not sure enough for a name{why}.{onward}"
         return f"One of {names}: {channels} of these rows cannot separate them.{onward}"
     if found.verdict == "unexplained":
         return (
@@ -230,14 +220,14 @@ def gain_words(gain: Gain | None) -> str:
         change = f"stays as it is ({between} %)" if between else "stays as it is"
     else:
         change = f"{falls} by {size * gain.reduction_percent:.0f}{f' ({between})' if between else ''} %"
-    said = [f"the error of {BRIEF[first]} {change}"]
+    said = [f"the error of {OUTPUTS[first].name} {change}"]
     for channel in others:
         before, after = gain.base[channel].R0, gain.extended[channel].R0
         if before > 0:
             fell = 100 * (1 - after / before)
             verb = "falls " if fell >= 0 else "grows "
             verb = "" if not stays and (fell >= 0) == (size > 0) else verb
-            said.append(f"{'that ' if verb else ''}of {BRIEF[channel]} {verb}by {abs(fell):.0f} %")
+            said.append(f"{'that ' if verb else ''}of {OUTPUTS[channel].name} {verb}by {abs(fell):.0f} %")
     return _listed(said)
 
 
@@ -248,8 +238,8 @@ def _one_of(families: Sequence[str], chances: Mapping[str, float]) -> str:
 
 def _findings(found: Sequence[Finding]) -> str:
     return "; ".join(
-        f"{FIELD_NAMES.get(one.channel, one.channel)}, {place_text(one.place)}: "
-        f"{one.size:+.3g} {FIELD_UNITS.get(one.channel, '')} ({abs(one.statistic):.1f} sigma)"
+        f"{ROLES[one.channel].name}, {place_text(one.place)}: "
+        f"{one.size:+.3g} {ROLES[one.channel].unit_text} ({abs(one.statistic):.1f} sigma)"
         for one in found[:_MOST_EXAMPLES]
     )
 

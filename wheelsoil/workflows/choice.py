@@ -1,7 +1,4 @@
-"""Which runs of a campaign a choice means, and what of them is used.
-
-choice.toml: what a person chose about a campaign by hand, as `process`, `fit`, `diagnose` and `report` take it.
-"""
+"""choice.toml: the runs, stretches and options that a person chose for a campaign, and what they select."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from model.diagnosis.core import Cause, Diagnosis
+from model.diagnosis import Cause, Diagnosis
 from model.effects import EFFECTS, Effect, Parameter
 from model.wheel_soil import Wheel
 from wheelsoil.wording.names import effect_name, plain_name

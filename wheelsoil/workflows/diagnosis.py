@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from daq import ConfigError, Fault, Note, Severity, SoilSection, WheelSection, nearest
+from daq import OUTPUTS, ConfigError, Fault, Note, Severity, SoilSection, WheelSection, nearest
 from daq.runs import Collected, Run
 from model import DiagnosisCode
-from model.diagnosis.core import Bench, Campaign, Diagnosis, DiagnosisOptions
+from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions
 from model.effects import EFFECTS
 from model.wheel_soil import Reading, prior_of
 from processing import ProcessedRun
@@ -21,8 +21,6 @@ from wheelsoil.workflows.runs import BenchFiles
 
 Processed = Sequence[tuple[Run, ProcessedRun]]
 
-CHANNELS = ("dp", "t", "z")
-_COLUMNS = {"dp": "drawbar_pull_n", "t": "driving_torque_nm", "z": "sinkage_m"}
 _ONE_TERRAIN = 0.1
 """Scatter of tan phi from run to run that one terrain may have."""
 _SURPRISING = 2.0
@@ -36,7 +34,7 @@ def diagnosis_options(
     *,
     effects: Iterable[str] = (),
     without: Iterable[str] = (),
-    channels: Sequence[str] = CHANNELS,
+    channels: Sequence[str] = tuple(OUTPUTS),
     most_causes: int = 3,
     seed: int = 0,
     next_run: bool = False,
@@ -59,9 +57,9 @@ def diagnosis_options(
         Everything that is wrong with them.
     """
     faults = [
-        Fault(f"there is no channel {c!r} to diagnose", expected=", ".join(CHANNELS), next_step="use --channels dp,t,z")
+        Fault(f"there is no channel {c!r} to diagnose", expected=", ".join(OUTPUTS), next_step="use --channels dp,t,z")
         for c in channels or ("",)
-        if c not in CHANNELS
+        if c not in OUTPUTS
     ]
     wanted, unwanted = list(effects), list(without)
     faults += [_unknown(name) for name in (*wanted, *unwanted) if not _keys(name)]
@@ -196,7 +194,7 @@ def diagnose_campaigns(campaigns: Sequence[Campaign], options: DiagnosisOptions)
     ConfigError, DataError
         See `model.diagnosis.time_series.diagnosis.diagnose`.
     """
-    from model.diagnosis.time_series import diagnose
+    from model.diagnosis import diagnose
 
     return _with_remarks(diagnose(campaigns, options), campaigns)
 
@@ -205,9 +203,9 @@ def bench_of(files: BenchFiles) -> Bench:
     """Return the rows of a bench table as a diagnosis takes them."""
     table = files.rows
     sigmas = {
-        channel: float(np.sqrt(np.nanmean(table.sigma[column] ** 2)))
-        for channel, column in _COLUMNS.items()
-        if column in table.sigma and np.isfinite(table.sigma[column]).any()
+        key: float(np.sqrt(np.nanmean(table.sigma[channel.field] ** 2)))
+        for key, channel in OUTPUTS.items()
+        if channel.field in table.sigma and np.isfinite(table.sigma[channel.field]).any()
     }
     return Bench(
         name=Path(table.name).stem,
@@ -228,7 +226,7 @@ def diagnose_benches(benches: Sequence[Bench], options: DiagnosisOptions) -> Dia
     ConfigError, DataError
         See `model.diagnosis.single_wheel.diagnose.diagnose_bench`.
     """
-    from model.diagnosis.single_wheel import diagnose_bench
+    from model.diagnosis import diagnose_bench
 
     return _with_remarks(diagnose_bench(benches, options), benches)
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from daq import Channel, ConfigError, Fault, file_name
+from daq import Channel, ConfigError, Fault, data_frame, file_name
 from daq.can import Decoder
 from daq.recording import DecodedView, RecordingWriter
 from daq.runs import LENIENT_KEY, Run
-from daq.series import write_table
+from daq.series import write_frame
 
 
 def export_tables(
@@ -89,6 +89,6 @@ def export_recording(run: Run, folder: Path, *, overwrite: bool = False) -> Path
 def _write(path: Path, columns: dict[str, list[Channel]]) -> Path:
     first = next(iter(columns.values()))
     table = {"time_ns": np.concatenate([piece.time_ns for piece in first])}
-    values = {name: np.concatenate([piece.values for piece in parts]) for name, parts in columns.items()}
+    table |= {name: np.concatenate([piece.values for piece in parts]) for name, parts in columns.items()}
     units = {name: parts[0].unit for name, parts in columns.items()}
-    return write_table(path, {**table, **values}, {"time_ns": "ns", **units})
+    return write_frame(path, data_frame(table, {"time_ns": "ns", **units}))

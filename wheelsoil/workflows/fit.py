@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import ConfigError, DataError, Fault, TerrainConfig, VehicleConfig, load_toml, nearest
+from daq import INPUTS, OUTPUTS, ConfigError, DataError, Fault, TerrainConfig, VehicleConfig, load_toml, nearest
 from daq.runs import Run
 from daq.series import WheelTable
 from model import ExtendedModel
@@ -226,9 +226,7 @@ def predicted(fit: CampaignFit, model: ModelFit) -> dict[str, np.ndarray[Any, np
     """Return what a fitted model says of each row of the observations: sinkage, load, drawbar pull and torque."""
     forward = fit.options.forward(fit.wheel, fit.soil, model.name)
     said = forward.predict(fit.observations.conditions, model.values)
-    return {
-        name: getattr(said, name) for name in ("sinkage_m", "vertical_load_n", "drawbar_pull_n", "driving_torque_nm")
-    }
+    return {channel.field: getattr(said, channel.field) for channel in (INPUTS["w"], *OUTPUTS.values())}
 
 
 def fit_as_json(fit: CampaignFit) -> dict[str, Any]:

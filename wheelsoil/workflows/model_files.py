@@ -13,7 +13,7 @@ import tomli_w
 
 from daq import read_toml
 from model import ExtendedModel, Fact, extended_model
-from model.diagnosis.core import Bench, Campaign, Diagnosis, ParameterEstimate, SoilEstimate
+from model.diagnosis import Bench, Campaign, Diagnosis, ParameterEstimate, SoilEstimate
 from model.wheel_soil import Reading
 from wheelsoil import __version__
 from wheelsoil.cli.talk import check_output

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from daq import ConfigError, Fault, RunInfo, RunsConfig, VehicleConfig, load_toml
 from daq.runs import RUNS_FILE, TERRAIN_FILE, VEHICLE_FILE, Collected
-from model.diagnosis.core import Campaign, DiagnosisOptions
-from model.diagnosis.planning import Plan, plan_for, plan_of, planned_campaign, usual_runs
+from model.diagnosis import Campaign, DiagnosisOptions, Plan, plan_for, plan_of, planned_campaign, usual_runs
 from model.wheel_soil import prior_of
 from wheelsoil.workflows.fit import known_soil, load_terrain, wheel_of
 

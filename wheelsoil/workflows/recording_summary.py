@@ -1,7 +1,4 @@
-"""The facts of a run's file: what `wheelsoil info` prints and a report's provenance needs.
-
-Times as people read them.
-"""
+"""Summary of a recording: what `wheelsoil info` prints and the provenance in a report."""
 
 from __future__ import annotations
 

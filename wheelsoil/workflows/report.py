@@ -9,7 +9,7 @@ from pathlib import Path
 
 from daq import DataError, WheelsoilError
 from model import ExtendedModel
-from model.diagnosis.core import Diagnosis
+from model.diagnosis import Diagnosis
 from model.fit import CampaignFit
 from processing import LOOK, ProcessOptions
 from wheelsoil.report.build import Report, build_report

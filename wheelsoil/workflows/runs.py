@@ -1,7 +1,4 @@
-"""Opening and processing runs, as several commands do.
-
-A bench table with the files that it needs beside it, read with all faults at once.
-"""
+"""Opening and processing of runs and of single-wheel tables, with all faults reported at once."""
 
 from __future__ import annotations
 

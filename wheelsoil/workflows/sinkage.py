@@ -11,7 +11,7 @@ import numpy as np
 from daq import ConfigError, DataError, Fault, WheelSection
 from daq.runs import Run
 from daq.series import WheelTable
-from model.diagnosis.core import BoundRows, Inconsistent, bound_rows_of_runs, bound_rows_of_table, inconsistent
+from model.diagnosis import BoundRows, Inconsistent, bound_rows_of_runs, bound_rows_of_table, inconsistent
 from model.sinkage_from_forces import (
     LEAST_SLIP,
     Estimate,

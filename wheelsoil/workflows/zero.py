@@ -1,7 +1,4 @@
-"""Recordings of a lifted wheel to zero.toml, and zero.toml to the runs that it is taken off.
-
-The signals of a transducer, whole, from the messages that carry its roles.
-"""
+"""Recordings of a lifted wheel to zero.toml, and zero.toml to the runs that it is subtracted from."""
 
 from __future__ import annotations
 
@@ -17,6 +14,7 @@ import numpy as np
 
 from daq import (
     ROLES,
+    TRANSDUCER_ROLES,
     ZERO_FILE,
     Channel,
     ChannelZero,
@@ -35,7 +33,7 @@ from daq import (
 from daq.can import Decoder, RawKind, Signal, SignalRef, messages_by_bus, resolve_roles
 from daq.runs import Collected, Run, open_runs
 from processing import FloatArray, IntArray, ZeroCode, in_order, merge_equal_stamps, seconds_since
-from processing.pipeline import FORCE_ROLES, latency_ns, status_at, wheel_angle
+from processing.pipeline import latency_ns, status_at, wheel_angle
 from processing.transducer_zero import (
     Drift,
     Lifted,
@@ -104,8 +102,8 @@ def sources_of(run: Run, needed: tuple[str, ...] = ()) -> Sources:
     """
     roles = resolve_roles(run.vehicle, run.databases, needed, ROLES)
     messages = messages_by_bus(run.databases)
-    of_role = {roles[role].key: role for role in FORCE_ROLES if role in roles}
-    places = dict.fromkeys((roles[role].bus, roles[role].message) for role in FORCE_ROLES if role in roles)
+    of_role = {roles[role].key: role for role in TRANSDUCER_ROLES if role in roles}
+    places = dict.fromkeys((roles[role].bus, roles[role].message) for role in TRANSDUCER_ROLES if role in roles)
     signals: dict[Key, tuple[Signal, Unit, str]] = {}
     for bus, message in places:
         for signal in messages[bus][message].by_name.values():
@@ -230,7 +228,7 @@ def _trusted(channel: Channel, status: Channel | None) -> tuple[Channel, int]:
 def _latency_ns(run: Run, sources: Sources, key: Key) -> int:
     """Return the declared delay of a signal: that of a role in its message."""
     message = key[1].partition(".")[0]
-    for role in FORCE_ROLES:
+    for role in TRANSDUCER_ROLES:
         reference = sources.roles.get(role)
         if reference and (reference.bus, reference.message) == (key[0], message):
             return latency_ns(run.vehicle, role)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 
+from daq.channels import TRANSDUCER_ROLES
 from daq.errors import ConfigError
 from daq.logger.doctor.situation import Line, Situation, failed, from_fault, passed, warned
 from daq.logger.health.watched import unknown_names
@@ -91,4 +92,4 @@ def zero(now: Situation) -> Iterator[Line]:
 
 
 def _measures_force(now: Situation) -> bool:
-    return any(role in now.vehicle.signals for role in ("vertical_load", "drawbar_pull", "driving_torque"))
+    return any(role in now.vehicle.signals for role in TRANSDUCER_ROLES)

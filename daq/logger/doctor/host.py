@@ -1,9 +1,4 @@
-"""Checks of the machine and of what is installed on it.
-
-Checks of the clocks: the host's own, and the receiver's against it.
-
-Checks of the folder that is recorded into, and of its disk.
-"""
+"""Checks of the machine: clocks, the folder and disk that are recorded to, and what is installed."""
 
 from __future__ import annotations
 

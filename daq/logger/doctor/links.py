@@ -6,7 +6,6 @@ What the kernel says of a SocketCAN interface.
 from __future__ import annotations
 
 import errno
-import fcntl
 import json
 import shutil
 import socket
@@ -158,6 +157,8 @@ def _asked(name: str, request: int, form: str) -> int:
     OSError
         There is no such interface.
     """
+    import fcntl  # Unix has it; so has every system with SocketCAN
+
     encoded = name.encode()
     if len(encoded) >= _NAME_BYTES:
         raise OSError(errno.ENODEV, "the name is too long")

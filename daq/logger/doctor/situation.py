@@ -16,8 +16,8 @@ from daq.can.databases import Database
 from daq.can.decoding import Decoder
 from daq.can.frames import FrameBatch, concatenate, split
 from daq.can.roles import SignalRef, resolve_roles
-from daq.channels import Channel
-from daq.config import ROLES, BusSection, VehicleConfig, load_toml
+from daq.channels import ROLES, Channel
+from daq.config import BusSection, VehicleConfig, load_toml
 from daq.errors import ConfigError, DatabaseError, Fault
 from daq.host_clock import monotonic_ns, realtime_ns
 from daq.logger.doctor.links import Heard, Link, is_socketcan, listen, read_link

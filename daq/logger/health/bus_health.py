@@ -1,7 +1,4 @@
-"""What is wrong with messages: they do not come, or frames of them are lost.
-
-What is wrong with buses: down, silent, losing frames, full of what no DBC knows.
-"""
+"""Faults of buses and messages: down, silent, losing frames, late, unknown to every DBC."""
 
 from __future__ import annotations
 

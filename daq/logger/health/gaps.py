@@ -1,11 +1,9 @@
-"""What the gaps of a message lack: judged late, by whether its frames stay behind.
+"""Gaps of a message, judged late, by whether its frames stay behind.
 
 A frame's lateness is its arrival less its number times the usual period. Queues, stalls and jitter only add to it, so
 that the least lateness of half a second is that of the sender, whatever the arrivals looked like; it rises for good
-only by frames that never came. It is looked at after a gap, once it falls no more. Everything here depends on the
+only by frames that never came. It is judged after a gap, once it falls no more. Everything here depends on the
 frames alone, never on how they are cut into batches.
-
-When the frames of one message come: its usual rate.
 """
 
 from __future__ import annotations

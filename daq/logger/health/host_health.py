@@ -1,7 +1,4 @@
-"""The GNSS receiver: fix, age, and the host's clock against its time.
-
-The machine: disk, queue, processor, clock.
-"""
+"""Faults of the machine and of the GNSS receiver: disk, queue, processor, clock, fix, age."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""A health report as diagnostics of a recording: buses, messages that came, signals with a role, GNSS, the machine.
-
-HealthMonitor: everything that is watched while a vehicle is recorded, and the report of it.
+"""HealthMonitor: everything that is watched while a vehicle is recorded, and its report, also as ROS diagnostics.
 
 A batch of frames costs the same few calls on columns however many frames it has; the reasons are found at the pace of
 the reports.

@@ -1,7 +1,4 @@
-"""The reasons that stand: the worst first, and none so short that it cannot be read.
-
-What the health monitor says: facts of every bus, message and signal, and reasons with a level each.
-"""
+"""The health report: facts of every bus, message and signal, and the reasons for its level, the worst first."""
 
 from __future__ import annotations
 

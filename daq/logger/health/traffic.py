@@ -1,7 +1,4 @@
-"""One bus: frames, bits on the wire, error frames and identifiers that no DBC knows.
-
-Error frames of SocketCAN: what the controller says of itself and of the bus (linux/can/error.h).
-"""
+"""Traffic of one bus: frames, bits on the wire, unknown identifiers, and error frames (linux/can/error.h)."""
 
 from __future__ import annotations
 

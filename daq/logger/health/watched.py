@@ -1,9 +1,4 @@
-"""Whether the vehicle moves, by the two speeds it knows; and when they contradict each other.
-
-What is watched: every message of the DBCs with its signals, and the roles among them.
-
-Names in ``[health]`` of vehicle.toml that nothing goes by: what they were to excuse is not excused.
-"""
+"""What is watched: the messages of the DBCs, their signals and roles, and whether the vehicle moves."""
 
 from __future__ import annotations
 
@@ -16,7 +11,8 @@ from daq.can.bits import Message
 from daq.can.buses import messages_by_bus
 from daq.can.databases import Database
 from daq.can.roles import SignalRef, resolve_roles
-from daq.config import ROLES, HealthSection, VehicleConfig
+from daq.channels import ROLES
+from daq.config import HealthSection, VehicleConfig
 from daq.errors import ConfigError, Fault, nearest
 from daq.logger.health.flow import MessageFlow
 from daq.logger.health.report import Level, Reason, Recent, SignalHealth, Since, reason

@@ -9,12 +9,6 @@ from .coverage import Coverage as Coverage
 from .coverage import cannot_tell as cannot_tell
 from .coverage import considered as considered
 from .gain import rms as rms
-from .result import BRIEF as BRIEF
-from .result import FIELD_NAMES as FIELD_NAMES
-from .result import FIELD_UNITS as FIELD_UNITS
-from .result import INPUT_FIELDS as INPUT_FIELDS
-from .result import NAMES as NAMES
-from .result import UNITS as UNITS
 from .result import Adequacy as Adequacy
 from .result import Candidate as Candidate
 from .result import Cause as Cause

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from daq import OUTPUTS
 from model.effects.catalogue import EFFECTS
 from model.fit.observations import Observations
 from model.wheel_soil.conditions import Wheel
@@ -93,7 +94,7 @@ class DiagnosisOptions:
 
     reading: Reading = "balanced"
     effects: tuple[str, ...] = tuple(EFFECTS)
-    channels: tuple[str, ...] = ("dp", "t", "z")
+    channels: tuple[str, ...] = tuple(OUTPUTS)
     most_causes: int = 3
     name_at: float = 0.9
     seed: int = 0

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import INPUTS, OUTPUTS
 from daq.series import WheelTable
 from model.diagnosis.core.campaign import Bench, Campaign
 from model.diagnosis.core.result import Inconsistent
@@ -137,12 +138,7 @@ def bound_rows_of_table(table: WheelTable | Observations, radius_m: float, *, lu
     return BoundRows(**columns, torque_at_rest_nm=at_rest, radius_m=radius_m, lugged=lugged)
 
 
-_SIGMA_OF = {
-    "vertical_load_n": "vertical_load_sigma_n",
-    "drawbar_pull_n": "drawbar_pull_sigma_n",
-    "driving_torque_nm": "driving_torque_sigma_nm",
-    "sinkage_m": "sinkage_sigma_m",
-}
+_SIGMA_OF = {channel.field: channel.sigma_field for channel in (INPUTS["w"], *OUTPUTS.values())}
 _MEASURED = (*_SIGMA_OF, *_SIGMA_OF.values())
 
 

@@ -11,6 +11,9 @@ from model.effects.base import Effect, Needs
 from model.effects.catalogue import EFFECTS
 from model.notes import LackCode
 
+ONE_LOAD = 0.08
+"""Spread of loads, over their mean, below which they are one load."""
+
 
 @dataclass(frozen=True)
 class Coverage:

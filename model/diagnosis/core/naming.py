@@ -9,17 +9,20 @@
 
 A name needs three runs or more (of a table: three conditions), since its probability must be calibrated and its gain
 be measured, and data that can tell the family: what stands in ``cannot_tell`` is never named, however likely, but may
-be a member of a set.
+be a member of a set. What is named must have a value that bears the name, see `confirmed`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from daq import Note
 from model.diagnosis.core.posterior import Posterior, short_set
-from model.diagnosis.core.result import Adequacy, Gain, Verdict
+from model.diagnosis.core.result import Adequacy, Cause, Gain, Verdict
+from model.effects.catalogue import EFFECTS
 from model.notes import LackCode
 
 NOTHING_AT = 0.2
@@ -92,4 +95,44 @@ def _barred(found: Posterior, gain: Gain | None) -> Note | None:
         return Note(LackCode.NOT_CHECKED)
     if not gain.log_likelihood_gain > 0 or gain.reduction_percent < 0:
         return Note(LackCode.NO_BETTER)
+    return None
+
+
+def confirmed(verdict: Judgement, found: Posterior, causes: Sequence[Cause]) -> Judgement:
+    """Return the verdict once its causes have their values: a value that does not bear its name takes the name back.
+
+    Parameters
+    ----------
+    verdict : Judgement
+    found : Posterior
+    causes : sequence of Cause
+        Of the verdict, with their values.
+    """
+    if verdict.verdict == "named" and (why := doubtful(causes)):
+        return Judgement("one_of", short_set(found), barred=why)
+    return verdict
+
+
+def doubtful(causes: Sequence[Cause]) -> Note | None:
+    """Return why a cause's value does not bear its name; None where all do.
+
+    Parameters
+    ----------
+    causes : sequence of Cause
+        With their values.
+    """
+    for cause in causes:
+        limits = {p.name: p for p in EFFECTS[cause.key].parameters}
+        for found in cause.parameters:
+            own = limits.get(found.name)
+            if own is None:  # a combination, as Lyasko's p
+                continue
+            edges = [edge for edge in (own.lower, own.upper) if edge != own.neutral]
+            if np.isclose(found.value, edges, rtol=1e-3, atol=0.0).any():
+                facts = {"family": cause.name, "parameter": found.name, "value": found.value, "unit": found.unit}
+                return Note(LackCode.VALUE_AT_LIMIT, values=facts)
+            low, high = found.interval95
+            if len(cause.parameters) == 1 and low < own.neutral < high:
+                facts = {"family": cause.name, "parameter": found.name, "neutral": own.neutral, "unit": found.unit}
+                return Note(LackCode.VALUE_MAY_BE_NEUTRAL, values={**facts, "low": low, "high": high})
     return None

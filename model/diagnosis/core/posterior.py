@@ -29,7 +29,7 @@ class Posterior:
     ----------
     hypotheses : Hypotheses
     log_evidence : array, shape (n,)
-        Less that of the empty set.
+        Up to a constant.
     probability : array, shape (n,)
         Of each set, given the data; sums to 1.
     calibrated : bool

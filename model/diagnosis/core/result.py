@@ -1,7 +1,5 @@
 """What a diagnosis says.
 
-Channels as a diagnosis keys them, names them and measures them.
-
 A diagnosis as small HTML tables, for a notebook; `wheelsoil diagnose` and the report say more.
 
 The contract that other programs read (``wheelsoil/diagnosis/1``).
@@ -10,34 +8,16 @@ The contract that other programs read (``wheelsoil/diagnosis/1``).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import Note
+from daq import OUTPUTS, ROLES, Note, frame_of_rows
 from model.diagnosis.core.shapes import Rows, Shape
 
-NAMES = {"dp": "drawbar pull", "t": "driving torque", "z": "sinkage"}
-UNITS = {"dp": "N", "t": "N m", "z": "m"}
-BRIEF = {**NAMES, "t": "torque"}
-"""In a sentence."""
-FIELDS = {"dp": "drawbar_pull", "t": "driving_torque", "z": "sinkage"}
-"""In a finding and in JSON."""
-INPUTS = {"v": ("ground_speed", "measured ground speed", "m/s"), "w": ("vertical_load", "measured load", "N")}
-"""What the simulation is given, and a finding can be an error of: key, field, name and unit."""
-INPUT_FIELDS = frozenset(field for field, _, _ in INPUTS.values())
-FINDING_FIELDS = {**FIELDS, **{key: field for key, (field, _, _) in INPUTS.items()}}
-FIELD_NAMES = {
-    **{field: NAMES[key] for key, field in FIELDS.items()},
-    **{field: name for field, name, _ in INPUTS.values()},
-}
-FIELD_UNITS = {
-    **{field: UNITS[key] for key, field in FIELDS.items()},
-    **{field: unit for field, _, unit in INPUTS.values()},
-}
-FIELD_KEYS = {field: key for key, field in FIELDS.items()}
-
+if TYPE_CHECKING:
+    import pandas as pd
 
 FloatArray = NDArray[np.float64]
 
@@ -329,6 +309,17 @@ class Diagnosis:
     sets: tuple[CauseSet, ...] = ()
     grounds: Grounds = field(default_factory=Grounds)
 
+    def to_frames(self) -> dict[str, pd.DataFrame]:
+        """Return the tables of the diagnosis as frames.
+
+        Returns
+        -------
+        dict of pandas.DataFrame
+            ``causes`` (one row a parameter, with its 95 % interval), ``candidates``, ``what_is_wrong``, ``gain`` (one
+            row a channel and model), ``minimum_detectable`` and ``next_run``; sizes in the unit of the row.
+        """
+        return _frames(self)
+
     def median_there(self, found: Finding) -> float:
         """Return the median of measured less simulated over the slips of a finding's shape, as figures show it.
 
@@ -344,7 +335,7 @@ class Diagnosis:
         slips, campaign = found.place.slips, found.place.campaign
         if slips is None:
             return float("nan")
-        (low, high), channel = slips, FIELD_KEYS.get(found.channel, "")
+        (low, high), channel = slips, ROLES[found.channel].key
         left = [
             (seen.measured[channel] - seen.base[channel])[(seen.slip >= low) & (seen.slip <= high)]
             for seen in self.seen
@@ -353,6 +344,49 @@ class Diagnosis:
         known = np.concatenate([*left, np.zeros(0)])
         known = known[np.isfinite(known)]
         return float(np.median(known)) if len(known) else float("nan")
+
+
+_PLACE = ("where", "lower", "upper", "unit_there", "vertical_load_n", "run", "campaign")
+
+
+def _place(place: Shape | Rows) -> tuple[str, float, float, str, float, str, str]:
+    """Return where a finding is, as the values of `_PLACE`; NaN for what does not say where."""
+    nan = float("nan")
+    if isinstance(place, Rows):
+        return "slip", place.slip, place.slip, "1", place.vertical_load_n, "", place.campaign
+    low, high = sorted(place.range or (nan, nan))
+    unit = place.unit or "1" if place.range else ""
+    return str(place.kind), low, high, unit, nan, place.run, place.campaign
+
+
+def _frames(found: Diagnosis) -> dict[str, pd.DataFrame]:
+    none = (ParameterEstimate("", "", float("nan"), (float("nan"), float("nan")), float("nan")),)
+    causes = [
+        (c.name, c.form, c.kind, c.probability, c.form_probability, p.name, p.unit, p.value, p.sigma, *p.interval95)
+        for c in found.causes
+        for p in c.parameters or none
+    ]
+    wrong = [
+        (w.channel, *_place(w.place), ROLES[w.channel].unit, w.size, found.median_there(w), w.statistic)
+        for w in found.what_is_wrong
+    ]
+    scores = (("base", found.gain.base), ("extended", found.gain.extended)) if found.gain else ()
+    gain = [
+        (OUTPUTS[key].role, which, OUTPUTS[key].unit, one.R0, one.M0_percent, one.R2, one.log_likelihood)
+        for which, of in scores
+        for key, one in of.items()
+    ]
+    least = [(key, d.parameter, d.value, d.unit) for key, d in found.minimum_detectable.items()]
+    runs = [(run.change, ", ".join(run.separates), run.expected_log_bayes_factor) for run in found.next_run]
+    estimate = ("parameter", "unit", "value", "sigma", "lower95", "upper95")
+    return {
+        "causes": frame_of_rows(("name", "form", "kind", "probability", "form_probability", *estimate), causes),
+        "candidates": frame_of_rows(("name", "probability"), [(c.name, c.probability) for c in found.candidates]),
+        "what_is_wrong": frame_of_rows(("channel", *_PLACE, "unit", "size", "median_there", "statistic"), wrong),
+        "gain": frame_of_rows(("channel", "model", "unit", "R0", "M0_percent", "R2", "log_likelihood"), gain),
+        "minimum_detectable": frame_of_rows(("effect", "parameter", "value", "unit"), least),
+        "next_run": frame_of_rows(("change", "separates", "expected_log_bayes_factor"), runs),
+    }
 
 
 def undecided(

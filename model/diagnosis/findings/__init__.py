@@ -1,4 +1,4 @@
-"""What a diagnosis finds beside its verdict."""
+"""What the evidence of driven runs says: fits of sets of causes, held-out runs, adequacy, isolability, proposals."""
 
 import lazy_loader
 

@@ -1,1 +1,1 @@
-from .detectable import SEEN as SEEN
+from .isolability import SEEN as SEEN

@@ -7,7 +7,7 @@ shared,
 .. math:: Q = \sum_c (x_c - \bar x)^2 / v_c \sim \chi^2_{C - 1}, \qquad
           \bar x = \sum_c (x_c / v_c) / \sum_c (1 / v_c)
 
-The variances are widened as the final interval of the shared size was (`model.diagnosis.time_series.final`). A form is
+The variances are widened as the final interval of the shared size was (`model.diagnosis.findings.set_fit`). A form is
 asked in the same way: by how many nats a campaign of its own prefers another one.
 
 Source: Cochran (1954), Biometrics 10:101.
@@ -24,8 +24,8 @@ from scipy.special import gammaincc
 
 from daq import Note, Severity
 from model.diagnosis.core.result import Cause, ParameterEstimate
-from model.diagnosis.findings.detectable import own_columns
-from model.diagnosis.findings.detectable import projected_without_soil as without_soil
+from model.diagnosis.findings.isolability import own_columns
+from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 from model.diagnosis.time_series.evidence import log_evidence
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.looks import Look

@@ -14,20 +14,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import Note
 from model.diagnosis.core.naming import Judgement
 from model.diagnosis.core.posterior import Posterior, cause_of, likeliest_form
 from model.diagnosis.core.result import Cause, ParameterEstimate, Seen, SoilEstimate
-from model.diagnosis.findings.detectable import isolability
+from model.diagnosis.findings.isolability import isolability
+from model.diagnosis.findings.set_fit import SetFit, fit_set, parameters_of, soils_of, spread_of
 from model.diagnosis.time_series.evidence import estimate
-from model.diagnosis.time_series.final import SetFit, fit_set, parameters_of, soils_of, spread_of
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.looks import Look
 from model.diagnosis.time_series.noise import constants, loading, processes, white_variance
 from model.diagnosis.time_series.start import View
-from model.effects.catalogue import EFFECTS
-from model.notes import LackCode
 
 FloatArray = NDArray[np.float64]
 Sizes = Mapping[str, FloatArray]
@@ -202,31 +199,6 @@ def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
         cause_of(found, family, key, values.get(key, ())) for family, key in zip(verdict.families, keys, strict=True)
     )
     return Explained(causes, extended, sizes | _others(look, found, sizes), soils_of(whole, look, spread))
-
-
-def doubtful(causes: Sequence[Cause]) -> Note | None:
-    """Return why a cause's value does not bear its name; None where all do.
-
-    Parameters
-    ----------
-    causes : sequence of Cause
-        With their values.
-    """
-    for cause in causes:
-        limits = {p.name: p for p in EFFECTS[cause.key].parameters}
-        for found in cause.parameters:
-            own = limits.get(found.name)
-            if own is None:  # a combination, as Lyasko's p
-                continue
-            edges = [edge for edge in (own.lower, own.upper) if edge != own.neutral]
-            if np.isclose(found.value, edges, rtol=1e-3, atol=0.0).any():
-                facts = {"family": cause.name, "parameter": found.name, "value": found.value, "unit": found.unit}
-                return Note(LackCode.VALUE_AT_LIMIT, values=facts)
-            low, high = found.interval95
-            if len(cause.parameters) == 1 and low < own.neutral < high:
-                facts = {"family": cause.name, "parameter": found.name, "neutral": own.neutral, "unit": found.unit}
-                return Note(LackCode.VALUE_MAY_BE_NEUTRAL, values={**facts, "low": low, "high": high})
-    return None
 
 
 def _extended(look: Look, verdict: Judgement, keys: Keys) -> Keys:

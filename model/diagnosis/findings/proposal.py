@@ -17,14 +17,15 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import OUTPUTS
 from model.diagnosis.core.prior import SIZE_PRIOR
 from model.diagnosis.core.result import Proposal
-from model.diagnosis.time_series.basis import AMPLITUDE
+from model.diagnosis.findings.set_fit import SetFit
+from model.diagnosis.findings.set_problem import Part
+from model.diagnosis.time_series.basis import amplitude_of
 from model.diagnosis.time_series.columns import Columns
 from model.diagnosis.time_series.evidence import estimate, log_likelihood_of_run, others, without_soil
-from model.diagnosis.time_series.final import SetFit
 from model.diagnosis.time_series.grams import CauseColumn, Grams
-from model.diagnosis.time_series.set_problem import Part
 from model.diagnosis.time_series.whitening import joined, run_grams
 from model.wheel_soil.conditions import Conditions
 
@@ -117,8 +118,6 @@ def _varies(values: FloatArray) -> bool:
 MOST_TERMS = 3
 _FEWEST_RUNS = 2
 _BEAM = 12
-_WORDS = {"dp": "drawbar pull", "t": "driving torque", "z": "sinkage"}
-_UNITS = {"dp": "N", "t": "N m", "z": "m"}
 
 
 @dataclass(frozen=True)
@@ -162,14 +161,12 @@ def _with_terms(part: Part, fit: SetFit, columns: dict[str, TermColumn]) -> Colu
     samples, linear = part.view.samples, part.frozen
     values = {**part.simulation.space.values(linear.point.soil), **linear.point.causes}
     sinkage = part.simulation.model(linear.point.causes).predict(linear.conditions, values).sinkage_m
-    load = float(np.median(samples.conditions.vertical_load_n))
-    unit = {"dp": load, "t": load * samples.wheel_radius_m, "z": samples.wheel_radius_m}
     found, causes = [], []
     for term in terms(linear.conditions, sinkage):
         size = float(np.sqrt(np.mean(term.values**2)))
         for row, channel in enumerate(linear.channels):
             key = f"{channel}: {term.text}"
-            scale = AMPLITUDE[channel] * unit[channel] / size
+            scale = amplitude_of(samples, channel) / size
             known = columns.setdefault(key, TermColumn(channel, term.text, term.unit, scale))
             shape = np.zeros(linear.value.shape)
             shape[row] = known.scale * term.values
@@ -279,10 +276,11 @@ def _formula(grams: Grams, terms: dict[str, TermColumn], keys: tuple[str, ...]) 
         zip((grams.causes[i].key for i in found.columns), found.coefficients[list(found.columns)], strict=True)
     )
     said = []
-    for channel, word in _WORDS.items():
+    for channel, definition in OUTPUTS.items():
         own = [(value[key] * terms[key].scale, terms[key]) for key in keys if terms[key].channel == channel]
         if own:
             parts = [_part(size, term, first=i == 0) for i, (size, term) in enumerate(own)]
+            word = definition.name
             said.append(f"{word} + ({' '.join(parts)})" if len(parts) > 1 else f"{word} {_signed(*own[0])}")
     return ", ".join(said)
 
@@ -293,6 +291,6 @@ def _signed(size: float, term: TermColumn) -> str:
 
 def _part(size: float, term: TermColumn, *, first: bool) -> str:
     sign = ("-" if first else "- ") if size < 0 else ("" if first else "+ ")
-    unit = _UNITS[term.channel] + (f"/({term.unit})" if term.unit else "")
+    unit = OUTPUTS[term.channel].unit_text + (f"/({term.unit})" if term.unit else "")
     factor = "" if term.text == "1" else f" {term.text}"
     return f"{sign}{np.abs(size):.3g} {unit}{factor}"

@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from model.diagnosis.core.result import FINDING_FIELDS, INPUTS, Finding
+from daq import INPUTS, OUTPUTS
+from model.diagnosis.core.result import Finding
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.findings.adequacy import LeftOver, left_over
 from model.diagnosis.time_series.grams import Grams
@@ -75,7 +76,7 @@ def found_in(left: LeftOver, shapes: tuple[Shape, ...], height: FloatArray, exce
             break
         shape = shapes[worst]
         size = float(score[worst] / own[worst] * height[worst])
-        found.append(Finding(FINDING_FIELDS.get(shape.channel, shape.channel), shape, size, float(z[worst])))
+        found.append(Finding({**INPUTS, **OUTPUTS}[shape.channel].role, shape, size, float(z[worst])))
         column = information[:, worst] / own[worst]
         score = score - column * score[worst]
         information = information - np.outer(column, information[worst])

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from model.diagnosis.time_series.rests import Rests
 from model.diagnosis.time_series.samples import Instants, Samples
-from model.wheel_soil.conditions import Conditions, slip_of_ratio
+from model.wheel_soil.conditions import Conditions
+from model.wheel_soil.stresses import slip_of_ratio
 from processing.pipeline import STANDARD_GRAVITY_MPS2
 
 FloatArray = NDArray[np.float64]
@@ -19,6 +20,8 @@ LIKE_OTHERS = "one more run like the others"
 _HEAVIER, _LIGHTER = 1.3, 0.75
 _BRAKE_SHARE, _MOST_BRAKING = 0.7, 0.6
 _STANDSTILLS, _STANDSTILL_S = 4, 10.0
+_SAME_LOAD = 1e-9
+"""Relative: loads that differ by rounding are the same."""
 _SINKAGE_SIGMA_M = 0.003
 _TORQUE_SIGMA_NM = 15.0
 
@@ -56,7 +59,9 @@ def typical_run(samples: Samples) -> Samples:
     count = np.bincount(samples.run, minlength=samples.runs)
     enough = np.flatnonzero(count >= 0.5 * np.median(count[count > 0]))
     loads = np.array([np.mean(samples.conditions.vertical_load_n[samples.run == r]) for r in enough])
-    return only_run(samples, int(enough[np.argmin(np.abs(loads - np.median(loads)))]))
+    away = np.abs(loads - np.median(loads))
+    nearest = away <= away.min() + _SAME_LOAD * np.abs(loads).max()  # of two that are equally near, the first
+    return only_run(samples, int(enough[np.argmax(nearest)]))
 
 
 def only_run(samples: Samples, run: int) -> Samples:

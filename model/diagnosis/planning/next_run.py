@@ -21,7 +21,7 @@ at whatever size j imitates it best, by an expected
 
 .. math:: \tfrac12\, d^2_{i|j}(G) = \tfrac12\, z_i^2 (1 - \cos^2_{ij})
 
-nats (`model.diagnosis.findings.detectable`: z is d, and the cosine is that of the signatures once the soil is projected
+nats (`model.diagnosis.findings.isolability`: z is d, the cosine is that of the signatures once the soil is projected
 out). What one more run adds is the difference of that with and without it. Against the whole rest of the set, with
 weights :math:`w_j`, i gains :math:`-\ln \sum_j w_j \exp(-\Delta_{ij})`: a run that parts i from all others but one
 look-alike is worth little.
@@ -38,8 +38,8 @@ from numpy.typing import NDArray
 
 from model.diagnosis.core.next_test import WORTH_SAYING, best_first, comes_apart, expected_nats
 from model.diagnosis.core.result import NextRun
-from model.diagnosis.findings.detectable import Projected, least_left, own_columns
-from model.diagnosis.findings.detectable import projected_without_soil as without_soil
+from model.diagnosis.findings.isolability import Projected, least_left, own_columns
+from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 from model.diagnosis.planning.manoeuvres import LIKE_OTHERS, Manoeuvre, manoeuvres, typical_run, with_standstills
 from model.diagnosis.time_series.columns import columns_of
 from model.diagnosis.time_series.grams import Grams

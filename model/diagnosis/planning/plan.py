@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from daq import Note
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.result import Detectable, NextRun
-from model.diagnosis.findings.detectable import SEEN, Isolability, detectable_in_runs, isolability
+from model.diagnosis.findings.isolability import SEEN, Isolability, detectable_in_runs, isolability
 from model.diagnosis.planning.next_run import Member, next_runs
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.looks import Look, look

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import ConfigError, DataError, Fault, RunInfo, VehicleConfig
+from daq import OUTPUTS, REACTIONS, ConfigError, DataError, Fault, RunInfo, VehicleConfig
 from model.diagnosis.core.campaign import Campaign
 from model.simulation import DrivingStyle, VehicleSetup
 from model.simulation.motion import Motion, drive, static_load_n, vertical_load_n
@@ -20,7 +20,6 @@ from processing.pipeline import kernel_sigma_s
 
 FloatArray = NDArray[np.float64]
 
-CHANNELS = ("dp", "t")
 ADDED_LOAD_KG = (0.0, 300.0, 500.0)
 """On the paper's vehicle of 3.6 t."""
 _RATE_HZ = 100.0
@@ -71,7 +70,7 @@ class CampaignPlan:
     duration_s: float = 40.0
     vehicle: VehicleSetup = field(default_factory=VehicleSetup)
     style: DrivingStyle = field(default_factory=DrivingStyle)
-    channels: tuple[str, ...] = CHANNELS
+    channels: tuple[str, ...] = tuple(REACTIONS)
     sigmas: dict[str, float] = field(default_factory=dict)
     seed: int = 0
 
@@ -134,8 +133,7 @@ def plan_for(
     share = mass / usual.mass_kg
     load = static_load_n or usual.static_load_n * share
     default = usual_runs(added_load_kg=tuple(share * added for added in ADDED_LOAD_KG))
-    roles = {"dp": "drawbar_pull", "t": "driving_torque", "z": "sinkage"}
-    measured = tuple(c for c, role in roles.items() if role in vehicle.signals)
+    measured = tuple(key for key, channel in OUTPUTS.items() if channel.role in vehicle.signals)
     return CampaignPlan(
         wheel=Wheel(vehicle.wheel.radius_m, vehicle.wheel.width_m),
         soil=soil,
@@ -145,7 +143,7 @@ def plan_for(
         name=name,
         duration_s=duration_s,
         vehicle=replace(usual, mass_kg=mass, static_load_n=load),
-        channels=measured or CHANNELS,
+        channels=measured or tuple(REACTIONS),
         seed=seed,
     )
 
@@ -202,7 +200,7 @@ def _run(
     }
     nothing = np.full(len(load), np.nan)
     channel = {c: x if c in plan.channels else nothing for c, x in measured.items()}
-    sigma = {c: np.full(len(load), plan.sigmas.get(c, np.nan)) for c in ("dp", "t", "z", "speed", "load")}
+    sigma = {c: np.full(len(load), plan.sigmas.get(c, np.nan)) for c in (*OUTPUTS, "speed", "load")}
     return ProcessedRun(
         run=info,
         rate_hz=_RATE_HZ,

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import DataError, Fault, Note, Severity
+from daq import OUTPUTS, DataError, Fault, Note, Severity
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
-from model.diagnosis.core.naming import judgement
+from model.diagnosis.core.naming import confirmed, judgement
 from model.diagnosis.core.posterior import candidates, cause_of, likeliest_form, likely_sets
 from model.diagnosis.core.result import Adequacy, Cause, Diagnosis, Gain, Grounds, Verdict, undecided
 from model.diagnosis.single_wheel.findings import (
@@ -25,7 +25,8 @@ from model.diagnosis.single_wheel.findings import (
     soils_of,
     with_posterior,
 )
-from model.diagnosis.single_wheel.held_out import held_out, next_tests
+from model.diagnosis.single_wheel.held_out import held_out
+from model.diagnosis.single_wheel.next_tests import next_tests
 from model.diagnosis.single_wheel.notes import mixed_repeats, notes_of
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
 from model.diagnosis.single_wheel.sets import NO_SLIP, Library, library, skid_law
@@ -124,10 +125,10 @@ def _diagnosis(
     found = weighing.posterior
     judged = Adequacy(_least_misfit(weighing), weighing.threshold, weighing.any_adequate)
     verdict = judgement(found, judged, gain, known.cannot_tell, options.name_at)
-    forms = {family: likeliest_form(found, family) for family in verdict.families}
-    causes = tuple(
-        cause_of(found, family, key, estimates_of(weighing, CauseUse(key), rng)) for family, key in forms.items()
-    )
+    causes = _causes(weighing, verdict.families, rng)
+    if (after := confirmed(verdict, found, causes)) != verdict:
+        verdict = after
+        causes = _causes(weighing, verdict.families, rng)
     best = with_posterior(weighing, _extension(weighing, verdict.verdict, causes), rng)
     shown = _shown(weighing, causes)
     seen = seen_of(weighing, best, shown)
@@ -161,6 +162,14 @@ def _diagnosis(
     )
 
 
+def _causes(weighing: Weighing, families: Sequence[str], rng: np.random.Generator) -> tuple[Cause, ...]:
+    found = weighing.posterior
+    forms = {family: likeliest_form(found, family) for family in families}
+    return tuple(
+        cause_of(found, family, key, estimates_of(weighing, CauseUse(key), rng)) for family, key in forms.items()
+    )
+
+
 def _extension(weighing: Weighing, verdict: Verdict, causes: Sequence[Cause]) -> Weighed:
     """Return the set that extends the simulation: the named causes, the likeliest member of a set, or the least bad."""
     if verdict == "unexplained":
@@ -184,9 +193,8 @@ def _least_misfit(weighing: Weighing) -> float:
 
 
 def _noise(problem: BenchProblem, said: dict[str, FloatArray]) -> dict[str, float]:
-    units = {"dp": "n", "t": "nm", "z": "m"}
     found = {}
     for channel, (scatter, form) in noise_of(problem, said).items():
-        found[f"{channel}_repeats_{units[channel]}"] = scatter
-        found[f"{channel}_form_{units[channel]}"] = form
+        found[f"{channel}_repeats_{OUTPUTS[channel].suffix}"] = scatter
+        found[f"{channel}_form_{OUTPUTS[channel].suffix}"] = form
     return found

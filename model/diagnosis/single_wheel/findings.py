@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import OUTPUTS
 from model.diagnosis.core.detectable import Direction, minimum_detectable
-from model.diagnosis.core.result import FIELDS as CHANNEL_FIELDS
 from model.diagnosis.core.result import Detectable, Finding, ParameterEstimate, Seen, SoilEstimate
 from model.diagnosis.core.shapes import Rows
 from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
-from model.diagnosis.single_wheel.problem import FIELDS, BenchProblem, CauseUse
+from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
 from model.diagnosis.single_wheel.search import Optimum
 from model.diagnosis.single_wheel.sets import Library, listed_uses
 from model.diagnosis.single_wheel.weighing import Weighed, Weighing, with_usual_form
@@ -48,7 +48,7 @@ def seen_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tuple[S
     found = []
     for i, bench in enumerate(problem.benches):
         rows = problem.bench == i
-        channels = [c for c in FIELDS if np.isfinite(problem.measured(c)[rows]).any()]
+        channels = [c for c in OUTPUTS if np.isfinite(problem.measured(c)[rows]).any()]
         nothing = np.full(int(rows.sum()), np.nan)
         found.append(
             Seen(
@@ -68,7 +68,7 @@ def seen_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tuple[S
                     key: {c: (said[c] - null.optima[0].said[c])[rows] for c in channels if c in problem.channels}
                     for key, said in members.items()
                 },
-                implied={key: {c: said[c][rows] for c in FIELDS} for key, said in members.items()},
+                implied={key: {c: said[c][rows] for c in OUTPUTS} for key, said in members.items()},
                 unseen=tuple(c for c in channels if c not in problem.channels),
             )
         )
@@ -89,7 +89,7 @@ def findings_of(weighing: Weighing) -> tuple[Finding, ...]:
             statistic = size / float(np.hypot(scatter / np.sqrt(own.sum()), noise.form_scale))
             if abs(statistic) > _SIGNIFICANT:
                 place = _place(problem, rows[own])
-                found.append(Finding(CHANNEL_FIELDS[noise.channel], place, size, statistic))
+                found.append(Finding(OUTPUTS[noise.channel].role, place, size, statistic))
     return tuple(sorted(found, key=lambda f: -abs(f.statistic)))
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import OUTPUTS
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.single_wheel.coordinates import CauseCoordinate, SoilCoordinates
 from model.diagnosis.single_wheel.noise import ChannelNoise, groups_of_rows
@@ -171,10 +172,6 @@ class Columns:
         return out
 
 
-FIELDS = {"dp": "drawbar_pull_n", "t": "driving_torque_nm", "z": "sinkage_m"}
-"""Channels of a bench, and what they are called elsewhere."""
-
-
 @dataclass(frozen=True)
 class BenchProblem:
     """The rows of some benches, and what is known beforehand.
@@ -264,7 +261,7 @@ class BenchProblem:
 
     def measured(self, channel: str) -> FloatArray:
         """Return the measured values of a channel in all rows, NaN where not measured."""
-        return np.concatenate([getattr(b.rows, FIELDS[channel]) for b in self.benches])
+        return np.concatenate([getattr(b.rows, OUTPUTS[channel].field) for b in self.benches])
 
     def size_of(self, channel: str) -> float:
         """Return what a channel is measured against: W, W r or r."""
@@ -340,22 +337,22 @@ class BenchProblem:
         model = WheelSoilModel(first.wheel, first.soil, [EFFECTS[key] for key in keys], self.reading)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore"):
             said = model.evaluate(conditions, columns.parameters(model))
-        values = {channel: columns.of_each(said[name]) for channel, name in FIELDS.items()}
+        values = {key: columns.of_each(said[channel.field]) for key, channel in OUTPUTS.items()}
         if not slopes:
             return values, {}
-        return values, {c: columns.scattered(said[name]) for c, name in FIELDS.items()}
+        return values, {key: columns.scattered(said[channel.field]) for key, channel in OUTPUTS.items()}
 
     def _input_slopes(self) -> dict[str, FloatArray]:
         """Return the variances that slip's and load's errors carry into each channel, at the laboratory's soil."""
-        found: dict[str, list[FloatArray]] = {channel: [] for channel in FIELDS}
+        found: dict[str, list[FloatArray]] = {channel: [] for channel in OUTPUTS}
         for bench in self.benches:
             said = WheelSoilModel(bench.wheel, bench.soil, reading=self.reading).predict(
                 Conditions(bench.rows.slip, bench.rows.vertical_load_n), wrt=("slip", "vertical_load_n")
             )
-            for channel, name in FIELDS.items():
-                by_slip, by_load = (getattr(said.sensitivities[x], name) for x in ("slip", "vertical_load_n"))
+            for key, channel in OUTPUTS.items():
+                by_slip, by_load = (getattr(said.sensitivities[x], channel.field) for x in ("slip", "vertical_load_n"))
                 variance = (by_slip * bench.rows.slip_sigma) ** 2 + (by_load * bench.rows.vertical_load_sigma_n) ** 2
-                found[channel].append(np.nan_to_num(variance))
+                found[key].append(np.nan_to_num(variance))
         return {channel: np.concatenate(parts) for channel, parts in found.items()}
 
 

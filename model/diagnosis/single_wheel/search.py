@@ -2,7 +2,8 @@
 
 Best values and evidence of many hypotheses at once.
 
-The search is Gauss-Newton with damping (Levenberg 1944) in standard-normal coordinates. The noise is a mixture
+The search is Gauss-Newton with damping (Levenberg 1944) in standard-normal coordinates; docs/decisions/one-newton.md
+says why it is not `model.fit.gauss_newton`. The noise is a mixture
 over its one-sigmas; its gradient is that of the mixture's mean precision, which is renewed at every step. The evidence
 is Laplace's; `model.diagnosis.single_wheel.evidence` corrects it by importance sampling where it counts.
 """

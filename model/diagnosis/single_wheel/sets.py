@@ -14,11 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import Note
+from daq import OUTPUTS, Note
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
-from model.diagnosis.core.coverage import Coverage, considered, ruled_out
+from model.diagnosis.core.coverage import ONE_LOAD, Coverage, cannot_tell, considered, ruled_out
 from model.diagnosis.core.prior import Hypotheses, listed_sets
-from model.diagnosis.core.result import FIELDS as CHANNEL_FIELDS
 from model.diagnosis.single_wheel.noise import groups_of_rows
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
 from model.effects.catalogue import EFFECTS
@@ -81,8 +80,6 @@ def _left_out(design: FloatArray, sinkage: FloatArray, rows: NDArray[np.bool_]) 
     return np.asarray(sinkage[rows] - design[rows] @ values)
 
 
-_ONE_LOAD = 0.08
-"""Spread of loads, over their mean, below which they are one."""
 _KNOWN = frozenset({"slip", "vertical_load_n", "unit_weight_n_m3"})
 """What of `Conditions` a table gives."""
 _UNSEEN = 1e-6
@@ -98,7 +95,7 @@ class Library:
     uses : tuple of CauseUse
         Candidates, as they act.
     cannot_tell : mapping family -> why
-        Families that are left out for want of something, or that cannot be, as the vehicle is declared.
+        Families that are left out, or never named, for want of something.
     """
 
     uses: tuple[CauseUse, ...]
@@ -134,7 +131,7 @@ def library(problem: BenchProblem, options: DiagnosisOptions, bench: int | None 
     braked = not (problem.slip > 0).any()
     traceless = Note(LackCode.NO_TRACE, values={"channels": problem.channels, "braked": braked})
     unseen = {family_of(use): traceless for use in uses if family_of(use) not in left}
-    return Library(told, {**lacking, **unseen})
+    return Library(told, {**cannot_tell(coverage), **lacking, **unseen})
 
 
 def coverage_of(problem: BenchProblem, bench: int | None = None) -> Coverage:
@@ -147,12 +144,12 @@ def coverage_of(problem: BenchProblem, bench: int | None = None) -> Coverage:
         Whose tyre is asked for; else a tyre counts that all benches have.
     """
     tyres = {b.tyre for i, b in enumerate(problem.benches) if bench in (None, i)}
-    measured = {channel for channel in CHANNEL_FIELDS if np.isfinite(problem.measured(channel)).any()}
+    measured = {channel for channel in OUTPUTS if np.isfinite(problem.measured(channel)).any()}
     return Coverage(
         conditions=_KNOWN,
-        channels=frozenset(CHANNEL_FIELDS[c] for c in problem.channels),
-        unused_channels=frozenset(CHANNEL_FIELDS[c] for c in measured - set(problem.channels)),
-        several_loads=bool(np.ptp(problem.load_n) >= _ONE_LOAD * problem.load_n.mean()),
+        channels=frozenset(OUTPUTS[c].role for c in problem.channels),
+        unused_channels=frozenset(OUTPUTS[c].role for c in measured - set(problem.channels)),
+        several_loads=bool(np.ptp(problem.load_n) >= ONE_LOAD * problem.load_n.mean()),
         both_directions=False,
         several_passes=False,
         several_runs=False,

@@ -122,7 +122,7 @@ def input_shapes(linear: Linear) -> Iterator[InputShape]:
         yield InputShape(grown, -size * by_load * growing, size * float(np.abs(growing).max()))
 
 
-AMPLITUDE = {"dp": 0.02, "t": 0.02, "z": 0.02}
+AMPLITUDE = 0.02
 """One-sigma of a shape: share of the load, of load times radius, of the radius."""
 
 _DRIVE_KNOTS = (0.05, 0.2, 0.4, 0.65, 0.95)
@@ -167,12 +167,12 @@ def basis(samples: Samples, linear: Linear) -> Basis:
     found = _empty(samples, linear, len(own) * len(linear.channels) + len(zeros) + len(inputs))
     shapes: list[Shape] = []
     for row, channel in enumerate(linear.channels):
-        amplitude = _amplitude(samples, channel)
+        amplitude = amplitude_of(samples, channel)
         for shape, x in own:
             found.columns[row, :, len(shapes)] = amplitude * x
             shapes.append(replace(shape, channel=channel))
     for channel in zeros:
-        amplitude, drive = _amplitude(samples, channel), linear.conditions
+        amplitude, drive = amplitude_of(samples, channel), linear.conditions
         rolling, resting = (growing_with_load(at, drive) for at in (drive, samples.rests.conditions))
         found.columns[linear.channels.index(channel), :, len(shapes)] = amplitude * rolling
         found.rests[AT_REST.index(channel), :, len(shapes)] = amplitude * resting
@@ -202,11 +202,11 @@ def _channels_with_zeros(samples: Samples, linear: Linear) -> list[str]:
     return [c for c in known if np.isfinite(samples.rests.measured[c]).any()]
 
 
-def _amplitude(samples: Samples, channel: str) -> float:
+def amplitude_of(samples: Samples, channel: str) -> float:
     """Return one-sigma of a shape, in the channel's unit."""
     load = float(np.median(samples.conditions.vertical_load_n)) if len(samples) else 1.0
     unit = {"dp": load, "t": load * samples.wheel_radius_m, "z": samples.wheel_radius_m}
-    return AMPLITUDE[channel] * unit[channel]
+    return AMPLITUDE * unit[channel]
 
 
 def _shapes(samples: Samples, linear: Linear) -> Iterator[tuple[Shape, FloatArray]]:

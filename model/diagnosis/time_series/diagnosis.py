@@ -15,8 +15,8 @@ from daq import Fault, Note, Severity
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
-from model.diagnosis.core.naming import Judgement, judgement
-from model.diagnosis.core.posterior import Posterior, candidates, likely_sets, short_set
+from model.diagnosis.core.naming import Judgement, confirmed, judgement
+from model.diagnosis.core.posterior import Posterior, candidates, likely_sets
 from model.diagnosis.core.result import (
     Adequacy,
     Cause,
@@ -30,23 +30,22 @@ from model.diagnosis.core.result import (
 )
 from model.diagnosis.findings.adequacy import adequacy, excess, two_soils
 from model.diagnosis.findings.agreement import disagreement_notes, disagreements, other_forms, runs_of
-from model.diagnosis.findings.detectable import detectable_in_runs
 from model.diagnosis.findings.explained import (
     Explained,
     Fits,
     LookAlike,
-    doubtful,
     explain,
     imitating,
     look_alikes,
     seen_of,
 )
+from model.diagnosis.findings.held_out import bagged, held_out
+from model.diagnosis.findings.isolability import detectable_in_runs
 from model.diagnosis.findings.proposal import propose_for
+from model.diagnosis.findings.set_fit import parameters_of
 from model.diagnosis.findings.where_wrong import findings
 from model.diagnosis.planning.next_run import members_of, next_runs, plausible_grams
 from model.diagnosis.time_series.evidence import posterior
-from model.diagnosis.time_series.final import parameters_of
-from model.diagnosis.time_series.held_out import bagged, held_out
 from model.diagnosis.time_series.looks import Look, look
 from model.diagnosis.time_series.noise import Noise
 from model.diagnosis.time_series.samples import samples_of
@@ -123,9 +122,8 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[Note, ...]) -
     verdict, found = weighed.verdict, weighed.found
     with clock.stage("final"):
         explained = explain(fits, verdict, found)
-        if verdict.verdict == "named" and (why := doubtful(explained.causes)):
-            verdict = Judgement("one_of", short_set(found), barred=why)
-            weighed = replace(weighed, verdict=verdict)
+        if (after := confirmed(verdict, found, explained.causes)) != verdict:
+            verdict, weighed = after, replace(weighed, verdict=after)
             explained = explain(fits, verdict, found)
     with clock.stage("next_run"):
         alike = look_alikes(seen.grams, found, verdict)

@@ -8,7 +8,8 @@ noise, X the columns, :math:`A = I + \sum_{runs} X'V^{-1}X`, :math:`P = V^{-1} -
           \frac{\partial}{\partial\theta}(-2 \ln L) = \mathrm{tr}(P \dot V) - r'P \dot V P r.
 
 Maximised by scoring with the average information :math:`\tfrac12 r'P\dot V_i P \dot V_j P r`, in logarithms, with
-log-normal beliefs. Covariances are formed in blocks of a run, so that the cost is linear in its length.
+log-normal beliefs (docs/decisions/one-newton.md). Covariances are formed in blocks of a run, so that the cost is linear
+in its length.
 
 Source: Patterson & Thompson (1971), Biometrika 58:545; Gilmour, Thompson & Cullis (1995), Biometrics 51:1440.
 

@@ -16,11 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.diagnosis.time_series.samples import CHANNELS, STENCIL, Samples
+from daq import OUTPUTS
+from model.diagnosis.time_series.samples import STENCIL, Samples
 from model.effects.base import Effect
-from model.wheel_soil.conditions import Conditions, Wheel, slip_of_ratio
+from model.wheel_soil.conditions import Conditions, Wheel
 from model.wheel_soil.dual import Dual, Number, column, value_of
 from model.wheel_soil.soils import SOIL_PARAMETERS, Soil, SoilPrior
+from model.wheel_soil.stresses import slip_of_ratio
 from model.wheel_soil.wheel_soil_model import Reading, WheelSoilModel
 
 FloatArray = NDArray[np.float64]
@@ -213,7 +215,7 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
     samples : Samples
     point : Point
     """
-    channels = tuple(c for c in CHANNELS if c in samples.measured)
+    channels = tuple(c for c in OUTPUTS if c in samples.measured)
     conditions = at_speed(samples, point.speed_mps)
     soil = simulation.space.values(point.soil)
     found = derivatives(simulation, samples, conditions, {**soil, **point.causes}, channels)
@@ -304,10 +306,10 @@ def derivatives(
         return np.broadcast_to(x.partials.get(key, 0.0) if isinstance(x, Dual) else 0.0, (n, 1))[:, 0]
 
     def by(key: str) -> FloatArray:
-        return np.stack([of(CHANNELS[c], key) for c in channels])
+        return np.stack([of(OUTPUTS[c].field, key) for c in channels])
 
     return {
-        "value": np.stack([np.broadcast_to(value_of(said[CHANNELS[c]]), (n, 1))[:, 0] for c in channels]),
+        "value": np.stack([np.broadcast_to(value_of(said[OUTPUTS[c].field]), (n, 1))[:, 0] for c in channels]),
         "speed": by(_SPEED),
         "load": by(_LOAD),
         "soil": np.stack([by(name) for name in SOIL_PARAMETERS], axis=-1),
@@ -318,7 +320,7 @@ def derivatives(
 
 
 def _stacked(prediction: Any, channels: Sequence[str]) -> FloatArray:
-    return np.stack([getattr(prediction, CHANNELS[c]) for c in channels])
+    return np.stack([getattr(prediction, OUTPUTS[c].field) for c in channels])
 
 
 def _secant(
@@ -346,7 +348,7 @@ def simulated(simulation: Simulation, samples: Samples, point: Point) -> FloatAr
     samples : Samples
     point : Point
     """
-    channels = tuple(c for c in CHANNELS if c in samples.measured)
+    channels = tuple(c for c in OUTPUTS if c in samples.measured)
     values = {**simulation.space.values(point.soil), **point.causes}
     model = simulation.model(point.causes)
     instants = samples.instants

@@ -26,7 +26,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import Note
+from daq import OUTPUTS, Note
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.rests import AT_REST
 from model.diagnosis.time_series.samples import Samples
@@ -34,8 +34,6 @@ from model.notes import DiagnosisCode
 
 FloatArray = NDArray[np.float64]
 
-UNITS = {"dp": ("drawbar_pull", "n"), "t": ("driving_torque", "nm"), "z": ("sinkage", "m")}
-"""Name and unit of a channel in the names of hyper-parameters."""
 _LEAST_RADPS = 0.3
 
 
@@ -75,7 +73,9 @@ class Noise:
 
 def processes(channels: tuple[str, ...]) -> tuple[Process, ...]:
     """Return the processes that go on within a run."""
-    own = [Process(named(c, "noise"), f"{UNITS[c][0]}_noise_time_s", over_distance=False, loading=c) for c in channels]
+    own = [
+        Process(named(c, "noise"), f"{OUTPUTS[c].role}_noise_time_s", over_distance=False, loading=c) for c in channels
+    ]
     return (
         *own,
         Process("speed_noise_mps", "speed_noise_time_s", over_distance=False, loading="speed"),
@@ -110,7 +110,7 @@ def beliefs(samples: Samples) -> dict[str, Belief]:
         sigma = _positive(samples.sigma[c], typical[c])
         found |= {
             named(c, "noise"): Belief(0.7 * sigma, 0.7),
-            f"{UNITS[c][0]}_noise_time_s": Belief(0.15, 0.7),
+            f"{OUTPUTS[c].role}_noise_time_s": Belief(0.15, 0.7),
             named(c, "white"): Belief(0.3 * sigma, 0.8),
             named(c, "of_run"): Belief(0.01 * samples.wheel_radius_m, 1.0) if c == "z" else Belief(0.15 * sigma, 0.8),
         }
@@ -137,8 +137,7 @@ def beliefs(samples: Samples) -> dict[str, Belief]:
 
 def named(channel: str, what: str) -> str:
     """Return the name of a hyper-parameter of one channel."""
-    name, unit = UNITS[channel]
-    return f"{name}_{what}_{unit}"
+    return f"{OUTPUTS[channel].role}_{what}_{OUTPUTS[channel].suffix}"
 
 
 def _positive(sigma: float, otherwise: float) -> float:
@@ -195,7 +194,7 @@ def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float])
     for row, c in enumerate(AT_REST):
         if c not in linear.channels:
             continue
-        length = np.maximum(samples.rests.duration_s, 0.1) / values[f"{UNITS[c][0]}_noise_time_s"]
+        length = np.maximum(samples.rests.duration_s, 0.1) / values[f"{OUTPUTS[c].role}_noise_time_s"]
         scatter = np.fmin(samples.rests.spread[c], values[named(c, "noise")]) ** 2
         averaged = scatter * 2.0 * (length - 1.0 + np.exp(-length)) / length**2
         found[row] = averaged + values[named(c, "at_rest")] ** 2

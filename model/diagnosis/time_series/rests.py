@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import REACTIONS
 from model.diagnosis.core.campaign import Campaign
 from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, Conditions
 from processing import ProcessedRun, Standstill
@@ -42,8 +43,7 @@ def several_loads(drive: Conditions) -> bool:
     return bool(np.ptp(load) > _SAME_LOAD * load.mean())
 
 
-_FIELDS = {"dp": "drawbar_pull_n", "t": "driving_torque_nm"}
-AT_REST = tuple(_FIELDS)
+AT_REST = tuple(REACTIONS)
 """What is measured at standstill, in the order of arrays over it."""
 _CUT_S = 0.8
 """Left out at an end of a standstill that a motion follows or precedes: the wheel is seen to turn only after the first
@@ -114,7 +114,7 @@ def rests_of(
                 "angle": float(angle[i]),
             }
             for c in channels:
-                values = getattr(run, _FIELDS[c])[inside]
+                values = getattr(run, REACTIONS[c].field)[inside]
                 row |= {
                     c: _mean(values),
                     f"{c} spread": float(np.nanstd(values)) if np.isfinite(values).any() else np.nan,

@@ -19,10 +19,9 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import Note
+from daq import OUTPUTS, REACTIONS, Note
 from model.diagnosis.core.campaign import Campaign
-from model.diagnosis.core.coverage import Coverage
-from model.diagnosis.core.result import FIELDS
+from model.diagnosis.core.coverage import ONE_LOAD, Coverage
 from model.diagnosis.time_series.rests import Rests, rests_of
 from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, Conditions
 from model.wheel_soil.run_conditions import campaign_times, line_positions
@@ -31,9 +30,6 @@ from processing.pipeline import kernel_sigma_s, slip_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
-
-CHANNELS = {"dp": "drawbar_pull_n", "t": "driving_torque_nm", "z": "sinkage_m"}
-"""Measured channels by their short name."""
 
 FEWEST = 50
 """Usable samples below which nothing can be said."""
@@ -131,7 +127,7 @@ class Samples:
         )
 
 
-def samples_of(campaign: Campaign, channels: tuple[str, ...] = ("dp", "t", "z")) -> Samples:
+def samples_of(campaign: Campaign, channels: tuple[str, ...] = tuple(OUTPUTS)) -> Samples:
     """Return the samples of a campaign.
 
     Parameters
@@ -152,7 +148,7 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = ("dp", "t", "z"))
     def joined(key: str) -> FloatArray:
         return np.concatenate([part[key] for part in parts], axis=-1) if parts else np.zeros(0)
 
-    measured = {c: joined(name) for c, name in CHANNELS.items() if c in channels}
+    measured = {key: joined(channel.field) for key, channel in OUTPUTS.items() if key in channels}
     measured = {c: x for c, x in measured.items() if np.isfinite(x).any()}
     return Samples(
         run=np.repeat(np.arange(len(parts)), [len(part["time_s"]) for part in parts]),
@@ -160,13 +156,13 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = ("dp", "t", "z"))
         time_s=joined("time_s"),
         conditions=Conditions(**{name: joined(name) for name in Conditions.__dataclass_fields__}),
         measured=measured,
-        sigma={c: _typical([getattr(run, _SIGMAS[c]) for run in campaign.runs]) for c in measured},
+        sigma={c: _typical([getattr(run, OUTPUTS[c].sigma_field) for run in campaign.runs]) for c in measured},
         speed_sigma_mps=_typical([run.ground_speed_sigma_mps for run in campaign.runs]),
         load_sigma_n=_typical([run.vertical_load_sigma_n for run in campaign.runs]),
         distance_m=joined("distance_m"),
         wheel_angle_rad=joined("wheel_angle_rad"),
         instants=Instants(*(joined(f"instants.{f}") for f in Instants.__dataclass_fields__)),
-        rests=rests_of(campaign, tuple(c for c in measured if c != "z"), clocks, positions),
+        rests=rests_of(campaign, tuple(c for c in measured if c in REACTIONS), clocks, positions),
         wheel_radius_m=campaign.wheel.radius_m,
         block_s=max((block_seconds(run) for run in campaign.runs), default=BLOCK_S),
         left_out=dict(left_out),
@@ -174,8 +170,6 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = ("dp", "t", "z"))
     )
 
 
-_ONE_LOAD = 0.08
-"""Spread of the runs' median loads, over their mean, below which they are one load."""
 _SOME = 20
 """Samples below which the wheel was hardly ever driven, or braked."""
 
@@ -192,13 +186,15 @@ def coverage_of(campaign: Campaign, samples: Samples) -> Coverage:
     runs, slip = [run.run for run in campaign.runs], np.asarray(samples.conditions.slip)
     load = np.asarray(samples.conditions.vertical_load_n)
     medians = [float(np.median(load[samples.run == i])) for i in range(samples.runs) if (samples.run == i).any()]
-    measured = [c for c, name in CHANNELS.items() if any(np.isfinite(getattr(r, name)).any() for r in campaign.runs)]
+    measured = [
+        c for c, name in OUTPUTS.items() if any(np.isfinite(getattr(r, name.field)).any() for r in campaign.runs)
+    ]
     names = samples.conditions.__dataclass_fields__
     return Coverage(
         conditions=frozenset(name for name in names if not np.isnan(getattr(samples.conditions, name)).any()),
-        channels=frozenset(FIELDS[c] for c in samples.measured),
-        unused_channels=frozenset(FIELDS[c] for c in measured if c not in samples.measured),
-        several_loads=bool(medians) and bool(np.ptp(medians) >= _ONE_LOAD * np.mean(medians)),
+        channels=frozenset(OUTPUTS[c].role for c in samples.measured),
+        unused_channels=frozenset(OUTPUTS[c].role for c in measured if c not in samples.measured),
+        several_loads=bool(medians) and bool(np.ptp(medians) >= ONE_LOAD * np.mean(medians)),
         both_directions=len({run.direction for run in runs}) > 1,
         several_passes=len({run.pass_number for run in runs}) > 1,
         several_runs=len(runs) > 1,
@@ -209,9 +205,6 @@ def coverage_of(campaign: Campaign, samples: Samples) -> Coverage:
         largest_slip=float(np.max(slip, initial=0.0)),
         tyre=campaign.tyre,
     )
-
-
-_SIGMAS = {"dp": "drawbar_pull_sigma_n", "t": "driving_torque_sigma_nm", "z": "sinkage_sigma_m"}
 
 
 def block_seconds(run: ProcessedRun) -> float:

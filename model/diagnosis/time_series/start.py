@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import DataError, Fault, Note
+from daq import REACTIONS, DataError, Fault, Note
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.coverage import cannot_tell, considered
 from model.diagnosis.time_series.columns import Columns
@@ -53,9 +53,6 @@ class View:
     speed_variance: FloatArray
 
 
-_FORCES = {"drawbar_pull_n": "drawbar pull", "driving_torque_nm": "torque"}
-
-
 @dataclass(frozen=True)
 class Start:
     """A campaign before it was looked at."""
@@ -93,10 +90,12 @@ def unfit(campaign: Campaign, samples: Samples) -> Fault | None:
     """
     if len(samples) < FEWEST:
         return _too_few(campaign, samples)
-    if set(samples.measured) & {"dp", "t"}:
+    if samples.measured.keys() & REACTIONS:
         return None
     there = [
-        words for name, words in _FORCES.items() if any(np.isfinite(getattr(run, name)).any() for run in campaign.runs)
+        channel.name
+        for channel in REACTIONS.values()
+        if any(np.isfinite(getattr(run, channel.field)).any() for run in campaign.runs)
     ]
     if there:
         return Fault(

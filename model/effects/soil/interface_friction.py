@@ -10,7 +10,8 @@ import numpy as np
 from model.effects.base import Effect, Parameter, Values
 
 if TYPE_CHECKING:
-    from model.wheel_soil.conditions import Conditions, SoilState
+    from model.wheel_soil.conditions import Conditions
+    from model.wheel_soil.soils import SoilState
 
 
 class InterfaceFriction(Effect):

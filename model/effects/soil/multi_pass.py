@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 from model.effects.base import Effect, Needs, Parameter, Values
 
 if TYPE_CHECKING:
-    from model.wheel_soil.conditions import Conditions, SoilState
+    from model.wheel_soil.conditions import Conditions
+    from model.wheel_soil.soils import SoilState
 
 
 class MultiPass(Effect):

@@ -10,7 +10,8 @@ from model.effects.base import Effect, Needs, Parameter, Values
 from model.wheel_soil.dual import value_of, where
 
 if TYPE_CHECKING:
-    from model.wheel_soil.conditions import Conditions, SoilState
+    from model.wheel_soil.conditions import Conditions
+    from model.wheel_soil.soils import SoilState
 
 REFERENCE_MPS = 2.0
 SLOWEST_MPS = 0.2

@@ -2,7 +2,7 @@
 
 import { ask } from "./api.js";
 import { confirmed } from "./choice.js";
-import { sensible } from "./channels.js";
+import { channel, sensible } from "./channels.js";
 import { setFitted } from "./curve.js";
 import { modelStyle } from "./drawing.js";
 import { get, part, write } from "./dom.js";
@@ -11,7 +11,7 @@ import { campaignOf, current, on, state } from "./store.js";
 import { during } from "./talk.js";
 
 const OWN = "chosen";
-const CHANNELS = { dp: ["drawbar pull", "N"], t: ["torque", "N m"] };
+const FITTED = { dp: channel("drawbar_pull_n"), t: channel("driving_torque_nm") };
 const fits = new Map(); // campaign -> { fit, of: the choice it was made with }
 const off = new Set(); // models whose curve is not drawn
 let inTables; // the fit that stands in the tables
@@ -95,10 +95,10 @@ function switchOf(name, fit) {
 
 function criteria(fit) {
   const box = part("div");
-  for (const [channel, [name, unit]] of Object.entries(CHANNELS)) {
-    const rows = Object.entries(fit.models).filter(([, model]) => model.criteria[channel]).map(([key, model]) => {
-      const { M0_percent: m0, R0_N: r0, R2: r2 } = model.criteria[channel];
-      return [channel === "dp" ? switchOf(key, fit) : labelOf(key), sensible(m0), sensible(r0), sensible(r2)];
+  for (const [key, { name, unit }] of Object.entries(FITTED)) {
+    const rows = Object.entries(fit.models).filter(([, model]) => model.criteria[key]).map(([one, model]) => {
+      const { M0_percent: m0, R0_N: r0, R2: r2 } = model.criteria[key];
+      return [key === "dp" ? switchOf(one, fit) : labelOf(one), sensible(m0), sensible(r0), sensible(r2)];
     });
     if (rows.length) box.append(table(`Criteria, ${name}, slips from ${fit.slip_threshold} on`, ["model", "M₀ %", `R₀ ${unit}`, "R²"], rows));
   }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import isfinite
 
 from daq import probability
-from model.diagnosis.core import Candidate, Cause, Diagnosis
+from model.diagnosis import Candidate, Cause, Diagnosis
 from model.effects import EFFECTS
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes, bars

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.diagnosis.core import NAMES, UNITS, Diagnosis, Seen
+from daq import OUTPUTS
+from model.diagnosis import Diagnosis, Seen
 from wheelsoil.report.content import Block, Figure, Panels, Section, Text
 from wheelsoil.report.figures import (
     EDGES,
@@ -69,7 +70,7 @@ def build(material: Material) -> Section:
     kinds = [(_shapes, _SHAPES), (_diagonal, _DIAGONAL)]
     if found.verdict == "named":
         kinds.insert(0, (_pair, _AFTER))
-    shown = {channel: _of_channel(found.seen, channel, keys) for channel in NAMES}
+    shown = {channel: _of_channel(found.seen, channel, keys) for channel in OUTPUTS}
     shown = {channel: views for channel, views in shown.items() if views}
     blocks: list[Block] = [Text(f"Shown: {listed([form_name(effect_name(key)) for key in keys])}.")]
     for draw, reading in kinds:
@@ -174,10 +175,10 @@ def _driven(figure: Figure) -> Figure:
 
 
 def _figure(kind: str, channel: str, what: str, traces: dict[str, list[Trace]]) -> Figure:
-    layout = axes("slip", f"measured − simulated ({UNITS[channel]})", height=340)
+    layout = axes("slip", f"measured − simulated ({OUTPUTS[channel].unit_text})", height=340)
     return Figure(
         f"evidence-{kind}-{channel}",
-        f"{NAMES[channel].capitalize()}: {what}",
+        f"{OUTPUTS[channel].name.capitalize()}: {what}",
         [trace for group in traces.values() for trace in group],
         layout,
         [campaign for campaign, group in traces.items() for _ in group],

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 
-from model.diagnosis.core import NAMES, UNITS, Gain, Scores
+from daq import OUTPUTS
+from model.diagnosis import Gain, Scores
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes
 from wheelsoil.report.inputs import Material
@@ -53,7 +54,7 @@ def sentence(gain: Gain) -> str:
     spread = "" if within == "–" else f" (95 %: {within} %)"
     nats = signed(gain.log_likelihood_gain, ".1f")
     return (
-        f"On runs left out, R₀ of the {NAMES[gain.channel]} {how} by {abs(gain.reduction_percent):.1f} % with "
+        f"On runs left out, R₀ of the {OUTPUTS[gain.channel].name} {how} by {abs(gain.reduction_percent):.1f} % with "
         f"the extension{spread}; the log likelihood of what was measured gains {nats} nats."
     )
 
@@ -71,9 +72,9 @@ def _table(gain: Gain) -> Table:
 
 def _row(channel: str, which: str, scores: Scores, *, first: bool) -> list[str]:
     return [
-        f"{NAMES.get(channel, channel)}, {which}",
+        f"{OUTPUTS[channel].name}, {which}",
         number(scores.R0, 4),
-        UNITS.get(channel, ""),
+        OUTPUTS[channel].unit_text,
         number(scores.M0_percent),
         number(scores.R2, 4),
         number(scores.log_likelihood, 5) if first else "",  # of the run, all its channels together
@@ -82,7 +83,7 @@ def _row(channel: str, which: str, scores: Scores, *, first: bool) -> list[str]:
 
 def _figure(gain: Gain) -> Figure:
     channels = [c for c in gain.base if c in gain.extended and gain.base[c].R0 > 0]
-    names = [NAMES.get(c, c) for c in channels]
+    names = [OUTPUTS[c].name for c in channels]
     shares = [100 * gain.extended[c].R0 / gain.base[c].R0 for c in channels]
 
     def bar(name: str, values: list[float], colour: str, pattern: str) -> Trace:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import exp
 from typing import Any
 
-from model.diagnosis.core import NextRun
+from model.diagnosis import NextRun
 from wheelsoil.report.content import Section, Table, Text
 from wheelsoil.report.inputs import Material
 from wheelsoil.report.words import listed, number

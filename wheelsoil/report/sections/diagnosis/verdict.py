@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from daq import DataError
-from model.diagnosis.core import Diagnosis, Gain
+from model.diagnosis import Diagnosis, Gain
 from model.effects import EFFECTS
 from model.fit import CHOSEN, EXTENDED, MODELS
 from wheelsoil.report.comparison import Ranking, rank

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from daq import DataError
-from model.diagnosis.core import NAMES, UNITS
-from model.fit import CHANNELS
+from daq import OUTPUTS, DataError
 from processing import ProcessedRun, Segment
 from processing.pipeline import runs_of
 from wheelsoil.report.content import Figure, Panels, Section
@@ -64,7 +62,7 @@ def _of_all(material: Material) -> Section:
     figures, names = [], []
     points = points_of_run(len(material.runs))
     for channel in _SHOWN:
-        values = [getattr(run, CHANNELS[channel]) for run in material.runs]
+        values = [getattr(run, OUTPUTS[channel].field) for run in material.runs]
         runs = [run for run, of in zip(material.runs, values, strict=True) if np.isfinite(of).any()]
         if not runs:
             continue
@@ -73,14 +71,14 @@ def _of_all(material: Material) -> Section:
         data: list[Trace] = []
         groups: list[str] = []
         for run in runs:
-            measured = getattr(run, CHANNELS[channel])
+            measured = getattr(run, OUTPUTS[channel].field)
             rows = decimated_rows(measured, points)
             traces = [*_segments(run, low, high), line(run.time_s[rows], measured[rows], "measured", MEASURED)]
             data += traces
             groups += [run.run.id] * len(traces)
-        layout = axes("time (s)", f"{NAMES[channel]} ({UNITS[channel]})", height=360)
+        layout = axes("time (s)", f"{OUTPUTS[channel].name} ({OUTPUTS[channel].unit_text})", height=360)
         look_at(layout, "y", everything, margin=0.15)
-        figures.append(Figure(f"time-{channel}", NAMES[channel].capitalize(), data, layout, groups, wide=True))
+        figures.append(Figure(f"time-{channel}", OUTPUTS[channel].name.capitalize(), data, layout, groups, wide=True))
         names += [run.run.id for run in runs]
     if not figures:
         raise DataError("neither drawbar pull nor driving torque was measured")
@@ -89,7 +87,7 @@ def _of_all(material: Material) -> Section:
 
 
 def _figure(material: Material, channel: str, runs: list[ProcessedRun]) -> Figure:
-    name = NAMES[channel]
+    name = OUTPUTS[channel].name
     values = material.pool.measured(channel)
     known = values[np.isfinite(values)]
     low, high = float(known.min()), float(known.max())
@@ -97,13 +95,13 @@ def _figure(material: Material, channel: str, runs: list[ProcessedRun]) -> Figur
     data: list[Trace] = []
     groups: list[str] = []
     for run in runs:
-        traces = [*_segments(run, low - beyond, high + beyond), *_lines(material, run, CHANNELS[channel])]
+        traces = [*_segments(run, low - beyond, high + beyond), *_lines(material, run, OUTPUTS[channel].field)]
         data += traces
         groups += [run.run.id] * len(traces)
-    layout = axes("time (s)", f"{name} ({UNITS[channel]})", height=360)
+    layout = axes("time (s)", f"{name} ({OUTPUTS[channel].unit_text})", height=360)
     driven = np.isfinite(values) & (material.pool.slip > 0)
     shown = driven if driven.any() else np.isfinite(values)
-    said = [material.pool.predicted(model.name, CHANNELS[channel])[shown] for model in material.fit.models]
+    said = [material.pool.predicted(model.name, OUTPUTS[channel].field)[shown] for model in material.fit.models]
     bulk = [np.nanpercentile(one, [1, 99]) for one in said if np.isfinite(one).any()]
     look_at(layout, "y", values[shown], also=np.concatenate([*bulk, np.zeros(0)]), margin=0.15)
     return Figure(f"time-{channel}", name.capitalize(), data, layout, groups, wide=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from math import isfinite
 from typing import Any
 
-from model.diagnosis.core import UNITS
+from daq import OUTPUTS
 from model.effects import EFFECTS
-from model.fit import CHANNELS, EXTENDED, CampaignFit, Estimate, ModelFit, free_parameters
+from model.fit import EXTENDED, CampaignFit, Estimate, ModelFit, free_parameters
 from model.wheel_soil import WheelSoilModel
 from wheelsoil.report.content import Block, Section, Table, Text
 from wheelsoil.report.inputs import Material
@@ -57,7 +57,8 @@ _STATISTICS = [
 
 def _statistics(fit: CampaignFit, model: ModelFit) -> list[str]:
     fitted = bool(model.estimates)
-    left = [f"{number(value)} {UNITS[c]}" for c, value in model.residual_floor.items() if c in fit.options.channels]
+    floor = {OUTPUTS[c]: value for c, value in model.residual_floor.items() if c in fit.options.channels}
+    left = [f"{number(value)} {channel.unit_text}" for channel, value in floor.items()]
     return [
         style(model.name).label,
         "Gauss–Newton" if fitted else "nothing to fit",
@@ -71,7 +72,7 @@ def _statistics(fit: CampaignFit, model: ModelFit) -> list[str]:
 
 
 def _said_of_data(fit: CampaignFit) -> str:
-    channels = listed([CHANNELS[channel].rpartition("_")[0].replace("_", " ") for channel in fit.options.channels])
+    channels = listed([OUTPUTS[channel].name for channel in fit.options.channels])
     soil = "free within the laboratory's uncertainty" if fit.options.soil_prior else "the laboratory's"
     return (
         f"Fitted to the {channels} of the driven samples (slip > 0); the soil is {soil}. Neighbouring samples are "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from model.diagnosis.core import NAMES, UNITS
+from daq import OUTPUTS
 from model.fit import CampaignFit
 from wheelsoil.report.content import Section, Table
 from wheelsoil.report.inputs import Material
@@ -50,7 +50,7 @@ def _laws(fit: CampaignFit) -> Table:
 
 
 def _table(fit: CampaignFit, channel: str) -> Table:
-    name, si = NAMES[channel], UNITS[channel]
+    name, si = OUTPUTS[channel].name, OUTPUTS[channel].unit_text
     scores = [model.criteria[channel] for model in fit.models]
     rows = [
         [

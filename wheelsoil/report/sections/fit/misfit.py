@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from model.diagnosis.core import FIELD_NAMES, FIELD_UNITS, NAMES, UNITS, Diagnosis, Finding, Seen
+from daq import OUTPUTS, ROLES
+from model.diagnosis import Diagnosis, Finding, Seen
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import (
     EDGES,
@@ -54,7 +55,7 @@ def build(material: Material) -> Section:
         "inconsistent": found.inconsistent,
     }
     names = [seen.campaign for seen in found.seen]
-    channels = [c for c in NAMES if any(c in seen.base for seen in found.seen)]
+    channels = [c for c in OUTPUTS if any(c in seen.base for seen in found.seen)]
     for channel in channels:
         figures, shown = _panels(found.seen, channel)
         blocks.append(Panels(figures, _READING, names))
@@ -80,7 +81,7 @@ def _findings(found: Diagnosis) -> Block:
     of_rows = all(one.of_rows for one in found.what_is_wrong)
     rows = [
         [
-            FIELD_NAMES.get(one.channel, one.channel),
+            ROLES[one.channel].name,
             place_text(one.place),
             *([] if of_rows else [_with_unit(found.median_there(one), one.channel)]),
             _with_unit(one.size, one.channel),
@@ -95,7 +96,7 @@ def _findings(found: Diagnosis) -> Block:
 
 
 def _with_unit(value: float, channel: str) -> str:
-    return f"{number(value)} {FIELD_UNITS.get(channel, '')}".rstrip() if np.isfinite(value) else "–"
+    return f"{number(value)} {ROLES[channel].unit_text}".rstrip() if np.isfinite(value) else "–"
 
 
 def _inconsistent(found: Diagnosis) -> list[Block]:
@@ -116,7 +117,7 @@ def _panels(everything: tuple[Seen, ...], channel: str) -> tuple[list[Figure], d
             traces, numbers[f"{seen.campaign}: {title}"] = _traces(seen, channel, key)
             data += traces
             groups += [seen.campaign] * len(traces)
-        unit = UNITS[channel] if key == "slip" else "σ"
+        unit = OUTPUTS[channel].unit_text if key == "slip" else "σ"
         layout = axes(across, f"measured − simulated ({unit})", height=310)
         if key == "slip":
             look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
@@ -128,7 +129,7 @@ def _panels(everything: tuple[Seen, ...], channel: str) -> tuple[list[Figure], d
             layout["xaxis"] |= {"type": "category"}
         elif key != "slip":
             look_at(layout, "x", np.concatenate([getattr(seen, key) for seen in views]))
-        name = f"{NAMES[channel].capitalize()} {title}"
+        name = f"{OUTPUTS[channel].name.capitalize()} {title}"
         figures.append(Figure(f"misfit-{channel}-{key}", name, data, layout, groups))
     return figures, numbers
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from daq import ROLES, TRANSDUCER_ROLES
 from daq.recording import Event
 from processing import ProcessedRun, Standstill
 from wheelsoil.report.content import Block, Section, Table
@@ -42,17 +43,6 @@ def build(material: Material) -> Section:
     return Section(KEY, TITLE, blocks, {"runs": numbers, "channels": _channels(material.runs)})
 
 
-_UNITS = {
-    "drawbar_pull": "N",
-    "vertical_load": "N",
-    "driving_torque": "N m",
-    "wheel_speed": "rad/s",
-    "ground_speed": "m/s",
-    "sinkage": "m",
-}
-"""Of what is filtered, SI."""
-
-
 def _channels(runs: tuple[ProcessedRun, ...]) -> dict[str, dict[str, float]]:
     """Return what each channel looked like before it was filtered, over all runs."""
     roles = list(dict.fromkeys(role for run in runs for role in run.quality.sensors))
@@ -77,12 +67,12 @@ def _sensors(runs: tuple[ProcessedRun, ...]) -> list[Table]:
         facts = [run.quality.sensors[role] for run in runs if role in run.quality.sensors]
         rows.append(
             [
-                role.replace("_", " "),
+                ROLES[role].name,
                 number(found["rate_hz"], 4),
                 count(int(found["gaps"])),
                 number(found["longest_gap_ms"]),
                 number(found["latency_ms"]),
-                f"{number(found['sigma'], 2)} {_UNITS.get(role, '')}".rstrip(),
+                f"{number(found['sigma'], 2)} {ROLES[role].unit_text}".rstrip(),
                 " or ".join(dict.fromkeys(fact.sigma_source for fact in facts)),
                 _systematic([fact.systematic_sigma for fact in facts]),
                 count(int(found["late"] + found["distrusted"])),
@@ -117,9 +107,7 @@ def _systematic(sigmas: list[float]) -> str:
 
 def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
     """Return what the forces read while the vehicle stood still: the zeros of the transducer."""
-    roles = [
-        r for r in ("drawbar_pull", "driving_torque", "vertical_load") if any(r in s.levels for s in _stands(runs))
-    ]
+    roles = [role for role in TRANSDUCER_ROLES if any(role in stand.levels for stand in _stands(runs))]
     rows = [
         [
             run.run.id,
@@ -130,7 +118,7 @@ def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
         for run in runs
         for stand in run.quality.standstills
     ]
-    head = ["run", "from (s)", "for (s)", *(f"{role.replace('_', ' ')} ({_UNITS[role]})" for role in roles)]
+    head = ["run", "from (s)", "for (s)", *(f"{ROLES[role].name} ({ROLES[role].unit_text})" for role in roles)]
     taken = "after the zero of zero.toml was taken off" if any(run.quality.zeros for run in runs) else "as sent"
     note = f"On level ground drawbar pull and torque should read zero. Read {taken}; nothing else was subtracted."
     return [Table("Readings at standstill", head, rows, note)] if rows and roles else []

@@ -26,12 +26,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import Note
+from daq import OUTPUTS, Note
 from model.diagnosis.core.campaign import DiagnosisOptions
 from model.diagnosis.core.gain import Foretold, gain_of
 from model.diagnosis.core.posterior import Posterior, probabilities
 from model.diagnosis.core.result import Gain
 from model.diagnosis.findings.adequacy import excess
+from model.diagnosis.findings.set_fit import SetFit, fit_set
 from model.diagnosis.time_series.evidence import (
     estimate,
     log_likelihood_of_run,
@@ -40,7 +41,6 @@ from model.diagnosis.time_series.evidence import (
     weighed,
     without_soil,
 )
-from model.diagnosis.time_series.final import SetFit, fit_set
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.looks import Look
@@ -138,7 +138,7 @@ def held_out(
     grams = {keys: known[keys].grams() for keys in {(), *chosen}}
     base = [foretold(look, known[()], run, grams[()]) for run in range(count)]
     extended = [foretold(look, known[keys], run, grams[keys]) if keys else base[run] for run, keys in enumerate(chosen)]
-    channel = next(c for c in ("dp", "t", "z") if any(c in run.measured for run in base))
+    channel = next(c for c in OUTPUTS if any(c in run.measured for run in base))
     gain = gain_of(base, extended, chosen, channel, np.random.default_rng(options.seed))
     return gain, (Note(DiagnosisCode.TWO_RUNS),) * (count == 2)
 

@@ -28,10 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.core.result import ParameterEstimate, SoilEstimate
+from model.diagnosis.findings.set_problem import SetProblem, set_problem
 from model.diagnosis.time_series.evidence import estimate, posterior
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.looks import Look
-from model.diagnosis.time_series.set_problem import SetProblem, set_problem
 from model.effects.catalogue import EFFECTS
 from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
 from model.fit.intervals import Blocks, profile_of_sum, sandwich

@@ -1,0 +1,112 @@
+"""Rooms meet at their faces, no two modules import each other, and every face keeps what it promises."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import pkgutil
+import textwrap
+from collections.abc import Iterator
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+ROOMS = ("daq", "processing", "model", "wheelsoil")
+STUBS = [stub for room in ROOMS for stub in sorted((ROOT / room).rglob("__init__.pyi"))]
+
+
+def dotted(file: Path) -> str:
+    """Import name of a source file; of a package that of its folder."""
+    name = ".".join(file.relative_to(ROOT).with_suffix("").parts)
+    return name.removesuffix(".__init__")
+
+
+FILES = {dotted(file): file for room in ROOMS for file in sorted((ROOT / room).rglob("*.py"))}
+PACKAGES = {name for name, file in FILES.items() if file.stem == "__init__"}
+
+
+@cache
+def exports(package: str) -> dict[str, str]:
+    """Name -> module behind the face, as the stub says."""
+    stub = FILES[package].with_suffix(".pyi") if package in PACKAGES else None
+    if not stub or not stub.exists():
+        return {}
+    return {
+        alias.asname or alias.name: f"{package}.{node.module}"
+        for node in ast.walk(ast.parse(stub.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+
+
+@cache
+def imported(module: str) -> frozenset[tuple[str, str]]:
+    """(module or package, name) of every import in a file, wherever it stands; the name of a whole module is empty."""
+    tree = ast.parse(FILES[module].read_text(encoding="utf-8"))
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {(alias.name, "") for alias in node.names if alias.name in FILES}
+        elif isinstance(node, ast.ImportFrom) and node.module in FILES:
+            inside = {alias.name: f"{node.module}.{alias.name}" for alias in node.names}
+            found |= {(whole, "") if whole in FILES else (node.module, name) for name, whole in inside.items()}
+    return frozenset(found)
+
+
+def behind(target: str, name: str) -> str:
+    """Module that an import reaches, through as many faces as it takes."""
+    while name in exports(target):
+        target = exports(target)[name]
+    return target
+
+
+def shortest_face(target: str, name: str) -> str | None:
+    """Outermost package that exports what an import reaches."""
+    parts = target.split(".")
+    faces = [".".join(parts[:count]) for count in range(1, len(parts) + 1)]
+    return next((face for face in faces if name in exports(face) and behind(face, name) == behind(target, name)), None)
+
+
+def past_a_face(module: str) -> Iterator[str]:
+    room = module.partition(".")[0]
+    for target, name in sorted(imported(module)):
+        if target.partition(".")[0] != room and shortest_face(target, name) != target:
+            yield f"{module}: {target}{name and '.' + name}, not {shortest_face(target, name) or 'exported by a face'}"
+
+
+def test_rooms_import_each_other_by_their_faces() -> None:
+    assert [line for module in FILES for line in past_a_face(module)] == []
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    graph = {module: {behind(*pair) for pair in imported(module)} - {module} for module in FILES}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(" imports ".join(reversed(error.args[1])))
+
+
+@pytest.mark.parametrize("stub", STUBS, ids=dotted)
+def test_every_name_of_a_face_is_there_and_no_module_is_called_the_same(stub: Path) -> None:
+    package = importlib.import_module(dotted(stub))
+    names = set(exports(package.__name__))
+    assert names == set(package.__all__)
+    assert [name for name in sorted(names) if not hasattr(package, name)] == []
+    assert names & {module.name for module in pkgutil.iter_modules(package.__path__)} == set()
+
+
+def entry(stub: Path) -> str:
+    """What docs/api.md says of a package: its name, what it is, what it exports."""
+    package = importlib.import_module(dotted(stub))
+    names = ", ".join(f"`{name}`" for name in sorted(exports(package.__name__), key=str.casefold))
+    return f"### {package.__name__}\n{(package.__doc__ or '').splitlines()[0]}\n\n{textwrap.fill(names, 120)}\n"
+
+
+@pytest.mark.parametrize("stub", STUBS, ids=dotted)
+def test_a_face_is_in_the_docs_as_it_is(stub: Path) -> None:
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    assert entry(stub) in page, f"docs/api.md should have\n\n{entry(stub)}"
+    assert page.count("\n### ") == len(STUBS)

@@ -1,0 +1,123 @@
+"""What people hold in a notebook as pandas tables, and the way through files and back."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet
+import pytest
+from cli_support import ok
+from short_campaign import driven
+
+from daq import Channel
+from daq.runs import Run, open_runs
+from daq.series import write_frame
+from model.diagnosis.core import Diagnosis, DiagnosisOptions
+from model.diagnosis.time_series import diagnose
+from model.fit import CampaignFit, FitOptions, fit_models
+from processing import ProcessedRun
+from processing.pipeline import process
+
+SAMPLE = Path(__file__).parents[2] / "recordings" / "clay" / "run-1.mcap"
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    (found,) = open_runs([SAMPLE])
+    return found
+
+
+@pytest.fixture(scope="module")
+def processed(run: Run) -> ProcessedRun:
+    return process(run.channels(), run.vehicle, run.info)
+
+
+@pytest.fixture(scope="module")
+def fit() -> CampaignFit:
+    campaign = driven("lyasko:m1=0.1,m2=0.05")
+    return fit_models(campaign.runs, campaign.wheel, campaign.soil, FitOptions(channels=("dp", "t")))
+
+
+@pytest.fixture(scope="module")
+def diagnosis() -> Diagnosis:
+    return diagnose([driven("lyasko:m1=0.1,m2=0.05")], DiagnosisOptions(effects=("lyasko", "wheel_radius")))
+
+
+def test_channels_have_their_own_stamps_and_si_units(run: Run) -> None:
+    channels, frames = run.channels(), run.to_frames()
+    assert frames.keys() == channels.keys()
+    pull = frames["drawbar_pull"]
+    assert list(pull) == ["time_ns", "drawbar_pull_n"]
+    assert pull.attrs["units"] == {"time_ns": "ns", "drawbar_pull_n": "N"}
+    np.testing.assert_array_equal(pull["drawbar_pull_n"], channels["drawbar_pull"].values)
+    assert frames["latitude"].attrs["units"]["latitude_deg"] == "deg"
+
+
+def test_a_channel_that_is_not_in_our_unit_keeps_the_name_of_its_signal() -> None:
+    stamps, values = np.arange(2, dtype=np.int64), np.array([1.0, np.nan])
+    frame = Channel("Hub.Force_Z", "kN", stamps, values).to_frame()
+    assert list(frame) == ["time_ns", "Hub.Force_Z"] and frame.attrs["units"]["Hub.Force_Z"] == "kN"
+    assert list(Channel("drawbar_pull", "kN", stamps, values).to_frame()) == ["time_ns", "drawbar_pull"]
+
+
+def test_a_processed_run_is_the_table_that_process_writes(processed: ProcessedRun, tmp_path: Path) -> None:
+    frame = processed.to_frame()
+    assert len(frame) == len(processed) and frame.attrs["run"] == "run-1"
+    assert "sinkage_m" not in frame, "not measured"
+    assert (frame["reason"] == "used").sum() == processed.used.sum()
+    frame.loc[0, "slip"] = 99.0
+    assert processed.slip[0] != 99.0, "the frame is a copy"
+    ok("process", SAMPLE, "-o", tmp_path / "run.parquet")
+    table = pd.read_parquet(tmp_path / "run.parquet").drop(columns="run")
+    pd.testing.assert_frame_equal(table, processed.to_frame(), check_dtype=False)
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
+def test_a_frame_comes_back_from_its_file(processed: ProcessedRun, suffix: str, tmp_path: Path) -> None:
+    frame = processed.to_frame()
+    path = write_frame(tmp_path / f"run{suffix}", frame)
+    if suffix == ".csv":
+        back = pd.read_csv(path)
+        assert "driving_torque_nm [Nm]" in back
+        back.columns = back.columns.str.replace(r" \[.*\]", "", regex=True)
+    else:
+        back = pd.read_parquet(path)
+        units = {field.name: field.metadata[b"unit"].decode() for field in pyarrow.parquet.read_schema(path)}
+        assert {name: unit for name, unit in units.items() if unit} == frame.attrs["units"]
+    pd.testing.assert_frame_equal(back, frame, check_dtype=False, rtol=1e-12)
+
+
+def test_a_fit_has_estimates_and_criteria(fit: CampaignFit, tmp_path: Path) -> None:
+    frames = fit.to_frames()
+    back = pd.read_parquet(write_frame(tmp_path / "estimates.parquet", frames["estimates"]))
+    pd.testing.assert_frame_equal(back, frames["estimates"], check_dtype=False)
+    estimates = frames["estimates"].set_index(["model", "name"])
+    m1 = fit.model("lyasko").estimate("m1")
+    assert tuple(estimates.loc[("lyasko", "m1"), ["value", "lower", "upper"]]) == (m1.value, *m1.interval)
+    criteria = frames["criteria"].set_index(["model", "channel"])
+    assert criteria.loc[("wong", "driving_torque"), "R0"] == fit.model("wong").criteria["t"].R0_N
+    assert set(criteria.loc["ding", "unit"]) == {"N", "Nm"}
+
+
+def test_a_diagnosis_has_its_tables(diagnosis: Diagnosis) -> None:
+    frames = diagnosis.to_frames()
+    assert list(frames["candidates"]["name"]) == [one.name for one in diagnosis.candidates]
+    assert frames["candidates"]["probability"].between(0, 1).all()
+    assert set(frames["causes"]["name"]) == {cause.name for cause in diagnosis.causes}
+    assert len(frames["causes"]) >= sum(len(cause.parameters) for cause in diagnosis.causes)
+    assert set(frames["minimum_detectable"]["effect"]) == set(diagnosis.minimum_detectable)
+    for name in ("what_is_wrong", "gain", "next_run"):
+        assert len(frames[name].columns), "columns are there without a row, too"
+
+
+def test_pandas_is_not_imported_before_a_frame_is_asked_for() -> None:
+    program = (
+        "import sys; from wheelsoil.cli.app import run; "
+        f"code = run(['info', {str(SAMPLE)!r}]); sys.exit(code or 'pandas' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,2 @@
+from .opening import Files as Files
+from .server import serve as serve
