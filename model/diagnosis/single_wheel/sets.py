@@ -144,8 +144,8 @@ def coverage_of(problem: BenchProblem, bench: int | None = None) -> Coverage:
     measured = {channel for channel in OUTPUTS if np.isfinite(problem.measured(channel)).any()}
     return Coverage(
         conditions=_KNOWN,
-        channels=frozenset(OUTPUTS[c].field for c in problem.channels),
-        unused_channels=frozenset(OUTPUTS[c].field for c in measured - set(problem.channels)),
+        channels=frozenset(OUTPUTS[c].role for c in problem.channels),
+        unused_channels=frozenset(OUTPUTS[c].role for c in measured - set(problem.channels)),
         several_loads=bool(np.ptp(problem.load_n) >= ONE_LOAD * problem.load_n.mean()),
         both_directions=False,
         several_passes=False,

@@ -192,8 +192,8 @@ def coverage_of(campaign: Campaign, samples: Samples) -> Coverage:
     names = samples.conditions.__dataclass_fields__
     return Coverage(
         conditions=frozenset(name for name in names if not np.isnan(getattr(samples.conditions, name)).any()),
-        channels=frozenset(OUTPUTS[c].field for c in samples.measured),
-        unused_channels=frozenset(OUTPUTS[c].field for c in measured if c not in samples.measured),
+        channels=frozenset(OUTPUTS[c].role for c in samples.measured),
+        unused_channels=frozenset(OUTPUTS[c].role for c in measured if c not in samples.measured),
         several_loads=bool(medians) and bool(np.ptp(medians) >= ONE_LOAD * np.mean(medians)),
         both_directions=len({run.direction for run in runs}) > 1,
         several_passes=len({run.pass_number for run in runs}) > 1,
