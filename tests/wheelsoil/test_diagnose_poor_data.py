@@ -117,7 +117,7 @@ def test_no_torque_channel(driven, tmp_path):
 
 def test_channels_that_were_measured_and_not_looked_at_are_not_said_to_be_missing(driven):
     found = diagnosed(driven, "--channels", "z")
-    assert "drawbar pull and torque were measured and not looked at" in found["sentence"]
+    assert "drawbar pull and driving torque were measured and not looked at" in found["sentence"]
     assert "take dp or t into --channels" in found["sentence"]
     assert "vehicle.toml" not in found["sentence"]
     pull = diagnosed(driven, "--channels", "dp", "--effects", "vasilev,torque_zero", "--most-causes", 1)

@@ -172,7 +172,7 @@ def test_of_what_decides_nothing_the_reason_is_said() -> None:
 def test_of_a_table_its_channels_are_said(verdict: str) -> None:
     found = replace(diagnosis(verdict), grounds=Grounds(table_channels=("dp", "t", "z")))  # type: ignore[arg-type]
     said = sentence_of(found)
-    assert "drawbar pull, torque and sinkage" in said
+    assert "drawbar pull, driving torque and sinkage" in said
 
 
 def test_a_probability_is_never_one_and_none_is_a_candidate() -> None:

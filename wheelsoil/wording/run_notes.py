@@ -22,7 +22,7 @@ def _clock_set(v: Values) -> str:
 
 
 def _opposed(v: Values) -> str:
-    name = ROLES[v["role"]].name
+    name = ROLES[v["role"]].name.removeprefix("driving ")
     sure = f" (correlation {v['correlation']:.2f})" if "correlation" in v else ""
     return f"{name} and {v['against']} are opposed{sure}: check the sign of the {name}"
 
