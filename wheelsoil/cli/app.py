@@ -24,12 +24,12 @@ class Entry(NamedTuple):
 
 
 COMMANDS: dict[str, Entry] = {
-    "demo": Entry("demo", "Simulate a vehicle and take its frames the whole way to a report."),
+    "demo": Entry("demo", "Simulate a vehicle and take its frames end to end, from the bus to a report."),
     "doctor": Entry("logger", "Say whether this machine is ready to log the vehicle."),
     "log": Entry("logger", "Record the vehicle's buses until the time is up or Ctrl-C."),
     "zero": Entry("zero", "Find a transducer's zero from a lifted wheel, and its drift."),
-    "replay": Entry("recordings", "Send a recording's frames onto buses, with their timing."),
-    "import": Entry("recordings", "Turn log files of any format into a recording."),
+    "replay": Entry("frames", "Send a recording's frames onto buses, with their timing."),
+    "import": Entry("frames", "Turn log files of any format into a recording."),
     "info": Entry("recordings", "Say what a recording holds."),
     "recover": Entry("recordings", "Save what a cut-off recording still holds."),
     "export": Entry("recordings", "Write decoded signals as Parquet, CSV or MAT."),

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, Fault
+from wheelsoil.cli.console import print_json, print_pairs, say, terminal_width
 from wheelsoil.cli.options import Json
-from wheelsoil.cli.talk import print_facts, print_json, say, terminal_width
 
 if TYPE_CHECKING:
     from model.diagnosis import Diagnosis
@@ -68,7 +68,7 @@ def demo_command(
     width = terminal_width()
     for line in ["", *diagnosis_lines(found, width), "", *wrap(f"The envelope. {opened.sentence} {_CAVEAT}", width)]:
         say(line)
-    print_facts([("report", str(page)), ("numbers", str(numbers)), ("recordings", str(output / _CAMPAIGN))])
+    print_pairs([("report", str(page)), ("numbers", str(numbers)), ("recordings", str(output / _CAMPAIGN))])
 
 
 def _campaign(seed: int, runs: int, duration_s: float) -> SimulationOptions:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, Fault
+from wheelsoil.cli.console import check_output, print_json, say, say_wrong_signs, terminal_width
 from wheelsoil.cli.options import (
     ChoiceFile,
     Force,
@@ -24,7 +25,6 @@ from wheelsoil.cli.options import (
     ZeroFile,
     chosen,
 )
-from wheelsoil.cli.talk import check_output, print_json, say, say_wrong_signs, terminal_width
 
 if TYPE_CHECKING:
     from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions

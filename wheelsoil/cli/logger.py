@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, DataError, Fault, HardwareError
+from wheelsoil.cli.console import print_json, print_pairs, printable_addresses, say
 from wheelsoil.cli.options import (
     TOKEN_VARIABLE,
     AddedLoad,
@@ -28,7 +29,6 @@ from wheelsoil.cli.options import (
     page_token,
     run_info,
 )
-from wheelsoil.cli.talk import addresses_to_tell, print_facts, print_json, say
 
 if TYPE_CHECKING:
     from daq import VehicleConfig
@@ -221,7 +221,7 @@ def _tell(summary: LogSummary, json: bool) -> None:
         loss = "losses not counted by this interface" if lost is None else f"{lost:,} lost"
         facts.append((f"bus {bus}", f"{count:,} frames, {summary.error_frames[bus]:,} error frames, {loss}"))
     facts += [(f"lost {key}", f"{count:,} frames") for key, count in summary.losses.items()]
-    print_facts(facts)
+    print_pairs(facts)
 
 
 def _silent(bus: str, vehicle: VehicleConfig) -> Fault:
@@ -255,7 +255,7 @@ def _page(
         yield None, ()
         return
     try:
-        yield panel, addresses_to_tell(panel.addresses, token)
+        yield panel, printable_addresses(panel.addresses, token)
     finally:
         panel.close()
 

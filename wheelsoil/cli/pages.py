@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from daq import ConfigError, Fault
+from wheelsoil.cli.console import check_output, print_json, print_pairs, say, say_folded
 from wheelsoil.cli.options import (
     Channels,
     ChoiceFile,
@@ -30,7 +31,6 @@ from wheelsoil.cli.options import (
     chosen,
     page_token,
 )
-from wheelsoil.cli.talk import check_output, print_facts, print_json, say, say_folded
 from wheelsoil.report.build import find_browser
 
 
@@ -121,7 +121,7 @@ def report_command(
             }
         )
     else:
-        print_facts([("report", str(page)), ("numbers", str(numbers))])
+        print_pairs([("report", str(page)), ("numbers", str(numbers))])
         say(report.sentence)
 
 

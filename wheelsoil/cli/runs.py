@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq import REACTIONS, ConfigError, Fault, number
+from wheelsoil.cli.console import check_output, print_json, print_pairs, print_table, say, say_folded, say_wrong_signs
 from wheelsoil.cli.options import (
     Channels,
     ChoiceFile,
@@ -30,7 +31,6 @@ from wheelsoil.cli.options import (
     ZeroFile,
     chosen,
 )
-from wheelsoil.cli.talk import check_output, print_facts, print_json, print_table, say, say_folded, say_wrong_signs
 
 if TYPE_CHECKING:
     from model import ExtendedModel
@@ -90,7 +90,7 @@ def process_command(
     for i, (_, run) in enumerate(processed):
         if i:
             print()
-        print_facts(summary_table(run))
+        print_pairs(summary_table(run))
         for note in run.quality.notes:
             say_folded(f"{run.run.id}: {note}")
 

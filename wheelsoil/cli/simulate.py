@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, Fault
+from wheelsoil.cli.console import progress, say
 from wheelsoil.cli.options import PRESETS, Force
-from wheelsoil.cli.talk import progress, say
 
 if TYPE_CHECKING:
     from wheelsoil.simulation.options import SimulationOptions

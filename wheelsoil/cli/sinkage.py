@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, Fault, number
+from wheelsoil.cli.console import print_json, print_table, say, say_wrong_signs
 from wheelsoil.cli.options import Json, LenientDbc, MinSpeed, Rename, RunsFile, Vehicle, Where, ZeroFile, chosen
-from wheelsoil.cli.talk import print_json, print_table, say, say_wrong_signs
 
 if TYPE_CHECKING:
     from wheelsoil.workflows.sinkage import SinkageFacts

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 import typer.core
 
+from wheelsoil.cli.console import check_output, print_json, print_pairs, print_table, say
 from wheelsoil.cli.options import Force, Json, Rename, Where
-from wheelsoil.cli.talk import check_output, print_facts, print_json, print_table, say
 
 if TYPE_CHECKING:
     from daq.series import PlateTest, SharedOptions, ShearTest
@@ -166,6 +166,6 @@ def _print(result: BenchSoil, *, json: bool) -> None:
                 print()
             print_table(head, lines)
         print()
-        print_facts(facts(result))
+        print_pairs(facts(result))
     for text in result.warnings:
         say(f"note: {text}")

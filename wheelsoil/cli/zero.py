@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq import ConfigError, Fault, number
+from wheelsoil.cli.console import print_json, print_pairs, print_table, say
 from wheelsoil.cli.options import Json, LenientDbc, Vehicle
-from wheelsoil.cli.talk import print_facts, print_json, print_table, say
 
 if TYPE_CHECKING:
     from daq import Quantity
@@ -139,7 +139,7 @@ def _as_json(target: Path, found: Sequence[Found], rows: Sequence[Drift], remark
 
 def _print(found: Sequence[Found], rows: Sequence[Drift]) -> None:
     for one in found:
-        print_facts(_facts(one))
+        print_pairs(_facts(one))
         print()
         print_table(
             ["channel", "unit", "offset", "sigma", "cos", "sin", "sigma", "2/rev"],

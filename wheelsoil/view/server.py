@@ -23,7 +23,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from daq import ConfigError, DataError, Fault, HardwareError, WheelsoilError
-from wheelsoil.cli.talk import addresses_to_tell
+from wheelsoil.cli.console import printable_addresses
 from wheelsoil.view.analysis_session import Desk, UnknownKeyError
 from wheelsoil.view.campaigns import NotReadyError
 from wheelsoil.view.entries import fault_of_ours, faults_as_json
@@ -183,7 +183,7 @@ def serve(
         try:
             desk = Desk(paths, files)
             try:
-                _tell(desk.remarks, addresses_to_tell(addresses, token), say)
+                _tell(desk.remarks, printable_addresses(addresses, token), say)
                 if browser and _has_display():
                     threading.Thread(target=webbrowser.open, args=(addresses[0],), daemon=True).start()
                 server = server_of(make_app(desk, Rules.of(host, bound, token_asked)), desk.close)

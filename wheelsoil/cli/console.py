@@ -53,7 +53,7 @@ def folded(text: str, width: int) -> list[str]:
     return textwrap.wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False) or [text]
 
 
-def addresses_to_tell(addresses: Iterable[str], token: str | None) -> tuple[str, ...]:
+def printable_addresses(addresses: Iterable[str], token: str | None) -> tuple[str, ...]:
     """Return a page's addresses as they may be told (stderr): a token that was given has no business in a journal."""
     secret = token is not None and not sys.stderr.isatty()
     return tuple(address.partition("#")[0] if secret else address for address in addresses)
@@ -70,7 +70,7 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int
         print(line)
 
 
-def print_facts(facts: Iterable[tuple[str, str]]) -> None:
+def print_pairs(facts: Iterable[tuple[str, str]]) -> None:
     """Print "name  value" lines (stdout); a long value goes on below itself."""
     pairs = list(facts)
     width = max((len(name) for name, _ in pairs), default=0)
