@@ -37,13 +37,13 @@ _OF_A_RUN = {
     "added_load": "added_load_kg",
     "inflation": "inflation_kpa",
 }
-"""Options and the keys of runs.toml that they override."""
+"""Keys of runs.toml by the option that overrides each."""
 
 
 def import_command(
     context: typer.Context,
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", help="Logs of one run, in their order: candump -L, BLF, ASC, ...")
+        list[Path], typer.Argument(metavar="LOG...", help="Logs of one run, in order: candump -L, BLF, ASC, ...")
     ],
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Recording to write (default: LOG.mcap here).")
@@ -52,11 +52,11 @@ def import_command(
     terrain: Terrain = None,
     dbc: Annotated[
         list[str] | None,
-        typer.Option(metavar="BUS=FILE", help="A DBC of a bus, where there is no vehicle.toml; may be repeated."),
+        typer.Option(metavar="BUS=FILE", help="A DBC of a bus, if there is no vehicle.toml; may be repeated."),
     ] = None,
     bus: Annotated[
         list[str] | None,
-        typer.Option(metavar="OLD=NEW", help="Call a bus of the log as vehicle.toml does; may be repeated."),
+        typer.Option(metavar="OLD=NEW", help="Rename a bus of the log to its name in vehicle.toml; may be repeated."),
     ] = None,
     lenient_dbc: LenientDbc = False,
     run_id: RunId = None,
@@ -72,8 +72,8 @@ def import_command(
 ) -> None:
     """Turn log files of any format into a recording (MCAP) that needs no other file.
 
-    vehicle.toml, terrain.toml and runs.toml that lie beside the (first) log go along; options override them. The raw
-    frames are kept as they are, bit for bit. Decoded topics are a view of them for people and other tools.
+    vehicle.toml, terrain.toml and runs.toml beside the (first) log are attached; options override them. The raw frames
+    are kept unchanged, bit for bit. Decoded topics are a copy for people and other tools.
     """
     from daq.logs import import_logs
     from daq.runs import known_beside
@@ -122,14 +122,14 @@ def import_command(
 
 
 def _completed(info: RunInfo, context: typer.Context, known: Configuration, log: str) -> RunInfo:
-    """Return what the options say of a run over what runs.toml does, which beats what they are by default."""
+    """Return the run information: given options override runs.toml, which overrides the defaults of the options."""
     listed = [run for run in known.runs or () if Path(run.file).name == log]
     if not listed:
         return info
     sources = {key: context.get_parameter_source(option) for option, key in _OF_A_RUN.items()}
-    said = [key for key, source in sources.items() if source is not None and source.name != "DEFAULT"]
+    given = [key for key, source in sources.items() if source is not None and source.name != "DEFAULT"]
     name = info.id if context.params["run_id"] else listed[0].id or info.id
-    return listed[0].model_copy(update={"file": info.file, "id": name} | {key: getattr(info, key) for key in said})
+    return listed[0].model_copy(update={"file": info.file, "id": name} | {key: getattr(info, key) for key in given})
 
 
 def replay_command(
@@ -137,20 +137,26 @@ def replay_command(
     interface: Annotated[str, typer.Option(metavar="NAME", help="Interface that python-can knows.")] = "socketcan",
     channel: Annotated[
         list[str] | None,
-        typer.Option(metavar="BUS=CHANNEL", help="Send a recorded bus there, and only those named; may be repeated."),
+        typer.Option(
+            metavar="BUS=CHANNEL",
+            help="Send a recorded bus to this channel, and only the named buses; may be repeated.",
+        ),
     ] = None,
     speed: Annotated[
         float, typer.Option(min=0.0, help="1: as recorded; 10: ten times faster; 0: as fast as the bus takes.")
     ] = 1.0,
-    start: Annotated[float, typer.Option("--from", metavar="S", help="From this second of the recording on.")] = 0.0,
-    end: Annotated[float | None, typer.Option("--to", metavar="S", help="Up to this second of it.")] = None,
+    start: Annotated[float, typer.Option("--from", metavar="S", help="Start at this second of the recording.")] = 0.0,
+    end: Annotated[float | None, typer.Option("--to", metavar="S", help="End at this second of the recording.")] = None,
     loop: Annotated[
-        str, typer.Option(metavar="N|forever", help="How often; time goes on, data bytes (counters too) repeat.")
+        str,
+        typer.Option(
+            metavar="N|forever", help="Number of repetitions; time continues, data bytes (also counters) repeat."
+        ),
     ] = "1",
     fd: Annotated[bool, typer.Option("--fd", help="Open the interface for CAN FD.")] = False,
     json: Json = False,
 ) -> None:
-    """Send the frames of a recording onto buses, with the timing they were recorded with; Ctrl-C ends it (130)."""
+    """Send the frames of a recording onto buses, with the timing they were recorded with; Ctrl-C stops (130)."""
     from daq.sources import replay
     from wheelsoil.cli.options import pairs
 
@@ -159,7 +165,7 @@ def replay_command(
     done = replay(
         recording, interface, channels=channels, speed=speed or None, from_s=start, to_s=end, loops=loops, fd=fd
     )
-    _tell(done, json)
+    _print_summary(done, json)
     if done.interrupted:
         raise KeyboardInterrupt
 
@@ -174,17 +180,17 @@ def _loops(text: str) -> int | None:
     return int(text)
 
 
-def _tell(done: ReplaySummary, json: bool) -> None:
+def _print_summary(done: ReplaySummary, json: bool) -> None:
     if done.skipped_error_frames:
-        say(f"{done.skipped_error_frames} error frames cannot be sent and were left out")
+        say(f"{done.skipped_error_frames} error frames cannot be sent and were skipped")
     if json:
         print_json(vars(done) | {"cpu_percent": done.cpu_percent})
         return
     facts = [(f"sent to {name}", f"{count:,} frames") for name, count in done.frames.items()]
-    rounds = f" in {done.rounds} rounds" if done.rounds > 1 else ""
-    facts.append(("took", f"{done.duration_s:.2f} s for {done.recorded_duration_s:.2f} s of recording sent{rounds}"))
+    repeated = f" in {done.rounds} rounds" if done.rounds > 1 else ""
+    facts.append(("took", f"{done.duration_s:.2f} s for {done.recorded_duration_s:.2f} s of recording sent{repeated}"))
     facts.append(("CPU", f"{done.cpu_s:.2f} s, {done.cpu_percent:.0f} % of a core"))
     if isfinite(done.lateness_p99_s):
         late = (done.lateness_p50_s, done.lateness_p99_s, done.lateness_max_s)
-        facts.append(("late", " / ".join(f"{1e3 * value:.2f}" for value in late) + " ms (median / 99 % / most)"))
+        facts.append(("late", " / ".join(f"{1e3 * value:.2f}" for value in late) + " ms (median / 99 % / maximum)"))
     print_pairs(facts)

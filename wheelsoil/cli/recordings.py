@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class TableFormat(StrEnum):
-    """What a table is written as."""
+    """File format of the tables."""
 
     parquet = "parquet"
     csv = "csv"
@@ -36,7 +36,7 @@ class TableFormat(StrEnum):
 def export_command(
     runs: Runs,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write into.")],
-    kind: Annotated[TableFormat, typer.Option("--format", help="Of the tables.")] = TableFormat.parquet,
+    kind: Annotated[TableFormat, typer.Option("--format", help="File format of the tables.")] = TableFormat.parquet,
     signal: Annotated[
         list[str] | None,
         typer.Option(metavar="MESSAGE.SIGNAL", help="Only these signals; may be repeated (default: all)."),
@@ -58,7 +58,7 @@ def export_command(
     from wheelsoil.workflows.exporting import export_recording, export_tables
 
     if decode and signal:
-        raise ConfigError(Fault("--decode writes every signal", next_step="leave out --signal"))
+        raise ConfigError(Fault("--decode writes every signal", next_step="omit --signal"))
     if not output.parent.is_dir():
         raise ConfigError(Fault("no such folder", str(output.parent), next_step="create it or choose another output"))
     opened = open_runs(runs, vehicle=vehicle, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
@@ -85,8 +85,8 @@ def export_command(
 
 _SHOWN_IDS = 20
 _LOSS_KINDS = {
-    "kernel": "not fetched in time",
-    "queue": "given up by the logger",
+    "kernel": "not read in time",
+    "queue": "dropped by the logger",
     "counter": "missing by the counter",
     "missing": "missing by the rate",
 }
@@ -103,7 +103,7 @@ def info_command(
     ] = False,
     json: Json = False,
 ) -> None:
-    """Say what a recording holds: parts, buses, frames, rates, identifiers, attachments, marks, drops and losses."""
+    """List the contents of a recording: parts, buses, frames, rates, identifiers, attachments, marks, losses."""
     from daq.runs import open_runs
     from wheelsoil.workflows.recording_summary import file_facts
 
@@ -121,9 +121,9 @@ def info_command(
             _print(one, None if all_ids else _SHOWN_IDS)
     for one in facts:
         if one.recording_now:
-            say(f"{one.file}: still being recorded; it was read as far as it is written")
+            say(f"{one.file}: still being recorded; the part written so far was read")
         elif one.loss and one.kind.startswith("recording"):
-            say(f"{one.file}: cut off or damaged; `wheelsoil recover` makes a whole file of what can be read")
+            say(f"{one.file}: cut off or damaged; `wheelsoil recover` writes the readable part to a new file")
 
 
 def _as_json(facts: FileFacts) -> dict[str, Any]:
@@ -194,7 +194,7 @@ def _head(facts: FileFacts) -> list[tuple[str, str]]:
         ("attached", ", ".join(f"{name} ({size:,} B)" for name, size in facts.attachments.items())),
         ("end", facts.exit_status),
         ("clock", _clock(facts.clock)),
-        ("unsure time", _unsure(facts)),
+        ("uncertain time stamps", _uncertain_timestamps(facts)),
         ("clock steps", ", ".join(f"{key} {text}" for key, text in facts.clock_steps.items())),
     ]
     lines += [("gap", str(gap)) for gap in facts.gaps]
@@ -210,7 +210,7 @@ _CLOCK = (
 
 
 def _clock(clock: Mapping[str, str]) -> str:
-    """Return host time less GNSS time, as the record tells it, in a line."""
+    """Return host time minus GNSS time, from the recording's metadata, as one line."""
     shown = []
     for label, key, sigma_key, unit in _CLOCK:
         if key in clock:
@@ -219,8 +219,8 @@ def _clock(clock: Mapping[str, str]) -> str:
     return ", ".join(shown)
 
 
-def _unsure(facts: FileFacts) -> str:
-    """Return how many frames came while the host's clock was set; empty where none did."""
+def _uncertain_timestamps(facts: FileFacts) -> str:
+    """Return the number of frames received while the host's clock was set; empty if there are none."""
     if not facts.unsure_frames:
         return ""
     known = facts.unsure_within_s == facts.unsure_within_s
@@ -287,7 +287,7 @@ def _print_ids(facts: FileFacts, limit: int | None) -> None:
 
 def recover_command(
     recording: Annotated[
-        Path, typer.Argument(metavar="RECORDING", help="The cut-off or damaged file; it stays as it is.")
+        Path, typer.Argument(metavar="RECORDING", help="The cut-off or damaged file; it is not changed.")
     ],
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="New file (default: NAME-recovered.mcap).")
@@ -295,7 +295,7 @@ def recover_command(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Save everything that a cut-off or damaged recording, or part of one, still holds into a whole file."""
+    """Write the readable content of a cut-off or damaged recording, or of a part of one, to a new file."""
     from daq import Fault, RecordingError
     from daq.logger import is_being_recorded
     from daq.recording import Recording, part_number, part_path, recover
@@ -307,7 +307,7 @@ def recover_command(
             Fault(
                 "a logger is still recording into this file",
                 str(recording),
-                next_step="end the run first; every other command reads the file as far as it is written",
+                next_step="end the run first; every other command reads the part written so far",
             )
         )
     target = check_output(output or clean, force=force)
