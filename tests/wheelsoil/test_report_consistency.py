@@ -1,4 +1,4 @@
-"""The report speaks with one voice: the diagnosis has the last word, and two errors of one channel are told apart."""
+"""Consistency of the report: the diagnosis has the last word, and two errors of one channel are distinguished."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_where_both_say_slip_sinkage_the_checks_count(material):
     assert "not to be relied on" not in said
 
 
-def test_two_errors_of_drawbar_pull_are_told_apart(material):
+def test_two_errors_of_drawbar_pull_are_distinguished(material):
     said = text(verdict.build(replace(material, diagnosed=diagnosis("named"))))
     assert (
         "the gain's 120 N without and 66.0 N with what was found are over 5 Hz means of runs that were left out" in said
