@@ -14,7 +14,7 @@ from model.extended import ExtendedEffect, ExtendedModel
 from processing.options import ProcessOptions
 from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Panels, Section, Table, Text
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections.diagnosis import candidates, detectable, gain, glance, verdict
 from wheelsoil.report.sections.fit import misfit
 from wheelsoil.workflows.fit import FitChoices, fit_runs
@@ -151,7 +151,7 @@ def test_an_unexplained_misfit_is_to_be_looked_into(material):
 
 
 def test_a_fault_in_judging_the_fit_leaves_the_diagnosis_its_sentence(material, monkeypatch):
-    def broken(given: Material) -> Section:
+    def broken(given: ReportInputs) -> Section:
         raise ZeroDivisionError(given.terrain)
 
     monkeypatch.setattr(verdict, "build", broken)

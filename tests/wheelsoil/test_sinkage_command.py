@@ -19,7 +19,7 @@ from daq.logs import write_candump
 from daq.runs.open import open_runs
 from processing.options import ProcessOptions
 from processing.pipeline.pipeline import process
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections.fit.sinkage import build
 from wheelsoil.simulation.campaign import simulated_run
 from wheelsoil.simulation.frames import virtual_frames
@@ -238,7 +238,7 @@ def test_the_report_draws_it(measured: Path) -> None:
     processed = process_runs(open_runs([measured]), ProcessOptions())
     fit = fit_runs(processed, FitChoices(), None)
     runs = tuple(run for _, run in processed)
-    material = Material(runs, fit, "", processed[0][0].vehicle, fit.soil.name)
+    material = ReportInputs(runs, fit, "", processed[0][0].vehicle, fit.soil.name)
     section = build(material)
     figure = section.blocks[0].figures[0]  # type: ignore[union-attr]
     assert [trace["name"] for trace in figure.data][:4] == [

@@ -20,7 +20,7 @@ from typing import Any
 from daq import ConfigError, Fault, WheelsoilError
 from wheelsoil import __version__
 from wheelsoil.report.content import Figure, Section, Text, drawn, figures_of, texts_of
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
 from wheelsoil.wording.to_json import plain
 
@@ -227,7 +227,7 @@ class Report:
         return render(self.title, self.subtitle, self.sections, made_at=made_at, json_name=json_name)
 
 
-def build_report(material: Material) -> Report:
+def build_report(material: ReportInputs) -> Report:
     """Build every section; a section that fails is replaced by the reason, and the others are not affected."""
     left_out: dict[str, str] = {}
     sections = []
@@ -254,13 +254,13 @@ def build_report(material: Material) -> Report:
     )
 
 
-def _asked_for(material: Material) -> list[ModuleType]:
+def _asked_for(material: ReportInputs) -> list[ModuleType]:
     """Return the sections of the page."""
     diagnosed = material.diagnosed is not None or bool(material.no_diagnosis)
     return [module for module in SECTIONS if diagnosed or module not in OF_THE_DIAGNOSIS]
 
 
-def _subtitle(material: Material) -> str:
+def _subtitle(material: ReportInputs) -> str:
     count = len(material.runs)
     runs = f"{count} run{'s' if count != 1 else ''}"
     wheel = material.vehicle.wheel

@@ -10,7 +10,7 @@ from scipy.special import stdtrit
 
 from daq import OUTPUTS
 from model.fit import ModelFit
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 
 FloatArray = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class Ranking:
         return next((rival for rival in self.rivals if rival.name == name), None)
 
 
-def rank(material: Material, channel: str = "dp") -> Ranking:
+def rank(material: ReportInputs, channel: str = "dp") -> Ranking:
     """Compare the models above the slip threshold.
 
     The errors of two models on one sample are paired, and neighbouring samples are correlated: the difference of

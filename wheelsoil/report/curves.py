@@ -22,23 +22,23 @@ from wheelsoil.report.figures import (
     density,
     dots,
     line,
-    look_at,
     marked_line,
+    set_axis_range,
     thinned_by_sign,
     translucent,
 )
-from wheelsoil.report.inputs import FloatArray, Material
+from wheelsoil.report.inputs import FloatArray, ReportInputs
 from wheelsoil.wording.model_styles import style
 
 
 def quantity_figure(
-    material: Material, key: str, name: str, measured: FloatArray, axis: str, factor: float = 1.0
+    material: ReportInputs, key: str, name: str, measured: FloatArray, axis: str, factor: float = 1.0
 ) -> tuple[Figure, dict[str, Any]]:
     """Return the figure of one predicted quantity and the numbers in it.
 
     Parameters
     ----------
-    material : Material
+    material : ReportInputs
     key : str
         Key of the figure.
     name : str
@@ -70,9 +70,9 @@ def quantity_figure(
         numbers[model.name] = curve
         lines.append(curve.median[curve.centre > 0])
     layout = axes("slip", axis, height=380)
-    look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
+    set_axis_range(layout, "x", np.array([0.0, 1.0]), margin=0.02)
     predicted = np.concatenate(lines)
-    look_at(layout, "y", driven if np.isfinite(driven).any() else predicted, also=predicted)
+    set_axis_range(layout, "y", driven if np.isfinite(driven).any() else predicted, also=predicted)
     return Figure(key, axis, data, layout), numbers
 
 
@@ -100,12 +100,12 @@ class Curves:
     numbers: dict[str, Any]
 
 
-def curves_of(material: Material, channel: str, key: str, axis: str, reading: str) -> Curves:
+def curves_of(material: ReportInputs, channel: str, key: str, axis: str, reading: str) -> Curves:
     """Draw "dp" or "t" against slip.
 
     Parameters
     ----------
-    material : Material
+    material : ReportInputs
     channel : "dp" or "t"
     key : str
         Prefix of the figures' keys.
@@ -140,8 +140,8 @@ def curves_of(material: Material, channel: str, key: str, axis: str, reading: st
             groups += [choice] * len(traces)
         layout = axes("slip", axis, height=430)
         visible = ends if half == "driving" else (float(np.percentile(pool.slip[inside], 0.5)), 0.0)
-        look_at(layout, "x", np.array(visible), margin=0.02)
-        look_at(layout, "y", measured[inside], also=_medians(pool.slip, predicted, choices, inside))
+        set_axis_range(layout, "x", np.array(visible), margin=0.02)
+        set_axis_range(layout, "y", measured[inside], also=_medians(pool.slip, predicted, choices, inside))
         figures.append(Figure(f"{key}-{half}", half.capitalize(), data, layout, groups))
     errors, numbers = _errors(material, key, axis, measured, predicted)
     lacking = f" Not included because a signal is missing: {material.not_fitted}." if material.not_fitted else ""
@@ -204,7 +204,7 @@ def _binned_sigma(curve: Bins, slip: FloatArray, sigma: FloatArray) -> FloatArra
 
 
 def _errors(
-    material: Material, key: str, axis: str, measured: FloatArray, predicted: dict[str, FloatArray]
+    material: ReportInputs, key: str, axis: str, measured: FloatArray, predicted: dict[str, FloatArray]
 ) -> tuple[Figure, dict[str, Any]]:
     """Return the figure of predicted - measured, and the numbers of the curves."""
     slip = material.pool.slip
@@ -220,8 +220,8 @@ def _errors(
         numbers[name] = {"predicted": binned(slip, values, EDGES), "error": error}
     unit = axis[axis.index("(") :]
     layout = axes("slip", f"predicted − measured {unit}", height=340)
-    look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
-    look_at(layout, "y", np.append(np.concatenate(medians), 0.0))
+    set_axis_range(layout, "x", np.array([0.0, 1.0]), margin=0.02)
+    set_axis_range(layout, "y", np.append(np.concatenate(medians), 0.0))
     layout["shapes"] = [upright(material.fit.slip_threshold)]
     return Figure(f"{key}-error", "Error of every model, driving, all runs", traces, layout), numbers
 

@@ -309,7 +309,7 @@ def axes(x_title: str, y_title: str, *, height: int = 380, **more: Any) -> dict[
     return layout | more
 
 
-def look_at(
+def set_axis_range(
     layout: dict[str, Any], axis: str, values: FloatArray, *, also: FloatArray = _NONE, margin: float = 0.08
 ) -> None:
     """Set the initial range of an axis to the 0.5th to 99.5th percentile of some values; double-click shows all.

@@ -51,13 +51,7 @@ _log = logging.getLogger(__name__)
 
 
 def make_app(session: AnalysisSession, rules: Rules) -> ASGIApp:
-    """Return the page as an ASGI application.
-
-    Parameters
-    ----------
-    session : AnalysisSession
-    rules : Rules
-    """
+    """Return the page as an ASGI application."""
 
     def choose(asked: ChoiceAsked) -> Any:
         return session.choose(asked.campaign, asked.choice)

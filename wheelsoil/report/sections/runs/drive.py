@@ -7,7 +7,7 @@ import numpy as np
 from processing import SLIP_ROLES, ProcessedRun
 from wheelsoil.report.content import Figure, Panels, Section
 from wheelsoil.report.figures import MEASURED, Trace, axes, decimated_rows, line, points_of_run
-from wheelsoil.report.inputs import FloatArray, Material
+from wheelsoil.report.inputs import FloatArray, ReportInputs
 from wheelsoil.wording.model_styles import STYLES
 
 KEY = "drive"
@@ -25,7 +25,7 @@ _PANELS = (
 )
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section: three panels, a choice for each run; a channel that no run has is omitted."""
     runs = material.runs
     blue, orange = STYLES["vasilev"].colour, STYLES["wong"].colour

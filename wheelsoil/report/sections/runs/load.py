@@ -10,8 +10,8 @@ import numpy as np
 
 from model.fit import ModelFit
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
-from wheelsoil.report.figures import EDGES, axes, binned, look_at, marked_line
-from wheelsoil.report.inputs import FloatArray, Material, Pool
+from wheelsoil.report.figures import EDGES, axes, binned, marked_line, set_axis_range
+from wheelsoil.report.inputs import FloatArray, Pool, ReportInputs
 from wheelsoil.report.words import number
 from wheelsoil.wording.model_styles import style
 
@@ -47,7 +47,7 @@ _QUANTITIES = {
 }
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section: the ratio of the loads (literal), or the scale of the normal stress (balanced)."""
     fit, pool = material.fit, material.pool
     quantity = _QUANTITIES[fit.options.reading]
@@ -63,8 +63,8 @@ def build(material: Material) -> Section:
         rows.append([style(model.name).label, *(number(value) for value in percentiles)])
         numbers[model.name] = {"load_ratio": model.load_ratio, "curve": curve, "percentiles_5_50_95": percentiles}
     layout = axes("slip", quantity.what, height=340)
-    look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
-    look_at(layout, "y", np.concatenate(medians))
+    set_axis_range(layout, "x", np.array([0.0, 1.0]), margin=0.02)
+    set_axis_range(layout, "y", np.concatenate(medians))
     blocks: list[Block] = [
         Text(quantity.intro),
         Panels([Figure("load", quantity.what.capitalize(), lines, layout)], quantity.reading),

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from wheelsoil.report.content import Block, Section, Table, Text
-from wheelsoil.report.inputs import Material, Source
+from wheelsoil.report.inputs import ReportInputs, Source
 from wheelsoil.report.words import count
 
 KEY = "provenance"
 TITLE = "Provenance"
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section."""
     blocks: list[Block] = [
         Text(f"Made by: {material.command}"),
@@ -47,7 +47,7 @@ def _file_row(source: Source) -> list[str]:
     return [source.run_id, source.file, size, frames, source.sha256[:16]]
 
 
-def _used(material: Material) -> list[tuple[str, object]]:
+def _used(material: ReportInputs) -> list[tuple[str, object]]:
     """Return the values used for options that may be at their default."""
     cutoffs = tuple(dict.fromkeys(f"{run.cutoff_hz:.3g} Hz" for run in material.runs))
     threshold = [("slip threshold used", f"{material.campaign.slip_threshold:g}")] if material.campaign else []

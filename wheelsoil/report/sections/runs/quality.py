@@ -7,7 +7,7 @@ import numpy as np
 from processing import ProcessedRun, Reason
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import axes, bars
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.wording.notes import runs_by_text
 
 KEY = "quality"
@@ -29,7 +29,7 @@ _REASONS = {
 }
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section from the runs' quality reports."""
     blocks: list[Block] = [
         Panels([_shares_figure(material.runs)], _reading(material)),
@@ -58,7 +58,7 @@ def _notes(runs: tuple[ProcessedRun, ...]) -> list[Text]:
     ]
 
 
-def _reading(material: Material) -> str:
+def _reading(material: ReportInputs) -> str:
     lacking = f", and nothing of {material.not_fitted} because a signal is missing" if material.not_fitted else ""
     return (
         "each bar is one run with all samples of the common time base; only the blue part is fitted"
@@ -79,7 +79,7 @@ def _shares_figure(runs: tuple[ProcessedRun, ...]) -> Figure:
     return Figure("shares", "Used and excluded samples", data, layout)
 
 
-def _table(material: Material) -> Table:
+def _table(material: ReportInputs) -> Table:
     rows = []
     for run, grade in zip(material.runs, material.grades, strict=True):
         rows.append(

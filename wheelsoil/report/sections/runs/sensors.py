@@ -8,7 +8,7 @@ from daq import ROLES, TRANSDUCER_ROLES
 from daq.recording import Event
 from processing import ProcessedRun, Standstill
 from wheelsoil.report.content import Block, Section, Table
-from wheelsoil.report.inputs import Material, Source
+from wheelsoil.report.inputs import ReportInputs, Source
 from wheelsoil.report.words import count, number, signed
 
 KEY = "sensors"
@@ -17,7 +17,7 @@ TITLE = "Sensors, clocks and losses"
 _MOST_EVENTS = 40
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section from the runs' quality reports and their recordings."""
     blocks: list[Block] = [
         *_sensors(material.runs),
@@ -128,7 +128,7 @@ def _standstills(runs: tuple[ProcessedRun, ...]) -> list[Standstill]:
     return [stand for run in runs for stand in run.quality.standstills]
 
 
-def _clocks(material: Material) -> Table:
+def _clocks(material: ReportInputs) -> Table:
     rows = [
         [
             run.run.id,
@@ -181,7 +181,7 @@ def _losses(sources: tuple[Source, ...]) -> list[Block]:
     return blocks
 
 
-def _events(material: Material) -> list[Table]:
+def _events(material: ReportInputs) -> list[Table]:
     """Return marks and faults during recording, with the time in seconds of the run."""
     rows = [
         [run.run.id, f"{time_s:.1f}", event.severity if event.name != "mark" else "mark", event.text]

@@ -14,7 +14,7 @@ from wheelsoil.report.content import Figure, Panels, Section, Table
 from wheelsoil.report.curves import ALL_RUNS
 from wheelsoil.report.figures import Trace, axes, words
 from wheelsoil.report.figures import numbers as plotted
-from wheelsoil.report.inputs import FloatArray, Material
+from wheelsoil.report.inputs import FloatArray, ReportInputs
 from wheelsoil.report.words import number
 
 KEY = "track"
@@ -49,7 +49,7 @@ class _Track:
     extent_m: tuple[float, float]
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section: coloured by slip and by use, all runs or one.
 
     Raises
