@@ -1,4 +1,4 @@
-"""Material for reports of the small campaign, and what a report's section says."""
+"""Inputs for reports of the small campaign, and the text of a section."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from daq.runs.open import open_runs
 from processing.options import ProcessOptions
 from wheelsoil.report.build import Report
 from wheelsoil.report.content import Panels, Section, Table, Text
-from wheelsoil.report.inputs import Material, source_of, versions
+from wheelsoil.report.inputs import ReportInputs, source_of, versions
 from wheelsoil.workflows.diagnosis import Processed
 from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.runs import process_runs
@@ -19,12 +19,12 @@ def processed_of(campaign: Path) -> Processed:
     return process_runs(open_runs([campaign]), ProcessOptions())
 
 
-def material_of(processed: Processed, choices: FitChoices | None = None) -> Material:
+def material_of(processed: Processed, choices: FitChoices | None = None) -> ReportInputs:
     """Fit processed runs and return what their report is made from; there is no diagnosis."""
     fit = fit_runs(processed, choices or FitChoices(), None)
     sources = tuple(source_of(run) for run, _ in processed)
     runs = tuple(run for _, run in processed)
-    return Material(runs, fit, "", processed[0][0].vehicle, fit.soil.name, sources, versions=versions())
+    return ReportInputs(runs, fit, "", processed[0][0].vehicle, fit.soil.name, sources, versions=versions())
 
 
 def text_of(report: Report, key: str) -> str:

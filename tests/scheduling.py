@@ -14,7 +14,7 @@ _FIRST = ("vcan", "wheelsoil")
 """Folders whose tests wait much: others fill their gaps."""
 _TOGETHER = {
     "test_view_page_plots.py": "view, plots",
-    "test_view_page_mind.py": "view, plots",
+    "test_view_page_state.py": "view, plots",
     "test_view_page_away.py": "view, plots",
     "test_view_page_model.py": "view, model",
     "test_view_page_slow_server.py": "view, model",

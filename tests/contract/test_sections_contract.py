@@ -15,7 +15,7 @@ from daq.errors import WheelsoilError
 from daq.runs.open import open_runs
 from processing.options import ProcessOptions
 from wheelsoil.report.content import Panels, Section, Table
-from wheelsoil.report.inputs import Material, source_of, versions
+from wheelsoil.report.inputs import ReportInputs, source_of, versions
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
 from wheelsoil.wording.to_json import to_json
 from wheelsoil.workflows.fit import FitChoices, fit_runs
@@ -25,9 +25,9 @@ every_section = pytest.mark.parametrize("module", SECTIONS, ids=lambda module: m
 
 
 @pytest.fixture(scope="module")
-def whole(campaign) -> Material:
+def whole(campaign) -> ReportInputs:
     processed = process_runs(open_runs([campaign]), ProcessOptions())
-    return Material(
+    return ReportInputs(
         runs=tuple(run for _, run in processed),
         campaign=fit_runs(processed, FitChoices(), None),
         no_fit="",

@@ -15,7 +15,7 @@ from view_client import View, viewing
 from view_field_day import FieldDay, field_day_in
 
 from wheelsoil.live.panel import PagePanel
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.workflows.diagnosis import Processed
 
 if TYPE_CHECKING:
@@ -94,6 +94,6 @@ def processed(campaign: Path) -> Processed:
 
 
 @pytest.fixture(scope="session")
-def material(processed: Processed) -> Material:
+def material(processed: Processed) -> ReportInputs:
     """Return what the report of `campaign` is made from, without a diagnosis."""
     return material_of(processed)

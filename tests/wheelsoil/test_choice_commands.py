@@ -72,7 +72,7 @@ def test_an_option_beats_the_file(two, write):
     assert facts[0]["cutoff_hz"] == 3.0
 
 
-def test_only_what_is_kept_is_fitted_and_the_reason_is_told(two, write):
+def test_only_what_is_kept_is_fitted_and_the_reason_is_reported(two, write):
     path = write(runs=(ChosenRun("run-1.mcap", "run-1", keep=KEEP),))
     choice = load_choice(path)
     processed = open_and_process(two, choice.process_options("fit"), choice=choice)
@@ -135,7 +135,7 @@ def test_the_report_says_what_was_chosen(clay, write, tmp_path):
     ):
         assert text in numbers, text
     shown = page.read_text(encoding="utf-8")
-    for text in ("choice.toml", "run-2.mcap left out", "left out by hand"):
+    for text in ("choice.toml", "run-2.mcap left out", "excluded by hand"):
         assert text in shown, text
 
 
@@ -193,7 +193,7 @@ def test_every_run_switched_off_is_refused(clay, write):
     assert refused.code == 2 and "every run is switched off" in refused.err
 
 
-def test_an_effect_that_the_data_cannot_tell_is_refused(clay, write):
+def test_an_effect_that_is_not_identifiable_is_refused(clay, write):
     refused = invoke("fit", clay, "--choice", write(effects=("closed_form_sinkage",)))
     assert refused.code == 2 and "literal reading only" in refused.err
 

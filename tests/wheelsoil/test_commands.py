@@ -266,19 +266,19 @@ def test_a_logger_with_a_lenient_dbc_makes_a_recording_that_opens(tmp_path):
     assert facts["exit_status"] == "ok"
 
 
-def test_a_logger_that_names_the_run_itself_keeps_what_it_was_told(tmp_path):
+def test_a_logger_that_names_the_run_itself_keeps_its_options(tmp_path):
     vehicle = tmp_path / "vehicle.toml"
     vehicle.write_text('[vehicle]\nname = "Test car 1"\n[[bus]]\nchannel = "unnamed"\ninterface = "virtual"\n')
-    told = ("--direction", "back", "--pass-number", 2, "--added-load", 300)
+    options = ("--direction", "back", "--pass-number", 2, "--added-load", 300)
     with busy("unnamed"):
-        done = ok("log", vehicle, "-o", tmp_path / "runs", "--duration", 0.3, *told, "--json").json
+        done = ok("log", vehicle, "-o", tmp_path / "runs", "--duration", 0.3, *options, "--json").json
     (facts,) = ok("info", done["path"], "--json").json
     assert facts["run_id"] == Path(done["path"]).stem
     assert facts["run_id"].startswith("Test-car-1_")
     assert [facts["info"][key] for key in ("direction", "pass_number", "added_load_kg")] == ["back", 2, 300]
 
 
-def test_a_silent_bus_is_told_and_fails_the_check_but_the_recording_is_whole(tmp_path):
+def test_a_silent_bus_is_reported_and_fails_the_check_but_the_recording_is_whole(tmp_path):
     vehicle, target = tmp_path / "vehicle.toml", tmp_path / "run.mcap"
     vehicle.write_text(
         '[[bus]]\nchannel = "loud"\ninterface = "virtual"\n'
@@ -303,7 +303,7 @@ def test_demo_finds_what_it_hid(tmp_path):
     assert result["result"].split(". ")[0] in page
     assert json.dumps(result["result"], ensure_ascii=False) in Path(result["numbers"]).read_text(encoding="utf-8")
     again = ok("demo", "-o", tmp_path / "demo", "--runs", 1, "--duration", 20)
-    assert "The envelope." in again.err and "share their physics" in again.err
+    assert "Hidden effect." in again.err and "share their physics" in again.err
     own = tmp_path / "own" / "clay"
     own.mkdir(parents=True)
     (own / "run-1.mcap").write_text("mine")
@@ -328,8 +328,8 @@ def test_fit_of_a_table_says_which_rows_it_left_out(tmp_path):
 
 @pytest.mark.parametrize("command", ["fit", "report", "simulate"])
 def test_help_and_errors_list_every_soil(command, campaign, tmp_path):
-    told = " ".join(ok(command, "--help").out.split())
-    assert ", ".join(SOILS) in told
+    options = " ".join(ok(command, "--help").out.split())
+    assert ", ".join(SOILS) in options
     where = [campaign] if command != "simulate" else ["-o", tmp_path / "out"]
     where += ["-o", tmp_path / "r.html"] if command == "report" else []
     assert f"nearest: clay; presets: {', '.join(SOILS)}" in invoke(command, *where, "--soil", "clai").err

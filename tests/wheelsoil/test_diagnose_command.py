@@ -83,23 +83,23 @@ def found(campaign, tmp_path_factory) -> tuple[dict[str, Any], Path, str]:
 
 
 def test_what_is_found_has_the_shape(found):
-    diagnosed, _, told = found
+    diagnosed, _, printed = found
     check_shape(diagnosed)
     assert {c["name"] for c in diagnosed["candidates"]} == {"slip_sinkage", "slope", "torque_zero", "none"}
     assert set(diagnosed["minimum_detectable"]) == {"vasilev", "slope", "torque_zero"}
     assert diagnosed["next_run"], "it was asked for"
-    assert "diagnosis: " in told and "noise" in told, "stages with their times go to stderr"
+    assert "diagnosis: " in printed and "noise" in printed, "stages with their times go to stderr"
 
 
 def test_the_model_it_leaves_is_taken_elsewhere(found, campaign, tmp_path):
-    diagnosed, model, told = found
+    diagnosed, model, printed = found
     saved = tomllib.loads(model.read_text(encoding="utf-8"))
     assert saved["provenance"]["verdict"] == diagnosed["verdict"]
     assert saved["provenance"]["sentence"] == diagnosed["sentence"]
     assert [e["name"] for e in saved["effect"]] == [
         c["name"] for c in diagnosed["causes"] if diagnosed["verdict"] == "named"
     ]
-    assert f"wrote {model}" in told
+    assert f"wrote {model}" in printed
     assert "extended" in ok("fit", campaign, "--model", model, "--json").json["models"]
     ok("simulate", "--model", model, "-o", tmp_path / "again", "--runs", 1, "--duration", 15)
     page = tmp_path / "r.html"
@@ -153,7 +153,7 @@ def test_effects_are_chosen_by_key_family_and_kind():
         ({"most_causes": 0}, "1 to 3"),
     ],
 )
-def test_wrong_options_are_told(wrong, said):
+def test_wrong_options_are_reported(wrong, said):
     with pytest.raises(ConfigError, match=said.replace("(", r"\(")):
         diagnosis_options(**wrong)
 

@@ -27,7 +27,7 @@ def planned(tmp_path: Path) -> Path:
     return folder
 
 
-def test_it_says_what_will_be_told_apart(planned, tmp_path):
+def test_it_reports_which_causes_are_separable(planned, tmp_path):
     matrix = tmp_path / "cos.csv"
     result = ok("diagnose", "--plan", planned, "--planned-runs", 4, *FEW, "-o", matrix)
     assert result.out.startswith("Of 4 families these runs would show")
@@ -53,7 +53,7 @@ def test_one_direction_costs_the_slope(planned):
     assert d_sep[1] < d_sep[0]
 
 
-def test_what_can_be_seen_and_not_named_is_not_told_apart_from_any_size(planned):
+def test_what_is_detectable_and_not_named_is_separable_at_no_size(planned):
     given = ["--effects", "slope,tyre_flattening,multi_pass", "--planned-duration", 25, "--planned-runs", 4]
     text = " ".join(ok("diagnose", "--plan", planned, *given).out.split())
     tyre = text.split("tyre flattening")[1].split("slope")[0]
@@ -87,7 +87,7 @@ def test_what_is_wrong_is_said(args, said):
     assert "Traceback" not in result.err
 
 
-def test_every_wrong_file_is_told_at_once(planned):
+def test_every_wrong_file_is_reported_at_once(planned):
     (planned / "vehicle.toml").write_text("[wheel]\nradius = 0.47\n")
     (planned / "terrain.toml").write_text("[soil]\n")
     (planned / "runs.toml").write_text('[[run]]\ndirection = "up"\n')

@@ -206,7 +206,7 @@ def test_two_terrains_that_say_so_are_two_campaigns(driven, tmp_path):
 
 
 @pytest.mark.slow
-def test_two_terrains_under_one_name_are_told(driven, tmp_path):
+def test_two_terrains_under_one_name_are_reported(driven, tmp_path):
     sand = tmp_path / "sand"
     ok("simulate", "-o", sand, "--soil", "sandy", "--runs", 2, "--duration", 20)
     folder = tmp_path / "clay"

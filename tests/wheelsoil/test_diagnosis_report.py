@@ -18,7 +18,7 @@ from model.notes import DiagnosisCode, LackCode
 from processing.options import ProcessOptions
 from wheelsoil.report.build import Report, build_report
 from wheelsoil.report.content import Figure, Panels, Section, Table, Text
-from wheelsoil.report.inputs import Material, versions
+from wheelsoil.report.inputs import ReportInputs, versions
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
 from wheelsoil.wording.to_json import to_json
 from wheelsoil.workflows.fit import FitChoices, fit_runs
@@ -29,14 +29,14 @@ KEYS = [module.KEY for module in OF_THE_DIAGNOSIS]
 
 
 @pytest.fixture(scope="module")
-def plain_material(campaign) -> Material:
+def plain_material(campaign) -> ReportInputs:
     processed = process_runs(open_runs([campaign]), ProcessOptions())
     fit = fit_runs(processed, FitChoices(), None)
     runs = tuple(run for _, run in processed)
-    return Material(runs, fit, "", processed[0][0].vehicle, fit.soil.name, versions=versions())
+    return ReportInputs(runs, fit, "", processed[0][0].vehicle, fit.soil.name, versions=versions())
 
 
-def built(material: Material, found: Diagnosis) -> Report:
+def built(material: ReportInputs, found: Diagnosis) -> Report:
     report = build_report(replace(material, diagnosed=found))
     assert report.left_out == {}
     return report

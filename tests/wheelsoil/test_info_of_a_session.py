@@ -66,7 +66,7 @@ def test_looking_does_not_keep_a_logger_out(tmp_path):
         pass
 
 
-def test_what_a_kill_left_unrecorded_is_told(tmp_path):
+def test_what_a_kill_left_unrecorded_is_reported(tmp_path):
     campaign = small_campaign(tmp_path / "campaign", runs=1)
     (path,) = campaign.glob("*.mcap")
     recording = Recording.open(path)
@@ -94,7 +94,7 @@ def test_what_a_kill_left_unrecorded_is_told(tmp_path):
     assert said in ok("process", path, "--json").json[0]["quality"]["notes"]
 
 
-def test_a_clock_that_was_set_is_told(tmp_path):
+def test_a_clock_that_was_set_is_reported(tmp_path):
     offset_ns = [0]
     clock = HostClock(lambda: time.time_ns() + offset_ns[0], monotonic_ns)
     vehicle = VehicleConfig(bus=(BusSection(channel="can0"),))

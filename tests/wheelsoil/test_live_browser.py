@@ -107,7 +107,7 @@ def test_without_news_it_is_neither_green_nor_red(browser: Browser) -> None:
         expect(seen.locator("#state")).to_have_text("LOGGER ENDED")
 
 
-def test_a_mark_is_told_when_sent_and_when_it_stands_in_the_file(browser: Browser, panel: PagePanel) -> None:
+def test_a_mark_is_reported_when_sent_and_when_it_stands_in_the_file(browser: Browser, panel: PagePanel) -> None:
     with Shower(panel) as shower, looking_at(browser, panel.address) as seen:
         _press_mark(seen, "left rut")
         expect(seen.locator("#feedback")).to_contain_text("was sent")
@@ -118,7 +118,7 @@ def test_a_mark_is_told_when_sent_and_when_it_stands_in_the_file(browser: Browse
         expect(seen.locator("#note")).to_have_value("")
 
 
-def test_a_mark_that_nobody_takes_is_told_too(browser: Browser, panel: PagePanel) -> None:
+def test_a_mark_that_nobody_takes_is_reported_too(browser: Browser, panel: PagePanel) -> None:
     with Shower(panel), looking_at(browser, panel.address, clock=True) as seen:
         _press_mark(seen, "")
         expect(seen.locator("#feedback")).to_contain_text("was sent")

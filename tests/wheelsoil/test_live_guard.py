@@ -92,7 +92,7 @@ def test_over_the_network_addresses_and_own_names_are_taken_and_no_others(closed
         assert ask(closed, "GET", "/", headers={"Host": f"{host}:{closed.port}"}).status == 421, host
 
 
-def test_a_page_told_to_listen_on_a_name_answers_to_it() -> None:
+def test_a_page_that_listens_on_a_name_answers_to_it() -> None:
     assert Rules.of("Logger.Lan", "10.42.0.1", TOKEN).knows_host("logger.lan:8137")
 
 
@@ -130,7 +130,7 @@ def test_the_documented_commands_of_curl(closed: PagePanel) -> None:
     assert got == [Command("start", "field-7"), Command("mark", "stone under the wheel"), Command("stop")]
 
 
-def test_a_text_that_is_too_long_is_told_with_the_limit(local: PagePanel) -> None:
+def test_a_text_that_is_too_long_is_reported_with_the_limit(local: PagePanel) -> None:
     body = b'{"kind": "start", "text": "' + b"x" * 201 + b'"}'
     answer = ask(local, "POST", "/command", body, {"Content-Type": "application/json"})
     assert (answer.status, "at most 200 characters" in answer.text) == (400, True)  # type: ignore[attr-defined]

@@ -70,7 +70,7 @@ def test_a_snapshot_that_cannot_be_shown_leaves_the_page_alive(capfd: pytest.Cap
         panel.show(snapshot(5.0, 5.25))
         assert next_event(stream, "snapshot")["snapshot"]["session_s"] == 5.25
         assert panel.starts == 1
-    assert "a snapshot was left out" in capfd.readouterr().err
+    assert "a snapshot was skipped" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("kind", ["start", "stop", "mark"])
@@ -101,7 +101,7 @@ def test_what_is_no_command_is_refused(panel: PagePanel, body: object) -> None:
     assert panel.commands() == []
 
 
-def test_a_logger_that_does_not_listen_is_told_to_the_browser() -> None:
+def test_a_logger_that_does_not_listen_is_reported_to_the_browser() -> None:
     with page() as panel:
         statuses = {command(panel, {"kind": "mark", "text": "x" * 200})}
         until(lambda: statuses.add(command(panel, {"kind": "mark"})) or 503 in statuses, "a full pair of sockets")
@@ -209,7 +209,7 @@ def test_a_phone_out_of_reach_loses_its_place_soon() -> None:
             assert 0 < accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) <= 30_000
 
 
-def test_more_browsers_than_there_is_room_for_are_told_so() -> None:
+def test_more_browsers_than_allowed_are_refused_with_the_reason() -> None:
     with page() as panel, ExitStack() as streams:
         for _ in range(MOST_STREAMS):
             next_event(streams.enter_context(events(panel)), "hello")

@@ -82,7 +82,7 @@ def test_a_page_on_a_port_that_is_taken_costs_no_recording_unless_it_was_asked_f
     monkeypatch.setattr("wheelsoil.cli.logger._PAGE_PORT", taken_port)
     with busy("paged"):
         result = ok("log", vehicle, "-o", tmp_path / "out", "--duration", 0.3)
-    assert "there is no status page" in result.err
+    assert "no status page" in result.err
     assert "--page-port" in result.err
 
 
@@ -123,7 +123,7 @@ def test_a_terminal_that_is_closed_ends_the_recording_as_ctrl_c_does(tmp_path):
     assert Recording.open(path).metadata["run_end"]["exit_status"] == "interrupted"
 
 
-def test_a_logger_that_was_told_to_stay_ignores_the_end_of_its_terminal(tmp_path):
+def test_a_logger_under_nohup_ignores_the_end_of_its_terminal(tmp_path):
     vehicle, out = write_vehicle(tmp_path, "stays"), tmp_path / "out"
     command = ["nohup", str(PROGRAM), "log", vehicle, "-o", out, "--no-page"]
     with subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
@@ -176,7 +176,7 @@ def test_a_service_manager_hears_that_it_is_ready_alive_and_stopping(tmp_path):
             process.communicate(timeout=30)
 
 
-def test_a_role_that_names_no_signal_is_told_and_recorded_all_the_same(tmp_path):
+def test_a_role_that_names_no_signal_is_reported_and_recorded_all_the_same(tmp_path):
     vehicle = write_vehicle(tmp_path, "roles", 'dbc = ["gnss.dbc"]\n[signals]\nground_speed = "GNSS_2.Sped"\n')
     with busy("roles"):
         result = ok("log", vehicle, "-o", tmp_path / "out", "--duration", 0.3, "--no-page")
@@ -189,7 +189,7 @@ def test_it_says_where_it_records_and_how_well_without_a_terminal(tmp_path):
     (tmp_path / "vehicle.toml").write_text(vehicle.read_text() + '[transducer]\nzero_file = "zero.toml"\n')
     with logging(vehicle, "-o", out, "--no-page") as process:
         assert process.stderr is not None
-        assert "`process` refuses until it is there" in process.stderr.readline()
+        assert "`process` fails until the file exists" in process.stderr.readline()
         line = process.stderr.readline()
         assert line.startswith("recording run ")
         path = Path(line.split()[-1])
@@ -202,7 +202,7 @@ def test_it_says_where_it_records_and_how_well_without_a_terminal(tmp_path):
         assert process.stderr is not None
         process.stderr.readline()
         line = process.stderr.readline()
-        assert "was cut off, and goes on" in line
+        assert "was interrupted and continues" in line
         assert Path(line.split()[-1]) == path.with_name(f"{path.stem}.part2.mcap")
 
 
@@ -240,7 +240,7 @@ def test_a_token_that_is_given_is_in_no_journal(tmp_path):
         assert "a-secret" not in err
 
 
-def test_a_channel_of_udp_multicast_that_is_no_address_is_told_without_noise(tmp_path):
+def test_a_channel_of_udp_multicast_that_is_no_address_is_reported_without_noise(tmp_path):
     vehicle = tmp_path / "vehicle.toml"
     vehicle.write_text('[[bus]]\nchannel = "can0"\ninterface = "udp_multicast"\n')
     with logging(vehicle, "-o", tmp_path / "out", "--no-page") as process:
@@ -256,7 +256,7 @@ def test_the_help_names_every_exit_code():
         "0 ok",
         "1 a bus was silent",
         "2 usage",
-        "3 the recording is there",
+        "3 the recording exists",
         "4 a bus was down",
         "129 the terminal",
         "130 Ctrl-C",

@@ -19,7 +19,7 @@ from processing.options import ProcessOptions
 from wheelsoil.report.build import build_report
 from wheelsoil.report.comparison import rank
 from wheelsoil.report.content import Section
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections import SECTIONS
 from wheelsoil.workflows.fit import FitChoices
 from wheelsoil.workflows.report import report_of_processed
@@ -60,7 +60,7 @@ class Page(HTMLParser):
             self.figures[self._figure] = json.loads(data)
 
 
-def without(material: Material, **values: float) -> Material:
+def without(material: ReportInputs, **values: float) -> ReportInputs:
     """Return the material with channels that were not measured."""
     runs = tuple(
         replace(run, **{name: np.full(len(run), value) for name, value in values.items()}) for run in material.runs
@@ -167,7 +167,7 @@ def test_runs_without_forces_still_give_quality_and_provenance(processed):
 
 
 def test_a_fault_in_a_section_costs_only_that_section(material, monkeypatch):
-    def broken(given: Material) -> Section:
+    def broken(given: ReportInputs) -> Section:
         raise ZeroDivisionError(given.terrain)
 
     monkeypatch.setattr(SECTIONS[-1], "build", broken)

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from wheelsoil.report.curves import curves_of
-from wheelsoil.report.figures import axes, density, look_at
+from wheelsoil.report.figures import axes, density, set_axis_range
 from wheelsoil.wording.model_styles import BY_HAND, STYLES, styles_script
 
 
 def view_of(values: np.ndarray, also: np.ndarray) -> tuple[float, float]:
     layout = axes("x", "y")
-    look_at(layout, "y", values, also=also, margin=0.0)
+    set_axis_range(layout, "y", values, also=also, margin=0.0)
     low, high = layout["yaxis"]["range"]
     return low, high
 

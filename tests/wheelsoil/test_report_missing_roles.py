@@ -135,7 +135,7 @@ def test_figures_of_the_models_hold_the_fitted_runs_only_and_say_so(campaign, tm
     assert mixed["sections"]["verdict"]["sentence"] == alone["sections"]["verdict"]["sentence"]
     assert f"left out of the fit, for want of a signal: run-1 ({role})." in text_of(report, "verdict")
     assert "only the blue part is fitted, and nothing of run-1" in text_of(report, "quality")
-    assert "Not in it, for a signal is missing: run-1." in text_of(report, "slip")
+    assert "Not included because a signal is missing: run-1." in text_of(report, "slip")
     names = [trace["name"] for trace in mixed["figures"]["time-t"]["traces"] if trace["shown_for"] == "run-1"]
     assert ("measured" in names) == (role != "ground_speed") and "Lyasko" not in names
     assert "run-1" in mixed["figures"]["shares"]["traces"][0]["y"]
@@ -147,7 +147,7 @@ def test_the_terminal_tells_what_was_not_fitted(campaign, tmp_path):
     poor = rewritten(campaign, tmp_path / "d", ground_speed="")
     page = ("-o", tmp_path / "r.html", "--no-diagnosis", "--json")
     shown = ok("report", poor / "run-1.mcap", whole / "run-2.mcap", *page)
-    assert "not fitted, for a signal is missing (the page says which): run-1" in shown.err
+    assert "not fitted because a signal is missing (the page names it): run-1" in shown.err
     assert shown.json["not_fitted"] == "run-1"
     alone = ok("report", poor, *page, "--force")
     assert "not fitted" not in alone.err and alone.json["not_fitted"] == ""

@@ -95,7 +95,7 @@ def test_fifty_runs_are_one_page_of_bearable_size(campaign, tmp_path):
     assert {trace["shown_for"] for trace in _drawn(report, "slip-driving")} == {"all runs", *(r.run.id for r in runs)}
 
 
-def test_runs_of_one_name_are_told_apart(campaign):
+def test_runs_of_one_name_are_distinguished(campaign):
     report = report_of([campaign / "run-1.mcap", campaign / "run-2.mcap", campaign / "run-1.mcap"], diagnose=False)
     names = ["run-1", "run-2", "run-1-2"]
     assert list(report.numbers()["sections"]["glance"]["grades"]) == names
@@ -106,24 +106,24 @@ def test_a_pdf_needs_a_browser(campaign, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     result = invoke("report", campaign, "-o", tmp_path / "r.pdf")
     assert result.code == 2
-    assert "no browser that could make a PDF" in result.err and "apt-get install chromium" in result.err
+    assert "no browser that can create a PDF" in result.err and "apt-get install chromium" in result.err
     assert not (tmp_path / "r.pdf").exists()
 
 
-def test_a_browser_that_makes_no_pdf_is_told(campaign, tmp_path, monkeypatch):
+def test_a_browser_that_makes_no_pdf_is_reported(campaign, tmp_path, monkeypatch):
     browser = tmp_path / "chromium"
     browser.write_text("#!/bin/sh\necho 'cannot open display' >&2\nexit 1\n")
     browser.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
     result = invoke("report", campaign / "run-1.mcap", "-o", tmp_path / "r.pdf", "--no-diagnosis")
     assert result.code == 1
-    assert "the browser made no PDF" in result.err and "cannot open display" in result.err
+    assert "the browser created no PDF" in result.err and "cannot open display" in result.err
 
 
 @pytest.mark.parametrize(("name", "form"), [("r.html", "pdf"), ("r.pdf", "html")])
 def test_a_format_and_a_name_that_differ_are_refused(campaign, tmp_path, name, form):
     result = invoke("report", campaign, "-o", tmp_path / name, "--format", form)
-    assert result.code == 2 and "at odds" in result.err
+    assert result.code == 2 and "contradicts" in result.err
 
 
 def _renamed(run: ProcessedRun, index: int, copy: int) -> ProcessedRun:

@@ -65,7 +65,7 @@ def test_a_latency_is_a_positive_number_and_a_direction(material, latency_s, sai
     quality = replace(run.quality, residual_latency_s=latency_s, residual_latency_sigma_s=0.004)
     section = sensors_section(replace(material, runs=(replace(run, quality=quality), *material.runs[1:])))
     table = next(block for block in section.blocks if isinstance(block, Table) and block.caption == "Clocks and speeds")
-    assert table.rows[0][table.head.index("ground speed off by (ms)")] == said
+    assert table.rows[0][table.head.index("ground speed delay (ms)")] == said
 
 
 @pytest.mark.parametrize("reason", ["no_progress", "max_iterations"])
@@ -92,7 +92,7 @@ def test_what_a_recording_tells_of_itself_is_shown(processed, material):
     report = build_report(replace(material, sources=tuple(sources)))
     tables = {block.caption: block.rows for block in section_of(report, "sensors").blocks if isinstance(block, Table)}
     assert tables["Marks and events"] == [["run-1", "2.5", "mark", EVIL], ["run-1", "4.0", "error", "can0 is down"]]
-    assert tables["Losses as the logger counted them"] == [["run-1", "kernel.can0", "12"]]
+    assert tables["Losses counted by the logger"] == [["run-1", "kernel.can0", "12"]]
     assert [row[2:4] for row in tables["Recordings"]] == [["12", "cut off"], ["not counted", "ok"]]
     grades = report.numbers()["sections"]["glance"]["grades"]
     assert (grades["run-1"]["level"], grades["run-2"]["level"]) == ("fair", "good")

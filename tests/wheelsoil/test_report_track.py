@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections.runs.track import build
 
 
-def extents(material: Material) -> list[float]:
+def extents(material: ReportInputs) -> list[float]:
     return [
         fact[f"{axis}_extent_m"] for fact in build(material).numbers["tracks"].values() for axis in ("east", "north")
     ]

@@ -102,7 +102,7 @@ def test_a_good_run_says_of_what_its_share_is(material):
     assert "% of motion usable" in lights.lights[0].why
 
 
-def test_a_notebook_is_told_gain_next_run_and_no_certainty():
+def test_a_notebook_shows_gain_next_run_and_no_certainty():
     found = diagnosis("one_of")
     sure = replace(found, causes=tuple(replace(cause, probability=0.99999) for cause in found.causes))
     page = html_of(sure)
@@ -122,7 +122,7 @@ def test_a_part_of_a_sum_is_not_in_the_sentence():
     assert "p = m1 + m2 = 0.615" in said and "m1 = 0.582" not in said
 
 
-def test_what_a_default_came_to_is_told(material):
+def test_what_a_default_came_to_is_reported(material):
     section = provenance.build(replace(material, options={"slip_threshold": None, "soil_prior": False, "effects": ()}))
     said = dict(row for b in section.blocks if isinstance(b, Table) and b.caption == "Options" for row in b.rows)
     assert said["soil prior"] == "no" and said["effects"] == "none"

@@ -86,7 +86,7 @@ def test_info_as_people_read_it(rotated):
         "run-1.part5.mcap",
         "cut off",
         "3 lost before recording",
-        "not fetched in time",
+        "not read in time",
         "can0.WFT_Wheel",
         "end of 4 here",
         "offset 0.01235 ± 0.0001 s, drift 12 ppm",

@@ -96,25 +96,25 @@ def command_of_the_unit(folder: Path) -> list[str]:
 
 
 class Manager:
-    """A service manager: the socket, and what it was told when."""
+    """A service manager: the socket, and the messages with their times."""
 
     def __init__(self, path: Path) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.bind(str(path))
-        self.told: list[tuple[float, str]] = []
+        self.messages: list[tuple[float, str]] = []
 
     def hear_until(self, wanted: str, seconds: float = 30.0) -> None:
         end = time.monotonic() + seconds
-        while not any(wanted in text.splitlines() for _, text in self.told):
+        while not any(wanted in text.splitlines() for _, text in self.messages):
             self._socket.settimeout(max(end - time.monotonic(), 0.01))
-            self.told.append((time.monotonic(), self._socket.recv(4096).decode()))
+            self.messages.append((time.monotonic(), self._socket.recv(4096).decode()))
 
     def hear_for(self, seconds: float) -> None:
         end = time.monotonic() + seconds
         while (left_s := end - time.monotonic()) > 0:
             self._socket.settimeout(left_s)
             try:
-                self.told.append((time.monotonic(), self._socket.recv(4096).decode()))
+                self.messages.append((time.monotonic(), self._socket.recv(4096).decode()))
             except TimeoutError:
                 return
 
@@ -159,7 +159,7 @@ def test_the_command_of_the_unit_tells_the_service_manager(tmp_path: Path) -> No
         _, err = process.communicate(timeout=30)
     assert process.returncode == TERMINATED, err
     assert str(TERMINATED) in unit_value("SuccessExitStatus").split()
-    alive = [at for at, text in manager.told if "WATCHDOG=1" in text.splitlines()]
+    alive = [at for at, text in manager.messages if "WATCHDOG=1" in text.splitlines()]
     assert len(alive) >= 3
     assert Recording.open(recording).loss == ()
 
@@ -201,5 +201,5 @@ def test_a_wrong_vehicle_file_is_not_tried_again(tmp_path: Path) -> None:
         _, err = process.communicate(timeout=30)
         manager.hear_for(0.1)
     assert str(process.returncode) == unit_value("RestartPreventExitStatus"), err
-    assert not manager.told
+    assert not manager.messages
     assert not (tmp_path / "runs").exists()

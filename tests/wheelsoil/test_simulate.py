@@ -107,7 +107,7 @@ def test_passes_and_pressures_take_turns(tmp_path: Path) -> None:
     assert load_toml(tmp_path / "a/runs.toml", RunsConfig).run == tuple(run.info for run in runs)
 
 
-def test_an_effect_that_cannot_show_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_effect_that_cannot_show_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = "simulate --runs 1 --duration 15 --effect multi_pass"
     assert wheelsoil([*shlex.split(text), "-o", str(tmp_path / "a")]) == 0
     assert "acts from the second pass on" in capsys.readouterr().err
@@ -136,7 +136,7 @@ def test_faults_follow_each_other_by_their_stage() -> None:
     assert np.array_equal(one, other)
 
 
-def test_the_owner_is_not_told_of_a_pressure_that_nobody_stated(tmp_path: Path) -> None:
+def test_the_files_do_not_contain_a_pressure_that_was_not_stated(tmp_path: Path) -> None:
     simulate_campaign(tmp_path / "a", SimulationOptions(runs=1, duration_s=15.0))
     assert b"inflation" not in (tmp_path / "a/runs.toml").read_bytes()
 
@@ -314,11 +314,11 @@ def test_a_parameter_that_is_not_given_beside_others_is_neutral():
         ("--seed -1 -o OUT", "seed is out of range"),
         ("--noise -1 -o OUT", "noise is out of range"),
         ("--added-load 1e9 -o OUT", "added load is out of range"),
-        ("--effect closed_form_sinkage -o OUT", "one of the literal reading only"),
+        ("--effect closed_form_sinkage -o OUT", "defined for --sinkage literal only"),
         ("--pass-number 0 -o OUT", "pass number is out of range"),
         ("--inflation 5 -o OUT", "inflation is out of range"),
         ("--radius 0 -o OUT", "wheel radius is out of range"),
-        ("--start yesterday -o OUT", "the start is no time"),
+        ("--start yesterday -o OUT", "the start is not a time"),
         ("-o OUT/deeper/down", "no such folder"),
         ("-o FILE", "the output is a file"),
         ("-o FULL", "not empty"),
@@ -335,9 +335,9 @@ def test_bad_options_get_one_message(
     for name in ("FILE", "FULL", "OUT"):
         arguments = arguments.replace(name, str(tmp_path / name))
     assert wheelsoil(["simulate", *shlex.split(arguments)]) == 2
-    told = capsys.readouterr().err
-    assert words in told
-    assert "Traceback" not in told
+    printed = capsys.readouterr().err
+    assert words in printed
+    assert "Traceback" not in printed
 
 
 def test_a_soil_too_soft_for_the_wheel_is_exit_code_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""`wheelsoil sinkage`: runs, bench tables, a sinkage sensor the whole way, bad input."""
+"""`wheelsoil sinkage`: runs, bench tables, a sinkage sensor end to end, bad input."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from daq.logs import write_candump
 from daq.runs.open import open_runs
 from processing.options import ProcessOptions
 from processing.pipeline.pipeline import process
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections.fit.sinkage import build
 from wheelsoil.simulation.campaign import simulated_run
 from wheelsoil.simulation.frames import virtual_frames
@@ -63,7 +63,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return with_sensor(tmp_path_factory.mktemp("sensor") / "campaign")
 
 
-def test_a_sinkage_sensor_goes_the_whole_way(measured: Path) -> None:
+def test_a_sinkage_sensor_works_end_to_end(measured: Path) -> None:
     """DBC, channel, processed run."""
     run = open_runs([measured])[0]
     channel = run.channels()["sinkage"]
@@ -79,10 +79,10 @@ def test_a_sinkage_sensor_goes_the_whole_way(measured: Path) -> None:
 
 
 def test_measured_sinkage_stands_beside(measured: Path) -> None:
-    told = ok("sinkage", measured)
-    assert "measured mm" in told.out
-    assert "kept in all" in told.out
-    assert "95 % band holds" in told.err
+    printed = ok("sinkage", measured)
+    assert "measured mm" in printed.out
+    assert "satisfied in all" in printed.out
+    assert "95 % band holds" in printed.err
     found = ok("sinkage", measured, "--json").json
     assert found["schema"] == "wheelsoil/sinkage/1"
     for one in found["bins"]:
@@ -101,18 +101,18 @@ def test_a_broken_bound_names_the_channel(measured: Path, tmp_path: Path) -> Non
     folder = tmp_path / "wrong"
     shutil.copytree(measured, folder)
     (folder / "ride.dbc").write_text(RIDE_DBC.replace("(0.05,-500) [-500|2776.75]", "(0.001,-10) [-10|55.535]"))
-    told = ok("sinkage", folder)
-    assert "broken, suspect sinkage" in told.out
+    printed = ok("sinkage", folder)
+    assert "violated, suspect sinkage" in printed.out
     (item,) = ok("sinkage", folder, "--json").json["bound"]["inconsistent"]
     assert item["channel"] == "sinkage"
     assert item["rows"] > 500
 
 
 def test_runs_without_a_sensor(campaign: Path) -> None:
-    told = ok("sinkage", campaign)
-    assert "measured" not in told.out
-    assert "cannot be checked" in told.err
-    assert "growth from no slip to full slip" in told.out
+    printed = ok("sinkage", campaign)
+    assert "measured" not in printed.out
+    assert "cannot be checked" in printed.err
+    assert "growth from no slip to full slip" in printed.out
     found = ok("sinkage", campaign, "--json").json
     assert found["growth"]["measured"]["value"] is None
     assert all(one["measured_m"] is None for one in found["bins"])
@@ -138,9 +138,9 @@ RENAME = "slip=i,vertical_load_n=W,drawbar_pull_n=Dp,driving_torque_nm=T,sinkage
 def test_a_foreign_bench_table(tmp_path: Path) -> None:
     (tmp_path / "wheel.toml").write_text(WHEEL)
     args = ["--table", bench(tmp_path / "t.csv"), "--rename", RENAME, "--vehicle", tmp_path / "wheel.toml"]
-    told = ok("sinkage", *args)
-    assert "states no sigma" in told.err
-    assert "kept in all 9" in told.out
+    printed = ok("sinkage", *args)
+    assert "states no sigma" in printed.err
+    assert "satisfied in all 9" in printed.out
     found = ok("sinkage", *args, "--json").json
     assert len(found["bins"]) == 9
     for one in found["bins"]:
@@ -160,7 +160,7 @@ def test_rows_are_chosen(tmp_path: Path) -> None:
     assert "three points" in ok("sinkage", *args).out
 
 
-def test_lugs_are_told(tmp_path: Path) -> None:
+def test_lugs_are_reported(tmp_path: Path) -> None:
     (tmp_path / "wheel.toml").write_text(WHEEL + 'tyre = "lugged"\n')
     args = ["--table", bench(tmp_path / "t.csv"), "--rename", RENAME, "--vehicle", tmp_path / "wheel.toml"]
     assert "the tyre has lugs" in ok("sinkage", *args).err
@@ -175,7 +175,7 @@ def no_torque(folder: Path, campaign: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "printed"),
     [
         ("", "no run is given"),
         ("CAMPAIGN --table T", "exclude each other"),
@@ -189,7 +189,7 @@ def no_torque(folder: Path, campaign: Path) -> Path:
         ("missing.mcap", "missing.mcap"),
     ],
 )
-def test_bad_input_gets_one_message(words: str, told: str, tmp_path: Path, campaign: Path) -> None:
+def test_bad_input_gets_one_message(words: str, printed: str, tmp_path: Path, campaign: Path) -> None:
     (tmp_path / "wheel.toml").write_text(WHEEL)
     (tmp_path / "nowheel.toml").write_text('[vehicle]\nname = "bare"\n')
     braked = "slip,vertical_load_n,drawbar_pull_n,driving_torque_nm\n-0.2,800,-100,-30\n-0.4,800,-200,-50\n"
@@ -204,12 +204,12 @@ def test_bad_input_gets_one_message(words: str, told: str, tmp_path: Path, campa
     }
     result = invoke("sinkage", *(places.get(word, word) for word in words.split()))
     assert result.code in (1, 2, 3)
-    assert told in result.err
+    assert printed in result.err
     assert "Traceback" not in result.err
     assert not result.out
 
 
-def test_several_faults_are_told_at_once(tmp_path: Path) -> None:
+def test_several_faults_are_reported_at_once(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("slip,vertical_load_n,drawbar_pull_n\n-0.1,800,1\n")
     (tmp_path / "wheel.toml").write_text(WHEEL)
     both = invoke("sinkage", "--table", tmp_path / "t.csv", "--vehicle", tmp_path / "wheel.toml")
@@ -238,7 +238,7 @@ def test_the_report_draws_it(measured: Path) -> None:
     processed = process_runs(open_runs([measured]), ProcessOptions())
     fit = fit_runs(processed, FitChoices(), None)
     runs = tuple(run for _, run in processed)
-    material = Material(runs, fit, "", processed[0][0].vehicle, fit.soil.name)
+    material = ReportInputs(runs, fit, "", processed[0][0].vehicle, fit.soil.name)
     section = build(material)
     figure = section.blocks[0].figures[0]  # type: ignore[union-attr]
     assert [trace["name"] for trace in figure.data][:4] == [

@@ -134,7 +134,7 @@ def test_every_effect_that_shows_moves_the_curve_from_where_its_sliders_rest(vie
             assert any(moved[name] != plain[name] for name in ("drawbar_pull_n", "driving_torque_nm", "sinkage_m"))
 
 
-def test_effects_that_these_data_cannot_tell_say_why(view: View) -> None:
+def test_effects_that_are_not_identifiable_have_a_reason(view: View) -> None:
     effects = {effect["key"]: effect for effect in view.get("/api/parameters?campaign=c1")["effects"]}
     assert "pass" in effects["multi_pass"]["why_not"]
     assert "literal" in effects["closed_form_sinkage"]["why_not"]
@@ -205,7 +205,7 @@ def test_what_is_saved_is_what_was_chosen_and_is_taken_up_again(view: View, fold
     view.post("/api/choose", campaign="c1", choice={"slip_threshold": 0.3})
     assert view.campaigns()[0]["saved_at"] is None
     answer = view.tell("/api/save", campaign="c1", name="mine.toml")
-    assert answer.status == 400 and "there already" in answer.faults[0]["what"]
+    assert answer.status == 400 and "exists already" in answer.faults[0]["what"]
     assert path.read_bytes() == before
     view.post("/api/save", campaign="c1", name="mine.toml", replace=True)
     assert load_choice(path).slip_threshold == 0.3

@@ -84,7 +84,7 @@ def test_a_token_that_is_too_short_is_a_fault(folder: Path, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("args", "code"), [(["nowhere"], 3), (["nowhere.mcap"], 3), ([], 2), (["--soil", "cheese", "."], 2)]
 )
-def test_what_cannot_be_opened_is_told_before_a_page_is(
+def test_what_cannot_be_opened_is_reported_before_a_page_is(
     args: list[str], code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -71,7 +71,7 @@ def test_what_was_given_beside_the_recordings_is_given_again(tmp_path: Path, run
         assert f"--vehicle {truck}" in line and "--soil sandy" in line and "--lenient-dbc" in line
 
 
-def test_recordings_of_one_name_are_told_apart(tmp_path: Path) -> None:
+def test_recordings_of_one_name_are_distinguished(tmp_path: Path) -> None:
     first, second = taken_from(CLAY, tmp_path / "a", 1), taken_from(CLAY, tmp_path / "b", 1)
     whole = (first / "run-1.mcap").read_bytes()
     (second / "run-1.mcap").write_bytes(whole[: len(whole) * 4 // 5])
@@ -117,5 +117,5 @@ def test_a_folder_that_cannot_be_read_costs_itself(view: View, folder: Path) -> 
     assert campaign["name"] == "clay" and campaign["runs"][0]["state"] == "ready"
     [remark] = view.get("/api/list")["remarks"]
     empty = str(folder.parent / "empty")
-    assert empty in remark and "left out" in remark
+    assert empty in remark and "skipped" in remark
     assert any(empty in line for line in view.said)

@@ -119,7 +119,7 @@ def test_a_curve_that_cannot_be_drawn_is_a_fault(view: View, asked: dict[str, An
     assert any(said in fault["what"] for fault in answer.faults), answer.faults
 
 
-def test_all_faults_of_a_curve_are_told_at_once(view: View) -> None:
+def test_all_faults_of_a_curve_are_reported_at_once(view: View) -> None:
     answer = view.tell("/api/curve", campaign="c1", effects=["nix", "ding"], values={"n1": 99, "m1": 0}, soil={"x": 1})
     assert len(answer.faults) == 4
 
@@ -241,7 +241,7 @@ def test_a_browser_may_load_nothing_from_elsewhere(view: View) -> None:
     assert len(view.ask("GET", "/plotly.js").body) > 1_000_000
 
 
-def test_without_the_token_nothing_is_told_or_done(folder: Path) -> None:
+def test_without_the_token_nothing_is_answered_or_done(folder: Path) -> None:
     with viewing(folder, "--host", "0.0.0.0", WHEELSOIL_PAGE_TOKEN=TOKEN) as view:
         assert TOKEN not in "".join(view.said)  # a token that people know has no business in a journal
         for given in ("", "Bearer wrong", f"Bearer {TOKEN}x"):

@@ -25,7 +25,7 @@ def test_a_folder_of_campaigns_stands_for_all_and_runs_keep_their_names(tmp_path
     assert ids[0] == ids[1] and len(ids[0]) == 1
 
 
-def test_a_folder_that_may_not_be_read_is_told_and_the_others_open() -> None:
+def test_a_folder_that_may_not_be_read_is_reported_and_the_others_open() -> None:
     with tempfile.TemporaryDirectory() as folder:
         disk = Path(folder)
         disk.chmod(0o755)
@@ -36,4 +36,4 @@ def test_a_folder_that_may_not_be_read_is_told_and_the_others_open() -> None:
             with as_nobody():
                 [campaign], remarks = open_campaigns(given, Files())
             path = given[-1] if len(given) > 1 else shut
-            assert campaign.folder.name == "clay" and remarks == [f"{path} is left out: the path cannot be read"]
+            assert campaign.folder.name == "clay" and remarks == [f"{path} is skipped: the path cannot be read"]

@@ -44,11 +44,11 @@ def view(home: Path) -> Iterator[View]:
 
 @pytest.mark.parametrize("role", POINTS)
 def test_what_is_there_is_drawn_and_what_is_missing_is_said(view: View, home: Path, role: str) -> None:
-    told = report_of([home / role], diagnose=False).numbers()["sections"]["glance"]["grades"]["run-1"]
+    grade = report_of([home / role], diagnose=False).numbers()["sections"]["glance"]["grades"]["run-1"]
     [campaign] = [each for each in view.campaigns() if each["name"] == role]
     key, [run] = campaign["key"], campaign["runs"]
     assert run["state"] == "ready"
-    assert run["grade"] == told["level"] and run["notes"][: len(told["reasons"])] == told["reasons"]
+    assert run["grade"] == grade["level"] and run["notes"][: len(grade["reasons"])] == grade["reasons"]
     points = view.get(f"/api/run?campaign={key}&run={run['key']}")
     for other, name in POINTS.items():
         values = points[name] or [None]

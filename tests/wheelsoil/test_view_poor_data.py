@@ -75,8 +75,8 @@ def test_a_recording_without_torque_is_drawn_and_fitted_without_it(view: View) -
     assert only(campaign)["state"] == "ready"
     points = points_of(view, campaign)
     assert points["driving_torque_nm"] is None and len(points["slip"]) > 100
-    told = {e["key"]: e["why_not"] for e in view.get(f"/api/parameters?campaign={key}")["effects"]}
-    assert "torque" in told["torque_zero"]
+    reasons = {e["key"]: e["why_not"] for e in view.get(f"/api/parameters?campaign={key}")["effects"]}
+    assert "torque" in reasons["torque_zero"]
     assert set(view.post("/api/fit", campaign=key)["models"]) == {"wong", "vasilev", "lyasko", "ding"}
     view.post("/api/choose", campaign=key, choice={"channels": ["dp", "t"]})
     answer = view.tell("/api/fit", campaign=key)
@@ -147,8 +147,8 @@ def test_one_run_of_a_file_is_a_campaign(view: View, home: Path) -> None:
     assert [run["id"] for run in campaign["runs"]] == ["run-1"]
     assert campaign["path"] == str(home / "one run")
     assert view.post("/api/fit", campaign=key)["models"]["lyasko"]["samples"] > 0
-    told = {e["key"]: e["why_not"] for e in view.get(f"/api/parameters?campaign={key}")["effects"]}
-    assert "one run" in told["zero_drift"]
+    reasons = {e["key"]: e["why_not"] for e in view.get(f"/api/parameters?campaign={key}")["effects"]}
+    assert "one run" in reasons["zero_drift"]
 
 
 def test_two_terrains_in_one_folder_are_two_campaigns(view: View, home: Path) -> None:
@@ -190,7 +190,7 @@ def test_a_run_that_is_named_twice_is_there_once(tmp_path: Path) -> None:
         ("no toml at all", "TOML"),
     ],
 )
-def test_a_choice_in_the_folder_that_is_wrong_is_told_and_left_alone(tmp_path: Path, text: str, said: str) -> None:
+def test_a_choice_in_the_folder_that_is_wrong_is_reported_and_left_alone(tmp_path: Path, text: str, said: str) -> None:
     folder = taken_from(CLAY, tmp_path / "clay", 1)
     (folder / "choice.toml").write_text(text)
     [campaign], [remark] = open_campaigns([folder], Files())

@@ -32,7 +32,7 @@ def fitting(view: View) -> Iterator[list[Answer]]:
     thread.join()
 
 
-def test_the_same_choice_told_again_costs_no_fit_and_another_one_ends_it(folder: Path) -> None:
+def test_the_same_choice_sent_again_costs_no_fit_and_another_one_ends_it(folder: Path) -> None:
     choice = {"slip_threshold": 0.15, "effects": ["vasilev"]}
     with viewing(folder) as view:
         view.settled()
@@ -48,7 +48,7 @@ def test_the_same_choice_told_again_costs_no_fit_and_another_one_ends_it(folder:
             if answer.status == 200:  # it came before the choice was changed, or began after it
                 assert answer.json["slip_threshold"] in (0.1, 0.2)
             else:
-                assert answer.status == 409 and "changed meanwhile" in answer.faults[0]["what"]
+                assert answer.status == 409 and "changed in the meantime" in answer.faults[0]["what"]
         assert view.post("/api/fit", campaign="c1")["slip_threshold"] == 0.2
 
 

@@ -12,7 +12,7 @@ from cli_support import invoke
 @pytest.mark.parametrize(
     "command", [("sinkage",), ("fit", "--channels", "dp"), ("diagnose", "--most-causes", "1", "--effects", "vasilev")]
 )
-def test_a_torque_that_is_turned_is_told(campaign: Path, tmp_path: Path, command: tuple[str, ...]) -> None:
+def test_a_torque_that_is_turned_is_reported(campaign: Path, tmp_path: Path, command: tuple[str, ...]) -> None:
     for name in ("run-1.mcap", "run-2.mcap"):
         shutil.copy(campaign / name, tmp_path)
     for name in ("vehicle.toml", "terrain.toml"):

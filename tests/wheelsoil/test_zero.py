@@ -49,8 +49,8 @@ def _errors(zero: ChannelZero, expected: tuple[float, float, float]) -> list[flo
 )
 def test_a_spin_shows_every_channel_in_its_own_axes(bench: Bench, tmp_path: Path) -> None:
     recording = write_lifted(tmp_path / "spin.mcap", bench, 3)
-    told = ok("zero", recording, "-o", tmp_path / "zero.toml", "--json").json
-    (zero,) = told["zeros"]
+    printed = ok("zero", recording, "-o", tmp_path / "zero.toml", "--json").json
+    (zero,) = printed["zeros"]
     assert zero["method"] == "spin"
     assert zero["revolutions"] >= 11
     assert zero["start_s"] > bench.speed_up_s - 1
@@ -95,8 +95,8 @@ def _clopper_pearson(hits: int, count: int, level: float = 0.999) -> tuple[float
 
 def test_a_standstill_shows_the_sum_at_one_angle(tmp_path: Path) -> None:
     bench = rested(Bench())
-    told = ok("zero", write_lifted(tmp_path / "rest.mcap", bench, 4), "-o", tmp_path / "z.toml", "--json").json
-    (zero,) = told["zeros"]
+    printed = ok("zero", write_lifted(tmp_path / "rest.mcap", bench, 4), "-o", tmp_path / "z.toml", "--json").json
+    (zero,) = printed["zeros"]
     assert zero["method"] == "standstill"
     assert zero["angle_deg"] == pytest.approx(np.degrees(bench.rest_angle_rad), abs=0.1)
     for name, (a, b, c) in truth(bench).items():
@@ -109,8 +109,8 @@ def test_a_standstill_shows_the_sum_at_one_angle(tmp_path: Path) -> None:
 
 def test_a_standstill_in_wheel_axes_leaves_the_weight_out(tmp_path: Path) -> None:
     bench = rested(RIGHT)
-    told = ok("zero", write_lifted(tmp_path / "rest.mcap", bench, 4), "-o", tmp_path / "z.toml", "--json").json
-    channels = told["zeros"][0]["channels"]
+    printed = ok("zero", write_lifted(tmp_path / "rest.mcap", bench, 4), "-o", tmp_path / "z.toml", "--json").json
+    channels = printed["zeros"][0]["channels"]
     for name, expected in (("WFT_Forces.Fx", -60.0), ("WFT_Forces.Fz", -110.0)):
         assert abs(channels[name]["offset"] - expected) < 5 * channels[name]["offset_sigma"]
 
@@ -124,25 +124,25 @@ def test_on_the_ground_only_what_must_read_zero(tmp_path: Path) -> None:
     assert re.search(r"vertical load 8\.7\d kN", refused.err)
     assert "--on-ground" in refused.err
     assert not (tmp_path / "z.toml").exists()
-    told = ok("zero", recording, "--on-ground", "-o", tmp_path / "z.toml", "--json").json
-    channels = told["zeros"][0]["channels"]
+    printed = ok("zero", recording, "--on-ground", "-o", tmp_path / "z.toml", "--json").json
+    channels = printed["zeros"][0]["channels"]
     assert set(channels) == {"WFT_Forces.Fx", "WFT_Moments.My"}
     assert channels["WFT_Forces.Fx"]["offset_sigma"] > 0.009 * 8760
     wheel = write_lifted(tmp_path / "wheel.mcap", replace(bench, frame="wheel"), 5)
-    told = ok("zero", wheel, "--on-ground", "-o", tmp_path / "w.toml", "--json").json
-    assert set(told["zeros"][0]["channels"]) == {"WFT_Moments.My"}
+    printed = ok("zero", wheel, "--on-ground", "-o", tmp_path / "w.toml", "--json").json
+    assert set(printed["zeros"][0]["channels"]) == {"WFT_Moments.My"}
     lifted = write_lifted(tmp_path / "lifted.mcap", rested(Bench()), 5)
     assert "does not stand on the wheel" in invoke("zero", lifted, "--on-ground", "-o", tmp_path / "l.toml").err
 
 
-def test_a_wrong_mass_and_a_wrong_angle_are_told(tmp_path: Path) -> None:
+def test_a_wrong_mass_and_a_wrong_angle_are_reported(tmp_path: Path) -> None:
     bench = replace(WHEEL, angle_error_deg=1.5)
     recording = write_lifted(tmp_path / "spin.mcap", bench, 6)
     wrong = tmp_path / "vehicle.toml"
     wrong.write_text(vehicle_toml(bench).replace("outboard_mass_kg = 75.0", "outboard_mass_kg = 68.0"))
     (tmp_path / "wft.dbc").write_bytes(shipped_dbc("wft.dbc").read_bytes())
-    told = ok("zero", recording, "--vehicle", wrong, "--json").json
-    remarks = " ".join(told["zeros"][0]["remarks"])
+    printed = ok("zero", recording, "--vehicle", wrong, "--json").json
+    remarks = " ".join(printed["zeros"][0]["remarks"])
     assert re.search(r"that of 7[45]\.\d \+- 0\.\d kg, and outboard_mass_kg is 68", remarks)
     assert float(re.search(r"angle_offset_deg = ([\d.]+) in place of 41.5", remarks)[1]) == pytest.approx(40, abs=1)  # type: ignore[index]
     assert (tmp_path / "zero.toml").exists()
@@ -154,13 +154,13 @@ def test_drift_between_two_recordings(tmp_path: Path) -> None:
     later = replace(bench, lateral_n=bench.lateral_n + 80.0, start_ns=START_NS + 3600 * 10**9)
     after = write_lifted(tmp_path / "after.mcap", later, 8)
     out = tmp_path / "zero.toml"
-    told = ok("zero", after, before, "-o", out, "--json").json
-    assert [zero["recording"] for zero in told["zeros"]] == ["before.mcap", "after.mcap"]
-    (lateral,) = [row for row in told["drift"] if (row["channel"], row["part"]) == ("WFT_Forces.Fy", "offset")]
+    printed = ok("zero", after, before, "-o", out, "--json").json
+    assert [zero["recording"] for zero in printed["zeros"]] == ["before.mcap", "after.mcap"]
+    (lateral,) = [row for row in printed["drift"] if (row["channel"], row["part"]) == ("WFT_Forces.Fy", "offset")]
     assert lateral["significant"]
     assert lateral["change"] == pytest.approx(80, abs=5 * lateral["sigma"])
-    assert len(told["drift"]) == 18
-    assert sum(row["significant"] for row in told["drift"]) == 1
+    assert len(printed["drift"]) == 18
+    assert sum(row["significant"] for row in printed["drift"]) == 1
     assert ok("zero", before, after, "-o", out, "--max-drift", "N=150,Nm=20").code == 0
     beyond = invoke("zero", before, after, "-o", out, "--max-drift", "kN=0.05,Nm=20")
     assert beyond.code == 1
@@ -178,8 +178,8 @@ def test_drift_between_two_recordings(tmp_path: Path) -> None:
 def test_only_a_part_is_looked_at_and_distrusted_samples_are_left_out(tmp_path: Path) -> None:
     bench = replace(Bench(), status=(8.0, 8.5))
     recording = write_lifted(tmp_path / "spin.mcap", bench, 10)
-    told = ok("zero", recording, "--from", 5, "--to", 12, "-o", tmp_path / "z.toml", "--json").json
-    (zero,) = told["zeros"]
+    printed = ok("zero", recording, "--from", 5, "--to", 12, "-o", tmp_path / "z.toml", "--json").json
+    (zero,) = printed["zeros"]
     assert zero["start_s"] >= 5
     assert zero["start_s"] + zero["duration_s"] <= 12
     assert any("500 samples excluded" in remark for remark in zero["remarks"])
@@ -190,10 +190,10 @@ def test_only_a_part_is_looked_at_and_distrusted_samples_are_left_out(tmp_path: 
 
 def test_what_is_not_there_is_named(tmp_path: Path) -> None:
     bench = replace(WHEEL, status=(0.0, 99.0))  # distrusted from the first to the last sample
-    told = invoke("zero", write_lifted(tmp_path / "spin.mcap", bench, 10), "-o", tmp_path / "z.toml")
-    assert told.code == 1
-    assert "nothing usable was received of drawbar_pull" in told.err
-    assert "nothing usable was received of vertical_load" in told.err
+    printed = invoke("zero", write_lifted(tmp_path / "spin.mcap", bench, 10), "-o", tmp_path / "z.toml")
+    assert printed.code == 1
+    assert "nothing usable was received of drawbar_pull" in printed.err
+    assert "nothing usable was received of vertical_load" in printed.err
     nobody = tmp_path / "vehicle.toml"
     nobody.write_text('[[bus]]\nchannel = "can0"\ndbc = ["wft.dbc"]\n[transducer]\nframe = "wheel"\n')
     (tmp_path / "wft.dbc").write_bytes(shipped_dbc("wft.dbc").read_bytes())
@@ -225,8 +225,8 @@ def test_the_line_is_named_that_vehicle_toml_lacks(tmp_path: Path) -> None:
     line = 'add under [transducer] of vehicle.toml: zero_file = "zero.toml"'
     assert line in ok("zero", unnamed).err
     assert "vehicle.toml" not in ok("zero", named).err
-    told = ok("zero", named, "-o", tmp_path / "apart" / "zero.toml").err
-    assert f"put it beside vehicle.toml, and {line}" in told
+    printed = ok("zero", named, "-o", tmp_path / "apart" / "zero.toml").err
+    assert f"put it beside vehicle.toml, and {line}" in printed
 
 
 def test_a_signal_that_hardly_moves_is_as_uncertain_as_its_steps() -> None:

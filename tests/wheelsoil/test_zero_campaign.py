@@ -138,19 +138,19 @@ def test_a_recording_carries_its_zeros_and_says_them(tmp_path: Path) -> None:
     with RecordingWriter(alone, attachments=known.attachments, flush_every_s=None, sync_every_s=None) as writer:
         for batch in Recording.open(folder / "run.mcap").frame_batches():
             writer.write_frames(batch)
-    (told,) = ok("process", alone, "--json").json
-    assert told["quality"]["zeros"]["drawbar_pull"]["recordings"] == ["spin.mcap"]
-    systematic = told["quality"]["sensors"]["drawbar_pull"]["systematic_sigma"]
+    (printed,) = ok("process", alone, "--json").json
+    assert printed["quality"]["zeros"]["drawbar_pull"]["recordings"] == ["spin.mcap"]
+    systematic = printed["quality"]["sensors"]["drawbar_pull"]["systematic_sigma"]
     (one,) = load_zeros(folder / "z.toml").zero
     assert systematic == pytest.approx(one.channels["WFT_Forces.Fx"].offset_sigma)
     (other,) = ok("process", alone, "--zero", folder / "z.toml", "--json").json
-    assert other["summary"] == told["summary"]
+    assert other["summary"] == printed["summary"]
     text = ok("process", alone)
     assert "zero +-" in text.out
     assert "60 min before the run" in " ".join(text.err.split())  # long lines are folded
     (folder / "z.toml").unlink()  # a vehicle.toml without it beside it: what the recording carries holds
     (again,) = ok("process", alone, "--vehicle", folder / "vehicle.toml", "--json").json
-    assert again["summary"] == told["summary"]
+    assert again["summary"] == printed["summary"]
     nowhere = invoke("process", folder / "run.mcap")
     assert nowhere.code == 2
     assert "no 'z.toml' lies beside vehicle.toml" in nowhere.err

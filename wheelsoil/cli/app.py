@@ -17,39 +17,41 @@ from wheelsoil import __version__
 
 
 class Entry(NamedTuple):
-    """The module of a subcommand (its function is called as ``log_command`` is) and what it does, in a line."""
+    """Module of a subcommand (with a function such as ``log_command``) and its summary in one line."""
 
     module: str
     summary: str
 
 
 COMMANDS: dict[str, Entry] = {
-    "demo": Entry("demo", "Simulate a vehicle and take its frames the whole way to a report."),
-    "doctor": Entry("logger", "Say whether this machine is ready to log the vehicle."),
+    "demo": Entry("demo", "Simulate a vehicle and process its CAN frames end to end, up to a report."),
+    "doctor": Entry("logger", "Check whether this machine is ready to log the vehicle."),
     "log": Entry("logger", "Record the vehicle's buses until the time is up or Ctrl-C."),
-    "zero": Entry("zero", "Find a transducer's zero from a lifted wheel, and its drift."),
-    "replay": Entry("recordings", "Send a recording's frames onto buses, with their timing."),
-    "import": Entry("recordings", "Turn log files of any format into a recording."),
-    "info": Entry("recordings", "Say what a recording holds."),
-    "recover": Entry("recordings", "Save what a cut-off recording still holds."),
+    "zero": Entry("zero", "Determine a transducer's zero from a lifted wheel, and its drift."),
+    "replay": Entry("frames", "Send a recording's frames onto buses, with their timing."),
+    "import": Entry("frames", "Turn log files of any format into a recording."),
+    "info": Entry("recordings", "List the contents of a recording."),
+    "recover": Entry("recordings", "Recover the readable part of a damaged recording."),
     "export": Entry("recordings", "Write decoded signals as Parquet, CSV or MAT."),
     "simulate": Entry("simulate", "Drive a simulated instrumented vehicle over a soil."),
     "process": Entry("runs", "Bring a run onto one time base: slip, forces, quality."),
-    "soil": Entry("soil", "Find terrain parameters from plate and shear tests."),
+    "soil": Entry("soil", "Determine terrain parameters from plate and shear tests."),
     "fit": Entry("runs", "Fit Wong's model and three slip-sinkage laws."),
-    "sinkage": Entry("sinkage", "Find the sinkage of a driven wheel from its forces alone."),
-    "diagnose": Entry("diagnose", "Name what the simulation gets wrong, or say why it cannot be named."),
+    "sinkage": Entry("sinkage", "Estimate the sinkage of a driven wheel from its forces alone."),
+    "diagnose": Entry(
+        "diagnose", "Identify the cause of the simulation's error, or report why it is not identifiable."
+    ),
     "report": Entry("pages", "Write the fitted-model report of a terrain's runs."),
-    "view": Entry("pages", "Look at recordings in the browser: choose, fit and diagnose."),
+    "view": Entry("pages", "Explore recordings in the browser: select, fit and diagnose."),
 }
-"""Every subcommand, in the order of a test's life."""
+"""Every subcommand, in the order of a test campaign."""
 
 BROKEN_PIPE_EXIT = 141
 INTERRUPTED_EXIT = 130
 
 
 class LazyGroup(typer.core.TyperGroup):
-    """A group that imports a subcommand's module when it is called, and lists them without importing any."""
+    """A group that imports the module of a subcommand only when it is called, not to list it."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names in `COMMANDS` order."""
@@ -68,18 +70,18 @@ class LazyGroup(typer.core.TyperGroup):
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the subcommand inside the error boundary: every way to fail ends in a message and an exit code."""
+        """Run the subcommand inside the error boundary: every failure ends with a message and an exit code."""
         try:
             result = super().invoke(ctx)
             sys.stdout.flush()
         except WheelsoilError as error:
-            raise SystemExit(_complain(error)) from None
+            raise SystemExit(_report(error)) from None
         except KeyboardInterrupt:
             raise SystemExit(INTERRUPTED_EXIT) from None
         except BrokenPipeError:
-            raise SystemExit(_go_quietly()) from None
+            raise SystemExit(_silence_stdout()) from None
         except OSError as error:
-            raise SystemExit(_complain(_from_system(error))) from None
+            raise SystemExit(_report(_from_system(error))) from None
         return result
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -90,7 +92,7 @@ class LazyGroup(typer.core.TyperGroup):
 
 
 def load(name: str) -> Any:
-    """Return the click command of a subcommand: its ``soil_command``, made by a ``SoilCommand`` if there is one."""
+    """Return the click command of a subcommand: for instance ``soil_command``, of class ``SoilCommand`` if defined."""
     module = importlib.import_module(f"wheelsoil.cli.{COMMANDS[name].module}")
     app = typer.Typer(add_completion=False, rich_markup_mode=None)
     app.command(name, cls=getattr(module, f"{name.capitalize()}Command", None))(getattr(module, f"{name}_command"))
@@ -109,7 +111,7 @@ def run(args: Sequence[str] | None = None) -> int:
     -------
     int
         Exit code: 0 ok, 1 a check failed, 2 usage or configuration, 3 unreadable recording, 4 hardware,
-        130 interrupted, 141 the reader of our output went away.
+        130 interrupted, 141 the reader of stdout has closed it.
     """
     try:
         _group().main(args=args, prog_name="wheelsoil")
@@ -119,7 +121,7 @@ def run(args: Sequence[str] | None = None) -> int:
 
 
 def main() -> None:
-    """Run the command line and leave with its exit code."""
+    """Run the command line and exit with its exit code."""
     sys.exit(run())
 
 
@@ -142,26 +144,26 @@ def _root(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
     ] = False,
 ) -> None:
-    """From CAN frames of a wheel force transducer to a wheel-soil model that says what it gets wrong.
+    """From CAN frames of a wheel force transducer to a wheel-soil model, and to the cause of its errors.
 
     Exit codes: 0 ok, 1 a check failed, 2 usage or configuration, 3 unreadable recording, 4 hardware, 130 interrupted.
     """
     del version
 
 
-def _complain(error: WheelsoilError) -> int:
+def _report(error: WheelsoilError) -> int:
     print(f"wheelsoil: {error}", file=sys.stderr)
     return error.exit_code
 
 
-def _go_quietly() -> int:
-    """Point stdout at nothing, so that the interpreter's last flush says nothing either."""
+def _silence_stdout() -> int:
+    """Redirect stdout to the null device, so that the interpreter's last flush raises no error."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return BROKEN_PIPE_EXIT
 
 
 def _from_system(error: OSError) -> WheelsoilError:
-    """Turn what the operating system refused into one of ours: a path is usage, the rest is hardware."""
+    """Return an error of the operating system as a WheelsoilError: a path is usage, the rest is hardware."""
     what = error.strerror or str(error) or type(error).__name__
     where = str(error.filename or "")
     if isinstance(

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, Fault
+from wheelsoil.cli.console import print_json, print_pairs, say, terminal_width
 from wheelsoil.cli.options import Json
-from wheelsoil.cli.talk import print_facts, print_json, say, terminal_width
 
 if TYPE_CHECKING:
     from model.diagnosis import Diagnosis
@@ -23,25 +23,23 @@ if TYPE_CHECKING:
 _CAMPAIGN = "clay"
 _MANIFEST = "manifest.toml"
 _CAVEAT = (
-    "Simulator and diagnosis share their physics: this shows that the machine works, not what nature does. "
-    "docs/blind_results.md has the same with a simulator of its own, docs/real_data.md with real measurements."
+    "Simulator and diagnosis share their physics: the demo shows that the program works, not that the model is right. "
+    "docs/blind_results.md has results with an independent simulator, docs/real_data.md with real measurements."
 )
 
 
 def demo_command(
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where everything is written.")
-    ] = Path("out/demo"),
-    seed: Annotated[int, typer.Option(min=0, help="Of the hidden effect, the soil and the noise.")] = 10,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Output folder.")] = Path("out/demo"),
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the hidden effect, the soil and the noise.")] = 10,
     runs: Annotated[int, typer.Option(min=1, help="Number of runs.")] = 6,
-    duration: Annotated[float, typer.Option(metavar="S", help="Of each run.")] = 40.0,
+    duration: Annotated[float, typer.Option(metavar="S", help="Duration of each run.")] = 40.0,
     json: Json = False,
 ) -> None:
-    """Hide an effect, send it through CAN frames, diagnose, and only then open the envelope; takes 15 s to a minute.
+    """Simulate a vehicle with a hidden effect, diagnose its CAN frames, compare with the true value; 15 s to a minute.
 
-    The seed draws a cause of the library (family, form, size, direction), or none. A vehicle is driven over a clay that
-    is drawn within the laboratory's uncertainty; its frames go through the DBCs into recordings. From there on nothing
-    knows what was hidden.
+    The seed draws a cause of the library (family, form, size, direction), or none. The vehicle drives over a clay
+    drawn within the laboratory's uncertainty; its frames are encoded with the DBCs into recordings. Processing and
+    diagnosis read these recordings only.
     """
     from wheelsoil.wording.diagnosis_text import diagnosis_lines
     from wheelsoil.wording.verdict import sentence_of
@@ -50,7 +48,7 @@ def demo_command(
     _check_folder(output)
     options = _campaign(seed, runs, duration)
     hidden = draw_hidden(seed, options.wheel)
-    found, page, numbers = _shown(output, replace(options, effects=hidden.effects))
+    found, page, numbers = _simulate_to_report(output, replace(options, effects=hidden.effects))
     opened = open_envelope(hidden, found)
     if json:
         print_json(
@@ -67,13 +65,13 @@ def demo_command(
         )
         return
     width = terminal_width()
-    for line in ["", *diagnosis_lines(found, width), "", *wrap(f"The envelope. {opened.sentence} {_CAVEAT}", width)]:
+    for line in ["", *diagnosis_lines(found, width), "", *wrap(f"Hidden effect. {opened.sentence} {_CAVEAT}", width)]:
         say(line)
-    print_facts([("report", str(page)), ("numbers", str(numbers)), ("recordings", str(output / _CAMPAIGN))])
+    print_pairs([("report", str(page)), ("numbers", str(numbers)), ("recordings", str(output / _CAMPAIGN))])
 
 
 def _campaign(seed: int, runs: int, duration_s: float) -> SimulationOptions:
-    """Return what is driven; it does not depend on what is hidden."""
+    """Return the options of the simulation, without the hidden effect."""
     from wheelsoil.simulation.options import SimulationOptions
 
     return SimulationOptions(
@@ -86,8 +84,8 @@ def _campaign(seed: int, runs: int, duration_s: float) -> SimulationOptions:
     )
 
 
-def _shown(output: Path, options: SimulationOptions) -> tuple[Diagnosis, Path, Path]:
-    """Go the whole way from frames to the report; return the diagnosis, the page and its numbers."""
+def _simulate_to_report(output: Path, options: SimulationOptions) -> tuple[Diagnosis, Path, Path]:
+    """Run everything from frames to the report; return the diagnosis and the paths of page and numbers."""
     from processing import ProcessOptions
     from wheelsoil.simulation.campaign import simulate_campaign
     from wheelsoil.workflows.diagnosis import campaigns_of, diagnose_campaigns, diagnosis_options
@@ -121,11 +119,13 @@ def _step(name: str) -> Iterator[None]:
 
 
 def _check_folder(output: Path) -> None:
-    """Refuse a folder that holds somebody's own campaign."""
+    """Reject a folder with a campaign that is not a demo."""
     campaign = output / _CAMPAIGN
     if campaign.is_dir() and any(campaign.iterdir()) and not (campaign / _MANIFEST).is_file():
         raise ConfigError(
             Fault(
-                "the folder holds something that is not of a demo", str(campaign), next_step="choose another: -o FOLDER"
+                "the folder contains files that are not from a demo",
+                str(campaign),
+                next_step="choose another: -o FOLDER",
             )
         )

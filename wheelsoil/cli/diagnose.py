@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, Fault
+from wheelsoil.cli.console import check_output, print_json, say, say_wrong_signs, terminal_width
 from wheelsoil.cli.options import (
     ChoiceFile,
     Force,
@@ -24,7 +25,6 @@ from wheelsoil.cli.options import (
     ZeroFile,
     chosen,
 )
-from wheelsoil.cli.talk import check_output, print_json, say, say_wrong_signs, terminal_width
 
 if TYPE_CHECKING:
     from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions
@@ -40,7 +40,12 @@ def diagnose_command(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Write the extended model (TOML); of a plan |cos| (CSV)."),
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="Write the extended model (TOML); with --plan the matrix of |cos| (CSV).",
+        ),
     ] = None,
     table: Annotated[
         Path | None, typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, ...")
@@ -55,38 +60,37 @@ def diagnose_command(
     choice: ChoiceFile = None,
     sinkage: Sinkage = None,
     channels: Annotated[
-        str, typer.Option("--channels", help="What is looked at where it was measured: dp, t (torque), z (sinkage).")
+        str, typer.Option("--channels", help="Channels to use if measured: dp (drawbar pull), t (torque), z (sinkage).")
     ] = "dp,t,z",
     effects: Annotated[
         list[str] | None,
         typer.Option("--effects", metavar="NAME,...", help="Consider only these effects, families, or kinds."),
     ] = None,
     without: Annotated[
-        list[str] | None, typer.Option("--without", metavar="NAME,...", help="Leave these out; a kind: measurement.")
+        list[str] | None,
+        typer.Option("--without", metavar="NAME,...", help="Exclude these effects, families, or kinds."),
     ] = None,
-    most_causes: Annotated[int, typer.Option(metavar="N", help="Largest set of causes that is weighed, 1 to 3.")] = 3,
-    next_run: Annotated[bool, typer.Option("--next-run", help="Rank next runs whatever the verdict.")] = False,
-    plan: Annotated[
-        bool, typer.Option("--plan", help="Say what a campaign will tell apart, before a run is driven.")
-    ] = False,
+    most_causes: Annotated[int, typer.Option(metavar="N", help="Largest set of causes considered, 1 to 3.")] = 3,
+    next_run: Annotated[bool, typer.Option("--next-run", help="Rank next runs for every verdict.")] = False,
+    plan: Annotated[bool, typer.Option("--plan", help="Report which causes a planned campaign can separate.")] = False,
     planned_runs: Annotated[
-        int | None, typer.Option(metavar="N", help="With --plan: runs where no runs.toml lists them (6).")
+        int | None, typer.Option(metavar="N", help="With --plan: number of runs without a runs.toml (6).")
     ] = None,
-    planned_duration: Annotated[float, typer.Option(metavar="S", help="With --plan: of each run.")] = 40.0,
-    seed: Annotated[int, typer.Option(min=0, help="Of the resampling of runs.")] = 0,
+    planned_duration: Annotated[float, typer.Option(metavar="S", help="With --plan: duration of each run.")] = 40.0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the resampling of runs.")] = 0,
     min_speed: MinSpeed = None,
     lenient_dbc: LenientDbc = False,
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Say what the simulation gets wrong, why, and how much better it is once extended by that.
+    """Report the error of the simulation, its cause, and the gain when the model is extended by that cause.
 
     Several campaigns are diagnosed jointly: causes are shared, soils are not. The verdict is a named cause, one of a
-    few, something unexplained, or nothing detectable with the smallest size that would have been; each of them ends
-    with exit code 0.
+    few candidates, an unexplained misfit, or nothing detectable (with the minimum detectable effects). Each verdict
+    ends with exit code 0.
 
     With --plan, RUN is a folder with vehicle.toml, terrain.toml and runs.toml (direction, added load, pass, inflation
-    of each run that is to be driven), or --vehicle, --terrain and --runs name them; no recording is read.
+    of each planned run), or --vehicle, --terrain and --runs name them; no recording is read.
     """
     from wheelsoil.workflows.diagnosis import diagnosis_options
 
@@ -102,7 +106,7 @@ def diagnose_command(
     )
     if plan:
         if table or zero or choice:
-            raise ConfigError(Fault("--plan reads no measurement", next_step="leave out --table, --zero and --choice"))
+            raise ConfigError(Fault("--plan reads no measurement", next_step="omit --table, --zero and --choice"))
         from wheelsoil.workflows.planning import PlanFiles
 
         _plan(
@@ -119,7 +123,7 @@ def diagnose_command(
             raise ConfigError(
                 Fault(f"{other} and --table exclude each other", next_step="diagnose one, then the other")
             )
-        given: Given = _benches(table, rename, where, vehicle, terrain, soil)
+        given: Given = _single_wheel_tests(table, rename, where, vehicle, terrain, soil)
     else:
         if rename or where:
             raise ConfigError(Fault("--rename and --where choose from a table", next_step="give --table FILE.csv"))
@@ -138,7 +142,7 @@ def _diagnose(given: Given, options: DiagnosisOptions, output: Path | None, *, f
     _print(diagnosis, json=json)
     for path, model in zip(targets, models_of(diagnosis, given, options.reading, command_line()), strict=False):
         path.write_text(model_toml(model), encoding="utf-8")
-        say(f"wrote {path}" + ("" if model.effects else ": no cause is named, so that none is in it"))
+        say(f"wrote {path}" + ("" if model.effects else ": it has no effect, because no cause is named"))
 
 
 def _plan(folders: list[Path], files: PlanFiles, options: DiagnosisOptions, target: Path | None, *, json: bool) -> None:
@@ -185,7 +189,7 @@ def _campaigns(
     return campaigns_of(runs, processed, soil)
 
 
-def _benches(
+def _single_wheel_tests(
     path: Path,
     rename: list[str] | None,
     where: list[str] | None,

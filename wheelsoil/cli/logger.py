@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, DataError, Fault, HardwareError
+from wheelsoil.cli.console import print_json, print_pairs, printable_addresses, say
 from wheelsoil.cli.options import (
     TOKEN_VARIABLE,
     AddedLoad,
@@ -28,7 +29,6 @@ from wheelsoil.cli.options import (
     page_token,
     run_info,
 )
-from wheelsoil.cli.talk import addresses_to_tell, print_facts, print_json, say
 
 if TYPE_CHECKING:
     from daq import VehicleConfig
@@ -44,17 +44,18 @@ def doctor_command(
         Path, typer.Argument(metavar="VEHICLE.toml", help="Names the buses, their interfaces and DBCs.")
     ],
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="DIR", readable=False, help="Folder that will be recorded into.")
+        Path, typer.Option("--out", "-o", metavar="DIR", readable=False, help="Folder for the recordings.")
     ] = Path(),
     listen: Annotated[float, typer.Option(min=0.1, metavar="S", help="How long to listen to the buses.")] = 3.0,
     page_port: Annotated[
-        int, typer.Option(min=1, max=65535, metavar="N", help="Port that the status page will have.")
+        int, typer.Option(min=1, max=65535, metavar="N", help="Port of the status page.")
     ] = _PAGE_PORT,
     json: Json = False,
 ) -> None:
-    """Say whether this machine is ready to log the vehicle, line by line, and what to do where it is not.
+    """Check whether this machine is ready to log the vehicle; each failed check comes with the next step.
 
-    Warnings end with 0, a failed check with 1: also an interface that is missing, for the other lines are still told.
+    The exit code is 0 with warnings and 1 with a failed check, also for a missing interface: the other checks are
+    still printed.
     """
     from daq.logger.doctor import Verdict, examine, gather
 
@@ -96,7 +97,7 @@ def log_command(
     duration: Annotated[
         float | None, typer.Option(min=0.0, metavar="S", help="How long (default: until Ctrl-C).")
     ] = None,
-    wait: Annotated[bool, typer.Option("--wait", help="Begin no run until the status page starts one.")] = False,
+    wait: Annotated[bool, typer.Option("--wait", help="Start no run until the status page does.")] = False,
     terrain: Terrain = None,
     run_id: RunId = None,
     direction: DirectionOption = Direction.out,
@@ -107,24 +108,24 @@ def log_command(
     view: Annotated[bool, typer.Option(help="Write decoded topics beside the raw frames.")] = True,
     page: Annotated[bool, typer.Option(help="Show a status page.")] = True,
     page_host: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Where it listens; beyond this machine it asks for a token.")
+        str, typer.Option(metavar="ADDRESS", help="Address of the page; other than loopback it requires a token.")
     ] = "127.0.0.1",
     page_port: Annotated[
         int | None, typer.Option(min=0, max=65535, metavar="N", help=f"Its port (default: {_PAGE_PORT}).")
     ] = None,
     page_token_file: Annotated[
-        Path | None, typer.Option(metavar="FILE", help=f"Holds its token (or: environment {TOKEN_VARIABLE}).")
+        Path | None, typer.Option(metavar="FILE", help=f"File with its token (or: environment {TOKEN_VARIABLE}).")
     ] = None,
     json: Json = False,
 ) -> None:
     """Record the vehicle's buses until the time is up or Ctrl-C; the recording is closed in either case.
 
-    A bus that fails or is silent never ends it, and is opened again. A run that was cut off less than ten minutes
-    ago goes on in a new file. Limits are in vehicle.toml, [logger].
+    A bus that fails or is silent is reopened and does not end the recording. A run that was interrupted less than ten
+    minutes ago continues in a new file. Limits are in vehicle.toml, [logger].
 
-    Exit codes: 0 ok; 1 a bus was silent all the time; 2 usage or configuration; 3 the recording is there already;
+    Exit codes: 0 ok; 1 a bus was silent all the time; 2 usage or configuration; 3 the recording exists already;
     4 a bus was down at the end, the disk is full, no such interface, another logger in the folder, the port that
-    --page-port gives is taken (where its usual one is, it goes on without a page); 129 the terminal was closed,
+    --page-port gives is taken (if the default port is, it records without a page); 129 the terminal was closed,
     130 Ctrl-C, 143 SIGTERM (nothing is lost by any of them).
     """
     from daq.logger import log
@@ -141,7 +142,9 @@ def log_command(
     token = page_token(page_token_file)
     zero_file = known.vehicle.transducer.zero_file
     if zero_file and zero_file not in known.attachments:
-        say(f"{zero_file} is not there yet: the recording carries no zero, and `process` refuses until it is there")
+        say(
+            f"{zero_file} does not exist yet: the recording contains no zero, and `process` fails until the file exists"
+        )
     with (
         _page(page, page_host, page_port, token, known.vehicle.vehicle.name) as (panel, addresses),
         _status(addresses) as progress,
@@ -160,18 +163,18 @@ def log_command(
             progress=progress,
         )
         if summary.signal_number == signal.SIGHUP:
-            _hang_up()
-    _tell(summary, json)
-    _leave(summary, known.vehicle)
+            _detach_from_terminal()
+    _print_summary(summary, json)
+    _exit(summary, known.vehicle)
 
 
 def _check_run_id(run_id: str | None) -> None:
-    """See that a file can be named after a run.
+    """Check that a file can be named after a run.
 
     Raises
     ------
     ConfigError
-        Nothing is left of its name, or it is too long.
+        The name has no usable character, or is too long.
     """
     if not run_id:
         return
@@ -187,16 +190,16 @@ def _check_run_id(run_id: str | None) -> None:
     raise ConfigError(Fault(what, found=shown, expected=expected, next_step="choose another name"))
 
 
-def _hang_up() -> None:
-    """Say nothing more to a terminal that is gone."""
-    with Path(os.devnull).open("wb") as nobody:
+def _detach_from_terminal() -> None:
+    """Redirect the output to the null device, because the terminal is closed."""
+    with Path(os.devnull).open("wb") as null:
         for stream in (sys.stdout, sys.stderr):
             if stat.S_ISCHR(os.fstat(stream.fileno()).st_mode):
-                os.dup2(nobody.fileno(), stream.fileno())
+                os.dup2(null.fileno(), stream.fileno())
 
 
-def _leave(summary: LogSummary, vehicle: VehicleConfig) -> None:
-    """End with the exit code that tells how it went."""
+def _exit(summary: LogSummary, vehicle: VehicleConfig) -> None:
+    """Exit with the code of the outcome; see `log_command`."""
     silence = [_silent(bus, vehicle) for bus in summary.silent]
     if summary.signal_number is not None:
         for fault in (*summary.faults, *silence):
@@ -208,7 +211,7 @@ def _leave(summary: LogSummary, vehicle: VehicleConfig) -> None:
         raise DataError(*silence)
 
 
-def _tell(summary: LogSummary, json: bool) -> None:
+def _print_summary(summary: LogSummary, json: bool) -> None:
     for text in summary.remarks:
         say(text)
     if json:
@@ -221,7 +224,7 @@ def _tell(summary: LogSummary, json: bool) -> None:
         loss = "losses not counted by this interface" if lost is None else f"{lost:,} lost"
         facts.append((f"bus {bus}", f"{count:,} frames, {summary.error_frames[bus]:,} error frames, {loss}"))
     facts += [(f"lost {key}", f"{count:,} frames") for key, count in summary.losses.items()]
-    print_facts(facts)
+    print_pairs(facts)
 
 
 def _silent(bus: str, vehicle: VehicleConfig) -> Fault:
@@ -240,7 +243,7 @@ def _silent(bus: str, vehicle: VehicleConfig) -> Fault:
 def _page(
     wanted: bool, host: str, port: int | None, token: str | None, vehicle: str
 ) -> Iterator[tuple[Panel | None, tuple[str, ...]]]:
-    """Open the status page and yield its addresses; where its usual port is taken, and no other was asked for, none."""
+    """Open the status page and yield its addresses; none if the default port is taken and no other was given."""
     if not wanted:
         yield None, ()
         return
@@ -251,29 +254,29 @@ def _page(
     except HardwareError as error:
         if port is not None:
             raise
-        say(f"there is no status page: {error.faults[0].what}; choose a port with --page-port")
+        say(f"no status page: {error.faults[0].what}; choose a port with --page-port")
         yield None, ()
         return
     try:
-        yield panel, addresses_to_tell(panel.addresses, token)
+        yield panel, printable_addresses(panel.addresses, token)
     finally:
         panel.close()
 
 
 @contextmanager
 def _status(addresses: tuple[str, ...]) -> Iterator[Progress]:
-    """Tell changes line by line; show counters while recording, on a terminal only."""
+    """Print changes line by line; show counters while recording, on a terminal only."""
     changes = _Changes(addresses)
     if not sys.stderr.isatty():
-        yield changes.tell
+        yield changes.report
         return
     from rich.console import Console
 
     with Console(stderr=True).status("opening the buses") as status:
 
         def show(now: LogStatus) -> None:
-            changes.tell(now)
-            parts = (f"{bus} {seen.received:,} ({seen.dropped or 0:,} lost)" for bus, seen in now.buses.items())
+            changes.report(now)
+            parts = (f"{bus} {counts.received:,} ({counts.dropped or 0:,} lost)" for bus, counts in now.buses.items())
             what = f"run {now.run}" if now.run else "between runs"
             level = f"{now.level}: {now.what}" if now.what else now.level
             status.update(f"{what}, Ctrl-C ends: {', '.join(parts)}; {level}")
@@ -282,15 +285,15 @@ def _status(addresses: tuple[str, ...]) -> Iterator[Progress]:
 
 
 class _Changes:
-    """Says where it records into, and how well, whenever that changes."""
+    """Reports the file and the state of the recording whenever they change."""
 
     def __init__(self, addresses: tuple[str, ...]) -> None:
         self._addresses = addresses
         self._path: Path | None = None
         self._level = "green"
 
-    def tell(self, now: LogStatus) -> None:
-        """Say what is new; a terminal or a pipe that is gone ends no recording."""
+    def report(self, now: LogStatus) -> None:
+        """Print the changes; a closed terminal or pipe does not end the recording."""
         lines = []
         if self._path is None:
             lines += [f"status page: {address}" for address in self._addresses]
@@ -311,5 +314,5 @@ def _opened(now: LogStatus, *, first: bool) -> str:
     if not now.run:
         return f"recording between runs into {now.path}"
     if first and part > 1:
-        return f"run {now.run} was cut off, and goes on: recording into {now.path}"
+        return f"run {now.run} was interrupted and continues: recording into {now.path}"
     return f"recording run {now.run} into {now.path}"

@@ -1,4 +1,4 @@
-"""Arguments and options that several commands share."""
+"""Arguments and options shared by several commands."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 def configuration(
     vehicle: Path | None, terrain: Path | None, dbc: Iterable[tuple[str, str]] = (), *, lenient_dbc: bool = False
 ) -> Configuration:
-    """Load what the options name; DBCs alone become a vehicle.toml that says only which bus they are of.
+    """Load the files that the options name; DBCs alone become a vehicle.toml that lists only the buses.
 
     Raises
     ------
     ConfigError
-        Everything that is wrong, at once.
+        Lists every error.
     """
     files = list(dbc)
     if vehicle and files:
@@ -66,7 +66,7 @@ def pairs(texts: Iterable[str] | None, option: str, form: str) -> list[tuple[str
 
 
 def _only_databases(files: Iterable[tuple[str, str]], *, lenient: bool) -> Configuration:
-    """Return a vehicle of which only the buses and their DBCs are known."""
+    """Return a vehicle with buses and DBCs only."""
     import tomli_w
 
     buses: dict[str, list[Path]] = {}
@@ -90,7 +90,7 @@ Runs = Annotated[
     list[Path],
     typer.Argument(
         metavar="RUN...", readable=False, help="Recordings, logs or campaign folders."
-    ),  # told by daq.runs.open
+    ),  # daq.runs.open reports it
 ]
 Vehicle = Annotated[
     Path | None, typer.Option("--vehicle", metavar="FILE", help="vehicle.toml; overrides what a run carries.")
@@ -105,28 +105,30 @@ ZeroFile = Annotated[
     Path | None, typer.Option("--zero", metavar="FILE", help="zero.toml; overrides the one that vehicle.toml names.")
 ]
 LenientDbc = Annotated[
-    bool, typer.Option("--lenient-dbc", help="Leave out the DBC lines that cantools refuses, and list them.")
+    bool, typer.Option("--lenient-dbc", help="Skip the DBC lines that cantools rejects, and list them.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-Force = Annotated[bool, typer.Option("--force", "-f", help="Replace the output if it is there.")]
+Force = Annotated[bool, typer.Option("--force", "-f", help="Replace an existing output.")]
 PRESETS = "clay, sandy, ding_clay, dry_sand, lunar, hit_lss1, sandy_loam"
-"""`model.wheel_soil.soils.SOILS`, spelled out so that the help needs not import it."""
+"""`model.wheel_soil.soils.SOILS`, written out so that --help need not import it."""
 SoilPreset = Annotated[
     str | None, typer.Option("--soil", metavar="NAME", help=f"A preset ({PRESETS}) instead of terrain.toml.")
 ]
 ChoiceFile = Annotated[
     Path | None,
     typer.Option(
-        "--choice", metavar="FILE", help="choice.toml: runs, parts and settings chosen by hand; an option beats it."
+        "--choice",
+        metavar="FILE",
+        help="choice.toml: runs, parts and settings selected by hand; an option overrides it.",
     ),
 ]
 Channels = Annotated[
     str | None,
-    typer.Option("--channels", help="What is fitted: dp (drawbar pull), or dp,t (and torque). [default: dp]"),
+    typer.Option("--channels", help="Fitted channels: dp (drawbar pull), or dp,t (and torque). [default: dp]"),
 ]
 SoilPrior = Annotated[
     bool | None,
-    typer.Option("--soil-prior/--no-soil-prior", help="Free the soil within the laboratory's uncertainty, too."),
+    typer.Option("--soil-prior/--no-soil-prior", help="Also estimate the soil, within the laboratory's uncertainty."),
 ]
 SlipThreshold = Annotated[
     float | None,
@@ -134,50 +136,54 @@ SlipThreshold = Annotated[
 ]
 ModelFile = Annotated[
     Path | None,
-    typer.Option("--model", metavar="FILE", help="A model that `diagnose -o` left: fitted beside the four, too."),
+    typer.Option("--model", metavar="FILE", help="A model written by `diagnose -o`: fitted in addition to the four."),
 ]
 MinSpeed = Annotated[
-    float | None, typer.Option("--min-speed", metavar="M/S", help="Below this there is no slip. [default: 0.5]")
+    float | None,
+    typer.Option("--min-speed", metavar="M/S", help="Slip is not computed below this speed. [default: 0.5]"),
 ]
 
 
 TOKEN_VARIABLE = "WHEELSOIL_PAGE_TOKEN"
 TokenFile = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help=f"Holds the page's token (or: environment {TOKEN_VARIABLE})."),
+    typer.Option(metavar="FILE", help=f"File with the page's token (or: environment {TOKEN_VARIABLE})."),
 ]
 
 
 class Reading(StrEnum):
-    """How the slip-sinkage laws are read."""
+    """Interpretation of the slip-sinkage laws: balanced is load-consistent, literal is as published."""
 
     balanced = "balanced"
     literal = "literal"
 
 
 Sinkage = Annotated[
-    Reading | None, typer.Option("--sinkage", help="Reading of the slip-sinkage laws. [default: balanced]")
+    Reading | None,
+    typer.Option("--sinkage", help="Slip-sinkage laws load-consistent or as published. [default: balanced]"),
 ]
 Rename = Annotated[
     list[str] | None,
-    typer.Option("--rename", metavar="NEW=OLD[*FACTOR],...", help="Take a table's column under another name and unit."),
+    typer.Option(
+        "--rename", metavar="NEW=OLD[*FACTOR],...", help="Read a column of the table under another name and unit."
+    ),
 ]
 Where = Annotated[
     list[str] | None,
-    typer.Option("--where", metavar="COLUMN=VALUE,...", help="Keep a table's rows that have the value."),
+    typer.Option("--where", metavar="COLUMN=VALUE,...", help="Use only the rows of the table with this value."),
 ]
 
 
 class Direction(StrEnum):
-    """Which way the track was driven."""
+    """Direction of travel on the track."""
 
     out = "out"
     back = "back"
 
 
 RunId = Annotated[str | None, typer.Option("--run-id", metavar="ID", help="Name of the run.")]
-DirectionOption = Annotated[Direction, typer.Option("--direction", help="Which way the track was driven.")]
-PassNumber = Annotated[int, typer.Option("--pass-number", min=1, help="How often the wheel has been in this track.")]
+DirectionOption = Annotated[Direction, typer.Option("--direction", help="Direction of travel on the track.")]
+PassNumber = Annotated[int, typer.Option("--pass-number", min=1, help="Number of this pass in the track, from 1.")]
 AddedLoad = Annotated[float, typer.Option("--added-load", metavar="KG", help="Load added to the vehicle.")]
 Inflation = Annotated[float | None, typer.Option("--inflation", metavar="KPA", help="Inflation pressure of the tyre.")]
 
@@ -192,7 +198,7 @@ def chosen(
     min_speed: float | None = None,
     cutoff: float | None = None,
 ) -> Choice:
-    """Return the choice of a file, and over it what the command line says.
+    """Return the choice of a file, overridden by the options of the command line.
 
     Raises
     ------
@@ -215,12 +221,12 @@ def chosen(
 def run_info(
     file: str, run_id: str, direction: Direction, pass_number: int, added_load_kg: float, inflation_kpa: float | None
 ) -> RunInfo:
-    """Return what the options say of a run.
+    """Return the run information that the options give.
 
     Raises
     ------
     ConfigError
-        A number is impossible.
+        A number is out of range.
     """
     from pydantic import ValidationError
 
@@ -242,12 +248,12 @@ def run_info(
 
 
 def page_token(file: Path | None) -> str | None:
-    """Return a page's token from the file or the environment, where there is one.
+    """Return a page's token from the file or the environment; None if there is none.
 
     Raises
     ------
     ConfigError
-        The file cannot be read, or holds none.
+        The file is unreadable or empty.
     """
     if file is None:
         return os.environ.get(TOKEN_VARIABLE) or None
@@ -256,5 +262,7 @@ def page_token(file: Path | None) -> str | None:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(Fault("the token cannot be read", str(file), str(error))) from None
     if not text:
-        raise ConfigError(Fault("the file holds no token", str(file), next_step="write one line into it"))
+        raise ConfigError(
+            Fault("the file contains no token", str(file), next_step="write the token into it as one line")
+        )
     return text

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from daq import ConfigError, Fault
+from wheelsoil.cli.console import check_output, print_json, print_pairs, say, say_folded
 from wheelsoil.cli.options import (
     Channels,
     ChoiceFile,
@@ -30,12 +31,11 @@ from wheelsoil.cli.options import (
     chosen,
     page_token,
 )
-from wheelsoil.cli.talk import check_output, print_facts, print_json, say, say_folded
 from wheelsoil.report.build import find_browser
 
 
 class Format(StrEnum):
-    """What the report is written as."""
+    """File format of the report."""
 
     HTML = "html"
     PDF = "pdf"
@@ -49,13 +49,15 @@ def report_command(
             "--output",
             "-o",
             metavar="FILE",
-            help="The page; its numbers go into FILE.json. [default: report.html]",
+            help="The report; its numbers are written to FILE.json. [default: report.html]",
             show_default=False,
         ),
     ] = None,
     form: Annotated[
         Format | None,
-        typer.Option("--format", help="pdf takes an installed Chromium or Chrome. [default: as FILE is called, html]"),
+        typer.Option(
+            "--format", help="pdf needs an installed Chromium or Chrome. [default: by the suffix of FILE, else html]"
+        ),
     ] = None,
     vehicle: Vehicle = None,
     terrain: Terrain = None,
@@ -68,9 +70,7 @@ def report_command(
     soil_prior: SoilPrior = None,
     slip_threshold: SlipThreshold = None,
     model: ModelFile = None,
-    diagnose: Annotated[
-        bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs, too.")
-    ] = True,
+    diagnose: Annotated[bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs.")] = True,
     min_speed: MinSpeed = None,
     lenient_dbc: LenientDbc = False,
     force: Force = False,
@@ -78,7 +78,7 @@ def report_command(
 ) -> None:
     """Write the fitted-model report of a terrain's runs: one page that needs no network, and its numbers as JSON.
 
-    A section whose channel is missing is left out with the reason; everything else is there.
+    A section whose channel is missing is omitted, with the reason; the other sections are complete.
     """
     from wheelsoil.workflows.model_files import load_model
     from wheelsoil.workflows.report import report_of
@@ -107,9 +107,9 @@ def report_command(
     )
     page, numbers = report.print(target, browser) if browser else report.write(target)
     for key, why in report.left_out.items():
-        say(f"section {key} left out: {why}")
+        say(f"section {key} omitted: {why}")
     if report.not_fitted:
-        say_folded(f"not fitted, for a signal is missing (the page says which): {report.not_fitted}")
+        say_folded(f"not fitted because a signal is missing (the page names it): {report.not_fitted}")
     if json:
         print_json(
             {
@@ -121,7 +121,7 @@ def report_command(
             }
         )
     else:
-        print_facts([("report", str(page)), ("numbers", str(numbers))])
+        print_pairs([("report", str(page)), ("numbers", str(numbers))])
         say(report.sentence)
 
 
@@ -132,13 +132,15 @@ def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[P
     if output and ((pdf and suffix != ".pdf") or (not pdf and suffix == ".pdf")):
         raise ConfigError(
             Fault(
-                f"--format {'pdf' if pdf else 'html'} and the output's name are at odds",
+                f"--format {'pdf' if pdf else 'html'} contradicts the output's name",
                 str(output),
-                next_step=f"call it {output.with_suffix('.pdf' if pdf else '.html').name}, or leave --format out",
+                next_step=f"call it {output.with_suffix('.pdf' if pdf else '.html').name}, or omit --format",
             )
         )
     if suffix == ".json":
-        fault = Fault("the numbers lie beside the page, as .json", str(output), next_step="call the page .html or .pdf")
+        fault = Fault(
+            ".json is the suffix of the numbers beside the report", str(output), next_step="use .html or .pdf"
+        )
         raise ConfigError(fault)
     target = check_output(output or Path("report.pdf" if pdf else "report.html"), force=force)
     check_output(target.with_suffix(".json"), force=force)
@@ -154,18 +156,18 @@ def view_command(
     soil: SoilPreset = None,
     lenient_dbc: LenientDbc = False,
     host: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Where it listens; beyond this machine it asks for a token.")
+        str, typer.Option(metavar="ADDRESS", help="Address of the page; other than loopback it requires a token.")
     ] = "127.0.0.1",
     port: Annotated[
         int | None, typer.Option(min=0, max=65535, metavar="N", help="Its port (default: 8200, or the next free one).")
     ] = None,
     token_file: TokenFile = None,
-    browser: Annotated[bool, typer.Option(help="Open a browser, where there is a display.")] = True,
+    browser: Annotated[bool, typer.Option(help="Open a browser if there is a display.")] = True,
 ) -> None:
-    """Look at recordings in the browser: choose runs and parts of them, move parameters, fit, diagnose.
+    """Explore recordings in the browser: select runs and parts of them, adjust parameters, fit, diagnose.
 
-    Runs of one folder, soil and wheel are a campaign. What is chosen is kept as a file beside the runs, which
-    `process`, `fit`, `diagnose` and `report` take with --choice. Nothing leaves this machine.
+    Runs of one folder, soil and wheel form a campaign. The selection is saved as a file beside the runs; `process`,
+    `fit`, `diagnose` and `report` use it with --choice. No data leave this machine.
 
     Exit codes: 2 usage or configuration; 3 unreadable recording; 4 the port that --port gives is taken, no such
     address; 130 Ctrl-C, 143 SIGTERM.

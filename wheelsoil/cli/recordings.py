@@ -1,43 +1,32 @@
-"""``wheelsoil export``, ``wheelsoil import``, ``wheelsoil info``, ``wheelsoil recover`` and ``wheelsoil replay``."""
+"""``wheelsoil info``, ``wheelsoil export`` and ``wheelsoil recover``."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import StrEnum
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from daq import ConfigError, Fault, number
+from wheelsoil.cli.console import check_output, counter, print_json, print_pairs, print_table, progress, say
 from wheelsoil.cli.options import (
-    AddedLoad,
-    Direction,
-    DirectionOption,
     Force,
-    Inflation,
     Json,
     LenientDbc,
-    PassNumber,
-    RunId,
     Runs,
     RunsFile,
     Terrain,
     Vehicle,
-    run_info,
 )
-from wheelsoil.cli.talk import check_output, counter, print_facts, print_json, print_table, progress, say
 
 if TYPE_CHECKING:
-    from daq import RunInfo
-    from daq.runs import Configuration
-    from daq.sources import ReplaySummary
     from wheelsoil.workflows.recording_summary import FileFacts
 
 
 class TableFormat(StrEnum):
-    """What a table is written as."""
+    """File format of the tables."""
 
     parquet = "parquet"
     csv = "csv"
@@ -47,7 +36,7 @@ class TableFormat(StrEnum):
 def export_command(
     runs: Runs,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write into.")],
-    kind: Annotated[TableFormat, typer.Option("--format", help="Of the tables.")] = TableFormat.parquet,
+    kind: Annotated[TableFormat, typer.Option("--format", help="File format of the tables.")] = TableFormat.parquet,
     signal: Annotated[
         list[str] | None,
         typer.Option(metavar="MESSAGE.SIGNAL", help="Only these signals; may be repeated (default: all)."),
@@ -69,7 +58,7 @@ def export_command(
     from wheelsoil.workflows.exporting import export_recording, export_tables
 
     if decode and signal:
-        raise ConfigError(Fault("--decode writes every signal", next_step="leave out --signal"))
+        raise ConfigError(Fault("--decode writes every signal", next_step="omit --signal"))
     if not output.parent.is_dir():
         raise ConfigError(Fault("no such folder", str(output.parent), next_step="create it or choose another output"))
     opened = open_runs(runs, vehicle=vehicle, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
@@ -91,114 +80,13 @@ def export_command(
     if json:
         print_json({"files": written})
     else:
-        print_facts([(path.name, f"{path.stat().st_size / 1e6:.3f} MB") for path in written])
-
-
-_OF_A_RUN = {
-    "direction": "direction",
-    "pass_number": "pass_number",
-    "added_load": "added_load_kg",
-    "inflation": "inflation_kpa",
-}
-"""Options and the keys of runs.toml that they override."""
-
-
-def import_command(
-    context: typer.Context,
-    logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", help="Logs of one run, in their order: candump -L, BLF, ASC, ...")
-    ],
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Recording to write (default: LOG.mcap here).")
-    ] = None,
-    vehicle: Vehicle = None,
-    terrain: Terrain = None,
-    dbc: Annotated[
-        list[str] | None,
-        typer.Option(metavar="BUS=FILE", help="A DBC of a bus, where there is no vehicle.toml; may be repeated."),
-    ] = None,
-    bus: Annotated[
-        list[str] | None,
-        typer.Option(metavar="OLD=NEW", help="Call a bus of the log as vehicle.toml does; may be repeated."),
-    ] = None,
-    lenient_dbc: LenientDbc = False,
-    run_id: RunId = None,
-    direction: DirectionOption = Direction.out,
-    pass_number: PassNumber = 1,
-    added_load: AddedLoad = 0.0,
-    inflation: Inflation = None,
-    view_rate: Annotated[
-        float, typer.Option(min=0.0, metavar="HZ", help="Rate of the decoded topics; 0: raw frames only.")
-    ] = 100.0,
-    force: Force = False,
-    json: Json = False,
-) -> None:
-    """Turn log files of any format into a recording (MCAP) that needs no other file.
-
-    vehicle.toml, terrain.toml and runs.toml that lie beside the (first) log go along; options override them. The raw
-    frames are kept as they are, bit for bit. Decoded topics are a view of them for people and other tools.
-    """
-    from daq.logs import import_logs
-    from daq.runs import known_beside
-    from wheelsoil.cli.options import configuration, pairs
-
-    given = configuration(vehicle, terrain, pairs(dbc, "--dbc", "BUS=FILE"), lenient_dbc=lenient_dbc)
-    known = known_beside(logs[0], given, lenient_dbc=lenient_dbc)
-    name = logs[0].name.partition(".")[0]
-    target = check_output(output or Path(f"{name}.mcap"), force=force)
-    info = run_info(target.name, run_id or name, direction, pass_number, added_load, inflation)
-    info = _completed(info, context, known, logs[0].name)
-    with counter("importing", "frames") as watch:
-        done = import_logs(
-            logs,
-            target,
-            known,
-            run=info,
-            rename_buses=dict(pairs(bus, "--bus", "OLD=NEW")),
-            view_rate_hz=view_rate or None,
-            overwrite=force,
-            watch=watch,
-        )
-    for remark in done.remarks:
-        say(remark)
-    facts = {
-        "recording": done.path,
-        "bytes": done.path.stat().st_size,
-        "frames": done.frames,
-        "known_frames": done.coverage.known,
-        "unknown_frames": done.coverage.unknown,
-        "error_frames": done.coverage.error_frames,
-        "remote_frames": done.coverage.remote_frames,
-        "remarks": done.remarks,
-    }
-    if json:
-        print_json(facts)
-    else:
-        print_facts(
-            [
-                ("recording", f"{done.path} ({done.path.stat().st_size / 1e6:.2f} MB)"),
-                *((f"bus {name}", f"{count:,} frames") for name, count in done.frames.items()),
-                ("known to the DBCs", f"{done.coverage.known:,} frames"),
-                ("unknown", f"{done.coverage.unknown:,} frames"),
-            ]
-        )
-
-
-def _completed(info: RunInfo, context: typer.Context, known: Configuration, log: str) -> RunInfo:
-    """Return what the options say of a run over what runs.toml does, which beats what they are by default."""
-    listed = [run for run in known.runs or () if Path(run.file).name == log]
-    if not listed:
-        return info
-    sources = {key: context.get_parameter_source(option) for option, key in _OF_A_RUN.items()}
-    said = [key for key, source in sources.items() if source is not None and source.name != "DEFAULT"]
-    name = info.id if context.params["run_id"] else listed[0].id or info.id
-    return listed[0].model_copy(update={"file": info.file, "id": name} | {key: getattr(info, key) for key in said})
+        print_pairs([(path.name, f"{path.stat().st_size / 1e6:.3f} MB") for path in written])
 
 
 _SHOWN_IDS = 20
 _LOSS_KINDS = {
-    "kernel": "not fetched in time",
-    "queue": "given up by the logger",
+    "kernel": "not read in time",
+    "queue": "dropped by the logger",
     "counter": "missing by the counter",
     "missing": "missing by the rate",
 }
@@ -215,7 +103,7 @@ def info_command(
     ] = False,
     json: Json = False,
 ) -> None:
-    """Say what a recording holds: parts, buses, frames, rates, identifiers, attachments, marks, drops and losses."""
+    """List the contents of a recording: parts, buses, frames, rates, identifiers, attachments, marks, losses."""
     from daq.runs import open_runs
     from wheelsoil.workflows.recording_summary import file_facts
 
@@ -233,9 +121,9 @@ def info_command(
             _print(one, None if all_ids else _SHOWN_IDS)
     for one in facts:
         if one.recording_now:
-            say(f"{one.file}: still being recorded; it was read as far as it is written")
+            say(f"{one.file}: still being recorded; the part written so far was read")
         elif one.loss and one.kind.startswith("recording"):
-            say(f"{one.file}: cut off or damaged; `wheelsoil recover` makes a whole file of what can be read")
+            say(f"{one.file}: cut off or damaged; `wheelsoil recover` writes the readable part to a new file")
 
 
 def _as_json(facts: FileFacts) -> dict[str, Any]:
@@ -254,7 +142,7 @@ def _as_json(facts: FileFacts) -> dict[str, Any]:
 
 
 def _print(facts: FileFacts, shown_ids: int | None) -> None:
-    print_facts([(name, text) for name, text in _head(facts) if text])
+    print_pairs([(name, text) for name, text in _head(facts) if text])
     if len(facts.parts) > 1:
         print()
         _print_parts(facts)
@@ -308,7 +196,7 @@ def _head(facts: FileFacts) -> list[tuple[str, str]]:
         ("attached", ", ".join(f"{name} ({size:,} B)" for name, size in facts.attachments.items())),
         ("end", facts.exit_status),
         ("clock", _clock(facts.clock)),
-        ("unsure time", _unsure(facts)),
+        ("uncertain time stamps", _uncertain_timestamps(facts)),
         ("clock steps", ", ".join(f"{key} {text}" for key, text in facts.clock_steps.items())),
     ]
     lines += [("gap", note_text(gap.note())) for gap in facts.gaps]
@@ -324,7 +212,7 @@ _CLOCK = (
 
 
 def _clock(clock: Mapping[str, str]) -> str:
-    """Return host time less GNSS time, as the record tells it, in a line."""
+    """Return host time minus GNSS time, from the recording's metadata, as one line."""
     shown = []
     for label, key, sigma_key, unit in _CLOCK:
         if key in clock:
@@ -333,8 +221,8 @@ def _clock(clock: Mapping[str, str]) -> str:
     return ", ".join(shown)
 
 
-def _unsure(facts: FileFacts) -> str:
-    """Return how many frames came while the host's clock was set; empty where none did."""
+def _uncertain_timestamps(facts: FileFacts) -> str:
+    """Return the number of frames received while the host's clock was set; empty if there are none."""
     if not facts.unsure_frames:
         return ""
     known = facts.unsure_within_s == facts.unsure_within_s
@@ -401,7 +289,7 @@ def _print_ids(facts: FileFacts, limit: int | None) -> None:
 
 def recover_command(
     recording: Annotated[
-        Path, typer.Argument(metavar="RECORDING", help="The cut-off or damaged file; it stays as it is.")
+        Path, typer.Argument(metavar="RECORDING", help="The cut-off or damaged file; it is not changed.")
     ],
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="New file (default: NAME-recovered.mcap).")
@@ -409,7 +297,7 @@ def recover_command(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Save everything that a cut-off or damaged recording, or part of one, still holds into a whole file."""
+    """Write the readable content of a cut-off or damaged recording, or of a part of one, to a new file."""
     from daq import Fault, RecordingError
     from daq.logger import is_being_recorded
     from daq.recording import Recording, part_number, part_path, recover
@@ -421,7 +309,7 @@ def recover_command(
             Fault(
                 "a logger is still recording into this file",
                 str(recording),
-                next_step="end the run first; every other command reads the file as far as it is written",
+                next_step="end the run first; every other command reads the part written so far",
             )
         )
     target = check_output(output or clean, force=force)
@@ -430,64 +318,6 @@ def recover_command(
     if json:
         print_json({"recording": done.path, "chunks": done.chunk_count, "loss": loss})
     else:
-        print_facts(
+        print_pairs(
             [("recording", str(done.path)), ("chunks saved", str(done.chunk_count)), *(("lost", text) for text in loss)]
         )
-
-
-def replay_command(
-    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording, or a log of any format.")],
-    interface: Annotated[str, typer.Option(metavar="NAME", help="Interface that python-can knows.")] = "socketcan",
-    channel: Annotated[
-        list[str] | None,
-        typer.Option(metavar="BUS=CHANNEL", help="Send a recorded bus there, and only those named; may be repeated."),
-    ] = None,
-    speed: Annotated[
-        float, typer.Option(min=0.0, help="1: as recorded; 10: ten times faster; 0: as fast as the bus takes.")
-    ] = 1.0,
-    start: Annotated[float, typer.Option("--from", metavar="S", help="From this second of the recording on.")] = 0.0,
-    end: Annotated[float | None, typer.Option("--to", metavar="S", help="Up to this second of it.")] = None,
-    loop: Annotated[
-        str, typer.Option(metavar="N|forever", help="How often; time goes on, data bytes (counters too) repeat.")
-    ] = "1",
-    fd: Annotated[bool, typer.Option("--fd", help="Open the interface for CAN FD.")] = False,
-    json: Json = False,
-) -> None:
-    """Send the frames of a recording onto buses, with the timing they were recorded with; Ctrl-C ends it (130)."""
-    from daq.sources import replay
-    from wheelsoil.cli.options import pairs
-
-    channels = dict(pairs(channel, "--channel", "BUS=CHANNEL")) or None
-    loops = _loops(loop)
-    done = replay(
-        recording, interface, channels=channels, speed=speed or None, from_s=start, to_s=end, loops=loops, fd=fd
-    )
-    _tell(done, json)
-    if done.interrupted:
-        raise KeyboardInterrupt
-
-
-def _loops(text: str) -> int | None:
-    if text == "forever":
-        return None
-    if not text.isdecimal() or int(text) < 1:
-        raise ConfigError(
-            Fault("--loop is not understood", found=text, expected='a number of at least 1, or "forever"')
-        )
-    return int(text)
-
-
-def _tell(done: ReplaySummary, json: bool) -> None:
-    if done.skipped_error_frames:
-        say(f"{done.skipped_error_frames} error frames cannot be sent and were left out")
-    if json:
-        print_json(vars(done) | {"cpu_percent": done.cpu_percent})
-        return
-    facts = [(f"sent to {name}", f"{count:,} frames") for name, count in done.frames.items()]
-    rounds = f" in {done.rounds} rounds" if done.rounds > 1 else ""
-    facts.append(("took", f"{done.duration_s:.2f} s for {done.recorded_duration_s:.2f} s of recording sent{rounds}"))
-    facts.append(("CPU", f"{done.cpu_s:.2f} s, {done.cpu_percent:.0f} % of a core"))
-    if isfinite(done.lateness_p99_s):
-        late = (done.lateness_p50_s, done.lateness_p99_s, done.lateness_max_s)
-        facts.append(("late", " / ".join(f"{1e3 * value:.2f}" for value in late) + " ms (median / 99 % / most)"))
-    print_facts(facts)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq import REACTIONS, ConfigError, Fault, number
+from wheelsoil.cli.console import check_output, print_json, print_pairs, print_table, say, say_folded, say_wrong_signs
 from wheelsoil.cli.options import (
     Channels,
     ChoiceFile,
@@ -30,7 +31,6 @@ from wheelsoil.cli.options import (
     ZeroFile,
     chosen,
 )
-from wheelsoil.cli.talk import check_output, print_facts, print_json, print_table, say, say_folded, say_wrong_signs
 
 if TYPE_CHECKING:
     from model import ExtendedModel
@@ -65,7 +65,7 @@ def process_command(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Bring each run onto one time base and say what came of it: slip, forces, segments, quality."""
+    """Bring each run onto one time base and print a summary: slip, forces, segments, quality."""
     from wheelsoil.workflows.runs import open_and_process
 
     target = check_output(output, force=force) if output else None
@@ -91,7 +91,7 @@ def process_command(
     for i, (_, run) in enumerate(processed):
         if i:
             print()
-        print_facts(summary_table(run))
+        print_pairs(summary_table(run))
         for text in texts_of(run.quality.notes):
             say_folded(f"{run.run.id}: {text}")
 
@@ -159,7 +159,7 @@ def fit_command(
     """Fit Wong's model and the slip-sinkage laws of Vasil'ev, Lyasko and Ding.
 
     Prints the coefficients with their 95 % intervals, M0, R0 and R2 above the slip threshold, and the load that Eq. 7
-    gives for each model's sinkage over the measured one.
+    gives for each model's sinkage, relative to the measured one.
     """
     from wheelsoil.workflows.fit import fit_as_json
     from wheelsoil.workflows.model_files import load_model
@@ -252,21 +252,21 @@ def print_fit(fit: CampaignFit) -> None:
 
 
 def _sinkages(fit: CampaignFit) -> dict[str, Any] | None:
-    """Return the sinkage that each model predicts beside the measured one; None where none was measured."""
+    """Return the sinkage that each model predicts beside the measured one; None if it was not measured."""
     import numpy as np
 
     from wheelsoil.workflows.fit import predicted
 
-    seen = fit.observations
-    if not np.isfinite(seen.sinkage_m).any():
+    observed = fit.observations
+    if not np.isfinite(observed.sinkage_m).any():
         return None
-    said = {model.name: predicted(fit, model)["sinkage_m"] for model in fit.models}
-    driven = (seen.slip >= 0) & np.isfinite(seen.sinkage_m)
-    errors = {name: values[driven] - seen.sinkage_m[driven] for name, values in said.items()}
+    predictions = {model.name: predicted(fit, model)["sinkage_m"] for model in fit.models}
+    driven = (observed.slip >= 0) & np.isfinite(observed.sinkage_m)
+    errors = {name: values[driven] - observed.sinkage_m[driven] for name, values in predictions.items()}
     return {
-        "slip": seen.slip[driven],
-        "measured_m": seen.sinkage_m[driven],
-        "predicted_m": {name: values[driven] for name, values in said.items()},
+        "slip": observed.slip[driven],
+        "measured_m": observed.sinkage_m[driven],
+        "predicted_m": {name: values[driven] for name, values in predictions.items()},
         "mean_error_m": {name: float(np.nanmean(error)) for name, error in errors.items()},
         "rms_error_m": {name: float(np.sqrt(np.nanmean(error**2))) for name, error in errors.items()},
     }

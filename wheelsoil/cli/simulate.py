@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, Fault
+from wheelsoil.cli.console import progress, say
 from wheelsoil.cli.options import PRESETS, Force
-from wheelsoil.cli.talk import progress, say
 
 if TYPE_CHECKING:
     from wheelsoil.simulation.options import SimulationOptions
 
 
 class Format(StrEnum):
-    """What runs are written as."""
+    """File format of the runs."""
 
     mcap = "mcap"
     candump = "candump"
@@ -26,7 +26,7 @@ class Format(StrEnum):
 
 
 class Reading(StrEnum):
-    """How the slip-sinkage laws are read."""
+    """Interpretation of the slip-sinkage laws: balanced is load-consistent, literal is as published."""
 
     balanced = "balanced"
     literal = "literal"
@@ -42,26 +42,31 @@ def simulate_command(
         list[str] | None,
         typer.Option(
             metavar="NAME[:KEY=VALUE,...]",
-            help="What wheel and soil do beyond Wong's model, or what a sensor gets wrong; repeatable.",
+            help="An effect of wheel or soil beyond Wong's model, or of a sensor; repeatable.",
         ),
     ] = None,
     model: Annotated[
         Path | None,
-        typer.Option("--model", metavar="FILE", help="Soil, wheel, reading and effects of a model by `diagnose -o`."),
+        typer.Option(
+            "--model", metavar="FILE", help="Soil, wheel, --sinkage and effects of a model written by `diagnose -o`."
+        ),
     ] = None,
-    sinkage: Annotated[Reading, typer.Option(help="Reading of the slip-sinkage laws.")] = Reading.balanced,
+    sinkage: Annotated[
+        Reading, typer.Option(help="Slip-sinkage laws load-consistent or as published.")
+    ] = Reading.balanced,
     runs: Annotated[int, typer.Option(help="Number of runs.")] = 6,
-    duration: Annotated[float, typer.Option(metavar="SECONDS", help="Of each run.")] = 40.0,
+    duration: Annotated[float, typer.Option(metavar="SECONDS", help="Duration of each run.")] = 40.0,
     seed: Annotated[int, typer.Option(help="The same seed gives the same frames.")] = 0,
     added_load: Annotated[
-        list[float] | None, typer.Option(metavar="KG", help="Added mass; repeatable, runs take turns. 0, 300, 500.")
+        list[float] | None,
+        typer.Option(metavar="KG", help="Added mass; repeatable, used in turn. [default: 0, 300, 500]"),
     ] = None,
     pass_number: Annotated[
-        list[int] | None, typer.Option(metavar="N", help="Pass over the track; repeatable, runs take turns. 1.")
+        list[int] | None, typer.Option(metavar="N", help="Pass over the track; repeatable, used in turn. [default: 1]")
     ] = None,
     inflation: Annotated[
         list[float] | None,
-        typer.Option(metavar="KPA", help="Tyre pressure that runs.toml states; repeatable, runs take turns."),
+        typer.Option(metavar="KPA", help="Tyre pressure stated in runs.toml; repeatable, used in turn."),
     ] = None,
     radius: Annotated[float, typer.Option(metavar="M", help="Wheel radius.")] = 0.47,
     width: Annotated[float, typer.Option(metavar="M", help="Wheel width.")] = 0.318,
@@ -69,13 +74,13 @@ def simulate_command(
         bool, typer.Option("--draw-soil", help="Draw the true soil from the laboratory's uncertainty.")
     ] = False,
     wheel_axes: Annotated[
-        bool, typer.Option("--wheel-axes", help="The transducer sends forces in axes that turn with the wheel.")
+        bool, typer.Option("--wheel-axes", help="The transducer sends forces in axes that rotate with the wheel.")
     ] = False,
     noise: Annotated[float, typer.Option(help="Factor on every sensor's noise; 0 for ideal sensors.")] = 1.0,
     start: Annotated[
         str | None, typer.Option(metavar="TIME", help="UTC of the first run, ISO 8601; with --live: now.")
     ] = None,
-    kind: Annotated[Format, typer.Option("--format", help="What the runs are written as.")] = Format.mcap,
+    kind: Annotated[Format, typer.Option("--format", help="File format of the runs.")] = Format.mcap,
     decoded: Annotated[
         bool, typer.Option("--decoded", help="Write decoded topics beside the raw frames, for other tools.")
     ] = False,
@@ -83,12 +88,12 @@ def simulate_command(
         str | None, typer.Option(metavar="INTERFACE", help="Send the frames in real time, e.g. socketcan.")
     ] = None,
     channel: Annotated[str, typer.Option(help="Channel of the interface.")] = "can0",
-    speed: Annotated[float, typer.Option(help="With --live: so many times faster than real time.")] = 1.0,
+    speed: Annotated[float, typer.Option(help="With --live: factor of speed over real time.")] = 1.0,
     force: Force = False,
 ) -> None:
     """Drive a simulated instrumented vehicle over a soil.
 
-    Writes a campaign folder that process, fit and report take as it is; the truth stands in its manifest.toml alone.
+    Writes a campaign folder for process, fit and report. Only its manifest.toml contains the true values.
     """
     if output is None and live is None:
         raise ConfigError(Fault("nothing to do", next_step="give a folder to write with -o, or --live an interface"))
@@ -116,7 +121,7 @@ def simulate_command(
         from wheelsoil.simulation.options import with_model
 
         options = with_model(options, model, _given(ctx))
-    _say_what_cannot_show(options)
+    _warn_of_inactive_effects(options)
     if output is not None:
         campaign = simulate_campaign(output, options, kind=kind.value, decoded=decoded, force=force)
         say(f"{options.runs} runs, {campaign.frames} frames")
@@ -126,7 +131,7 @@ def simulate_command(
 
 
 def _given(ctx: typer.Context) -> list[str]:
-    """Return the names of the options that stand on the command line."""
+    """Return the names of the options given on the command line."""
     return [name for name in ctx.params if getattr(ctx.get_parameter_source(name), "name", "") == "COMMANDLINE"]
 
 
@@ -142,13 +147,13 @@ def _effects(texts: list[str]) -> dict[str, dict[str, float]]:
     return effects
 
 
-def _say_what_cannot_show(options: SimulationOptions) -> None:
+def _warn_of_inactive_effects(options: SimulationOptions) -> None:
     from model.effects import EFFECTS
 
     if set(options.pass_number) == {1}:
         for name in options.effects:
             if EFFECTS[name].needs.several_passes:
-                say(f"{name} acts from the second pass on, and every run is a first one: add --pass-number 2")
+                say(f"{name} acts from the second pass on, but every run is a first pass: add --pass-number 2")
 
 
 def _start(text: str | None, *, live: bool) -> datetime:
@@ -160,7 +165,7 @@ def _start(text: str | None, *, live: bool) -> datetime:
         moment = datetime.fromisoformat(text)
     except ValueError:
         raise ConfigError(
-            Fault("the start is no time", found=text, expected="ISO 8601, e.g. 2026-05-04T08:00:00Z")
+            Fault("the start is not a time", found=text, expected="ISO 8601, e.g. 2026-05-04T08:00:00Z")
         ) from None
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 

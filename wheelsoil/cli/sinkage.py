@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, Fault, number
+from wheelsoil.cli.console import print_json, print_table, say, say_wrong_signs
 from wheelsoil.cli.options import Json, LenientDbc, MinSpeed, Rename, RunsFile, Vehicle, Where, ZeroFile, chosen
-from wheelsoil.cli.talk import print_json, print_table, say, say_wrong_signs
 
 if TYPE_CHECKING:
     from wheelsoil.workflows.sinkage import SinkageFacts
@@ -32,16 +32,16 @@ def sinkage_command(
     lenient_dbc: LenientDbc = False,
     json: Json = False,
 ) -> None:
-    """Find the sinkage of a driven wheel without a sinkage sensor.
+    """Estimate the sinkage of a driven wheel without a sinkage sensor.
 
-    Load, drawbar pull, torque and radius give it with a 95 % band, per range of slip, and its growth with slip. Where
-    sinkage is measured it stands beside, and every driven row is checked against a bound that no soil can break.
+    Load, drawbar pull, torque and radius give the sinkage with a 95 % band in bins of slip, and its growth with slip.
+    A measured sinkage is printed beside it, and every driven row is checked against a bound that holds on every soil.
     """
     from wheelsoil.workflows.sinkage import sinkage_as_json
 
     if table is not None:
         if runs:
-            raise ConfigError(Fault("RUN and --table exclude each other", next_step="take one, then the other"))
+            raise ConfigError(Fault("RUN and --table exclude each other", next_step="evaluate one, then the other"))
         facts = _of_table(table, rename, where, vehicle)
     else:
         if rename or where:
@@ -84,8 +84,8 @@ def _of_table(path: Path, rename: list[str] | None, where: list[str] | None, veh
             raise ConfigError(Fault("the wheel is not known", next_step="give --vehicle FILE with [wheel] radius_m"))
         wheel = load_toml(vehicle, VehicleConfig).wheel
         if wheel is None:
-            told = "add [wheel] with radius_m and width_m"
-            raise ConfigError(Fault("the wheel is not described", str(vehicle), next_step=told))
+            step = "add [wheel] with radius_m and width_m"
+            raise ConfigError(Fault("the wheel is not described", str(vehicle), next_step=step))
     with collected.catch():
         rows = read_wheel_table(path, rename=parse_rename(rename or ()), where=parse_where(where or ()))
     collected.stop_if_any()
@@ -127,5 +127,5 @@ def print_sinkage(facts: SinkageFacts) -> None:
 
 def _bound(facts: SinkageFacts) -> str:
     if not facts.inconsistent:
-        return f"kept in all {facts.checked} driven rows with measured sinkage"
-    return "; ".join(f"broken, suspect {item.channel}: {item.why}" for item in facts.inconsistent)
+        return f"satisfied in all {facts.checked} driven rows with measured sinkage"
+    return "; ".join(f"violated, suspect {item.channel}: {item.why}" for item in facts.inconsistent)

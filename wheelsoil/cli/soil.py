@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 import typer.core
 
+from wheelsoil.cli.console import check_output, print_json, print_pairs, print_table, say
 from wheelsoil.cli.options import Force, Json, Rename, Where
-from wheelsoil.cli.talk import check_output, print_facts, print_json, print_table, say
 
 if TYPE_CHECKING:
     from daq.series import PlateTest, SharedOptions, ShearTest
     from wheelsoil.wording.bevameter_text import BenchSoil
 
 GREEDY = ("--plate", "--shear", "--radius", "--width")
-"""Options that take all that follows up to the next option: ``--plate a.csv b.csv``, ``--plate plates/*.csv``."""
+"""Options with several values, up to the next option: ``--plate a.csv b.csv``, ``--plate plates/*.csv``."""
 
 
 class Zero(StrEnum):
-    """Where sinkage and pressure are counted from."""
+    """Origin of sinkage and pressure."""
 
     given = "given"
     contact = "contact"
@@ -64,24 +64,27 @@ def soil_command(
     ] = None,
     radius: Annotated[
         list[float] | None,
-        typer.Option("--radius", metavar="M...", help="Of round plates: one for all files, or one a file."),
+        typer.Option("--radius", metavar="M...", help="Of round plates: one for all files, or one per file."),
     ] = None,
     width: Annotated[
         list[float] | None,
-        typer.Option("--width", metavar="M...", help="Smaller side of rectangular plates: one for all, or one a file."),
+        typer.Option(
+            "--width", metavar="M...", help="Smaller side of rectangular plates: one for all, or one per file."
+        ),
     ] = None,
     zero: Annotated[
         Zero, typer.Option(help="Sinkage 0: as given, where the pressure leaves its baseline, or fitted near there.")
     ] = Zero.given,
-    sinkage_from: Annotated[float, typer.Option("--from", metavar="M", help="Smallest sinkage that counts.")] = 0.0,
+    sinkage_from: Annotated[float, typer.Option("--from", metavar="M", help="Smallest sinkage used.")] = 0.0,
     sinkage_to: Annotated[
-        float | None, typer.Option("--to", metavar="M", help="Largest sinkage that counts (default: all).")
+        float | None, typer.Option("--to", metavar="M", help="Largest sinkage used (default: all).")
     ] = None,
     shear_to: Annotated[
-        float | None, typer.Option("--shear-to", metavar="M", help="Largest displacement that counts (default: all).")
+        float | None, typer.Option("--shear-to", metavar="M", help="Largest displacement used (default: all).")
     ] = None,
     base: Annotated[
-        Path | None, typer.Option("--base", metavar="FILE", help="terrain.toml to take from what is not tested.")
+        Path | None,
+        typer.Option("--base", metavar="FILE", help="terrain.toml with the parameters that are not tested."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write a terrain.toml with its uncertainty.")
@@ -92,9 +95,9 @@ def soil_command(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Find terrain parameters from bevameter tests: k_c, k_phi, n from plates, c, phi, K from shear.
+    """Determine terrain parameters from bevameter tests: k_c, k_phi, n from plates, c, phi, K from shear.
 
-    Each test is fitted by itself and counts once in the joint fit: the intervals hold the scatter between tests.
+    Each test is fitted alone and counts once in the joint fit, so the intervals include the scatter between tests.
     """
     from daq import TerrainConfig, load_toml
     from daq.series import SharedOptions
@@ -166,6 +169,6 @@ def _print(result: BenchSoil, *, json: bool) -> None:
                 print()
             print_table(head, lines)
         print()
-        print_facts(facts(result))
+        print_pairs(facts(result))
     for text in result.warnings:
         say(f"note: {text}")

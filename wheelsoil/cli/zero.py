@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq import ConfigError, Fault, number
+from wheelsoil.cli.console import print_json, print_pairs, print_table, say
 from wheelsoil.cli.options import Json, LenientDbc, Vehicle
-from wheelsoil.cli.talk import print_facts, print_json, print_table, say
 
 if TYPE_CHECKING:
     from daq import Note, Quantity
@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 def zero_command(
     recordings: Annotated[
         list[Path],
-        typer.Argument(metavar="RECORDING...", help="Of a lifted wheel: spun evenly, or at rest. Two or more: drift."),
+        typer.Argument(
+            metavar="RECORDING...",
+            help="Recordings of a lifted wheel, turning evenly or at rest. Two or more give the drift.",
+        ),
     ],
     vehicle: Vehicle = None,
     output: Annotated[
@@ -29,10 +32,10 @@ def zero_command(
         typer.Option("--output", "-o", metavar="FILE", help="Append to this file (default: beside vehicle.toml)."),
     ] = None,
     from_s: Annotated[
-        float | None, typer.Option("--from", metavar="S", help="Look only from here, after the first sample.")
+        float | None, typer.Option("--from", metavar="S", help="Start of the used interval, after the first sample.")
     ] = None,
     to_s: Annotated[
-        float | None, typer.Option("--to", metavar="S", help="Look only up to here, after the first sample.")
+        float | None, typer.Option("--to", metavar="S", help="End of the used interval, after the first sample.")
     ] = None,
     on_ground: Annotated[
         bool,
@@ -42,15 +45,15 @@ def zero_command(
     ] = False,
     max_drift: Annotated[
         str | None,
-        typer.Option("--max-drift", metavar="UNIT=VALUE,...", help="Fail beyond this drift, as N=50,Nm=10."),
+        typer.Option("--max-drift", metavar="UNIT=VALUE,...", help="Fail beyond this drift, e.g. N=50,Nm=10."),
     ] = None,
     lenient_dbc: LenientDbc = False,
     json: Json = False,
 ) -> None:
-    """Find a transducer's zero from a lifted wheel: stationary and rotating part of every channel, with their sigma.
+    """Determine a transducer's zero from a lifted wheel: stationary and rotating part of every channel, with sigma.
 
-    Appends to zero.toml, which `log` attaches where vehicle.toml names it and `process` takes off. From two recordings
-    on, the drift from one to the next is told; beyond --max-drift, or where that cannot be told, the exit code is 1.
+    Appends to zero.toml; `log` attaches it if vehicle.toml names it, and `process` subtracts it. With two or more
+    recordings the drift between them is printed. The exit code is 1 beyond --max-drift, or if that is not comparable.
     """
     from daq.runs import open_runs
     from wheelsoil.wording.notes import texts_of
@@ -83,16 +86,16 @@ def zero_command(
     for row in beyond:
         say(f"{row.channel}: {row.part} moved by {row.change:+.4g} {row.unit}, beyond --max-drift {max_drift}")
     if unknown:
-        say("--max-drift cannot be checked: it takes two recordings or more, all of one kind")
+        say("--max-drift cannot be checked: it needs two or more recordings of the same kind")
     if beyond or unknown:
         raise typer.Exit(1)
 
 
 def _to_do(written: Path, folder: Path) -> str:
-    """Return what is left to do where vehicle.toml, in a folder, does not name the file that was written."""
+    """Return the next step if vehicle.toml, in a folder, does not name the written file."""
     put = "" if written.resolve().parent == folder.resolve() else "put it beside vehicle.toml, and "
     line = f'{put}add under [transducer] of vehicle.toml: zero_file = "{written.name}"'
-    return f"vehicle.toml does not name it, so that `log` does not carry it and `process` does not take it off; {line}"
+    return f"vehicle.toml does not name it, so `log` does not attach it and `process` does not subtract it; {line}"
 
 
 def _limits(text: str | None) -> dict[Quantity, float]:
@@ -115,7 +118,7 @@ def _limits(text: str | None) -> dict[Quantity, float]:
         except ValueError:
             most = -1.0
         if unit is None or not 0 < most < float("inf"):
-            faults.append(Fault(f"--max-drift {part!r} is not understood", expected="UNIT=VALUE,... as N=50,Nm=10"))
+            faults.append(Fault(f"--max-drift {part!r} is not understood", expected="UNIT=VALUE,..., e.g. N=50,Nm=10"))
         else:
             limits[unit.quantity] = most * unit.factor
     if faults:
@@ -140,7 +143,7 @@ def _as_json(target: Path, found: Sequence[Found], rows: Sequence[Drift], remark
 
 def _print(found: Sequence[Found], rows: Sequence[Drift]) -> None:
     for one in found:
-        print_facts(_facts(one))
+        print_pairs(_facts(one))
         print()
         print_table(
             ["channel", "unit", "offset", "sigma", "cos", "sin", "sigma", "2/rev"],
@@ -190,7 +193,7 @@ def _facts(one: Found) -> list[tuple[str, str]]:
             lines.append(("error of the wheel angle", f"{error}, by the direction of the weight"))
     spikes: Mapping[str, int] = {name: count for name, count in one.outliers.items() if count}
     if spikes:
-        lines.append(("spikes left out", ", ".join(f"{name} {count:,}" for name, count in spikes.items())))
+        lines.append(("excluded spikes", ", ".join(f"{name} {count:,}" for name, count in spikes.items())))
     return lines
 
 

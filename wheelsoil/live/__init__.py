@@ -1,4 +1,4 @@
-"""The logger's status page: a process of its own that a phone's browser looks at; see docs/status-page.md."""
+"""The logger's status page for the browser of a phone, in a separate process; see docs/status-page.md."""
 
 import lazy_loader
 

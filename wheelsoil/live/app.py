@@ -1,4 +1,4 @@
-"""The page's few paths."""
+"""Routes of the status page."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def make_app(hub: Hub, pass_on: Callable[[Command], bool], rules: Rules) -> ASGI
 
     async def events(_: Request) -> Response:
         if hub.streams >= MOST_STREAMS:
-            return PlainTextResponse(f"{hub.streams} browsers look already: close one\n", 503)
+            return PlainTextResponse(f"{hub.streams} browsers have this page open already: close one\n", 503)
         return StreamingResponse(hub.stream(), media_type="text/event-stream")
 
     async def command(request: Request) -> Response:

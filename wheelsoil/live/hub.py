@@ -1,4 +1,4 @@
-"""The last snapshot and the last minute's curves, and a stream of them for every browser that looks."""
+"""The last snapshot and the curves of the last minute, streamed to every connected browser."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _KEEP_ALIVE = b": alive\n\n"
 
 
 class Hub:
-    """Hands snapshots on.
+    """Distribution of the snapshots to the browsers.
 
-    A browser is sent the newest snapshot whenever it has taken the one before, with all samples of the curves since
-    then: a slow one sees fewer snapshots, whole curves, and holds nobody up.
+    A browser is sent the newest snapshot as soon as it has received the previous one, with all samples of the curves
+    since then. A slow browser receives fewer snapshots and complete curves, and does not delay the others.
 
     Parameters
     ----------
@@ -38,17 +38,17 @@ class Hub:
         self._news = asyncio.Condition()
 
     async def take(self, snapshot: dict[str, Any]) -> None:
-        """Take the logger's newest snapshot."""
+        """Store the newest snapshot of the logger and notify the streams."""
         self._live.take(snapshot)
         self._snapshot = {key: value for key, value in snapshot.items() if key != "traces"}
         self._taken_s = time.monotonic()
         self._number += 1
-        await self._tell()
+        await self._notify()
 
     async def end(self) -> None:
-        """End the streams, and say that the logger has ended."""
+        """End the streams with the event that the logger has ended."""
         self._ended = True
-        await self._tell()
+        await self._notify()
 
     async def stream(self) -> AsyncIterator[bytes]:
         """Yield server-sent events: ``hello``, ``snapshot``, ``ended``, and a comment each second without either."""
@@ -68,12 +68,12 @@ class Hub:
         finally:
             self.streams -= 1
 
-    async def _tell(self) -> None:
+    async def _notify(self) -> None:
         async with self._news:
             self._news.notify_all()
 
     async def _wait(self, number: int) -> bool:
-        """Return whether there are news within the keep-alive's time."""
+        """Return whether there is a new snapshot, or the end, within `KEEP_ALIVE_S`."""
         try:
             async with asyncio.timeout(KEEP_ALIVE_S), self._news:
                 await self._news.wait_for(lambda: self._number != number or self._ended)

@@ -1,4 +1,4 @@
-"""The logger's side of the status page: it sends and receives without ever waiting, and keeps the page's process up."""
+"""The logger's side of the status page: it never blocks, and it restarts the page's process when that ends."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from wheelsoil.live.wire import GOODBYE, LARGEST_BYTES, command_from, packed
 from wheelsoil.web.listening import checked_token, listen, page_addresses
 
 RESTART_S = 5.0
-"""A page's process that has ended is started again, at most this often."""
+"""Shortest time between two starts of the page's process."""
 
 _GOODBYE_S = 2.0
 _MOST_COMMANDS = 32
 _COMMANDS_BYTES = 8192
-"""What may wait for a logger that does not listen: few enough that none is done long after it was asked for."""
+"""Limit of waiting commands: few, so that none is executed long after it was sent."""
 _HOME = Path(__file__).resolve().parents[2]
 
 
 class PagePanel:
-    """A `daq.logger.panel.Panel` whose page lives in a process of its own.
+    """A `daq.logger.panel.Panel` whose page runs in a separate process.
 
-    The two are joined by a pair of datagram sockets that stays the same over the page's restarts. A datagram that does
-    not fit because the page is slow, stopped or dead is dropped and counted. A thread starts the process and waits for
-    its end, so that the logger's own thread never starts one. The kernel ends the process when the logger dies.
+    A pair of datagram sockets, kept over restarts of the page, connects the two processes. A datagram that does not
+    fit because the page is slow, stopped or dead is dropped and counted. A thread starts the process and waits for
+    its end, so that the logger's own thread never does. The kernel kills the process when the logger dies.
 
     Parameters
     ----------
@@ -47,11 +47,11 @@ class PagePanel:
         URLs that open the page, token included.
     token : str or None
     dropped : int
-        Snapshots that the page did not take.
+        Number of snapshots that the page did not accept.
     starts : int
-        How often the page's process was started.
+        Number of starts of the page's process.
     pid : int or None
-        Of the page's process, while there is one.
+        Process id of the page; None while it is not running.
 
     Raises
     ------
@@ -90,7 +90,7 @@ class PagePanel:
         return self.addresses[0]
 
     def show(self, snapshot: Mapping[str, Any]) -> None:
-        """Hand a snapshot to the page, or drop it; see `daq.logger.panel.Panel`."""
+        """Send a snapshot to the page, or drop it; see `daq.logger.panel.Panel`."""
         if self._closing.is_set():
             return
         try:
@@ -99,7 +99,7 @@ class PagePanel:
             self.dropped += 1
 
     def commands(self) -> list[Command]:
-        """Return what the page was asked for since the last call."""
+        """Return the commands received since the last call."""
         found: list[Command] = []
         while not self._closing.is_set() and len(found) < _MOST_COMMANDS:
             try:
@@ -112,7 +112,7 @@ class PagePanel:
         return found
 
     def close(self) -> None:
-        """Tell the page that the logger ends, and end it."""
+        """Notify the page that the logger ends, and end the page."""
         if self._closing.is_set():
             return
         self._closing.set()
@@ -130,10 +130,10 @@ class PagePanel:
             end.close()
 
     def _keep(self) -> None:
-        """Start the page's process whenever there is none."""
+        """Start the page's process whenever it is not running."""
         while not self._closing.is_set():
             started_s = time.monotonic()
-            with suppress(OSError):  # no memory or no process left: the logger has the first call on both
+            with suppress(OSError):  # no memory or no process left: the logger has priority
                 self._process = self._started()
                 self.starts += 1
                 self.pid = self._process.pid
@@ -149,7 +149,7 @@ class PagePanel:
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             pass_fds=handles,
-            start_new_session=True,  # Ctrl-C is the logger's
+            start_new_session=True,  # the logger handles Ctrl-C
             env={**os.environ, "PYTHONPATH": path},
         )
         assert process.stdin is not None
@@ -164,18 +164,18 @@ def open_page(host: str, port: int, token: str | None, vehicle: str) -> PagePane
     Parameters
     ----------
     host : str
-        Address to listen on. Anything but this machine's own loopback needs a token.
+        Address to listen on. Any address except this machine's loopback requires a token.
     port : int
-        0 takes a free one.
+        0: a free one.
     token : str or None
-        What the page asks for. None: nothing on a loopback address, a new random one elsewhere.
+        Token that the page requires. None: no token on a loopback address, a new random one elsewhere.
     vehicle : str
         Name that the page shows before the first snapshot.
 
     Returns
     -------
     PagePanel
-        A `daq.logger.panel.Panel`; its ``address`` is what to open, token included.
+        A `daq.logger.panel.Panel`; its ``address`` opens the page, token included.
 
     Raises
     ------

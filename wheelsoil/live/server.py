@@ -1,4 +1,4 @@
-"""The page's process: ``python -m wheelsoil.live.server LISTENING PAIR``, started by `PagePanel` only.
+"""Process of the status page: ``python -m wheelsoil.live.server LISTENING PAIR``, started by `PagePanel` only.
 
 The numbers are the file descriptors of the listening socket and of the pair's end; the settings come as JSON on stdin.
 """
@@ -42,14 +42,14 @@ def main() -> None:
 
 
 def _die_with(logger: int) -> None:
-    """Have the kernel kill this process when the logger dies, however that happens."""
+    """Let the kernel kill this process when the logger dies, for whatever reason."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != logger:
         sys.exit()
 
 
 def _give_way() -> None:
-    """Let the logger have the processor first, and have the kernel end this process first when memory is short."""
+    """Yield the processor to the logger, and let the kernel kill this process first when memory is short."""
     with suppress(OSError):  # a service manager may forbid it
         os.nice(_NICENESS)
         Path("/proc/self/oom_score_adj").write_text(_FIRST_TO_GO, encoding="ascii")
@@ -70,7 +70,7 @@ async def _serve(listening: socket.socket, pair: socket.socket, rules: Rules, ve
 
 
 async def _follow(pair: socket.socket, hub: Hub, server: Server) -> None:
-    """Hand the logger's snapshots on until it says goodbye or is gone."""
+    """Forward the logger's snapshots until it says goodbye or has ended."""
     loop = asyncio.get_running_loop()
     while datagram := await loop.sock_recv(pair, LARGEST_BYTES):
         message = unpacked(datagram)
@@ -79,8 +79,8 @@ async def _follow(pair: socket.socket, hub: Hub, server: Server) -> None:
             break
         try:
             await hub.take(message)
-        except Exception as error:  # noqa: BLE001  # the next snapshot may be a better one
-            print(f"status page: a snapshot was left out: {error!r}", file=sys.stderr)
+        except Exception as error:  # noqa: BLE001  # the next snapshot may be valid
+            print(f"status page: a snapshot was skipped: {error!r}", file=sys.stderr)
     server.should_exit = True
 
 

@@ -1,4 +1,4 @@
-"""Live traces of the last minute: drawbar pull, and the slip at each of its samples, latencies taken out."""
+"""Live traces of the last minute: drawbar pull, and slip at each of its samples, corrected for latencies."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from processing import FloatArray, interpolate
 from processing.pipeline import slip_of
 
 SPAN_S = 60.0
-"""What the plots show."""
+"""Time span of the plots."""
 
 _PATIENCE_S = 5.0
-"""A pull whose speeds have not come after this time gets no slip."""
+"""A sample of the pull without speeds after this time has no slip."""
 _MAX_GAP_S = 1.0
-"""Speeds are not interpolated over a longer hole; a GNSS receiver at 1 Hz just passes."""
+"""Speeds are not interpolated over a longer gap; a GNSS receiver at 1 Hz is just accepted."""
 _MIN_SPEED_MPS = 0.5
 _NOTHING = np.empty((0, 2))
 
 
 class Curve:
-    """Samples of the last `SPAN_S` seconds, as rows that begin with the time."""
+    """Samples of the last `SPAN_S` seconds, as rows whose first column is the time in s."""
 
     def __init__(self) -> None:
         self._rows: list[tuple[float, ...]] = []
 
     def add(self, rows: Sequence[tuple[float, ...]]) -> None:
-        """Append rows that are newer than the last one; forget what is too old."""
+        """Append the rows that are newer than the last one, and delete those older than `SPAN_S`."""
         last = self._rows[-1][0] if self._rows else -np.inf
         self._rows += [row for row in rows if row[0] > last]
         if self._rows:
             del self._rows[: bisect_right(self._rows, (self._rows[-1][0] - SPAN_S, np.inf))]
 
     def since(self, time_s: float) -> list[tuple[float, ...]]:
-        """Return the rows after an instant."""
+        """Return the rows after a time in s."""
         return self._rows[bisect_right(self._rows, (time_s, np.inf)) :]
 
     @property
@@ -46,14 +46,14 @@ class Curve:
 
 
 class LiveSlip:
-    """Puts the snapshots' traces together.
+    """Traces of pull and slip, assembled from the snapshots.
 
     Attributes
     ----------
     pull : Curve
         (time_s, pull_n).
     slip : Curve
-        (time_s, slip, pull_n), at the pull's samples whose slip could be formed.
+        (time_s, slip, pull_n), at the samples of the pull whose slip is known.
     """
 
     def __init__(self) -> None:
@@ -62,7 +62,7 @@ class LiveSlip:
         self._speeds: dict[str, FloatArray] = {"wheel_speed": _NOTHING, "ground_speed": _NOTHING}
 
     def take(self, snapshot: Mapping[str, Any]) -> None:
-        """Take a snapshot's ``traces`` with its ``setup``."""
+        """Add the ``traces`` of a snapshot, with its ``setup``."""
         setup, traces = snapshot.get("setup") or {}, snapshot.get("traces") or {}
         latencies = setup.get("latency_s") or {}
         pull = _samples(traces.get("drawbar_pull"), latencies.get("drawbar_pull"))
@@ -72,10 +72,10 @@ class LiveSlip:
         self._waiting = _newest(np.vstack([self._waiting, pull]))
         radius_m = setup.get("wheel_radius_m")
         if radius_m:
-            self._form(float(radius_m), float(setup.get("min_speed_mps") or _MIN_SPEED_MPS))
+            self._compute_slip(float(radius_m), float(setup.get("min_speed_mps") or _MIN_SPEED_MPS))
 
-    def _form(self, radius_m: float, min_speed_mps: float) -> None:
-        """Form the slip of the samples that both speeds have passed."""
+    def _compute_slip(self, radius_m: float, min_speed_mps: float) -> None:
+        """Compute the slip of the samples up to which both speeds are known."""
         wheel, ground = self._speeds["wheel_speed"], self._speeds["ground_speed"]
         if not len(wheel) or not len(ground) or not len(self._waiting):
             return
@@ -88,7 +88,7 @@ class LiveSlip:
 
 
 def _samples(trace: Mapping[str, Any] | None, latency_s: float | None) -> FloatArray:
-    """Return a trace as (time, value) rows in time order, samples without a value left out."""
+    """Return a trace as (time, value) rows in time order, without the samples that have no value."""
     if not trace:
         return _NOTHING
     rows = np.array([trace["time_s"], trace["value"]], np.float64).T.reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""What goes between the logger and the page's process: one JSON object a datagram."""
+"""Messages between the logger and the page's process: one JSON object per datagram."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from daq.logger import Command, CommandKind
 
 LARGEST_BYTES = 1 << 20
 GOODBYE = b'{"goodbye":true}'
-"""The logger ends, and means to."""
+"""The logger ends normally."""
 
 LONGEST_TEXT = 200
-_NO_COMMAND = 'no such command: {"kind": "start", "stop" or "mark", "text": a text} is one'
+_NO_COMMAND = 'no such command; expected {"kind": "start", "stop" or "mark", "text": a text}'
 
 
 def packed(snapshot: Mapping[str, Any]) -> bytes:
     """Return a snapshot as a datagram.
 
-    Numbers that JSON does not know go as Python writes them; `unpacked` makes them null.
+    NaN and infinities, which JSON lacks, are written as Python does; `unpacked` turns them into None.
     """
     return json.dumps(snapshot, separators=(",", ":"), default=_item).encode()
 
 
 def unpacked(datagram: bytes) -> dict[str, Any]:
-    """Return what `packed` took, NaN and infinities as None."""
+    """Return the snapshot that `packed` wrote, NaN and infinities as None."""
     value = json.loads(datagram, parse_constant=lambda _: None)
     assert isinstance(value, dict)
     return value
@@ -38,9 +38,9 @@ def packed_command(command: Command) -> bytes:
 
 
 def command_from(body: bytes) -> Command | str:
-    """Return the command that a body of JSON states, or why it states none.
+    """Return the command in a JSON body, or the reason why there is none.
 
-    Control characters become blanks, so that a note is one line of text.
+    Control characters become spaces, so that a note is one line of text.
     """
     try:
         value = json.loads(body)
@@ -59,7 +59,7 @@ def command_from(body: bytes) -> Command | str:
 
 
 def _item(value: Any) -> Any:
-    """Return numpy's numbers as Python's, anything else as its text: a snapshot must never fail the logger."""
+    """Return a numpy number as a Python one, anything else as text: a snapshot must never stop the logger."""
     for method in ("tolist", "value"):
         if hasattr(value, method):
             found = getattr(value, method)

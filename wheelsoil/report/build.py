@@ -1,4 +1,4 @@
-"""Inputs -> sections, each in a boundary of its own -> one self-contained HTML page with its numbers, and a PDF."""
+"""Building of the report: sections, one self-contained HTML page with its numbers as JSON, and a PDF."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from typing import Any
 from daq import ConfigError, Fault, WheelsoilError
 from wheelsoil import __version__
 from wheelsoil.report.content import Figure, Section, Text, drawn, figures_of, texts_of
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
 from wheelsoil.wording.to_json import plain
 
 
 def render(title: str, subtitle: str, sections: Sequence[Section], *, made_at: str, json_name: str) -> str:
-    """Return the page as HTML text; plotly.js is in it once, and it loads nothing from outside.
+    """Return the page as HTML text; it contains plotly.js once and loads nothing from outside.
 
     Parameters
     ----------
     title, subtitle : str
     sections : sequence of Section
     made_at : str
-        When the report was made, for the last line.
+        Time of the report, for the last line.
     json_name : str
-        Name of the file that holds the numbers.
+        Name of the file with the numbers.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from jinja2.utils import htmlsafe_json_dumps
@@ -65,7 +65,7 @@ def render(title: str, subtitle: str, sections: Sequence[Section], *, made_at: s
 
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
-"""Names on the PATH, the first one that is there is taken."""
+"""Names of browsers on the PATH, in order of preference."""
 _OPTIONS = (
     "--headless",
     "--disable-gpu",
@@ -79,7 +79,7 @@ _PATIENCE_S = 180
 
 
 class PrintError(WheelsoilError, RuntimeError):
-    """A browser is there, but it made no PDF."""
+    """The browser created no PDF."""
 
 
 def find_browser() -> str:
@@ -88,13 +88,13 @@ def find_browser() -> str:
     Raises
     ------
     ConfigError
-        There is none.
+        No browser is installed.
     """
     found = next(filter(None, map(shutil.which, BROWSERS)), None)
     if found is None:
         raise ConfigError(
             Fault(
-                "no browser that could make a PDF",
+                "no browser that can create a PDF",
                 "PATH",
                 expected=f"one of {', '.join(BROWSERS)}",
                 next_step="apt-get install chromium; or write the page (-o report.html), open it and print it",
@@ -110,26 +110,26 @@ def print_page(page: Path, output: Path, browser: str | None = None) -> None:
     ----------
     page, output : Path
     browser : str, optional
-        As by `find_browser`.
+        Default: `find_browser`.
 
     Raises
     ------
     ConfigError
-        There is no browser.
+        No browser is installed.
     PrintError
-        It failed.
+        The browser created no PDF.
     """
     chosen = browser or find_browser()
     with tempfile.TemporaryDirectory(prefix="wheelsoil-") as folder:
         made = Path(folder) / "page.pdf"
         places = [f"--user-data-dir={folder}/profile", f"--print-to-pdf={made}", page.resolve().as_uri()]
-        said = _run([chosen, *_OPTIONS, *_sandbox(), *places])
+        output_text = _run([chosen, *_OPTIONS, *_sandbox(), *places])
         if not made.is_file() or not made.read_bytes().startswith(b"%PDF"):
             raise PrintError(
                 Fault(
-                    "the browser made no PDF",
+                    "the browser created no PDF",
                     chosen,
-                    found=said.strip().splitlines()[-1][:200] if said.strip() else "it said nothing",
+                    found=output_text.strip().splitlines()[-1][:200] if output_text.strip() else "no message",
                     next_step="write the page (-o report.html), open it and print it",
                 )
             )
@@ -137,7 +137,7 @@ def print_page(page: Path, output: Path, browser: str | None = None) -> None:
 
 
 def _run(command: list[str]) -> str:
-    """Run a browser to its end and return what it said."""
+    """Run a browser to its end and return its messages."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE_S, check=False)
     except subprocess.TimeoutExpired:
@@ -148,7 +148,7 @@ def _run(command: list[str]) -> str:
 
 
 def _sandbox() -> list[str]:
-    """Return what root needs: Chromium's sandbox does not work for it, and the page is our own file."""
+    """Return the option that root needs: Chromium's sandbox does not work for root; the page is our own file."""
     return ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []
 
 
@@ -168,10 +168,10 @@ class Report:
     title, subtitle : str
     sections : tuple of Section
     left_out : mapping key -> why
-        Sections that could not be built; they stay on the page with the reason.
+        Sections that could not be built; the page shows the reason in their place.
     made_at : datetime
     not_fitted : str
-        Runs that a signal is missing of, where others were fitted; in words.
+        Runs without a needed signal, if others were fitted; a text.
     """
 
     title: str
@@ -182,7 +182,7 @@ class Report:
     not_fitted: str = ""
 
     def numbers(self) -> dict[str, Any]:
-        """Return every number shown, as plain values: those of the tables and texts by section, and every figure's."""
+        """Return every number of the report as JSON values: those of tables, texts and figures."""
         return {
             "schema": SCHEMA,
             "title": self.title,
@@ -218,7 +218,7 @@ class Report:
         return path, numbers
 
     def _write_numbers(self, path: Path) -> None:
-        """Write what is plain already as strict JSON: a long campaign's is too long to be made plain twice."""
+        """Write the numbers as strict JSON; `numbers` has converted them already."""
         path.write_text(json.dumps(self.numbers(), ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
     def html(self, json_name: str) -> str:
@@ -227,8 +227,8 @@ class Report:
         return render(self.title, self.subtitle, self.sections, made_at=made_at, json_name=json_name)
 
 
-def build_report(material: Material) -> Report:
-    """Build every section; one that cannot be built costs itself, with the reason, and nothing else."""
+def build_report(material: ReportInputs) -> Report:
+    """Build every section; a section that fails is replaced by the reason, and the others are not affected."""
     left_out: dict[str, str] = {}
     sections = []
     for module in _asked_for(material):
@@ -237,7 +237,7 @@ def build_report(material: Material) -> Report:
             section = module.build(material)
         except WheelsoilError as error:
             left_out[key] = "; ".join(fault.what for fault in error.faults)
-        except Exception as error:  # noqa: BLE001 - a fault of ours in one section must not take the report
+        except Exception as error:  # noqa: BLE001 - an error in one section must not stop the report
             _log.debug("section %s", key, exc_info=True)
             left_out[key] = f"a fault in this section ({type(error).__name__}: {error}); please report it"
         if key in left_out:
@@ -254,17 +254,17 @@ def build_report(material: Material) -> Report:
     )
 
 
-def _asked_for(material: Material) -> list[ModuleType]:
+def _asked_for(material: ReportInputs) -> list[ModuleType]:
     """Return the sections of the page."""
     diagnosed = material.diagnosed is not None or bool(material.no_diagnosis)
     return [module for module in SECTIONS if diagnosed or module not in OF_THE_DIAGNOSIS]
 
 
-def _subtitle(material: Material) -> str:
+def _subtitle(material: ReportInputs) -> str:
     count = len(material.runs)
     runs = f"{count} run{'s' if count != 1 else ''}"
     wheel = material.vehicle.wheel
     size = f", wheel r = {wheel.radius_m:g} m, b = {wheel.width_m:g} m" if wheel else ""
     names = [run.run.id for run in material.runs]
-    told = ", ".join(names) if count <= _NAMED else f"{', '.join(names[: _NAMED - 2])} … {names[-1]}"
-    return f"{material.vehicle.vehicle.name}{size} · {runs}: {told}"
+    listed = ", ".join(names) if count <= _NAMED else f"{', '.join(names[: _NAMED - 2])} … {names[-1]}"
+    return f"{material.vehicle.vehicle.name}{size} · {runs}: {listed}"

@@ -1,4 +1,4 @@
-"""Which model predicts best, and whether its lead is more than chance."""
+"""Ranking of the models by their error, and the significance of the best model's lead."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy.special import stdtrit
 
 from daq import OUTPUTS
 from model.fit import ModelFit
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 
 FloatArray = NDArray[np.float64]
 
@@ -20,15 +20,15 @@ _CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Rival:
-    """Another model against the best one.
+    """Comparison of another model with the best one.
 
     Attributes
     ----------
     name : str
     r0_n : float
     t, critical_t : float
-        Mean difference of the squared errors over blocks of samples that are as good as independent, over its
-        standard error; beyond `critical_t` it is not chance (95 %). NaN with too few blocks.
+        Mean difference of the squared errors over nearly independent blocks of samples, divided by its standard
+        error; significant (95 %) beyond `critical_t`. NaN with too few blocks.
     blocks : int
     """
 
@@ -40,7 +40,7 @@ class Rival:
 
     @property
     def is_worse(self) -> bool:
-        """Whether the best model's lead over this one is more than chance."""
+        """Whether the best model's lead over this one is significant."""
         return bool(self.t > self.critical_t)
 
 
@@ -52,18 +52,18 @@ class Ranking:
     r0_n: float
     rivals: tuple[Rival, ...]
     error_n: FloatArray
-    """Error of the best model on the samples that count: predicted less measured."""
+    """Error of the best model on the compared samples: predicted - measured."""
 
     def rival(self, name: str) -> Rival | None:
         """Return the comparison with one model."""
         return next((rival for rival in self.rivals if rival.name == name), None)
 
 
-def rank(material: Material, channel: str = "dp") -> Ranking:
+def rank(material: ReportInputs, channel: str = "dp") -> Ranking:
     """Compare the models above the slip threshold.
 
     The errors of two models on one sample are paired, and neighbouring samples are correlated: the difference of
-    the squared errors is averaged over blocks of the longest length that either fit took as independent.
+    the squared errors is averaged over blocks; their length is the longer one of the two fits.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def rank(material: Material, channel: str = "dp") -> Ranking:
     scored = [m for m in fit.models if channel in m.criteria and np.isfinite(m.criteria[channel].R0_N)]
     if not scored:
         reasons = {m.criteria[channel].reason for m in fit.models if channel in m.criteria}
-        raise DataError("; ".join(sorted(reasons)) or "no model could be judged")
+        raise DataError("; ".join(sorted(reasons)) or "no model has an R0")
     ordered = sorted(scored, key=lambda model: model.criteria[channel].R0_N)
     measured = pool.measured(channel)
     errors = {model.name: pool.predicted(model.name, OUTPUTS[channel].field) - measured for model in ordered}

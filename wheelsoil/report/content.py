@@ -1,4 +1,4 @@
-"""What a report is made of: sections of texts, tables and figures, and the numbers they show."""
+"""Content of a report: sections of texts, tables and figures, and their numbers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Light:
-    """A traffic light: what it is about, "good", "fair" or "poor", and why, in words."""
+    """A traffic light: its subject, the level "good", "fair" or "poor", and the reason as text."""
 
     name: str
     level: str
@@ -39,7 +39,7 @@ class Light:
 
 @dataclass(frozen=True)
 class Lights:
-    """Traffic lights side by side; the level is also said in words and by a shape."""
+    """Traffic lights side by side; text and shape show the level, too."""
 
     caption: str
     lights: Sequence[Light]
@@ -55,7 +55,7 @@ class Figure:
         Unique in the report.
     title : str
     data, layout
-        As plotly.js takes them: lists, mappings, texts, numbers and None, and no NaN.
+        Input of plotly.js: lists, mappings, texts, numbers and None, no NaN.
     groups : sequence of str
         Name of the choice that each trace belongs to ("" = always shown); the reader chooses among the groups.
     """
@@ -71,7 +71,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Panels:
-    """Figures side by side (below each other on a phone) with the two lines on how to read them."""
+    """Figures side by side (below each other on a phone) with two lines on how to read them."""
 
     figures: Sequence[Figure]
     reading: str
@@ -98,23 +98,23 @@ def figures_of(section: Section) -> list[Figure]:
 
 
 def texts_of(section: Section) -> list[str]:
-    """Return what a section says outside its tables, for whoever looks for a number of a sentence."""
-    said: list[str] = []
+    """Return the texts of a section outside its tables, so that report.json contains their numbers."""
+    texts: list[str] = []
     for block in section.blocks:
         if isinstance(block, Text):
-            said.append(block.text)
+            texts.append(block.text)
         elif isinstance(block, Table):
-            said += [block.caption, block.note]
+            texts += [block.caption, block.note]
         elif isinstance(block, Lights):
-            said += [f"{light.name}: {light.level}, {light.why}" for light in block.lights]
-    return [text for text in said if text]
+            texts += [f"{light.name}: {light.level}, {light.why}" for light in block.lights]
+    return [text for text in texts if text]
 
 
 _DRAWN = ("x", "y", "z", "x0", "dx", "y0", "dy", "error_y")
 
 
 def drawn(figure: Figure) -> dict[str, Any]:
-    """Return what a figure shows as plain values: for each trace its name, its choice, and its data."""
+    """Return a figure as JSON values: for each trace its name, its group, and its data."""
     groups = figure.groups or [""] * len(figure.data)
     traces = [
         {"name": trace["name"], "shown_for": group} | {key: trace[key] for key in _DRAWN if key in trace}

@@ -1,4 +1,4 @@
-"""Figures over slip: a channel with its density and every model with its band, driving and braking apart."""
+"""Figures over slip: a channel with its density and every model with its band, driving and braking separately."""
 
 from __future__ import annotations
 
@@ -22,33 +22,33 @@ from wheelsoil.report.figures import (
     density,
     dots,
     line,
-    look_at,
     marked_line,
-    see_through,
+    set_axis_range,
     thinned_by_sign,
+    translucent,
 )
-from wheelsoil.report.inputs import FloatArray, Material
+from wheelsoil.report.inputs import FloatArray, ReportInputs
 from wheelsoil.wording.model_styles import style
 
 
 def quantity_figure(
-    material: Material, key: str, name: str, measured: FloatArray, axis: str, factor: float = 1.0
+    material: ReportInputs, key: str, name: str, measured: FloatArray, axis: str, factor: float = 1.0
 ) -> tuple[Figure, dict[str, Any]]:
     """Return the figure of one predicted quantity and the numbers in it.
 
     Parameters
     ----------
-    material : Material
+    material : ReportInputs
     key : str
-        Of the figure.
+        Key of the figure.
     name : str
-        Of the prediction, e.g. ``"sinkage_m"``.
+        Name of the prediction, e.g. ``"sinkage_m"``.
     measured : float64 array, shape (n,)
-        In the unit of the axis; all NaN where it was not measured.
+        In the unit of the axis; all NaN if it was not measured.
     axis : str
-        Title of the axis, with its unit.
+        Axis title with unit.
     factor : float
-        From the prediction's unit to the axis'.
+        Conversion from the prediction's unit to that of the axis.
     """
     pool = material.pool
     data: list[Trace] = []
@@ -70,15 +70,15 @@ def quantity_figure(
         numbers[model.name] = curve
         lines.append(curve.median[curve.centre > 0])
     layout = axes("slip", axis, height=380)
-    look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
-    said = np.concatenate(lines)
-    look_at(layout, "y", driven if np.isfinite(driven).any() else said, also=said)
+    set_axis_range(layout, "x", np.array([0.0, 1.0]), margin=0.02)
+    predicted = np.concatenate(lines)
+    set_axis_range(layout, "y", driven if np.isfinite(driven).any() else predicted, also=predicted)
     return Figure(key, axis, data, layout), numbers
 
 
 ALL_RUNS = "all runs"
 _SIGMAS = 1.959964
-"""Of a 95 % band."""
+"""Half width of a 95 % interval in sigmas."""
 _HALVES = (("driving", (0.0, 1.0)), ("braking", (-1.0, 0.0)))
 
 
@@ -91,7 +91,7 @@ class Curves:
     panels : Panels
         Driving and braking; the reader chooses among all runs and each.
     errors : Figure
-        Predicted less measured of every model, all runs.
+        Predicted - measured of every model, all runs.
     numbers : mapping
     """
 
@@ -100,19 +100,19 @@ class Curves:
     numbers: dict[str, Any]
 
 
-def curves_of(material: Material, channel: str, key: str, axis: str, reading: str) -> Curves:
+def curves_of(material: ReportInputs, channel: str, key: str, axis: str, reading: str) -> Curves:
     """Draw "dp" or "t" against slip.
 
     Parameters
     ----------
-    material : Material
+    material : ReportInputs
     channel : "dp" or "t"
     key : str
-        Beginning of the figures' keys.
+        Prefix of the figures' keys.
     axis : str
-        Title of the y axis, with its unit.
+        Title of the y axis with unit.
     reading : str
-        How to read the panels.
+        Text on how to read the panels.
 
     Raises
     ------
@@ -139,12 +139,12 @@ def curves_of(material: Material, channel: str, key: str, axis: str, reading: st
             data += traces
             groups += [choice] * len(traces)
         layout = axes("slip", axis, height=430)
-        seen = ends if half == "driving" else (float(np.percentile(pool.slip[inside], 0.5)), 0.0)
-        look_at(layout, "x", np.array(seen), margin=0.02)
-        look_at(layout, "y", measured[inside], also=_medians(pool.slip, predicted, choices, inside))
+        visible = ends if half == "driving" else (float(np.percentile(pool.slip[inside], 0.5)), 0.0)
+        set_axis_range(layout, "x", np.array(visible), margin=0.02)
+        set_axis_range(layout, "y", measured[inside], also=_medians(pool.slip, predicted, choices, inside))
         figures.append(Figure(f"{key}-{half}", half.capitalize(), data, layout, groups))
     errors, numbers = _errors(material, key, axis, measured, predicted)
-    lacking = f" Not in it, for a signal is missing: {material.not_fitted}." if material.not_fitted else ""
+    lacking = f" Not included because a signal is missing: {material.not_fitted}." if material.not_fitted else ""
     return Curves(Panels(figures, f"{reading}{lacking}", list(choices)), errors, numbers)
 
 
@@ -154,7 +154,7 @@ def _medians(
     choices: dict[str, NDArray[np.bool_]],
     inside: NDArray[np.bool_],
 ) -> FloatArray:
-    """Return every point of every model's line, whichever runs are chosen."""
+    """Return the points of every model's line for every choice of runs."""
     rows = [chosen & inside for chosen in choices.values()]
     return np.concatenate(
         [binned(slip[keep], values[keep], EDGES).median for values in predicted.values() for keep in rows]
@@ -183,48 +183,50 @@ def _traces(
 
 
 def _of_model(name: str, slip: FloatArray, values: FloatArray, sigma: FloatArray) -> list[Trace]:
-    """Return a model's median in bins of slip, and the band of its coefficients' 95 % where it has any."""
-    look, median = style(name), binned(slip, values, EDGES)
-    drawn = marked_line(median.centre, median.median, look.label, look) | {"legendgroup": name}
-    half = _SIGMAS * _within(median, slip, sigma)
+    """Return a model's median in bins of slip, and the 95 % band of its coefficients if known."""
+    model_style, median = style(name), binned(slip, values, EDGES)
+    drawn = marked_line(median.centre, median.median, model_style.label, model_style) | {"legendgroup": name}
+    half = _SIGMAS * _binned_sigma(median, slip, sigma)
     if not np.isfinite(half).any():
         return [drawn]
-    edges = band(median.centre, median.median - half, median.median + half, look.label, see_through(look.colour))
+    edges = band(
+        median.centre, median.median - half, median.median + half, model_style.label, translucent(model_style.colour)
+    )
     hidden = [trace | {"showlegend": False, "legendgroup": name} for trace in edges]
     return [*hidden, drawn]
 
 
-def _within(curve: Bins, slip: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Return the median sigma in each bin of a curve, shape (bins,); only some samples have one."""
+def _binned_sigma(curve: Bins, slip: FloatArray, sigma: FloatArray) -> FloatArray:
+    """Return the median sigma in each bin of a curve, shape (bins,), NaN if unknown."""
     found = binned(slip, sigma, EDGES, least=1)
     known = dict(zip(found.centre.tolist(), found.median.tolist(), strict=True))
     return np.array([known.get(centre, np.nan) for centre in curve.centre.tolist()])
 
 
 def _errors(
-    material: Material, key: str, axis: str, measured: FloatArray, predicted: dict[str, FloatArray]
+    material: ReportInputs, key: str, axis: str, measured: FloatArray, predicted: dict[str, FloatArray]
 ) -> tuple[Figure, dict[str, Any]]:
-    """Return predicted less measured, and the curves in numbers."""
+    """Return the figure of predicted - measured, and the numbers of the curves."""
     slip = material.pool.slip
     numbers: dict[str, Any] = {"measured": binned(slip, measured, EDGES)}
     traces: list[Trace] = []
-    seen: list[FloatArray] = []
+    medians: list[FloatArray] = []
     for name, values in predicted.items():
         error = binned(slip, values - measured, EDGES)
         driven = error.centre > 0
-        look = style(name)
-        traces.append(marked_line(error.centre[driven], error.median[driven], look.label, look))
-        seen.append(error.median[driven])
+        model_style = style(name)
+        traces.append(marked_line(error.centre[driven], error.median[driven], model_style.label, model_style))
+        medians.append(error.median[driven])
         numbers[name] = {"predicted": binned(slip, values, EDGES), "error": error}
     unit = axis[axis.index("(") :]
     layout = axes("slip", f"predicted − measured {unit}", height=340)
-    look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
-    look_at(layout, "y", np.append(np.concatenate(seen), 0.0))
+    set_axis_range(layout, "x", np.array([0.0, 1.0]), margin=0.02)
+    set_axis_range(layout, "y", np.append(np.concatenate(medians), 0.0))
     layout["shapes"] = [upright(material.fit.slip_threshold)]
     return Figure(f"{key}-error", "Error of every model, driving, all runs", traces, layout), numbers
 
 
 def upright(x: float) -> dict[str, Any]:
-    """Return a dotted line across a whole figure at one x, as plotly's shape."""
+    """Return a vertical dotted line over the whole figure at one x, as plotly's shape."""
     place = {"type": "line", "xref": "x", "yref": "paper", "x0": x, "x1": x, "y0": 0, "y1": 1}
     return place | {"line": {"color": "#555", "width": 1.2, "dash": "dot"}}

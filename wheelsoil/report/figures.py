@@ -1,4 +1,4 @@
-"""Plotly figures as plain dicts: one style, colour-blind-safe, legible in black and white, thinned to a few points."""
+"""Plotly figures as dicts: one style, safe for colour-blind readers and black-and-white print, few points."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _POINTS_IN_ALL, _FEWEST, _MOST = 14_000, 250, 700
 
 @dataclass(frozen=True)
 class Bins:
-    """Medians and quartiles of y in bins of x; bins of fewer than `least` samples are left out.
+    """Medians and quartiles of y in bins of x; bins with fewer than `least` samples are omitted.
 
     Attributes
     ----------
@@ -38,26 +38,26 @@ class Bins:
 
 
 def points_of_run(runs: int) -> int:
-    """Return how many rows of each run a figure against time may have, so that many runs take no more room than few."""
+    """Return the number of rows per run in a figure against time, so that the total hardly depends on the run count."""
     return int(np.clip(_POINTS_IN_ALL // max(runs, 1), _FEWEST, _MOST))
 
 
 def decimated_rows(values: FloatArray, limit: int) -> NDArray[np.int64]:
     """Choose rows of a series so that its line keeps every peak.
 
-    The series is cut into ``limit / 2`` pieces; of each the rows of the least and the greatest value stay.
-    A piece without a number keeps its first row, so that a gap stays a gap.
+    The series is cut into ``limit / 2`` pieces; each keeps the rows of its minimum and maximum.
+    A piece without a number keeps its first row, so that gaps stay visible.
 
     Parameters
     ----------
     values : float64 array, shape (n,)
     limit : int
-        The greatest number of rows to return.
+        Largest number of rows to return.
 
     Returns
     -------
     int64 array
-        Rows in rising order; all of them when there are at most `limit`.
+        Rows in ascending order; all of them if there are at most `limit`.
     """
     if len(values) <= limit:
         return np.arange(len(values))
@@ -75,7 +75,7 @@ def decimated_rows(values: FloatArray, limit: int) -> NDArray[np.int64]:
 def thinned_rows(x: FloatArray, y: FloatArray, *, cells: int = 40, per_cell: int = 2) -> NDArray[np.int64]:
     """Choose rows of a cloud of points: at most `per_cell` in each cell of a `cells` x `cells` grid over them.
 
-    Rows with a NaN are left out. In a crowded cell rows are taken at even steps, so that no time is preferred.
+    Rows with a NaN are omitted. In a crowded cell rows are taken at even steps, so that no time is preferred.
     """
     rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     if len(rows) == 0:
@@ -91,7 +91,7 @@ def thinned_rows(x: FloatArray, y: FloatArray, *, cells: int = 40, per_cell: int
 
 
 def thinned_by_sign(x: FloatArray, y: FloatArray) -> NDArray[np.int64]:
-    """Choose rows of a cloud as `thinned_rows`, at x > 0 and elsewhere by themselves: each is looked at alone."""
+    """Choose rows of a cloud as `thinned_rows`, separately for x > 0 and the rest."""
     halves = (np.flatnonzero(x > 0), np.flatnonzero(~(x > 0)))
     return np.concatenate([half[thinned_rows(x[half], y[half])] for half in halves])
 
@@ -112,7 +112,7 @@ def binned(x: FloatArray, y: FloatArray, edges: FloatArray, *, least: int = 5) -
 
 
 def parted_at_zero(curve: Bins) -> Bins:
-    """Return the bins with a gap at x = 0, so that a line does not join braking to driving."""
+    """Return the bins with a gap at x = 0, so that no line connects braking and driving."""
     at = int(np.searchsorted(curve.centre, 0.0))
     if at in (0, len(curve.centre)):
         return curve
@@ -135,24 +135,24 @@ GREY_BAND = "rgba(0,0,0,0.13)"
 GRID = "#e3e3e3"
 _NONE: FloatArray = np.zeros(0)
 _COLUMNS, _ROWS, _LONE_CELLS = 50, 34, 12
-"""Cells of a density, and those of which one sample each is drawn where it lies outside of them."""
+"""Columns and rows of the cells of a density, and of the grid that thins the samples outside them."""
 _BULK = (0.5, 99.5)
-"""Percentiles between which the bulk of a figure lies."""
+"""Percentiles that limit the initial range of an axis."""
 
 
 def words(text: str) -> str:
-    """Return a name as plotly shows it letter for letter (plotly reads some HTML in its texts)."""
+    """Return a name with HTML escaped, because plotly interprets some HTML in its texts."""
     return html.escape(text, quote=False)
 
 
-def see_through(colour: str) -> str:
-    """Return a colour "#rrggbb" as it fills a band under lines."""
+def translucent(colour: str) -> str:
+    """Return a colour "#rrggbb" as the translucent fill of a band."""
     red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
     return f"rgba({red},{green},{blue},0.22)"
 
 
 def numbers(values: FloatArray, digits: int = 5) -> list[float | None]:
-    """Return values with few digits, NaN as None: what a figure needs and no more."""
+    """Return values rounded to `digits` significant digits, NaN as None."""
     return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in values.tolist()]
 
 
@@ -169,10 +169,10 @@ def line(x: FloatArray, y: FloatArray, name: str, colour: str, dash: str = "soli
     }
 
 
-def marked_line(x: FloatArray, y: FloatArray, name: str, look: Style) -> Trace:
+def marked_line(x: FloatArray, y: FloatArray, name: str, style: Style) -> Trace:
     """Return a line with the markers of a model."""
-    trace = line(x, y, name, look.colour, look.dash)
-    return trace | {"mode": "lines+markers", "marker": {"symbol": look.symbol, "size": 8, "color": look.colour}}
+    trace = line(x, y, name, style.colour, style.dash)
+    return trace | {"mode": "lines+markers", "marker": {"symbol": style.symbol, "size": 8, "color": style.colour}}
 
 
 def dots(x: FloatArray, y: FloatArray, name: str, colour: str = CLOUD) -> Trace:
@@ -199,20 +199,20 @@ def band(x: FloatArray, lower: FloatArray, upper: FloatArray, name: str, colour:
 
 
 def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: str) -> list[Trace]:
-    """Return how many samples lie where, as grey cells: white is none, the darker the more; the few beyond as dots.
+    """Return the density of samples as grey cells, darker for more samples; samples outside the cells are dots.
 
     Parameters
     ----------
     x, y : float64 array, shape (n,)
-        Rows with a NaN are left out.
+        Rows with a NaN are omitted.
     x_range : (float, float)
-        What lies outside is left out.
+        Samples outside are omitted.
     name : str
 
     Returns
     -------
     list of Trace
-        The cells, over all but the outermost half percent of y at either end, and dots for what lies outside of them.
+        The cells, from the 0.5th to the 99.5th percentile of y, and dots for the samples outside them.
     """
     known = np.isfinite(x) & np.isfinite(y) & (x >= x_range[0]) & (x <= x_range[1])
     x, y = x[known], y[known]
@@ -222,7 +222,7 @@ def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: st
     counts = np.histogram2d(y, x, bins=[up, across])[0].astype(int)
     filled = np.flatnonzero(counts.any(axis=0))
     first, last = (filled[0], filled[-1] + 1) if len(filled) else (0, 1)
-    seen = counts[counts > 0]
+    filled_counts = counts[counts > 0]
     cells: Trace = {
         "type": "heatmap",
         "name": words(name),
@@ -232,7 +232,7 @@ def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: st
         "dy": float(f"{up[1] - up[0]:.5g}"),
         "z": counts[:, first:last].tolist(),
         "zmin": 0,
-        "zmax": float(np.percentile(seen, 95)) if len(seen) else 1.0,
+        "zmax": float(np.percentile(filled_counts, 95)) if len(filled_counts) else 1.0,
         "colorscale": [[0, "rgba(0,0,0,0)"], [1e-6, "#efefef"], [1, "#a6a6a6"]],
         "showscale": False,
         "hoverinfo": "skip",
@@ -242,23 +242,23 @@ def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: st
     return [cells, *([dots(x[lone], y[lone], name) | {"showlegend": False}] if len(lone) else [])]
 
 
-def shades(spans: Sequence[tuple[float, float]], low: float, high: float, name: str, look: tuple[str, str]) -> Trace:
-    """Return upright stripes, e.g. segments of time; `look` is a colour and plotly's pattern (readable without colour).
+def shades(spans: Sequence[tuple[float, float]], low: float, high: float, name: str, fill: tuple[str, str]) -> Trace:
+    """Return vertical stripes, e.g. segments of time; `fill` is a colour and a pattern (readable without colour).
 
     Parameters
     ----------
     spans : sequence of (from, to)
     low, high : float
-        Of the stripes, on the y axis.
+        Ends of the stripes on the y axis.
     name : str
-    look : (colour, pattern)
+    fill : (colour, pattern)
     """
     x: list[float | None] = []
     y: list[float | None] = []
     for start, end in spans:
         x += [round(start, 3), round(start, 3), round(end, 3), round(end, 3), None]
         y += [low, high, high, low, None]
-    colour, pattern = look
+    colour, pattern = fill
     return {
         "type": "scatter",
         "mode": "lines",
@@ -274,7 +274,7 @@ def shades(spans: Sequence[tuple[float, float]], low: float, high: float, name: 
 
 
 def bars(labels: Sequence[str], values: Sequence[float], name: str, colour: str, pattern: str) -> Trace:
-    """Return one part of a stacked horizontal bar; the pattern tells the parts apart without colour."""
+    """Return one part of a stacked horizontal bar; the pattern distinguishes the parts without colour."""
     return {
         "type": "bar",
         "orientation": "h",
@@ -309,22 +309,22 @@ def axes(x_title: str, y_title: str, *, height: int = 380, **more: Any) -> dict[
     return layout | more
 
 
-def look_at(
+def set_axis_range(
     layout: dict[str, Any], axis: str, values: FloatArray, *, also: FloatArray = _NONE, margin: float = 0.08
 ) -> None:
-    """Let an axis start at the range of some values (their outermost half percent left out); double-click shows all.
+    """Set the initial range of an axis to the 0.5th to 99.5th percentile of some values; double-click shows all.
 
     Parameters
     ----------
     layout : dict
-        Of `axes`; changed in place.
+        From `axes`; changed in place.
     axis : "x" or "y"
     values : float64 array
-        NaN is left out; without any number the axis stays as it is.
+        NaN is ignored; without any number the axis is not changed.
     also : float64 array
-        What belongs to the view too, e.g. the lines of models, as long as that no more than doubles its range.
+        Further values to include, e.g. the lines of models, as far as the range is at most doubled.
     margin : float
-        Share of the range that is added on either side.
+        Share of the range added on either side.
     """
     known = values[np.isfinite(values)]
     if not len(known):
@@ -336,7 +336,7 @@ def look_at(
 
 
 def _stretched(low: float, high: float, also: FloatArray) -> tuple[float, float]:
-    """Return a range that holds some values too, at most twice as long: what one end leaves, the other may take."""
+    """Return the range extended to further values, to at most twice its length; the two ends share the extension."""
     if not len(also):
         return low, high
     span = high - low

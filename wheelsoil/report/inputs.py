@@ -164,8 +164,8 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Material:
-    """Everything a section may use.
+class ReportInputs:
+    """Inputs of the sections: runs, fits, diagnosis, and their sources.
 
     Attributes
     ----------

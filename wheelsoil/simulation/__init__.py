@@ -1,4 +1,4 @@
-"""A simulated campaign on disk, or live on a bus."""
+"""Simulated campaigns: folders with recordings, or live frames on a bus."""
 
 import lazy_loader
 

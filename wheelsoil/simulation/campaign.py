@@ -1,7 +1,7 @@
-"""A simulated campaign: runs of the virtual test as frames, and a folder that every command takes.
+"""A simulated campaign: runs of the virtual test as frames, and a campaign folder for every command.
 
-What terrain.toml and vehicle.toml say is what their owner knows; the truth (hidden effect, seed, soil of the field)
-stands in manifest.toml alone.
+terrain.toml and vehicle.toml contain what a test engineer knows; only manifest.toml contains the true values (hidden
+effect, seed, soil of the field).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from model.effects import EFFECTS
 from model.simulation import TRUTH_QUADRATURE, TRUTH_RATE_HZ, TransducerSetup, VirtualRun, VirtualSetup, virtual_run
 from model.wheel_soil import Soil, WheelSoilModel
 from wheelsoil import __version__
-from wheelsoil.simulation.files import runs_toml, soil_of_the_field, to_toml, vehicle_config
+from wheelsoil.simulation.files import draw_field_soil, runs_toml, to_toml, vehicle_config
 from wheelsoil.simulation.frames import DBC_FILES, virtual_frames
 from wheelsoil.simulation.options import SimulationOptions
 
@@ -30,12 +30,12 @@ BUS = "can0"
 MANIFEST_FILE = "manifest.toml"
 _BETWEEN_RUNS_S = 600.0
 _ANGLE_OFFSET_DEG = 40.0
-"""Of a transducer in wheel axes: its encoder's zero is nowhere in particular."""
+"""Offset of the encoder of a transducer in wheel axes, an arbitrary angle."""
 
 
 @dataclass(frozen=True)
 class SimulatedCampaign:
-    """What `simulate_campaign` wrote.
+    """Files and frame count written by `simulate_campaign`.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class SimulatedCampaign:
     files : tuple of Path
         The runs, recordings first.
     frames : int
-        In all runs.
+        Number of frames in all runs.
     """
 
     folder: Path
@@ -86,10 +86,10 @@ def _quieter(setup: TransducerSetup, factor: float) -> TransducerSetup:
 
 
 def true_soil(options: SimulationOptions) -> Soil:
-    """Return the soil of the field: the laboratory's, or one drawn about it."""
+    """Return the true soil of the field: the laboratory's, or one drawn from its uncertainty."""
     if not options.draw_soil:
         return options.laboratory_soil
-    return soil_of_the_field(
+    return draw_field_soil(
         options.laboratory_soil, options.terrain, options.wheel.width_m, _stream(options, 0), options.soil
     )
 
@@ -101,12 +101,12 @@ def simulated_run(options: SimulationOptions, index: int) -> VirtualRun:
     ----------
     options : SimulationOptions
     index : int
-        From 0; loads take turns, and so do the directions.
+        From 0; loads and directions alternate.
 
     Raises
     ------
     DataError
-        The soil cannot carry the wheel.
+        The soil does not carry the wheel.
     """
     chosen = [(EFFECTS[name], values) for name, values in options.effects.items()]
     acting = [(effect, values) for effect, values in chosen if effect.kind == "physical"]
@@ -149,7 +149,7 @@ def campaign_frames(options: SimulationOptions) -> Iterator[tuple[VirtualRun, Fr
 
 
 def simulated_roles(options: SimulationOptions, index: int) -> tuple[dict[str, Channel], VehicleConfig, RunInfo]:
-    """Return one run as processing takes it: through frames and back, without a file.
+    """Return one run as input of the processing: encoded into frames and decoded again, without a file.
 
     Parameters
     ----------
@@ -180,23 +180,23 @@ def simulate_campaign(
     Parameters
     ----------
     folder : Path
-        Made if it is not there; must be empty otherwise.
+        Created if it does not exist; otherwise it must be empty.
     options : SimulationOptions
     kind : "mcap", "candump" or "both"
-        What the runs are written as; runs.toml names the recordings where there are any.
+        File format of the runs; runs.toml names the recordings if there are any.
     decoded : bool
-        Whether recordings hold decoded topics beside the raw frames.
+        Whether recordings contain decoded topics beside the raw frames.
     force : bool
-        Write into a folder that is not empty, over files of the same names.
+        Write into a folder that is not empty, and replace files of the same names.
 
     Raises
     ------
     ConfigError
-        The folder cannot be used.
+        The folder is not usable.
     DataError
         The soil cannot carry the wheel.
     RecordingError, HardwareError
-        The disk does not take the files.
+        The files cannot be written.
     """
     _check_folder(folder, force=force)
     vehicle = vehicle_config(simulated_setup(options), options.wheel, BUS)
@@ -211,7 +211,7 @@ def simulate_campaign(
     suffixes = {"mcap": (".mcap",), "candump": (".log",), "both": (".mcap", ".log")}[kind]
     infos: list[RunInfo] = []
     files: list[Path] = []
-    facts: list[dict[str, Any]] = []
+    entries: list[dict[str, Any]] = []
     for run, frames in campaign_frames(options):
         paths = [folder / f"{run.info.id}{suffix}" for suffix in suffixes]
         info = run.info.model_copy(update={"file": paths[0].name})
@@ -219,11 +219,11 @@ def simulate_campaign(
             _write_run(path, info, frames, carried, vehicle if decoded else None)
         infos.append(info)
         files += paths
-        facts.append({"file": paths[0].name, "frames": len(frames), "frames_sha256": frames_sha256(frames)})
+        entries.append({"file": paths[0].name, "frames": len(frames), "frames_sha256": frames_sha256(frames)})
     (folder / "runs.toml").write_bytes(runs_toml(infos))
-    (folder / MANIFEST_FILE).write_bytes(_manifest(options, facts))
+    (folder / MANIFEST_FILE).write_bytes(_manifest(options, entries))
     files.sort(key=lambda path: suffixes.index(path.suffix))
-    return SimulatedCampaign(folder, tuple(files), sum(fact["frames"] for fact in facts))
+    return SimulatedCampaign(folder, tuple(files), sum(entry["frames"] for entry in entries))
 
 
 def frames_sha256(frames: FrameBatch) -> str:
@@ -243,7 +243,7 @@ def _check_folder(folder: Path, *, force: bool) -> None:
 def _write_run(
     path: Path, info: RunInfo, frames: FrameBatch, carried: dict[str, bytes], vehicle: VehicleConfig | None
 ) -> None:
-    """Write one run; with a vehicle, its decoded topics too."""
+    """Write one run; with a vehicle, also its decoded topics."""
     if path.suffix == ".log":
         from daq.logs import write_candump
 
@@ -251,7 +251,7 @@ def _write_run(
         return
     from daq.recording import RecordingWriter
 
-    # nothing is lost by a crash that the same command does not bring back, so that chunks may be as large as they get
+    # the same command repeats what a crash would lose, so the size of a chunk is not limited
     with RecordingWriter(
         path, run=info, attachments=carried, overwrite=True, flush_every_s=None, sync_every_s=None
     ) as writer:
@@ -283,5 +283,5 @@ def _manifest(options: SimulationOptions, runs: list[dict[str, Any]]) -> bytes:
         },
         "run": runs,
     }
-    note = "# The truth behind these runs. Nothing that processes them reads this file.\n"
+    note = "# True values of these runs. No processing reads this file.\n"
     return (note + tomli_w.dumps(manifest)).encode()

@@ -1,4 +1,4 @@
-"""Files of a simulated campaign, as people would write them, and the draw of its soil."""
+"""Configuration files of a simulated campaign, and the random draw of its soil."""
 
 from __future__ import annotations
 
@@ -33,27 +33,27 @@ FloatArray = NDArray[np.float64]
 
 _TRIES = 1000
 _ROUNDING = 1e-9
-"""Share of the variances by which a covariance may miss being positive."""
+"""Tolerance of a covariance's positive definiteness, relative to the variances."""
 
 
-def soil_of_the_field(
+def draw_field_soil(
     laboratory: Soil, terrain: TerrainConfig, width_m: float, rng: np.random.Generator, where: str
 ) -> Soil:
-    """Draw a soil about the laboratory's.
+    """Draw a soil from the laboratory's uncertainty.
 
-    Relative one-sigmas are those of `model.simulation.drawn_soil`. From a covariance the soil is normal in the keys
-    and units of ``[soil]``, and drawn again while a value is out of its range or the soil has no stiffness.
+    Relative one-sigmas are used as in `model.simulation.drawn_soil`. With a covariance the soil is normally distributed
+    in the keys and units of ``[soil]``; a draw with a value out of range or without stiffness is repeated.
 
     Parameters
     ----------
     laboratory : Soil
     terrain : TerrainConfig
-        States the uncertainty; `model.wheel_soil.soils.LABORATORY_SPREAD` where it states none.
+        Contains the uncertainty; without one, `model.wheel_soil.LABORATORY_SPREAD`.
     width_m : float
-        Of the wheel.
+        Wheel width.
     rng : numpy.random.Generator
     where : str
-        Name of the file, for messages.
+        File name for messages.
 
     Raises
     ------
@@ -83,12 +83,12 @@ def soil_of_the_field(
 
 
 def spread_of(stated: UncertaintySection) -> dict[str, float]:
-    """Return relative one-sigmas by the names of `model.wheel_soil.soils.LABORATORY_SPREAD`; zero: exactly known."""
+    """Return relative one-sigmas with the names of `model.wheel_soil.LABORATORY_SPREAD`; zero: exactly known."""
     return {name: getattr(stated, key) or 0.0 for name, key in zip(LABORATORY_SPREAD, SOIL_KEYS, strict=True)}
 
 
 def _root(covariance: FloatArray, where: str) -> FloatArray:
-    """Return a lower triangle whose product with its transpose is the covariance."""
+    """Return the lower Cholesky factor of the covariance."""
     variances = np.diag(covariance)
     sigma = np.sqrt(np.where(variances > 0, variances, 0.0))
     scale = np.where(sigma > 0, sigma, 1.0)
@@ -103,7 +103,7 @@ def _root(covariance: FloatArray, where: str) -> FloatArray:
                 "the covariance is not positive semi-definite",
                 where,
                 expected="symmetric, no variance or combination of them below zero",
-                next_step="take it as `wheelsoil soil` writes it, or state relative one-sigmas under [uncertainty]",
+                next_step="use the covariance that `wheelsoil soil` writes, or relative one-sigmas under [uncertainty]",
             )
         ) from None
     return np.asarray(sigma[:, np.newaxis] * root)
@@ -133,7 +133,7 @@ _SIGNALS = {
 
 
 def vehicle_config(setup: VirtualSetup, wheel: Wheel, bus: str) -> VehicleConfig:
-    """Return vehicle.toml: what its owner knows of the vehicle and declares of its sensors."""
+    """Return vehicle.toml: the known data of the vehicle and the declared ones of its sensors."""
     vehicle, transducer, gnss = setup.vehicle, setup.transducer, setup.gnss
     sigmas = {
         "vertical_load": hypot(transducer.load_noise_n, transducer.white_noise_n),
@@ -178,7 +178,7 @@ def terrain_config(soil: Soil, spread: Mapping[str, float]) -> TerrainConfig:
     ----------
     soil : Soil
     spread : mapping
-        Relative one-sigma per parameter, as `model.wheel_soil.soils.LABORATORY_SPREAD`; zero: not known.
+        Relative one-sigma per parameter, as `model.wheel_soil.LABORATORY_SPREAD`; zero: unknown.
     """
     return TerrainConfig(
         soil=SoilSection(
@@ -209,10 +209,10 @@ def runs_toml(infos: list[RunInfo]) -> bytes:
 
 
 def to_toml(config: BaseModel) -> bytes:
-    """Return a checked model as TOML, without what is at its default."""
+    """Return a validated model as TOML, without keys at their default."""
     return tomli_w.dumps(config.model_dump(mode="json", exclude_none=True, exclude_defaults=True)).encode()
 
 
 def _rounded(value: float) -> float:
-    """Take out the last digits that unit conversion leaves."""
+    """Round to 12 digits, which removes the rounding errors of unit conversion."""
     return float(f"{value:.12g}")

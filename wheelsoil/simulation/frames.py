@@ -1,4 +1,4 @@
-"""The virtual test's channels as CAN frames: through the shipped DBCs, onto one bus."""
+"""CAN frames of the virtual test: its channels encoded with the shipped DBCs on one bus."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from model.simulation import VirtualRun
 DBC_FILES = ("wft.dbc", "wheel_speed.dbc", "gnss.dbc")
 BITRATE = 1_000_000
 FRAME_TIME_S = 110e-6
-"""What one of the transducer's frames occupies the bus for, about."""
+"""Approximate bus time of one frame of the transducer."""
 
 _LAYOUT: dict[str, tuple[tuple[str, dict[str, str]], ...]] = {
     "transducer": (
@@ -47,7 +47,7 @@ _LAYOUT: dict[str, tuple[tuple[str, dict[str, str]], ...]] = {
         ),
     ),
 }
-"""Per sensor its messages, and which channel each signal holds."""
+"""Messages of each sensor, and the channel in each signal."""
 
 _CONSTANT = {"Solution": 1.0}
 _NOT_AVAILABLE = "Not available"
@@ -56,7 +56,7 @@ _STUFFING = 1.1  # bits on the wire per bit of the frame, about
 
 
 def virtual_frames(run: VirtualRun, bus: str = "can0") -> FrameBatch:
-    """Encode a run and send it over a bus that carries one frame at a time.
+    """Encode a run as frames of a bus that transmits one frame at a time.
 
     Parameters
     ----------
@@ -67,12 +67,12 @@ def virtual_frames(run: VirtualRun, bus: str = "can0") -> FrameBatch:
     Returns
     -------
     FrameBatch
-        In the order of time; stamps are those of the host when a frame has ended.
+        In time order; a time stamp is the host time at the end of the frame.
 
     Raises
     ------
     DataError
-        A value lies outside of what its signal can hold.
+        A value is outside the range of its signal.
     """
     messages = {m.name: m for name in DBC_FILES for m in load_database(shipped_dbc(name)).messages}
     batches = [
@@ -113,7 +113,7 @@ def _in_unit(signal: Signal, channel: Channel) -> NDArray[np.float64]:
         return channel.values
     unit = find_unit(signal.unit, (Quantity(channel.unit),))
     if unit is None:
-        raise ValueError(f"{signal.name}: {signal.unit!r} is no unit of {channel.name}")
+        raise ValueError(f"{signal.name}: {signal.unit!r} is not a unit of {channel.name}")
     values = (channel.values - unit.offset) / unit.factor
     if signal.maximum is not None and channel.unit == "rad" and signal.minimum == 0:
         values = np.mod(np.rint(values / signal.scale), round(360 / signal.scale)) * signal.scale
@@ -121,13 +121,13 @@ def _in_unit(signal: Signal, channel: Channel) -> NDArray[np.float64]:
 
 
 def _filler(signal: Signal) -> float:
-    """Return what a signal holds that nothing simulates: its "not available", a constant, or zero."""
+    """Return the value of a signal that is not simulated: its "not available", a constant, or zero."""
     raw = next((raw for raw, label in signal.labels.items() if label == _NOT_AVAILABLE), None)
     return raw * signal.scale + signal.offset if raw is not None else _CONSTANT.get(signal.name, 0.0)
 
 
 def _one_at_a_time(batch: FrameBatch) -> FrameBatch:
-    """Delay each frame until the bus is free and add its own length; a sensor's messages follow each other.
+    """Delay each frame until the bus is free, and add its own duration; the messages of a sensor are consecutive.
 
     End e_i = max(ready_i, e_(i-1)) + d_i, so that e_i - (d_0 + ... + d_i) is a running maximum.
     """

@@ -1,4 +1,4 @@
-"""Options of a simulated campaign, checked at the start; a saved model may be its soil."""
+"""Options of a simulated campaign, validated at the start; the soil may come from a model file."""
 
 from __future__ import annotations
 
@@ -33,37 +33,36 @@ class SimulationOptions:
     soil : str
         Name of a preset of `model.wheel_soil.soils.SOILS`, or path of a terrain.toml.
     effects : mapping effect -> mapping parameter -> value
-        What wheel and soil do beyond Wong's model, and what the sensors get wrong; see `parse_effect`.
+        Effects of wheel, soil and sensors beyond Wong's model; see `parse_effect`.
     reading : "balanced" or "literal"
     runs : int
     duration_s : float
-        Of each run.
+        Duration of each run.
     seed : int
     added_load_kg : tuple of float
-        Added masses, in turn; the direction alternates from run to run.
+        Added masses, used in turn; the direction alternates from run to run.
     pass_number : tuple of int
-        Which pass over its track each run is, in turn.
+        Number of the pass over the track, used in turn.
     inflation_kpa : tuple of float
-        Tyre pressures that runs.toml states, in turn; if none is given, the vehicle's usual one acts and is not stated.
+        Tyre pressures stated in runs.toml, used in turn; if empty, the usual pressure acts and none is stated.
     wheel : Wheel
     draw_soil : bool
-        Draw the true soil from the laboratory's uncertainty instead of taking terrain.toml at its word.
+        Draw the true soil from the laboratory's uncertainty instead of using the values of terrain.toml.
     wheel_axes : bool
-        The transducer sends forces in axes that turn with the wheel.
+        The transducer sends forces in axes that rotate with the wheel.
     noise : float
         Factor on every sensor's noise and ripple; 0 for ideal sensors.
     start : datetime
-        Of the first run.
-
+        Time of the first run.
     known_terrain : TerrainConfig, optional
-        The soil, where it is neither a preset nor in a file of its own; see `wheelsoil.simulation.options`.
+        The soil, if it is neither a preset nor in a terrain.toml; see `with_model`.
     model_file : str
-        Where that soil is from, for the command line that makes the same frames.
+        File of that soil, for the command line that reproduces the frames.
 
     Raises
     ------
     ConfigError
-        Lists everything that is wrong.
+        Lists every error.
     """
 
     soil: str = "clay"
@@ -101,7 +100,7 @@ class SimulationOptions:
             faults += _effect_faults(name, values, self.reading)
         if faults:
             raise ConfigError(*faults)
-        _ = self.laboratory_soil  # an unknown soil is told now
+        _ = self.laboratory_soil  # raises for an unknown soil
 
     def _bounds(self) -> list[tuple[str, float, bool, str]]:
         loads = [("added load", load, -1000 <= load <= 20_000, "-1000 to 20000 kg") for load in self.added_load_kg]
@@ -147,12 +146,12 @@ class SimulationOptions:
 
     @cached_property
     def terrain(self) -> TerrainConfig:
-        """What terrain.toml states: the laboratory's soil and its uncertainty."""
+        """Content of terrain.toml: the laboratory's soil and its uncertainty."""
         return self._terrain or terrain_config(self.laboratory_soil, LABORATORY_SPREAD)
 
     @property
     def command(self) -> str:
-        """The command line that makes the same frames, without its output."""
+        """The command line that reproduces the frames, without the output folder."""
         words = ["wheelsoil", "simulate", *(("--model", self.model_file) if self.model_file else ("--soil", self.soil))]
         words += ["--runs", str(self.runs), "--duration", f"{self.duration_s:g}", "--seed", str(self.seed)]
         words += [] if self.model_file else ["--sinkage", self.reading]
@@ -175,9 +174,9 @@ class SimulationOptions:
 
 
 def parse_effect(text: str) -> tuple[str, dict[str, float]]:
-    """Read ``"name:parameter=value,..."``; a name alone takes every parameter's start value.
+    """Parse ``"name:parameter=value,..."``; a name alone gives every parameter its start value.
 
-    A parameter that is not given beside others is neutral.
+    If only some parameters are given, the others are neutral.
 
     Raises
     ------
@@ -210,8 +209,8 @@ def _effect_faults(name: str, values: Mapping[str, float], reading: Reading) -> 
     known = {p.name: p for p in effect.parameters}
     faults = []
     if effect.reading == "literal" != reading:
-        told = f"effect {name} is one of the literal reading only"
-        faults.append(Fault(told, found=reading, next_step="add --sinkage literal, or leave the effect out"))
+        what = f"effect {name} is defined for --sinkage literal only"
+        faults.append(Fault(what, found=reading, next_step="add --sinkage literal, or omit the effect"))
     faults += [
         Fault(f"effect {name} has no parameter {key!r}", expected=nearest(key, known))
         for key in values
@@ -237,7 +236,7 @@ _OF_THE_MODEL = ("soil", "sinkage", "radius", "width")
 
 
 def with_model(options: SimulationOptions, path: Path, given: Collection[str]) -> SimulationOptions:
-    """Return the options with soil, wheel, reading and effects of a model file; effects that were given stay.
+    """Return the options with soil, wheel, reading and effects of a model file; given effects override those.
 
     Parameters
     ----------
@@ -250,16 +249,16 @@ def with_model(options: SimulationOptions, path: Path, given: Collection[str]) -
     Raises
     ------
     ConfigError
-        The file is wrong, or an option was given that the file decides.
+        The file is invalid, or a given option contradicts it.
     """
     clashes = [name for name in _OF_THE_MODEL if name in given]
     if clashes:
         raise ConfigError(
             Fault(
-                "the model file says what soil, wheel and reading are",
+                "the model file defines soil, wheel and --sinkage",
                 str(path),
                 found=", ".join(f"--{name}" for name in clashes),
-                next_step="leave these out, or edit the file",
+                next_step="omit these options, or edit the file",
             )
         )
     model = load_model(path)
@@ -276,7 +275,7 @@ def with_model(options: SimulationOptions, path: Path, given: Collection[str]) -
 
 
 def terrain_of(model: ExtendedModel) -> TerrainConfig:
-    """Return what a laboratory would state of the model's soil; where the file has no sigma, the usual spread."""
+    """Return the terrain.toml of the model's soil; a sigma missing in the file is the usual laboratory spread."""
     spread = {
         name: _relative(model.soil_sigmas.get(name), float(getattr(model.soil, name)), usual)
         for name, usual in LABORATORY_SPREAD.items()

@@ -1,4 +1,4 @@
-"""Everything that the page can ask for; what takes long is handed to helpers."""
+"""The analysis session behind the page: its campaigns and every request; long computations run in helper processes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from wheelsoil.view.campaigns import DiagnosisOnPage, NotReadyError, ViewedCampa
 from wheelsoil.view.curve import checked_values, curve_of, effect_entries, soil_parameters
 from wheelsoil.view.entries import campaign_entry, fault_of_ours
 from wheelsoil.view.helper import Helper, HelperEndedError
-from wheelsoil.view.jobs import Member, Seen
+from wheelsoil.view.jobs import Member, PlotData
 from wheelsoil.view.opening import Files, open_campaigns
 from wheelsoil.view.requests import CurveAsked, SelectedAsked
 from wheelsoil.view.saving import saved, selected_of
@@ -30,18 +30,18 @@ from wheelsoil.view.trace import trace_as_json
 from wheelsoil.workflows.choice import SCHEMA, Choice, parse_choice
 
 _OF_DIAGNOSIS = frozenset({"run", "cutoff_hz", "min_speed_mps", "sinkage"})
-"""What a diagnosis takes of a choice; the rest is the fit's."""
+"""Keys of a choice that a diagnosis depends on; the others concern the fit only."""
 
 
 _Keyed = TypeVar("_Keyed", ViewedCampaign, ViewedRun)
 
 
 class UnknownKeyError(ConfigError):
-    """There is no such campaign or run."""
+    """No campaign or run has this key."""
 
 
-class Desk:
-    """The campaigns on the page and those who work on them; every method may be called from any thread.
+class AnalysisSession:
+    """The campaigns on the page and the helper processes that compute; every method may be called from any thread.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Desk:
     Raises
     ------
     WheelsoilError
-        See `daq.runs.open.open_runs`.
+        See `daq.runs.open_runs`.
     """
 
     def __init__(self, paths: Sequence[Path], files: Files) -> None:
@@ -66,77 +66,78 @@ class Desk:
         self._processing = Processing(self.campaigns, self.lock, self._quick, files.zero, Path(self._scratch.name))
 
     def close(self) -> None:
-        """End the helpers and take their files away; whoever waits for an answer gets none. Twice does no harm."""
+        """End the helpers and delete their files; pending requests fail. Calling it again has no effect."""
         self._processing.close()
         self._quick.close()
         self._slow.close()
         self._scratch.cleanup()
 
     def list(self) -> dict[str, Any]:
-        """Return the campaigns with their runs; `started` tells one start of the server from the next."""
+        """Return the campaigns with their runs; `started` is a new random text at each start of the server."""
         with self.lock:
             campaigns = [campaign_entry(campaign, self.files) for campaign in self.campaigns]
         return {"version": __version__, "started": self._started, "remarks": self.remarks, "campaigns": campaigns}
 
     def run(self, campaign_key: str, run_key: str) -> dict[str, Any]:
-        """Return the points of a run that are drawn; `shares` is why samples are left out, of all samples.
+        """Return the points of a run that are drawn; `shares` is the share of all samples by exclusion reason.
 
         Raises
         ------
         UnknownKeyError, NotReadyError, WheelsoilError
         """
-        seen, keep = self._ready(campaign_key, run_key)
-        trace = seen.trace
+        data, keep = self._ready(campaign_key, run_key)
+        trace = data.trace
         reason = trace.reason if keep is None else with_by_hand(trace.reason, trace.time_s, keep)
-        shares = {why.lower(): share for why, share in shares_of(seen.kept(keep).reason).items() if why != "USED"}
+        shares = {why.lower(): share for why, share in shares_of(data.kept(keep).reason).items() if why != "USED"}
         return trace_as_json(trace, reason) | {"shares": shares}
 
     def selected(self, asked: SelectedAsked) -> dict[str, Any]:
-        """Return what is selected of a run; see `wheelsoil.view.saving.selected_of`.
+        """Return a summary of the selected samples of a run; see `wheelsoil.view.saving.selected_of`.
 
         Raises
         ------
         UnknownKeyError, NotReadyError, WheelsoilError
         """
-        seen, keep = self._ready(asked.campaign, asked.run)
-        return selected_of(seen.kept(keep), asked)
+        data, keep = self._ready(asked.campaign, asked.run)
+        return selected_of(data.kept(keep), asked)
 
-    def _ready(self, campaign_key: str, run_key: str) -> tuple[Seen, tuple[Interval, ...] | None]:
-        """Return a processed run and what is kept of it."""
+    def _ready(self, campaign_key: str, run_key: str) -> tuple[PlotData, tuple[Interval, ...] | None]:
+        """Return a processed run and the intervals that are kept (None: all)."""
         with self.lock:
             campaign = self.campaign(campaign_key)
             run = _of_key(campaign.runs, run_key, "run")
             self._processing.prefer(run)
             if run.state == "failed":
                 raise DataError(*run.faults)
-            if run.seen is None or run.state != "ready":
-                raise NotReadyError(Fault("the run is still to be processed", run.run.id, found=run.state))
-            return run.seen, campaign.keeps().get(run.key)
+            if run.plot_data is None or run.state != "ready":
+                raise NotReadyError(Fault("the run is not processed yet", run.run.id, found=run.state))
+            return run.plot_data, campaign.keeps().get(run.key)
 
     def parameters(self, key: str) -> dict[str, Any]:
-        """Return what can be moved; `complete` is false while runs are processed, for all of them can be told then."""
+        """Return the adjustable parameters; `complete` is false until all runs are processed."""
         with self.lock:
             campaign = self.campaign(key)
             base, choices = campaign.base(), campaign.choice.fit_choices()
             soil, terrain = campaign.soil, campaign.first.terrain if campaign.soil_name is None else None
-            told, asked = campaign.told.get(choices.reading), (campaign.ready_members(), campaign.options)
+            reasons = campaign.not_identifiable.get(choices.reading)
+            asked = campaign.ready_members(), campaign.options
             pending = campaign.pending
-        if told is None and not pending:
-            told = self._what_cannot_be_told(asked[0])
+        if reasons is None and not pending:
+            reasons = self._not_identifiable(asked[0])
             with self.lock:
                 if (campaign.ready_members(), campaign.options) == asked:
-                    campaign.told[choices.reading] = told
+                    campaign.not_identifiable[choices.reading] = reasons
                 else:
-                    told = None  # of runs that are processed anew
+                    reasons = None  # these runs are processed again
         return {
-            "complete": told is not None,
+            "complete": reasons is not None,
             "base": base,
             "soil": soil_parameters(soil, prior_of(soil, terrain)),
-            "effects": effect_entries(base, choices.reading, told or {}),
+            "effects": effect_entries(base, choices.reading, reasons or {}),
         }
 
-    def _what_cannot_be_told(self, members: Sequence[Member]) -> dict[str, str]:
-        asked = self._quick.ask(jobs.what_cannot_be_told, members, self.paths, self.files.soil, urgent=True)
+    def _not_identifiable(self, members: Sequence[Member]) -> dict[str, str]:
+        asked = self._quick.ask(jobs.not_identifiable, members, self.paths, self.files.soil, urgent=True)
         try:
             found: dict[str, str] = asked.result()
         except HelperEndedError:
@@ -147,7 +148,7 @@ class Desk:
         return found
 
     def curve(self, asked: CurveAsked) -> dict[str, Any]:
-        """Return the model's curve for some values; `ms` is how long it took."""
+        """Return the model's curve for the given values; `ms` is the computing time."""
         began_s = perf_counter()
         values = checked_values(asked.effects, asked.values, asked.soil)
         with self.lock:
@@ -158,12 +159,12 @@ class Desk:
         return {**found, "ms": round(1e3 * (perf_counter() - began_s), 2)}
 
     def choose(self, key: str, raw: dict[str, Any]) -> dict[str, Any]:
-        """Take a choice and return the campaign's entry; runs are processed again where that changed.
+        """Apply a choice and return the campaign's entry; runs are processed again if their processing options changed.
 
         Raises
         ------
         ConfigError
-            Everything that is wrong with it.
+            Lists every error of the choice.
         """
         choice = parse_choice({"schema": SCHEMA, **raw}, "choice")
         choice.process_options()
@@ -177,20 +178,20 @@ class Desk:
                 except ConfigError:
                     campaign.choice = before
                     raise
-                self._begin_anew(campaign, _changed(before, choice))
+                self._discard_results(campaign, _changed(before, choice))
             campaign.chosen += 1
             for run in campaign.runs:
                 if run.ended:
                     run.ended, run.options = 0, None
                 if run.state != "processing":
-                    run.settle(campaign.options)
+                    run.update_state(campaign.options)
             entry = campaign_entry(campaign, self.files)
-        self._processing.look()
+        self._processing.wake()
         return entry
 
-    def _begin_anew(self, campaign: ViewedCampaign, changed: set[str]) -> None:
-        """Forget what was found with another choice, and end what is still looking for it."""
-        campaign.saved_at, campaign.told = None, {}
+    def _discard_results(self, campaign: ViewedCampaign, changed: set[str]) -> None:
+        """Discard the results of another choice, and cancel the computations for it."""
+        campaign.saved_at, campaign.not_identifiable = None, {}
         dropped, campaign.fits = campaign.fits, []
         for asked in dropped:
             self._quick.drop(asked)
@@ -200,7 +201,7 @@ class Desk:
             campaign.diagnosis = DiagnosisOnPage()
 
     def fit(self, key: str) -> dict[str, Any]:
-        """Fit the campaign as it is chosen; the numbers are those of ``wheelsoil fit --choice``."""
+        """Fit the campaign with its choice; the numbers are those of ``wheelsoil fit --choice``."""
         with self.lock:
             campaign = self.campaign(key)
             choice = campaign.choice
@@ -217,11 +218,11 @@ class Desk:
         return found
 
     def diagnose(self, key: str) -> dict[str, Any]:
-        """Begin to diagnose a campaign in the background and return its entry."""
+        """Start the diagnosis of a campaign in the background and return the campaign's entry."""
         with self.lock:
             campaign = self.campaign(key)
             if any(other.diagnosis.state == "running" for other in self.campaigns):
-                raise NotReadyError(Fault("a diagnosis is running already", next_step="wait for its end"))
+                raise NotReadyError(Fault("a diagnosis is running already", next_step="wait until it has ended"))
             members, choices = campaign.members(), campaign.choice.fit_choices()
             asked = self._slow.ask(jobs.diagnose_members, members, self.paths, self.files.soil, choices)
             mine = campaign.diagnosis = DiagnosisOnPage("running", asked)
@@ -247,11 +248,11 @@ class Desk:
             if diagnosis.faults:
                 raise DataError(*diagnosis.faults)
             if diagnosis.found is None:
-                raise NotReadyError(Fault("there is no diagnosis", found=diagnosis.state, next_step="ask for one"))
+                raise NotReadyError(Fault("there is no diagnosis", found=diagnosis.state, next_step="start one"))
             return diagnosis.found
 
     def save(self, key: str, name: str, *, replace_it: bool) -> dict[str, Any]:
-        """Write the choice beside the runs and return where, with the campaign's entry; see `saved`."""
+        """Write the choice beside the runs; return its path and the campaign's entry; see `saved`."""
         campaign = self.campaign(key)
         choice = campaign.choice
         path = saved(campaign, name, replace_it=replace_it)
@@ -279,7 +280,7 @@ def _of_key(where: Sequence[_Keyed], key: str, what: str) -> _Keyed:
 
 
 def _changed_meanwhile(campaign: ViewedCampaign, step: str) -> NotReadyError:
-    return NotReadyError(Fault("the choice was changed meanwhile", campaign.name, next_step=step))
+    return NotReadyError(Fault("the choice was changed in the meantime", campaign.name, next_step=step))
 
 
 def _faults_of(error: BaseException) -> tuple[Fault, ...]:
@@ -287,6 +288,6 @@ def _faults_of(error: BaseException) -> tuple[Fault, ...]:
 
 
 def _changed(before: Choice, now: Choice) -> set[str]:
-    """Return the keys of choice.toml that are not the same."""
+    """Return the keys of choice.toml whose values differ."""
     old, new = before.to_mapping(), now.to_mapping()
     return {name for name in {*old, *new} if old.get(name) != new.get(name)}

@@ -1,4 +1,4 @@
-"""Processes the runs on the page one after another, those that are looked at first."""
+"""Background processing of the runs on the page, one after another; the displayed run comes first."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from processing import ProcessOptions
 from wheelsoil.view.campaigns import ViewedCampaign, ViewedRun
 from wheelsoil.view.entries import fault_of_ours
 from wheelsoil.view.helper import Helper, HelperEndedError
-from wheelsoil.view.jobs import Seen, process_run
+from wheelsoil.view.jobs import PlotData, process_run
 
 _TRIES = 3
 
 
 class Processing:
-    """A thread that has a helper process whatever waits.
+    """A thread that hands waiting runs to a helper process.
 
     Parameters
     ----------
     campaigns : sequence of ViewedCampaign
     lock : RLock
-        Of their state.
+        Guards the state of the campaigns.
     helper : Helper
     zero : Path or None
         A zero file in place of those that the vehicles name.
@@ -50,15 +50,15 @@ class Processing:
         self._thread.start()
 
     def prefer(self, run: ViewedRun) -> None:
-        """Process a run next: somebody looks at it."""
+        """Process this run next, because the page displays it."""
         self._preferred = run
 
-    def look(self) -> None:
-        """Look whether runs wait again."""
+    def wake(self) -> None:
+        """Check again whether runs are waiting."""
         self._news.set()
 
     def close(self) -> None:
-        """Begin no further run; the one that is processed ends when the helper is closed."""
+        """Start no further run; the current one ends when the helper is closed."""
         self._closed = True
         self._news.set()
 
@@ -82,18 +82,18 @@ class Processing:
     def _process_one(self, run: ViewedRun, options: ProcessOptions) -> None:
         target = self._folder / f"{run.key}-{next(self._number)}.pickle"
         try:
-            seen = self._helper.ask(process_run, run.run, options, self._zero, target).result()
+            plot_data = self._helper.ask(process_run, run.run, options, self._zero, target).result()
         except HelperEndedError as error:
             self._try_again(run, options, error)
         except WheelsoilError as error:
             self._put(run, options, faults=error.faults)
-        except Exception as error:  # noqa: BLE001  # one run must not take the others along
+        except Exception as error:  # noqa: BLE001  # one run must not stop the others
             self._put(run, options, faults=(fault_of_ours(error, run.run.id),))
         else:
-            self._put(run, options, seen=seen, file=target)
+            self._put(run, options, plot_data=plot_data, file=target)
 
     def _try_again(self, run: ViewedRun, options: ProcessOptions, error: HelperEndedError) -> None:
-        """Let a run wait again that the helper's end may be no fault of; after `_TRIES` ends it has failed."""
+        """Queue a run again after the helper ended; after `_TRIES` ends the run has failed."""
         with self._lock:
             run.ended += 1
             if run.ended < _TRIES:
@@ -107,7 +107,7 @@ class Processing:
         run: ViewedRun,
         options: ProcessOptions,
         *,
-        seen: Seen | None = None,
+        plot_data: PlotData | None = None,
         file: Path | None = None,
         faults: tuple[Fault, ...] = (),
         ended: int = 0,
@@ -115,5 +115,5 @@ class Processing:
         with self._lock:
             if run.file is not None:
                 run.file.unlink(missing_ok=True)
-            run.options, run.seen, run.file, run.faults, run.ended = options, seen, file, faults, ended
-            run.settle(next(campaign.options for campaign in self._campaigns if run in campaign.runs))
+            run.options, run.plot_data, run.file, run.faults, run.ended = options, plot_data, file, faults, ended
+            run.update_state(next(campaign.options for campaign in self._campaigns if run in campaign.runs))

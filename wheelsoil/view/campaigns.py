@@ -1,4 +1,4 @@
-"""What the page knows: campaigns, their runs, what was chosen and what has been found so far."""
+"""State of the page: campaigns, their runs, choices and results."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from daq.runs import Run
 from model.wheel_soil import REFERENCE_INFLATION_KPA, Soil, Wheel
 from processing import LOOK, Interval, ProcessOptions, check_within
 from wheelsoil.view.curve import Base
-from wheelsoil.view.jobs import Member, Seen
+from wheelsoil.view.jobs import Member, PlotData
 from wheelsoil.workflows.choice import Choice, ChosenRun, is_called, runs_in_use
 from wheelsoil.workflows.fit import known_soil, wheel_of
 from wheelsoil.workflows.grading import Grade, grade_of
 
 RunState = Literal["waiting", "processing", "ready", "failed"]
-Keeps = tuple[tuple[Seen, tuple[Interval, ...] | None], ...]
+Keeps = tuple[tuple[PlotData, tuple[Interval, ...] | None], ...]
 _USUAL_SPEED_MPS = 2.0
 DiagnosisState = Literal["none", "running", "done", "failed"]
 
@@ -34,20 +34,20 @@ class ViewedRun:
     Attributes
     ----------
     key : str
-        Of this run on the page.
+        Identifies the run on the page.
     run : Run
     state : "waiting", "processing", "ready" or "failed"
     faults : tuple of Fault
         Why it failed.
     options : ProcessOptions or None
-        What `seen` was processed with, or the failure.
-    seen : Seen or None
+        Options of the last processing, successful or not.
+    plot_data : PlotData or None
     file : Path or None
-        Holds the processed run.
+        Contains the processed run.
     ended : int
-        How often in a row the helper ended while it was at it.
-    graded : tuple of (Seen, keep, Grade), or None
-        The last grade, and of what.
+        Number of consecutive ends of the helper while it processed this run.
+    graded : tuple of (PlotData, keep, Grade), or None
+        The last grade and its inputs.
     """
 
     key: str
@@ -55,28 +55,28 @@ class ViewedRun:
     state: RunState = "waiting"
     faults: tuple[Fault, ...] = ()
     options: ProcessOptions | None = None
-    seen: Seen | None = None
+    plot_data: PlotData | None = None
     file: Path | None = None
     ended: int = 0
-    graded: tuple[Seen, tuple[Interval, ...] | None, Grade] | None = None
+    graded: tuple[PlotData, tuple[Interval, ...] | None, Grade] | None = None
 
-    def settle(self, wanted: ProcessOptions) -> None:
-        """Say whether what was processed is what is wanted."""
+    def update_state(self, wanted: ProcessOptions) -> None:
+        """Set the state: waiting if the wanted options differ from those of the last processing."""
         if self.options != wanted:
             self.state = "waiting"
         else:
             self.state = "failed" if self.faults else "ready"
 
-    def grade(self, seen: Seen, keep: tuple[Interval, ...] | None) -> Grade:
-        """Return the grade of what is kept of it, as the report gives it."""
-        if self.graded is None or self.graded[0] is not seen or self.graded[1] != keep:
-            self.graded = (seen, keep, grade_of(seen.kept(keep), seen.lost))
+    def grade(self, plot_data: PlotData, keep: tuple[Interval, ...] | None) -> Grade:
+        """Return the grade of the kept part, as in the report."""
+        if self.graded is None or self.graded[0] is not plot_data or self.graded[1] != keep:
+            self.graded = (plot_data, keep, grade_of(plot_data.kept(keep), plot_data.lost))
         return self.graded[2]
 
 
 @dataclass
 class DiagnosisOnPage:
-    """A diagnosis, how far it is, and what it says once it is done; `asked` is what the helper makes of it."""
+    """A diagnosis: its state, its result once it is done, and the pending answer of the helper (`asked`)."""
 
     state: DiagnosisState = "none"
     asked: Future[dict[str, Any]] | None = None
@@ -95,22 +95,22 @@ class ViewedCampaign:
         Where the choice is saved.
     runs : list of ViewedRun
     others : tuple of Run
-        Of the same folder, but of another terrain or wheel.
+        Runs of the same folder with another terrain or wheel.
     soil_name : str or None
-        A preset in place of terrain.toml.
+        A preset instead of terrain.toml.
     whole : bool
-        It was given as a folder, not as recordings.
+        Whether it was given as a folder, not as recordings.
     choice : Choice
     saved_at : Path or None
     diagnosis : DiagnosisOnPage
-    told : mapping reading -> families that cannot be told, with the reason
-        Empty until it was asked for.
+    not_identifiable : mapping reading -> (mapping family -> reason)
+        Families of effects that these data cannot identify; filled on request.
     chosen : int
-        How often somebody has chosen since the page was opened.
+        Number of choices since the page was opened.
     fits : list of Future
-        Fits that somebody waits for.
-    medians : mapping run's key ("": all runs) -> (what is kept of the runs, load in N, ground speed in m/s)
-        The last medians of used samples, NaN where there is none, and of what.
+        Pending fits.
+    medians : mapping run's key ("": all runs) -> (kept parts, load in N, ground speed in m/s)
+        The last medians of the used samples, NaN if there are none, and the parts they were computed from.
     """
 
     key: str
@@ -123,24 +123,24 @@ class ViewedCampaign:
     choice: Choice = field(default_factory=Choice)
     saved_at: Path | None = None
     diagnosis: DiagnosisOnPage = field(default_factory=DiagnosisOnPage)
-    told: dict[str, dict[str, str]] = field(default_factory=dict)
+    not_identifiable: dict[str, dict[str, str]] = field(default_factory=dict)
     chosen: int = 0
     fits: list[Future[dict[str, Any]]] = field(default_factory=list)
     medians: dict[str, tuple[Keeps, float, float]] = field(default_factory=dict)
 
     @property
     def first(self) -> Run:
-        """The run that stands for all."""
+        """The first run; terrain and wheel are the same for all."""
         return self.runs[0].run
 
     @property
     def options(self) -> ProcessOptions:
-        """How its runs are processed."""
+        """Options of the processing of its runs."""
         return self.choice.process_options(LOOK)
 
     @property
     def pending(self) -> int:
-        """Runs that are not processed yet."""
+        """Number of runs that are not processed yet."""
         return sum(run.state in ("waiting", "processing") for run in self.runs)
 
     @property
@@ -166,7 +166,7 @@ class ViewedCampaign:
         return wheel_of(self.first.vehicle, self.first.vehicle_source)
 
     def keeps(self) -> dict[str, tuple[Interval, ...] | None]:
-        """Return what is kept (None: all) of each run that is used, by its key.
+        """Return the kept intervals (None: all) of each used run, by its key.
 
         Raises
         ------
@@ -181,18 +181,18 @@ class ViewedCampaign:
         return {run.key: kept[run.run.id] for run in self.runs if run.run.id in kept}
 
     def section_of(self, run: Run) -> ChosenRun:
-        """Return what the choice says of one of the runs, as it was given; an empty section where it says nothing."""
+        """Return the section of the choice for a run as it was given; an empty one if there is none."""
         said = (section for section in self.choice.runs if is_called(self._named(section), run))
         return next(said, ChosenRun())
 
     def _named(self, section: ChosenRun) -> ChosenRun:
-        """Return a section by the id alone where that and the file fit a run; ids on the page are unique."""
+        """Return a section identified by the id alone if both id and file match a run; ids on the page are unique."""
         files = {run.run.id: run.run.path.name for run in self.runs}
         alone = files.get(section.id) == section.file
         return replace(section, sha256="", file="" if alone else section.file)
 
     def ready_members(self) -> tuple[Member, ...]:
-        """Return the runs that are used and processed by now, for a helper."""
+        """Return the runs that are used and already processed, for a helper."""
         keeps = self.keeps()
         there = [(run.file, keeps[run.key]) for run in self.runs if run.state == "ready" and run.key in keeps]
         return tuple(Member(file, keep) for file, keep in there if file is not None)
@@ -211,38 +211,38 @@ class ViewedCampaign:
         used = [run for run in self.runs if run.key in keeps]
         faults = [fault for run in used if run.state == "failed" for fault in run.faults]
         if faults:
-            step = "switch the run off, or mend what is wrong"
+            step = "switch the run off, or correct the error"
             raise ConfigError(*(replace(fault, next_step=fault.next_step or step) for fault in faults))
         pending = sum(run.state != "ready" for run in used)
         if pending:
-            what = f"{pending} of {len(used)} runs are still to be processed"
+            what = f"{pending} of {len(used)} runs are not processed yet"
             raise NotReadyError(Fault(what, self.name, next_step="wait until they are, or switch them off"))
-        lacking = [(run, text) for run in used if run.seen for text in run.seen.missing.values()]
+        lacking = [(run, text) for run in used if run.plot_data for text in run.plot_data.missing.values()]
         if lacking:
-            step = "mend vehicle.toml and open the page again, or switch the run off"
+            step = "correct vehicle.toml and open the page again, or switch the run off"
             raise ConfigError(*(Fault(text, f"run {run.run.id}", next_step=step) for run, text in lacking))
         return self.ready_members()
 
     def base(self, load_n: float | None = None, run_key: str = "") -> Base:
-        """Return what curves are drawn for.
+        """Return the conditions for which curves are drawn.
 
         Parameters
         ----------
         load_n : float, optional
-            In place of the median of the used samples.
+            Instead of the median of the used samples.
         run_key : str
-            Draw for one run; of all used ones where it is empty, or that run has no load that can be used.
+            Use this run only; all used runs if it is empty or the run has no usable load.
 
         Raises
         ------
         ConfigError
             Soil or wheel is not known.
         NotReadyError, DataError
-            No run with a usable load is there yet, or at all.
+            No run with a usable load is processed yet, or none has one.
         """
         keeps = self.keeps()
-        used = [run for run in self.runs if run.key in keeps and run.seen]
-        own = [run for run in self.runs if run.key == run_key and run.seen]
+        used = [run for run in self.runs if run.key in keeps and run.plot_data]
+        own = [run for run in self.runs if run.key == run_key and run.plot_data]
         median_n, speed_mps = self._medians(run_key, own, keeps) if own else (np.nan, np.nan)
         if np.isnan(median_n):
             own = used
@@ -250,7 +250,7 @@ class ViewedCampaign:
         if load_n is None and np.isnan(median_n):
             kind = NotReadyError if self.pending else DataError
             expected = "a run with a usable vertical load"
-            missing = dict.fromkeys(text for run in used if run.seen for text in run.seen.missing.values())
+            missing = dict.fromkeys(text for run in used if run.plot_data for text in run.plot_data.missing.values())
             what = ", and ".join(missing) or "the load on the wheel is not known"
             raise kind(Fault(what, self.name, expected=expected))
         infos = [run.run.info for run in own] or [self.first.info]
@@ -267,10 +267,10 @@ class ViewedCampaign:
     def _medians(
         self, key: str, own: Sequence[ViewedRun], keeps: Mapping[str, tuple[Interval, ...] | None]
     ) -> tuple[float, float]:
-        """Return the medians of load and ground speed over the used samples of some runs; NaN where none is known."""
-        there = tuple((run.seen, keeps.get(run.key)) for run in own if run.seen)
+        """Return the medians of load (N) and ground speed (m/s) over the used samples of some runs; NaN if unknown."""
+        there = tuple((run.plot_data, keeps.get(run.key)) for run in own if run.plot_data)
         if key not in self.medians or self.medians[key][0] != there:
-            runs = [seen.kept(keep) for seen, keep in there]
+            runs = [plot_data.kept(keep) for plot_data, keep in there]
             load_n, speed_mps = (
                 _median([getattr(run, name)[run.used] for run in runs])
                 for name in ("vertical_load_n", "ground_speed_mps")
@@ -279,7 +279,7 @@ class ViewedCampaign:
         return self.medians[key][1:]
 
     def check_keeps(self) -> None:
-        """See that the choice fits the runs, and what is kept those that are processed by now.
+        """Check that the choice fits the runs, and its intervals those that are already processed.
 
         Raises
         ------
@@ -288,8 +288,8 @@ class ViewedCampaign:
         keeps = self.keeps()
         for run in self.runs:
             kept = keeps.get(run.key)
-            if run.seen is not None and kept is not None:
-                check_within(kept, run.seen.end_s, f"run {run.run.id}")
+            if run.plot_data is not None and kept is not None:
+                check_within(kept, run.plot_data.end_s, f"run {run.run.id}")
 
 
 def _median(pieces: Sequence[NDArray[np.float64]]) -> float:
@@ -299,4 +299,4 @@ def _median(pieces: Sequence[NDArray[np.float64]]) -> float:
 
 
 class NotReadyError(WheelsoilError):
-    """It cannot be said yet."""
+    """The result is not available yet."""

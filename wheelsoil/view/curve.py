@@ -1,4 +1,4 @@
-"""The model's curve over slip for the page's sliders: one load, a steady drive, no fit; and the sliders' ranges."""
+"""The model's curve over slip for the page's sliders (one load, steady driving, no fit), and the sliders' ranges."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SLIPS = np.linspace(-0.3, 0.8, 120)
 
 @dataclass(frozen=True)
 class Base:
-    """What the curve of a campaign is drawn for, where effects ask for more than slip and load.
+    """Conditions of a campaign's curve; effects may need more than slip and load.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Base:
     load_n : float
         Median of the used samples.
     ground_speed_mps : float
-        The same; it is held, and the wheel turns as the slip has it.
+        Median of the used samples; constant, and the wheel speed follows from the slip.
     direction : 1 or -1
     pass_number : float
         The highest of the runs.
@@ -93,7 +93,7 @@ def curve_of(
         Keys of `EFFECTS`.
     reading : "balanced" or "literal"
     values : mapping
-        Parameters that differ from the soil's and the effects' neutral ones.
+        Parameters that differ from the values of the soil and the neutral values of the effects.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def curve_of(
 
 
 _SIGMAS = 4.0
-"""A slider goes so far from the neutral value, in what is plausible."""
+"""Half the range of a slider, in prior scales (plausible sizes) from the neutral value."""
 _STEPS = 200
 _SOIL: dict[str, tuple[str, str, float, float, float]] = {
     "cohesion_pa": ("cohesion c", "Pa", 0.0, 1e6, 5e3),
@@ -120,35 +120,35 @@ _SOIL: dict[str, tuple[str, str, float, float, float]] = {
     "cohesive_modulus": ("cohesive modulus k_c", "N/m^(n+1)", -1e9, 1e9, 50e3),
     "frictional_modulus": ("frictional modulus k_φ", "N/m^(n+2)", -1e9, 1e9, 500e3),
 }
-"""Label, unit, least, most, and a usual size for a value that is zero."""
+"""Label, unit, lower and upper bound, and a typical size for a value that is zero."""
 
 
 def soil_parameters(soil: Soil, prior: SoilPrior) -> list[dict[str, Any]]:
-    """Return the soil's parameters; `low` and `high` are four of the laboratory's sigmas away."""
+    """Return the soil's parameters; `low` and `high` are four sigmas of the laboratory away."""
     return [_soil_parameter(name, float(getattr(soil, name)), prior) for name in SOIL_PARAMETERS]
 
 
-def effect_entries(base: Base, reading: Reading, told: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Return every effect with its parameters, and why these data cannot tell it.
+def effect_entries(base: Base, reading: Reading, reasons: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Return every effect with its parameters, and why these data cannot identify it.
 
     Parameters
     ----------
     base : Base
     reading : "balanced" or "literal"
-    told : mapping family -> sentence
-        What the data cannot tell.
+    reasons : mapping family -> sentence
+        Why the data cannot identify the family.
     """
-    shown = _shown(base, reading)
-    return [_entry(key, base.wheel, reading, told) | {"in_curve": shown[key]} for key in EFFECTS]
+    visible = _visible_in_curve(base, reading)
+    return [_entry(key, base.wheel, reading, reasons) | {"in_curve": visible[key]} for key in EFFECTS]
 
 
 def checked_values(effects: Sequence[str], values: Mapping[str, float], soil: Mapping[str, float]) -> dict[str, float]:
-    """Return the values as a model takes them.
+    """Return the values of soil and effects in one mapping, as the model expects them.
 
     Raises
     ------
     ConfigError
-        Lists everything: unknown effects and parameters, values out of bounds.
+        Lists unknown effects, unknown parameters, and values out of bounds.
     """
     faults = [
         Fault(f"no effect is called {key!r}", "effects", expected=nearest(key, EFFECTS))
@@ -185,11 +185,11 @@ def _soil_parameter(name: str, value: float, prior: SoilPrior) -> dict[str, Any]
     return _parameter(name, label, unit, value, value, (low, high), (least, most), prior.source)
 
 
-def _entry(key: str, wheel: Wheel, reading: Reading, told: Mapping[str, str]) -> dict[str, Any]:
+def _entry(key: str, wheel: Wheel, reading: Reading, reasons: Mapping[str, str]) -> dict[str, Any]:
     effect = EFFECTS[key]
-    why_not = told.get(effect.name, "")
+    why_not = reasons.get(effect.name, "")
     if effect.reading not in ("any", reading):
-        why_not = f"it belongs to the {effect.reading} reading only"
+        why_not = f"it is defined for --sinkage {effect.reading} only"
     return {
         "key": key,
         "name": effect.name,
@@ -251,9 +251,9 @@ def _round_step(step: float) -> float:
 
 
 @lru_cache(maxsize=16)
-def _shown(base: Base, reading: Reading) -> dict[str, bool]:
-    """Return, by effect, whether a plausible size of it moves the steady curve at all."""
-    plain = curve_of(base, (), reading, {})
+def _visible_in_curve(base: Base, reading: Reading) -> dict[str, bool]:
+    """Return, by effect, whether a plausible size of it changes the curve of steady driving."""
+    unchanged = curve_of(base, (), reading, {})
     found = {}
     for key, effect in EFFECTS.items():
         names = effect.parameter_keys()
@@ -263,7 +263,7 @@ def _shown(base: Base, reading: Reading) -> dict[str, bool]:
         }
         moved = curve_of(base, (key,), reading, values)
         found[key] = any(
-            not np.allclose(moved[c.field], plain[c.field], rtol=1e-9, atol=1e-9, equal_nan=True)
+            not np.allclose(moved[c.field], unchanged[c.field], rtol=1e-9, atol=1e-9, equal_nan=True)
             for c in OUTPUTS.values()
         )
     return found

@@ -1,4 +1,4 @@
-"""The page's list of campaigns and runs as plain values, with the command line that repeats a choice."""
+"""Campaigns and runs as JSON values, with the command lines that reproduce a choice."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _VERBS = (("fit", ()), ("diagnose", ()), ("report", ("-o", "report.html")))
 
 
 def commands_of(campaign: ViewedCampaign, files: Files) -> list[str]:
-    """Return `fit`, `diagnose` and `report` of a campaign as a shell takes them; none before its choice is saved.
+    """Return the shell commands `fit`, `diagnose` and `report` of a campaign; none before its choice is saved.
 
-    A campaign that was given as a folder is named so, one of recordings by these, for its folder may hold more.
+    A campaign that was given as a folder is named by the folder, one of recordings by the recordings.
     """
     if campaign.saved_at is None:
         return []
@@ -39,7 +39,7 @@ def _options(files: Files) -> list[str]:
 
 
 def campaign_entry(campaign: ViewedCampaign, files: Files) -> dict[str, Any]:
-    """Return a campaign as /api/list shows it."""
+    """Return a campaign's entry in the answer of /api/list."""
     terrain, wheel = campaign.first.terrain, campaign.first.vehicle.wheel
     keeps = campaign.keeps()
     diagnosis = campaign.diagnosis
@@ -56,7 +56,7 @@ def campaign_entry(campaign: ViewedCampaign, files: Files) -> dict[str, Any]:
             "state": diagnosis.state,
             "verdict": found.get("verdict"),
             "sentence": found.get("sentence"),
-            "why": told(diagnosis.faults),
+            "why": fault_line(diagnosis.faults),
         },
         "choice": campaign.choice.to_mapping(),
         "chosen": campaign.chosen,
@@ -65,24 +65,24 @@ def campaign_entry(campaign: ViewedCampaign, files: Files) -> dict[str, Any]:
     }
 
 
-def told(faults: Iterable[Fault]) -> str | None:
-    """Return faults in one line; None where there is none."""
+def fault_line(faults: Iterable[Fault]) -> str | None:
+    """Return faults as one line of text; None if there are none."""
     return "; ".join(f"{fault.what} ({fault.found})" if fault.found else fault.what for fault in faults) or None
 
 
 def faults_as_json(faults: Iterable[Fault]) -> dict[str, Any]:
-    """Return faults as the page takes them."""
+    """Return faults as the JSON object that the page expects."""
     return {"faults": [asdict(fault) for fault in faults]}
 
 
 def fault_of_ours(error: BaseException, where: str = "") -> Fault:
-    """Return an error that is none of ours as a fault; only the last line of what it says."""
+    """Return an unexpected error as a fault, with the last line of its message."""
     said = str(error).strip().splitlines()[-1:] or [type(error).__name__]
     return Fault("a fault in the page", where, said[0], next_step="please report it")
 
 
 def _run_entry(run: ViewedRun, use: bool, keep: tuple[tuple[float, float], ...] | None) -> dict[str, Any]:
-    info, seen = run.run.info, run.seen
+    info, data = run.run.info, run.plot_data
     entry = {
         "key": run.key,
         "id": run.run.id,
@@ -92,7 +92,7 @@ def _run_entry(run: ViewedRun, use: bool, keep: tuple[tuple[float, float], ...] 
         "added_load_kg": info.added_load_kg,
         "inflation_kpa": info.inflation_kpa,
         "state": run.state,
-        "why": told(run.faults) if run.state == "failed" else None,
+        "why": fault_line(run.faults) if run.state == "failed" else None,
         "use": use,
         "duration_s": None,
         "usable_share": None,
@@ -100,13 +100,13 @@ def _run_entry(run: ViewedRun, use: bool, keep: tuple[tuple[float, float], ...] 
         "notes": [],
         "sha256": None,
     }
-    if seen is None:
+    if data is None:
         return entry
-    grade = run.grade(seen, keep)
+    grade = run.grade(data, keep)
     return entry | {
-        "duration_s": len(seen.run) / seen.run.rate_hz,
+        "duration_s": len(data.run) / data.run.rate_hz,
         "usable_share": grade.usable_share,
         "grade": grade.level,
-        "notes": [*grade.reasons, *(note for note in seen.notes if note not in grade.reasons)],
-        "sha256": seen.sha256,
+        "notes": [*grade.reasons, *(note for note in data.notes if note not in grade.reasons)],
+        "sha256": data.sha256,
     }

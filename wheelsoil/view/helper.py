@@ -1,4 +1,4 @@
-"""A process that does one thing after another, so that what takes seconds does not hold up the page."""
+"""A helper process that executes long jobs one after another, so that they do not block the page."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class HelperEndedError(HardwareError):
 
 
 class Helper:
-    """One process, started when it is first needed and again after it ended; what is asked for waits in a line.
+    """One process with a queue of jobs; it is started when first needed, and again after it ended.
 
     Parameters
     ----------
     name : str
-        Of the thread that hands things over.
+        Name of the thread that passes the jobs on.
     """
 
     def __init__(self, name: str) -> None:
@@ -48,15 +48,15 @@ class Helper:
         self._thread.start()
 
     def ask(self, function: Callable[..., Any], *args: Any, urgent: bool = False) -> Future[Any]:
-        """Return what will become of ``function(*args)`` in the process.
+        """Return the future result of ``function(*args)`` in the process.
 
         Parameters
         ----------
         function : callable
-            Of a module that can be imported; it, its arguments and what it returns are pickled.
+            From an importable module; the function, its arguments and its result are pickled.
         *args
         urgent : bool
-            Goes before everything that is not, but does not interrupt.
+            Precedes all jobs that are not urgent, but does not interrupt one.
         """
         future: Future[Any] = Future()
         with self._lock:
@@ -67,7 +67,7 @@ class Helper:
         return future
 
     def drop(self, future: Future[Any]) -> None:
-        """Do not do it, or end the process that is at it: that raises `HelperEndedError`. Nothing else is lost."""
+        """Cancel a job; if it is running, end its process: `HelperEndedError`. Other jobs are not affected."""
         if future.cancel():
             return
         with self._lock:
@@ -77,7 +77,7 @@ class Helper:
                     self._process.kill()
 
     def close(self) -> None:
-        """End the process for good: what it is at, what waits and what is asked later raise `HelperEndedError`."""
+        """End the process finally: running, waiting and later jobs raise `HelperEndedError`."""
         with self._lock:
             self._closed = True
             self._line.put((-1, next(self._number), Future(), None))
@@ -100,7 +100,7 @@ class Helper:
                 break
             try:
                 future.set_result(self._done(*job))
-            except Exception as error:  # noqa: BLE001  # whoever asked gets it, whatever it is
+            except Exception as error:  # noqa: BLE001  # the caller gets every error
                 future.set_exception(error)
             with self._lock:
                 self._current, dropped, self._dropped = None, self._dropped, False
@@ -152,13 +152,13 @@ class Helper:
 
 
 def _ended() -> HelperEndedError:
-    what, step = "the process that works for the page ended", "try again; close programs if memory is short"
+    what, step = "the helper process of the page ended", "try again; close programs if memory is short"
     return HelperEndedError(Fault(what, next_step=step))
 
 
 def serve(pipe: Connection) -> None:
-    """Do what comes through the pipe until it is closed; the process's main function."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the page's
+    """Execute the jobs that come through the pipe until it is closed; the main function of the process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the page handles Ctrl-C
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(OSError, AttributeError):  # Windows has no such call
         os.nice(_NICENESS)
@@ -178,7 +178,7 @@ def _outcome(function: Callable[..., Any], args: tuple[Any, ...]) -> bytes:
     except OSError as error:
         fault = Fault(error.strerror or str(error), str(error.filename or ""))
         return pickle.dumps(("faults", (HardwareError, (fault,))))
-    except Exception:  # noqa: BLE001  # the page says that it is a fault of ours
+    except Exception:  # noqa: BLE001  # the page reports it as a fault of the program
         return pickle.dumps(("broken", traceback.format_exc()))
 
 

@@ -1,4 +1,4 @@
-"""What a helper process does for the page. A processed run stays in a file; the page gets what it draws."""
+"""Jobs of a helper process. A processed run stays in a file; the page gets the data that it draws."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ _DRAWN = tuple(channel.field for channel in ON_TIME_BASE if channel.use is not U
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """What the page keeps of a processed run.
+class PlotData:
+    """Data of a processed run that the page keeps.
 
     Attributes
     ----------
     run : ProcessedRun
-        Every sample of what is drawn, in single precision but for time and slip, so that whatever is counted or
-        averaged is so over all samples, not over the points that are drawn. Its other arrays are empty.
+        All samples of the drawn quantities, in single precision except time and slip, so that counts and averages
+        refer to all samples, not only to the drawn points. The other arrays are empty.
     trace : Trace
     lost : tuple of str
-        What of its recording was lost, in words.
+        Losses of its recording, as sentences.
     notes : tuple of str
     sha256 : str
     missing : mapping role -> str
@@ -59,7 +59,7 @@ class Seen:
         return float(self.run.time_s[-1])
 
     def kept(self, keep: Sequence[Interval] | None) -> ProcessedRun:
-        """Return the run with what was left out by hand; an interval that reaches beyond its end stops there."""
+        """Return the run with the manual exclusions; an interval is cut at the end of the run."""
         if keep is None:
             return self.run
         return keep_only(self.run, [(first, min(last, self.end_s)) for first, last in keep if first <= self.end_s])
@@ -73,8 +73,8 @@ class Member:
     keep: tuple[Interval, ...] | None
 
 
-def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Path) -> Seen:
-    """Process a run, leave it in `target` and return what the page draws.
+def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Path) -> PlotData:
+    """Process a run, write it to `target` and return the data that the page draws.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
     known = replace(run, databases={}, attachments={}, recording=None)
     target.write_bytes(pickle.dumps((known, processed), pickle.HIGHEST_PROTOCOL))
     source = source_of(run)
-    return Seen(
+    return PlotData(
         run=_slim(processed),
         trace=trace_of(processed),
         lost=tuple(source.lost),
@@ -98,7 +98,7 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
 
 
 def _slim(run: ProcessedRun) -> ProcessedRun:
-    """Return the run without what the page never asks for; see `Seen`."""
+    """Return the run without the arrays that the page does not use; see `PlotData`."""
     arrays = {field.name for field in fields(run) if isinstance(getattr(run, field.name), np.ndarray)}
     changed: dict[str, Any] = {name: np.zeros(0) for name in arrays - {"time_s", "slip", "reason"}}
     changed["extras"] = {}
@@ -107,7 +107,7 @@ def _slim(run: ProcessedRun) -> ProcessedRun:
 
 
 def fit_members(members: Sequence[Member], choices: FitChoices, soil: str | None) -> dict[str, Any]:
-    """Return the fit as `fit --json` prints it, and by each model's name what its curve is asked with.
+    """Return the fit as `fit --json` prints it, and the curve request of each model by its name.
 
     Raises
     ------
@@ -144,8 +144,8 @@ def diagnose_members(
     return found
 
 
-def what_cannot_be_told(members: Sequence[Member], paths: Sequence[Path], soil: str | None) -> dict[str, str]:
-    """Return, for the families of effects that these runs say nothing about, a sentence that says why."""
+def not_identifiable(members: Sequence[Member], paths: Sequence[Path], soil: str | None) -> dict[str, str]:
+    """Return the families of effects that these runs cannot identify, each with a sentence that gives the reason."""
     from model.diagnosis import cannot_tell, samples_of
     from model.diagnosis.time_series import coverage_of
 

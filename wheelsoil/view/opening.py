@@ -1,4 +1,4 @@
-"""Opens recordings and groups them into campaigns."""
+"""Opening of recordings and grouping into campaigns."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from wheelsoil.workflows.diagnosis import Together, together
 
 @dataclass(frozen=True)
 class Files:
-    """What was given beside the recordings; see the command's options of these names."""
+    """Files and settings given beside the recordings; see the options of the same names of ``wheelsoil view``."""
 
     vehicle: Path | None = None
     terrain: Path | None = None
@@ -29,20 +29,19 @@ class Files:
 def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCampaign], list[str]]:
     """Open recordings and group them: one campaign for each folder, soil and wheel.
 
-    A folder of campaign folders stands for all of them. Runs are told apart by their ids within a campaign only, as
-    on the command line. A `choice.toml` that lies in a folder is taken up; one that cannot be is told of, and left
-    alone.
+    A folder of campaign folders means all of them. As on the command line, run ids are unique within a campaign only.
+    A `choice.toml` in a folder is loaded; one that cannot be used is reported and not changed.
 
     Returns
     -------
     campaigns : list of ViewedCampaign
     remarks : list of str
-        Files and folders that were left out because they cannot be read; what of a choice does not fit.
+        Unreadable files and folders, which are skipped, and the parts of a choice that do not fit.
 
     Raises
     ------
     WheelsoilError
-        There is nothing that can be read; see `daq.runs.open.open_runs`.
+        Nothing is readable; see `daq.runs.open_runs`.
     """
     remarks: list[str] = []
     folders: list[Path] = []
@@ -61,7 +60,7 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
     if not opened:
         collected.stop_if_any()
     faults = dict.fromkeys(fault for error in collected.errors for fault in error.faults)
-    remarks += [f"{fault.where} is left out: {fault.what}" for fault in faults]
+    remarks += [f"{fault.where} is skipped: {fault.what}" for fault in faults]
     groups: dict[Together, list[ViewedRun]] = {}
     once = {run.path.resolve(): run for run in opened}
     for number, run in enumerate(once.values(), 1):
@@ -77,7 +76,7 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
         for number, ((folder, _, _), runs) in enumerate(groups.items(), 1)
     ]
     for campaign in campaigns:
-        remarks += _taken_up(campaign)
+        remarks += _load_choice(campaign)
     return campaigns, remarks
 
 
@@ -102,8 +101,8 @@ def _campaign(
     return ViewedCampaign(key, name, place, runs, others, files.soil, whole=bool(folder))
 
 
-def _taken_up(campaign: ViewedCampaign) -> list[str]:
-    """Take up the choice that lies beside the runs; return what is wrong with it, or with the runs by it."""
+def _load_choice(campaign: ViewedCampaign) -> list[str]:
+    """Load the choice beside the runs; return the errors of it, and its warnings about the runs."""
     path = campaign.folder / CHOICE_FILE
     if not path.is_file():
         return []
@@ -115,9 +114,9 @@ def _taken_up(campaign: ViewedCampaign) -> list[str]:
             raise ConfigError(*faults)
         choice.process_options()
     except WheelsoilError as error:
-        return [f"{path} is not taken up: " + "; ".join(fault.what for fault in error.faults)]
+        return [f"{path} is not used: " + "; ".join(fault.what for fault in error.faults)]
     choice = replace(choice, runs=tuple(r for r in choice.runs if any(is_called(r, run) for run in own)))
     if runs_in_use(choice, own)[1]:
-        return []  # it is of the folder's other terrain
+        return []  # it belongs to the other terrain of the folder
     campaign.choice, campaign.saved_at = choice, path
     return [text for chosen in in_use for text in texts_of(chosen.warnings)]

@@ -1,4 +1,4 @@
-"""What the page may send, checked at the door."""
+"""Requests of the page, validated."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class _Asked(BaseModel):
 
 
 class CampaignAsked(_Asked):
-    """Something is asked of a campaign."""
+    """A request about a campaign."""
 
 
 class CurveAsked(_Asked):
-    """A model's curve for some values; what is left out is the run's, the campaign's (without a run), or neutral."""
+    """A model's curve; missing values are those of the run, of the campaign (without a run), or neutral."""
 
     run: Key | None = None
     sinkage: Literal["balanced", "literal"] | None = None
@@ -44,10 +44,10 @@ class CurveAsked(_Asked):
 
 
 class SelectedAsked(_Asked):
-    """Count what is selected of a run: a stretch of time, a box over slip, or what was left out for one reason.
+    """Summarise a selection of a run: an interval of time, a box over slip, or the samples of one exclusion reason.
 
-    `low` and `high` are seconds or slips; `bottom` and `top` are limits of `channel`, for a box. `left_out` tells
-    whether samples that are not used are shown, so that they are selected, too.
+    `low` and `high` are seconds or slips; `bottom` and `top` are limits of `channel`, for a box. `left_out`: whether
+    excluded samples are displayed, and so selected, too.
     """
 
     run: Key
@@ -62,34 +62,34 @@ class SelectedAsked(_Asked):
 
 
 class ChoiceAsked(_Asked):
-    """A choice, as choice.toml holds it; `wheelsoil.workflows.choice` checks it."""
+    """A choice with the keys of choice.toml; `wheelsoil.workflows.choice` checks it."""
 
     choice: dict[str, Any]
 
 
 class SaveAsked(_Asked):
-    """Write the choice under a plain name beside the runs."""
+    """Write the choice beside the runs, under a file name without a folder."""
 
     name: Annotated[str, Field(strict=True, min_length=1, max_length=120)]
     replace: Annotated[bool, Field(strict=True)] = False
 
 
 def asked_of(body: bytes, kind: type[Asked]) -> Asked:
-    """Return what a body asks for.
+    """Return the request in a body.
 
     Raises
     ------
     ConfigError
-        It is no JSON object, or everything that is wrong with it.
+        The body is not a JSON object, or lists every error in it.
     """
     try:
         raw = json.loads(body, parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
         raise ConfigError(Fault("the body is not valid JSON", found=str(error)[:200])) from None
     if not isinstance(raw, dict):
-        raise ConfigError(Fault("the body is no JSON object", found=type(raw).__name__))
+        raise ConfigError(Fault("the body is not a JSON object", found=type(raw).__name__))
     return parse_mapping(raw, kind, "request")
 
 
 def _refuse(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no number in JSON")
+    raise ValueError(f"{name} is not a number in JSON")

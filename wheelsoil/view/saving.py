@@ -23,14 +23,14 @@ _REASONS = {why.name.lower(): why for why in Reason}
 
 
 def selected_of(run: ProcessedRun, asked: SelectedAsked) -> dict[str, Any]:
-    """Return how many samples are selected, for how long, and what they have of slip and drawbar pull.
+    """Return number and duration of the selected samples, their range of slip and their mean drawbar pull.
 
-    The mean drawbar pull is that of the used ones among them; of all where none is used.
+    The mean drawbar pull is that of the used samples among them; of all if none is used.
 
     Parameters
     ----------
     run : ProcessedRun
-        With what was left out by hand.
+        With the manual exclusions.
     asked : SelectedAsked
     """
     rows = _rows(run, asked)
@@ -51,10 +51,10 @@ def selected_of(run: ProcessedRun, asked: SelectedAsked) -> dict[str, Any]:
 def _rows(run: ProcessedRun, asked: SelectedAsked) -> NDArray[np.bool_]:
     if asked.kind == "reason":
         return np.asarray(run.reason == _REASONS.get(asked.code, -1))
-    seen = run.used | asked.left_out
+    visible = run.used | asked.left_out
     if asked.kind == "time":
-        return seen & _within(run.time_s, asked.low, asked.high)
-    rows = seen & _within(run.slip, asked.low, asked.high)
+        return visible & _within(run.time_s, asked.low, asked.high)
+    rows = visible & _within(run.slip, asked.low, asked.high)
     if asked.channel is None:
         return rows
     return rows & _within(getattr(run, asked.channel), asked.bottom, asked.top)
@@ -66,11 +66,11 @@ def _within(values: NDArray[np.float64], low: float, high: float) -> NDArray[np.
 
 _SUFFIX = ".toml"
 _OURS = ("vehicle.toml", "terrain.toml", "runs.toml", "zero.toml", "manifest.toml")
-"""What lies in a campaign's folder and is never replaced by a choice."""
+"""Files of a campaign's folder that a choice never replaces."""
 
 
 def saved(campaign: ViewedCampaign, name: str, *, replace_it: bool) -> Path:
-    """Write a campaign's choice into its folder and return where it is.
+    """Write a campaign's choice into its folder and return its path.
 
     Every run is listed with its sha256; runs of another terrain or wheel in the same folder are switched off, so that
     ``wheelsoil fit FOLDER --choice FILE`` takes the same runs.
@@ -78,7 +78,7 @@ def saved(campaign: ViewedCampaign, name: str, *, replace_it: bool) -> Path:
     Raises
     ------
     ConfigError
-        The name is no plain file name, the file is there already or is no choice, or it cannot be written.
+        The name is not a file name, the file exists already or is not a choice, or it cannot be written.
     """
     path = _target(campaign.folder, name)
     if path.name.lower() in _OURS or (replace_it and _is_another(path)):
@@ -92,7 +92,7 @@ def saved(campaign: ViewedCampaign, name: str, *, replace_it: bool) -> Path:
             beside.replace(path)
     except FileExistsError:
         step = "choose another name, or replace it"
-        raise ConfigError(Fault("the file is there already", str(path), next_step=step)) from None
+        raise ConfigError(Fault("the file exists already", str(path), next_step=step)) from None
     except OSError as error:
         why = error.strerror or str(error)
         raise ConfigError(Fault("the choice cannot be written", str(path), why, next_step="check the folder")) from None
@@ -108,14 +108,14 @@ def complete(campaign: ViewedCampaign) -> Choice:
     choice, sections = campaign.choice, []
     for run in campaign.runs:
         given = campaign.section_of(run.run)
-        digest = run.seen.sha256 if run.seen else sha256_of(*run.run.files)
+        digest = run.plot_data.sha256 if run.plot_data else sha256_of(*run.run.files)
         sections.append(replace(given, file=run.run.path.name, id=run.run.id, sha256=digest))
     sections += [ChosenRun(run.path.name, run.id, sha256_of(*run.files), use=False) for run in campaign.others]
     return replace(choice, runs=tuple(sections))
 
 
 def _is_another(path: Path) -> bool:
-    """Return whether there is a file that is no choice, or that nobody can read."""
+    """Return whether the file exists and is not a choice, or is unreadable."""
     try:
         return tomllib.loads(path.read_bytes().decode()).get("schema") != SCHEMA
     except FileNotFoundError:
@@ -125,9 +125,11 @@ def _is_another(path: Path) -> bool:
 
 
 def _target(folder: Path, name: str) -> Path:
-    plain = name.strip()
-    unfit = plain != Path(plain).name or plain.startswith(".") or not plain.isprintable() or "\\" in plain
-    if unfit or not plain.lower().endswith(_SUFFIX):
-        expected = f"a plain file name that ends in {_SUFFIX}: it is put beside the runs"
+    stripped = name.strip()
+    unfit = (
+        stripped != Path(stripped).name or stripped.startswith(".") or not stripped.isprintable() or "\\" in stripped
+    )
+    if unfit or not stripped.lower().endswith(_SUFFIX):
+        expected = f"a file name without a folder that ends in {_SUFFIX}: the file is written beside the runs"
         raise ConfigError(Fault("the choice cannot have this name", "name", repr(name), expected))
-    return folder / plain
+    return folder / stripped

@@ -1,4 +1,4 @@
-"""The page's server: its paths take and give JSON, and every error is a list of faults; it serves until Ctrl-C."""
+"""The page's server: JSON requests and answers, every error as a list of faults; it runs until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from starlette.responses import Response
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
-from daq import ConfigError, DataError, Fault, HardwareError, WheelsoilError
-from wheelsoil.cli.talk import addresses_to_tell
-from wheelsoil.view.analysis_session import Desk, UnknownKeyError
+from daq import ConfigError, DataError, Fault, WheelsoilError
+from wheelsoil.cli.console import printable_addresses
+from wheelsoil.view.analysis_session import AnalysisSession, UnknownKeyError
 from wheelsoil.view.campaigns import NotReadyError
 from wheelsoil.view.entries import fault_of_ours, faults_as_json
 from wheelsoil.view.opening import Files
 from wheelsoil.view.requests import Asked, CampaignAsked, ChoiceAsked, CurveAsked, SaveAsked, SelectedAsked, asked_of
 from wheelsoil.web.guard import POLICY, Guard, Rules, files_in, routes_of
-from wheelsoil.web.listening import checked_token, listen, page_addresses
+from wheelsoil.web.listening import PortTakenError, checked_token, listen, page_addresses
 from wheelsoil.web.serving import server_of
 from wheelsoil.wording.model_styles import styles_script
 from wheelsoil.wording.to_json import to_json
 
 LARGEST_BODY_BYTES = 1 << 18
-"""A choice of many parts of many runs."""
+"""Enough for a choice of many parts of many runs."""
 
 _POLICY = POLICY.replace("img-src 'self'", "img-src 'self' data: blob:")
-"""plotly.js makes an image of a drawing without a server; its style comes as a file, /plotly.css."""
+"""plotly.js creates images in the browser; its style is a file, /plotly.css."""
 _STATUS: tuple[tuple[type[WheelsoilError], int], ...] = (
     (UnknownKeyError, 404),
     (NotReadyError, 409),
@@ -50,36 +50,30 @@ _STATUS: tuple[tuple[type[WheelsoilError], int], ...] = (
 _log = logging.getLogger(__name__)
 
 
-def make_app(desk: Desk, rules: Rules) -> ASGIApp:
-    """Return the page as an ASGI application.
-
-    Parameters
-    ----------
-    desk : Desk
-    rules : Rules
-    """
+def make_app(session: AnalysisSession, rules: Rules) -> ASGIApp:
+    """Return the page as an ASGI application."""
 
     def choose(asked: ChoiceAsked) -> Any:
-        return desk.choose(asked.campaign, asked.choice)
+        return session.choose(asked.campaign, asked.choice)
 
     def save(asked: SaveAsked) -> Any:
-        return desk.save(asked.campaign, asked.name, replace_it=asked.replace)
+        return session.save(asked.campaign, asked.name, replace_it=asked.replace)
 
     def fit(asked: CampaignAsked) -> Any:
-        return desk.fit(asked.campaign)
+        return session.fit(asked.campaign)
 
     def diagnose(asked: CampaignAsked) -> Any:
-        return desk.diagnose(asked.campaign)
+        return session.diagnose(asked.campaign)
 
     page = files_in("wheelsoil.web") | files_in("wheelsoil.view")
     page |= {"/plotly.js": _plotly(), "/styles.js": styles_script()}
     routes = [
-        _get("/api/list", lambda _: desk.list()),
-        _get("/api/run", lambda of: desk.run(of("campaign"), of("run"))),
-        _get("/api/parameters", lambda of: desk.parameters(of("campaign"))),
-        _get("/api/diagnosis", lambda of: desk.diagnosis(of("campaign"))),
-        _post("/api/curve", CurveAsked, desk.curve),
-        _post("/api/selected", SelectedAsked, desk.selected),
+        _get("/api/list", lambda _: session.list()),
+        _get("/api/run", lambda of: session.run(of("campaign"), of("run"))),
+        _get("/api/parameters", lambda of: session.parameters(of("campaign"))),
+        _get("/api/diagnosis", lambda of: session.diagnosis(of("campaign"))),
+        _post("/api/curve", CurveAsked, session.curve),
+        _post("/api/selected", SelectedAsked, session.selected),
         _post("/api/choose", ChoiceAsked, choose),
         _post("/api/fit", CampaignAsked, fit),
         _post("/api/diagnose", CampaignAsked, diagnose, 202),
@@ -94,7 +88,7 @@ def _get(path: str, answer: Callable[[Callable[[str], str]], Any]) -> Route:
         def of(name: str) -> str:
             given = request.query_params.getlist(name)
             if len(given) != 1:
-                raise ConfigError(Fault(f"{name} is not given once", path, expected=f"?{name}=KEY"))
+                raise ConfigError(Fault(f"{name} is not given exactly once", path, expected=f"?{name}=KEY"))
             return given[0]
 
         return await _answered(lambda: answer(of), 200)
@@ -114,18 +108,18 @@ def _post(path: str, kind: type[Asked], answer: Callable[[Asked], Any], status: 
 
 
 async def _answered(answer: Callable[[], Any], status: int) -> Response:
-    """Return what is answered."""
+    """Return the response: the answer, or its faults."""
     try:
         return _json(await run_in_threadpool(answer), status)
     except WheelsoilError as error:
         return _json(faults_as_json(error.faults), next(code for kind, code in _STATUS if isinstance(error, kind)))
-    except Exception as error:  # noqa: BLE001  # the page's boundary: the next request may be answered
+    except Exception as error:  # noqa: BLE001  # boundary of the page: the next request may succeed
         _log.exception("the page")
         return _json(faults_as_json([fault_of_ours(error)]), 500)
 
 
 def _json(value: Any, status: int) -> Response:
-    body = to_json(value, indent=None).encode("utf-8", "replace")  # a file's name may be no UTF-8
+    body = to_json(value, indent=None).encode("utf-8", "replace")  # a file's name may not be UTF-8
     return Response(body, status, media_type="application/json")
 
 
@@ -149,29 +143,29 @@ def serve(
     browser: bool,
     say: Callable[[str], None],
 ) -> None:
-    """Open the recordings and serve the page until the process is told to end.
+    """Open the recordings and serve the page until Ctrl-C or SIGTERM.
 
     Parameters
     ----------
     paths : sequence of Path
     files : Files
     host : str
-        Anything but this machine's own loopback asks for a token.
+        Any address except this machine's loopback requires a token.
     port : int or None
-        None: `PORT`, or the next that is free.
+        None: `PORT`, or the next free one.
     token : str or None
-        None: none on a loopback address, a new random one elsewhere.
+        None: no token on a loopback address, a new random one elsewhere.
     browser : bool
-        Open one, where there is a display.
+        Open a browser if there is a display.
     say : callable
-        Is told the addresses, and what was left out.
+        Prints the addresses and the skipped files.
 
     Raises
     ------
     HardwareError
         The address cannot be listened on, or the port is taken.
     WheelsoilError
-        See `daq.runs.open.open_runs`.
+        See `daq.runs.open_runs`.
     KeyboardInterrupt
         Ctrl-C.
     """
@@ -181,20 +175,20 @@ def serve(
         addresses = page_addresses(listening, token_asked)
         before = signal.signal(signal.SIGTERM, _end)
         try:
-            desk = Desk(paths, files)
+            session = AnalysisSession(paths, files)
             try:
-                _tell(desk.remarks, addresses_to_tell(addresses, token), say)
+                _print_addresses(session.remarks, printable_addresses(addresses, token), say)
                 if browser and _has_display():
                     threading.Thread(target=webbrowser.open, args=(addresses[0],), daemon=True).start()
-                server = server_of(make_app(desk, Rules.of(host, bound, token_asked)), desk.close)
+                server = server_of(make_app(session, Rules.of(host, bound, token_asked)), session.close)
                 asyncio.run(server.serve(sockets=[listening]))
             finally:
-                desk.close()
+                session.close()
         finally:
             signal.signal(signal.SIGTERM, before)
 
 
-def _tell(remarks: Iterable[str], addresses: Iterable[str], say: Callable[[str], None]) -> None:
+def _print_addresses(remarks: Iterable[str], addresses: Iterable[str], say: Callable[[str], None]) -> None:
     for remark in remarks:
         say(remark)
     for address in addresses:
@@ -215,9 +209,8 @@ def listening_on(host: str, port: int | None) -> socket.socket:
     for tried in range(PORT, PORT + _TRIED):
         try:
             return listen(host, tried, 0.0, page=_PAGE)
-        except HardwareError as error:
-            taken = "is taken" in error.faults[0].what
-            if not taken or tried == PORT + _TRIED - 1:
+        except PortTakenError:
+            if tried == PORT + _TRIED - 1:
                 raise
     raise AssertionError("every port was tried")
 

@@ -1,4 +1,4 @@
-"""What the page draws of a run: few points that keep peaks of pull and slip, the same rows of every quantity."""
+"""Thinning of a run for the plots: few points that keep the peaks of pull and slip, the same rows of each quantity."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ IntArray = NDArray[np.int64]
 
 MOST_POINTS = 6000
 _RATE_HZ = 10.0
-_TELLING = 2
-_KEPT_PER_PIECE = 2 * _TELLING
-"""Least and greatest drawbar pull, least and greatest slip."""
+_GUIDES = 2
+_KEPT_PER_PIECE = 2 * _GUIDES
+"""Minimum and maximum of the two guiding quantities, drawbar pull and slip."""
 
 _DECIMALS = {
     "time_s": 3,
@@ -41,12 +41,12 @@ class Trace:
     Attributes
     ----------
     quantities : mapping name with unit -> float64 array
-        NaN where not known.
+        NaN if unknown.
     reason : uint8 array, see `Reason`
     segments : tuple of (kind, from_s, to_s)
-        Of all samples.
+        Of the whole run.
     thinned_from : int
-        Samples of the run.
+        Number of samples of the run.
     """
 
     quantities: dict[str, FloatArray]
@@ -56,7 +56,7 @@ class Trace:
 
     @property
     def time_s(self) -> FloatArray:
-        """Seconds since the run's time base begins."""
+        """Seconds since the start of the run's time base, shape (n,)."""
         return self.quantities["time_s"]
 
 
@@ -68,11 +68,11 @@ def trace_of(run: ProcessedRun) -> Trace:
 
 
 def rows_to_draw(run: ProcessedRun) -> IntArray:
-    """Choose about ten rows a second, at most `MOST_POINTS`, in rising order.
+    """Choose about ten rows a second, at most `MOST_POINTS`, in ascending order.
 
-    The run is cut into pieces of equal length. Of each the rows of the least and the greatest drawbar pull and slip
-    stay (of load and speeds where one of them is missing), of its used samples where it has any, and the first row of
-    each reason that left some out, so that a gap stays one however short it is.
+    The run is cut into pieces of equal length. Each piece keeps the rows of minimum and maximum drawbar pull and slip
+    (of torque, load or speeds if one of them is missing), among its used samples if it has any, and the first row of
+    each exclusion reason, so that every gap stays visible.
     """
     most = min(MOST_POINTS, int(len(run) / run.rate_hz * _RATE_HZ) + _KEPT_PER_PIECE)
     if len(run) <= most:
@@ -84,29 +84,29 @@ def rows_to_draw(run: ProcessedRun) -> IntArray:
 
 
 def _rows_of_pieces(run: ProcessedRun, pieces: int) -> IntArray:
-    telling = [run.drawbar_pull_n, run.slip]
+    guides = [run.drawbar_pull_n, run.slip]
     if run.quality.missing:
-        telling += [run.driving_torque_nm, run.vertical_load_n, run.ground_speed_mps, run.wheel_speed_radps]
-    telling = [values for values in telling if np.isfinite(values).any()][:_TELLING]
+        guides += [run.driving_torque_nm, run.vertical_load_n, run.ground_speed_mps, run.wheel_speed_radps]
+    guides = [values for values in guides if np.isfinite(values).any()][:_GUIDES]
     chosen = []
     for piece in np.array_split(np.arange(len(run)), pieces):
         reasons, first = np.unique(run.reason[piece], return_index=True)
         used = piece[run.used[piece]]
         inside = used if len(used) else piece
-        found = [row for values in telling for row in _ends(values, inside)]
+        found = [row for values in guides for row in _ends(values, inside)]
         found += piece[first[(reasons != Reason.USED) | (not found)]].tolist()
         chosen.append(np.unique(found))
     return np.concatenate(chosen)
 
 
 def trace_as_json(trace: Trace, reason: NDArray[np.uint8]) -> dict[str, Any]:
-    """Return plain values; NaN becomes None, a quantity that was never measured is None as a whole.
+    """Return JSON values; NaN becomes None, and a quantity that was not measured is None as a whole.
 
     Parameters
     ----------
     trace : Trace
     reason : uint8 array, shape (n,)
-        In place of the trace's own: with what was left out by hand.
+        Instead of the trace's own: with the manual exclusions.
     """
     words = ["" if why is Reason.USED else why.name.lower() for why in Reason]
     arrays = {

@@ -1,1 +1,1 @@
-"""What the logger's page and the analyst's page share: who may ask, where they listen, how they are served."""
+"""Parts that the logger's page and the analyst's page share: access rules, addresses, HTTP server."""

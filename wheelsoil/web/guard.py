@@ -48,7 +48,7 @@ POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""What a browser may load: files of this page, and nothing that stands in a page or comes from elsewhere."""
+"""A browser may load files of this page only: no inline script or style, and nothing from elsewhere."""
 
 _HEADERS = {
     "x-frame-options": "DENY",
@@ -61,14 +61,14 @@ _HEADERS = {
 
 @dataclass(frozen=True)
 class Rules:
-    """Who may ask.
+    """Access rules of a page.
 
     Attributes
     ----------
     bound : str
-        IP address that the page listens on.
+        IP address on which the page listens.
     names : frozenset of str
-        Host names it answers to, lower case.
+        Accepted host names, lower case.
     token : str or None
     """
 
@@ -78,7 +78,7 @@ class Rules:
 
     @classmethod
     def of(cls, host: str, bound: str, token: str | None) -> Rules:
-        """Return the rules for a page that was told to listen on `host`."""
+        """Return the rules of a page that listens on `host`, bound to the IP address `bound`."""
         names = {"localhost", host.lower()}
         if not is_loopback(bound):
             names |= {socket.gethostname().lower()}
@@ -87,8 +87,8 @@ class Rules:
     def knows_host(self, header: str) -> bool:
         """Return whether a Host header names this machine.
 
-        A page of another site can have its own name lead here (DNS rebinding), but not an IP address, and not a name
-        under ``.local``, which belongs to this network.
+        Another site can let its own name resolve to this machine (DNS rebinding), but not an IP address, and not a
+        name under ``.local``, which belongs to this network.
         """
         name = _host_name(header)
         if name in self.names:
@@ -101,14 +101,14 @@ class Rules:
         return open_to_others or address.is_loopback
 
     def knows_token(self, header: str) -> bool:
-        """Return whether an Authorization header carries the token; takes the same time for every wrong one."""
+        """Return whether an Authorization header carries the token; takes equally long for every wrong one."""
         if self.token is None:
             return True
         return hmac.compare_digest(header.encode(), f"Bearer {self.token}".encode())
 
 
 class Guard:
-    """An ASGI application around the page that refuses what `Rules` do not allow.
+    """An ASGI application around the page that rejects the requests that `Rules` do not allow.
 
     Parameters
     ----------
@@ -150,11 +150,11 @@ class Guard:
     def _refusal(self, method: str, path: str, headers: Headers) -> PlainTextResponse | None:
         hosts, origins = headers.getlist("host"), headers.getlist("origin")
         if len(hosts) != 1 or not self._rules.knows_host(hosts[0]):
-            return PlainTextResponse("this page does not go by that name: open it by this machine's IP address\n", 421)
-        if origins and not _same_origin(origins, hosts[0]):  # browsers state it with every POST, programs need not
-            return PlainTextResponse("asked for by the page of another site\n", 403)
+            return PlainTextResponse("unknown host name: open the page by this machine's IP address\n", 421)
+        if origins and not _same_origin(origins, hosts[0]):  # browsers send it with every POST, programs need not
+            return PlainTextResponse("requested by a page of another site\n", 403)
         if path not in self._open_paths and headers.get("sec-fetch-site", "same-origin") != "same-origin":
-            return PlainTextResponse("asked for by the page of another site\n", 403)
+            return PlainTextResponse("requested by a page of another site\n", 403)
         if path not in self._open_paths and not self._rules.knows_token(headers.get("authorization", "")):
             return PlainTextResponse("the token is missing or wrong\n", 401, {"www-authenticate": "Bearer"})
         if method == "POST":
@@ -166,7 +166,7 @@ def _unfit_body(headers: Headers, largest_bytes: int) -> PlainTextResponse | Non
     if headers.get("content-type", "").split(";")[0].strip().lower() != "application/json":
         return PlainTextResponse("the body must be application/json\n", 415)
     size = headers.get("content-length", "")
-    if not size.isdecimal() or "transfer-encoding" in headers:  # which would be believed, and the size not
+    if not size.isdecimal() or "transfer-encoding" in headers:  # it would take precedence over the stated size
         return PlainTextResponse("the body's length is not stated\n", 411)
     if int(size) > largest_bytes:
         return PlainTextResponse(f"more than {largest_bytes} bytes\n", 413)

@@ -1,4 +1,4 @@
-"""The page's address: the socket it listens on, what to tell people to open, and the token."""
+"""Address of a page: its listening socket, its URLs and its token."""
 
 from __future__ import annotations
 
@@ -13,21 +13,27 @@ from urllib.parse import quote
 from daq import ConfigError, Fault, HardwareError
 
 PATIENCE_S = 1.0
-"""How long a taken port is tried again: the page of a logger that was killed may still be dying."""
+"""How long a taken port is retried: the page of a logger that was killed may not have ended yet."""
 
 _SHORTEST_TOKEN = 8
 _SIOCGIFADDR = 0x8915
 _DEAF_MS = 15_000
-"""A phone that was carried out of reach must not hold its place for the quarter of an hour that TCP would wait."""
+"""Time limit for a phone out of reach; by default TCP would keep its connection for a quarter of an hour."""
+
+
+class PortTakenError(HardwareError):
+    """Another program listens on the port."""
 
 
 def listen(host: str, port: int, patience_s: float = PATIENCE_S, *, page: str = "status page") -> socket.socket:
-    """Return a listening socket; `page` is what people call it.
+    """Return a listening socket; `page` is the name of the page in messages.
 
     Raises
     ------
+    PortTakenError
+        The port is taken.
     HardwareError
-        The address is not this machine's, the port is taken or not allowed.
+        The address is not this machine's, or the port is not allowed.
     ConfigError
         There is no such port.
     """
@@ -38,8 +44,10 @@ def listen(host: str, port: int, patience_s: float = PATIENCE_S, *, page: str = 
         try:
             return _listening(host, port)
         except OSError as error:
-            if error.errno != errno.EADDRINUSE or time.monotonic() >= until:
-                raise HardwareError(_fault(error, host, port, page)) from None
+            taken = error.errno == errno.EADDRINUSE
+            if not taken or time.monotonic() >= until:
+                kind = PortTakenError if taken else HardwareError
+                raise kind(_fault(error, host, port, page)) from None
             time.sleep(0.05)
 
 
@@ -49,7 +57,7 @@ def is_loopback(host: str) -> bool:
 
 
 def checked_token(token: str | None, host: str) -> str | None:
-    """Return the token to ask for on a bound address: the given one, a new one, or None where none is needed.
+    """Return the token required on a bound address: the given one, a new one, or None if none is needed.
 
     Raises
     ------
@@ -63,7 +71,7 @@ def checked_token(token: str | None, host: str) -> str | None:
             Fault(
                 "the page's token cannot be used",
                 expected=f"at least {_SHORTEST_TOKEN} ASCII characters without spaces",
-                next_step="leave it out: a random one is made and told",
+                next_step="omit it: a random one is created and printed",
             )
         )
     return token
@@ -72,7 +80,7 @@ def checked_token(token: str | None, host: str) -> str | None:
 def page_addresses(listening: socket.socket, token: str | None) -> tuple[str, ...]:
     """Return the URLs that open the page, the most useful first.
 
-    The token stands behind ``#``: that part of a URL stays in the browser and reaches no server's log.
+    The token follows ``#``: this part of a URL stays in the browser and does not appear in the log of a server.
     """
     host, port = listening.getsockname()[:2]
     own = ipaddress.ip_address(host.split("%")[0])
@@ -120,7 +128,7 @@ def _fault(error: OSError, host: str, port: int, page: str) -> Fault:
 
 
 def _interface_addresses() -> tuple[str, ...]:
-    """Return this machine's IPv4 addresses, the loopback's last; none where the system (Windows) has no `fcntl`."""
+    """Return this machine's IPv4 addresses, the loopback address last; none on a system without `fcntl` (Windows)."""
     try:
         import fcntl
     except ImportError:

@@ -1,4 +1,4 @@
-"""Serving of both pages: connections of browsers, few at a time, each with a limit of time."""
+"""HTTP server of both pages, with limits on the number and duration of connections."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ PATIENCE_S = 10.0
 
 
 class Connection(H11Protocol):
-    """HTTP/1.1 that closes a connection without a complete request for `PATIENCE_S`, unless it owes an answer."""
+    """HTTP/1.1 that closes a connection without a complete request for `PATIENCE_S`, unless an answer is pending."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """See `asyncio.Protocol`."""
         super().connection_made(transport)
-        self._look_later()
+        self._schedule_check()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """See `asyncio.Protocol`."""
-        self._next_look.cancel()
+        self._next_check.cancel()
         super().connection_lost(exc)
 
-    def _look_later(self) -> None:
-        self._next_look = self.loop.call_later(PATIENCE_S, self._look, self.cycle)
+    def _schedule_check(self) -> None:
+        self._next_check = self.loop.call_later(PATIENCE_S, self._check, self.cycle)
 
-    def _look(self, before: RequestResponseCycle | None) -> None:
-        """Close it if it is where it was, and no whole request waits for the end of its answer."""
+    def _check(self, before: RequestResponseCycle | None) -> None:
+        """Close the connection if no request has arrived since `before` and no answer is pending."""
         cycle = self.cycle
         answering = cycle is not None and not cycle.more_body and not cycle.response_complete
         if cycle is before and not answering:
             self.transport.abort()
         else:
-            self._look_later()
+            self._schedule_check()
 
 
 _MOST_CONNECTIONS = 64
@@ -44,7 +44,7 @@ _FAREWELL_S = 1
 
 
 class Server(uvicorn.Server):
-    """A server that says when it begins to end, so that nobody's answer takes long any more."""
+    """A server that calls `on_end` when its shutdown begins, so that pending answers end soon."""
 
     def __init__(self, config: uvicorn.Config, on_end: Callable[[], None]) -> None:
         super().__init__(config)
@@ -57,7 +57,7 @@ class Server(uvicorn.Server):
 
 
 def server_of(app: ASGIApp, on_end: Callable[[], None] = lambda: None) -> Server:
-    """Return a server for a page; ``serve(sockets=[...])`` runs it, and calls `on_end` when it is told to end."""
+    """Return a server for a page; ``serve(sockets=[...])`` runs it, and calls `on_end` when its shutdown begins."""
     return Server(
         uvicorn.Config(
             app,

@@ -13,7 +13,7 @@ from model.diagnosis import Diagnosis
 from model.fit import CampaignFit
 from processing import LOOK, ProcessOptions
 from wheelsoil.report.build import Report, build_report
-from wheelsoil.report.inputs import Material, command_line, source_of, versions
+from wheelsoil.report.inputs import ReportInputs, command_line, source_of, versions
 from wheelsoil.workflows.choice import Choice, provenance_of
 from wheelsoil.workflows.diagnosis import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
 from wheelsoil.workflows.fit import FitChoices, fit_runs, nothing_whole, one_terrain
@@ -104,7 +104,7 @@ def report_of_processed(
             campaign = fit_runs(processed, choices, soil)
         except DataError as error:
             problem = "; ".join(fault.what for fault in error.faults)
-    material = Material(
+    material = ReportInputs(
         runs=tuple(run for _, run in processed),
         campaign=campaign,
         no_fit=problem,

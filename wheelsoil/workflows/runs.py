@@ -25,7 +25,7 @@ from daq.runs import VEHICLE_FILE, Collected, Run, open_runs
 from daq.series import WheelTable, parse_rename, parse_where, read_wheel_table
 from model.wheel_soil import Soil, Wheel
 from processing import ProcessedRun, ProcessOptions, keep_only
-from wheelsoil.cli.talk import progress, say
+from wheelsoil.cli.console import progress, say
 from wheelsoil.wording.notes import texts_of
 from wheelsoil.workflows.choice import Choice, runs_in_use
 from wheelsoil.workflows.fit import known_soil, load_terrain, wheel_of

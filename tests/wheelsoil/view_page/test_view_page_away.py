@@ -60,7 +60,7 @@ def test_without_the_token_nothing_is_shown(browser: Browser, folder: Path) -> N
             drawn(seen, *PLOTS)
 
 
-def test_what_the_server_refuses_is_told_with_what_to_do(page: Page, view: View) -> None:
+def test_what_the_server_refuses_is_reported_with_what_to_do(page: Page, view: View) -> None:
     page.get_by_label("Filter cut-off").fill("50")
     page.get_by_label("Filter cut-off").press("Enter")
     expect(page.locator("#faults li")).to_contain_text("cutoff_hz")
@@ -73,6 +73,6 @@ def test_what_the_server_refuses_is_told_with_what_to_do(page: Page, view: View)
     assert view.settled()[0]["choice"]["cutoff_hz"] == 2
 
 
-def test_a_run_that_cannot_be_read_is_told_and_the_others_work(page: Page) -> None:
+def test_a_run_that_cannot_be_read_is_reported_and_the_others_work(page: Page) -> None:
     expect(page.locator("#remarks")).to_contain_text("run-0")
     expect(page.locator("section.campaign").last.locator("button.run")).to_contain_text("run-1")

@@ -81,7 +81,7 @@ def test_effects_are_found_by_words(page: Page) -> None:
     found = page.locator(".effect:visible")
     assert 1 <= found.count() < everything
     assert "drawbar_pull_zero" in found.evaluate_all("(rows) => rows.map((row) => row.dataset.effect)")
-    expect(page.locator("[data-effect=multi_pass]")).to_contain_text("cannot be told here")
+    expect(page.locator("[data-effect=multi_pass]")).to_contain_text("not identifiable here")
     expect(page.locator("[data-effect=multi_pass] input")).to_be_disabled()
 
 

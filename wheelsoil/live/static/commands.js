@@ -105,7 +105,7 @@ export class Commands {
     }
   }
 
-  /** What is not confirmed in time is told; it may be confirmed later all the same. */
+  /** A command that is not confirmed in time is reported; it may still be confirmed later. */
   giveUp() {
     const age = (asked) => performance.now() - asked.since;
     this.waiting = this.waiting.filter((each) => age(each) < FORGET_MS);

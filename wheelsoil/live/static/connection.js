@@ -31,7 +31,7 @@ export class Connection {
       this.state = "open";
       ended = await this.read(answer.body.getReader());
     } catch {
-      // lost; told by the state, and tried again below
+      // lost: the state shows it, and it is tried again below
     }
     this.state = ended ? "ended" : "lost";
     this.timer = setTimeout(() => this.open(), ended ? 3 * AGAIN_MS : AGAIN_MS);

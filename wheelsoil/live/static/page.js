@@ -170,7 +170,7 @@ function showLogger({ disk, queue_percent, cpu_percent, rss_mb, clock, gnss }) {
     ["logger's clock", clock.steps ? `was set ${clock.steps} times` : "not set since start"],
   ];
   if (gnss) {
-    const fix = gnss.fix === null ? "fix not told" : gnss.fix ? "fix" : "NO FIX";
+    const fix = gnss.fix === null ? "fix unknown" : gnss.fix ? "fix" : "NO FIX";
     items.push(["GNSS", fix + (known(gnss.age_s) ? `, ${ago(gnss.age_s)}` : ""), gnss.level]);
   }
   if (known(clock.offset_s)) {

@@ -4,7 +4,7 @@ import { known } from "./dom.js";
 
 const LOSSES = {
   kernel: "lost in the kernel",
-  queue: "given up by the logger",
+  queue: "dropped by the logger",
   counter: "lost by the rolling counter",
   missing: "missing from the usual rate",
 };

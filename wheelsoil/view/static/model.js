@@ -66,8 +66,8 @@ export function setValues(given) {
 function moveSoil({ name, value: laboratory }, value) {
   if (value === laboratory) delete soil[name];
   else soil[name] = value;
-  const fits = chosen().soil_prior ? "a fit looks for its own" : "a fit takes the laboratory's";
-  write(get("soil-hint"), Object.keys(soil).length ? `moved; ${fits}` : "as the laboratory says");
+  const fits = chosen().soil_prior ? "a fit estimates its own" : "a fit uses the laboratory's";
+  write(get("soil-hint"), Object.keys(soil).length ? `moved; ${fits}` : "laboratory values");
 }
 
 function showSinkage() {
@@ -79,7 +79,7 @@ export function tellFit(estimates, held) {
   for (const [name, slider] of sliders) slider.tell(estimates[name], held[name]);
 }
 
-/** What an effect can be told from depends on which runs there are, and on the reading. */
+/** Which effects are identifiable depends on the runs and on the reading. */
 const basis = ({ runs, choice }) => JSON.stringify([runs.map((run) => run.state), choice.sinkage, choice.run]);
 
 async function showModel() {
@@ -118,7 +118,7 @@ function showSoil() {
     return slider.row;
   });
   get("soil").replaceChildren(...rows);
-  write(get("soil-hint"), "as the laboratory says");
+  write(get("soil-hint"), "laboratory values");
 }
 
 /** A slider for each parameter of the effects that are on. Those that stay on are left as they are, in the middle of a drag or a number. */
@@ -175,7 +175,7 @@ function showEffect(label, effect) {
   input.onchange = () => setEffect(effect.key, input.checked);
   const unseen = effect.in_curve === false ? " It does not show in this curve, only in a fit." : "";
   write(name, nameOf(effect));
-  write(small, effect.can ? effect.summary + unseen : `cannot be told here: ${effect.why_not}`);
+  write(small, effect.can ? effect.summary + unseen : `not identifiable here: ${effect.why_not}`);
   label.dataset.effect = effect.key;
   label.dataset.words = `${effect.key} ${nameOf(effect)} ${effect.summary}`.toLowerCase();
 }

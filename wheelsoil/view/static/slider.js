@@ -8,7 +8,7 @@ const SUFFIXES = { "m/s": "mps", "N m": "nm", N: "n" };
 /** "height m" in m is a height. */
 const plain = (label, unit) => (label.endsWith(` ${SUFFIXES[unit] ?? unit}`) ? label.slice(0, label.lastIndexOf(" ")) : label);
 
-/** Make the row of a parameter P = {name, label, unit, value, neutral, low, high, step, source}; on(value) is told of each change. */
+/** Make the row of a parameter P = {name, label, unit, value, neutral, low, high, step, source}; on(value) is called at each change. */
 export class Slider {
   constructor(about, start, on) {
     this.about = about;

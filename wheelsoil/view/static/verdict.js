@@ -26,7 +26,7 @@ async function show() {
   get("diagnose").disabled = !ready || told.state === "running";
   write(get("diagnose"), told?.state === "done" ? "Diagnose again" : "Diagnose");
   const words = told ? verdictOf(told) : "";
-  write(get("verdict"), told?.state === "running" ? "being diagnosed: this takes a while, the page can be used meanwhile" : words || "not diagnosed yet");
+  write(get("verdict"), told?.state === "running" ? "diagnosis running: this takes a while; the page can be used in the meantime" : words || "not diagnosed yet");
   if (told?.state !== "done") return list(get("candidates"), [], makeRow, fillRow);
   await fetchOnce(campaign);
   if (current() === campaign || current()?.key === campaign.key) list(get("candidates"), rowsOf(kept.get(campaign.key)?.diagnosis), makeRow, fillRow);

@@ -9,7 +9,7 @@ from model.diagnosis import Candidate, Cause, Diagnosis
 from model.effects import EFFECTS
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes, bars
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, interval, letter, number, unit
 from wheelsoil.wording.diagnosis_text import not_named, set_name
 from wheelsoil.wording.names import parameter_name, plain_name
@@ -25,7 +25,7 @@ _READING = (
 )
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section."""
     found = material.diagnosis
     blocks: list[Block] = []

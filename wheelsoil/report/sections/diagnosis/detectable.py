@@ -7,7 +7,7 @@ from math import isfinite, log10
 from model.effects import EFFECTS
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes, words
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, letter, number, unit
 from wheelsoil.wording.diagnosis_text import CAN_BE_SEEN
 from wheelsoil.wording.names import effect_name, family_of
@@ -21,7 +21,7 @@ _READING = (
 )
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section."""
     found = material.diagnosis.minimum_detectable
     if not found:

@@ -18,12 +18,12 @@ from wheelsoil.report.figures import (
     binned,
     dots,
     line,
-    look_at,
     marked_line,
     parted_at_zero,
+    set_axis_range,
     thinned_rows,
 )
-from wheelsoil.report.inputs import FloatArray, Material
+from wheelsoil.report.inputs import FloatArray, ReportInputs
 from wheelsoil.report.words import form_name, listed
 from wheelsoil.wording.model_styles import STYLES, Style
 from wheelsoil.wording.names import effect_name
@@ -61,7 +61,7 @@ class _Shown:
     signatures: dict[str, FloatArray]
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section; without a named cause or a set there is nothing to show evidence for, and it says so."""
     found = material.diagnosis
     keys = _members(found)
@@ -169,8 +169,8 @@ def _driven(figure: Figure) -> Figure:
     layout = dict(figure.layout)
     points = [(x, y) for trace in figure.data for x, y in zip(trace["x"], trace["y"], strict=True) if y is not None]
     seen = np.array([y for x, y in points if x > 0], float)
-    look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
-    look_at(layout, "y", np.append(seen, 0.0) if len(seen) else seen, margin=0.12)
+    set_axis_range(layout, "x", np.array([0.0, 1.0]), margin=0.02)
+    set_axis_range(layout, "y", np.append(seen, 0.0) if len(seen) else seen, margin=0.12)
     return replace(figure, layout=layout)
 
 

@@ -8,7 +8,7 @@ from daq import OUTPUTS
 from model.diagnosis import Gain, Scores
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, interval, listed, number, signed
 from wheelsoil.wording.diagnosis_text import NO_GAIN, nothing_chosen, reduction
 from wheelsoil.wording.names import effect_name
@@ -27,7 +27,7 @@ _READING = (
 )
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section."""
     found = material.diagnosis
     if found.gain is None:

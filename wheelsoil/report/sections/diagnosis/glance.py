@@ -6,7 +6,7 @@ import re
 
 from daq import DataError
 from wheelsoil.report.content import Block, Light, Lights, Section, Text
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections.diagnosis import verdict
 from wheelsoil.report.words import count, listed
 from wheelsoil.wording.verdict import sentence_of
@@ -24,7 +24,7 @@ _MANY = 12
 """Runs beyond which good ones are not commented on."""
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section; it is there whatever is missing."""
     grades = {run.run.id: grade for run, grade in zip(material.runs, material.grades, strict=True)}
     sentence, step = _sentence(material), next_step(material, grades)
@@ -47,7 +47,7 @@ def _without(rest: str, step: str) -> str:
     return f"{_END.join(kept).rstrip('.')}." if any(kept) else ""
 
 
-def _sentence(material: Material) -> str:
+def _sentence(material: ReportInputs) -> str:
     """Return the result: a diagnosis says its own, so that no fault in judging the fit can take it."""
     if material.diagnosed is not None:
         return sentence_of(material.diagnosed)
@@ -65,7 +65,7 @@ def _why(grade: Grade) -> str:
     return f"{100 * grade.usable_share:.0f} % of motion usable, slip\u00a0to\u00a0{grade.highest_slip:.2f}"
 
 
-def next_step(material: Material, grades: dict[str, Grade]) -> str:
+def next_step(material: ReportInputs, grades: dict[str, Grade]) -> str:
     """Return what to do next: mend what spoils runs, else the run that tells most, else nothing."""
     poor = [name for name, grade in grades.items() if grade.level == "poor"]
     if poor:

@@ -8,7 +8,7 @@ from typing import Any
 
 from model.diagnosis import NextRun
 from wheelsoil.report.content import Section, Table, Text
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import listed, number
 from wheelsoil.wording.names import plain_name
 
@@ -23,7 +23,7 @@ _NOTE = (
 _MOST = 1e3
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section."""
     runs = material.diagnosis.next_run
     if not runs:

@@ -12,7 +12,7 @@ from model.effects import EFFECTS
 from model.fit import CHOSEN, EXTENDED, MODELS
 from wheelsoil.report.comparison import Ranking, rank
 from wheelsoil.report.content import Block, Section, Text
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import listed, number
 from wheelsoil.wording.model_styles import style
 from wheelsoil.wording.names import plain_name
@@ -44,7 +44,7 @@ _STOPS = {
 """What the reasons of `model.fit.gauss_newton.StopReason` mean to the reader."""
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section; its numbers hold the sentence that leads the page: the diagnosis', or else the best fit's.
 
     Raises
@@ -72,7 +72,7 @@ def build(material: Material) -> Section:
     return Section(KEY, TITLE, blocks, of_both)
 
 
-def _of_the_fit(material: Material, diagnosis: Diagnosis | None = None) -> tuple[list[Block], dict[str, Any]]:
+def _of_the_fit(material: ReportInputs, diagnosis: Diagnosis | None = None) -> tuple[list[Block], dict[str, Any]]:
     """Return which of the four models predicts best, and whether to trust it; a diagnosis has the last word."""
     ranking = rank(material)
     checks = [check for check in _checks(material, ranking) if check.text]
@@ -94,7 +94,7 @@ def _of_the_fit(material: Material, diagnosis: Diagnosis | None = None) -> tuple
     return blocks, numbers
 
 
-def _sentence(material: Material, ranking: Ranking) -> str:
+def _sentence(material: ReportInputs, ranking: Ranking) -> str:
     best, fit = _model(ranking.best.name), material.fit
     over = f"at slips from {number(fit.slip_threshold, 2)} on"
     error = f"{number(ranking.r0_n)} N (root mean square)"
@@ -143,7 +143,7 @@ def _beside(found: Diagnosis, concerns: int) -> str:
     )
 
 
-def _two_errors(material: Material, ranking: Ranking, gain: Gain) -> str:
+def _two_errors(material: ReportInputs, ranking: Ranking, gain: Gain) -> str:
     soil = "re-calibrated too" if material.fit.options.soil_prior else "as the laboratory states it"
     return (
         f"Two errors of one channel: {number(ranking.r0_n)} N is over all samples of runs that the model was fitted "
@@ -163,7 +163,7 @@ def _trust(concerns: int) -> str:
     return f"Before relying on it, read {what} below."
 
 
-def _checks(material: Material, ranking: Ranking) -> list[Text]:
+def _checks(material: ReportInputs, ranking: Ranking) -> list[Text]:
     return [
         _ended(ranking),
         *(Text(f"{style(ranking.best.name).label}: {warning}.", "warning") for warning in ranking.best.warnings),
@@ -188,7 +188,7 @@ def _ended(ranking: Ranking) -> Text:
     return Text(f"Gauss–Newton stopped after {count} iterations: {said}.{advice}", kind)
 
 
-def _load(material: Material, ranking: Ranking) -> Text:
+def _load(material: ReportInputs, ranking: Ranking) -> Text:
     ratio = ranking.best.load_ratio
     if material.fit.options.reading == "balanced":
         return Text("Eq. 7 returns the measured load for the model's sinkage (balanced reading).", "good")
@@ -220,7 +220,7 @@ def _follows(ranking: Ranking) -> Text:
     return Text(f"{text}: most of what the drawbar pull does is not in the model.", "warning")
 
 
-def _torque(material: Material, ranking: Ranking) -> Text:
+def _torque(material: ReportInputs, ranking: Ranking) -> Text:
     if "t" in material.fit.options.channels:
         return Text("")
     try:
@@ -234,7 +234,7 @@ def _torque(material: Material, ranking: Ranking) -> Text:
     return Text(f"{text}.", "good" if share <= _TORQUE_TOLERANCE else "warning")
 
 
-def _coverage(material: Material) -> Text:
+def _coverage(material: ReportInputs) -> Text:
     used = float(np.mean(np.concatenate([run.used for run in material.fitted])))
     slip = material.pool.slip
     low, high = float(np.min(slip)), float(np.max(slip))
@@ -248,13 +248,13 @@ def _coverage(material: Material) -> Text:
     return Text(f"{text}.", "good")
 
 
-def _signs(material: Material) -> list[Text]:
+def _signs(material: ReportInputs) -> list[Text]:
     """Repeat what processing found wrong with a sign: R² cannot see it, and nothing else on the page is worth then."""
     found = {note_text(note) for run in material.runs for note in sign_notes(run)}
     return [Text(f"{text}.", "warning") for text in sorted(found)[:3]]
 
 
-def _losses(material: Material) -> Text:
+def _losses(material: ReportInputs) -> Text:
     lost = [source for source in material.sources if source.dropped_frames or source.loss]
     if not lost:
         return Text("")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import isfinite
 
 from wheelsoil.report.content import Block, Section, Table, Text
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import letter, named_with_unit, number
 from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.notes import texts_of
@@ -24,7 +24,7 @@ _SOIL = {
 """Units of `model.wheel_soil.wheel_soil_model.SOIL_PARAMETERS`."""
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section."""
     found = material.diagnosis
     blocks: list[Block] = [Text(f"{note[0].upper()}{note[1:].rstrip('.')}.") for note in texts_of(found.notes)]

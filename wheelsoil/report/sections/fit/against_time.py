@@ -8,8 +8,8 @@ from daq import OUTPUTS, DataError
 from processing import ProcessedRun, Segment
 from processing.pipeline import runs_of
 from wheelsoil.report.content import Figure, Panels, Section
-from wheelsoil.report.figures import MEASURED, Trace, axes, decimated_rows, line, look_at, points_of_run, shades
-from wheelsoil.report.inputs import FloatArray, Material
+from wheelsoil.report.figures import MEASURED, Trace, axes, decimated_rows, line, points_of_run, set_axis_range, shades
+from wheelsoil.report.inputs import FloatArray, ReportInputs
 from wheelsoil.wording.model_styles import style
 
 KEY = "time"
@@ -32,7 +32,7 @@ _SEGMENTS = {
 _SHOWN = ("dp", "t")
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section: a panel for each channel, a choice for each run.
 
     Raises
@@ -57,7 +57,7 @@ def build(material: Material) -> Section:
     return Section(KEY, TITLE, [Panels(figures, _READING, names)], {"length_s": lengths})
 
 
-def _of_all(material: Material) -> Section:
+def _of_all(material: ReportInputs) -> Section:
     """Return the section where there is no fit: what was measured, whether it could be used or not."""
     figures, names = [], []
     points = points_of_run(len(material.runs))
@@ -77,7 +77,7 @@ def _of_all(material: Material) -> Section:
             data += traces
             groups += [run.run.id] * len(traces)
         layout = axes("time (s)", f"{OUTPUTS[channel].name} ({OUTPUTS[channel].unit_text})", height=360)
-        look_at(layout, "y", everything, margin=0.15)
+        set_axis_range(layout, "y", everything, margin=0.15)
         figures.append(Figure(f"time-{channel}", OUTPUTS[channel].name.capitalize(), data, layout, groups, wide=True))
         names += [run.run.id for run in runs]
     if not figures:
@@ -86,7 +86,7 @@ def _of_all(material: Material) -> Section:
     return Section(KEY, TITLE, [Panels(figures, _READING_OF_ALL, list(dict.fromkeys(names)))], {"length_s": lengths})
 
 
-def _figure(material: Material, channel: str, runs: list[ProcessedRun]) -> Figure:
+def _figure(material: ReportInputs, channel: str, runs: list[ProcessedRun]) -> Figure:
     name = OUTPUTS[channel].name
     values = material.pool.measured(channel)
     known = values[np.isfinite(values)]
@@ -103,7 +103,7 @@ def _figure(material: Material, channel: str, runs: list[ProcessedRun]) -> Figur
     shown = driven if driven.any() else np.isfinite(values)
     said = [material.pool.predicted(model.name, OUTPUTS[channel].field)[shown] for model in material.fit.models]
     bulk = [np.nanpercentile(one, [1, 99]) for one in said if np.isfinite(one).any()]
-    look_at(layout, "y", values[shown], also=np.concatenate([*bulk, np.zeros(0)]), margin=0.15)
+    set_axis_range(layout, "y", values[shown], also=np.concatenate([*bulk, np.zeros(0)]), margin=0.15)
     return Figure(f"time-{channel}", name.capitalize(), data, layout, groups, wide=True)
 
 
@@ -119,7 +119,7 @@ def _segments(run: ProcessedRun, low: float, high: float) -> list[Trace]:
     return traces
 
 
-def _lines(material: Material, run: ProcessedRun, quantity: str) -> list[Trace]:
+def _lines(material: ReportInputs, run: ProcessedRun, quantity: str) -> list[Trace]:
     """Return what was measured and, of a fitted run, what every model says, at the same samples."""
     measured = _used(run, getattr(run, quantity))
     rows = decimated_rows(measured, points_of_run(len(material.runs)))

@@ -10,7 +10,7 @@ from model.effects import EFFECTS
 from model.fit import EXTENDED, CampaignFit, Estimate, ModelFit, free_parameters
 from model.wheel_soil import WheelSoilModel
 from wheelsoil.report.content import Block, Section, Table, Text
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import count, letter, listed, measured, number, unit
 from wheelsoil.wording.model_styles import style
 
@@ -26,7 +26,7 @@ _VARIABLES = (
 )
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section: fit statistics, variables, correlations."""
     fit = material.fit
     limits = {model.name: _limits(fit, model) for model in fit.models}

@@ -7,7 +7,7 @@ import numpy as np
 from daq import OUTPUTS
 from model.fit import CampaignFit
 from wheelsoil.report.content import Section, Table
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import count, interval, letter, measured, number, unit
 from wheelsoil.wording.model_styles import style
 
@@ -17,7 +17,7 @@ TITLE = "The four models side by side"
 _CHANNELS = ("dp", "t")
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section: one table for each channel that was measured."""
     fit = material.fit
     measured = [c for c in _CHANNELS if any(c in m.criteria and m.criteria[c].samples for m in fit.models)]

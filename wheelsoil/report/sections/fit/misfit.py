@@ -19,14 +19,14 @@ from wheelsoil.report.figures import (
     binned,
     dots,
     line,
-    look_at,
     parted_at_zero,
+    set_axis_range,
     thinned_by_sign,
     thinned_rows,
     words,
 )
 from wheelsoil.report.figures import numbers as plotted
-from wheelsoil.report.inputs import FloatArray, Material
+from wheelsoil.report.inputs import FloatArray, ReportInputs
 from wheelsoil.report.words import number, signed
 from wheelsoil.wording.diagnosis_text import FINDING_NOTE, finding_note
 from wheelsoil.wording.names import place_text, plain_name
@@ -45,7 +45,7 @@ _READING = (
 )
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section: the findings, and six panels for each measured channel."""
     found = material.diagnosis
     blocks: list[Block] = [_findings(found), *_inconsistent(found)]
@@ -120,15 +120,15 @@ def _panels(everything: tuple[Seen, ...], channel: str) -> tuple[list[Figure], d
         unit = OUTPUTS[channel].unit_text if key == "slip" else "σ"
         layout = axes(across, f"measured − simulated ({unit})", height=310)
         if key == "slip":
-            look_at(layout, "x", np.array([0.0, 1.0]), margin=0.02)
-            look_at(layout, "y", np.concatenate([_reach(seen, channel) for seen in views]))
+            set_axis_range(layout, "x", np.array([0.0, 1.0]), margin=0.02)
+            set_axis_range(layout, "y", np.concatenate([_reach(seen, channel) for seen in views]))
         else:
             reach = _sigmas_shown([numbers[f"{seen.campaign}: {title}"] for seen in views])
             layout["yaxis"] |= {"range": [-reach, reach], "autorange": False}
         if key == "run":
             layout["xaxis"] |= {"type": "category"}
         elif key != "slip":
-            look_at(layout, "x", np.concatenate([getattr(seen, key) for seen in views]))
+            set_axis_range(layout, "x", np.concatenate([getattr(seen, key) for seen in views]))
         name = f"{OUTPUTS[channel].name.capitalize()} {title}"
         figures.append(Figure(f"misfit-{channel}-{key}", name, data, layout, groups))
     return figures, numbers

@@ -10,8 +10,8 @@ import numpy as np
 from daq import DataError
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.curves import quantity_figure
-from wheelsoil.report.figures import Trace, band, line, look_at
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.figures import Trace, band, line, set_axis_range
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.workflows.sinkage import (
     IN_THE_BAND,
     SinkageFacts,
@@ -38,7 +38,7 @@ _READING_FORCES = (
 )
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section."""
     measured = material.pool.sinkage_m
     blocks: list[Block] = []
@@ -70,7 +70,7 @@ def _with_forces(figure: Figure, facts: SinkageFacts) -> Figure:
     ]
     layout: dict[str, Any] = {**figure.layout, "yaxis": dict(figure.layout["yaxis"])}
     shown = layout["yaxis"].get("range", [np.nan, np.nan])
-    look_at(layout, "y", np.concatenate([1e3 * low, 1e3 * high, np.array(shown, float)]), margin=0.02)
+    set_axis_range(layout, "y", np.concatenate([1e3 * low, 1e3 * high, np.array(shown, float)]), margin=0.02)
     return replace(figure, data=[*traces, *figure.data], layout=layout)
 
 

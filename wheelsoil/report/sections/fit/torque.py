@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from wheelsoil.report.content import Panels, Section
 from wheelsoil.report.curves import curves_of
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 
 KEY = "torque"
 TITLE = "Driving torque against slip"
@@ -19,7 +19,7 @@ _ERRORS = (
 )
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section.
 
     Raises

@@ -7,15 +7,15 @@ import numpy as np
 from processing import SLIP_ROLES, ProcessedRun
 from wheelsoil.report.content import Figure, Panels, Section
 from wheelsoil.report.figures import MEASURED, Trace, axes, decimated_rows, line, points_of_run
-from wheelsoil.report.inputs import FloatArray, Material
+from wheelsoil.report.inputs import FloatArray, ReportInputs
 from wheelsoil.wording.model_styles import STYLES
 
 KEY = "drive"
 TITLE = "How the test was driven"
 
 _READING = (
-    "where the rim is faster than the ground the wheel drives and slips, where it is slower it brakes; slip has gaps "
-    "where it was too slow or a sample could not be used. A good test sweeps the slip several times."
+    "if the rim is faster than the ground, the wheel drives and slips; if it is slower, it brakes. Slip has gaps "
+    "at low speed and at excluded samples. A good test covers the range of slip several times."
 )
 
 _PANELS = (
@@ -25,8 +25,8 @@ _PANELS = (
 )
 
 
-def build(material: Material) -> Section:
-    """Build the section: three panels, a choice for each run; what no run carries has no line and no panel."""
+def build(material: ReportInputs) -> Section:
+    """Build the section: three panels, a choice for each run; a channel that no run has is omitted."""
     runs = material.runs
     blue, orange = STYLES["vasilev"].colour, STYLES["wong"].colour
     points = points_of_run(len(runs))

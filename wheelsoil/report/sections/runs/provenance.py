@@ -1,16 +1,16 @@
-"""Where everything came from: files and their hashes, what was configured, versions, the command."""
+"""Provenance: files and their hashes, configuration, versions, the command."""
 
 from __future__ import annotations
 
 from wheelsoil.report.content import Block, Section, Table, Text
-from wheelsoil.report.inputs import Material, Source
+from wheelsoil.report.inputs import ReportInputs, Source
 from wheelsoil.report.words import count
 
 KEY = "provenance"
 TITLE = "Provenance"
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section."""
     blocks: list[Block] = [
         Text(f"Made by: {material.command}"),
@@ -19,7 +19,10 @@ def build(material: Material) -> Section:
         Table(
             "Options",
             ["option", "value"],
-            [[name.replace("_", " "), _plain(value)] for name, value in [*material.options.items(), *_used(material)]],
+            [
+                [name.replace("_", " "), _value_text(value)]
+                for name, value in [*material.options.items(), *_used(material)]
+            ],
             left=2,
         ),
         Table("Versions", ["program", "version"], [[name, text] for name, text in material.versions.items()], left=2),
@@ -44,14 +47,14 @@ def _file_row(source: Source) -> list[str]:
     return [source.run_id, source.file, size, frames, source.sha256[:16]]
 
 
-def _used(material: Material) -> list[tuple[str, object]]:
-    """Return what an option that was left at its default came to."""
+def _used(material: ReportInputs) -> list[tuple[str, object]]:
+    """Return the values used for options that may be at their default."""
     cutoffs = tuple(dict.fromkeys(f"{run.cutoff_hz:.3g} Hz" for run in material.runs))
     threshold = [("slip threshold used", f"{material.campaign.slip_threshold:g}")] if material.campaign else []
     return [("cut-off used", cutoffs), *threshold]
 
 
-def _plain(value: object) -> str:
+def _value_text(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, tuple):

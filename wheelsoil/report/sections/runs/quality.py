@@ -1,4 +1,4 @@
-"""How good the runs are: what was kept of each, what was left out, and why."""
+"""Quality of the runs: used and excluded samples of each, with the exclusion reasons."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import numpy as np
 from processing import ProcessedRun, Reason
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import axes, bars
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.wording.notes import runs_by_text
 
 KEY = "quality"
 TITLE = "Quality of the runs"
 
-_LOOKS = {
+_REASONS = {
     Reason.USED: ("used", "#0072B2", ""),
     Reason.GAP: ("gap in the data", "#111111", "x"),
     Reason.INVALID_FIX: ("invalid GNSS fix", "#D55E00", "/"),
@@ -24,12 +24,12 @@ _LOOKS = {
     Reason.NEGATIVE_LOAD: ("negative load", "#F0E442", "+"),
     Reason.SLIP_OUT_OF_RANGE: ("slip out of range", "#009E73", "|"),
     Reason.TRANSDUCER: ("transducer status", "#882255", "x"),
-    Reason.BY_HAND: ("left out by hand", "#999933", "+"),
+    Reason.BY_HAND: ("excluded by hand", "#999933", "+"),
     Reason.SLIP_NOT_MEASURED: ("slip not measured", "#AA4499", "/"),
 }
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section from the runs' quality reports."""
     blocks: list[Block] = [
         Panels([_shares_figure(material.runs)], _reading(material)),
@@ -51,64 +51,64 @@ def build(material: Material) -> Section:
 
 
 def _notes(runs: tuple[ProcessedRun, ...]) -> list[Text]:
-    """Return each note once, with the runs it is about."""
+    """Return each note once, with the runs it concerns."""
     about = runs_by_text(runs, lambda run: run.quality.notes)
     return [
         Text(f"{'all runs' if len(ids) == len(runs) > 1 else ', '.join(ids)}: {note}.") for note, ids in about.items()
     ]
 
 
-def _reading(material: Material) -> str:
-    lacking = f", and nothing of {material.not_fitted}, for a signal is missing" if material.not_fitted else ""
+def _reading(material: ReportInputs) -> str:
+    lacking = f", and nothing of {material.not_fitted} because a signal is missing" if material.not_fitted else ""
     return (
-        "each bar is one run, its whole length the samples of the common time base; only the blue part is fitted"
-        f"{lacking}. Where a gap or an invalid fix takes a long part, the bus or the GNSS failed, not the model."
+        "each bar is one run with all samples of the common time base; only the blue part is fitted"
+        f"{lacking}. A long part of gaps or invalid fixes means a failure of the bus or the GNSS, not of the model."
     )
 
 
 def _shares_figure(runs: tuple[ProcessedRun, ...]) -> Figure:
     names = [run.run.id for run in runs]
     data = []
-    for reason, (label, colour, pattern) in _LOOKS.items():
+    for reason, (label, colour, pattern) in _REASONS.items():
         shares = [100 * float(np.mean(run.reason == reason)) if len(run) else 0.0 for run in runs]
         if any(shares):
             data.append(bars(names, shares, label, colour, pattern))
     layout = axes("share of samples (%)", "", height=150 + 28 * len(runs), barmode="stack")
     layout["xaxis"] |= {"range": [0, 100]}
     layout["yaxis"] |= {"autorange": "reversed", "type": "category"}
-    return Figure("shares", "What became of the samples", data, layout)
+    return Figure("shares", "Used and excluded samples", data, layout)
 
 
-def _table(material: Material) -> Table:
+def _table(material: ReportInputs) -> Table:
     rows = []
     for run, grade in zip(material.runs, material.grades, strict=True):
         rows.append(
             [
                 run.run.id,
-                _LOOKS_OF_RUN[grade.level],
+                _GRADE_LABELS[grade.level],
                 f"{_length_s(run):.1f}",
                 f"{100 * float(np.mean(run.used)) if len(run) else 0:.1f}",
                 f"{100 * grade.usable_share:.1f}" if np.isfinite(grade.usable_share) else "–",
                 f"{grade.highest_slip:.2f}" if np.isfinite(grade.highest_slip) else "–",
-                _left_out(run),
+                _exclusion_reasons(run),
             ]
         )
-    head = ["run", "grade", "length (s)", "used (%)", "used in motion (%)", "slip up to", "most was left out for"]
+    head = ["run", "grade", "length (s)", "used (%)", "used in motion (%)", "slip up to", "main exclusion reasons"]
     note = (
-        "Used in motion: of the samples that are neither standstill, nor too slow for slip, nor at the filter's edge. "
+        "Used in motion: share of the samples without standstill, speeds too low for slip, and edges of the filter. "
         "Good from 80 % on with slip beyond 0.5; below 50 % poor; hardly driven (slip below 0.1) fair."
     )
     return Table("Runs", head, rows, note, left=2)
 
 
-_LOOKS_OF_RUN = {"good": "● good", "fair": "▲ fair", "poor": "■ poor"}
+_GRADE_LABELS = {"good": "● good", "fair": "▲ fair", "poor": "■ poor"}
 
 
-def _left_out(run: ProcessedRun) -> str:
-    """Return the two reasons that cost most samples."""
+def _exclusion_reasons(run: ProcessedRun) -> str:
+    """Return the two reasons that exclude most samples."""
     shares = {why: share for why, share in run.quality.shares.items() if why != Reason.USED.name and share > 0}
     most = sorted(shares, key=lambda why: -shares[why])[:2]
-    return ", ".join(f"{_LOOKS[Reason[why]][0]} ({100 * shares[why]:.1f} %)" for why in most) or "nothing"
+    return ", ".join(f"{_REASONS[Reason[why]][0]} ({100 * shares[why]:.1f} %)" for why in most) or "nothing"
 
 
 def _length_s(run: ProcessedRun) -> float:

@@ -1,4 +1,4 @@
-"""The sensors' health: rates, gaps, noise, zeros, clocks, and what was lost on the way to the file."""
+"""Health of the sensors: rates, gaps, noise, zeros, clocks, and frames lost before recording."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from daq import ROLES, TRANSDUCER_ROLES
 from daq.recording import Event
 from processing import ProcessedRun, Standstill
 from wheelsoil.report.content import Block, Section, Table
-from wheelsoil.report.inputs import Material, Source
+from wheelsoil.report.inputs import ReportInputs, Source
 from wheelsoil.report.words import count, number, signed
 
 KEY = "sensors"
@@ -17,8 +17,8 @@ TITLE = "Sensors, clocks and losses"
 _MOST_EVENTS = 40
 
 
-def build(material: Material) -> Section:
-    """Build the section from the runs' quality reports and what their recordings tell."""
+def build(material: ReportInputs) -> Section:
+    """Build the section from the runs' quality reports and their recordings."""
     blocks: list[Block] = [
         *_sensors(material.runs),
         _clocks(material),
@@ -90,24 +90,24 @@ def _sensors(runs: tuple[ProcessedRun, ...]) -> list[Table]:
         "samples distrusted",
     ]
     note = (
-        "Rate and sigma: median of the runs. Sigma is of one filtered sample; that of pull and torque holds, too, what "
-        "carrying them past the parts outboard of the transducer adds. Sigma of the zero: of what was "
-        "taken off, the same in all samples of a run, the largest of the runs of which it is known; the intervals of "
-        "the fit do not hold it. Distrusted: the stamp ran backward, or the transducer's status was not 0."
+        "Rate and sigma: median of the runs. Sigma refers to one filtered sample; for pull and torque it includes the "
+        "correction for the parts outboard of the transducer. Sigma of the zero: of the subtracted zero, equal in all "
+        "samples of a run, the largest known one of the runs; the intervals of the fit do not include it. "
+        "Distrusted: the time stamp ran backward, or the transducer's status was not 0."
     )
-    return [Table("Channels as they came", head, rows, note)] if rows else []
+    return [Table("Channels as recorded", head, rows, note)] if rows else []
 
 
 def _systematic(sigmas: list[float]) -> str:
-    """Return the largest sigma that is known, and of how many runs none is."""
+    """Return the largest known sigma, and the number of runs without one."""
     known = [sigma for sigma in sigmas if np.isfinite(sigma)]
     largest = number(max(known, default=float("nan")), 2)
     return largest if len(known) in (0, len(sigmas)) else f"{largest} (unknown of {len(sigmas) - len(known)} runs)"
 
 
 def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
-    """Return what the forces read while the vehicle stood still: the zeros of the transducer."""
-    roles = [role for role in TRANSDUCER_ROLES if any(role in stand.levels for stand in _stands(runs))]
+    """Return the force readings at standstill, which show the zeros of the transducer."""
+    roles = [role for role in TRANSDUCER_ROLES if any(role in stand.levels for stand in _standstills(runs))]
     rows = [
         [
             run.run.id,
@@ -119,16 +119,16 @@ def _zeros(runs: tuple[ProcessedRun, ...]) -> list[Table]:
         for stand in run.quality.standstills
     ]
     head = ["run", "from (s)", "for (s)", *(f"{ROLES[role].name} ({ROLES[role].unit_text})" for role in roles)]
-    taken = "after the zero of zero.toml was taken off" if any(run.quality.zeros for run in runs) else "as sent"
+    taken = "after subtraction of the zero in zero.toml" if any(run.quality.zeros for run in runs) else "as sent"
     note = f"On level ground drawbar pull and torque should read zero. Read {taken}; nothing else was subtracted."
     return [Table("Readings at standstill", head, rows, note)] if rows and roles else []
 
 
-def _stands(runs: tuple[ProcessedRun, ...]) -> list[Standstill]:
+def _standstills(runs: tuple[ProcessedRun, ...]) -> list[Standstill]:
     return [stand for run in runs for stand in run.quality.standstills]
 
 
-def _clocks(material: Material) -> Table:
+def _clocks(material: ReportInputs) -> Table:
     rows = [
         [
             run.run.id,
@@ -142,22 +142,22 @@ def _clocks(material: Material) -> Table:
     ]
     head = [
         "run",
-        "ground speed off by (ms)",
+        "ground speed delay (ms)",
         "ground / rim speed",
-        "host less GNSS time (s)",
+        "host - GNSS time (s)",
         "drift (ppm)",
         "residual (ms)",
     ]
     note = (
-        "Ground speed off by: how late or early it is against the wheel speed, after the declared delays. "
-        "Ground / rim speed: on hardly slipping samples; 1 when the rolling radius is right. "
-        "± is one sigma; – is not known."
+        "Ground speed delay: late or early relative to the wheel speed, after the declared delays. "
+        "Ground / rim speed: on samples with little slip; 1 if the rolling radius is correct. "
+        "± is one sigma; – is unknown."
     )
     return Table("Clocks and speeds", head, rows, note)
 
 
 def _losses(sources: tuple[Source, ...]) -> list[Block]:
-    """Return what each recording says of itself."""
+    """Return frame counts, losses and the end of each recording."""
     rows = [
         [
             source.run_id,
@@ -170,19 +170,19 @@ def _losses(sources: tuple[Source, ...]) -> list[Block]:
         for source in sources
     ]
     note = (
-        "Frames lost: by the kernel or the logger's queue, before they were recorded; “not counted” where the recorder "
-        "had no counter. Cannot be read: damaged, or not recorded between two parts of the run."
+        "Frames lost: by the kernel or the logger's queue, before they were recorded; “not counted” if the recorder "
+        "had no counter. Unreadable: damaged, or not recorded between two parts of the run."
     )
-    head = ["run", "frames", "frames lost", "recording ended", "cannot be read", "clock of the host"]
+    head = ["run", "frames", "frames lost", "recording ended", "unreadable", "clock of the host"]
     blocks: list[Block] = [Table("Recordings", head, rows, note)] if rows else []
     counted = [[source.run_id, key, count(value)] for source in sources for key, value in source.losses.items()]
     if counted:
-        blocks.append(Table("Losses as the logger counted them", ["run", "where", "frames"], counted, left=2))
+        blocks.append(Table("Losses counted by the logger", ["run", "where", "frames"], counted, left=2))
     return blocks
 
 
-def _events(material: Material) -> list[Table]:
-    """Return marks, and what went wrong while it was recorded, in seconds of the run's own time."""
+def _events(material: ReportInputs) -> list[Table]:
+    """Return marks and faults during recording, with the time in seconds of the run."""
     rows = [
         [run.run.id, f"{time_s:.1f}", event.severity if event.name != "mark" else "mark", event.text]
         for run in material.runs
@@ -214,9 +214,9 @@ def _with_sigma(value: float, sigma: float, form: str) -> str:
 
 
 def _late_or_early(value_ms: float, sigma_ms: float) -> str:
-    """Return a delay as the terminal says it: a positive number and its direction."""
-    said = _with_sigma(abs(value_ms), sigma_ms, ".0f")
-    return f"{said} {'late' if value_ms >= 0 else 'early'}" if np.isfinite(value_ms) else said
+    """Return a delay as a positive number and its direction."""
+    delay = _with_sigma(abs(value_ms), sigma_ms, ".0f")
+    return f"{delay} {'late' if value_ms >= 0 else 'early'}" if np.isfinite(value_ms) else delay
 
 
 def _or_dash(value: float | None, form: str) -> str:

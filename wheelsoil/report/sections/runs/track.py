@@ -1,4 +1,4 @@
-"""The map: where the runs were driven, on a plane in metres, by slip and by what could be used."""
+"""Map of the track in metres, coloured by slip and by used samples."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wheelsoil.report.content import Figure, Panels, Section, Table
 from wheelsoil.report.curves import ALL_RUNS
 from wheelsoil.report.figures import Trace, axes, words
 from wheelsoil.report.figures import numbers as plotted
-from wheelsoil.report.inputs import FloatArray, Material
+from wheelsoil.report.inputs import FloatArray, ReportInputs
 from wheelsoil.report.words import number
 
 KEY = "track"
@@ -28,17 +28,17 @@ _SLIPS = (
     ("slip 0.2 to 0.5", 0.2, 0.5, "#E69F00", "square"),
     ("slip above 0.5", 0.5, np.inf, "#111111", "diamond"),
 )
-_USE = (("used", True, "#0072B2", "circle"), ("left out", False, "#D55E00", "x"))
+_USE = (("used", True, "#0072B2", "circle"), ("excluded", False, "#D55E00", "x"))
 _READING = (
-    "every mark is a place of the antenna, in metres east and north of the middle of all runs, both axes to one scale; "
-    "a ring is where a run began. Runs that should share a rut must lie on each other; what sets one end of the field "
-    "apart shows as a patch."
+    "every mark is a position of the antenna, in metres east and north of the mean of all runs, to one scale; "
+    "a ring is the start of a run. Runs that should share a rut must coincide; a different soil at one end of the "
+    "field shows as a patch."
 )
 
 
 @dataclass(frozen=True)
 class _Track:
-    """Some places of a run: metres east and north, slip (NaN where left out), whether used; the extent is of all."""
+    """Some positions of a run: metres east and north, slip (NaN if excluded), use; the extent is of all samples."""
 
     name: str
     east_m: FloatArray
@@ -49,7 +49,7 @@ class _Track:
     extent_m: tuple[float, float]
 
 
-def build(material: Material) -> Section:
+def build(material: ReportInputs) -> Section:
     """Build the section: coloured by slip and by use, all runs or one.
 
     Raises
@@ -71,17 +71,17 @@ def build(material: Material) -> Section:
         use_groups += [choice] * len(other)
     figures = [
         Figure("track-slip", "By slip", by_slip, _plane(), slip_groups),
-        Figure("track-use", "By what could be used", by_use, _plane(), use_groups),
+        Figure("track-use", "Used and excluded samples", by_use, _plane(), use_groups),
     ]
     if not any(np.isfinite(track.slip).any() for track in tracks):
         del figures[0]
-    numbers = {"origin_latitude_deg": origin[0], "origin_longitude_deg": origin[1], "tracks": _facts(tracks)}
+    numbers = {"origin_latitude_deg": origin[0], "origin_longitude_deg": origin[1], "tracks": _extents(tracks)}
     rows = [
         [name, number(fact["length_m"]), number(fact["east_extent_m"]), number(fact["north_extent_m"])]
-        for name, fact in _facts(tracks).items()
+        for name, fact in _extents(tracks).items()
     ]
-    note = f"The middle lies at {origin[0]:.6f}° north, {origin[1]:.6f}° east. Way: integrated ground speed."
-    head = ["run", "way (m)", "east–west extent (m)", "north–south extent (m)"]
+    note = f"Origin: {origin[0]:.6f}° north, {origin[1]:.6f}° east. Distance: integrated ground speed."
+    head = ["run", "distance (m)", "east–west extent (m)", "north–south extent (m)"]
     return Section(KEY, TITLE, [Panels(figures, _READING, choices), Table("Tracks", head, rows, note)], numbers)
 
 
@@ -101,24 +101,24 @@ def _known(run: ProcessedRun) -> NDArray[np.bool_]:
 
 
 def _wrapped(degrees: FloatArray) -> FloatArray:
-    """Return angles between -180 and 180 degrees: runs may lie across the 180th meridian."""
+    """Return angles wrapped to -180 to 180 degrees, for runs across the 180th meridian."""
     return (degrees + 180.0) % 360.0 - 180.0
 
 
 def _track(run: ProcessedRun, latitude: float, longitude: float, points: int) -> _Track:
-    """Return a run on the plane that touches the earth at a place."""
+    """Return a run on the tangent plane at a position (degrees)."""
     known = np.flatnonzero(_known(run))
     rows = known[np.unique(np.linspace(0, len(known) - 1, min(points, len(known))).astype(int))]
     north = _EARTH_M * np.radians(run.latitude_deg - latitude)
     east = _EARTH_M * np.cos(np.radians(latitude)) * np.radians(_wrapped(run.longitude_deg - longitude))
-    way = run.distance_m[np.isfinite(run.distance_m)]
-    length = float(np.ptp(way)) if len(way) else float("nan")
+    distance = run.distance_m[np.isfinite(run.distance_m)]
+    length = float(np.ptp(distance)) if len(distance) else float("nan")
     extent = (float(np.ptp(east[known])), float(np.ptp(north[known])))
     slip = np.where(run.used, run.slip, np.nan)
     return _Track(run.run.id, east[rows], north[rows], slip[rows], run.used[rows], length, extent)
 
 
-def _facts(tracks: list[_Track]) -> dict[str, dict[str, float]]:
+def _extents(tracks: list[_Track]) -> dict[str, dict[str, float]]:
     return {
         track.name: {
             "length_m": track.length_m,

@@ -1,4 +1,4 @@
-"""What the analyst's page keeps in mind: whose choice it is, which campaign it shows, and nothing of a run before."""
+"""State of the analyst's page: the choice in use, the campaign on display, and no data of the previous run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the commands talk: data on stdout, everything else on stderr."""
+"""Output of the commands: data on stdout, everything else on stderr."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ Item = TypeVar("Item")
 
 
 def say(text: str) -> None:
-    """Tell the person something (stderr)."""
+    """Print a message (stderr)."""
     print(text, file=sys.stderr)
 
 
 def say_folded(text: str) -> None:
-    """Tell the person a long sentence, in lines that fit (stderr)."""
+    """Print a long message, folded to the width of the terminal (stderr)."""
     for i, line in enumerate(folded(text, terminal_width() - 2)):
         say(f"  {line}" if i else line)
 
 
 def say_wrong_signs(processed: Iterable[tuple[Run, ProcessedRun]]) -> None:
-    """Tell the person which forces seem to have the wrong sign (stderr): what follows from them is worth nothing."""
+    """Print which forces seem to have the wrong sign, so that all results are invalid (stderr)."""
     from wheelsoil.workflows.grading import wrong_signs
 
     for text in wrong_signs(run for _, run in processed):
@@ -42,37 +42,37 @@ def say_wrong_signs(processed: Iterable[tuple[Run, ProcessedRun]]) -> None:
 
 
 def terminal_width() -> int:
-    """Return how wide a line may be; what is no terminal is taken for one of 96 columns."""
+    """Return the width of the terminal in columns; 96 without a terminal."""
     return max(shutil.get_terminal_size((96, 24)).columns, _LEAST_WIDTH)
 
 
 def folded(text: str, width: int) -> list[str]:
-    """Return a text as lines, broken at spaces only: paths and hashes stay whole."""
+    """Return a text as lines, broken at spaces only, so that paths and hashes stay whole."""
     if len(text) <= width:
         return [text]
     return textwrap.wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False) or [text]
 
 
-def addresses_to_tell(addresses: Iterable[str], token: str | None) -> tuple[str, ...]:
-    """Return a page's addresses as they may be told (stderr): a token that was given has no business in a journal."""
+def printable_addresses(addresses: Iterable[str], token: str | None) -> tuple[str, ...]:
+    """Return a page's addresses for stderr, without a given token unless stderr is a terminal: journals keep it."""
     secret = token is not None and not sys.stderr.isatty()
     return tuple(address.partition("#")[0] if secret else address for address in addresses)
 
 
 def print_json(value: Any) -> None:
-    """Print facts as JSON (stdout); NaN becomes null."""
+    """Print a value as JSON (stdout); NaN becomes null."""
     print(to_json(value))
 
 
 def print_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> None:
-    """Print aligned columns (stdout), as wide as the terminal at most; see `daq.shown.table_lines`."""
+    """Print aligned columns (stdout), as wide as the terminal at most; see `daq.table_lines`."""
     for line in table_lines(head, rows, left=left, width=terminal_width()):
         print(line)
 
 
-def print_facts(facts: Iterable[tuple[str, str]]) -> None:
-    """Print "name  value" lines (stdout); a long value goes on below itself."""
-    pairs = list(facts)
+def print_pairs(lines: Iterable[tuple[str, str]]) -> None:
+    """Print "name  value" lines (stdout); a long value continues on the next line, aligned."""
+    pairs = list(lines)
     width = max((len(name) for name, _ in pairs), default=0)
     for name, value in pairs:
         first, *more = folded(value, terminal_width() - width - 2)
@@ -102,7 +102,7 @@ def progress(items: Iterable[Item], label: str, total: int | None = None) -> Ite
 
 @contextmanager
 def counter(label: str, what: str) -> Iterator[Callable[[int], None] | None]:
-    """Give a function that shows a growing number of `what`, or None when stderr is no terminal."""
+    """Yield a function that shows a count of `what`; None if stderr is not a terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -113,7 +113,7 @@ def counter(label: str, what: str) -> Iterator[Callable[[int], None] | None]:
 
 
 def check_output(path: Path, *, force: bool = False) -> Path:
-    """Return `path` when a new file may be written there.
+    """Check that a new file may be written to `path`, and return it.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The report speaks with one voice: the diagnosis has the last word, and two errors of one channel are told apart."""
+"""Consistency of the report: the diagnosis has the last word, and two errors of one channel are distinguished."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from model.extended import ExtendedEffect, ExtendedModel
 from processing.options import ProcessOptions
 from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Panels, Section, Table, Text
-from wheelsoil.report.inputs import Material
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections.diagnosis import candidates, detectable, gain, glance, verdict
 from wheelsoil.report.sections.fit import misfit
 from wheelsoil.workflows.fit import FitChoices, fit_runs
@@ -45,7 +45,7 @@ def test_where_both_say_slip_sinkage_the_checks_count(material):
     assert "not to be relied on" not in said
 
 
-def test_two_errors_of_drawbar_pull_are_told_apart(material):
+def test_two_errors_of_drawbar_pull_are_distinguished(material):
     said = text(verdict.build(replace(material, diagnosed=diagnosis("named"))))
     assert (
         "the gain's 120 N without and 66.0 N with what was found are over 5 Hz means of runs that were left out" in said
@@ -151,7 +151,7 @@ def test_an_unexplained_misfit_is_to_be_looked_into(material):
 
 
 def test_a_fault_in_judging_the_fit_leaves_the_diagnosis_its_sentence(material, monkeypatch):
-    def broken(given: Material) -> Section:
+    def broken(given: ReportInputs) -> Section:
         raise ZeroDivisionError(given.terrain)
 
     monkeypatch.setattr(verdict, "build", broken)

@@ -15,7 +15,7 @@ def test_unsure_frames_are_counted_and_remarked(tmp_path: Path) -> None:
     campaign = small_campaign(tmp_path / "campaign", runs=1)
     path = campaign / "run-1.mcap"
     assert ok("info", path, "--json").json[0]["unsure_frames"] == 0
-    assert "unsure time" not in ok("info", path).out
+    assert "uncertain time stamps" not in ok("info", path).out
     recording = Recording.open(path)
     whole = recording.frames()
     set_at = int(whole.frames["time_ns"][0]) + 5_000_000_000
