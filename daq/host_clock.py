@@ -72,9 +72,9 @@ class Offset:
     ----------
     offset_ns : int
     from_ns, until_ns : int
-        When the one before was last seen; when the one after was first seen.
+        When the previous one was last observed; when the next one was first observed.
     seen_ns : int
-        When it was first seen.
+        When it was first observed.
     """
 
     offset_ns: int
@@ -110,12 +110,12 @@ class HostClock:
 
     @property
     def realtime_minus_monotonic_ns(self) -> int:
-        """The difference that was seen last."""
+        """The difference that was observed last."""
         return self._offsets[-1].offset_ns
 
     @property
     def steps(self) -> tuple[ClockStep, ...]:
-        """Every step since the session began, by file time as it was when the step was seen."""
+        """Every step since the session began, by file time when the step was observed."""
         return self._steps
 
     def now_ns(self) -> int:
@@ -127,11 +127,11 @@ class HostClock:
         return self._monotonic()
 
     def observe(self) -> int:
-        """Look whether the clock was set; returns the monotonic time of the look.
+        """Check whether the clock was set; return the monotonic time of the check.
 
-        One look is a reading of realtime between two of monotonic time: the difference is known to lie in an interval.
-        As long as all intervals have a point in common there was no step. A thread that loses the processor while it
-        looks has a wide interval, and so sees none.
+        One check reads realtime between two readings of monotonic time, which bounds the difference by an interval.
+        There was no step as long as all intervals have a point in common. A thread that loses the processor during a
+        check gets a wide interval, and so reports no step.
         """
         with self._lock:
             before, realtime, after = self._bracket()
@@ -181,8 +181,8 @@ class StampTracker:
     """Brings the stamps of one source to file time; for use in the thread that reads the source.
 
     A stamp is tried with every difference of the clocks that can have held since the source was last known to be
-    empty. What fits one of them is taken so. What fits several, or none, is flagged `FrameFlag.UNSURE_TIME` and gets a
-    time that is not later than the true one.
+    empty. A stamp that fits exactly one of them gets that time. A stamp that fits several, or none, is flagged
+    `FrameFlag.UNCERTAIN_TIME` and gets a time that is not later than the true one.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ class StampTracker:
 
     def __init__(self, clock: HostClock, name: str) -> None:
         self.name = name
-        self.unsure = 0
+        self.uncertain = 0
         """Frames that were flagged so far."""
         self._clock = clock
         self._began_ns = clock.monotonic_ns()
@@ -205,7 +205,7 @@ class StampTracker:
         return self._clock.realtime_minus_monotonic_ns
 
     def before_read(self) -> None:
-        """Look at the clock before the source is read."""
+        """Read the clocks before the source is read."""
         self._began_ns = self._clock.observe()
 
     def after_read(self, batch: FrameBatch) -> FrameBatch:
@@ -229,24 +229,22 @@ class StampTracker:
         offsets = self._clock.offsets_since(self._empty_ns - EARLY_NS)
         if len(offsets) == 1:
             times = stamps - offsets[0].offset_ns
-            unsure = times > now + LATE_NS
-            times[unsure] = -_NEVER_NS
+            uncertain = times > now + LATE_NS
+            times[uncertain] = -_NEVER_NS
         else:
-            times, unsure = self._told_apart(stamps, offsets, now)
+            times, uncertain = self._matched(stamps, offsets, now)
         ordered = np.maximum.accumulate(np.maximum(times, self._last_ns))
-        unsure |= ordered - times > EARLY_NS
+        uncertain |= ordered - times > EARLY_NS
         self._last_ns = int(ordered[-1])
         self._empty_ns = max(self._empty_ns, self._last_ns)
         batch.frames["time_ns"] = ordered + self._clock.base_ns
-        if unsure.any():
-            self.unsure += int(unsure.sum())
-            batch.frames["flags"][unsure] |= np.uint8(FrameFlag.UNSURE_TIME)
+        if uncertain.any():
+            self.uncertain += int(uncertain.sum())
+            batch.frames["flags"][uncertain] |= np.uint8(FrameFlag.UNCERTAIN_TIME)
         return batch
 
-    def _told_apart(
-        self, stamps: IntArray, offsets: tuple[Offset, ...], now: int
-    ) -> tuple[IntArray, NDArray[np.bool_]]:
-        """Return monotonic times and whether they are unsure; of several that fit, the earliest."""
+    def _matched(self, stamps: IntArray, offsets: tuple[Offset, ...], now: int) -> tuple[IntArray, NDArray[np.bool_]]:
+        """Return monotonic times and whether they are uncertain; of several that fit, the earliest."""
         tried = stamps - np.array([[one.offset_ns] for one in offsets])
         earliest = [[max(self._empty_ns, one.from_ns) - EARLY_NS] for one in offsets]
         latest = [[min(now, one.until_ns) + LATE_NS] for one in offsets]
@@ -257,11 +255,11 @@ class StampTracker:
         return times, count != 1
 
 
-class UnsureTimes:
+class UncertainTimestamps:
     """Counts the flagged frames of a run while its batches come by.
 
-    The time of a flagged frame is never late (`daq.host_clock.StampTracker`), and the next sure frame of its bus came
-    after it: what lies between the two times is the most that it can be wrong by.
+    The time of a flagged frame is never late (`daq.host_clock.StampTracker`), and the next unflagged frame of its bus
+    came after it: the difference of the two times is the largest possible error.
     """
 
     def __init__(self) -> None:
@@ -272,18 +270,18 @@ class UnsureTimes:
 
     @property
     def within_s(self) -> float:
-        """By how much the times can be wrong, s; NaN while no sure frame has come after a flagged one."""
+        """Largest possible error of the flagged times, s; NaN while no unflagged frame has followed a flagged one."""
         return float("nan") if self._waiting_ns else self._within_ns * 1e-9
 
     def take(self, batch: FrameBatch) -> None:
-        """Look at frames in the order in which they came."""
-        unsure = (batch.frames["flags"] & FrameFlag.UNSURE_TIME) != 0
-        if not self._waiting_ns and not unsure.any():
+        """Count the flagged frames of a batch; batches come in the order of reception."""
+        uncertain = (batch.frames["flags"] & FrameFlag.UNCERTAIN_TIME) != 0
+        if not self._waiting_ns and not uncertain.any():
             return
-        self.frames += int(np.count_nonzero(unsure))
+        self.frames += int(np.count_nonzero(uncertain))
         for number, bus in enumerate(batch.buses):
             rows = batch.frames["bus"] == number
-            self._take_bus(bus, batch.frames["time_ns"][rows], unsure[rows])
+            self._take_bus(bus, batch.frames["time_ns"][rows], uncertain[rows])
 
     def note(self) -> str:
         """Return a sentence for people; empty where no frame was flagged."""
@@ -292,8 +290,8 @@ class UnsureTimes:
         by = "" if self._waiting_ns else f" by up to {self.within_s:.3g} s"
         return f"{self.frames:,} frames came while the host's clock was set; their times may be wrong{by}"
 
-    def _take_bus(self, bus: str, time_ns: NDArray[np.int64], unsure: NDArray[np.bool_]) -> None:
-        sure, flagged = np.flatnonzero(~unsure), np.flatnonzero(unsure)
+    def _take_bus(self, bus: str, time_ns: NDArray[np.int64], uncertain: NDArray[np.bool_]) -> None:
+        sure, flagged = np.flatnonzero(~uncertain), np.flatnonzero(uncertain)
         if len(sure) and bus in self._waiting_ns:
             self._bound(time_ns[sure[:1]] - self._waiting_ns.pop(bus))
         following = np.searchsorted(sure, flagged)

@@ -12,7 +12,7 @@ from daq.can.decoding import Decoder
 from daq.can.frames import FrameBatch, concatenate
 from daq.config import VehicleConfig
 from daq.logger.health.monitor import HealthMonitor
-from daq.logger.health.report import HealthReport, HostFacts, Reason
+from daq.logger.health.report import HealthReport, HostStatus, Reason
 
 STEP_NS = 200_000_000
 
@@ -58,7 +58,7 @@ def watch(
     vehicle: VehicleConfig,
     databases: Mapping[str, tuple[Database, ...]],
     batches: Iterable[FrameBatch],
-    facts: Callable[[float], HostFacts] = lambda _: HostFacts({}),
+    facts: Callable[[float], HostStatus] = lambda _: HostStatus({}),
 ) -> Seen:
     """Run frames through a monitor; `facts` gives the machine's state at a time since the start."""
     whole = concatenate(list(batches))

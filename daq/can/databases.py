@@ -274,11 +274,14 @@ def _parse_strict(text: str, where: str) -> Any:
     if not bad:
         raise DatabaseError(Fault("cantools cannot load this DBC", where, complaint, next_step="mend the file"))
     raise DatabaseError(
-        *(Fault(f"cantools refuses this DBC: {line.why}", where, _found(line), next_step=LENIENT_HINT) for line in bad)
+        *(
+            Fault(f"cantools refuses this DBC: {line.why}", where, _line_text(line), next_step=LENIENT_HINT)
+            for line in bad
+        )
     )
 
 
-def _found(line: BadLine) -> str:
+def _line_text(line: BadLine) -> str:
     return f"line {line.number}: {line.text.strip()}"
 
 

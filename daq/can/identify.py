@@ -100,14 +100,14 @@ def parameter_groups(ids: NDArray[np.uint32]) -> NDArray[np.uint32]:
 
 
 def _extended_codes(table: _BusTable, ids: NDArray[np.uint32]) -> NDArray[np.uint16]:
-    codes, found = _look_up(table.extended, table.extended_codes, ids)
+    codes, found = _codes_of(table.extended, table.extended_codes, ids)
     if len(table.groups):
         rest = np.flatnonzero(~found)
-        codes[rest], _ = _look_up(table.groups, table.group_codes, parameter_groups(ids[rest]))
+        codes[rest], _ = _codes_of(table.groups, table.group_codes, parameter_groups(ids[rest]))
     return codes
 
 
-def _look_up(
+def _codes_of(
     known: NDArray[np.uint32], codes: NDArray[np.uint16], wanted: NDArray[np.uint32]
 ) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
     if not len(known):

@@ -68,15 +68,15 @@ class DiskGuard:
         self._folder = folder
         self._warn_min = warn_min
         self._reserve_bytes = int(reserve_mb * _MB)
-        self._seen: deque[tuple[float, int]] = deque()
+        self._history: deque[tuple[float, int]] = deque()
         self._warned = False
         self._free = self._reserve_bytes + 1
-        state = self.look(0.0, 0)
-        self._seen.clear()
+        state = self.check(0.0, 0)
+        self._history.clear()
         if state.level is Level.RED:
             raise HardwareError(disk_fault(folder, state))
 
-    def look(self, now_s: float, written_bytes: int) -> DiskState:
+    def check(self, now_s: float, written_bytes: int) -> DiskState:
         """Return the state of the disk.
 
         Parameters
@@ -89,10 +89,10 @@ class DiskGuard:
         with contextlib.suppress(OSError):  # a disk that does not answer is told by the next write to it
             self._free = shutil.disk_usage(self._folder).free
         free = self._free
-        self._seen.append((now_s, written_bytes))
-        while len(self._seen) > 2 and now_s - self._seen[1][0] >= _GROWTH_OVER_S:
-            self._seen.popleft()
-        since_s, before = self._seen[0]
+        self._history.append((now_s, written_bytes))
+        while len(self._history) > 2 and now_s - self._history[1][0] >= _GROWTH_OVER_S:
+            self._history.popleft()
+        since_s, before = self._history[0]
         growth = (written_bytes - before) / (now_s - since_s) if now_s - since_s >= _GROWTH_FROM_S else math.nan
         minutes = max(free - self._reserve_bytes, 0) / growth / 60.0 if growth > 0 else math.nan
         return DiskState(free, self._reserve_bytes, growth, minutes, self._level(free, minutes))

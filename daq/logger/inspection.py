@@ -21,7 +21,7 @@ from daq.channels import Channel
 from daq.config import VehicleConfig
 from daq.errors import HardwareError
 from daq.logger.health.monitor import HealthMonitor
-from daq.logger.health.report import HealthReport, HostFacts
+from daq.logger.health.report import HealthReport, HostStatus
 from daq.logger.snapshot import Samples, Traces
 
 T = TypeVar("T")
@@ -72,13 +72,13 @@ class Task:
         Were recorded before `batches`, and are only counted.
     now_ns : int
         File time.
-    host : HostFacts
+    host : HostStatus
     """
 
     batches: list[FrameBatch]
     skipped: list[FrameBatch]
     now_ns: int
-    host: HostFacts
+    host: HostStatus
 
 
 @dataclass(frozen=True)
@@ -229,7 +229,7 @@ class Feed:
         while self._fresh and (self.behind or self._bytes > _MOST_BYTES):
             self._skip()
 
-    def task(self, now_ns: int, host: HostFacts) -> Task:
+    def task(self, now_ns: int, host: HostStatus) -> Task:
         """Return what is to be inspected now."""
         task = Task(list(self._fresh), list(self._skipped), now_ns, host)
         self._fresh.clear()

@@ -14,7 +14,7 @@ from typing import Generic, TypeVar
 
 from daq.can.frames import FrameBatch, concatenate
 from daq.host_clock import HostClock, StampTracker
-from daq.logger.health.report import BusFacts
+from daq.logger.health.report import BusStatus
 from daq.sources.reconnect import ReconnectingSource
 
 T = TypeVar("T")
@@ -155,18 +155,18 @@ class Listener(threading.Thread):
         self._wanted = threading.Event()
 
     @property
-    def unsure(self) -> int:
+    def uncertain_frames(self) -> int:
         """Frames whose time cannot be told for sure, because the clock was set when they came."""
-        return self._stamps.unsure
+        return self._stamps.uncertain
 
     @property
     def stuck_s(self) -> float:
         """For how long it has not gone round; an interface that is being opened has its time for that."""
         return max(time.monotonic() - self.alive_at - (_OPENING_S if self.source.opening else 0.0), 0.0)
 
-    def facts(self) -> BusFacts:
+    def status(self) -> BusStatus:
         """Return what is known of the bus now."""
-        return replace(self.source.facts(), queue_drops=self.unwritten)
+        return replace(self.source.status(), queue_drops=self.unwritten)
 
     def abandon(self) -> None:
         """Have it give up frames for which there is no room: nobody writes any more."""

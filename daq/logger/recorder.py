@@ -22,7 +22,7 @@ from daq.host_clock import HostClock
 from daq.logger.listener import Arrival
 from daq.logger.run_files import BETWEEN_FOLDER, VEHICLE_KEY, RunFiles, new_run
 from daq.recording import DiagnosticStatus, Event, PartWriter
-from daq.recording.decoded_topics import DecodedView
+from daq.recording.decoded_topics import DecodedWriter
 from daq.recording.disk_file import make_folder
 from daq.recording.events import Severity
 from daq.recording.part_writer import since, total
@@ -73,13 +73,13 @@ class RunClock:
         """Return every time the clock was set, in the run's time, and by how much."""
         return [(step.time_ns + self.shift_ns, f"{step.step_s:+.6f} s") for step in self._clock.steps]
 
-    def told(self, fit: ClockFit | None) -> dict[str, str]:
+    def as_metadata(self, fit: ClockFit | None) -> dict[str, str]:
         """Return the fit to GNSS time in the run's time, and every time the clock was set, for a metadata record."""
-        told = {f"step.{number}": f"{step} at {at_ns}" for number, (at_ns, step) in enumerate(self.steps(), 1)}
+        metadata = {f"step.{number}": f"{step} at {at_ns}" for number, (at_ns, step) in enumerate(self.steps(), 1)}
         if fit is not None:
             offset_s, reference_ns = fit.offset_s + self.shift_ns * 1e-9, fit.reference_ns + self.shift_ns
-            told |= replace(fit, offset_s=offset_s, reference_ns=reference_ns).as_metadata()
-        return told
+            metadata |= replace(fit, offset_s=offset_s, reference_ns=reference_ns).as_metadata()
+        return metadata
 
 
 BETWEEN_KEY = "between_runs"
@@ -144,7 +144,7 @@ class Recorder:
         self._drops: Mapping[str, int] = {}
         self._losses: Mapping[str, int] = {}
         self._clock_fit: ClockFit | None = None
-        self._clock_told: dict[str, str] = {}
+        self._clock_metadata: dict[str, str] = {}
         self._marks: deque[Event] = deque(maxlen=_MARKS_KEPT)
         self._rotation_fault: Fault | None = None
         self.paths: list[Path] = []
@@ -213,7 +213,7 @@ class Recorder:
         self._writer.write_clock(last_ns, arrival.bus, offset_ns, self._time.base_ns - offset_ns)
         self._note_part()
 
-    def write_view(self, decoded: Mapping[tuple[str, str], Channel]) -> None:
+    def write_decoded(self, decoded: Mapping[tuple[str, str], Channel]) -> None:
         """Write decoded topics."""
         if self._view is not None:
             self._view.write(self._time.channels(decoded))
@@ -249,7 +249,7 @@ class Recorder:
 
     def note_clock(self, fit: ClockFit | None, more: Mapping[str, str]) -> None:
         """Take what is known of the host's clock; every run's last file tells it."""
-        self._clock_fit, self._clock_told = fit, dict(more)
+        self._clock_fit, self._clock_metadata = fit, dict(more)
 
     @property
     def flush_due_s(self) -> float:
@@ -288,7 +288,7 @@ class Recorder:
         self._writer, self._run = writer, run
         self._view = None
         if self._options.databases is not None:
-            self._view = DecodedView(writer, self._options.vehicle, self._options.databases)
+            self._view = DecodedWriter(writer, self._options.vehicle, self._options.databases)
         self._time = RunClock(self._clock)
         self._begun_ns = self.now_ns()
         self._drops_before, self._losses_before = self._drops, self._losses
@@ -346,9 +346,9 @@ class Recorder:
         """Tell the end of a run, and what is known of the clock."""
         if self._run is not None:
             self.event("run", f"run {self.run_id!r} ends")
-        told = self._time.told(self._clock_fit) | self._clock_told
-        if told:
-            self._writer.add_metadata(CLOCK, told)
+        metadata = self._time.as_metadata(self._clock_fit) | self._clock_metadata
+        if metadata:
+            self._writer.add_metadata(CLOCK, metadata)
         steps = {str(at_ns): step for at_ns, step in self._time.steps() if at_ns >= self._begun_ns}
         if steps:
             self._writer.add_metadata(CLOCK_STEPS, steps)

@@ -18,15 +18,15 @@ from pathlib import Path
 
 from daq.config import RunInfo, VehicleConfig
 from daq.errors import Fault, HardwareError, RecordingError
+from daq.formatting import file_name
 from daq.recording import Recording
 from daq.recording.contents import MAGIC
 from daq.recording.format import RUN_END, RUN_START
 from daq.recording.part_writer import ROTATED, next_part, part_number, parts_on_disk
 from daq.recording.recovery import RECOVERED
-from daq.shown import file_name
 
-_LOOKED_AT_S = 0.05
-"""How long somebody who looks whether the folder is held may hold it."""
+_LONGEST_CHECK_S = 0.05
+"""How long a process that only checks whether the folder is locked may hold the lock."""
 _WRITTEN_WITHIN_S = 10.0
 """A file that is being recorded grows at least once a second."""
 BETWEEN_FOLDER = "between"
@@ -85,7 +85,7 @@ def _take(descriptor: int) -> None:
     try:
         _lock(descriptor)
     except BlockingIOError:
-        time.sleep(_LOOKED_AT_S)
+        time.sleep(_LONGEST_CHECK_S)
         _lock(descriptor)
 
 

@@ -191,7 +191,7 @@ class Topics:
     chunk_bytes: int
     tick: Callable[[], None]
 
-    def settle(self, written: DecodedTopics | HostTopics) -> None:
+    def write_if_full(self, written: DecodedTopics | HostTopics) -> None:
         """Write a chunk if there is enough for one."""
         if written.pending_bytes >= self.chunk_bytes:
             written.write_chunk()
@@ -231,7 +231,7 @@ class TopicWriter(ABC):
             Best estimate of the measurement time; `time_ns` where there is none.
         """
         self.topics.decoded.write(message, bus, time_ns, signals, units, time_ns if publish_ns is None else publish_ns)
-        self.topics.settle(self.topics.decoded)
+        self.topics.write_if_full(self.topics.decoded)
 
     def write_position(
         self,
@@ -243,12 +243,12 @@ class TopicWriter(ABC):
     ) -> None:
         """Write positions as a ROS 2 NavSatFix topic, for map panels; NaN is written as "no fix"."""
         self.topics.decoded.write_position(bus, time_ns, latitude_deg, longitude_deg, altitude_m)
-        self.topics.settle(self.topics.decoded)
+        self.topics.write_if_full(self.topics.decoded)
 
     def write_event(self, event: Event) -> None:
         """Write an event, topic ``/events``."""
         self.topics.host.write_event(event)
-        self.topics.settle(self.topics.host)
+        self.topics.write_if_full(self.topics.host)
 
     def write_diagnostics(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Write how everything is at one moment, topic ``/diagnostics``.
@@ -259,7 +259,7 @@ class TopicWriter(ABC):
             If a level is none of 0 to 3.
         """
         self.topics.host.write_diagnostics(time_ns, statuses)
-        self.topics.settle(self.topics.host)
+        self.topics.write_if_full(self.topics.host)
 
     def write_clock(
         self, time_ns: int, bus: str, realtime_minus_monotonic_ns: int, file_minus_realtime_ns: int
@@ -280,13 +280,13 @@ class TopicWriter(ABC):
             The recording's time base less the host's CLOCK_REALTIME.
         """
         self.topics.host.write_clock(time_ns, bus, realtime_minus_monotonic_ns, file_minus_realtime_ns)
-        self.topics.settle(self.topics.host)
+        self.topics.write_if_full(self.topics.host)
 
 
 _SAME_FIX_NS = 100_000_000
 
 
-class DecodedView:
+class DecodedWriter:
     """Writes decoded topics, and positions where latitude and longitude have roles.
 
     Parameters

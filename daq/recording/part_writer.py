@@ -43,7 +43,7 @@ def since(now: Mapping[str, int], before: Mapping[str, int]) -> dict[str, int]:
 _EVERY_S = 1.0
 
 
-class LossTeller:
+class LossWriter:
     """Keeps counts of what was lost, and writes a metadata record of them when there is news.
 
     Parameters
@@ -62,8 +62,8 @@ class LossTeller:
         self.drops: dict[str, int] = {}
         self._drops_before: dict[str, int] = {}
         self._losses: dict[str, int] = {}
-        self._told: dict[str, int] = {}
-        self._told_at = -math.inf
+        self._written: dict[str, int] = {}
+        self._written_at = -math.inf
 
     @property
     def part_drops(self) -> dict[str, int]:
@@ -75,20 +75,20 @@ class LossTeller:
         self.drops = self.drops if drops is None else dict(drops)
         self._losses = self._losses if losses is None else dict(losses)
 
-    def tell_if_due(self, writer: RecordingWriter) -> None:
+    def write_if_due(self, writer: RecordingWriter) -> None:
         """Tell the file of news, at most once a second."""
-        if self._clock() - self._told_at >= _EVERY_S:
-            self.tell(writer)
+        if self._clock() - self._written_at >= _EVERY_S:
+            self.write(writer)
 
-    def tell(self, writer: RecordingWriter) -> None:
+    def write(self, writer: RecordingWriter) -> None:
         """Tell the file of news."""
-        if self._losses != self._told:
+        if self._losses != self._written:
             writer.add_metadata(LOSSES, {key: str(count) for key, count in self._losses.items()})
-            self._told, self._told_at = dict(self._losses), self._clock()
+            self._written, self._written_at = dict(self._losses), self._clock()
 
     def begin_part(self) -> None:
         """Count and tell from here on for the next part."""
-        self._drops_before, self._told = self.drops, {}
+        self._drops_before, self._written = self.drops, {}
 
 
 ROTATED = "rotated"
@@ -215,7 +215,7 @@ class PartWriter(TopicWriter):
         self._frames_before: dict[str, int] = {}
         self._counts_hold = True
         self._bytes_before = 0
-        self._lost = LossTeller(self._clock)
+        self._lost = LossWriter(self._clock)
         self.rotation_fault: Fault | None = None
         before = part_path(self.first_path, first_part - 1).name if first_part > 1 else None
         self._begin(first_part, self._opened(first_part, before))
@@ -275,7 +275,7 @@ class PartWriter(TopicWriter):
             ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>``, ``missing.<bus>.<message>``, since then.
         """
         self._lost.note(drops, losses)
-        self._lost.tell_if_due(self._writer)
+        self._lost.write_if_due(self._writer)
 
     def flush(self) -> None:
         """See `RecordingWriter.flush`."""
@@ -311,7 +311,7 @@ class PartWriter(TopicWriter):
         self._counts_hold &= old.counts_hold
         self._bytes_before += old.bytes_written
         try:
-            self._lost.tell(old)
+            self._lost.write(old)
             old.close(ROTATED, self._lost.part_drops, {"continued_in": following.path.name})
         finally:
             self._begin(number, following)
@@ -339,7 +339,7 @@ class PartWriter(TopicWriter):
         if self._counts_hold and self._writer.counts_hold:
             ended |= {f"total_frames.{bus}": str(count) for bus, count in self.frame_counts.items()}
         try:
-            self._lost.tell(self._writer)
+            self._lost.write(self._writer)
         finally:
             self._writer.close(exit_status, self._lost.part_drops, ended)
 

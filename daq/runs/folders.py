@@ -45,7 +45,7 @@ def logs_in(folder: Path) -> list[Path]:
     OSError
         The folder cannot be read.
     """
-    return sorted(path for path in folder.iterdir() if _plain_suffix(path) in RUN_SUFFIXES and path.is_file())
+    return sorted(path for path in folder.iterdir() if _log_suffix(path) in RUN_SUFFIXES and path.is_file())
 
 
 def holds_runs(folder: Path) -> bool:
@@ -66,6 +66,6 @@ def folders_in(folder: Path) -> tuple[list[Path], list[Path]]:
     return holding, closed
 
 
-def _plain_suffix(path: Path) -> str:
+def _log_suffix(path: Path) -> str:
     name = path.name.lower().removesuffix(".gz")
     return Path(name).suffix

@@ -110,12 +110,12 @@ def open_runs(
                 found = _without_copies(found)
             if found and left_out:
                 for one in unreadable.errors:
-                    left_out(_told(one))
+                    left_out(_left_out_text(one))
             else:
                 collected.errors += unreadable.errors
             opened += found
     collected.stop_if_any()
-    return _told_apart(opened)
+    return _with_unique_ids(opened)
 
 
 def known_beside(path: Path, given: Configuration, *, lenient_dbc: bool = False) -> Configuration:
@@ -206,7 +206,7 @@ def _configuration(files: dict[str, Path], collected: Collected, lenient_dbc: bo
     return known
 
 
-def _told(error: WheelsoilError) -> str:
+def _left_out_text(error: WheelsoilError) -> str:
     return "; ".join(f"{fault.where}: left out: {fault.what}" for fault in error.faults)
 
 
@@ -280,7 +280,7 @@ def campaign_folders(path: Path) -> list[Path]:
     return sorted([*holding, *closed]) if holding else [path]
 
 
-def _told_apart(runs: list[Run]) -> list[Run]:
+def _with_unique_ids(runs: list[Run]) -> list[Run]:
     """Give runs of the same id a number each."""
     taken: set[str] = set()
     result = []

@@ -19,9 +19,9 @@ from daq.can.roles import SignalRef, resolve_roles
 from daq.channels import ROLES, Channel
 from daq.config import RunInfo, RunsConfig, TerrainConfig, VehicleConfig, load_toml, parse_toml
 from daq.errors import DatabaseError, Fault, RecordingError, nearest
+from daq.formatting import html_table
 from daq.logs import read_log
 from daq.recording import RunRecording
-from daq.shown import html_table
 from daq.zero_file import carried_zeros
 
 if TYPE_CHECKING:
@@ -161,9 +161,9 @@ class Run:
         return self.recording.files if self.recording else (self.path,)
 
     def _repr_html_(self) -> str:
-        return html_table((), self._facts(), left=2)
+        return html_table((), self._summary(), left=2)
 
-    def _facts(self) -> list[tuple[str, str]]:
+    def _summary(self) -> list[tuple[str, str]]:
         """Return what is known without reading frames, as rows of text."""
         info = self.info
         pressure = f", {info.inflation_kpa:g} kPa" if info.inflation_kpa else ""

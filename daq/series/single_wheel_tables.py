@@ -256,9 +256,9 @@ def _outside(table: Table, name: str, good: Iterable[bool], expected: str) -> li
     bad: Sequence[int] = np.flatnonzero(~np.asarray(good)).tolist()
     if not bad:
         return []
-    shown = ", ".join(f"line {table.lines[i]}: {table.columns[name][i]}" for i in bad[:5])
+    listed = ", ".join(f"line {table.lines[i]}: {table.columns[name][i]}" for i in bad[:5])
     more = f" and {len(bad) - 5} more" if len(bad) > 5 else ""
-    return [Fault(f"column {name!r} has impossible values", table.source, shown + more, expected)]
+    return [Fault(f"column {name!r} has impossible values", table.source, listed + more, expected)]
 
 
 def _test_name(path: Path, label: str) -> str:

@@ -28,7 +28,7 @@ _SHORTEST_SLACK_NS = 1
 
 
 @contextmanager
-def punctual() -> Iterator[None]:
+def precise_timing() -> Iterator[None]:
     """Have this thread woken when it asked for, not up to 50 us later: Linux gathers wake-ups to save power."""
     if sys.platform != "linux":
         yield

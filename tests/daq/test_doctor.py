@@ -32,7 +32,7 @@ from daq.zero_file import ChannelZero, Determination, ZeroConfig, zeros_toml
 
 ROOT = Path(__file__).parents[2]
 LISTEN_S = 0.6
-BY_NAME = {check.name: check.look for check in CHECKS}
+BY_NAME = {check.name: check.run for check in CHECKS}
 
 # What `ip -details -json link show` of iproute2 6.1 says of a serial adapter, and of a controller after its manual.
 SLCAN = """{"linkinfo":{"info_kind":"can","info_data":{"ctrlmode_supported":["LISTEN-ONLY"],"state":"ERROR-ACTIVE",
@@ -319,7 +319,7 @@ def test_what_nothing_is_known_of_still_gives_lines(tmp_path: Path) -> None:
     assert {"vehicle.toml", "host clock", "folder", "disk speed", "Python"} <= named
     assert [line.check for line in lines if line.verdict is Verdict.FAIL] == ["vehicle.toml"]
     assert not {"DBC files", "roles", "traffic", "zero"} & named  # what would be said of them is not true
-    assert sum("not looked at: DBC files, roles" in line.found for line in lines) == 1
+    assert sum("vehicle.toml has faults: DBC files, roles" in line.found for line in lines) == 1
 
 
 def test_a_bus_twice_in_the_file_is_heard_once(tmp_path: Path) -> None:

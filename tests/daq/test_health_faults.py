@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from daq.can.frames import FrameArray, FrameBatch, FrameFlag, concatenate
 from daq.config import VehicleConfig
-from daq.logger.health.report import BusFacts, BusState, HostFacts, Level
+from daq.logger.health.report import BusState, BusStatus, HostStatus, Level
 from daq.runs.open import open_runs
 from daq.runs.run import Run
 
@@ -62,7 +62,9 @@ def changed(change: Callable[[FrameArray], FrameArray]) -> FrameBatch:
     return FrameBatch(change(batch.frames.copy()), batch.buses)
 
 
-def seen(batch: FrameBatch, facts: Callable[[float], HostFacts] = lambda _: HostFacts({}), **sections: object) -> Seen:
+def seen(
+    batch: FrameBatch, facts: Callable[[float], HostStatus] = lambda _: HostStatus({}), **sections: object
+) -> Seen:
     vehicle = VehicleConfig.model_validate(run().vehicle.model_dump() | sections)
     return watch(vehicle, run().databases, [batch], facts)
 
@@ -113,7 +115,7 @@ def test_skipped_frames_are_not_lost() -> None:
             monitor.skip(piece[len(piece) // 3 :])  # the oldest may have been given up altogether
         else:
             monitor.take(piece, decoder.decode(piece))
-        reports.append(monitor.report(now_ns, HostFacts({}, skipped_frames=min(max(number - 49, 0), 20) * 600)))
+        reports.append(monitor.report(now_ns, HostStatus({}, skipped_frames=min(max(number - 49, 0), 20) * 600)))
     told = Seen(monitor, reports)
     assert monitor.losses() == {}
     assert codes(told) == {"inspection_skipped"}
@@ -200,8 +202,8 @@ def test_a_silent_bus_is_told_once() -> None:
 
 
 def test_drops_are_red_and_then_amber_for_the_rest() -> None:
-    def facts(time_s: float) -> HostFacts:
-        return HostFacts({"can0": BusFacts("up", 1, 0 if time_s < 10 else 12, 0 if time_s < 12 else 3)})
+    def facts(time_s: float) -> HostStatus:
+        return HostStatus({"can0": BusStatus("up", 1, 0 if time_s < 10 else 12, 0 if time_s < 12 else 3)})
 
     told = seen(recorded(), facts)
     assert codes(told) == {"kernel_drops", "queue_drops"}
@@ -218,9 +220,9 @@ def test_drops_are_red_and_then_amber_for_the_rest() -> None:
 def test_a_bus_that_is_gone_and_comes_back(state: BusState, code: str) -> None:
     away = without(recorded(), 10, 20)
 
-    def facts(time_s: float) -> HostFacts:
+    def facts(time_s: float) -> HostStatus:
         now = state if 10.3 < time_s < 19.9 else "up"
-        return HostFacts({"can0": BusFacts(now, 1, 0, reconnects=int(time_s >= 20), detail="gone")})
+        return HostStatus({"can0": BusStatus(now, 1, 0, reconnects=int(time_s >= 20), detail="gone")})
 
     told = seen(away, facts)
     assert code in codes(told)
@@ -395,9 +397,9 @@ def test_a_hole_of_the_whole_bus_is_one_reason() -> None:
 
 
 def test_the_machine() -> None:
-    def facts(time_s: float) -> HostFacts:
-        return HostFacts(
-            {"can0": BusFacts("up", 1, 0)},
+    def facts(time_s: float) -> HostStatus:
+        return HostStatus(
+            {"can0": BusStatus("up", 1, 0)},
             queue_share=0.0 if time_s < 5 else 0.3 if time_s < 10 else 0.8 if time_s < 15 else 0.0,
             disk_free_bytes=10**9,
             disk_reserve_bytes=10**8,

@@ -63,7 +63,7 @@ def batch(stamps: list[int]) -> FrameBatch:
 
 
 def is_unsure(of: FrameBatch) -> np.ndarray:
-    return np.asarray((of.frames["flags"] & FrameFlag.UNSURE_TIME) != 0)
+    return np.asarray((of.frames["flags"] & FrameFlag.UNCERTAIN_TIME) != 0)
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ def test_a_stamp_that_fits_no_offset_is_flagged_and_harms_no_other() -> None:
     assert is_unsure(read).tolist() == [False] * 10 + [True] * 10 + [False] * 10
     assert np.all(np.diff(read.frames["time_ns"]) >= 0)
     assert read.frames["time_ns"][-1] == stamps[-1]
-    assert tracker.unsure == 10
+    assert tracker.uncertain == 10
     assert clock.steps == ()
 
 

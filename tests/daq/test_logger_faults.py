@@ -226,7 +226,7 @@ def test_what_a_failing_disk_does_not_take_is_counted(tmp_path: Path, taken: int
 def test_the_service_manager_hears_of_life_until_no_source_answers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stuck: bool
 ) -> None:
-    monkeypatch.setattr("daq.logger.watch._LOOK_EVERY_S", 0.02)
+    monkeypatch.setattr("daq.logger.watch._REFRESH_EVERY_S", 0.02)
     monkeypatch.setattr("daq.logger.watch._STUCK_S", 0.2)
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
     released, source = threading.Event(), ScriptedSource("x")

@@ -56,7 +56,7 @@ def test_interfaces_come_back_and_a_clock_may_be_set(guest: Callable[..., GuestR
     number = received_numbers(recording)
     assert np.array_equal(number, np.arange(sent["end"][-1]))
     frames = recording.frames("vcan0").frames
-    sure = (frames["flags"] & FrameFlag.UNSURE_TIME) == 0
+    sure = (frames["flags"] & FrameFlag.UNCERTAIN_TIME) == 0
     assert sure.mean() > 0.9
     due_ns = sent["time_ns"][np.searchsorted(sent["end"], number, side="right")]
     late_s = (frames["time_ns"] - due_ns)[sure] / 1e9

@@ -65,7 +65,7 @@ def print_json(value: Any) -> None:
 
 
 def print_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> None:
-    """Print aligned columns (stdout), as wide as the terminal at most; see `daq.shown.table_lines`."""
+    """Print aligned columns (stdout), as wide as the terminal at most; see `daq.formatting.table_lines`."""
     for line in table_lines(head, rows, left=left, width=terminal_width()):
         print(line)
 

@@ -8,7 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from daq import ConfigError, DataError, Fault, TerrainConfig, UnsureTimes, VehicleConfig, WheelSection, load_toml
+from daq import (
+    ConfigError,
+    DataError,
+    Fault,
+    TerrainConfig,
+    UncertainTimestamps,
+    VehicleConfig,
+    WheelSection,
+    load_toml,
+)
 from daq.can import no_bus_in_common
 from daq.logger import is_being_recorded
 from daq.runs import VEHICLE_FILE, Collected, Run, open_runs
@@ -121,7 +130,7 @@ def process_runs(
         with collected.catch():
             _check_vehicle(run)
             try:
-                unsure = UnsureTimes()
+                unsure = UncertainTimestamps()
                 channels = run.channel_batches(watch=unsure.take)
                 one = process_stream(channels, run.vehicle, run.info, options, zeros_for(run, zero))
                 one = _with_notes(one, [used.warning, unsure.note(), *_gaps(run)])

@@ -13,7 +13,7 @@ from daq.zero_file import ZERO_FILE, load_zeros
 
 _SLIP_ROLES = ("wheel_speed", "ground_speed")
 _FRESH_ZERO_H = 12.0
-_NOT_LOOKED_AT = "not looked at: DBC files, roles, interfaces, traffic, zero, for vehicle.toml has faults"
+_NOT_CHECKED = "not checked, because vehicle.toml has faults: DBC files, roles, interfaces, traffic, zero"
 
 
 def vehicle_file(now: Situation) -> Iterator[Line]:
@@ -21,7 +21,7 @@ def vehicle_file(now: Situation) -> Iterator[Line]:
     where = str(now.vehicle_file)
     if now.vehicle_faults:
         yield from (from_fault(fault, where) for fault in now.vehicle_faults)
-        yield warned("", _NOT_LOOKED_AT, "mend vehicle.toml, and ask again")
+        yield warned("", _NOT_CHECKED, "mend vehicle.toml, and ask again")
     elif not now.vehicle.bus:
         yield failed(where, "no [[bus]]: there is nothing to record", "add a [[bus]] with its channel and its DBCs")
     else:

@@ -22,7 +22,7 @@ from daq.errors import ConfigError, DatabaseError, Fault
 from daq.host_clock import monotonic_ns, realtime_ns
 from daq.logger.doctor.links import Heard, Link, is_socketcan, listen, read_link
 from daq.recording import RecordingWriter
-from daq.recording.decoded_topics import DecodedView
+from daq.recording.decoded_topics import DecodedWriter
 
 
 class Verdict(StrEnum):
@@ -222,7 +222,7 @@ def _growth(vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "heard.mcap"
         with RecordingWriter(path, sync_every_s=None) as writer:
-            view = DecodedView(writer, vehicle.model_copy(update={"signals": {}}), databases)
+            view = DecodedWriter(writer, vehicle.model_copy(update={"signals": {}}), databases)
             for batch in split(frames, max(round(len(frames) * vehicle.logger.flush_s / seconds), 1)):
                 writer.write_frames(batch)
                 view.write(decoder.decode(batch))

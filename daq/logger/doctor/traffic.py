@@ -17,7 +17,7 @@ from daq.logger.health.traffic import bits_on_wire
 
 _HIGH_LOAD = 0.8
 _MANY_ERRORS = 0.01
-_IDS_SHOWN = 8
+_IDS_LISTED = 8
 _KNOWN_ENOUGH = 0.5
 _CLASSES = (
     (ErrorClass.PROTOCOL, "protocol"),
@@ -87,11 +87,11 @@ def dbc_coverage(now: Situation) -> Iterator[Line]:
         total = sum(row.frames for row in rows)
         known = sum(row.frames for row in rows if row.message is not None) / max(total, 1)
         unknown = Counter({(r.can_id, r.extended): r.frames for r in rows if r.message is None}).most_common()
-        shown = [f"0x{i:08X} ({n})" if extended else f"0x{i:03X} ({n})" for (i, extended), n in unknown[:_IDS_SHOWN]]
+        listed = [f"0x{i:08X} ({n})" if extended else f"0x{i:03X} ({n})" for (i, extended), n in unknown[:_IDS_LISTED]]
         found = f"{known:.0%} of the frames known"
         if unknown:
-            more = f", and {len(unknown) - _IDS_SHOWN} more" if len(unknown) > _IDS_SHOWN else ""
-            found += f"; unknown, most frequent first: {', '.join(shown)}{more}"
+            more = f", and {len(unknown) - _IDS_LISTED} more" if len(unknown) > _IDS_LISTED else ""
+            found += f"; unknown, most frequent first: {', '.join(listed)}{more}"
         if known == 0:
             yield failed(bus, found, "this DBC does not fit this bus: mend dbc in vehicle.toml, or swap the channels")
         elif known < _KNOWN_ENOUGH:
@@ -107,21 +107,21 @@ def silent_messages(now: Situation) -> Iterator[Line]:
         messages = merged.get(bus, {})
         if not messages or not _data_frames(heard):
             continue
-        seen = {row.message for row in coverage(heard.frames, now.databases).ids}
-        silent = [name for name in messages if name not in seen and name not in now.vehicle.health.may_be_silent]
+        received = {row.message for row in coverage(heard.frames, now.databases).ids}
+        silent = [name for name in messages if name not in received and name not in now.vehicle.health.may_be_silent]
         if silent:
-            found = f"{len(silent)} of {len(messages)} messages never came: {', '.join(silent[:_IDS_SHOWN])}"
+            found = f"{len(silent)} of {len(messages)} messages never came: {', '.join(silent[:_IDS_LISTED])}"
             step = "check their senders; a message that may be silent goes into [health] may_be_silent"
-            yield warned(bus, found + (", ..." if len(silent) > _IDS_SHOWN else ""), step)
+            yield warned(bus, found + (", ..." if len(silent) > _IDS_LISTED else ""), step)
         else:
             yield passed(bus, f"all {len(messages)} messages came")
 
 
 def role_values(now: Situation) -> Iterator[Line]:
     """Tell whether the signal of each role came, and its last value."""
-    talking = {bus for bus, heard in now.heard.items() if _data_frames(heard)}
+    active = {bus for bus, heard in now.heard.items() if _data_frames(heard)}
     for role, reference in now.roles.items():
-        if reference.bus not in talking:
+        if reference.bus not in active:
             continue
         values = now.channels[role].values
         name = f"{reference.bus}: {reference.name}"
@@ -133,10 +133,10 @@ def role_values(now: Situation) -> Iterator[Line]:
             label = now.channels[role].labels.get(int(values[-1]), "not 0")
             yield warned(role, f"{name} says {values[-1]:g}: {label}", "see the transducer; such samples are left out")
         else:
-            yield passed(role, f"{_shown(values[-1], reference)} ({name}, {len(values)} samples)")
+            yield passed(role, f"{_value_text(values[-1], reference)} ({name}, {len(values)} samples)")
 
 
-def _shown(value_si: float, reference: SignalRef) -> str:
+def _value_text(value_si: float, reference: SignalRef) -> str:
     """Return a value in the DBC's unit, as the status page shows it."""
     return f"{(value_si - reference.si_offset) / reference.si_factor:.6g} {reference.unit}".strip()
 

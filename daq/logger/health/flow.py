@@ -52,7 +52,7 @@ class MessageFlow:
         self._other: list[Usual | None] = []
         self.frames = 0
         self.last_ns: int | None = None
-        self._unseen_until_ns = 0
+        self._skipped_until_ns = 0
         self.gaps = 0
         self.rate_changes = 0
         self._missing = 0
@@ -105,7 +105,7 @@ class MessageFlow:
         time_ns : int64 array, shape (n,)
         values : float64 array, shape (signals, n)
         """
-        self._seen(time_ns)
+        self._count_frames(time_ns)
         if self._held is not None:
             raw = [raw_of(signal, values[row]) for row, signal in self._candidates]
             self._held.append((time_ns, np.array(raw, np.int64).reshape(len(raw), len(time_ns))))
@@ -125,8 +125,8 @@ class MessageFlow:
             Arrivals of this message among them, as far as they are known.
         until_ns : int
         """
-        self._seen(time_ns)
-        self._unseen_until_ns = max(until_ns, self._unseen_until_ns)
+        self._count_frames(time_ns)
+        self._skipped_until_ns = max(until_ns, self._skipped_until_ns)
         if self._counter is not None:
             self._counter.forget_last()
         self.forget_last()
@@ -147,7 +147,7 @@ class MessageFlow:
         """Whether it ought to have come by now."""
         if self._usual is None or self.last_ns is None:
             return False
-        quiet_ns = now_ns - max(self.last_ns, self._unseen_until_ns)
+        quiet_ns = now_ns - max(self.last_ns, self._skipped_until_ns)
         return quiet_ns > max(_SILENT_LEAST_NS, _SILENT_PERIODS * self._usual.wide_ns)
 
     def rate_hz(self, now_ns: int) -> float:
@@ -162,7 +162,7 @@ class MessageFlow:
         until_ns = max(self.last_ns, now_ns if self.silent(now_ns) else self.last_ns)
         return (self.frames - frames) / ((until_ns - last_ns) * 1e-9) if until_ns > last_ns else float("nan")
 
-    def _seen(self, time_ns: IntArray) -> None:
+    def _count_frames(self, time_ns: IntArray) -> None:
         self.frames += len(time_ns)
         if len(time_ns):
             self.last_ns = max(int(time_ns[-1]), self.last_ns or 0)
@@ -211,10 +211,10 @@ class MessageFlow:
     def _review(self, time_ns: IntArray) -> None:
         """Believe in another rate when it has held for some blocks; where most frames are lost there is none to see."""
         seen = learn(time_ns)
-        if _alike(seen, self._usual) or (seen is None and self._usual is not None and keeps(time_ns, self._usual)):
+        if _same_rate(seen, self._usual) or (seen is None and self._usual is not None and keeps(time_ns, self._usual)):
             self._other = []
             return
-        self._other = [*self._other, seen] if self._other and _alike(seen, self._other[-1]) else [seen]
+        self._other = [*self._other, seen] if self._other and _same_rate(seen, self._other[-1]) else [seen]
         if len(self._other) >= _BELIEVED_AFTER:
             self.rate_changes += self._usual is not None
             self._usual, self._other = seen, []
@@ -231,7 +231,7 @@ class MessageFlow:
                 self._seemed_still += verdict.stood_still
 
 
-def _alike(one: Usual | None, other: Usual | None) -> bool:
+def _same_rate(one: Usual | None, other: Usual | None) -> bool:
     if one is None or other is None:
         return one is other
     return abs(one.period_ns - other.period_ns) <= _SAME_RATE * other.period_ns

@@ -201,7 +201,7 @@ class Gaps:
 
     def close(self) -> list[Verdict]:
         """Let the next frame come after any time; what is open cannot be told, and is returned as `take` does."""
-        verdicts = [self._untold()] if self.open else []
+        verdicts = [self._undecided()] if self.open else []
         self._forget()
         return verdicts
 
@@ -248,7 +248,7 @@ class Gaps:
         if self.open:
             self._judge(block, verdicts)
         else:
-            self._settle_down(block)
+            self._learn_period(block)
         return True
 
     def _split(self, end: int) -> _Floor:
@@ -264,7 +264,7 @@ class Gaps:
             still=int(np.count_nonzero(lost < 0)),
         )
 
-    def _settle_down(self, block: _Floor) -> None:
+    def _learn_period(self, block: _Floor) -> None:
         """Learn the period from frames whose number is known."""
         if block.still >= _FROZEN:
             self._quiet.clear()
@@ -297,7 +297,7 @@ class Gaps:
         moved = self._late_ns(block, before) / self.period_ns
         if moved < -_FALLING or (self.modulus is not None and moved > _RISING):
             if self._blocks >= _MOST_BLOCKS:
-                verdicts.append(self._untold())
+                verdicts.append(self._undecided())
                 self._quiet.clear()
                 self._base = None
             return
@@ -313,10 +313,10 @@ class Gaps:
         self._still = min(self._still - still, block.still)
         if not sure or (lacking and self.modulus is None):
             self._quiet.clear()
-        self._settle_down(level)
+        self._learn_period(level)
         self._base = level if before.gaps or block.gaps else None
 
-    def _untold(self) -> Verdict:
+    def _undecided(self) -> Verdict:
         return Verdict(self._gaps if self._lost else 0, 0, sure=False)
 
     def _late_ns(self, one: _Floor, than: _Floor) -> float:

@@ -1,4 +1,4 @@
-"""The health report: facts of every bus, message and signal, and the reasons for its level, the worst first."""
+"""The health report: status of every bus, message and signal, and the reasons for its level, the worst first."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Reason:
 
 
 @dataclass(frozen=True)
-class BusFacts:
+class BusStatus:
     """What the logger itself knows of a bus; counts are since the logger started.
 
     Attributes
@@ -71,12 +71,12 @@ class BusFacts:
 
 
 @dataclass(frozen=True)
-class HostFacts:
+class HostStatus:
     """What the logger knows of its machine and of itself.
 
     Attributes
     ----------
-    buses : mapping bus -> BusFacts
+    buses : mapping bus -> BusStatus
     queue_share : float
         How full the queue between the buses and the disk is, 0 to 1.
     skipped_frames : int
@@ -94,7 +94,7 @@ class HostFacts:
         By how much, the last time; NaN without a step.
     """
 
-    buses: Mapping[str, BusFacts]
+    buses: Mapping[str, BusStatus]
     queue_share: float = 0.0
     skipped_frames: int = 0
     disk_free_bytes: int = 0
@@ -115,7 +115,7 @@ class BusHealth:
     name : str
     level : Level
         The worst reason's that stands at this bus.
-    facts : BusFacts
+    status : BusStatus
     rate_hz : float
         Frames per second.
     load : float
@@ -130,7 +130,7 @@ class BusHealth:
 
     name: str
     level: Level
-    facts: BusFacts
+    status: BusStatus
     rate_hz: float
     load: float
     age_s: float
@@ -237,7 +237,7 @@ class HealthReport:
     buses, messages, signals : tuples
     gnss : GnssHealth or None
         None without GNSS roles.
-    host : HostFacts
+    host : HostStatus
     losses : mapping str -> int
         What `HealthMonitor.losses` counts.
     """
@@ -249,7 +249,7 @@ class HealthReport:
     messages: tuple[MessageHealth, ...]
     signals: tuple[SignalHealth, ...]
     gnss: GnssHealth | None
-    host: HostFacts
+    host: HostStatus
     losses: Mapping[str, int] = field(default_factory=dict)
 
 

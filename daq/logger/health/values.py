@@ -37,7 +37,7 @@ class SignalValues:
         Signals in the order of the rows that `take` gets.
     constant : collection of str
         Signals that may stay the same as long as they like, beside counters, flags and enumerations.
-    rests : collection of str
+    at_rest : collection of str
         Signals that stay the same while the vehicle stands.
 
     Attributes
@@ -47,7 +47,7 @@ class SignalValues:
     """
 
     def __init__(
-        self, message: Message, names: Sequence[str], constant: Collection[str] = (), rests: Collection[str] = ()
+        self, message: Message, names: Sequence[str], constant: Collection[str] = (), at_rest: Collection[str] = ()
     ) -> None:
         signals = [message.by_name[name] for name in names]
         size = len(signals)
@@ -59,7 +59,7 @@ class SignalValues:
         self._labelled = [
             (row, raw * signal.scale + signal.offset) for row, signal in enumerate(signals) for raw in signal.labels
         ]
-        self._rests = np.array([name in rests for name in names], np.bool_)
+        self._at_rest = np.array([name in at_rest for name in names], np.bool_)
         self.resting = False
         self.last = np.full(size, np.nan)
         self.last_ns = np.zeros(size, np.int64)
@@ -124,8 +124,8 @@ class SignalValues:
         same = np.where(changed, time_ns - previous, 0).max(axis=1)
         changed_ns = latest[:, -1]
         if self.resting:
-            same[self._rests[rows]] = 0
-            changed_ns = np.where(self._rests[rows], time_ns[-1], changed_ns)
+            same[self._at_rest[rows]] = 0
+            changed_ns = np.where(self._at_rest[rows], time_ns[-1], changed_ns)
         self.longest_ns[rows] = np.maximum(self.longest_ns[rows], same)
         self.changes[rows] += np.count_nonzero(changed, axis=1)
         self.changed_ns[rows] = changed_ns

@@ -57,7 +57,7 @@ class Watched:
     rate: Recent
 
     @cached_property
-    def unseen(self) -> list[SignalHealth]:
+    def initial_signals(self) -> list[SignalHealth]:
         """What is told of the signals before the message has come."""
         roles = {signal: reference.role for signal, reference in self.roles.items()}
         return [
@@ -111,7 +111,7 @@ def watch(
             signals = tuple(message.by_name)
             mine = {one.signal: one for one in roles.values() if (one.bus, one.message) == (bus, name)}
             constant = {s for s in signals if name in health.may_be_constant or f"{name}.{s}" in health.may_be_constant}
-            rests = {signal for signal, one in mine.items() if one.role in _RESTING_ROLES}
+            at_rest = {signal for signal, one in mine.items() if one.role in _RESTING_ROLES}
             watched.append(
                 Watched(
                     bus,
@@ -120,7 +120,7 @@ def watch(
                     signals,
                     tuple((bus, f"{name}.{signal}") for signal in signals),
                     MessageFlow(message, signals),
-                    SignalValues(message, signals, constant, rests),
+                    SignalValues(message, signals, constant, at_rest),
                     mine,
                     *(Recent() for _ in range(5)),
                 )
