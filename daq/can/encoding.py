@@ -21,7 +21,7 @@ _BELOW_2_64 = float(np.nextafter(2.0**64, 0.0))
 
 @dataclass(frozen=True)
 class Encoded:
-    """Frames of one message and what could not be told exactly.
+    """Frames of one message, and how many samples could not be encoded exactly.
 
     Attributes
     ----------

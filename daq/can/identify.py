@@ -2,7 +2,7 @@
 
 An exact identifier wins. A J1939 message stands for its whole parameter group: a 29-bit frame without an exact
 match belongs to the one J1939 message of its bus with the same group number, whatever its priority, source and
-(below PDU format 240) destination. Several sources of one group are not told apart; where they must be, write
+(below PDU format 240) destination. Several sources of one group are decoded as one message; to separate them, write
 one message for each source, with the source in its identifier.
 """
 

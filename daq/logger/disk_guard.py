@@ -1,4 +1,4 @@
-"""How long the disk will last, and when recording must end while there is still room to close the file."""
+"""Free space of the recording's disk: how long it lasts, and when recording must end so that the file can be closed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from daq.logger.health.report import Level
 _MB = 1_000_000
 _GROWTH_OVER_S = 60.0
 _GROWTH_FROM_S = 2.0
-"""The growth is that of the last minute, and known when it has been looked at for so long."""
+"""The growth is that of the last minute, and known when it has been measured for `_GROWTH_FROM_S`."""
 
 _CALM = 1.25
 """The warning ends when the disk lasts so many times longer than where it began."""
@@ -23,7 +23,7 @@ _CALM = 1.25
 
 @dataclass(frozen=True)
 class DiskState:
-    """The disk now.
+    """State of the disk now.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class DiskGuard:
         written_bytes : int
             What has been recorded since the logger started.
         """
-        with contextlib.suppress(OSError):  # a disk that does not answer is told by the next write to it
+        with contextlib.suppress(OSError):  # a failed disk is reported by the next write
             self._free = shutil.disk_usage(self._folder).free
         free = self._free
         self._history.append((now_s, written_bytes))
@@ -105,7 +105,7 @@ class DiskGuard:
 
 
 def disk_fault(folder: Path, state: DiskState) -> Fault:
-    """Return what to tell when recording cannot go on."""
+    """Return the fault of a disk that is full up to the reserve."""
     return Fault(
         "the disk is full up to the reserve",
         str(folder),

@@ -83,7 +83,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Findings:
-    """What was found.
+    """Result of an inspection.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class Findings:
 
 
 class Inspection:
-    """Decodes frames once, for everyone who wants to know what they say.
+    """Decodes frames once, for health, traces and decoded topics.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ class Inspection:
         self._traces = Traces(traced, databases)
 
     def inspect(self, task: Task) -> Findings:
-        """Find out what frames say."""
+        """Decode frames and evaluate their health."""
         decoded: Mapping[tuple[str, str], Channel] = {}
         if task.skipped:
             self._monitor.skip(concatenate(task.skipped))
@@ -168,7 +168,7 @@ class Inspector(threading.Thread):
 
     @property
     def busy_s(self) -> float:
-        """For how long it has been at work on a task."""
+        """For how long it has been busy with a task."""
         return 0.0 if self._busy_since is None else time.monotonic() - self._busy_since
 
     def give(self, task: Task) -> None:
@@ -190,7 +190,7 @@ class Inspector(threading.Thread):
         self._tasks.put(None)
 
     def run(self) -> None:
-        """Inspect until told to end."""
+        """Inspect until `end` is called."""
         while (task := self._tasks.get()) is not None:
             self._found.put(self.shield.run(partial(self._inspection.inspect, task)))
 

@@ -109,7 +109,7 @@ def together(arrivals: Sequence[Arrival]) -> list[Arrival]:
 
 
 class Listener(threading.Thread):
-    """Reads one source until it is told to stop.
+    """Reads one source until `stop` is set.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ class Listener(threading.Thread):
     Attributes
     ----------
     alive_at : float
-        Monotonic time at which it last went round, for the watchdog.
+        Monotonic time of the last iteration, for the watchdog.
     fetched : int
         Frames that were read so far.
     unwritten : int
@@ -156,12 +156,12 @@ class Listener(threading.Thread):
 
     @property
     def uncertain_frames(self) -> int:
-        """Frames whose time cannot be told for sure, because the clock was set when they came."""
+        """Frames whose time is uncertain, because the clock was set when they came."""
         return self._stamps.uncertain
 
     @property
     def stuck_s(self) -> float:
-        """For how long it has not gone round; an interface that is being opened has its time for that."""
+        """Time since the last iteration; the time that opening an interface may take is subtracted."""
         return max(time.monotonic() - self.alive_at - (_OPENING_S if self.source.opening else 0.0), 0.0)
 
     def status(self) -> BusStatus:
@@ -169,11 +169,11 @@ class Listener(threading.Thread):
         return replace(self.source.status(), queue_drops=self.unwritten)
 
     def abandon(self) -> None:
-        """Have it give up frames for which there is no room: nobody writes any more."""
+        """Make it drop frames for which there is no room, because nothing is written any more."""
         self._abandoned = True
 
     def hurry(self) -> None:
-        """Have it fetch now what is there: it will be flushed."""
+        """Make it fetch now, before a flush."""
         self._wanted.set()
 
     def run(self) -> None:

@@ -219,7 +219,7 @@ class Recorder:
             self._view.write(self._time.channels(decoded))
 
     def write_health(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Write how everything is."""
+        """Write the health statuses."""
         self._writer.write_diagnostics(time_ns + self._time.shift_ns, statuses)
 
     def event(self, name: str, text: str, severity: Severity = "info") -> None:
@@ -233,22 +233,22 @@ class Recorder:
         self._writer.flush()
 
     def start(self, run_id: str) -> str:
-        """Begin a run; a running one ends. Say what people should know of it, if anything."""
+        """Begin a run; a running one ends. Return a remark for the user, or nothing."""
         base = self._base.model_copy(update={"id": run_id or self._base.id})
         run = new_run(self._options.folder, base, self._options.vehicle)
         return self._switch(run) or (run.remark if run_id else "")
 
     def stop(self) -> str:
-        """End the run and record between runs; say what people should know of it, if anything."""
+        """End the run and record between runs; return a remark for the user, or nothing."""
         return "" if self.between else self._switch(None)
 
     def note_losses(self, drops: Mapping[str, int], losses: Mapping[str, int]) -> None:
-        """Take what the session has lost so far; see `daq.recording.PartWriter.note_losses`."""
+        """Take the counts of the session's losses so far; see `daq.recording.PartWriter.note_losses`."""
         self._drops, self._losses = dict(drops), dict(losses)
         self._writer.note_losses(since(drops, self._drops_before), since(losses, self._losses_before))
 
     def note_clock(self, fit: ClockFit | None, more: Mapping[str, str]) -> None:
-        """Take what is known of the host's clock; every run's last file tells it."""
+        """Take what is known of the host's clock; it is written into every run's last file."""
         self._clock_fit, self._clock_metadata = fit, dict(more)
 
     @property
@@ -262,7 +262,7 @@ class Recorder:
         self._note_part()
 
     def replace_lost_file(self) -> str:
-        """Go on in another file where the one that is written was moved or removed; say so, else nothing."""
+        """Continue in another file where the current one was moved or removed; return a remark then, else nothing."""
         lost = self.path
         try:
             if lost.exists():
@@ -272,7 +272,7 @@ class Recorder:
         except (OSError, RecordingError, HardwareError) as error:
             return f"{lost.name} was moved or removed, and no other can be begun: {error}"
         self._note_part()
-        said = f"{lost.name} was moved or removed while it was written: it goes on in {self.path.name}"
+        said = f"{lost.name} was moved or removed while it was written: recording continues in {self.path.name}"
         self.event("part", said, "error")
         return said
 
@@ -330,7 +330,7 @@ class Recorder:
         try:
             following = self._writer_of(run)
         except (RecordingError, HardwareError) as error:
-            text = f"it goes on in {old.path.name}: {error.faults[0]}"
+            text = f"recording continues in {old.path.name}: {error.faults[0]}"
             self.event("run", text, "error")
             return text
         try:
@@ -343,7 +343,7 @@ class Recorder:
         return ""
 
     def _conclude(self) -> None:
-        """Tell the end of a run, and what is known of the clock."""
+        """Write the end of a run, and the fit and steps of the clock."""
         if self._run is not None:
             self.event("run", f"run {self.run_id!r} ends")
         metadata = self._time.as_metadata(self._clock_fit) | self._clock_metadata
@@ -354,10 +354,10 @@ class Recorder:
             self._writer.add_metadata(CLOCK_STEPS, steps)
 
     def _note_part(self) -> None:
-        """Tell of a new part, or why there is none."""
+        """Write an event for a new part, or for the reason that there is none."""
         writer = self._writer
         if writer.path != self.paths[-1]:
-            self.event("part", f"goes on from {self.paths[-1].name} in {writer.path.name}")
+            self.event("part", f"continues {self.paths[-1].name} in {writer.path.name}")
             self.paths.append(writer.path)
         if writer.rotation_fault != self._rotation_fault:
             self._rotation_fault = writer.rotation_fault

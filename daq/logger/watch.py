@@ -26,7 +26,7 @@ class CpuClock:
         self.share = math.nan
 
     def measure(self) -> float:
-        """Return the share since the last look; NaN the first time."""
+        """Return the share since the last call; NaN the first time."""
         wall_s, cpu_s = time.monotonic(), time.process_time()
         if wall_s > self._wall_s:
             self.share = (cpu_s - self._cpu_s) / (wall_s - self._wall_s)
@@ -35,7 +35,7 @@ class CpuClock:
 
 
 def resident_bytes() -> int:
-    """Return the resident memory of this process; 0 where the system does not tell."""
+    """Return the resident memory of this process; 0 where the system does not report it."""
     try:
         return int(_STATM.read_text(encoding="ascii").split()[1]) * _PAGE_BYTES
     except OSError:
@@ -44,7 +44,7 @@ def resident_bytes() -> int:
 
 _REFRESH_EVERY_S = 1.0
 _STUCK_S = 5.0
-"""A thread that has not gone round for so long is stuck."""
+"""A thread without an iteration for so long is stuck."""
 _PATIENCE_S = 60.0
 """How long the other buses are recorded on beside one that is stuck, before a restart is asked for."""
 
@@ -53,7 +53,7 @@ EventText = tuple[str, str, Severity]
 
 
 class Watch:
-    """Looks at everything beside the frames.
+    """Collects the state of buses, disk, processor, memory and clock.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Watch:
     Attributes
     ----------
     disk : DiskState
-        As it was looked at last.
+        As of the last refresh.
     skipped_frames : int
         See `HostStatus`; to be kept up to date by the session.
     """
@@ -87,7 +87,7 @@ class Watch:
         self.disk: DiskState = guard.check(time.monotonic(), 0)
 
     def refresh(self, now_s: float, written_bytes: int) -> bool:
-        """Look at disk, processor and memory if it is time to; say whether it was."""
+        """Measure disk, processor and memory if it is time to; return whether it was."""
         if now_s < self._refresh_at:
             return False
         self._refresh_at = now_s + _REFRESH_EVERY_S
@@ -101,7 +101,7 @@ class Watch:
         return {one.source.name: one.status() for one in self._listeners}
 
     def uncertain_frames(self) -> dict[str, int]:
-        """Return the frames of every bus whose time is not sure, because the clock was set when they came."""
+        """Return per bus the number of frames whose time is uncertain, because the clock was set when they came."""
         return {one.source.name: one.uncertain_frames for one in self._listeners}
 
     def host(self) -> HostStatus:
@@ -121,7 +121,7 @@ class Watch:
         )
 
     def stuck(self) -> list[Reason]:
-        """Return the threads that do not go round any more."""
+        """Return a reason for each thread that is stuck."""
         return [
             reason("source_stuck", Level.RED, one.source.name, f"no answer for {one.stuck_s:.0f} s")
             for one in self._listeners
@@ -140,7 +140,7 @@ class Watch:
         ]
         for step in self._clock.steps[self._steps_reported :]:
             self._steps_reported += 1
-            text = f"the host's clock was set by {step.step_s:+.6f} s; time in the recording goes on evenly"
+            text = f"the host's clock was set by {step.step_s:+.6f} s; time in the recording advances evenly"
             events.append(("clock", text, "warning"))
         if self.disk.level is not self._disk_reported:
             self._disk_reported = self.disk.level

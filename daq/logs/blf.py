@@ -252,11 +252,11 @@ def _containers(file: BinaryIO, report: LogReport) -> Iterator[tuple[str, int, b
         if not head.strip(b"\0"):
             return
         if len(head) < _CONTAINER_HEADER.size or not head.startswith(MAGIC):
-            report.note_bad(where, "no container starts here; the rest of the file is left out")
+            report.note_bad(where, "no container starts here; the rest of the file is skipped")
             return
         _, _, _, size, kind, method, _ = _CONTAINER_HEADER.unpack(head)
         if not len(head) <= size <= _LARGEST_BYTES:
-            report.note_bad(where, f"the length of this container is {size}; the rest of the file is left out")
+            report.note_bad(where, f"the length of this container is {size}; the rest of the file is skipped")
             return
         body = file.read(size - len(head))
         missing = size - len(head) - len(body)

@@ -70,7 +70,7 @@ def import_logs(
         Rate of the decoded topics; None: raw frames only.
     overwrite : bool
     watch : callable, optional
-        Is told the number of frames after each batch.
+        Called with the number of frames after each batch.
 
     Raises
     ------

@@ -70,12 +70,12 @@ _TEXT: tuple[tuple[re.Pattern[bytes], LogFormat | str], ...] = (
 
 
 def chosen_format(path: Path, head: bytes) -> LogFormat:
-    """Return the format of a log, by its suffix or else by what it looks like.
+    """Return the format of a log, by its suffix or else by its content.
 
     Raises
     ------
     RecordingError
-        If it looks like something else than its suffix says, or like nothing that can be read.
+        If its content contradicts its suffix, or is of no known format.
     """
     by_suffix = _by_suffix(path)
     detected = _detected(head)
@@ -84,7 +84,7 @@ def chosen_format(path: Path, head: bytes) -> LogFormat:
     if isinstance(detected, LogFormat) and by_suffix in (None, detected):
         return detected
     if detected is None:
-        faults = [Fault("no log format is known by this suffix, and it looks like none", str(path), _first_bytes(head))]
+        faults = [Fault("neither its suffix nor its content is of a known log format", str(path), _first_bytes(head))]
         faults += [Fault(f"it is not {known.name}", expected=" or ".join(known.suffixes)) for known in LOG_FORMATS]
         raise RecordingError(*faults)
     if isinstance(detected, LogFormat):
@@ -183,7 +183,7 @@ def read_log(path: str | Path, *, batch_frames: int = 65_536) -> LogReading:
 
     Times are UTC where the log has a date (ASC, TRC and BLF dates are taken for UTC); otherwise they count from the
     logger's own zero, and ``report.absolute_time`` is False. Frames stay in the order of the file. What cannot be read
-    is left out, counted and shown in the report.
+    is excluded, and counted in the report.
 
     Buses are called as in the log (candump), ``can0`` for the first channel of BLF, ASC and TRC, as python-can does,
     ``can<BusChannel>`` in MF4, and ``can0`` in CSV, which names none.

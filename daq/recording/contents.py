@@ -409,7 +409,7 @@ def _define_channels(file: BinaryIO, contents: Contents) -> None:
 def _define_from(file: BinaryIO, contents: Contents, entry: ChunkEntry) -> frozenset[int]:
     """Take what a chunk defines, and return the channels of its messages."""
     used: set[int] = set()
-    with contextlib.suppress(DamagedError):  # told where its frames are read
+    with contextlib.suppress(DamagedError):  # reported where its frames are read
         for opcode, start, length in content_records(content := read_chunk(file, entry)):
             if opcode == Opcode.MESSAGE:
                 used.add(message_head(content, start, length)[0])

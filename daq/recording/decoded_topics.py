@@ -1,4 +1,4 @@
-"""The decoded view of a recording: physical values beside the raw frames, for people and other tools.
+"""Decoded topics of a recording: physical values beside the raw frames, for people and other tools.
 
 Decoded topics: physical values as fixed-size messages, beside the raw frames they come from.
 
@@ -226,7 +226,7 @@ class TopicWriter(ABC):
         signals : mapping str -> float64 array, shape (n,)
             NaN where a frame did not carry the signal.
         units : mapping str -> str
-            Unit of every signal of the message; the first call for a message settles which there are.
+            Unit of every signal of the message; the first call for a message fixes the set of signals.
         publish_ns : int64 array, shape (n,), optional
             Best estimate of the measurement time; `time_ns` where there is none.
         """
@@ -251,7 +251,7 @@ class TopicWriter(ABC):
         self.topics.write_if_full(self.topics.host)
 
     def write_diagnostics(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Write how everything is at one moment, topic ``/diagnostics``.
+        """Write the statuses of one moment, topic ``/diagnostics``.
 
         Raises
         ------
@@ -264,7 +264,7 @@ class TopicWriter(ABC):
     def write_clock(
         self, time_ns: int, bus: str, realtime_minus_monotonic_ns: int, file_minus_realtime_ns: int
     ) -> None:
-        """Tell which clock offsets hold for the frames of a bus, topic ``/clock/host``.
+        """Write the clock offsets of the frames of a bus, topic ``/clock/host``.
 
         To be called with every batch: it is written when an offset differs by more than 1 ms from what was written
         last, and once a second.

@@ -2,7 +2,7 @@
 
 Sums of counts that are kept per bus or per kind.
 
-What a session has lost, as the parts of a run tell it.
+Losses of a session, as the parts of a run record them.
 
 Which files are the parts of a run: ``R.mcap``, ``R.part2.mcap``, ``R.part3.mcap``, ...
 """
@@ -44,7 +44,7 @@ _EVERY_S = 1.0
 
 
 class LossWriter:
-    """Keeps counts of what was lost, and writes a metadata record of them when there is news.
+    """Keeps counts of lost frames, and writes them as a metadata record when they change.
 
     Parameters
     ----------
@@ -76,18 +76,18 @@ class LossWriter:
         self._losses = self._losses if losses is None else dict(losses)
 
     def write_if_due(self, writer: RecordingWriter) -> None:
-        """Tell the file of news, at most once a second."""
+        """Write changed counts, at most once a second."""
         if self._clock() - self._written_at >= _EVERY_S:
             self.write(writer)
 
     def write(self, writer: RecordingWriter) -> None:
-        """Tell the file of news."""
+        """Write the counts if they have changed."""
         if self._losses != self._written:
             writer.add_metadata(LOSSES, {key: str(count) for key, count in self._losses.items()})
             self._written, self._written_at = dict(self._losses), self._clock()
 
     def begin_part(self) -> None:
-        """Count and tell from here on for the next part."""
+        """Start the counts of the next part."""
         self._drops_before, self._written = self.drops, {}
 
 
@@ -103,7 +103,7 @@ def part_path(first: Path, number: int) -> Path:
 
 
 def part_number(path: Path) -> tuple[Path, int]:
-    """Return the first part's file and the number of a part; ``(path, 1)`` where the name tells no part."""
+    """Return the first part's file and the number of a part; ``(path, 1)`` where the name has no part number."""
     match = _PART_NAME.fullmatch(path.stem)
     if match is None or match["number"] == "1":
         return path, 1
@@ -265,7 +265,7 @@ class PartWriter(TopicWriter):
         self._writer.add_metadata(name, values)
 
     def note_losses(self, drops: Mapping[str, int], losses: Mapping[str, int]) -> None:
-        """Take what has been lost so far; the file is told of news at most once a second.
+        """Take the counts of lost frames so far; changes are written at most once a second.
 
         Parameters
         ----------

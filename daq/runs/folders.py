@@ -16,7 +16,7 @@ RUN_SUFFIXES = (".mcap", *(suffix for suffix in LOG_SUFFIXES if suffix != ".csv"
 
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
-    """Make an error of ours of what the system says of a path.
+    """Raise the system's errors on a path as `RecordingError`.
 
     Raises
     ------

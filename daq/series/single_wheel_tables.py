@@ -1,4 +1,4 @@
-"""Tables of the laboratory: single-wheel, pressure-sinkage and shear tests, as plain values in SI units."""
+"""Tables of single-wheel, pressure-sinkage and shear tests, in SI units."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def read_plate_tests(
     rename: Mapping[str, Source] | None = None,
     where: Mapping[str, str] | None = None,
 ) -> list[PlateTest]:
-    """Read plate tests: columns ``sinkage_m`` and ``pressure_pa`` or ``force_n``; a column ``test`` parts several.
+    """Read plate tests: columns ``sinkage_m`` and ``pressure_pa`` or ``force_n``; a column ``test`` separates several.
 
     Parameters
     ----------

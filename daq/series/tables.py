@@ -240,7 +240,7 @@ class Table:
             self.source,
             found=", ".join(cells) + more,
             expected="a number with a decimal point" if comma else "a number",
-            next_step="write decimal points instead of commas" if comma else "mend the cells or leave the rows out",
+            next_step="write decimal points instead of commas" if comma else "correct the cells or exclude the rows",
         )
 
 

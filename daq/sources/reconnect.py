@@ -1,8 +1,8 @@
-"""A bus that comes back: what fails while recording is tried again, for ever.
+"""A source that reconnects: a failed bus is opened again until it works.
 
 An interface that is taken down keeps its socket, which hands out frames again once the interface is up. One that is
 gone (pulled out, deleted) is closed and opened anew: after half a second, then every two. Controllers that leave the
-bus say so in error frames, and those are believed.
+bus report it in error frames, which are trusted.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class BusChange:
 
     @property
     def severity(self) -> Severity:
-        """How it is told."""
+        """Severity of its event."""
         return "info" if self.state == "up" else "error"
 
 
@@ -194,7 +194,7 @@ class ReconnectingSource:
         return True
 
     def _give_up(self, fault: Fault) -> None:
-        """Close a source that failed, and keep what it counted; nobody waits for its driver meanwhile."""
+        """Close a source that failed, and keep what it counted; nothing waits for its driver meanwhile."""
         with self._lock:
             source, self._source = self._source, None
             assert source is not None

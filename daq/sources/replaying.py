@@ -29,7 +29,7 @@ _LONELY_NS = 1_000_000_000
 
 
 class Looping:
-    """The same frames again and again, with times that go on; `begun` counts the rounds.
+    """Frames repeated in a loop with increasing times; `begun` counts the passes.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def replay(
 ) -> ReplaySummary:
     """Send the frames of a recording, or of a log, to CAN buses.
 
-    Ctrl-C ends it, and the summary says so.
+    Ctrl-C ends it; `ReplaySummary.interrupted` is then True.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ OFFSET_NS = 1_700_000_000 * SECOND
 
 
 class Host:
-    """A host whose clocks stand still unless they are moved."""
+    """A host whose clocks advance only when a test moves them."""
 
     def __init__(self) -> None:
         self.now_ns = MONOTONIC_NS

@@ -272,7 +272,7 @@ def test_a_logger_on_the_folder_is_noticed(tmp_path: Path, ready: Situation) -> 
     assert not complaints("other logger", there)
 
 
-def test_the_space_of_a_disk_that_takes_nothing_is_not_told(ready: Situation) -> None:
+def test_the_space_of_a_disk_that_takes_nothing_is_not_reported(ready: Situation) -> None:
     mounted = [line.split() for line in Path("/proc/self/mounts").read_text().splitlines()]
     readonly = [Path(words[1]) for words in mounted if words[3].split(",")[0] == "ro" and Path(words[1]).is_dir()]
     if not readonly:

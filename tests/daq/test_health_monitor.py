@@ -221,8 +221,8 @@ def test_times_that_are_not_sure_are_not_judged() -> None:
     stepped = frames["time_ns"] > start_ns + 7 * SECOND_NS
     stepped &= frames["time_ns"] <= start_ns + 7 * SECOND_NS + 200_000_000
     frames["flags"][stepped] |= np.uint8(FrameFlag.UNCERTAIN_TIME)
-    told = watch(run.vehicle, run.databases, [FrameBatch(frames, batch.buses)])
-    assert told.monitor.losses() == {}
+    result = watch(run.vehicle, run.databases, [FrameBatch(frames, batch.buses)])
+    assert result.monitor.losses() == {}
 
 
 def test_a_report_becomes_diagnostics() -> None:
@@ -231,9 +231,9 @@ def test_a_report_becomes_diagnostics() -> None:
     start_ns = batch.frames["time_ns"][0]
     gone = (batch.frames["can_id"] == 257) & (batch.frames["time_ns"] > start_ns + 8 * SECOND_NS)
     short = batch[~gone & (batch.frames["time_ns"] < start_ns + 10 * SECOND_NS)]
-    facts = HostStatus({"can0": BusStatus("up", len(short), 3)}, disk_free_bytes=10**9)
-    told = watch(run.vehicle, run.databases, [short], lambda _: facts)
-    found = {one.name: one for one in statuses(told.last)}
+    host = HostStatus({"can0": BusStatus("up", len(short), 3)}, disk_free_bytes=10**9)
+    result = watch(run.vehicle, run.databases, [short], lambda _: host)
+    found = {one.name: one for one in statuses(result.last)}
     assert {"can0", "can0/WFT_Forces", "can0/WFT_Forces.Fz", "gnss", "host"} <= set(found)
     assert "can0/WFT_Forces.Fy" not in found
     assert found["can0"].level == 2
@@ -246,4 +246,4 @@ def test_a_report_becomes_diagnostics() -> None:
     assert found["gnss"].values["fix"] == "yes"
     assert found["host"].values["disk_free_mb"] == "1000"
     assert not any("nan" in value for one in found.values() for value in one.values.values())
-    assert len(encode_diagnostics(told.last.time_ns, list(found.values()))) < 8000
+    assert len(encode_diagnostics(result.last.time_ns, list(found.values()))) < 8000

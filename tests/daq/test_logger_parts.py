@@ -141,7 +141,7 @@ def test_a_disk_that_does_not_answer_is_no_end(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("abstract", [False, True])
-def test_a_service_manager_hears_what_it_is_told(tmp_path: Path, abstract: bool) -> None:
+def test_a_service_manager_receives_every_state(tmp_path: Path, abstract: bool) -> None:
     name = f"wheelsoil-test-{os.getpid()}"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(f"\0{name}" if abstract else str(tmp_path / "notify"))

@@ -241,11 +241,11 @@ def test_ctrl_c_ends_an_endless_replay_with_its_summary(recording: tuple[Path, F
         process.kill()
         source.close()
     assert process.returncode == 130, err
-    told = json.loads(out)
-    assert told["interrupted"]
-    assert told["rounds"] >= 2
-    assert told["frames"][channel] >= received - 16  # of the burst that Ctrl-C falls into
-    assert told["recorded_duration_s"] <= told["duration_s"] + 0.01  # what was sent, not the whole last batch
+    summary = json.loads(out)
+    assert summary["interrupted"]
+    assert summary["rounds"] >= 2
+    assert summary["frames"][channel] >= received - 16  # of the burst that Ctrl-C falls into
+    assert summary["recorded_duration_s"] <= summary["duration_s"] + 0.01  # what was sent, not the whole last batch
 
 
 def test_order_is_kept_where_times_go_back() -> None:

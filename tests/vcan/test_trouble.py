@@ -63,9 +63,9 @@ def test_interfaces_come_back_and_a_clock_may_be_set(guest: Callable[..., GuestR
     assert late_s.max() - late_s.min() < 1.0  # the steps are of 3,600
     assert recording.frames("vcan1").frames["data"][:, 0].tolist() == [1, 2, 3]
     facts = info(path)
-    told = [event["text"] for event in facts["events"] if event["name"] == "bus"]
-    assert len(told) == 4, told
-    assert [text for text in told if "back after" in text] == told[1::2]
+    texts = [event["text"] for event in facts["events"] if event["name"] == "bus"]
+    assert len(texts) == 4, texts
+    assert [text for text in texts if "back after" in text] == texts[1::2]
     clock = [event["text"] for event in facts["events"] if event["name"] == "clock"]
     assert len(clock) == 2, clock
     assert "+3" in clock[0] and "-3" in clock[1], clock
@@ -141,7 +141,7 @@ end
 
 
 @pytest.mark.slow
-def test_what_cannot_be_is_told_and_leaves_nothing(guest: Callable[..., GuestResult], tmp_path: Path) -> None:
+def test_what_cannot_be_is_reported_and_leaves_nothing(guest: Callable[..., GuestResult], tmp_path: Path) -> None:
     make_vehicle(tmp_path, "vcan0")
 
     result = guest(refused(tmp_path), timeout_s=120)

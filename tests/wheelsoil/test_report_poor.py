@@ -95,7 +95,7 @@ def test_fifty_runs_are_one_page_of_bearable_size(campaign, tmp_path):
     assert {trace["shown_for"] for trace in _drawn(report, "slip-driving")} == {"all runs", *(r.run.id for r in runs)}
 
 
-def test_runs_of_one_name_are_told_apart(campaign):
+def test_runs_of_one_name_are_numbered(campaign):
     report = report_of([campaign / "run-1.mcap", campaign / "run-2.mcap", campaign / "run-1.mcap"], diagnose=False)
     names = ["run-1", "run-2", "run-1-2"]
     assert list(report.numbers()["sections"]["glance"]["grades"]) == names

@@ -34,7 +34,7 @@ _PATH = "/usr/sbin:/sbin:/usr/bin:/bin"
 
 @dataclass(frozen=True)
 class Link:
-    """A network interface; what only ``ip -details`` tells is None where there is no such program.
+    """A network interface; what only ``ip -details`` reports is None where there is no such program.
 
     Attributes
     ----------

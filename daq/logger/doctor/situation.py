@@ -1,4 +1,4 @@
-"""Everything that the checks look at, gathered once.
+"""The inputs of all checks, gathered once.
 
 One line of the doctor: what was found, how bad it is, what to do.
 """
@@ -72,7 +72,7 @@ def failed(where: str, found: str, next_step: str) -> Line:
 
 
 def from_fault(fault: Fault, where: str = "") -> Line:
-    """Return a line for a fault that a part of ours told."""
+    """Return a failed line that reports a fault."""
     details = [text for text in (fault.found, fault.expected) if text]
     found = fault.what + (f" ({'; '.join(details)})" if details else "")
     return failed(where or fault.where, found, fault.next_step or "see the text before")
@@ -144,12 +144,12 @@ def gather(
     *,
     about_to_listen: Callable[[], None] | None = None,
 ) -> Situation:
-    """Load the files, look at the interfaces, listen to the buses; `about_to_listen` is called where there are any.
+    """Load the files, query the interfaces, listen to the buses; `about_to_listen` is called where there are any.
 
     Raises
     ------
     ConfigError
-        There is no such file. What is wrong inside of it is for the checks to tell.
+        There is no such file. Faults inside it are reported by the checks.
     """
     if not vehicle_file.is_file():
         raise ConfigError(Fault("no such file", str(vehicle_file), next_step="check the path"))

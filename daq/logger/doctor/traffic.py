@@ -32,7 +32,7 @@ _SILENCE = (
 
 
 def arrivals(now: Situation) -> Iterator[Line]:
-    """Tell whether frames come and the kernel keeps all of them."""
+    """Check whether frames come and the kernel keeps all of them."""
     for bus, heard in _opened(now):
         dropped = (heard.counters.dropped if heard.counters else None) or 0
         count = f"{len(heard.frames)} frames in {heard.seconds:.1f} s, {heard.rate_hz:.0f}/s"
@@ -46,17 +46,17 @@ def arrivals(now: Situation) -> Iterator[Line]:
 
 
 def load(now: Situation) -> Iterator[Line]:
-    """Tell how full the bus is."""
+    """Check how full the bus is."""
     for bus, heard in _opened(now):
         rate = heard.section.bitrate
         if rate is None or not len(heard.frames):
             continue
         share = float(bits_on_wire(heard.frames.frames).sum()) / heard.seconds / rate
         if not np.isfinite(share):
-            yield passed(bus, "not told for CAN FD frames whose data have a bit rate of their own")
+            yield passed(bus, "not computed: CAN FD frames send their data at another bit rate")
         elif share > 1:
             found = f"{share:.0%} of {rate} bit/s: more than the bus can carry"
-            yield failed(bus, found, "mend bitrate in vehicle.toml; the bus is faster than it says")
+            yield failed(bus, found, "correct bitrate in vehicle.toml; the bus is faster than it says")
         elif share > _HIGH_LOAD:
             yield warned(bus, f"{share:.0%} of {rate} bit/s", "low-priority messages will come late; send fewer")
         else:
@@ -64,7 +64,7 @@ def load(now: Situation) -> Iterator[Line]:
 
 
 def error_frames(now: Situation) -> Iterator[Line]:
-    """Tell whether there are error frames."""
+    """Check whether there are error frames."""
     for bus, heard in _opened(now):
         frames = heard.frames.frames
         errors = frames[(frames["flags"] & FrameFlag.ERROR) != 0]
@@ -79,7 +79,7 @@ def error_frames(now: Situation) -> Iterator[Line]:
 
 
 def dbc_coverage(now: Situation) -> Iterator[Line]:
-    """Tell whether the DBCs describe what is on the bus."""
+    """Check whether the DBCs describe what is on the bus."""
     for bus, heard in _opened(now):
         if not now.databases.get(bus) or not _data_frames(heard):
             continue
@@ -93,7 +93,9 @@ def dbc_coverage(now: Situation) -> Iterator[Line]:
             more = f", and {len(unknown) - _IDS_LISTED} more" if len(unknown) > _IDS_LISTED else ""
             found += f"; unknown, most frequent first: {', '.join(listed)}{more}"
         if known == 0:
-            yield failed(bus, found, "this DBC does not fit this bus: mend dbc in vehicle.toml, or swap the channels")
+            yield failed(
+                bus, found, "this DBC does not fit this bus: correct dbc in vehicle.toml, or swap the channels"
+            )
         elif known < _KNOWN_ENOUGH:
             yield warned(bus, found, "fine if those are other nodes' frames; they are recorded raw in any case")
         else:
@@ -101,7 +103,7 @@ def dbc_coverage(now: Situation) -> Iterator[Line]:
 
 
 def silent_messages(now: Situation) -> Iterator[Line]:
-    """Tell whether every message of the DBCs comes."""
+    """Check whether every message of the DBCs comes."""
     merged = messages_by_bus(now.databases)
     for bus, heard in _opened(now):
         messages = merged.get(bus, {})
@@ -118,7 +120,7 @@ def silent_messages(now: Situation) -> Iterator[Line]:
 
 
 def role_values(now: Situation) -> Iterator[Line]:
-    """Tell whether the signal of each role came, and its last value."""
+    """Check whether the signal of each role came, and its last value."""
     active = {bus for bus, heard in now.heard.items() if _data_frames(heard)}
     for role, reference in now.roles.items():
         if reference.bus not in active:
@@ -131,7 +133,7 @@ def role_values(now: Situation) -> Iterator[Line]:
             yield warned(role, f"{name} came without data (not available)", "wait until its sender is ready")
         elif role == "transducer_status" and values[-1] != 0:
             label = now.channels[role].labels.get(int(values[-1]), "not 0")
-            yield warned(role, f"{name} says {values[-1]:g}: {label}", "see the transducer; such samples are left out")
+            yield warned(role, f"{name} says {values[-1]:g}: {label}", "see the transducer; such samples are excluded")
         else:
             yield passed(role, f"{_value_text(values[-1], reference)} ({name}, {len(values)} samples)")
 

@@ -64,7 +64,7 @@ class BusWatch:
         return self.traffic.last_ns is not None and now_ns - self.traffic.last_ns < age_ns
 
     def fits(self, now_ns: int) -> bool:
-        """Whether a message of its DBCs has been seen; True while it is too early to say."""
+        """Whether a message of its DBCs has come; True while it is too early to decide."""
         early = now_ns - self._started_ns < _SILENT_FROM_START_NS
         return early or not self._described or not self.traffic.frames or self.traffic.known > 0
 
@@ -190,9 +190,9 @@ def message_health(
 
 
 def gathered(reasons: Sequence[Reason], kept: frozenset[str]) -> list[Reason]:
-    """Join reasons of one code and bus where there are many; those at places in `kept` stay by themselves.
+    """Combine reasons of one code and bus where there are many; those at places in `kept` stay separate.
 
-    What messages of one bus lose at the same time is one hole: it is told once.
+    Losses of several messages of one bus at the same time have one cause, and are reported once.
     """
     result: list[Reason] = []
     groups: dict[tuple[str, str], list[Reason]] = {}

@@ -1,4 +1,4 @@
-"""One message: how often it comes and what of it is lost."""
+"""Arrivals of one message: its rate, gaps and lost frames."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class MessageFlow:
 
     @property
     def missing(self) -> int:
-        """Frames that the gaps lack by the usual rate, as far as they are judged; 0 where a rolling counter tells."""
+        """Frames that the gaps lack by the usual rate, as far as judged; 0 where a rolling counter counts them."""
         return self._missing
 
     @property
@@ -82,12 +82,12 @@ class MessageFlow:
 
     @property
     def at_least(self) -> bool:
-        """Whether the counter may have gone round unnoticed: in a gap that could not be told, or is not judged yet."""
+        """Whether the loss may be larger: the counter may have wrapped in a gap that is undecided or still open."""
         return self._unsure or self._gaps is None or self._gaps.open
 
     @property
     def repeated(self) -> int:
-        """Frames whose rolling counter stood still."""
+        """Frames that repeated the value of the rolling counter."""
         return self._counter.repeated - self._seemed_still if self._counter else 0
 
     @property
@@ -189,7 +189,7 @@ class MessageFlow:
         self._judge(time_ns, raw[place] if found else None)
 
     def _judge(self, time_ns: IntArray, raw: IntArray | None) -> None:
-        """Judge frames by what is usual, which is looked at again after every block of them."""
+        """Judge frames by the usual rate, which is reviewed after every block of them."""
         while len(time_ns):
             block = np.concatenate([self._block, time_ns])
             end = learned_after(block, self._least)
@@ -209,7 +209,7 @@ class MessageFlow:
             self.gaps += int(np.count_nonzero(lost > 0))
 
     def _review(self, time_ns: IntArray) -> None:
-        """Believe in another rate when it has held for some blocks; where most frames are lost there is none to see."""
+        """Adopt another rate once it has held for some blocks; where most frames are lost no rate can be estimated."""
         seen = learn(time_ns)
         if _same_rate(seen, self._usual) or (seen is None and self._usual is not None and keeps(time_ns, self._usual)):
             self._other = []

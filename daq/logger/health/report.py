@@ -15,7 +15,7 @@ BusState = Literal["up", "down", "bus_off"]
 
 
 class Level(IntEnum):
-    """How bad it is: red means that data are being lost or are wrong now."""
+    """Severity: red means that data are being lost or are wrong now."""
 
     GREEN = 0
     AMBER = 1
@@ -24,7 +24,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True)
 class Reason:
-    """Why it is not green.
+    """One reason for a level above green.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Reason:
 
 @dataclass(frozen=True)
 class BusStatus:
-    """What the logger itself knows of a bus; counts are since the logger started.
+    """Status of a bus as the logger knows it; counts are since the logger started.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class BusStatus:
 
 @dataclass(frozen=True)
 class HostStatus:
-    """What the logger knows of its machine and of itself.
+    """Status of the machine and of the logger's process.
 
     Attributes
     ----------
@@ -209,11 +209,11 @@ class GnssHealth:
     ----------
     level : Level
     fix : bool or None
-        None where no role tells.
+        None where no role carries it.
     age_s : float
         Since the last valid fix.
     clock : ClockFit or None
-        Host against GNSS time, where it can be told yet.
+        Host against GNSS time; None until it can be fitted.
     """
 
     level: Level
@@ -224,7 +224,7 @@ class GnssHealth:
 
 @dataclass(frozen=True)
 class HealthReport:
-    """The whole of it at one moment.
+    """Health of everything at one moment.
 
     Attributes
     ----------
@@ -254,7 +254,7 @@ class HealthReport:
 
 
 STAYS_NS = 3_000_000_000
-"""A reason stays this long after it was last seen, and as bad as it was."""
+"""A reason is kept this long after it last held, with its level."""
 RECENT_NS = 10_000_000_000
 """What has happened in this time is happening now."""
 
@@ -289,7 +289,7 @@ class Recent:
 
 
 class Since:
-    """For how long things have been so."""
+    """For how long named conditions have held."""
 
     def __init__(self) -> None:
         self._since: dict[str, int] = {}
@@ -311,7 +311,7 @@ class _Standing:
 
 
 class Board:
-    """Keeps reasons from flickering."""
+    """Holds reasons for a minimum time, so that they do not flicker."""
 
     def __init__(self) -> None:
         self._standing: dict[tuple[str, str], _Standing] = {}

@@ -72,7 +72,7 @@ class ErrorFrames:
             )
             found.append(reason("controller_overflow", Level.RED, bus, what))
         if recent["no_ack"]:
-            what = f"{recent['no_ack']} frames of ours had no acknowledgement in the last 10 s"
+            what = f"{recent['no_ack']} frames of this machine had no acknowledgement in the last 10 s"
             found.append(reason("bus_no_ack", Level.AMBER, bus, what))
         if recent["protocol"]:
             kinds = ", ".join(name for name, _ in self._protocol.most_common(2) if self._protocol[name])
@@ -186,7 +186,7 @@ class BusTraffic:
         self._count_unknown(unknown[:_IDS_COUNTED])
 
     def ids(self, most: int = 5) -> list[str]:
-        """Return the commonest identifiers that no DBC knows, of those that were looked at."""
+        """Return the most frequent identifiers that no DBC knows, of those that were counted."""
         return [f"0x{i:08X}" if extended else f"0x{i:03X}" for (i, extended), _ in self._ids.most_common(most)]
 
     def rates(self, now_ns: int) -> tuple[float, float, float]:

@@ -147,7 +147,7 @@ class SignalValues:
             self.saturated_ns[rows] = np.maximum(self.saturated_ns[rows], np.where(run, time_ns, 0).max(axis=1))
 
     def _leave_out_labelled(self, rows: slice, values: FloatArray, beyond: NDArray[np.bool_]) -> None:
-        """Take values with a name of their own for no leaving of the range."""
+        """Do not count values with a label of their own as out of range."""
         first = rows.start or 0
         for row, value in self._labelled:
             if first <= row < first + len(values):
@@ -161,7 +161,7 @@ def _measures(signal: Signal) -> bool:
 
 
 def _limits(signal: Signal) -> tuple[float, float]:
-    """Return the DBC's range, half a step wider; an empty range tells nothing."""
+    """Return the DBC's range, half a step wider; an empty range gives no limits."""
     low, high = signal.minimum, signal.maximum
     if low is None or high is None or low >= high:
         return -np.inf, np.inf

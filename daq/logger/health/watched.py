@@ -58,7 +58,7 @@ class Watched:
 
     @cached_property
     def initial_signals(self) -> list[SignalHealth]:
-        """What is told of the signals before the message has come."""
+        """State of the signals before the first frame of the message."""
         roles = {signal: reference.role for signal, reference in self.roles.items()}
         return [
             SignalHealth(
@@ -96,7 +96,7 @@ def usable_roles(
             usable |= resolve_roles(vehicle, databases, (), (role,))
         except ConfigError as error:
             fault = error.faults[0]
-            step = fault.next_step or "mend [signals] in vehicle.toml"
+            step = fault.next_step or "correct [signals] in vehicle.toml"
             refused.append(reason("role_unusable", Level.AMBER, f"[signals] {role}", fault.what, next_step=step))
     return usable, refused
 
@@ -129,7 +129,7 @@ def watch(
 
 
 _OF_MESSAGES = ("may_be_silent", "may_be_constant", "may_leave_range")
-_STEP = "mend [health] in vehicle.toml"
+_STEP = "correct [health] in vehicle.toml"
 
 
 def unknown_names(vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]) -> list[Fault]:
@@ -179,7 +179,7 @@ class Motion:
     Parameters
     ----------
     radius_m : float or None
-        Of the wheel; a usual one where vehicle.toml tells none, as only walking pace matters here.
+        Of the wheel; a usual value where vehicle.toml has none, which is accurate enough to detect walking pace.
     """
 
     def __init__(self, radius_m: float | None) -> None:
