@@ -73,14 +73,14 @@ class Offset:
     offset_ns : int
     from_ns, until_ns : int
         When the previous one was last observed; when the next one was first observed.
-    seen_ns : int
+    observed_ns : int
         When it was first observed.
     """
 
     offset_ns: int
     from_ns: int
     until_ns: int
-    seen_ns: int
+    observed_ns: int
 
 
 class HostClock:
@@ -99,7 +99,7 @@ class HostClock:
         before, difference, after = self._bracket()
         self._low, self._high = difference - after, difference - before
         self._offsets = [Offset((self._low + self._high) // 2, -_NEVER_NS, _NEVER_NS, after)]
-        self._last_seen = before
+        self._last_observed = before
         self._base_ns = self._offsets[0].offset_ns
         self._steps: tuple[ClockStep, ...] = ()
 
@@ -141,29 +141,29 @@ class HostClock:
                 self._low, self._high = low, high
             elif max(low, self._low) <= min(high, self._high):
                 self._low, self._high = max(low, self._low), min(high, self._high)
-            self._last_seen = before
+            self._last_observed = before
         return after
 
     def realtime_at_ns(self, monotonic: IntArray) -> IntArray:
         """Return what CLOCK_REALTIME was at monotonic times, as far as the clock has been observed."""
         known = self._offsets[:]
-        held = np.searchsorted([one.seen_ns for one in known[1:]], monotonic, side="right")
+        held = np.searchsorted([one.observed_ns for one in known[1:]], monotonic, side="right")
         return np.asarray(monotonic + np.array([one.offset_ns for one in known])[held])
 
     def offsets_since(self, monotonic: int) -> tuple[Offset, ...]:
         """Return the differences that may have held at some time since; the newest last."""
         with self._lock:
             first = len(self._offsets) - 1
-            while first > 0 and self._offsets[first].seen_ns > monotonic:
+            while first > 0 and self._offsets[first].observed_ns > monotonic:
                 first -= 1
             return tuple(self._offsets[first:])
 
-    def _step(self, offset_ns: int, seen_ns: int) -> None:
+    def _step(self, offset_ns: int, observed_ns: int) -> None:
         old = self._offsets[-1]
-        self._offsets[-1] = Offset(old.offset_ns, old.from_ns, seen_ns, old.seen_ns)
-        self._offsets.append(Offset(offset_ns, self._last_seen, _NEVER_NS, seen_ns))
+        self._offsets[-1] = Offset(old.offset_ns, old.from_ns, observed_ns, old.observed_ns)
+        self._offsets.append(Offset(offset_ns, self._last_observed, _NEVER_NS, observed_ns))
         step_s = (offset_ns - old.offset_ns) * 1e-9
-        self._steps += (ClockStep(seen_ns + self._base_ns, self._last_seen + self._base_ns, step_s),)
+        self._steps += (ClockStep(observed_ns + self._base_ns, self._last_observed + self._base_ns, step_s),)
 
     def _bracket(self) -> tuple[int, int, int]:
         """Return the narrowest of a few readings: monotonic before, realtime, monotonic after."""

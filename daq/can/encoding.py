@@ -1,4 +1,4 @@
-"""Channels -> frames: the decoder's plans the other way round, whole columns at a time."""
+"""Channels -> frames: inverse of the decoder, with the same plans, in whole columns."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ class SignalRef:
 
     @property
     def name(self) -> str:
-        """``"Message.Signal"``, as `daq.can.decoding.Decoder` wants it."""
+        """``"Message.Signal"``, as `daq.can.decoding.Decoder` expects it."""
         return f"{self.message}.{self.signal}"
 
     @property

@@ -179,7 +179,7 @@ def log(
 
 @dataclass(frozen=True)
 class _Known:
-    """What `log` was asked for."""
+    """Arguments of `log`, checked and loaded."""
 
     vehicle: VehicleConfig
     out: Path

@@ -95,7 +95,7 @@ def _lock(descriptor: int, *, shared: bool = False) -> None:
     Raises
     ------
     BlockingIOError
-        If somebody else holds it.
+        If another process holds it.
     OSError
         If the file system or the operating system has no such locks.
     """
@@ -138,7 +138,7 @@ class RunFiles:
         Number of the part to begin with.
     run : RunInfo
     remark : str
-        What people should know of the choice; may be empty.
+        A remark on the choice for the user; may be empty.
     """
 
     first: Path

@@ -1,4 +1,4 @@
-"""A session: sources -> queue -> files, until the time is up or somebody ends it."""
+"""A session: sources -> queue -> files, until its time is up or it is ended."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from daq.sources.can_source import SourceCounters
 
 _WAIT_S = 0.05
 _GATHER_S = 0.2
-"""Frames rest so long in the queue, or until it is time to flush, and are written together: that takes less CPU."""
+"""Frames wait this long in the queue, or until the next flush, and are written together, which takes less CPU."""
 _FETCH_S = 0.01
 """So long before, the readers fetch what the kernel still holds."""
 _MOST_AT_ONCE = 4 << 20
@@ -54,7 +54,7 @@ class Session:
         self._disk_faults: tuple[Fault, ...] = ()
 
     def record(self, duration_s: float | None) -> LogSummary:
-        """Record until `duration_s` is over, a signal comes, somebody asks to stop, or the disk is full."""
+        """Record until `duration_s` is over, a signal or a command ends it, or the disk is full."""
         began_at = time.monotonic()
         deadline = None if duration_s is None else began_at + duration_s
         status = "failed"

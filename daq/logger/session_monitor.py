@@ -184,7 +184,7 @@ _LAST_INSPECTION_S = 2.0
 _FAILURE_STANDS_S = 10.0
 _LOST_FILE_STANDS_S = 60.0
 _SWITCH_EVERY_S = 1.0
-"""A run lasts at least so long."""
+"""Least duration of a run between two commands."""
 _MARKS_AT_ONCE = 4
 _MOST_ASKED = 32
 _MOST_REMARKS = 50

@@ -23,7 +23,7 @@ _BATCH_FRAMES = 1 << 17
 
 @dataclass(frozen=True)
 class Imported:
-    """What an import did.
+    """Result of an import.
 
     Attributes
     ----------

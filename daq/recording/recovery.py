@@ -1,4 +1,4 @@
-"""A whole file out of a cut or damaged one."""
+"""Recovery of a cut-off or damaged recording into a new, complete file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ RECOVERED = "recovered"
 
 @dataclass(frozen=True)
 class Recovery:
-    """What `recover` did.
+    """Result of `recover`.
 
     Attributes
     ----------

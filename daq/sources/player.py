@@ -59,7 +59,7 @@ _DECADES = 9
 
 @dataclass(frozen=True)
 class ReplaySummary:
-    """What a replay did.
+    """Result of a replay.
 
     Attributes
     ----------

@@ -65,7 +65,7 @@ class AdapterClock:
         self._foreign: bool | None = None
         self._frozen = False
         self._floor_ns = 0
-        self._last_stamp_ns = self._last_arrival_ns = self._first_seen_ns = self._last_ns = 0
+        self._last_stamp_ns = self._last_arrival_ns = self._stamp_since_ns = self._last_ns = 0
         self._window_from_ns = self._window_above_ns = 0
 
     def arrived_ns(self) -> int:
@@ -123,8 +123,8 @@ class AdapterClock:
                 self._window_from_ns, self._window_above_ns = self._last_arrival_ns, 0
             times[start:end] = self._followed(stamps_ns[start:end], arrived_ns[start:end])
         if stamps_ns[-1] != self._last_stamp_ns:
-            self._first_seen_ns = int(arrived_ns[-1])
-        elif arrived_ns[-1] - self._first_seen_ns > _FROZEN_NS:
+            self._stamp_since_ns = int(arrived_ns[-1])
+        elif arrived_ns[-1] - self._stamp_since_ns > _FROZEN_NS:
             self._frozen = True
             self._remark("has time stamps that do not advance: times are when frames were fetched")
         self._last_stamp_ns = int(stamps_ns[-1])

@@ -169,7 +169,7 @@ def space(now: Situation) -> Iterator[Line]:
     if usable <= 0:
         yield failed(str(now.folder), f"{found}, and {logger.disk_reserve_mb:.0f} MB are kept in reserve", step)
     elif not rate:
-        yield passed(str(now.folder), f"{found}; nothing was heard, so how long that lasts is not known")
+        yield passed(str(now.folder), f"{found}; nothing was received, so how long that lasts is not known")
     else:
         minutes = usable / rate / 60
         found += f", {minutes:,.0f} minutes at {rate / _MB:.3f} MB/s"

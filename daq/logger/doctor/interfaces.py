@@ -24,9 +24,9 @@ _FD_MTU = 72
 
 def interface(now: Situation) -> Iterator[Line]:
     """Check whether the interface is there, allowed and up."""
-    for bus, heard in now.heard.items():
+    for bus, reception in now.receptions.items():
         link = now.links.get(bus)
-        kind = heard.section.interface or "socketcan"
+        kind = reception.section.interface or "socketcan"
         if link is not None and not link.kernel_has_can:
             step = "sudo modprobe can_raw; where there is no such module, another kernel or a python-can interface"
             yield failed(bus, "this kernel has no SocketCAN", step)
@@ -38,8 +38,8 @@ def interface(now: Situation) -> Iterator[Line]:
             yield failed(bus, "this is no CAN interface", f"name one in vehicle.toml ({nearest(bus, can_links())})")
         elif link is not None and not link.up:
             yield failed(bus, "the interface is down: nothing can be received", _bring_up(now, bus))
-        elif heard.fault is not None:
-            yield from_fault(heard.fault, bus)
+        elif reception.fault is not None:
+            yield from_fault(reception.fault, bus)
         else:
             yield passed(bus, f"{kind}, {link.kind or 'CAN'}, up" if link else f"{kind}, opened")
 
@@ -111,12 +111,12 @@ def send_queue(now: Situation) -> Iterator[Line]:
 def receive_buffer(now: Situation) -> Iterator[Line]:
     """Check whether the kernel gives the receive buffer that bursts need."""
     wanted = now.vehicle.logger.receive_buffer_bytes
-    for bus, heard in now.heard.items():
-        given = heard.counters.buffer_bytes if heard.counters else None
-        if heard.counters is None:
+    for bus, reception in now.receptions.items():
+        given = reception.counters.buffer_bytes if reception.counters else None
+        if reception.counters is None:
             continue
         if given is None:
-            yield passed(bus, f"{heard.section.interface} has no receive buffer to set, and does not count losses")
+            yield passed(bus, f"{reception.section.interface} has no receive buffer to set, and does not count losses")
         elif given < wanted:
             found = f"{given} instead of {wanted} bytes: at a pause of the logger frames are lost (and counted)"
             step = f"sudo sysctl net.core.rmem_max={wanted}, for good: deploy/90-wheelsoil.conf into /etc/sysctl.d"
@@ -127,8 +127,8 @@ def receive_buffer(now: Situation) -> Iterator[Line]:
 
 def time_stamps(now: Situation) -> Iterator[Line]:
     """Check whether the kernel stamps the frames when they arrive."""
-    for bus, heard in now.heard.items():
-        age_s = heard.stamp_age_s
+    for bus, reception in now.receptions.items():
+        age_s = reception.stamp_age_s
         if age_s is None:
             continue
         if math.isnan(age_s):

@@ -11,7 +11,7 @@ from daq.can.buses import messages_by_bus
 from daq.can.frames import ErrorClass, FrameFlag
 from daq.can.identify import coverage
 from daq.can.roles import SignalRef
-from daq.logger.doctor.links import Heard
+from daq.logger.doctor.links import Reception
 from daq.logger.doctor.situation import Line, Situation, failed, passed, warned
 from daq.logger.health.traffic import bits_on_wire
 
@@ -33,11 +33,11 @@ _SILENCE = (
 
 def arrivals(now: Situation) -> Iterator[Line]:
     """Check whether frames come and the kernel keeps all of them."""
-    for bus, heard in _opened(now):
-        dropped = (heard.counters.dropped if heard.counters else None) or 0
-        count = f"{len(heard.frames)} frames in {heard.seconds:.1f} s, {heard.rate_hz:.0f}/s"
-        if not _data_frames(heard):
-            yield failed(bus, f"silent: no frame in {heard.seconds:.1f} s", f"check {_SILENCE}")
+    for bus, reception in _opened(now):
+        dropped = (reception.counters.dropped if reception.counters else None) or 0
+        count = f"{len(reception.frames)} frames in {reception.seconds:.1f} s, {reception.rate_hz:.0f}/s"
+        if not _data_frames(reception):
+            yield failed(bus, f"silent: no frame in {reception.seconds:.1f} s", f"check {_SILENCE}")
         elif dropped:
             step = "a bigger receive buffer, and nothing else on this machine that takes the processor"
             yield failed(bus, f"{count}, {dropped} lost by the kernel", step)
@@ -47,11 +47,11 @@ def arrivals(now: Situation) -> Iterator[Line]:
 
 def load(now: Situation) -> Iterator[Line]:
     """Check how full the bus is."""
-    for bus, heard in _opened(now):
-        rate = heard.section.bitrate
-        if rate is None or not len(heard.frames):
+    for bus, reception in _opened(now):
+        rate = reception.section.bitrate
+        if rate is None or not len(reception.frames):
             continue
-        share = float(bits_on_wire(heard.frames.frames).sum()) / heard.seconds / rate
+        share = float(bits_on_wire(reception.frames.frames).sum()) / reception.seconds / rate
         if not np.isfinite(share):
             yield passed(bus, "not computed: CAN FD frames send their data at another bit rate")
         elif share > 1:
@@ -65,14 +65,14 @@ def load(now: Situation) -> Iterator[Line]:
 
 def error_frames(now: Situation) -> Iterator[Line]:
     """Check whether there are error frames."""
-    for bus, heard in _opened(now):
-        frames = heard.frames.frames
+    for bus, reception in _opened(now):
+        frames = reception.frames.frames
         errors = frames[(frames["flags"] & FrameFlag.ERROR) != 0]
         if not len(errors):
             yield passed(bus, "none")
             continue
         kinds = [name for bit, name in _CLASSES if np.any(errors["can_id"] & bit)]
-        found = f"{len(errors)} ({', '.join(kinds) or 'other'}) beside {_data_frames(heard)} good frames"
+        found = f"{len(errors)} ({', '.join(kinds) or 'other'}) beside {_data_frames(reception)} good frames"
         step = "compare the bit rate, check the termination (60 ohm) and the plugs"
         many = len(errors) > _MANY_ERRORS * len(frames)
         yield failed(bus, found, step) if many else warned(bus, found, step)
@@ -80,10 +80,10 @@ def error_frames(now: Situation) -> Iterator[Line]:
 
 def dbc_coverage(now: Situation) -> Iterator[Line]:
     """Check whether the DBCs describe what is on the bus."""
-    for bus, heard in _opened(now):
-        if not now.databases.get(bus) or not _data_frames(heard):
+    for bus, reception in _opened(now):
+        if not now.databases.get(bus) or not _data_frames(reception):
             continue
-        rows = coverage(heard.frames, now.databases).ids
+        rows = coverage(reception.frames, now.databases).ids
         total = sum(row.frames for row in rows)
         known = sum(row.frames for row in rows if row.message is not None) / max(total, 1)
         unknown = Counter({(r.can_id, r.extended): r.frames for r in rows if r.message is None}).most_common()
@@ -105,11 +105,11 @@ def dbc_coverage(now: Situation) -> Iterator[Line]:
 def silent_messages(now: Situation) -> Iterator[Line]:
     """Check whether every message of the DBCs comes."""
     merged = messages_by_bus(now.databases)
-    for bus, heard in _opened(now):
+    for bus, reception in _opened(now):
         messages = merged.get(bus, {})
-        if not messages or not _data_frames(heard):
+        if not messages or not _data_frames(reception):
             continue
-        received = {row.message for row in coverage(heard.frames, now.databases).ids}
+        received = {row.message for row in coverage(reception.frames, now.databases).ids}
         silent = [name for name in messages if name not in received and name not in now.vehicle.health.may_be_silent]
         if silent:
             found = f"{len(silent)} of {len(messages)} messages never came: {', '.join(silent[:_IDS_LISTED])}"
@@ -121,7 +121,7 @@ def silent_messages(now: Situation) -> Iterator[Line]:
 
 def role_values(now: Situation) -> Iterator[Line]:
     """Check whether the signal of each role came, and its last value."""
-    active = {bus for bus, heard in now.heard.items() if _data_frames(heard)}
+    active = {bus for bus, reception in now.receptions.items() if _data_frames(reception)}
     for role, reference in now.roles.items():
         if reference.bus not in active:
             continue
@@ -143,11 +143,11 @@ def _value_text(value_si: float, reference: SignalRef) -> str:
     return f"{(value_si - reference.si_offset) / reference.si_factor:.6g} {reference.unit}".strip()
 
 
-def _opened(now: Situation) -> Iterator[tuple[str, Heard]]:
-    for bus, heard in now.heard.items():
-        if heard.counters is not None and heard.fault is None:
-            yield bus, heard
+def _opened(now: Situation) -> Iterator[tuple[str, Reception]]:
+    for bus, reception in now.receptions.items():
+        if reception.counters is not None and reception.fault is None:
+            yield bus, reception
 
 
-def _data_frames(heard: Heard) -> int:
-    return int(np.count_nonzero((heard.frames.frames["flags"] & FrameFlag.ERROR) == 0))
+def _data_frames(reception: Reception) -> int:
+    return int(np.count_nonzero((reception.frames.frames["flags"] & FrameFlag.ERROR) == 0))

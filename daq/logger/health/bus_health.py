@@ -59,7 +59,7 @@ class BusWatch:
         self._started_ns = self._away_ns = started_ns
         self._kernel, self._queue, self._returns = Recent(), Recent(), Recent()
 
-    def heard(self, now_ns: int, age_ns: int = 500_000_000) -> bool:
+    def active(self, now_ns: int, age_ns: int = 500_000_000) -> bool:
         """Whether it is carrying frames, so that a missing message is a matter of its own."""
         return self.traffic.last_ns is not None and now_ns - self.traffic.last_ns < age_ns
 
@@ -158,7 +158,7 @@ _TOGETHER_NAMED_MOST = 8
 
 
 def message_health(
-    one: Watched, now_ns: int, health: HealthSection, *, started_ns: int, heard: bool
+    one: Watched, now_ns: int, health: HealthSection, *, started_ns: int, bus_active: bool
 ) -> tuple[MessageHealth, list[Reason]]:
     """Return the state of a message and what is wrong with it.
 
@@ -167,12 +167,12 @@ def message_health(
     one : Watched
     now_ns, started_ns : int
     health : HealthSection
-    heard : bool
+    bus_active : bool
         Whether its bus is carrying other frames: else the bus is to blame.
     """
     flow = one.flow
     silent_ok = one.listed(health.may_be_silent)
-    found = [] if silent_ok or not heard else _silence(one, now_ns, started_ns)
+    found = [] if silent_ok or not bus_active else _silence(one, now_ns, started_ns)
     found += _losses(one, now_ns, count_missing=not silent_ok)
     state = MessageHealth(
         bus=one.bus,

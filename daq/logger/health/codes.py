@@ -19,7 +19,7 @@ class Code:
     levels : str
         Which it can have, and when.
     meaning : str
-        What was seen, with its threshold.
+        What was observed, with its threshold.
     cause : str
         What it mostly comes from.
     next_step : str

@@ -210,15 +210,17 @@ class MessageFlow:
 
     def _review(self, time_ns: IntArray) -> None:
         """Adopt another rate once it has held for some blocks; where most frames are lost no rate can be estimated."""
-        seen = learn(time_ns)
-        if _same_rate(seen, self._usual) or (seen is None and self._usual is not None and keeps(time_ns, self._usual)):
+        usual = learn(time_ns)
+        if _same_rate(usual, self._usual) or (
+            usual is None and self._usual is not None and keeps(time_ns, self._usual)
+        ):
             self._other = []
             return
-        self._other = [*self._other, seen] if self._other and _same_rate(seen, self._other[-1]) else [seen]
+        self._other = [*self._other, usual] if self._other and _same_rate(usual, self._other[-1]) else [usual]
         if len(self._other) >= _BELIEVED_AFTER:
             self.rate_changes += self._usual is not None
-            self._usual, self._other = seen, []
-            self._gaps = Gaps(seen) if seen else None
+            self._usual, self._other = usual, []
+            self._gaps = Gaps(usual) if usual else None
 
     def _count(self, verdicts: list[Verdict]) -> None:
         for verdict in verdicts:

@@ -135,7 +135,9 @@ class Gnss:
         if self._fix and self._fixed_ns is not None:
             self._fixed_ns = max(self._fixed_ns, time_ns)
 
-    def health(self, now_ns: int, values: Mapping[str, float], period_s: float, *, heard: bool) -> GnssResult | None:
+    def health(
+        self, now_ns: int, values: Mapping[str, float], period_s: float, *, bus_active: bool
+    ) -> GnssResult | None:
         """Return the state of the receiver and what is wrong with it; None without GNSS roles.
 
         Parameters
@@ -145,7 +147,7 @@ class Gnss:
             Last values, SI.
         period_s : float
             Usual time between its messages, NaN where it is not known.
-        heard : bool
+        bus_active : bool
             Whether its bus carries frames: else the bus is to blame.
         """
         if not self.roles:
@@ -157,7 +159,7 @@ class Gnss:
         fix = self._fix and not nowhere if self._fix is not None else None
         age_s = math.nan if self._fixed_ns is None else (now_ns - self._fixed_ns) * 1e-9
         found = self._clock_reasons()
-        if heard:
+        if bus_active:
             found += self._fix_reasons(now_ns, fix, age_s, nowhere, period_s)
         return GnssHealth(worst(found), fix, age_s, self._fit), found
 

@@ -201,11 +201,11 @@ class HealthMonitor:
         return states
 
     def _report_messages(self, now_ns: int, found: list[Reason]) -> list[MessageHealth]:
-        heard = {name: bus.heard(now_ns) and bus.fits(now_ns) for name, bus in self._buses.items()}
+        active = {name: bus.active(now_ns) and bus.fits(now_ns) for name, bus in self._buses.items()}
         states, reasons = [], []
         for one in self._watched:
             state, mine = message_health(
-                one, now_ns, self._health, started_ns=self._started_ns, heard=heard.get(one.bus, False)
+                one, now_ns, self._health, started_ns=self._started_ns, bus_active=active.get(one.bus, False)
             )
             states.append(state)
             reasons += mine
@@ -227,8 +227,8 @@ class HealthMonitor:
     def _report_gnss(self, now_ns: int, values: Mapping[str, float], found: list[Reason]) -> GnssHealth | None:
         source = self._gnss.fix_signal
         period_s = next((one.flow.period_s for one in self._watched if source in one.roles.values()), math.nan)
-        heard = source is None or (source.bus in self._buses and self._buses[source.bus].heard(now_ns))
-        result = self._gnss.health(now_ns, values, period_s, heard=heard)
+        active = source is None or (source.bus in self._buses and self._buses[source.bus].active(now_ns))
+        result = self._gnss.health(now_ns, values, period_s, bus_active=active)
         if result is None:
             return None
         found += result[1]

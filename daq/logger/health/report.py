@@ -114,7 +114,7 @@ class BusHealth:
     ----------
     name : str
     level : Level
-        The worst reason's that stands at this bus.
+        Worst level of the reasons at this bus.
     status : BusStatus
     rate_hz : float
         Frames per second.
@@ -305,7 +305,7 @@ class Since:
 @dataclass
 class _Standing:
     reason: Reason
-    seen_ns: int
+    held_ns: int
     level: Level
     level_ns: int
 
@@ -317,13 +317,13 @@ class Board:
         self._standing: dict[tuple[str, str], _Standing] = {}
 
     def update(self, now_ns: int, found: Iterable[Reason]) -> tuple[Reason, ...]:
-        """Take what is found now and return what stands, the worst first."""
+        """Take the reasons of now and return the reasons in force, the worst first."""
         for one in found:
             old = self._standing.get((one.code, one.where))
             level, level_ns = one.level, now_ns
             if old is not None and old.level > level and now_ns - old.level_ns < STAYS_NS:
                 level, level_ns = old.level, old.level_ns
             self._standing[one.code, one.where] = _Standing(one, now_ns, level, level_ns)
-        self._standing = {key: one for key, one in self._standing.items() if now_ns - one.seen_ns < STAYS_NS}
+        self._standing = {key: one for key, one in self._standing.items() if now_ns - one.held_ns < STAYS_NS}
         standing = [replace(one.reason, level=one.level) for one in self._standing.values()]
         return tuple(sorted(standing, key=lambda one: (-one.level, one.code, one.where)))

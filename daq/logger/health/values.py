@@ -96,7 +96,7 @@ class SignalValues:
     def stuck_s(self) -> FloatArray:
         """Return how long each signal has been the same for much longer than ever before; 0 while it is not so.
 
-        While the vehicle stands that takes more patience.
+        The time limits are longer while the vehicle stands.
         """
         same_ns = self.last_ns - self.changed_ns
         learned = (self.changes >= LEAST_CHANGES) & (self.changed_ns - self.first_ns >= _LEAST_LEARN_NS)
@@ -109,12 +109,12 @@ class SignalValues:
         if fresh.any():
             self.first_ns[rows][fresh] = self.changed_ns[rows][fresh] = time_ns[0]
             self.last[rows][fresh] = values[fresh, 0]
-        self._look_for_changes(rows, time_ns, values)
-        self._look_at_limits(rows, time_ns, values)
+        self._count_changes(rows, time_ns, values)
+        self._count_beyond_limits(rows, time_ns, values)
         self.last[rows] = values[:, -1]
         self.last_ns[rows] = time_ns[-1]
 
-    def _look_for_changes(self, rows: slice, time_ns: IntArray, values: FloatArray) -> None:
+    def _count_changes(self, rows: slice, time_ns: IntArray, values: FloatArray) -> None:
         before = np.concatenate([self.last[rows, None], values[:, :-1]], axis=1)
         changed = values != before
         stamps = np.where(changed, time_ns, 0)
@@ -130,7 +130,7 @@ class SignalValues:
         self.changes[rows] += np.count_nonzero(changed, axis=1)
         self.changed_ns[rows] = changed_ns
 
-    def _look_at_limits(self, rows: slice, time_ns: IntArray, values: FloatArray) -> None:
+    def _count_beyond_limits(self, rows: slice, time_ns: IntArray, values: FloatArray) -> None:
         beyond = (values < self._low[rows]) | (values > self._high[rows])
         if beyond.any():
             self._leave_out_labelled(rows, values, beyond)
@@ -172,8 +172,8 @@ def _limits(signal: Signal) -> tuple[float, float]:
 def _ends(signal: Signal, *, j1939: bool) -> tuple[float, float]:
     """Return the physical values at the ends of what the bits hold, infinite where an end means something else.
 
-    The raw zero of an unsigned signal without offset is a plain zero, the highest value of a J1939 signal or one in the
-    value table is "not available".
+    The raw zero of an unsigned signal without offset is an ordinary zero, the highest value of a J1939 signal or one
+    in the value table is "not available".
     """
     if signal.kind is RawKind.FLOAT or signal.length_bits < _SATURABLE_BITS:
         return -np.inf, np.inf
