@@ -52,12 +52,6 @@ class DiskState:
 class DiskGuard:
     """Watches the free space of a folder.
 
-    Parameters
-    ----------
-    folder : Path
-    warn_min : float
-    reserve_mb : float
-
     Raises
     ------
     HardwareError

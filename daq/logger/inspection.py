@@ -143,10 +143,6 @@ class Inspection:
 class Inspector(threading.Thread):
     """The thread: one task at a time, its findings to be fetched.
 
-    Parameters
-    ----------
-    inspection : Inspection
-
     Attributes
     ----------
     shield : Shield

@@ -31,10 +31,6 @@ from daq.recording.part_writer import since, total
 class RunClock:
     """Brings the session's times to those of a run that begins now.
 
-    Parameters
-    ----------
-    clock : HostClock
-
     Attributes
     ----------
     shift_ns : int

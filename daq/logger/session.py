@@ -29,12 +29,7 @@ _STATUS = {"signal": "interrupted", "duration": "ok", "stop": "ok", "disk": "dis
 
 
 class Session:
-    """Records until it ends, and closes the files however it ends.
-
-    Parameters
-    ----------
-    parts : SessionParts
-    """
+    """Records until it ends, and closes the files however it ends."""
 
     def __init__(self, parts: SessionParts) -> None:
         self._parts = parts

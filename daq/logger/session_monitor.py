@@ -191,14 +191,7 @@ _MOST_REMARKS = 50
 
 
 class SessionMonitor:
-    """Health, page, commands and remarks of a running session; called between two writes, in the thread that writes.
-
-    Parameters
-    ----------
-    parts : SessionParts
-    watch : Watch
-    feed : Feed
-    """
+    """Health, page, commands and remarks of a running session; called between two writes, in the thread that writes."""
 
     def __init__(self, parts: SessionParts, watch: Watch, feed: Feed) -> None:
         self._parts = parts

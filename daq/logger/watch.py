@@ -55,13 +55,6 @@ EventText = tuple[str, str, Severity]
 class Watch:
     """Collects the state of buses, disk, processor, memory and clock.
 
-    Parameters
-    ----------
-    clock : HostClock
-    listeners : sequence of Listener
-    queue : ByteQueue
-    guard : DiskGuard
-
     Attributes
     ----------
     disk : DiskState

@@ -200,12 +200,7 @@ class _Topic:
 
 
 class HostTopics:
-    """The topics of a recording about the logger and its machine.
-
-    Parameters
-    ----------
-    sink : McapSink
-    """
+    """The topics of a recording about the logger and its machine."""
 
     def __init__(self, sink: McapSink) -> None:
         self._sink = sink

@@ -67,11 +67,6 @@ class RunRecording:
         Parts that should be there and cannot be read.
     unreadable : sequence of Path
         Those of them that are there.
-
-    Attributes
-    ----------
-    parts : tuple of Recording
-    unreadable : tuple of Path
     """
 
     def __init__(

@@ -21,12 +21,7 @@ _STEP_REPORTED_NS = 60_000_000_000
 
 
 class HostWatch:
-    """Follows the machine from report to report.
-
-    Parameters
-    ----------
-    limits : LoggerSection
-    """
+    """Follows the machine from report to report."""
 
     def __init__(self, limits: LoggerSection) -> None:
         self._limits = limits

@@ -238,10 +238,6 @@ class HealthMonitor:
 def statuses(report: HealthReport) -> list[DiagnosticStatus]:
     """Return a status for everything that is worth one.
 
-    Parameters
-    ----------
-    report : HealthReport
-
     Returns
     -------
     list of DiagnosticStatus
