@@ -48,15 +48,15 @@ def _in_memory(batch: FrameBatch, known: list[Database], folder: Path) -> list[R
         functions["C"] = lambda: c_pass(batch)
     found = side_by_side(functions, REPEATS)
     what = f"decode in memory, {len(batch) / 1e6:.1f} M frames, all signals"
-    shown = rate_of(len(batch))
+    as_text = rate_of(len(batch))
     ours_s = statistics.median(found["ours"])
     loop_s = [seconds * len(batch) / len(part) for seconds in found["loop"]]
     table = [
-        judged(what, shown(ours_s), len(batch) / ours_s / 1e6, at_least(10, "Mframes/s")),
-        compared(what, found["ours"], "cantools loop", loop_s, shown, at_least(40, "x")),
+        judged(what, as_text(ours_s), len(batch) / ours_s / 1e6, at_least(10, "Mframes/s")),
+        compared(what, found["ours"], "cantools loop", loop_s, as_text, at_least(40, "x")),
     ]
     if "C" in found:
-        table.append(compared(what, found["ours"], "one pass of C", found["C"], shown))
+        table.append(compared(what, found["ours"], "one pass of C", found["C"], as_text))
     return table
 
 

@@ -61,8 +61,8 @@ def _long_runs() -> Row:
     took = [_round_s(_campaign(2, duration_s)) for duration_s in (300.0, 600.0)]
     growth = took[1] / took[0]
     what = "evidence of 2 runs, one linearisation: 10 min over 5 min each"
-    shown = f"{times(growth)}: {took[1]:.2f} s over {took[0]:.2f} s"
-    return judged(what, shown, growth, at_most(2.3, "x"))
+    as_text = f"{times(growth)}: {took[1]:.2f} s over {took[0]:.2f} s"
+    return judged(what, as_text, growth, at_most(2.3, "x"))
 
 
 def _round_s(campaign: Campaign) -> float:

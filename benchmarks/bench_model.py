@@ -74,8 +74,8 @@ def _with_balance() -> Row:
 def _forward(what: str, us: float, error: float, most_us: float) -> Row:
     """Return the row of the forward model, which is quick enough only if it is exact enough."""
     mark = at_most(most_us, "us/sample, error <= 1e-6 of W")
-    shown = f"{us:.2f} us/sample, error {error:.0e} of W"
-    return judged(f"forward model, driving, {what}", shown, us if error <= 1e-6 else math.nan, mark)
+    as_text = f"{us:.2f} us/sample, error {error:.0e} of W"
+    return judged(f"forward model, driving, {what}", as_text, us if error <= 1e-6 else math.nan, mark)
 
 
 def _whole_fit() -> list[Row]:

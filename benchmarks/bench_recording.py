@@ -39,14 +39,14 @@ def _equal_batches() -> list[Row]:
         found = run_beside_peers("batched_mcap", str(BATCHED_COUNT), str(BATCHED_REPEATS), *COMPRESSIONS)
     except PeersMissingError as error:
         return [Row(what, "-", str(error))]
-    shown = rate_of(BATCHED_COUNT)
+    as_text = rate_of(BATCHED_COUNT)
     table = []
     for compression, (write_s, read_s, size_mb, batch) in found.items():
         how = f"equal batches ({batch} frames a message), {compression}"
         for peer in ("mcap", "foxglove-sdk"):
             remark = ", with time check and fsync"
             table.append(
-                compared(f"MCAP write, {how}", write_s["ours"], peer, write_s[peer], shown, at_least(1, "x"), remark)
+                compared(f"MCAP write, {how}", write_s["ours"], peer, write_s[peer], as_text, at_least(1, "x"), remark)
             )
         table.append(
             compared(
@@ -54,7 +54,7 @@ def _equal_batches() -> list[Row]:
                 read_s["ours"],
                 "mcap",
                 read_s["mcap"],
-                shown,
+                as_text,
                 at_least(1, "x"),
                 ", with checksums verified",
             )
@@ -69,11 +69,11 @@ def _message_a_frame(frames: FrameArray, folder: Path, compression: str) -> list
     assert np.array_equal(Recording.open(ours).frames().frames, frames)
     assert np.array_equal(_read_mcap(theirs, "time_ns"), frames["time_ns"])
     read_s = _in_turns(partial(_read, ours), partial(_read_mcap, theirs, "time_ns"))
-    how, peer, shown = f"ours in batches, {compression}", "mcap, a message a frame", rate_of(len(frames))
+    how, peer, as_text = f"ours in batches, {compression}", "mcap, a message a frame", rate_of(len(frames))
     size, peer_size = (path.stat().st_size / 1e6 for path in (ours, theirs))
     return [
-        compared(f"MCAP write, {how}", write_s["ours"], peer, write_s["peer"], shown, at_least(5, "x")),
-        compared(f"MCAP read to numpy, {how}", read_s["ours"], peer, read_s["peer"], shown, at_least(40, "x")),
+        compared(f"MCAP write, {how}", write_s["ours"], peer, write_s["peer"], as_text, at_least(5, "x")),
+        compared(f"MCAP read to numpy, {how}", read_s["ours"], peer, read_s["peer"], as_text, at_least(40, "x")),
         _size_row(f"MCAP size of {len(frames):,} frames, {how}", size, peer_size, 1, peer),
     ]
 

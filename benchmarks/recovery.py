@@ -1,4 +1,4 @@
-"""Do 95 % intervals hold the truth? Simulated campaigns through CAN frames and back, without files.
+"""Coverage of the 95 % intervals: simulated campaigns through CAN frames and back, without files.
 
 ``python -m benchmarks.recovery`` runs the whole study (clay and sandy soil, three laws, seeds 0 to 199) on both
 cores and writes docs/recovery.md; the slow test runs its clay half.
@@ -35,7 +35,7 @@ RUNS = 2
 
 @dataclass(frozen=True)
 class Coverage:
-    """How many of `seeds` intervals held the truth, and the ratio of the estimates' spread to their sigma."""
+    """How many of `seeds` intervals contain the true value, and the ratio of the estimates' spread to their sigma."""
 
     soil: str
     law: str
@@ -62,7 +62,7 @@ def processed_campaign(options: SimulationOptions) -> list[ProcessedRun]:
 
 
 def one(soil: str, law: str, seed: int) -> tuple[bool, float]:
-    """Return whether the interval holds the truth, and the error in sigmas."""
+    """Return whether the interval contains the true value, and the error in sigmas."""
     options = SimulationOptions(soil=soil, effects={law: TRUTH[soil][law]}, runs=RUNS, seed=seed)
     fit = fit_models(processed_campaign(options), options.wheel, SOILS[soil], FitOptions(models=(law,))).models[0]
     estimate = fit.estimate(PARAMETER[law])
@@ -81,15 +81,17 @@ def coverage(soil: str, law: str, seeds: int, workers: int | None = None) -> Cov
 
 def _markdown(rows: Iterable[Coverage], seconds: float) -> str:
     lines = [
-        "# Do the intervals hold the truth?",
+        "# Coverage of the intervals",
         "",
         f"`python -m benchmarks.recovery` took {seconds / 60:.0f} min. Each seed is a campaign of {RUNS} runs of 40 s, "
-        "simulated with the paper's Tab. 3",
-        "(balanced reading), sent through CAN frames, decoded, processed and fitted; truth and fitter differ in",
-        "quadrature and rate. A 95 % interval should hold the truth in 0.95 of the seeds. Spread: the 68 % quantile of",
-        "|error| over sigma, ideally 1.",
+        "simulated with Tab. 3 of the paper",
+        "(load-consistent interpretation), sent through CAN frames, decoded, processed and fitted. Simulator "
+        "and fitter differ in",
+        "quadrature and rate. A 95 % interval should contain the true value in 0.95 of the seeds. Spread is the 68 % "
+        "quantile of",
+        "|error| over sigma; the ideal value is 1.",
         "",
-        "| soil | law | parameter | intervals that hold the truth | n | 95 % Clopper-Pearson | spread |",
+        "| soil | law | parameter | coverage | n | 95 % Clopper-Pearson | spread |",
         "|---|---|---|---|---|---|---|",
     ]
     for row in rows:

@@ -79,17 +79,17 @@ def compared(
     ours_s: Sequence[float],
     peer: str,
     peer_s: Sequence[float],
-    shown: Callable[[float], str],
+    as_text: Callable[[float], str],
     mark: Mark | None = None,
     remark: str = "",
 ) -> Row:
-    """Return the row of a peer beside us: the medians, as `shown` writes them, and how many times faster we are.
+    """Return the row of a peer beside us: the medians, as `as_text` writes them, and how many times faster we are.
 
     The remark stands behind our figure.
     """
     mine_s, other_s = statistics.median(ours_s), statistics.median(peer_s)
     ratio = other_s / mine_s
-    ours, theirs = f"{shown(mine_s)}{remark}", f"{peer}: {shown(other_s)}"
+    ours, theirs = f"{as_text(mine_s)}{remark}", f"{peer}: {as_text(other_s)}"
     if mark is None:
         return Row(what, ours, theirs, times(ratio))
     return judged(what, ours, ratio, mark, theirs, times(ratio))

@@ -4,12 +4,12 @@ Frames are stamped by the host when they arrive; GNSS says when they were measur
 
 .. math:: e_i = a + b (h_i - h_0) + \text{jitter}_i ,
 
--a is the offset of the host's clock plus the mean delay of the frames (the two cannot be told apart), -b its drift. A
+-a is the offset of the host's clock plus the mean delay of the frames (the two are not separable), -b its drift. A
 few frames that queued, or a receiver that starts with a wrong time, do not move the line. GNSS time may count from
 midnight, from the start of the week or from an epoch, and may roll over: everything is taken modulo a day.
 
 The jitter is correlated (a busy bus delays many frames in a row) and one-sided, so that the line's uncertainty comes
-from what it does when sixteenths of the run are left out, see ``docs/decisions/time.md``.
+from refits with one sixteenth of the run excluded at a time, see ``docs/decisions/time.md``.
 """
 
 from __future__ import annotations

@@ -225,7 +225,9 @@ def _toml_mapping(text: str, where: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(Fault("not valid TOML", where, str(error), next_step="mend the line named above")) from None
+        raise ConfigError(
+            Fault("not valid TOML", where, str(error), next_step="correct the line named above")
+        ) from None
 
 
 def parse_mapping(raw: Mapping[str, Any], kind: type[ConfigT], where: str) -> ConfigT:

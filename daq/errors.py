@@ -85,23 +85,23 @@ class HardwareError(WheelsoilError, OSError):
     exit_code: ClassVar[int] = 4
 
 
-_ALIKE = 3
-"""So many faults that differ only in where they are stand for themselves; of more, the first places are told."""
+_LISTED_AT_MOST = 3
+"""Up to this number of faults that differ only in their place are listed one by one; more become one fault."""
 
 
 def _together(faults: tuple[Fault, ...]) -> tuple[Fault, ...]:
-    """Put faults of one kind into one, where they are many."""
+    """Combine faults of one kind into one fault where they are many."""
     kinds: dict[Fault, list[Fault]] = {}
     for fault in faults:
         kinds.setdefault(replace(fault, where="", next_step=""), []).append(fault)
-    shown: list[Fault] = []
-    for alike in kinds.values():
-        more = len(alike) - 1
-        if more < _ALIKE:
-            shown += alike
+    listed: list[Fault] = []
+    for group in kinds.values():
+        more = len(group) - 1
+        if more < _LISTED_AT_MOST:
+            listed += group
         else:
-            shown.append(replace(alike[0], where=f"{alike[0].where}; and in {more} more places, to {alike[-1].where}"))
-    return tuple(shown)
+            listed.append(replace(group[0], where=f"{group[0].where}; and in {more} more places, to {group[-1].where}"))
+    return tuple(listed)
 
 
 def _render(faults: tuple[Fault, ...]) -> str:
@@ -120,5 +120,5 @@ def nearest(name: str, known: Iterable[str], limit: int = 3) -> str:
         return "nearest: " + ", ".join(close)
     if not names:
         return "there are none"
-    shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-    return f"known: {shown}"
+    listed = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+    return f"known: {listed}"

@@ -73,15 +73,15 @@ class Offset:
     ----------
     offset_ns : int
     from_ns, until_ns : int
-        When the one before was last seen; when the one after was first seen.
-    seen_ns : int
-        When it was first seen.
+        When the previous one was last observed; when the next one was first observed.
+    observed_ns : int
+        When it was first observed.
     """
 
     offset_ns: int
     from_ns: int
     until_ns: int
-    seen_ns: int
+    observed_ns: int
 
 
 class HostClock:
@@ -100,7 +100,7 @@ class HostClock:
         before, difference, after = self._bracket()
         self._low, self._high = difference - after, difference - before
         self._offsets = [Offset((self._low + self._high) // 2, -_NEVER_NS, _NEVER_NS, after)]
-        self._last_seen = before
+        self._last_observed = before
         self._base_ns = self._offsets[0].offset_ns
         self._steps: tuple[ClockStep, ...] = ()
 
@@ -111,12 +111,12 @@ class HostClock:
 
     @property
     def realtime_minus_monotonic_ns(self) -> int:
-        """The difference that was seen last."""
+        """The difference that was observed last."""
         return self._offsets[-1].offset_ns
 
     @property
     def steps(self) -> tuple[ClockStep, ...]:
-        """Every step since the session began, by file time as it was when the step was seen."""
+        """Every step since the session began, by file time when the step was observed."""
         return self._steps
 
     def now_ns(self) -> int:
@@ -128,11 +128,11 @@ class HostClock:
         return self._monotonic()
 
     def observe(self) -> int:
-        """Look whether the clock was set; returns the monotonic time of the look.
+        """Check whether the clock was set; return the monotonic time of the check.
 
-        One look is a reading of realtime between two of monotonic time: the difference is known to lie in an interval.
-        As long as all intervals have a point in common there was no step. A thread that loses the processor while it
-        looks has a wide interval, and so sees none.
+        One check reads realtime between two readings of monotonic time, which bounds the difference by an interval.
+        There was no step as long as all intervals have a point in common. A thread that loses the processor during a
+        check gets a wide interval, and so reports no step.
         """
         with self._lock:
             before, realtime, after = self._bracket()
@@ -142,29 +142,29 @@ class HostClock:
                 self._low, self._high = low, high
             elif max(low, self._low) <= min(high, self._high):
                 self._low, self._high = max(low, self._low), min(high, self._high)
-            self._last_seen = before
+            self._last_observed = before
         return after
 
     def realtime_at_ns(self, monotonic: IntArray) -> IntArray:
         """Return what CLOCK_REALTIME was at monotonic times, as far as the clock has been observed."""
         known = self._offsets[:]
-        held = np.searchsorted([one.seen_ns for one in known[1:]], monotonic, side="right")
+        held = np.searchsorted([one.observed_ns for one in known[1:]], monotonic, side="right")
         return np.asarray(monotonic + np.array([one.offset_ns for one in known])[held])
 
     def offsets_since(self, monotonic: int) -> tuple[Offset, ...]:
         """Return the differences that may have held at some time since; the newest last."""
         with self._lock:
             first = len(self._offsets) - 1
-            while first > 0 and self._offsets[first].seen_ns > monotonic:
+            while first > 0 and self._offsets[first].observed_ns > monotonic:
                 first -= 1
             return tuple(self._offsets[first:])
 
-    def _step(self, offset_ns: int, seen_ns: int) -> None:
+    def _step(self, offset_ns: int, observed_ns: int) -> None:
         old = self._offsets[-1]
-        self._offsets[-1] = Offset(old.offset_ns, old.from_ns, seen_ns, old.seen_ns)
-        self._offsets.append(Offset(offset_ns, self._last_seen, _NEVER_NS, seen_ns))
+        self._offsets[-1] = Offset(old.offset_ns, old.from_ns, observed_ns, old.observed_ns)
+        self._offsets.append(Offset(offset_ns, self._last_observed, _NEVER_NS, observed_ns))
         step_s = (offset_ns - old.offset_ns) * 1e-9
-        self._steps += (ClockStep(seen_ns + self._base_ns, self._last_seen + self._base_ns, step_s),)
+        self._steps += (ClockStep(observed_ns + self._base_ns, self._last_observed + self._base_ns, step_s),)
 
     def _bracket(self) -> tuple[int, int, int]:
         """Return the narrowest of a few readings: monotonic before, realtime, monotonic after."""
@@ -182,8 +182,8 @@ class StampTracker:
     """Brings the stamps of one source to file time; for use in the thread that reads the source.
 
     A stamp is tried with every difference of the clocks that can have held since the source was last known to be
-    empty. What fits one of them is taken so. What fits several, or none, is flagged `FrameFlag.UNSURE_TIME` and gets a
-    time that is not later than the true one.
+    empty. A stamp that fits exactly one of them gets that time. A stamp that fits several, or none, is flagged
+    `FrameFlag.UNCERTAIN_TIME` and gets a time that is not later than the true one.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ class StampTracker:
 
     def __init__(self, clock: HostClock, name: str) -> None:
         self.name = name
-        self.unsure = 0
+        self.uncertain = 0
         """Frames that were flagged so far."""
         self._clock = clock
         self._began_ns = clock.monotonic_ns()
@@ -206,7 +206,7 @@ class StampTracker:
         return self._clock.realtime_minus_monotonic_ns
 
     def before_read(self) -> None:
-        """Look at the clock before the source is read."""
+        """Read the clocks before the source is read."""
         self._began_ns = self._clock.observe()
 
     def after_read(self, batch: FrameBatch) -> FrameBatch:
@@ -230,24 +230,22 @@ class StampTracker:
         offsets = self._clock.offsets_since(self._empty_ns - EARLY_NS)
         if len(offsets) == 1:
             times = stamps - offsets[0].offset_ns
-            unsure = times > now + LATE_NS
-            times[unsure] = -_NEVER_NS
+            uncertain = times > now + LATE_NS
+            times[uncertain] = -_NEVER_NS
         else:
-            times, unsure = self._told_apart(stamps, offsets, now)
+            times, uncertain = self._matched(stamps, offsets, now)
         ordered = np.maximum.accumulate(np.maximum(times, self._last_ns))
-        unsure |= ordered - times > EARLY_NS
+        uncertain |= ordered - times > EARLY_NS
         self._last_ns = int(ordered[-1])
         self._empty_ns = max(self._empty_ns, self._last_ns)
         batch.frames["time_ns"] = ordered + self._clock.base_ns
-        if unsure.any():
-            self.unsure += int(unsure.sum())
-            batch.frames["flags"][unsure] |= np.uint8(FrameFlag.UNSURE_TIME)
+        if uncertain.any():
+            self.uncertain += int(uncertain.sum())
+            batch.frames["flags"][uncertain] |= np.uint8(FrameFlag.UNCERTAIN_TIME)
         return batch
 
-    def _told_apart(
-        self, stamps: IntArray, offsets: tuple[Offset, ...], now: int
-    ) -> tuple[IntArray, NDArray[np.bool_]]:
-        """Return monotonic times and whether they are unsure; of several that fit, the earliest."""
+    def _matched(self, stamps: IntArray, offsets: tuple[Offset, ...], now: int) -> tuple[IntArray, NDArray[np.bool_]]:
+        """Return monotonic times and whether they are uncertain; of several that fit, the earliest."""
         tried = stamps - np.array([[one.offset_ns] for one in offsets])
         earliest = [[max(self._empty_ns, one.from_ns) - EARLY_NS] for one in offsets]
         latest = [[min(now, one.until_ns) + LATE_NS] for one in offsets]
@@ -258,11 +256,11 @@ class StampTracker:
         return times, count != 1
 
 
-class UnsureTimes:
+class UncertainTimestamps:
     """Counts the flagged frames of a run while its batches come by.
 
-    The time of a flagged frame is never late (`daq.host_clock.StampTracker`), and the next sure frame of its bus came
-    after it: what lies between the two times is the most that it can be wrong by.
+    The time of a flagged frame is never late (`daq.host_clock.StampTracker`), and the next unflagged frame of its bus
+    came after it: the difference of the two times is the largest possible error.
     """
 
     def __init__(self) -> None:
@@ -273,18 +271,18 @@ class UnsureTimes:
 
     @property
     def within_s(self) -> float:
-        """By how much the times can be wrong, s; NaN while no sure frame has come after a flagged one."""
+        """Largest possible error of the flagged times, s; NaN while no unflagged frame has followed a flagged one."""
         return float("nan") if self._waiting_ns else self._within_ns * 1e-9
 
     def take(self, batch: FrameBatch) -> None:
-        """Look at frames in the order in which they came."""
-        unsure = (batch.frames["flags"] & FrameFlag.UNSURE_TIME) != 0
-        if not self._waiting_ns and not unsure.any():
+        """Count the flagged frames of a batch; batches come in the order of reception."""
+        uncertain = (batch.frames["flags"] & FrameFlag.UNCERTAIN_TIME) != 0
+        if not self._waiting_ns and not uncertain.any():
             return
-        self.frames += int(np.count_nonzero(unsure))
+        self.frames += int(np.count_nonzero(uncertain))
         for number, bus in enumerate(batch.buses):
             rows = batch.frames["bus"] == number
-            self._take_bus(bus, batch.frames["time_ns"][rows], unsure[rows])
+            self._take_bus(bus, batch.frames["time_ns"][rows], uncertain[rows])
 
     def notes(self) -> tuple[Note, ...]:
         """Return what is to be said of them; nothing where no frame was flagged."""
@@ -292,8 +290,8 @@ class UnsureTimes:
             return ()
         return (Note(RecordingCode.CLOCK_SET, values={"count": self.frames, "within_s": self.within_s}),)
 
-    def _take_bus(self, bus: str, time_ns: NDArray[np.int64], unsure: NDArray[np.bool_]) -> None:
-        sure, flagged = np.flatnonzero(~unsure), np.flatnonzero(unsure)
+    def _take_bus(self, bus: str, time_ns: NDArray[np.int64], uncertain: NDArray[np.bool_]) -> None:
+        sure, flagged = np.flatnonzero(~uncertain), np.flatnonzero(uncertain)
         if len(sure) and bus in self._waiting_ns:
             self._bound(time_ns[sure[:1]] - self._waiting_ns.pop(bus))
         following = np.searchsorted(sure, flagged)

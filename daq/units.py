@@ -52,7 +52,7 @@ def unit_text(unit: str) -> str:
 
 
 def unit_suffix(unit: str) -> str:
-    """Return one of our units as names end in it: "radps" of "rad/s"; a plain number has none."""
+    """Return one of our units as names end in it: "radps" of "rad/s"; a number without a dimension has none."""
     return "" if unit == Quantity.RATIO.value else unit.lower().replace("/", "p")
 
 
@@ -142,9 +142,9 @@ _DROPPED = str.maketrans("", "", " \t_·⋅*×^.-[]()\N{NO-BREAK SPACE}")
 def find_unit(text: str, quantities: Collection[Quantity]) -> Unit | None:
     """Return the unit that `text` means for one of `quantities`, None where it means none.
 
-    An empty text is a plain number: a `Quantity.RATIO`.
+    An empty text is a dimensionless number: a `Quantity.RATIO`.
     """
-    spelled = _plain(text)
+    spelled = _normalized(text)
     for quantity in quantities:
         symbol = _spellings(quantity).get(spelled)
         if symbol is not None:
@@ -166,21 +166,21 @@ def explain_unknown(text: str, quantities: Collection[Quantity]) -> tuple[str, s
         return f"has no unit, where {wanted} is needed", known
     if other is not None:
         return f"measures {other.quantity.label} ({text!r}), where {wanted} is needed", known
-    close = nearest(_plain(text), [name for q in quantities for name in _spellings(q)])
+    close = nearest(_normalized(text), [name for q in quantities for name in _spellings(q)])
     hint = f" ({close})" if close.startswith("nearest") else ""
     return f"has the unknown unit {text!r}{hint}", known
 
 
-def _plain(text: str) -> str:
+def _normalized(text: str) -> str:
     for sign in _DEGREE_SIGNS:
         text = text.replace(sign, "deg")
-    plain = text.strip().lower().removeprefix("unit_").translate(_DROPPED).replace("per", "/")
-    return plain or ("" if text.strip() in ("", "-") else text.strip())
+    spelling = text.strip().lower().removeprefix("unit_").translate(_DROPPED).replace("per", "/")
+    return spelling or ("" if text.strip() in ("", "-") else text.strip())
 
 
 @cache
 def _spellings(quantity: Quantity) -> dict[str, str]:
     spellings = {"": "1"} if quantity is Quantity.RATIO else {}
     for symbol, (_, others) in _TABLE[quantity].items():
-        spellings |= {_plain(name): symbol for name in (symbol, *others.split())}
+        spellings |= {_normalized(name): symbol for name in (symbol, *others.split())}
     return spellings

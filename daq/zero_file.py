@@ -1,4 +1,4 @@
-"""zero.toml: what `wheelsoil zero` found of a transducer, one determination after the other, in order of time."""
+"""zero.toml: the zero determinations of a transducer by `wheelsoil zero`, in order of time."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Determination(_Table):
 
     @property
     def holds_outboard_weight(self) -> bool:
-        """Whether taking this zero off takes the outboard weight off, too: the reading is that of the ground then."""
+        """Whether subtracting this zero also subtracts the outboard weight, so that the reading is the ground force."""
         return self.frame == "vehicle" or self.method == "spin"
 
     @property

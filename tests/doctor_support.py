@@ -70,8 +70,12 @@ def nodes(
         sink = open_sink(bus)
         while not done.wait(PERIOD_S):
             now_ns = time.time_ns()
-            said = {"Status": 0.0, **values, "TimeOfDay": (now_ns * 1e-9 + values.get("TimeOfDay", 0.0)) % 86_400}
-            batch = merge([encode(m, _of(m.by_name, said), [now_ns], bus.channel).frames for m in sent])
+            sent_values = {
+                "Status": 0.0,
+                **values,
+                "TimeOfDay": (now_ns * 1e-9 + values.get("TimeOfDay", 0.0)) % 86_400,
+            }
+            batch = merge([encode(m, _of(m.by_name, sent_values), [now_ns], bus.channel).frames for m in sent])
             if errors:
                 sink.send(_error_frame(), 1.0)
             sink.send(batch.frames, 1.0)
@@ -93,8 +97,8 @@ def free_port() -> int:
         return int(made.getsockname()[1])
 
 
-def _of(names: Mapping[str, object], said: Mapping[str, float]) -> dict[str, float]:
-    return {name: said.get(name, 1.0) for name in names}
+def _of(names: Mapping[str, object], sent_values: Mapping[str, float]) -> dict[str, float]:
+    return {name: sent_values.get(name, 1.0) for name in names}
 
 
 def _error_frame() -> np.ndarray:

@@ -12,14 +12,14 @@ from daq.can.decoding import Decoder
 from daq.can.frames import FrameBatch, concatenate
 from daq.config import VehicleConfig
 from daq.logger.health.monitor import HealthMonitor
-from daq.logger.health.report import HealthReport, HostFacts, Reason
+from daq.logger.health.report import HealthReport, HostStatus, Reason
 
 STEP_NS = 200_000_000
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What the monitor said: every report, and all reasons that ever stood."""
+class HealthRun:
+    """Result of a run through the monitor: every report, and all reasons ever reported."""
 
     monitor: HealthMonitor
     reports: list[HealthReport]
@@ -58,9 +58,9 @@ def watch(
     vehicle: VehicleConfig,
     databases: Mapping[str, tuple[Database, ...]],
     batches: Iterable[FrameBatch],
-    facts: Callable[[float], HostFacts] = lambda _: HostFacts({}),
-) -> Seen:
-    """Run frames through a monitor; `facts` gives the machine's state at a time since the start."""
+    host_at: Callable[[float], HostStatus] = lambda _: HostStatus({}),
+) -> HealthRun:
+    """Run frames through a monitor; `host_at` gives the machine's state at a time since the start."""
     whole = concatenate(list(batches))
     start_ns = int(whole.frames["time_ns"].min())
     monitor = HealthMonitor(vehicle, databases, started_ns=start_ns)
@@ -68,5 +68,5 @@ def watch(
     reports = []
     for now_ns, batch in in_steps(whole):
         monitor.take(batch, decoder.decode(batch))
-        reports.append(monitor.report(now_ns, facts((now_ns - start_ns) * 1e-9)))
-    return Seen(monitor, reports)
+        reports.append(monitor.report(now_ns, host_at((now_ns - start_ns) * 1e-9)))
+    return HealthRun(monitor, reports)

@@ -1,7 +1,7 @@
 """A vehicle on a UDP multicast bus: ``python live_sender.py CHANNEL``, told what to do by lines on stdin.
 
 It drives the moving part of a sample run round and round, its fast messages thinned to 50 Hz, with rolling counters
-and GNSS time that go on. ``well``: all frames; ``freeze``: the forces stand still; ``drop``: every fifth frame of them
+and GNSS time that go on. ``well``: all frames; ``freeze``: the forces are frozen; ``drop``: every fifth frame of them
 is lost.
 """
 

@@ -25,7 +25,7 @@ from daq.sources.interfaces import open_source
 
 
 class Clocks:
-    """The host's clocks, which stand still until a test moves them."""
+    """The host's clocks, which advance only when a test moves them."""
 
     def __init__(self) -> None:
         self.monotonic_ns = 5_000 * 10**9
@@ -119,16 +119,16 @@ class Handset:
         """Wait for a snapshot that is as wanted, and return it."""
         found: list[dict[str, Any]] = []
 
-        def look() -> bool:
+        def is_there() -> bool:
             found[:] = [snapshot for snapshot in self.snapshots if condition(snapshot)][-1:]
             return bool(found)
 
-        wait_until(look)
+        wait_until(is_there)
         return found[0]
 
 
 class ScriptedSource:
-    """A source that hands out what a test gives it, and fails when it is told to."""
+    """A source that hands out what a test gives it, and fails on request."""
 
     def __init__(self, name: str) -> None:
         self.name = name

@@ -1,4 +1,4 @@
-"""Where a signal's bits lie, and how a whole column of them is read and written.
+"""Bit fields of signals, read and written as whole columns.
 
 A field is read through the smallest aligned container (1, 2, 4 or 8 bytes) that holds it: then a byte or word
 that fills its container is a strided view and costs one pass. What lies across two 8-byte words (CAN FD only)

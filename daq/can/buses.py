@@ -50,7 +50,7 @@ def load_for_vehicle(vehicle: VehicleConfig, folder: Path, *, lenient: bool = Fa
 
 
 def no_bus_in_common(vehicle: VehicleConfig, buses: Collection[str]) -> str:
-    """Return a sentence that says so where `buses` of a log are none of vehicle.toml's, else nothing."""
+    """Return a note where no bus of a log is in vehicle.toml, else an empty text."""
     described = {bus.channel for bus in vehicle.bus}
     if not (described and buses) or described & set(buses):
         return ""

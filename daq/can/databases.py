@@ -164,7 +164,7 @@ def _statement_end(lines: list[str], start: int) -> int:
     return start
 
 
-LENIENT_HINT = "mend the file, or load it without what is refused: --lenient-dbc (what was left out is listed)"
+LENIENT_HINT = "correct the file, or load it without what is refused: --lenient-dbc (what was left out is listed)"
 MAX_SIGNAL_BITS = 64
 _SILENT = logging.NullHandler()  # what cantools warns of (names and identifiers twice) is said by us
 
@@ -272,13 +272,16 @@ def _parse_strict(text: str, where: str) -> Any:
         return parsed
     bad = bad_lines(text, complaint)
     if not bad:
-        raise DatabaseError(Fault("cantools cannot load this DBC", where, complaint, next_step="mend the file"))
+        raise DatabaseError(Fault("cantools cannot load this DBC", where, complaint, next_step="correct the file"))
     raise DatabaseError(
-        *(Fault(f"cantools refuses this DBC: {line.why}", where, _found(line), next_step=LENIENT_HINT) for line in bad)
+        *(
+            Fault(f"cantools refuses this DBC: {line.why}", where, _line_text(line), next_step=LENIENT_HINT)
+            for line in bad
+        )
     )
 
 
-def _found(line: BadLine) -> str:
+def _line_text(line: BadLine) -> str:
     return f"line {line.number}: {line.text.strip()}"
 
 
@@ -292,7 +295,7 @@ def _parse_lenient(text: str, where: str) -> tuple[Any, list[str]]:
         bad = bad_lines(text, complaint)
         if not bad:
             what = "cantools cannot load this DBC, not even leniently"
-            raise DatabaseError(Fault(what, where, complaint, next_step="mend the file"))
+            raise DatabaseError(Fault(what, where, complaint, next_step="correct the file"))
         left_out += bad
         text = without(text, bad)
         parsed, complaint = _parse(text, strict=False)

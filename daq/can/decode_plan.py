@@ -44,7 +44,7 @@ class SignalPlan:
     never : bool
         No frame can carry the signal: the DBC gives no multiplexer value for it.
     end_byte : int
-        Payload bytes needed to tell the value.
+        Payload bytes needed to decode the value.
     """
 
     signal: Signal

@@ -68,10 +68,6 @@ class Decoder:
     def decode(self, batch: FrameBatch) -> dict[tuple[str, str], Channel]:
         """Decode a batch.
 
-        Parameters
-        ----------
-        batch : FrameBatch
-
         Returns
         -------
         dict

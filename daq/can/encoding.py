@@ -1,4 +1,4 @@
-"""Channels -> frames: the decoder's plans the other way round, whole columns at a time."""
+"""Channels -> frames: inverse of the decoder, with the same plans, in whole columns."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _BELOW_2_64 = float(np.nextafter(2.0**64, 0.0))
 
 @dataclass(frozen=True)
 class Encoded:
-    """Frames of one message and what could not be told exactly.
+    """Frames of one message, and how many samples could not be encoded exactly.
 
     Attributes
     ----------

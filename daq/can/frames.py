@@ -36,7 +36,7 @@ class FrameFlag(IntFlag):
     BITRATE_SWITCH = 16
     ERROR_STATE = 32
     TRANSMITTED = 64
-    UNSURE_TIME = 128
+    UNCERTAIN_TIME = 128
     """The host's clock was set while the frame came in: the time may be wrong by the step."""
 
 

@@ -2,7 +2,7 @@
 
 An exact identifier wins. A J1939 message stands for its whole parameter group: a 29-bit frame without an exact
 match belongs to the one J1939 message of its bus with the same group number, whatever its priority, source and
-(below PDU format 240) destination. Several sources of one group are not told apart; where they must be, write
+(below PDU format 240) destination. Several sources of one group are decoded as one message; to separate them, write
 one message for each source, with the source in its identifier.
 """
 
@@ -100,14 +100,14 @@ def parameter_groups(ids: NDArray[np.uint32]) -> NDArray[np.uint32]:
 
 
 def _extended_codes(table: _BusTable, ids: NDArray[np.uint32]) -> NDArray[np.uint16]:
-    codes, found = _look_up(table.extended, table.extended_codes, ids)
+    codes, found = _codes_of(table.extended, table.extended_codes, ids)
     if len(table.groups):
         rest = np.flatnonzero(~found)
-        codes[rest], _ = _look_up(table.groups, table.group_codes, parameter_groups(ids[rest]))
+        codes[rest], _ = _codes_of(table.groups, table.group_codes, parameter_groups(ids[rest]))
     return codes
 
 
-def _look_up(
+def _codes_of(
     known: NDArray[np.uint32], codes: NDArray[np.uint16], wanted: NDArray[np.uint32]
 ) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
     if not len(known):

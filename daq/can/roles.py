@@ -56,7 +56,7 @@ class SignalRef:
 
     @property
     def name(self) -> str:
-        """``"Message.Signal"``, as `daq.can.decoding.Decoder` wants it."""
+        """``"Message.Signal"``, as `daq.can.decoding.Decoder` expects it."""
         return f"{self.message}.{self.signal}"
 
     @property
@@ -173,8 +173,8 @@ def _missing_from(signal: Signal) -> float:
 
 def _find(role: str, text: str, messages: Mapping[str, Mapping[str, Message]]) -> tuple[str, str, Signal] | Fault:
     where = f"vehicle.toml [signals] {role}"
-    plain = text.removeprefix("-")
-    bus_name, _, name = plain.rpartition(":")
+    unsigned = text.removeprefix("-")
+    bus_name, _, name = unsigned.rpartition(":")
     if bus_name and bus_name not in messages:
         return Fault(f"no [[bus]] has the channel {bus_name!r}", where, repr(text), nearest(bus_name, messages))
     message_name, _, signal_name = name.partition(".")

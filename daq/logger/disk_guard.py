@@ -1,4 +1,4 @@
-"""How long the disk will last, and when recording must end while there is still room to close the file."""
+"""Free space of the recording's disk: how long it lasts, and when recording must end so that the file can be closed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from daq.logger.health.report import Level
 _MB = 1_000_000
 _GROWTH_OVER_S = 60.0
 _GROWTH_FROM_S = 2.0
-"""The growth is that of the last minute, and known when it has been looked at for so long."""
+"""The growth is that of the last minute, and known when it has been measured for `_GROWTH_FROM_S`."""
 
 _CALM = 1.25
 """The warning ends when the disk lasts so many times longer than where it began."""
@@ -23,7 +23,7 @@ _CALM = 1.25
 
 @dataclass(frozen=True)
 class DiskState:
-    """The disk now.
+    """State of the disk now.
 
     Attributes
     ----------
@@ -52,12 +52,6 @@ class DiskState:
 class DiskGuard:
     """Watches the free space of a folder.
 
-    Parameters
-    ----------
-    folder : Path
-    warn_min : float
-    reserve_mb : float
-
     Raises
     ------
     HardwareError
@@ -68,15 +62,15 @@ class DiskGuard:
         self._folder = folder
         self._warn_min = warn_min
         self._reserve_bytes = int(reserve_mb * _MB)
-        self._seen: deque[tuple[float, int]] = deque()
+        self._history: deque[tuple[float, int]] = deque()
         self._warned = False
         self._free = self._reserve_bytes + 1
-        state = self.look(0.0, 0)
-        self._seen.clear()
+        state = self.check(0.0, 0)
+        self._history.clear()
         if state.level is Level.RED:
             raise HardwareError(disk_fault(folder, state))
 
-    def look(self, now_s: float, written_bytes: int) -> DiskState:
+    def check(self, now_s: float, written_bytes: int) -> DiskState:
         """Return the state of the disk.
 
         Parameters
@@ -86,13 +80,13 @@ class DiskGuard:
         written_bytes : int
             What has been recorded since the logger started.
         """
-        with contextlib.suppress(OSError):  # a disk that does not answer is told by the next write to it
+        with contextlib.suppress(OSError):  # a failed disk is reported by the next write
             self._free = shutil.disk_usage(self._folder).free
         free = self._free
-        self._seen.append((now_s, written_bytes))
-        while len(self._seen) > 2 and now_s - self._seen[1][0] >= _GROWTH_OVER_S:
-            self._seen.popleft()
-        since_s, before = self._seen[0]
+        self._history.append((now_s, written_bytes))
+        while len(self._history) > 2 and now_s - self._history[1][0] >= _GROWTH_OVER_S:
+            self._history.popleft()
+        since_s, before = self._history[0]
         growth = (written_bytes - before) / (now_s - since_s) if now_s - since_s >= _GROWTH_FROM_S else math.nan
         minutes = max(free - self._reserve_bytes, 0) / growth / 60.0 if growth > 0 else math.nan
         return DiskState(free, self._reserve_bytes, growth, minutes, self._level(free, minutes))
@@ -105,7 +99,7 @@ class DiskGuard:
 
 
 def disk_fault(folder: Path, state: DiskState) -> Fault:
-    """Return what to tell when recording cannot go on."""
+    """Return the fault of a disk that is full up to the reserve."""
     return Fault(
         "the disk is full up to the reserve",
         str(folder),

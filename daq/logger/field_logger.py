@@ -179,7 +179,7 @@ def log(
 
 @dataclass(frozen=True)
 class _Known:
-    """What `log` was asked for."""
+    """Arguments of `log`, checked and loaded."""
 
     vehicle: VehicleConfig
     out: Path
@@ -208,10 +208,10 @@ def _opened(
 
 
 def _recorder_options(known: _Known, usable: VehicleConfig, folder: Path, remarks: list[str]) -> RecorderOptions:
-    told = {f"interface.{bus.channel}": bus.interface or "socketcan" for bus in known.vehicle.bus}
-    told |= {f"remark.{number}": text for number, text in enumerate(remarks)}
+    settings = {f"interface.{bus.channel}": bus.interface or "socketcan" for bus in known.vehicle.bus}
+    settings |= {f"remark.{number}": text for number, text in enumerate(remarks)}
     databases = known.databases if known.view and known.databases else None
-    return RecorderOptions(usable, folder, known.attachments, {**told, **known.metadata}, databases)
+    return RecorderOptions(usable, folder, known.attachments, {**settings, **known.metadata}, databases)
 
 
 def _remarks(sources: list[ReconnectingSource]) -> list[str]:

@@ -21,7 +21,7 @@ from daq.channels import Channel
 from daq.config import VehicleConfig
 from daq.errors import HardwareError
 from daq.logger.health.monitor import HealthMonitor
-from daq.logger.health.report import HealthReport, HostFacts
+from daq.logger.health.report import HealthReport, HostStatus
 from daq.logger.snapshot import Samples, Traces
 
 T = TypeVar("T")
@@ -72,18 +72,18 @@ class Task:
         Were recorded before `batches`, and are only counted.
     now_ns : int
         File time.
-    host : HostFacts
+    host : HostStatus
     """
 
     batches: list[FrameBatch]
     skipped: list[FrameBatch]
     now_ns: int
-    host: HostFacts
+    host: HostStatus
 
 
 @dataclass(frozen=True)
 class Findings:
-    """What was found.
+    """Result of an inspection.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class Findings:
 
 
 class Inspection:
-    """Decodes frames once, for everyone who wants to know what they say.
+    """Decodes frames once, for health, traces and decoded topics.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ class Inspection:
         self._traces = Traces(traced, databases)
 
     def inspect(self, task: Task) -> Findings:
-        """Find out what frames say."""
+        """Decode frames and evaluate their health."""
         decoded: Mapping[tuple[str, str], Channel] = {}
         if task.skipped:
             self._monitor.skip(concatenate(task.skipped))
@@ -142,10 +142,6 @@ class Inspection:
 
 class Inspector(threading.Thread):
     """The thread: one task at a time, its findings to be fetched.
-
-    Parameters
-    ----------
-    inspection : Inspection
 
     Attributes
     ----------
@@ -168,7 +164,7 @@ class Inspector(threading.Thread):
 
     @property
     def busy_s(self) -> float:
-        """For how long it has been at work on a task."""
+        """For how long it has been busy with a task."""
         return 0.0 if self._busy_since is None else time.monotonic() - self._busy_since
 
     def give(self, task: Task) -> None:
@@ -190,7 +186,7 @@ class Inspector(threading.Thread):
         self._tasks.put(None)
 
     def run(self) -> None:
-        """Inspect until told to end."""
+        """Inspect until `end` is called."""
         while (task := self._tasks.get()) is not None:
             self._found.put(self.shield.run(partial(self._inspection.inspect, task)))
 
@@ -229,7 +225,7 @@ class Feed:
         while self._fresh and (self.behind or self._bytes > _MOST_BYTES):
             self._skip()
 
-    def task(self, now_ns: int, host: HostFacts) -> Task:
+    def task(self, now_ns: int, host: HostStatus) -> Task:
         """Return what is to be inspected now."""
         task = Task(list(self._fresh), list(self._skipped), now_ns, host)
         self._fresh.clear()

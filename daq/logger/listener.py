@@ -14,7 +14,7 @@ from typing import Generic, TypeVar
 
 from daq.can.frames import FrameBatch, concatenate
 from daq.host_clock import HostClock, StampTracker
-from daq.logger.health.report import BusFacts
+from daq.logger.health.report import BusStatus
 from daq.sources.reconnect import ReconnectingSource
 
 T = TypeVar("T")
@@ -109,7 +109,7 @@ def together(arrivals: Sequence[Arrival]) -> list[Arrival]:
 
 
 class Listener(threading.Thread):
-    """Reads one source until it is told to stop.
+    """Reads one source until `stop` is set.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ class Listener(threading.Thread):
     Attributes
     ----------
     alive_at : float
-        Monotonic time at which it last went round, for the watchdog.
+        Monotonic time of the last iteration, for the watchdog.
     fetched : int
         Frames that were read so far.
     unwritten : int
@@ -155,25 +155,25 @@ class Listener(threading.Thread):
         self._wanted = threading.Event()
 
     @property
-    def unsure(self) -> int:
-        """Frames whose time cannot be told for sure, because the clock was set when they came."""
-        return self._stamps.unsure
+    def uncertain_frames(self) -> int:
+        """Frames whose time is uncertain, because the clock was set when they came."""
+        return self._stamps.uncertain
 
     @property
     def stuck_s(self) -> float:
-        """For how long it has not gone round; an interface that is being opened has its time for that."""
+        """Time since the last iteration; the time that opening an interface may take is subtracted."""
         return max(time.monotonic() - self.alive_at - (_OPENING_S if self.source.opening else 0.0), 0.0)
 
-    def facts(self) -> BusFacts:
+    def status(self) -> BusStatus:
         """Return what is known of the bus now."""
-        return replace(self.source.facts(), queue_drops=self.unwritten)
+        return replace(self.source.status(), queue_drops=self.unwritten)
 
     def abandon(self) -> None:
-        """Have it give up frames for which there is no room: nobody writes any more."""
+        """Make it drop frames for which there is no room, because nothing is written any more."""
         self._abandoned = True
 
     def hurry(self) -> None:
-        """Have it fetch now what is there: it will be flushed."""
+        """Make it fetch now, before a flush."""
         self._wanted.set()
 
     def run(self) -> None:

@@ -1,6 +1,6 @@
-"""What the logger shows to people while it records, and what they may tell it.
+"""Interface of a panel that shows the logger's state and passes commands of its users.
 
-The logger hands a snapshot to a `Panel` a few times a second and looks whether there are commands. A panel may be slow,
+The logger hands a snapshot to a `Panel` a few times a second and asks it for commands. A panel may be slow,
 broken or absent: neither call may wait, and neither may raise.
 """
 

@@ -22,7 +22,7 @@ from daq.host_clock import HostClock
 from daq.logger.listener import Arrival
 from daq.logger.run_files import BETWEEN_FOLDER, VEHICLE_KEY, RunFiles, new_run
 from daq.recording import DiagnosticStatus, Event, PartWriter
-from daq.recording.decoded_topics import DecodedView
+from daq.recording.decoded_topics import DecodedWriter
 from daq.recording.disk_file import make_folder
 from daq.recording.events import Severity
 from daq.recording.part_writer import since, total
@@ -30,10 +30,6 @@ from daq.recording.part_writer import since, total
 
 class RunClock:
     """Brings the session's times to those of a run that begins now.
-
-    Parameters
-    ----------
-    clock : HostClock
 
     Attributes
     ----------
@@ -73,13 +69,13 @@ class RunClock:
         """Return every time the clock was set, in the run's time, and by how much."""
         return [(step.time_ns + self.shift_ns, f"{step.step_s:+.6f} s") for step in self._clock.steps]
 
-    def told(self, fit: ClockFit | None) -> dict[str, str]:
+    def as_metadata(self, fit: ClockFit | None) -> dict[str, str]:
         """Return the fit to GNSS time in the run's time, and every time the clock was set, for a metadata record."""
-        told = {f"step.{number}": f"{step} at {at_ns}" for number, (at_ns, step) in enumerate(self.steps(), 1)}
+        metadata = {f"step.{number}": f"{step} at {at_ns}" for number, (at_ns, step) in enumerate(self.steps(), 1)}
         if fit is not None:
             offset_s, reference_ns = fit.offset_s + self.shift_ns * 1e-9, fit.reference_ns + self.shift_ns
-            told |= replace(fit, offset_s=offset_s, reference_ns=reference_ns).as_metadata()
-        return told
+            metadata |= replace(fit, offset_s=offset_s, reference_ns=reference_ns).as_metadata()
+        return metadata
 
 
 BETWEEN_KEY = "between_runs"
@@ -144,7 +140,7 @@ class Recorder:
         self._drops: Mapping[str, int] = {}
         self._losses: Mapping[str, int] = {}
         self._clock_fit: ClockFit | None = None
-        self._clock_told: dict[str, str] = {}
+        self._clock_metadata: dict[str, str] = {}
         self._marks: deque[Event] = deque(maxlen=_MARKS_KEPT)
         self._rotation_fault: Fault | None = None
         self.paths: list[Path] = []
@@ -213,13 +209,13 @@ class Recorder:
         self._writer.write_clock(last_ns, arrival.bus, offset_ns, self._time.base_ns - offset_ns)
         self._note_part()
 
-    def write_view(self, decoded: Mapping[tuple[str, str], Channel]) -> None:
+    def write_decoded(self, decoded: Mapping[tuple[str, str], Channel]) -> None:
         """Write decoded topics."""
         if self._view is not None:
             self._view.write(self._time.channels(decoded))
 
     def write_health(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Write how everything is."""
+        """Write the health statuses."""
         self._writer.write_diagnostics(time_ns + self._time.shift_ns, statuses)
 
     def event(self, name: str, text: str, severity: Severity = "info") -> None:
@@ -233,23 +229,23 @@ class Recorder:
         self._writer.flush()
 
     def start(self, run_id: str) -> str:
-        """Begin a run; a running one ends. Say what people should know of it, if anything."""
+        """Begin a run; a running one ends. Return a remark for the user, or nothing."""
         base = self._base.model_copy(update={"id": run_id or self._base.id})
         run = new_run(self._options.folder, base, self._options.vehicle)
         return self._switch(run) or (run.remark if run_id else "")
 
     def stop(self) -> str:
-        """End the run and record between runs; say what people should know of it, if anything."""
+        """End the run and record between runs; return a remark for the user, or nothing."""
         return "" if self.between else self._switch(None)
 
     def note_losses(self, drops: Mapping[str, int], losses: Mapping[str, int]) -> None:
-        """Take what the session has lost so far; see `daq.recording.PartWriter.note_losses`."""
+        """Take the counts of the session's losses so far; see `daq.recording.PartWriter.note_losses`."""
         self._drops, self._losses = dict(drops), dict(losses)
         self._writer.note_losses(since(drops, self._drops_before), since(losses, self._losses_before))
 
     def note_clock(self, fit: ClockFit | None, more: Mapping[str, str]) -> None:
-        """Take what is known of the host's clock; every run's last file tells it."""
-        self._clock_fit, self._clock_told = fit, dict(more)
+        """Take what is known of the host's clock; it is written into every run's last file."""
+        self._clock_fit, self._clock_metadata = fit, dict(more)
 
     @property
     def flush_due_s(self) -> float:
@@ -262,7 +258,7 @@ class Recorder:
         self._note_part()
 
     def replace_lost_file(self) -> str:
-        """Go on in another file where the one that is written was moved or removed; say so, else nothing."""
+        """Continue in another file where the current one was moved or removed; return a remark then, else nothing."""
         lost = self.path
         try:
             if lost.exists():
@@ -272,7 +268,7 @@ class Recorder:
         except (OSError, RecordingError, HardwareError) as error:
             return f"{lost.name} was moved or removed, and no other can be begun: {error}"
         self._note_part()
-        said = f"{lost.name} was moved or removed while it was written: it goes on in {self.path.name}"
+        said = f"{lost.name} was moved or removed while it was written: recording continues in {self.path.name}"
         self.event("part", said, "error")
         return said
 
@@ -288,7 +284,7 @@ class Recorder:
         self._writer, self._run = writer, run
         self._view = None
         if self._options.databases is not None:
-            self._view = DecodedView(writer, self._options.vehicle, self._options.databases)
+            self._view = DecodedWriter(writer, self._options.vehicle, self._options.databases)
         self._time = RunClock(self._clock)
         self._begun_ns = self.now_ns()
         self._drops_before, self._losses_before = self._drops, self._losses
@@ -330,7 +326,7 @@ class Recorder:
         try:
             following = self._writer_of(run)
         except (RecordingError, HardwareError) as error:
-            text = f"it goes on in {old.path.name}: {error.faults[0]}"
+            text = f"recording continues in {old.path.name}: {error.faults[0]}"
             self.event("run", text, "error")
             return text
         try:
@@ -343,21 +339,21 @@ class Recorder:
         return ""
 
     def _conclude(self) -> None:
-        """Tell the end of a run, and what is known of the clock."""
+        """Write the end of a run, and the fit and steps of the clock."""
         if self._run is not None:
             self.event("run", f"run {self.run_id!r} ends")
-        told = self._time.told(self._clock_fit) | self._clock_told
-        if told:
-            self._writer.add_metadata(CLOCK, told)
+        metadata = self._time.as_metadata(self._clock_fit) | self._clock_metadata
+        if metadata:
+            self._writer.add_metadata(CLOCK, metadata)
         steps = {str(at_ns): step for at_ns, step in self._time.steps() if at_ns >= self._begun_ns}
         if steps:
             self._writer.add_metadata(CLOCK_STEPS, steps)
 
     def _note_part(self) -> None:
-        """Tell of a new part, or why there is none."""
+        """Write an event for a new part, or for the reason that there is none."""
         writer = self._writer
         if writer.path != self.paths[-1]:
-            self.event("part", f"goes on from {self.paths[-1].name} in {writer.path.name}")
+            self.event("part", f"continues {self.paths[-1].name} in {writer.path.name}")
             self.paths.append(writer.path)
         if writer.rotation_fault != self._rotation_fault:
             self._rotation_fault = writer.rotation_fault

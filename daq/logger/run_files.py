@@ -18,15 +18,15 @@ from pathlib import Path
 
 from daq.config import RunInfo, VehicleConfig
 from daq.errors import Fault, HardwareError, RecordingError
+from daq.formatting import file_name
 from daq.recording import Recording
 from daq.recording.contents import MAGIC
 from daq.recording.format import RUN_END, RUN_START
 from daq.recording.part_writer import ROTATED, next_part, part_number, parts_on_disk
 from daq.recording.recovery import RECOVERED
-from daq.shown import file_name
 
-_LOOKED_AT_S = 0.05
-"""How long somebody who looks whether the folder is held may hold it."""
+_LONGEST_CHECK_S = 0.05
+"""How long a process that only checks whether the folder is locked may hold the lock."""
 _WRITTEN_WITHIN_S = 10.0
 """A file that is being recorded grows at least once a second."""
 BETWEEN_FOLDER = "between"
@@ -85,7 +85,7 @@ def _take(descriptor: int) -> None:
     try:
         _lock(descriptor)
     except BlockingIOError:
-        time.sleep(_LOOKED_AT_S)
+        time.sleep(_LONGEST_CHECK_S)
         _lock(descriptor)
 
 
@@ -95,7 +95,7 @@ def _lock(descriptor: int, *, shared: bool = False) -> None:
     Raises
     ------
     BlockingIOError
-        If somebody else holds it.
+        If another process holds it.
     OSError
         If the file system or the operating system has no such locks.
     """
@@ -120,7 +120,7 @@ def _is_held(folder: Path) -> bool:
 VEHICLE_KEY = "vehicle"
 """In the ``run_start`` metadata: the vehicle's name."""
 GOES_ON_WITHIN_S = 600.0
-"""A run that was cut off goes on when its last frame is not older."""
+"""A run that was cut off continues when its last frame is not older."""
 SUFFIX = ".mcap"
 _LONGEST_NAME_BYTES = 200
 """File systems take 255; a part's number and the ending come behind it."""
@@ -138,7 +138,7 @@ class RunFiles:
         Number of the part to begin with.
     run : RunInfo
     remark : str
-        What people should know of the choice; may be empty.
+        A remark on the choice for the user; may be empty.
     """
 
     first: Path
@@ -154,7 +154,7 @@ def safe_name(text: str, fallback: str = "run") -> str:
 
 
 def dated_name(vehicle: VehicleConfig) -> str:
-    """Return the name of a run that nobody named: the vehicle's and the time."""
+    """Return the default name of a run: the vehicle's name and the time."""
     name = re.sub(r"[^\w-]+", "-", vehicle.vehicle.name).strip("-") or "run"
     return f"{name}_{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
 
@@ -172,7 +172,7 @@ def new_run(folder: Path, run: RunInfo, vehicle: VehicleConfig) -> RunFiles:
 
 
 def named_run(first: Path, run: RunInfo, vehicle: VehicleConfig) -> RunFiles:
-    """Return the files of a run that people named; where it is there and was cut off, it goes on.
+    """Return the files of a run that people named; an existing run that was cut off continues.
 
     Where the clock was set back behind the last frame, a new run with a number begins: the times of a run do not.
 
@@ -196,7 +196,7 @@ def named_run(first: Path, run: RunInfo, vehicle: VehicleConfig) -> RunFiles:
 
 
 def unfinished_run(folder: Path, vehicle: VehicleConfig) -> RunFiles | None:
-    """Return how the newest recording of a vehicle goes on, if it was cut off a short while ago; see `named_run`."""
+    """Return how the newest recording of a vehicle continues, if it was cut off a short while ago; see `named_run`."""
     for parts in _newest_first(folder):
         try:
             recording = _last_begun(parts)
@@ -239,14 +239,14 @@ def _after(recording: Recording, folder: Path, run: RunInfo, vehicle: VehicleCon
     """Return a new run in place of one that cannot go on because the clock was set back."""
     following = new_run(folder, run, vehicle)
     behind_s = (_last_ns(recording) - time.time_ns()) * 1e-9
-    told = f"run {run.id!r} was cut off, and the clock is {behind_s:.1f} s behind its last frame"
-    return replace(following, remark=f"{told}: run {following.run.id!r} begins")
+    what = f"run {run.id!r} was cut off, and the clock is {behind_s:.1f} s behind its last frame"
+    return replace(following, remark=f"{what}: run {following.run.id!r} begins")
 
 
 def _continued(first: Path, recording: Recording) -> RunFiles:
     run = recording.run or RunInfo(id=first.stem)
     path, part = next_part(first)
-    return RunFiles(first, part, run, f"run {run.id!r} was cut off: it goes on in {path.name}")
+    return RunFiles(first, part, run, f"run {run.id!r} was cut off: it continues in {path.name}")
 
 
 def _last_begun(parts: Sequence[Path]) -> Recording | None:

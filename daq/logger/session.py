@@ -1,4 +1,4 @@
-"""A session: sources -> queue -> files, until the time is up or somebody ends it."""
+"""A session: sources -> queue -> files, until its time is up or it is ended."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from daq.logger.disk_guard import disk_fault
 from daq.logger.health.report import Level
 from daq.logger.inspection import Feed
 from daq.logger.listener import Arrival, ByteQueue, Listener, together
-from daq.logger.session_monitor import Attendance, Ending, LogSummary, SessionParts
+from daq.logger.session_monitor import Ending, LogSummary, SessionMonitor, SessionParts
 from daq.logger.watch import Watch
 from daq.sources.can_source import SourceCounters
 
 _WAIT_S = 0.05
 _GATHER_S = 0.2
-"""Frames rest so long in the queue, or until it is time to flush, and are written together: that takes less CPU."""
+"""Frames wait this long in the queue, or until the next flush, and are written together, which takes less CPU."""
 _FETCH_S = 0.01
 """So long before, the readers fetch what the kernel still holds."""
 _MOST_AT_ONCE = 4 << 20
@@ -29,12 +29,7 @@ _STATUS = {"signal": "interrupted", "duration": "ok", "stop": "ok", "disk": "dis
 
 
 class Session:
-    """Records until it ends, and closes the files however it ends.
-
-    Parameters
-    ----------
-    parts : SessionParts
-    """
+    """Records until it ends, and closes the files however it ends."""
 
     def __init__(self, parts: SessionParts) -> None:
         self._parts = parts
@@ -49,12 +44,12 @@ class Session:
         self._feed = Feed()
         self._watch = Watch(parts.clock, self._listeners, self._queue, parts.guard)
         self._shield = parts.inspector.shield
-        self._attendance = Attendance(parts, self._watch, self._feed)
+        self._monitor = SessionMonitor(parts, self._watch, self._feed)
         self._caught = parts.caught
         self._disk_faults: tuple[Fault, ...] = ()
 
     def record(self, duration_s: float | None) -> LogSummary:
-        """Record until `duration_s` is over, a signal comes, somebody asks to stop, or the disk is full."""
+        """Record until `duration_s` is over, a signal or a command ends it, or the disk is full."""
         began_at = time.monotonic()
         deadline = None if duration_s is None else began_at + duration_s
         status = "failed"
@@ -78,7 +73,7 @@ class Session:
         while (ending := self._ending(deadline)) is None:
             now = time.monotonic()
             if self._parts.progress is not None and now >= report_at:
-                self._parts.progress(self._attendance.status())
+                self._parts.progress(self._monitor.status())
                 report_at = now + _PROGRESS_EVERY_S
             left_s = math.inf if deadline is None else max(deadline - now, 0.0)
             if self._round(min(_WAIT_S, left_s)):
@@ -101,7 +96,7 @@ class Session:
             self._recorder.write(arrival)
             self._feed.take(arrival.batch, share)
         self._recorder.tick()
-        self._shield.run(lambda: self._attendance.attend(time.monotonic()))
+        self._shield.run(lambda: self._monitor.run_due(time.monotonic()))
         return bool(came)
 
     def _ending(self, deadline: float | None) -> Ending | None:
@@ -126,7 +121,7 @@ class Session:
             self._round(0.01)
         while self._round(0.0):
             pass
-        self._shield.run(self._attendance.conclude)
+        self._shield.run(self._monitor.conclude)
         if ending == "disk":
             self._recorder.event("disk", str(self._disk_faults[0]), "error")
 
@@ -155,7 +150,7 @@ class Session:
     def _close_files(self, status: str) -> None:
         self._count_unwritten()
         try:
-            self._attendance.note_losses()
+            self._monitor.note_losses()
         finally:
             self._recorder.close(status)
 
@@ -176,10 +171,10 @@ class Session:
             frames=dict.fromkeys(self._buses, 0) | self._recorder.frame_counts,
             error_frames={bus: count.error_frames for bus, count in counters.items()},
             drops={bus: count.dropped for bus, count in counters.items() if count.dropped is not None},
-            losses=self._attendance.losses(),
+            losses=self._monitor.losses(),
             duration_s=duration_s,
             ended_by=ending,
             signal_number=self._caught[0] if self._caught and ending == "signal" else None,
             faults=(*self._disk_faults, *down),
-            remarks=self._attendance.remarks(),
+            remarks=self._monitor.remarks(),
         )

@@ -176,7 +176,7 @@ class SessionParts:
     remarks: list[str] = field(default_factory=list)
 
 
-_LOOK_EVERY_S = 0.05
+_RUN_EVERY_S = 0.05
 _INSPECT_EVERY_S = 0.4
 _SHOW_EVERY_S = 0.2
 _INSPECTION_STUCK_S = 5.0
@@ -184,21 +184,14 @@ _LAST_INSPECTION_S = 2.0
 _FAILURE_STANDS_S = 10.0
 _LOST_FILE_STANDS_S = 60.0
 _SWITCH_EVERY_S = 1.0
-"""A run lasts at least so long."""
+"""Least duration of a run between two commands."""
 _MARKS_AT_ONCE = 4
 _MOST_ASKED = 32
 _MOST_REMARKS = 50
 
 
-class Attendance:
-    """Looks after a session between two writes; in the thread that writes.
-
-    Parameters
-    ----------
-    parts : SessionParts
-    watch : Watch
-    feed : Feed
-    """
+class SessionMonitor:
+    """Health, page, commands and remarks of a running session; called between two writes, in the thread that writes."""
 
     def __init__(self, parts: SessionParts, watch: Watch, feed: Feed) -> None:
         self._parts = parts
@@ -207,30 +200,30 @@ class Attendance:
         self._watch = watch
         self._feed = feed
         self._started_ns = parts.clock.now_ns()
-        self._look_at = self._inspect_at = self._show_at = 0.0
+        self._run_at = self._inspect_at = self._show_at = 0.0
         self._report: HealthReport | None = None
         self._traces: dict[str, Samples] = {}
-        self._failures_told = 0
+        self._failures_reported = 0
         self._failed_at = -_FAILURE_STANDS_S
         self._file_lost, self._file_lost_at = "", -math.inf
-        self._stuck_told = False
+        self._stuck_reported = False
         self._stopping = False
         self._asked: list[Command] = []
         self._switch_at = 0.0
 
-    def attend(self, now_s: float) -> None:
+    def run_due(self, now_s: float) -> None:
         """Do what is due."""
-        if now_s < self._look_at:
+        if now_s < self._run_at:
             return
-        self._look_at = now_s + _LOOK_EVERY_S
+        self._run_at = now_s + _RUN_EVERY_S
         self._obey_some(now_s)
         self._take_findings(self._inspector.fetch())
         self._watch.skipped_frames = self._feed.skipped_frames
-        if self._watch.look(now_s, self._recorder.bytes_written):
+        if self._watch.refresh(now_s, self._recorder.bytes_written):
             self._each_second()
-        for name, text, severity in self._watch.news(self._feed.behind):
+        for name, text, severity in self._watch.events(self._feed.behind):
             self._recorder.event(name, text, severity)
-        self._tell_inspection(now_s)
+        self._report_inspection(now_s)
         if now_s >= self._inspect_at and self._inspector.idle:
             self._inspect_at = now_s + _INSPECT_EVERY_S
             self._inspector.give(self._feed.task(self._parts.clock.now_ns(), self._watch.host()))
@@ -240,7 +233,7 @@ class Attendance:
             self._traces = {}
 
     def conclude(self) -> None:
-        """Inspect what is left, write it and show the end."""
+        """Inspect and write the remaining frames, and show the final state."""
         self._stopping = True
         self._take_findings(self._inspector.fetch(_LAST_INSPECTION_S) if not self._inspector.idle else None)
         if self._inspector.idle:
@@ -251,19 +244,19 @@ class Attendance:
         self._parts.panel.show(snapshot(self._state()))
 
     def note_losses(self) -> None:
-        """Tell the recorder what has been lost."""
-        drops = {bus: facts.kernel_drops for bus, facts in self._watch.buses().items()}
+        """Pass the counts of lost frames to the recorder."""
+        drops = {bus: status.kernel_drops for bus, status in self._watch.buses().items()}
         self._recorder.note_losses({bus: n for bus, n in drops.items() if n is not None}, self.losses())
 
     def losses(self) -> dict[str, int]:
-        """Return everything that has been lost; see `daq.logger.session_monitor.LogSummary`."""
+        """Return the counts of lost frames by cause; see `daq.logger.session_monitor.LogSummary`."""
         lost = dict(self._report.losses) if self._report else {}
-        for bus, facts in self._watch.buses().items():
-            lost |= {f"kernel.{bus}": facts.kernel_drops or 0, f"queue.{bus}": facts.queue_drops}
+        for bus, status in self._watch.buses().items():
+            lost |= {f"kernel.{bus}": status.kernel_drops or 0, f"queue.{bus}": status.queue_drops}
         return {key: count for key, count in lost.items() if count > 0}
 
     def remarks(self) -> tuple[str, ...]:
-        """Return what people should know."""
+        """Return the remarks for the user."""
         opened = (remark for source in self._parts.sources for remark in source.remarks)
         return tuple(dict.fromkeys((*opened, *self._parts.remarks)))
 
@@ -281,28 +274,30 @@ class Attendance:
     def _each_second(self) -> None:
         if not self._watch.hopeless():
             self._parts.notifier.alive()
-        self._look_for_file()
+        self._replace_lost_file()
         self.note_losses()
         self._write_health()
         self._note_clock()
         now = self.status()
         self._parts.notifier.status(f"{now.level}, {f'run {now.run}' if now.run else 'between runs'} {now.what}")
 
-    def _look_for_file(self) -> None:
-        said = self._recorder.replace_lost_file()
-        if said:
-            self._file_lost, self._file_lost_at = said, time.monotonic()
-            self._remark(said)
+    def _replace_lost_file(self) -> None:
+        text = self._recorder.replace_lost_file()
+        if text:
+            self._file_lost, self._file_lost_at = text, time.monotonic()
+            self._remark(text)
 
     def _write_health(self) -> None:
         if self._report is not None:
             self._recorder.write_health(self._report.time_ns, statuses(self._report))
 
     def _note_clock(self) -> None:
-        """Tell the recorder of the host's clock."""
+        """Pass the state of the host's clock to the recorder."""
         fit = self._report.gnss.clock if self._report and self._report.gnss else None
-        unsure = {f"unsure_frames.{bus}": str(count) for bus, count in self._watch.unsure().items() if count}
-        self._recorder.note_clock(fit, unsure)
+        uncertain = {
+            f"unsure_frames.{bus}": str(count) for bus, count in self._watch.uncertain_frames().items() if count
+        }
+        self._recorder.note_clock(fit, uncertain)
 
     def _take_findings(self, found: Findings | None) -> None:
         if found is None:
@@ -312,10 +307,10 @@ class Attendance:
             known = self._traces.setdefault(role, ([], []))
             known[0].extend(times)
             known[1].extend(values)
-        self._inspector.shield.run(lambda: self._recorder.write_view(found.decoded))
+        self._inspector.shield.run(lambda: self._recorder.write_decoded(found.decoded))
 
     def _obey_some(self, now_s: float) -> None:
-        """Obey what people asked for, never so much of it that frames have to wait."""
+        """Carry out commands of the user, only a few at a time, so that writing frames is not delayed."""
         self._asked += self._parts.panel.commands()
         del self._asked[_MOST_ASKED:]
         for _ in range(_MARKS_AT_ONCE):
@@ -327,44 +322,44 @@ class Attendance:
             self._obey(command)
 
     def _remark(self, text: str) -> None:
-        """Keep something for people to know; the oldest is forgotten in the end."""
-        self._parts.remarks[:] = [*(said for said in self._parts.remarks if said != text), text][-_MOST_REMARKS:]
+        """Keep a remark for the user; only the newest `_MOST_REMARKS` are kept."""
+        self._parts.remarks[:] = [*(known for known in self._parts.remarks if known != text), text][-_MOST_REMARKS:]
 
     def _obey(self, command: Command) -> None:
-        said = ""
+        text = ""
         self.note_losses()
         if command.kind == "start":
-            said = self._recorder.start(command.text.strip())
+            text = self._recorder.start(command.text.strip())
         elif command.kind == "stop":
-            said = self._recorder.stop()
+            text = self._recorder.stop()
         else:
             self._recorder.mark(command.text.strip())
-        if said:
-            self._remark(said)
+        if text:
+            self._remark(text)
 
-    def _tell_inspection(self, now_s: float) -> None:
-        """Tell once of each failure of the inspection, and of one that takes too long."""
+    def _report_inspection(self, now_s: float) -> None:
+        """Record an event for each new failure of the inspection, and one when it takes too long."""
         shield = self._inspector.shield
-        if shield.failures != self._failures_told:
+        if shield.failures != self._failures_reported:
             if now_s - self._failed_at >= _FAILURE_STANDS_S:
                 text = f"frames are recorded, but could not be inspected: {shield.last}"
                 self._recorder.event("logger", text, "error")
                 self._remark(text)
-            self._failures_told, self._failed_at = shield.failures, now_s
+            self._failures_reported, self._failed_at = shield.failures, now_s
         stuck = self._inspector.busy_s > _INSPECTION_STUCK_S
-        if stuck and not self._stuck_told:
+        if stuck and not self._stuck_reported:
             text = "the inspection of frames is stuck: they are recorded, but not decoded any more"
             self._recorder.event("logger", text, "error")
             self._remark(text)
-        self._stuck_told = stuck
+        self._stuck_reported = stuck
 
     def _reasons(self) -> tuple[Reason, ...]:
-        """Return what the report cannot say, as it may be old."""
+        """Return the current reasons that the last report, which may be old, does not contain."""
         found = self._watch.stuck()
         if time.monotonic() - self._file_lost_at < _LOST_FILE_STANDS_S:
             found.append(reason("file_gone", Level.RED, "recording", self._file_lost))
-        if self._stuck_told:
-            what = f"at work for {self._inspector.busy_s:.0f} s: nothing is decoded any more"
+        if self._stuck_reported:
+            what = f"busy for {self._inspector.busy_s:.0f} s: frames are not decoded any more"
             found.append(reason("inspection_stuck", Level.RED, "inspection", what))
         elif time.monotonic() - self._failed_at < _FAILURE_STANDS_S:
             found.append(reason("inspection_failed", Level.AMBER, "inspection", self._inspector.shield.last))

@@ -17,7 +17,7 @@ from daq.can.roles import resolve_roles
 from daq.channels import Channel
 from daq.config import VehicleConfig
 from daq.logger.disk_guard import DiskState
-from daq.logger.health.report import BusHealth, HealthReport, HostFacts, Level, Reason
+from daq.logger.health.report import BusHealth, HealthReport, HostStatus, Level, Reason
 from daq.logger.health.report import worst as worst_level
 from daq.recording.events import Event
 
@@ -119,7 +119,7 @@ class SessionState:
     run : RunState
     report : HealthReport or None
         The last one; None before the first.
-    host : HostFacts
+    host : HostStatus
         Now.
     disk : DiskState
     reasons : tuple of Reason
@@ -137,7 +137,7 @@ class SessionState:
     started_ns: int
     run: RunState
     report: HealthReport | None
-    host: HostFacts
+    host: HostStatus
     disk: DiskState
     reasons: tuple[Reason, ...] = ()
     traces: Mapping[str, Samples] = field(default_factory=dict)
@@ -210,22 +210,22 @@ def _buses(state: SessionState) -> list[dict[str, Any]]:
     """Return the buses; what only the report knows is None before the first."""
     known: dict[str, BusHealth] = {bus.name: bus for bus in state.report.buses} if state.report else {}
     rows = []
-    for name, facts in state.host.buses.items():
+    for name, status in state.host.buses.items():
         health = known.get(name)
         rows.append(
             {
                 "name": name,
-                "level": _level(health.level if health else Level.GREEN if facts.state == "up" else Level.RED),
-                "state": facts.state,
+                "level": _level(health.level if health else Level.GREEN if status.state == "up" else Level.RED),
+                "state": status.state,
                 "rate_hz": health and _number(health.rate_hz),
                 "load_percent": health and _number(100.0 * health.load),
-                "frames": facts.received,
+                "frames": status.received,
                 "error_frames": health.error_frames if health else 0,
-                "kernel_drops": facts.kernel_drops,
-                "queue_drops": facts.queue_drops,
+                "kernel_drops": status.kernel_drops,
+                "queue_drops": status.queue_drops,
                 "unknown_frames": health.unknown_frames if health else 0,
                 "age_s": health and _number(health.age_s),
-                "detail": facts.detail,
+                "detail": status.detail,
             }
         )
     return rows

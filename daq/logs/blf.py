@@ -252,11 +252,11 @@ def _containers(file: BinaryIO, report: LogReport) -> Iterator[tuple[str, int, b
         if not head.strip(b"\0"):
             return
         if len(head) < _CONTAINER_HEADER.size or not head.startswith(MAGIC):
-            report.note_bad(where, "no container starts here; the rest of the file is left out")
+            report.note_bad(where, "no container starts here; the rest of the file is skipped")
             return
         _, _, _, size, kind, method, _ = _CONTAINER_HEADER.unpack(head)
         if not len(head) <= size <= _LARGEST_BYTES:
-            report.note_bad(where, f"the length of this container is {size}; the rest of the file is left out")
+            report.note_bad(where, f"the length of this container is {size}; the rest of the file is skipped")
             return
         body = file.read(size - len(head))
         missing = size - len(head) - len(body)
@@ -315,13 +315,13 @@ def _joined(pieces: list[bytes], room: NDArray[np.uint8]) -> tuple[NDArray[np.ui
 
 def _object_starts(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[Places, int]:
     """Return where the complete objects start, and up to where the bytes have been used."""
-    alike = _alike(text)
-    used = int(alike[1]) * len(alike) if len(alike) > 1 else 0
+    equal = _equally_long(text)
+    used = int(equal[1]) * len(equal) if len(equal) > 1 else 0
     others, end = _search(text[used:], done + used, report)
-    return np.concatenate((alike if used else alike[:0], others + used)), end + used
+    return np.concatenate((equal if used else equal[:0], others + used)), end + used
 
 
-def _alike(text: NDArray[np.uint8]) -> Places:
+def _equally_long(text: NDArray[np.uint8]) -> Places:
     """Return where the objects start that all have the length of the first one, as most logs' have."""
     if len(text) < HEADER.itemsize:
         return np.zeros(0, np.intp)

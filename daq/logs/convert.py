@@ -15,7 +15,7 @@ from daq.config import RunInfo, VehicleConfig
 from daq.errors import DataError, Fault
 from daq.logs import LogReport, read_log
 from daq.recording import RecordingWriter
-from daq.recording.decoded_topics import DecodedView
+from daq.recording.decoded_topics import DecodedWriter
 from daq.runs.run import LENIENT_KEY, Configuration
 
 _BATCH_FRAMES = 1 << 17
@@ -23,7 +23,7 @@ _BATCH_FRAMES = 1 << 17
 
 @dataclass(frozen=True)
 class Imported:
-    """What an import did.
+    """Result of an import.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ def import_logs(
         Rate of the decoded topics; None: raw frames only.
     overwrite : bool
     watch : callable, optional
-        Is told the number of frames after each batch.
+        Called with the number of frames after each batch.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def import_logs(
     try:
         with writer:
             vehicle = known.vehicle or VehicleConfig()
-            view = DecodedView(writer, vehicle, known.databases) if known.databases and view_rate_hz else None
+            view = DecodedWriter(writer, vehicle, known.databases) if known.databases and view_rate_hz else None
             decoder = Decoder(known.databases)
             for batch in _batches(logs, rename, reports):
                 writer.write_frames(batch)

@@ -70,33 +70,33 @@ _TEXT: tuple[tuple[re.Pattern[bytes], LogFormat | str], ...] = (
 
 
 def chosen_format(path: Path, head: bytes) -> LogFormat:
-    """Return the format of a log, by its suffix or else by what it looks like.
+    """Return the format of a log, by its suffix or else by its content.
 
     Raises
     ------
     RecordingError
-        If it looks like something else than its suffix says, or like nothing that can be read.
+        If its content contradicts its suffix, or is of no known format.
     """
     by_suffix = _by_suffix(path)
-    seen = _look(head)
-    if seen is None and by_suffix is not None:
+    detected = _detected(head)
+    if detected is None and by_suffix is not None:
         return by_suffix
-    if isinstance(seen, LogFormat) and by_suffix in (None, seen):
-        return seen
-    if seen is None:
-        faults = [Fault("no log format is known by this suffix, and it looks like none", str(path), _shown(head))]
+    if isinstance(detected, LogFormat) and by_suffix in (None, detected):
+        return detected
+    if detected is None:
+        faults = [Fault("neither its suffix nor its content is of a known log format", str(path), _first_bytes(head))]
         faults += [Fault(f"it is not {known.name}", expected=" or ".join(known.suffixes)) for known in LOG_FORMATS]
         raise RecordingError(*faults)
-    if isinstance(seen, LogFormat):
-        advice = f"rename it to end in {seen.suffixes[0]}"
-    elif seen == "an MCAP recording":
+    if isinstance(detected, LogFormat):
+        advice = f"rename it to end in {detected.suffixes[0]}"
+    elif detected == "an MCAP recording":
         advice = "it needs no import: give it to the other commands as it is"
-    elif seen.startswith("candump"):
+    elif detected.startswith("candump"):
         advice = "record with `candump -L`, which writes exact times"
     else:
         advice = "wheelsoil reads " + ", ".join(known.name for known in LOG_FORMATS)
     named = f"a name for {by_suffix.name}" if by_suffix else "no name of a log"
-    text = seen.name if isinstance(seen, LogFormat) else seen
+    text = detected.name if isinstance(detected, LogFormat) else detected
     raise RecordingError(Fault(f"this looks like {text}", str(path), named, next_step=advice))
 
 
@@ -142,7 +142,7 @@ def _by_suffix(path: Path) -> LogFormat | None:
     return next((known for known in LOG_FORMATS if last in known.suffixes), None)
 
 
-def _look(head: bytes) -> LogFormat | str | None:
+def _detected(head: bytes) -> LogFormat | str | None:
     for magic, meaning in _MAGIC:
         if head.startswith(magic):
             return meaning
@@ -154,7 +154,7 @@ def _look(head: bytes) -> LogFormat | str | None:
     return None
 
 
-def _shown(head: bytes) -> str:
+def _first_bytes(head: bytes) -> str:
     return f"begins with {head[:40]!r}"
 
 
@@ -183,7 +183,7 @@ def read_log(path: str | Path, *, batch_frames: int = 65_536) -> LogReading:
 
     Times are UTC where the log has a date (ASC, TRC and BLF dates are taken for UTC); otherwise they count from the
     logger's own zero, and ``report.absolute_time`` is False. Frames stay in the order of the file. What cannot be read
-    is left out, counted and shown in the report.
+    is excluded, and counted in the report.
 
     Buses are called as in the log (candump), ``can0`` for the first channel of BLF, ASC and TRC, as python-can does,
     ``can<BusChannel>`` in MF4, and ``can0`` in CSV, which names none.

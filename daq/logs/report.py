@@ -1,4 +1,4 @@
-"""What reading a log brought to light: its format, its buses, and every line that could not be used."""
+"""Report on reading a log: its format, its buses, and the lines that could not be used."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class LogReport:
         self.skipped[kind] = self.skipped.get(kind, 0) + count
 
     def note_frames(self, frames: FrameArray, where: Callable[[int], str]) -> None:
-        """Count frames and look whether their times go back; `where` names the place of a frame of these."""
+        """Count frames and check whether their times go back; `where` returns the place of one of these frames."""
         if not len(frames):
             return
         time_ns = frames["time_ns"]
@@ -94,7 +94,7 @@ class LogReport:
         if self.damage:
             lines.append(f"after frame {self.frames}: {self.damage}")
         if self.bad:
-            lines.append(f"{self.bad} unreadable, left out; the first is {self.first_bad}")
+            lines.append(f"{self.bad} unreadable, skipped; the first is {self.first_bad}")
         if self.out_of_order:
             lines.append(f"{self.out_of_order} frames are out of order; the first is {self.first_out_of_order}")
         lines.extend(f"{count} skipped: {kind}" for kind, count in self.skipped.items())

@@ -86,7 +86,7 @@ class _Lines:
         self.number += 1
         self.current = line
         if line[:1].isalpha():
-            self._look_for_date(line)
+            self._read_date(line)
         return line
 
     def push(self, line: str | None) -> None:
@@ -98,7 +98,7 @@ class _Lines:
         """Close the file."""
         self._text.close()
 
-    def _look_for_date(self, line: str) -> None:
+    def _read_date(self, line: str) -> None:
         if _RELATIVE.match(line):
             raise RecordingError(
                 Fault(
@@ -130,7 +130,7 @@ def _utc_ns(match: re.Match[str]) -> int:
     return int(start.timestamp()) * 10**9 + int((match["fraction"] or "0").ljust(9, "0"))
 
 
-class _TrcComplaints(logging.Handler):
+class _TrcWarnings(logging.Handler):
     """python-can's TRC reader logs a line that it cannot read instead of raising."""
 
     def __init__(self, lines: _Lines) -> None:
@@ -156,7 +156,7 @@ def _batches(
     on with the next line once it has been given the `resume` line where it expects a header.
     """
     report = lines.report
-    logger, complaints = logging.getLogger("can.io"), _TrcComplaints(lines)
+    logger, complaints = logging.getLogger("can.io"), _TrcWarnings(lines)
     logger.addHandler(complaints)
 
     def bus(message: can.Message) -> int:

@@ -1,5 +1,5 @@
 from .contents import Loss as Loss
-from .decoded_topics import DecodedView as DecodedView
+from .decoded_topics import DecodedWriter as DecodedWriter
 from .events import DiagnosticStatus as DiagnosticStatus
 from .events import Event as Event
 from .format import CLASSIC_SCHEMA as CLASSIC_SCHEMA

@@ -1,4 +1,4 @@
-"""Chunks of an MCAP file, packed, and unpacked with every length and checksum looked at."""
+"""Chunks of an MCAP file: packing, and unpacking with a check of every length and checksum."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MESSAGE_HEAD_SIZE = 22
 
 
 class DamagedError(Exception):
-    """Bytes that are not what they should be. Caught inside this package and told as a `Loss`."""
+    """Damaged bytes. Caught inside this package and reported as a `Loss`."""
 
 
 @dataclass(frozen=True)

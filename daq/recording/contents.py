@@ -1,4 +1,4 @@
-"""Find out what an MCAP file holds: from its summary, or, when that is lost, by walking the records.
+"""Contents of an MCAP file: from its summary or, where that is lost, by reading all records.
 
 What an MCAP file holds and where, and the parsing of its small records.
 
@@ -66,7 +66,7 @@ class Loss:
 
 @dataclass
 class Contents:
-    """What lies where. Offsets are bytes from the beginning of the file."""
+    """Index of the records of a file. Offsets are bytes from the beginning of the file."""
 
     path: Path
     size: int
@@ -151,7 +151,7 @@ _FOOTER_BODY_SIZE = 20
 
 
 def take_summary(file: BinaryIO, contents: Contents) -> bool:
-    """Take what the summary says, and say whether there was a whole one."""
+    """Read the summary; return whether it was complete."""
     footer_start = contents.size - _FOOTER.size - len(MAGIC)
     tail = read_at(file, max(footer_start, 0), _FOOTER.size + len(MAGIC))
     if footer_start < len(MAGIC) or tail[_FOOTER.size :] != MAGIC:
@@ -332,7 +332,7 @@ def _marked(block: bytes) -> Iterator[int]:
 
 
 def read_contents(path: Path) -> Contents:
-    """Find out what lies where in an MCAP file, whole or cut.
+    """Index the records of an MCAP file, complete or cut off.
 
     Raises
     ------
@@ -409,7 +409,7 @@ def _define_channels(file: BinaryIO, contents: Contents) -> None:
 def _define_from(file: BinaryIO, contents: Contents, entry: ChunkEntry) -> frozenset[int]:
     """Take what a chunk defines, and return the channels of its messages."""
     used: set[int] = set()
-    with contextlib.suppress(DamagedError):  # told where its frames are read
+    with contextlib.suppress(DamagedError):  # reported where its frames are read
         for opcode, start, length in content_records(content := read_chunk(file, entry)):
             if opcode == Opcode.MESSAGE:
                 used.add(message_head(content, start, length)[0])

@@ -1,4 +1,4 @@
-"""The decoded view of a recording: physical values beside the raw frames, for people and other tools.
+"""Decoded topics of a recording: physical values beside the raw frames, for people and other tools.
 
 Decoded topics: physical values as fixed-size messages, beside the raw frames they come from.
 
@@ -191,7 +191,7 @@ class Topics:
     chunk_bytes: int
     tick: Callable[[], None]
 
-    def settle(self, written: DecodedTopics | HostTopics) -> None:
+    def write_if_full(self, written: DecodedTopics | HostTopics) -> None:
         """Write a chunk if there is enough for one."""
         if written.pending_bytes >= self.chunk_bytes:
             written.write_chunk()
@@ -226,12 +226,12 @@ class TopicWriter(ABC):
         signals : mapping str -> float64 array, shape (n,)
             NaN where a frame did not carry the signal.
         units : mapping str -> str
-            Unit of every signal of the message; the first call for a message settles which there are.
+            Unit of every signal of the message; the first call for a message fixes the set of signals.
         publish_ns : int64 array, shape (n,), optional
             Best estimate of the measurement time; `time_ns` where there is none.
         """
         self.topics.decoded.write(message, bus, time_ns, signals, units, time_ns if publish_ns is None else publish_ns)
-        self.topics.settle(self.topics.decoded)
+        self.topics.write_if_full(self.topics.decoded)
 
     def write_position(
         self,
@@ -243,15 +243,15 @@ class TopicWriter(ABC):
     ) -> None:
         """Write positions as a ROS 2 NavSatFix topic, for map panels; NaN is written as "no fix"."""
         self.topics.decoded.write_position(bus, time_ns, latitude_deg, longitude_deg, altitude_m)
-        self.topics.settle(self.topics.decoded)
+        self.topics.write_if_full(self.topics.decoded)
 
     def write_event(self, event: Event) -> None:
         """Write an event, topic ``/events``."""
         self.topics.host.write_event(event)
-        self.topics.settle(self.topics.host)
+        self.topics.write_if_full(self.topics.host)
 
     def write_diagnostics(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Write how everything is at one moment, topic ``/diagnostics``.
+        """Write the statuses of one moment, topic ``/diagnostics``.
 
         Raises
         ------
@@ -259,12 +259,12 @@ class TopicWriter(ABC):
             If a level is none of 0 to 3.
         """
         self.topics.host.write_diagnostics(time_ns, statuses)
-        self.topics.settle(self.topics.host)
+        self.topics.write_if_full(self.topics.host)
 
     def write_clock(
         self, time_ns: int, bus: str, realtime_minus_monotonic_ns: int, file_minus_realtime_ns: int
     ) -> None:
-        """Tell which clock offsets hold for the frames of a bus, topic ``/clock/host``.
+        """Write the clock offsets of the frames of a bus, topic ``/clock/host``.
 
         To be called with every batch: it is written when an offset differs by more than 1 ms from what was written
         last, and once a second.
@@ -280,13 +280,13 @@ class TopicWriter(ABC):
             The recording's time base less the host's CLOCK_REALTIME.
         """
         self.topics.host.write_clock(time_ns, bus, realtime_minus_monotonic_ns, file_minus_realtime_ns)
-        self.topics.settle(self.topics.host)
+        self.topics.write_if_full(self.topics.host)
 
 
 _SAME_FIX_NS = 100_000_000
 
 
-class DecodedView:
+class DecodedWriter:
     """Writes decoded topics, and positions where latitude and longitude have roles.
 
     Parameters

@@ -1,4 +1,4 @@
-"""A file that grows by whole records: a write that fails or is interrupted leaves nothing half behind."""
+"""A file that grows by whole records: a failed or interrupted write leaves no partial record."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class DiskFile:
         return self._syncing is not None and self._syncing.is_alive()
 
     def begin_sync(self) -> None:
-        """Begin what `sync` does, in a thread: a slow disk holds up no write. The next call tells a failure."""
+        """Begin what `sync` does, in a thread: a slow disk does not delay writes. The next call raises a failure."""
         self._join()
         self._raise_sync_error()
         self._syncing = threading.Thread(target=self._fsync, name="fsync", daemon=True)

@@ -200,12 +200,7 @@ class _Topic:
 
 
 class HostTopics:
-    """The topics of a recording that tell of the logger and its machine.
-
-    Parameters
-    ----------
-    sink : McapSink
-    """
+    """The topics of a recording about the logger and its machine."""
 
     def __init__(self, sink: McapSink) -> None:
         self._sink = sink
@@ -225,13 +220,13 @@ class HostTopics:
     def write_clock(
         self, time_ns: int, bus: str, realtime_minus_monotonic_ns: int, file_minus_realtime_ns: int
     ) -> None:
-        """Gather a bus's clock offsets if they are news; see `RecordingWriter.write_clock`."""
-        told = self._clocks.get(bus)
+        """Gather a bus's clock offsets if they changed or a second has passed; see `RecordingWriter.write_clock`."""
+        written = self._clocks.get(bus)
         if (
-            told is not None
-            and 0 <= time_ns - told[0] < _CLOCK_EVERY_NS
-            and abs(realtime_minus_monotonic_ns - told[1]) <= _CLOCK_CHANGE_NS
-            and abs(file_minus_realtime_ns - told[2]) <= _CLOCK_CHANGE_NS
+            written is not None
+            and 0 <= time_ns - written[0] < _CLOCK_EVERY_NS
+            and abs(realtime_minus_monotonic_ns - written[1]) <= _CLOCK_CHANGE_NS
+            and abs(file_minus_realtime_ns - written[2]) <= _CLOCK_CHANGE_NS
         ):
             return
         self._clocks[bus] = (time_ns, realtime_minus_monotonic_ns, file_minus_realtime_ns)
@@ -276,7 +271,7 @@ def read_events(path: Path, contents: Contents, damaged: Callable[[ChunkEntry, s
     path : Path
     contents : Contents
     damaged : callable
-        Is told of each chunk that cannot be read, and why.
+        Called with each chunk that cannot be read, and the reason.
 
     Raises
     ------

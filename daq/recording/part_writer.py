@@ -2,7 +2,7 @@
 
 Sums of counts that are kept per bus or per kind.
 
-What a session has lost, as the parts of a run tell it.
+Losses of a session, as the parts of a run record them.
 
 Which files are the parts of a run: ``R.mcap``, ``R.part2.mcap``, ``R.part3.mcap``, ...
 """
@@ -43,8 +43,8 @@ def since(now: Mapping[str, int], before: Mapping[str, int]) -> dict[str, int]:
 _EVERY_S = 1.0
 
 
-class LossTeller:
-    """Keeps counts of what was lost, and writes a metadata record of them when there is news.
+class LossWriter:
+    """Keeps counts of lost frames, and writes them as a metadata record when they change.
 
     Parameters
     ----------
@@ -62,8 +62,8 @@ class LossTeller:
         self.drops: dict[str, int] = {}
         self._drops_before: dict[str, int] = {}
         self._losses: dict[str, int] = {}
-        self._told: dict[str, int] = {}
-        self._told_at = -math.inf
+        self._written: dict[str, int] = {}
+        self._written_at = -math.inf
 
     @property
     def part_drops(self) -> dict[str, int]:
@@ -75,20 +75,20 @@ class LossTeller:
         self.drops = self.drops if drops is None else dict(drops)
         self._losses = self._losses if losses is None else dict(losses)
 
-    def tell_if_due(self, writer: RecordingWriter) -> None:
-        """Tell the file of news, at most once a second."""
-        if self._clock() - self._told_at >= _EVERY_S:
-            self.tell(writer)
+    def write_if_due(self, writer: RecordingWriter) -> None:
+        """Write changed counts, at most once a second."""
+        if self._clock() - self._written_at >= _EVERY_S:
+            self.write(writer)
 
-    def tell(self, writer: RecordingWriter) -> None:
-        """Tell the file of news."""
-        if self._losses != self._told:
+    def write(self, writer: RecordingWriter) -> None:
+        """Write the counts if they have changed."""
+        if self._losses != self._written:
             writer.add_metadata(LOSSES, {key: str(count) for key, count in self._losses.items()})
-            self._told, self._told_at = dict(self._losses), self._clock()
+            self._written, self._written_at = dict(self._losses), self._clock()
 
     def begin_part(self) -> None:
-        """Count and tell from here on for the next part."""
-        self._drops_before, self._told = self.drops, {}
+        """Start the counts of the next part."""
+        self._drops_before, self._written = self.drops, {}
 
 
 ROTATED = "rotated"
@@ -103,7 +103,7 @@ def part_path(first: Path, number: int) -> Path:
 
 
 def part_number(path: Path) -> tuple[Path, int]:
-    """Return the first part's file and the number of a part; ``(path, 1)`` where the name tells no part."""
+    """Return the first part's file and the number of a part; ``(path, 1)`` where the name has no part number."""
     match = _PART_NAME.fullmatch(path.stem)
     if match is None or match["number"] == "1":
         return path, 1
@@ -215,7 +215,7 @@ class PartWriter(TopicWriter):
         self._frames_before: dict[str, int] = {}
         self._counts_hold = True
         self._bytes_before = 0
-        self._lost = LossTeller(self._clock)
+        self._lost = LossWriter(self._clock)
         self.rotation_fault: Fault | None = None
         before = part_path(self.first_path, first_part - 1).name if first_part > 1 else None
         self._begin(first_part, self._opened(first_part, before))
@@ -265,7 +265,7 @@ class PartWriter(TopicWriter):
         self._writer.add_metadata(name, values)
 
     def note_losses(self, drops: Mapping[str, int], losses: Mapping[str, int]) -> None:
-        """Take what has been lost so far; the file is told of news at most once a second.
+        """Take the counts of lost frames so far; changes are written at most once a second.
 
         Parameters
         ----------
@@ -275,7 +275,7 @@ class PartWriter(TopicWriter):
             ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>``, ``missing.<bus>.<message>``, since then.
         """
         self._lost.note(drops, losses)
-        self._lost.tell_if_due(self._writer)
+        self._lost.write_if_due(self._writer)
 
     def flush(self) -> None:
         """See `RecordingWriter.flush`."""
@@ -311,7 +311,7 @@ class PartWriter(TopicWriter):
         self._counts_hold &= old.counts_hold
         self._bytes_before += old.bytes_written
         try:
-            self._lost.tell(old)
+            self._lost.write(old)
             old.close(ROTATED, self._lost.part_drops, {"continued_in": following.path.name})
         finally:
             self._begin(number, following)
@@ -339,7 +339,7 @@ class PartWriter(TopicWriter):
         if self._counts_hold and self._writer.counts_hold:
             ended |= {f"total_frames.{bus}": str(count) for bus, count in self.frame_counts.items()}
         try:
-            self._lost.tell(self._writer)
+            self._lost.write(self._writer)
         finally:
             self._writer.close(exit_status, self._lost.part_drops, ended)
 

@@ -79,7 +79,7 @@ def raw_batches(
     buses : tuple of str
         What the ``bus`` column of the result counts.
     damaged : callable
-        Is told of each chunk that cannot be read, and why.
+        Called with each chunk that cannot be read, and the reason.
     """
     gathered: dict[int, list[FrameArray]] = {}
     count = 0
@@ -281,7 +281,7 @@ class Recording:
         Raises
         ------
         RecordingError
-            If it says something that is no run information.
+            If its value is not valid run information.
         """
         text = self.metadata.get(RUN_START, {}).get("run")
         try:
@@ -304,18 +304,18 @@ class Recording:
 
     @cached_property
     def frame_counts(self) -> dict[str, int]:
-        """Frames per bus: as ``run_end`` tells them where the file is whole, else counted."""
+        """Frames per bus: from ``run_end`` where the file is whole, else counted."""
         ended = self.metadata.get(RUN_END, {})
-        told = [ended.get(f"frames.{bus}", "") for bus in self.buses]
-        if not self.contents.losses and all(text.isdecimal() for text in told):
-            return dict(zip(self.buses, map(int, told), strict=True))
+        stated = [ended.get(f"frames.{bus}", "") for bus in self.buses]
+        if not self.contents.losses and all(text.isdecimal() for text in stated):
+            return dict(zip(self.buses, map(int, stated), strict=True))
         counts = np.zeros(len(self.buses), np.int64)
         for batch in self._batches(self._raw, self.contents.chunks):
             counts += np.bincount(batch.frames["bus"], minlength=len(counts))
         return dict(zip(self.buses, counts.tolist(), strict=True))
 
     def events(self) -> tuple[Event, ...]:
-        """Return the events in the order of the file; what cannot be read is told by `loss`."""
+        """Return the events in the order of the file; what cannot be read is listed in `loss`."""
         return read_events(self.path, self.contents, self.note_damage)
 
     def frames(self, bus: str | None = None) -> FrameBatch:

@@ -1,4 +1,4 @@
-"""A whole file out of a cut or damaged one."""
+"""Recovery of a cut-off or damaged recording into a new, complete file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ RECOVERED = "recovered"
 
 @dataclass(frozen=True)
 class Recovery:
-    """What `recover` did.
+    """Result of `recover`.
 
     Attributes
     ----------
@@ -72,8 +72,8 @@ def recover(source: str | Path, target: str | Path, *, overwrite: bool = False) 
         sink.put_definitions(contents.schemas, contents.channels)
         count, damaged = _copy_chunks(contents, sink)
         loss = tuple(sorted([*recording.loss, *damaged], key=lambda item: item.at_byte))
-        told = {"source": recording.path.name, **{f"loss.{i}": str(item) for i, item in enumerate(loss, 1)}}
-        sink.add_metadata(RECOVERED, with_checksum(RECOVERED, told))
+        record = {"source": recording.path.name, **{f"loss.{i}": str(item) for i, item in enumerate(loss, 1)}}
+        sink.add_metadata(RECOVERED, with_checksum(RECOVERED, record))
     finally:
         sink.finish()
     return Recovery(path, count, loss)

@@ -68,11 +68,6 @@ class RunRecording:
         Parts that should be there and cannot be read.
     unreadable : sequence of Path
         Those of them that are there.
-
-    Attributes
-    ----------
-    parts : tuple of Recording
-    unreadable : tuple of Path
     """
 
     def __init__(
@@ -135,8 +130,8 @@ class RunRecording:
         """What cannot be read, part by part; see `Recording.loss`."""
         if len(self.parts) == 1:
             return (*self.parts[0].loss, *self._missing)
-        told = (replace(loss, what=f"{part.path.name}: {loss.what}") for part in self.parts for loss in part.loss)
-        return (*told, *self._missing)
+        losses = (replace(loss, what=f"{part.path.name}: {loss.what}") for part in self.parts for loss in part.loss)
+        return (*losses, *self._missing)
 
     @property
     def is_bare(self) -> bool:
@@ -202,7 +197,7 @@ class RunRecording:
 
     @cached_property
     def drops(self) -> dict[str, int]:
-        """Frames lost before they were recorded, per bus that counts them; of a part that was cut off as last told."""
+        """Frames lost before they were recorded, per bus that counts them; of a cut-off part, as recorded last."""
         return total(_session_drops(session) for session in self._sessions())
 
     @cached_property
@@ -301,10 +296,10 @@ def _run_id(part: Recording) -> str | None:
 
 def _belongs(part: Recording, number: int, run_id: str | None) -> bool:
     """Return whether nothing that a file says speaks against its being this part of the run."""
-    told = part.metadata.get(RUN_START, {}).get("part")
+    stated = part.metadata.get(RUN_START, {}).get("part")
     own_id = _run_id(part)
     right_id = own_id is None or run_id is None or own_id == run_id
-    return right_id and (number == 1 or told == str(number) or RUN_START not in part.metadata)
+    return right_id and (number == 1 or stated == str(number) or RUN_START not in part.metadata)
 
 
 def _gaps(first: Path, parts: Mapping[int, Recording], unreadable: Collection[int]) -> list[Loss]:
@@ -315,7 +310,7 @@ def _gaps(first: Path, parts: Mapping[int, Recording], unreadable: Collection[in
     last = parts[max(parts)]
     following = last.metadata.get(RUN_END, {}).get("continued_in")
     if following and max(there) == max(parts):
-        gaps.append(Loss(f"{following} is missing, in which the run goes on", 0, 0))
+        gaps.append(Loss(f"{following} is missing, in which the run continues", 0, 0))
     return gaps
 
 

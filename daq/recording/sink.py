@@ -76,8 +76,8 @@ def footer(summary: bytes, offsets: bytes, start: int) -> bytes:
     """Return the footer behind a summary and its offsets; `start` is where the summary begins in the file."""
     offset_start = start + len(summary)
     head = bytes([Opcode.FOOTER]) + _FOOTER_LENGTH.to_bytes(8, "little")
-    told = head + start.to_bytes(8, "little") + offset_start.to_bytes(8, "little")
-    return serialized(Footer(start, offset_start, zlib.crc32(summary + offsets + told)))
+    fields = head + start.to_bytes(8, "little") + offset_start.to_bytes(8, "little")
+    return serialized(Footer(start, offset_start, zlib.crc32(summary + offsets + fields)))
 
 
 @cache

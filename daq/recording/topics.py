@@ -46,7 +46,7 @@ class CdrEncoder:
         self._body += data + b"\0"
 
     def stamp(self, time_ns: int) -> None:
-        """Add a builtin_interfaces/Time, held to what its int32 seconds can tell."""
+        """Add a builtin_interfaces/Time, limited to the range of its int32 seconds."""
         seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
         self._number("<i", min(max(seconds, -(2**31)), 2**31 - 1))
         self.uint32(nanoseconds)

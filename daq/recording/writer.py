@@ -179,7 +179,7 @@ class RecordingWriter(TopicWriter):
         Uncompressed size at which a chunk is written whatever the clock says.
     flush_every_s, sync_every_s : float or None
         How often gathered frames are handed to the operating system, and how often it is made to put them, and
-        decoded topics, on the disk; None: only when told.
+        decoded topics, on the disk; None: only on request.
     decoded_rate_hz : float or None
         Decoded topics are thinned to this rate; None: every sample.
     overwrite : bool
@@ -243,7 +243,7 @@ class RecordingWriter(TopicWriter):
 
     @property
     def counts_hold(self) -> bool:
-        """Whether `frame_counts` can be believed: Ctrl-C may have come in the middle of a write."""
+        """Whether `frame_counts` are valid: Ctrl-C may have interrupted a write."""
         return self._counts_hold
 
     @property
@@ -283,18 +283,18 @@ class RecordingWriter(TopicWriter):
         self._sink.add_metadata(name, with_checksum(name, values))
 
     def flush(self) -> None:
-        """Hand everything gathered so far to the operating system; a kill cannot take it any more."""
+        """Hand everything gathered so far to the operating system, so that a kill cannot lose it."""
         self._flush(decoded=True)
 
     def sync(self) -> None:
-        """Flush, and have it put on the disk; a power cut cannot take it any more."""
+        """Flush and fsync, so that a power cut cannot lose it."""
         self._synced_at = self._clock()
         self.flush()
         self._sink.file.sync()
 
     @property
     def flush_due_s(self) -> float:
-        """In how many seconds it is time to flush; negative when it is, infinite if that is only done when told."""
+        """In how many seconds it is time to flush; negative when it is, infinite if that is only done on request."""
         if self._flush_every_s is None:
             return math.inf
         return self._flushed_at + self._flush_every_s - self._clock()
@@ -336,12 +336,12 @@ class RecordingWriter(TopicWriter):
         self._closed = True
         try:
             self.flush()
-            told = {"ended_ns": str(time.time_ns()), "exit_status": exit_status}
+            values = {"ended_ns": str(time.time_ns()), "exit_status": exit_status}
             if self._counts_hold:
-                told |= {f"frames.{bus}": str(count) for bus, count in self.frame_counts.items()}
-            told |= {f"drops.{bus}": str(count) for bus, count in (drops or {}).items()}
-            told |= {"time_steps_back": str(self._raw.steps_back)}
-            self.add_metadata(RUN_END, told | dict(ended or {}))
+                values |= {f"frames.{bus}": str(count) for bus, count in self.frame_counts.items()}
+            values |= {f"drops.{bus}": str(count) for bus, count in (drops or {}).items()}
+            values |= {"time_steps_back": str(self._raw.steps_back)}
+            self.add_metadata(RUN_END, values | dict(ended or {}))
         finally:
             self._sink.finish()
 
@@ -374,6 +374,6 @@ class RecordingWriter(TopicWriter):
         self._settled = True
 
     def _begin(self) -> None:
-        """Note whether Ctrl-C left the write before this one half done: the counts are not told then."""
+        """Note whether Ctrl-C interrupted the previous write: the counts are not recorded then."""
         self._counts_hold &= self._settled
         self._settled = False

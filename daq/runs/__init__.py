@@ -1,4 +1,4 @@
-"""Recordings, logs and campaign folders -> runs: the one door for commands, notebooks and tests."""
+"""Recordings, logs and campaign folders -> runs: opened in one place for commands, notebooks and tests."""
 
 import lazy_loader
 

@@ -16,7 +16,7 @@ RUN_SUFFIXES = (".mcap", *(suffix for suffix in LOG_SUFFIXES if suffix != ".csv"
 
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
-    """Make an error of ours of what the system says of a path.
+    """Raise the system's errors on a path as `RecordingError`.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def logs_in(folder: Path) -> list[Path]:
     OSError
         The folder cannot be read.
     """
-    return sorted(path for path in folder.iterdir() if _plain_suffix(path) in RUN_SUFFIXES and path.is_file())
+    return sorted(path for path in folder.iterdir() if _log_suffix(path) in RUN_SUFFIXES and path.is_file())
 
 
 def holds_runs(folder: Path) -> bool:
@@ -66,6 +66,6 @@ def folders_in(folder: Path) -> tuple[list[Path], list[Path]]:
     return holding, closed
 
 
-def _plain_suffix(path: Path) -> str:
+def _log_suffix(path: Path) -> str:
     name = path.name.lower().removesuffix(".gz")
     return Path(name).suffix

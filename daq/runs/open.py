@@ -59,8 +59,8 @@ def open_runs(
     lenient_dbc : bool
         See `daq.can.databases.load_database`.
     left_out : callable, optional
-        Is told of each file of a folder that cannot be read, or in which there is nothing: it costs only itself while
-        the folder has others. None: it is an error, as it always is where the file itself is named.
+        Called with a text for each file of a folder that cannot be read or is empty: it is skipped while the folder
+        has others. None: such a file is an error, as it always is where the file itself is named.
 
     Returns
     -------
@@ -110,12 +110,12 @@ def open_runs(
                 found = _without_copies(found)
             if found and left_out:
                 for one in unreadable.errors:
-                    left_out(_told(one))
+                    left_out(_left_out_text(one))
             else:
                 collected.errors += unreadable.errors
             opened += found
     collected.stop_if_any()
-    return _told_apart(opened)
+    return _with_unique_ids(opened)
 
 
 def known_beside(path: Path, given: Configuration, *, lenient_dbc: bool = False) -> Configuration:
@@ -134,14 +134,14 @@ def known_beside(path: Path, given: Configuration, *, lenient_dbc: bool = False)
 
 
 class Collected:
-    """Gathers errors so that all of them can be told at once."""
+    """Gathers errors so that all of them can be raised at once."""
 
     def __init__(self) -> None:
         self.errors: list[WheelsoilError] = []
 
     @contextmanager
     def catch(self, where: str = "") -> Iterator[None]:
-        """Keep an error of ours that is raised inside; faults that do not say where get `where`."""
+        """Collect a `WheelsoilError` raised inside; faults that do not say where get `where`."""
         try:
             yield
         except WheelsoilError as error:
@@ -206,8 +206,8 @@ def _configuration(files: dict[str, Path], collected: Collected, lenient_dbc: bo
     return known
 
 
-def _told(error: WheelsoilError) -> str:
-    return "; ".join(f"{fault.where}: left out: {fault.what}" for fault in error.faults)
+def _left_out_text(error: WheelsoilError) -> str:
+    return "; ".join(f"{fault.where}: skipped: {fault.what}" for fault in error.faults)
 
 
 def _open_file(path: Path, known: Configuration, lenient_dbc: bool) -> Run:
@@ -222,7 +222,7 @@ def _other_parts(run: Run) -> set[Path]:
 
 
 def _without_copies(runs: list[Run]) -> list[Run]:
-    """Leave out what was recovered from a file that is there itself: its frames would count twice."""
+    """Drop recordings recovered from a file that is present itself: its frames would count twice."""
     there = {file for run in runs for file in run.files}
 
     def is_copy(run: Run) -> bool:
@@ -266,7 +266,7 @@ def _files_of(folder: Path, known: Configuration, collected: Collected) -> list[
 def campaign_folders(path: Path) -> list[Path]:
     """Return the folder itself where it holds runs; else those of its folders that do, by name; itself where none does.
 
-    What may not be read counts as a campaign where there are others, so that who opens it is told.
+    What may not be read counts as a campaign where there are others, so that opening it reports the fault.
 
     Parameters
     ----------
@@ -280,8 +280,8 @@ def campaign_folders(path: Path) -> list[Path]:
     return sorted([*holding, *closed]) if holding else [path]
 
 
-def _told_apart(runs: list[Run]) -> list[Run]:
-    """Give runs of the same id a number each."""
+def _with_unique_ids(runs: list[Run]) -> list[Run]:
+    """Append a number to the ids of runs with the same id."""
     taken: set[str] = set()
     result = []
     for run in runs:

@@ -99,7 +99,7 @@ def runs_from_file(path: Path) -> Configuration:
 
 
 def from_recording(recording: RunRecording, beside: Configuration, *, lenient_dbc: bool = False) -> Configuration:
-    """Return what a recording carries of vehicle and terrain; what `beside` knows already is not looked at.
+    """Return what a recording carries of vehicle and terrain; what `beside` already has is not read.
 
     Raises
     ------
@@ -165,7 +165,7 @@ class Run:
         Raises
         ------
         RecordingError
-            The file cannot be read any further, or holds no frames of ours.
+            The file cannot be read any further, or holds no raw frames.
         """
         return self.recording.frame_batches() if self.recording else read_log(self.path)
 
@@ -202,7 +202,7 @@ class Run:
         Parameters
         ----------
         roles : collection of str
-            A role that vehicle.toml gives no signal is left out; the command that needs it says so.
+            A role without a signal in vehicle.toml is omitted; the command that needs it reports that.
 
         Returns
         -------

@@ -116,8 +116,8 @@ def _check(columns: Columns, units: Mapping[str, str]) -> None:
         if name not in columns
     ]
     if len(set(lengths.values())) > 1 or any(len(shape) != 1 for shape in lengths.values()):
-        shown = ", ".join(f"{name} {shape}" for name, shape in lengths.items())
-        faults.append(Fault("the columns of a table must be of one length", found=shown))
+        listed = ", ".join(f"{name} {shape}" for name, shape in lengths.items())
+        faults.append(Fault("the columns of a table must be of one length", found=listed))
     if faults:
         raise DataError(*faults)
 

@@ -1,4 +1,4 @@
-"""Tables of the laboratory: single-wheel, pressure-sinkage and shear tests, as plain values in SI units."""
+"""Tables of single-wheel, pressure-sinkage and shear tests, in SI units."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def read_plate_tests(
     rename: Mapping[str, Source] | None = None,
     where: Mapping[str, str] | None = None,
 ) -> list[PlateTest]:
-    """Read plate tests: columns ``sinkage_m`` and ``pressure_pa`` or ``force_n``; a column ``test`` parts several.
+    """Read plate tests: columns ``sinkage_m`` and ``pressure_pa`` or ``force_n``; a column ``test`` separates several.
 
     Parameters
     ----------
@@ -256,9 +256,9 @@ def _outside(table: Table, name: str, good: Iterable[bool], expected: str) -> li
     bad: Sequence[int] = np.flatnonzero(~np.asarray(good)).tolist()
     if not bad:
         return []
-    shown = ", ".join(f"line {table.lines[i]}: {table.columns[name][i]}" for i in bad[:5])
+    listed = ", ".join(f"line {table.lines[i]}: {table.columns[name][i]}" for i in bad[:5])
     more = f" and {len(bad) - 5} more" if len(bad) > 5 else ""
-    return [Fault(f"column {name!r} has impossible values", table.source, shown + more, expected)]
+    return [Fault(f"column {name!r} has impossible values", table.source, listed + more, expected)]
 
 
 def _test_name(path: Path, label: str) -> str:

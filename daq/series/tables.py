@@ -132,7 +132,7 @@ def number_of(cell: str) -> float | None:
 
 FloatArray = NDArray[np.float64]
 
-_SHOWN = 5  # bad cells of a column that are listed
+_LISTED = 5  # bad cells of a column that are listed
 
 
 @dataclass(frozen=True)
@@ -232,15 +232,15 @@ class Table:
         return values * self.factors.get(name, 1.0)
 
     def _bad_cells(self, name: str, rows: Sequence[int]) -> Fault:
-        cells = [f"line {self.lines[i]}: {self.columns[name][i]!r}" for i in rows[:_SHOWN]]
-        more = f" and {len(rows) - _SHOWN} more" if len(rows) > _SHOWN else ""
+        cells = [f"line {self.lines[i]}: {self.columns[name][i]!r}" for i in rows[:_LISTED]]
+        more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
         comma = any("," in self.columns[name][i] for i in rows)
         return Fault(
             f"column {name!r} has cells that are not a number",
             self.source,
             found=", ".join(cells) + more,
             expected="a number with a decimal point" if comma else "a number",
-            next_step="write decimal points instead of commas" if comma else "mend the cells or leave the rows out",
+            next_step="write decimal points instead of commas" if comma else "correct the cells or exclude the rows",
         )
 
 
@@ -312,7 +312,7 @@ def _squared(source: str, rows: list[list[str]], lines: list[int]) -> Table:
     if not body:
         faults.append(Fault("the table has no rows", source, found=f"columns {', '.join(head)}"))
     if faults:
-        raise DataError(*faults[:_SHOWN])
+        raise DataError(*faults[:_LISTED])
     return Table(source, dict(zip(head, zip(*body, strict=True), strict=True)), tuple(lines[1:]), {})
 
 

@@ -15,7 +15,7 @@ class InterfaceDownError(HardwareError):
 
 @dataclass(frozen=True)
 class SourceCounters:
-    """What a source has seen so far.
+    """Counts of a source so far.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Source(Protocol):
         """
 
     def is_up(self) -> bool:
-        """Whether the interface is up; True where that cannot be told."""
+        """Whether the interface is up; True where that is not known."""
 
     def close(self) -> None:
         """Stop listening; a second call does nothing."""

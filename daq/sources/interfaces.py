@@ -1,4 +1,4 @@
-"""The way onto a bus: SocketCAN where the kernel has it, python-can for every other interface."""
+"""Opens buses: SocketCAN where the kernel has it, python-can for every other interface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sends frames when they are due, and measures how late and at what cost.
+"""Sends frames at their times, and measures their lateness and the processor time.
 
 The kernel is asked to wake the thread shortly before a frame is due; the rest is spent polling the clock.
 """
@@ -28,8 +28,8 @@ _SHORTEST_SLACK_NS = 1
 
 
 @contextmanager
-def punctual() -> Iterator[None]:
-    """Have this thread woken when it asked for, not up to 50 us later: Linux gathers wake-ups to save power."""
+def precise_timing() -> Iterator[None]:
+    """Wake this thread at the requested time: by default Linux may delay a wake-up by 50 us to save power."""
     if sys.platform != "linux":
         yield
         return
@@ -59,7 +59,7 @@ _DECADES = 9
 
 @dataclass(frozen=True)
 class ReplaySummary:
-    """What a replay did.
+    """Result of a replay.
 
     Attributes
     ----------

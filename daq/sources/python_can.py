@@ -65,7 +65,7 @@ class AdapterClock:
         self._foreign: bool | None = None
         self._frozen = False
         self._floor_ns = 0
-        self._last_stamp_ns = self._last_arrival_ns = self._first_seen_ns = self._last_ns = 0
+        self._last_stamp_ns = self._last_arrival_ns = self._stamp_since_ns = self._last_ns = 0
         self._window_from_ns = self._window_above_ns = 0
 
     def arrived_ns(self) -> int:
@@ -97,14 +97,14 @@ class AdapterClock:
         return self._clock.realtime_at_ns(times)
 
     def _decide(self, stamps_ns: IntArray, arrived_ns: IntArray) -> None:
-        """Tell from the first stamp whether the clock is the host's."""
+        """Decide from the first stamp whether the clock is the host's."""
         if not len(stamps_ns):
             self._remark("does not stamp its frames: their times are when they were fetched")
             return
         apart_ns = abs(int(stamps_ns[0]) - int(self._clock.realtime_at_ns(arrived_ns[:1])[0]))
         self._foreign = self.interface not in HOST_STAMPED or apart_ns > _FOREIGN_NS
         if self._foreign:
-            self._remark("stamps with a clock of its own: brought to the host's by the shortest delay seen")
+            self._remark("stamps with a clock of its own: brought to the host's by the shortest delay so far")
 
     def _remark(self, text: str) -> None:
         said = f"{self.interface} {text}"
@@ -123,10 +123,10 @@ class AdapterClock:
                 self._window_from_ns, self._window_above_ns = self._last_arrival_ns, 0
             times[start:end] = self._followed(stamps_ns[start:end], arrived_ns[start:end])
         if stamps_ns[-1] != self._last_stamp_ns:
-            self._first_seen_ns = int(arrived_ns[-1])
-        elif arrived_ns[-1] - self._first_seen_ns > _FROZEN_NS:
+            self._stamp_since_ns = int(arrived_ns[-1])
+        elif arrived_ns[-1] - self._stamp_since_ns > _FROZEN_NS:
             self._frozen = True
-            self._remark("has a clock that stands still: times are when frames were fetched")
+            self._remark("has time stamps that do not advance: times are when frames were fetched")
         self._last_stamp_ns = int(stamps_ns[-1])
         return times
 

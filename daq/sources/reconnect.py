@@ -1,8 +1,8 @@
-"""A bus that comes back: what fails while recording is tried again, for ever.
+"""A source that reconnects: a failed bus is opened again until it works.
 
 An interface that is taken down keeps its socket, which hands out frames again once the interface is up. One that is
 gone (pulled out, deleted) is closed and opened anew: after half a second, then every two. Controllers that leave the
-bus say so in error frames, and those are believed.
+bus report it in error frames, which are trusted.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ import numpy as np
 from daq.can.frames import ErrorClass, FrameBatch, FrameFlag
 from daq.config import BusSection
 from daq.errors import ConfigError, Fault, HardwareError
-from daq.logger.health.report import BusFacts, BusState
+from daq.logger.health.report import BusState, BusStatus
 from daq.recording.events import Severity
 from daq.sources.can_source import InterfaceDownError, Source, SourceCounters
 
 FIRST_RETRY_S = 0.5
 RETRY_S = 2.0
-_LOOK_EVERY_S = 0.2
+_CHECK_EVERY_S = 0.2
 
 Opener = Callable[[BusSection], Source]
 
@@ -47,14 +47,14 @@ class BusChange:
 
     @property
     def severity(self) -> Severity:
-        """How it is told."""
+        """Severity of its event."""
         return "info" if self.state == "up" else "error"
 
 
 class ReconnectingSource:
     """A source that survives its interface; see `daq.sources.can_source.Source`.
 
-    It is read by one thread; `facts`, `counters` and `changes` may be asked for by another.
+    It is read by one thread; `status`, `counters` and `changes` may be asked for by another.
 
     Parameters
     ----------
@@ -104,11 +104,11 @@ class ReconnectingSource:
         """Why the bus is not up now."""
         return self._fault
 
-    def facts(self) -> BusFacts:
+    def status(self) -> BusStatus:
         """Return what is known of the bus now."""
         counters, fault = self.counters, self._fault
-        detail = "" if fault is None else _said(fault)
-        return BusFacts(self._state, counters.received, counters.dropped, reconnects=self._reconnects, detail=detail)
+        detail = "" if fault is None else _fault_text(fault)
+        return BusStatus(self._state, counters.received, counters.dropped, reconnects=self._reconnects, detail=detail)
 
     def changes(self) -> list[BusChange]:
         """Return what has happened since the last call."""
@@ -156,14 +156,14 @@ class ReconnectingSource:
         if left >= 0:
             step = f"check wiring, termination and bit rate; ip link set {self.name} type can restart-ms 100"
             self._go("bus_off", Fault("the controller has left the bus (bus-off)", f"bus {self.name}", next_step=step))
-        if back > left or (self._state == "down" and self._seen_up()):
+        if back > left or (self._state == "down" and self._answers()):
             self._go("up", None)
 
-    def _seen_up(self) -> bool:
+    def _answers(self) -> bool:
         now = time.monotonic()
         if now < self._look_at:
             return False
-        self._look_at = now + _LOOK_EVERY_S
+        self._look_at = now + _CHECK_EVERY_S
         return self._source is not None and self._source.is_up()
 
     def _reopened(self, timeout_s: float) -> bool:
@@ -194,7 +194,7 @@ class ReconnectingSource:
         return True
 
     def _give_up(self, fault: Fault) -> None:
-        """Close a source that failed, and keep what it counted; nobody waits for its driver meanwhile."""
+        """Close a source that failed, and keep what it counted; nothing waits for its driver meanwhile."""
         with self._lock:
             source, self._source = self._source, None
             assert source is not None
@@ -212,7 +212,7 @@ class ReconnectingSource:
             text = f"{self.name} is back after {now - self._down_since:.1f} s"
         else:
             assert fault is not None
-            text = f"{self.name}: {_said(fault)}"
+            text = f"{self.name}: {_fault_text(fault)}"
         if self._state == "up":
             self._down_since = now
         self._state = state
@@ -231,7 +231,7 @@ def _driver_fault(name: str, error: Exception) -> Fault:
     return Fault("the interface's driver failed", f"bus {name}", found, next_step=step)
 
 
-def _said(fault: Fault) -> str:
+def _fault_text(fault: Fault) -> str:
     return fault.what + (f" ({fault.found})" if fault.found else "")
 
 

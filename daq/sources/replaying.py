@@ -19,7 +19,7 @@ from daq.recording import RunRecording
 from daq.runs.open import is_recording
 from daq.sources.can_source import Sink
 from daq.sources.interfaces import open_sink
-from daq.sources.player import Player, ReplaySummary, punctual
+from daq.sources.player import Player, ReplaySummary, precise_timing
 
 __all__ = ["ReplaySummary", "replay", "replay_batches"]
 
@@ -28,8 +28,8 @@ _LONELY_NS = 1_000_000_000
 """From round to round of a recording of one frame, which has no interval."""
 
 
-class Rounds:
-    """The same frames again and again, with times that go on; `begun` counts the rounds.
+class Looping:
+    """Frames repeated in a loop with increasing times; `begun` counts the passes.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def replay(
 ) -> ReplaySummary:
     """Send the frames of a recording, or of a log, to CAN buses.
 
-    Ctrl-C ends it, and the summary says so.
+    Ctrl-C ends it; `ReplaySummary.interrupted` is then True.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def replay(
         raise ConfigError(*faults)
     low = opened.start_ns + round(from_s * 1e9)
     high = None if to_s is None else opened.start_ns + round(to_s * 1e9)
-    rounds = Rounds(lambda: _on(opened.between(low, high), names), loops)
+    rounds = Looping(lambda: _on(opened.between(low, high), names), loops)
     with ExitStack() as stack:
         sinks = {}
         for bus, channel in names.items():
@@ -164,7 +164,7 @@ def replay_batches(
     player = Player(sinks, speed, timeout_s)
     skipped, interrupted = 0, False
     try:
-        with punctual():
+        with precise_timing():
             for batch in _on(batches, sinks):
                 if not send_error_frames:
                     is_error = (batch.frames["flags"] & FrameFlag.ERROR) != 0

@@ -61,7 +61,7 @@ def prepared(made: socket.socket, buffer_bytes: int) -> socket.socket:
 
 
 def fault_of(channel: str, code: int) -> Fault:
-    """Return what an errno of a socket means to people, and what to do."""
+    """Return the fault that an errno of a socket means, with the next step."""
     where, said = f"bus {channel}", errno.errorcode.get(code, str(code))
     if code in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT):
         step = "sudo modprobe can_raw (in a container: on the host)"
@@ -86,7 +86,7 @@ def fault_of(channel: str, code: int) -> Fault:
 
 
 def buffer_remarks(channel: str, given: int, wanted: int) -> tuple[str, ...]:
-    """Return what people should know of a receive buffer that is smaller than wanted."""
+    """Return remarks on a receive buffer that is smaller than requested."""
     if given >= wanted:
         return ()
     step = f"sudo sysctl net.core.rmem_max={wanted}"
@@ -271,7 +271,7 @@ class SocketCanSource:
             self._socket.close()
 
     def _raise_failure(self) -> None:
-        """Tell a failure, after the frames that were there before it."""
+        """Raise a failure, after the frames received before it."""
         code, self._failed = self._failed, 0
         kind = InterfaceDownError if code == errno.ENETDOWN else HardwareError
         raise kind(fault_of(self.name, code))
@@ -378,7 +378,7 @@ class SocketCanSink:
 
 
 def _not_after_the_next(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Mend the first stamps: the kernel begins to stamp a little after it was told to, and stamps those when read."""
+    """Correct the first stamps: the kernel starts stamping late, and stamps earlier frames when they are read."""
     return np.minimum.accumulate(stamps[::-1])[::-1]
 
 

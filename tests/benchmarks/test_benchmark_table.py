@@ -87,12 +87,12 @@ def test_a_mark_is_reached_or_missed(mark: Mark, reached: float, missed: float, 
 
 
 def test_a_ratio_above_one_means_that_we_are_faster() -> None:
-    shown = rate_of(1_000_000)
-    row = compared("read", [0.1, 0.2, 9.0], "peer", [0.5, 0.1, 0.6], shown, at_least(2.5, "x"), ", checked")
+    as_text = rate_of(1_000_000)
+    row = compared("read", [0.1, 0.2, 9.0], "peer", [0.5, 0.1, 0.6], as_text, at_least(2.5, "x"), ", checked")
     assert row == Row("read", "5 Mframes/s, checked", "peer: 2 Mframes/s", "2.50x", ">= 2.5x", True)
-    slower = compared("read", [0.2], "peer", [0.1], shown, at_least(1, "x"))
+    slower = compared("read", [0.2], "peer", [0.1], as_text, at_least(1, "x"))
     assert (slower.ratio, slower.reached) == ("0.50x", False)
-    assert compared("read", [0.2], "peer", [0.1], shown).line().endswith("| 0.50x | stated | - |")
+    assert compared("read", [0.2], "peer", [0.1], as_text).line().endswith("| 0.50x | stated | - |")
     assert [times(ratio) for ratio in (0.876, 9.64, 85.4, 162.2)] == ["0.88x", "9.64x", "85.4x", "162x"]
 
 

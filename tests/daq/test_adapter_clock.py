@@ -27,7 +27,7 @@ OFFSET_NS = 1_700_000_000 * SECOND
 
 
 class Host:
-    """A host whose clocks stand still unless they are moved."""
+    """A host whose clocks advance only when a test moves them."""
 
     def __init__(self) -> None:
         self.now_ns = MONOTONIC_NS
@@ -126,7 +126,7 @@ def test_setting_the_host_does_not_move_an_adapter_of_its_own_clock() -> None:
         frames = np.zeros(10, CLASSIC_DTYPE)
         frames["time_ns"] = adapter.realtime_ns(stamps, np.array(arrived))
         read = tracker.after_read(FrameBatch(frames, ("PCAN_USBBUS1",)))
-        unsure += np.count_nonzero(read.frames["flags"] & FrameFlag.UNSURE_TIME)
+        unsure += np.count_nonzero(read.frames["flags"] & FrameFlag.UNCERTAIN_TIME)
         late.append(read.frames["time_ns"] - OFFSET_NS - sent[start : start + 10])
     assert len(session.steps) == 1
     assert unsure == 0

@@ -130,7 +130,7 @@ def test_an_identifier_twice_is_refused_and_the_last_wins_leniently() -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00\x01\xff\xfe binary", b"BLF log file\x00", b"{}", b"VERSION"])
-def test_what_is_no_dbc_is_said_so(content: bytes) -> None:
+def test_a_file_that_is_no_dbc_is_reported(content: bytes) -> None:
     for lenient in (False, True):
         with pytest.raises(DatabaseError, match="DBC"):
             load_database(content, "a.dbc", lenient=lenient)
@@ -163,7 +163,7 @@ def test_the_same_layout_twice_is_fine() -> None:
     assert list(merged["can0"]) == ["Alpha", "Beta"]
 
 
-def test_cantools_does_not_talk(capfd: pytest.CaptureFixture[str]) -> None:
+def test_cantools_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
     logging.getLogger("cantools").handlers.clear()
     load_database(GOOD.replace("Beta", "Alpha").encode(), "a.dbc", lenient=True)
     captured = capfd.readouterr()

@@ -134,7 +134,7 @@ def test_j1939_matches_the_parameter_group() -> None:
     assert channels["can0", "TSC1.Torque"].values.tolist() == [3.0]
 
 
-def test_j1939_sources_are_told_apart_by_messages_of_their_own() -> None:
+def test_j1939_sources_are_separated_by_messages_of_their_own() -> None:
     own = f'BO_ {0x80000000 | 0x18FEF10B} CCVS1_EBS: 8 A\n SG_ Speed : 8|16@1+ (0.00390625,0) [0|0] "km/h" A'
     ext, payload = FrameFlag.EXTENDED, b"\0\0\1"
     frames = batch((0x18FEF1FE, 0, ext, payload), (0x18FEF10B, 0, ext, payload), (0x18FEF133, 0, ext, payload))

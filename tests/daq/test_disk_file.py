@@ -26,7 +26,7 @@ def test_a_slow_fsync_holds_up_no_flush(tmp_path: Path, monkeypatch: pytest.Monk
         released.set()
 
 
-def test_what_fsync_says_is_told_by_the_next_call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_fsync_says_is_reported_by_the_next_call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(_: int) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 

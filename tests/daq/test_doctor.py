@@ -32,7 +32,7 @@ from daq.zero_file import ChannelZero, Determination, ZeroConfig, zeros_toml
 
 ROOT = Path(__file__).parents[2]
 LISTEN_S = 0.6
-BY_NAME = {check.name: check.look for check in CHECKS}
+BY_NAME = {check.name: check.run for check in CHECKS}
 
 # What `ip -details -json link show` of iproute2 6.1 says of a serial adapter, and of a controller after its manual.
 SLCAN = """{"linkinfo":{"info_kind":"can","info_data":{"ctrlmode_supported":["LISTEN-ONLY"],"state":"ERROR-ACTIVE",
@@ -46,10 +46,10 @@ GOOD = with_details(UP, json.loads(CONTROLLER))
 @pytest.fixture(scope="module")
 def ready(tmp_path_factory: pytest.TempPathFactory) -> Situation:
     """Return what was gathered of a vehicle that is well, recorded into a folder of its own."""
-    return heard(tmp_path_factory.mktemp("ready"))
+    return listened(tmp_path_factory.mktemp("ready"))
 
 
-def heard(folder: Path, *, listen_s: float = LISTEN_S, **sent: float | bool | tuple[str, ...]) -> Situation:
+def listened(folder: Path, *, listen_s: float = LISTEN_S, **sent: float | bool | tuple[str, ...]) -> Situation:
     vehicle = vehicle_folder(folder)
     with nodes(vehicle, **sent):  # type: ignore[arg-type]
         return gather(vehicle, folder, listen_s, free_port())
@@ -69,8 +69,8 @@ def on_link(ready: Situation, link: Link, **replaced: object) -> Situation:
 
 
 def hearing(ready: Situation, **changed: object) -> Situation:
-    (bus,) = ready.heard
-    return replace(ready, heard={bus: replace(ready.heard[bus], **changed)})  # type: ignore[arg-type]
+    (bus,) = ready.receptions
+    return replace(ready, receptions={bus: replace(ready.receptions[bus], **changed)})  # type: ignore[arg-type]
 
 
 def with_logger(ready: Situation, **changed: float) -> Situation:
@@ -79,7 +79,7 @@ def with_logger(ready: Situation, **changed: float) -> Situation:
 
 
 def with_bitrate(ready: Situation, bitrate: int) -> Situation:
-    (bus,) = ready.heard
+    (bus,) = ready.receptions
     return hearing(ready, section=ready.sections[bus].model_copy(update={"bitrate": bitrate}))
 
 
@@ -162,23 +162,23 @@ CASES = [
     Case("bus load", "warn", "of 85000 bit/s", lambda _, ready: with_bitrate(at_rate(ready), 85_000)),
     Case("bus load", "fail", "more than the bus can carry", lambda _, ready: with_bitrate(ready, 5_000)),
     Case("error frames", "pass", "none", lambda _, ready: ready),
-    Case("error frames", "fail", "(protocol)", lambda folder, _: heard(folder, errors=True)),
+    Case("error frames", "fail", "(protocol)", lambda folder, _: listened(folder, errors=True)),
     Case("DBC coverage", "pass", "100%", lambda _, ready: ready),
     Case("DBC coverage", "fail", "0x100 (", lambda _, ready: described(ready, 1)),
     Case("DBC coverage", "warn", "14%", lambda _, ready: described(ready, 256)),
     Case("silent messages", "pass", "all 7", lambda _, ready: ready),
-    Case("silent messages", "warn", "GNSS_3", lambda folder, _: heard(folder, without=("GNSS_3",))),
-    Case("signals", "pass", "3.6 kt (bus", lambda folder, _: heard(folder, Speed=3.6)),
+    Case("silent messages", "warn", "GNSS_3", lambda folder, _: listened(folder, without=("GNSS_3",))),
+    Case("signals", "pass", "3.6 kt (bus", lambda folder, _: listened(folder, Speed=3.6)),
     Case("signals", "pass", "samples", lambda _, ready: ready),
-    Case("signals", "fail", "GNSS_2.Speed did not come", lambda folder, _: heard(folder, without=("GNSS_2",))),
+    Case("signals", "fail", "GNSS_2.Speed did not come", lambda folder, _: listened(folder, without=("GNSS_2",))),
     Case("signals", "warn", "not available", lambda _, ready: replace(ready, channels=unavailable(ready))),
-    Case("signals", "warn", "Overrange", lambda folder, _: heard(folder, Status=2.0)),
+    Case("signals", "warn", "Overrange", lambda folder, _: listened(folder, Status=2.0)),
     Case("GNSS fix", "pass", "fix", lambda _, ready: ready),
-    Case("GNSS fix", "fail", "no fix", lambda folder, _: heard(folder, SpeedValid=0.0)),
+    Case("GNSS fix", "fail", "no fix", lambda folder, _: listened(folder, SpeedValid=0.0)),
     Case("GNSS time", "pass", "jitter", lambda _, ready: ready),
-    Case("GNSS time", "pass", "leap seconds", lambda folder, _: heard(folder, TimeOfDay=18.0)),
-    Case("GNSS time", "warn", "+18", lambda folder, _: heard(folder, TimeOfDay=-18.0)),
-    Case("GNSS time", "warn", "+60", lambda folder, _: heard(folder, TimeOfDay=-60.0)),
+    Case("GNSS time", "pass", "leap seconds", lambda folder, _: listened(folder, TimeOfDay=18.0)),
+    Case("GNSS time", "warn", "+18", lambda folder, _: listened(folder, TimeOfDay=-18.0)),
+    Case("GNSS time", "warn", "+60", lambda folder, _: listened(folder, TimeOfDay=-60.0)),
     Case("host clock", "pass", "UTC", lambda _, ready: ready),
     Case("host clock", "fail", "never set", lambda *_: judged_time(datetime(1970, 1, 1, tzinfo=UTC))),
     Case("clock steps", "pass", "not set", lambda _, ready: replace(ready, clock_moved_s=1e-6)),
@@ -191,7 +191,7 @@ CASES = [
     Case("folder", "fail", "no file can be made", lambda _, ready: replace(ready, out=Path("/proc/wheelsoil"))),
     Case("other logger", "pass", "none", lambda _, ready: ready),
     Case("disk space", "pass", "minutes at", lambda _, ready: ready),
-    Case("disk space", "pass", "nothing was heard", lambda _, ready: replace(ready, bytes_per_s=0.0)),
+    Case("disk space", "pass", "nothing was received", lambda _, ready: replace(ready, bytes_per_s=0.0)),
     Case("disk space", "warn", "minutes at", lambda _, ready: with_logger(ready, disk_warn_min=1e9)),
     Case("disk space", "fail", "in reserve", lambda _, ready: with_logger(ready, disk_reserve_mb=1e12)),
     Case("disk speed", "pass", "64 kB", lambda *_: judged_times("", [0.004] * 50, 1e5)),
@@ -218,7 +218,7 @@ def serial_adapter() -> Link:
 
 def described(ready: Situation, can_id: int) -> Situation:
     """Return the situation with a DBC of one message."""
-    (bus,) = ready.heard
+    (bus,) = ready.receptions
     text = f'VERSION ""\nBS_:\nBU_: X\nBO_ {can_id} One: 1 X\n SG_ S : 0|8@1+ (1,0) [0|1] "" X\n'
     database = load_database(text.encode(), "other.dbc")
     return replace(ready, databases={bus: (database,)})
@@ -226,8 +226,8 @@ def described(ready: Situation, can_id: int) -> Situation:
 
 def at_rate(ready: Situation) -> Situation:
     """Return the situation as if each frame had come a millisecond after the one before, so that the load is known."""
-    (bus,) = ready.heard
-    return hearing(ready, seconds=len(ready.heard[bus].frames) / 700)
+    (bus,) = ready.receptions
+    return hearing(ready, seconds=len(ready.receptions[bus].frames) / 700)
 
 
 def unavailable(ready: Situation) -> dict[str, Channel]:
@@ -272,7 +272,7 @@ def test_a_logger_on_the_folder_is_noticed(tmp_path: Path, ready: Situation) -> 
     assert not complaints("other logger", there)
 
 
-def test_the_space_of_a_disk_that_takes_nothing_is_not_told(ready: Situation) -> None:
+def test_the_space_of_a_disk_that_takes_nothing_is_not_reported(ready: Situation) -> None:
     mounted = [line.split() for line in Path("/proc/self/mounts").read_text().splitlines()]
     readonly = [Path(words[1]) for words in mounted if words[3].split(",")[0] == "ro" and Path(words[1]).is_dir()]
     if not readonly:
@@ -319,9 +319,9 @@ def test_what_nothing_is_known_of_still_gives_lines(tmp_path: Path) -> None:
     assert {"vehicle.toml", "host clock", "folder", "disk speed", "Python"} <= named
     assert [line.check for line in lines if line.verdict is Verdict.FAIL] == ["vehicle.toml"]
     assert not {"DBC files", "roles", "traffic", "zero"} & named  # what would be said of them is not true
-    assert sum("not looked at: DBC files, roles" in line.found for line in lines) == 1
+    assert sum("vehicle.toml has faults: DBC files, roles" in line.found for line in lines) == 1
 
 
-def test_a_bus_twice_in_the_file_is_heard_once(tmp_path: Path) -> None:
+def test_a_bus_twice_in_the_file_is_received_once(tmp_path: Path) -> None:
     text = '[[bus]]\nchannel = "twice"\ninterface = "virtual"\n' * 2
-    assert list(written(tmp_path, text).heard) == ["twice"]
+    assert list(written(tmp_path, text).receptions) == ["twice"]

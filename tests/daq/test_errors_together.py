@@ -5,7 +5,7 @@ from __future__ import annotations
 from daq.errors import DataError, Fault
 
 
-def test_six_of_one_kind_are_told_once_with_the_first_and_last_place() -> None:
+def test_six_of_one_kind_are_reported_once_with_the_first_and_last_place() -> None:
     error = DataError(*(Fault("no torque", f"run-{i}", "dp", next_step=f"add it to {i}.toml") for i in range(1, 7)))
     assert len(error.faults) == 6, "programs get them all"
     assert str(error).count("no torque") == 1

@@ -92,7 +92,7 @@ def test_mat_round_trip(tmp_path):
     assert units == {name: unit for name, unit in UNITS.items() if unit}
 
 
-def test_faults_are_told(tmp_path):
+def test_faults_are_reported(tmp_path):
     with pytest.raises(ConfigError, match=r"\.parquet, \.csv, \.mat"):
         write_table(tmp_path / "t.xlsx", COLUMNS)
     with pytest.raises(ConfigError, match="a file without a suffix"):
@@ -110,7 +110,7 @@ def test_faults_are_told(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv", ".mat"])
-def test_a_full_disk_is_told(tmp_path, suffix):
+def test_a_full_disk_is_reported(tmp_path, suffix):
     """RLIMIT_FSIZE makes the kernel refuse to write on, as a full disk does."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     columns = {"v": np.random.default_rng(0).random(100_000)}

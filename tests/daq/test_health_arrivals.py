@@ -158,6 +158,6 @@ def test_a_gap_is_judged_once_the_frames_behind_it_catch_up_no_more() -> None:
     even = np.arange(300) * 10 * MS
     assert gaps.take(np.delete(even[:160], slice(100, 104)), np.zeros(156, np.int64)) == []
     assert gaps.open
-    told = gaps.take(even[160:], np.zeros(140, np.int64))
-    assert (told[0].gaps, told[0].lacking) == (1, 4)
+    verdicts = gaps.take(even[160:], np.zeros(140, np.int64))
+    assert (verdicts[0].gaps, verdicts[0].lacking) == (1, 4)
     assert not gaps.open

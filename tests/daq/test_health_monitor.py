@@ -20,7 +20,7 @@ from daq.can.decoding import Decoder
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, FrameFlag, concatenate
 from daq.config import VehicleConfig
 from daq.logger.health.monitor import HealthMonitor, statuses
-from daq.logger.health.report import Board, BusFacts, HostFacts, Level, Recent, Since, reason
+from daq.logger.health.report import Board, BusStatus, HostStatus, Level, Recent, Since, reason
 from daq.logger.health.traffic import bits_on_wire
 from daq.logger.health.values import SATURATED_RUN, SignalValues
 from daq.recording.events import encode_diagnostics
@@ -127,7 +127,7 @@ def test_the_load_of_a_bus() -> None:
     monitor = HealthMonitor(vehicle(), {}, started_ns=10**18)
     for end in range(400, 4001, 400):
         monitor.take(FrameBatch(frames[end - 400 : end], ("can0",)), {})
-        report = monitor.report(10**18 + end * 500_000, HostFacts({}))
+        report = monitor.report(10**18 + end * 500_000, HostStatus({}))
     (bus,) = report.buses
     assert bus.rate_hz == pytest.approx(2000, rel=0.01)
     assert bus.load == pytest.approx(2000 * 114 / 500_000, rel=0.03)
@@ -150,7 +150,7 @@ def test_100000_unknown_identifiers_take_no_memory() -> None:
         frames["time_ns"] = 10**18 + number * SECOND_NS + np.arange(10_000) * 100_000
         batch = FrameBatch(frames, ("can0",))
         monitor.take(batch, Decoder(databases).decode(batch))
-        report = monitor.report(10**18 + (number + 1) * SECOND_NS, HostFacts({}))
+        report = monitor.report(10**18 + (number + 1) * SECOND_NS, HostStatus({}))
         sizes.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
     assert report.buses[0].unknown_frames == 100_000
@@ -172,7 +172,7 @@ def test_frames_of_every_kind_are_taken_and_skipped() -> None:
                 monitor.skip(piece)
             else:
                 monitor.take(piece, Decoder(databases).decode(piece))
-        reports.append(monitor.report(int(batch.frames["time_ns"][-1]), HostFacts({})))
+        reports.append(monitor.report(int(batch.frames["time_ns"][-1]), HostStatus({})))
     buses = [[(bus.name, bus.error_frames, bus.unknown_frames) for bus in report.buses] for report in reports]
     assert buses[0] == buses[1]
     flags, numbers = batch.frames["flags"], batch.frames["bus"]
@@ -220,9 +220,9 @@ def test_times_that_are_not_sure_are_not_judged() -> None:
     frames["time_ns"][late] += 2 * SECOND_NS
     stepped = frames["time_ns"] > start_ns + 7 * SECOND_NS
     stepped &= frames["time_ns"] <= start_ns + 7 * SECOND_NS + 200_000_000
-    frames["flags"][stepped] |= np.uint8(FrameFlag.UNSURE_TIME)
-    told = watch(run.vehicle, run.databases, [FrameBatch(frames, batch.buses)])
-    assert told.monitor.losses() == {}
+    frames["flags"][stepped] |= np.uint8(FrameFlag.UNCERTAIN_TIME)
+    result = watch(run.vehicle, run.databases, [FrameBatch(frames, batch.buses)])
+    assert result.monitor.losses() == {}
 
 
 def test_a_report_becomes_diagnostics() -> None:
@@ -231,9 +231,9 @@ def test_a_report_becomes_diagnostics() -> None:
     start_ns = batch.frames["time_ns"][0]
     gone = (batch.frames["can_id"] == 257) & (batch.frames["time_ns"] > start_ns + 8 * SECOND_NS)
     short = batch[~gone & (batch.frames["time_ns"] < start_ns + 10 * SECOND_NS)]
-    facts = HostFacts({"can0": BusFacts("up", len(short), 3)}, disk_free_bytes=10**9)
-    told = watch(run.vehicle, run.databases, [short], lambda _: facts)
-    found = {one.name: one for one in statuses(told.last)}
+    host = HostStatus({"can0": BusStatus("up", len(short), 3)}, disk_free_bytes=10**9)
+    result = watch(run.vehicle, run.databases, [short], lambda _: host)
+    found = {one.name: one for one in statuses(result.last)}
     assert {"can0", "can0/WFT_Forces", "can0/WFT_Forces.Fz", "gnss", "host"} <= set(found)
     assert "can0/WFT_Forces.Fy" not in found
     assert found["can0"].level == 2
@@ -246,4 +246,4 @@ def test_a_report_becomes_diagnostics() -> None:
     assert found["gnss"].values["fix"] == "yes"
     assert found["host"].values["disk_free_mb"] == "1000"
     assert not any("nan" in value for one in found.values() for value in one.values.values())
-    assert len(encode_diagnostics(told.last.time_ns, list(found.values()))) < 8000
+    assert len(encode_diagnostics(result.last.time_ns, list(found.values()))) < 8000

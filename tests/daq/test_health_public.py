@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from health_support import Seen, watch
+from health_support import HealthRun, watch
 from support import data_dir
 
 from daq.can.databases import load_database
@@ -14,7 +14,7 @@ from daq.logger.health.report import Level
 from daq.logs import read_log
 
 
-def seen(log: Path, dbcs: dict[str, Path], signals: dict[str, str], **health: object) -> Seen:
+def monitored(log: Path, dbcs: dict[str, Path], signals: dict[str, str], **health: object) -> HealthRun:
     buses = {bus: (load_database(path, lenient=True),) for bus, path in dbcs.items()}
     vehicle = VehicleConfig.model_validate(
         {
@@ -27,22 +27,24 @@ def seen(log: Path, dbcs: dict[str, Path], signals: dict[str, str], **health: ob
     return watch(vehicle, buses, read_log(log))
 
 
-def said(told: Seen) -> set[tuple[str, str]]:
-    return {(one.code, one.where.partition(":")[0]) for one in told.reasons}
+def reason_places(result: HealthRun) -> set[tuple[str, str]]:
+    return {(one.code, one.where.partition(":")[0]) for one in result.reasons}
 
 
 def test_a_drive_on_the_highway() -> None:
     folder = data_dir("comma2k19-example1")
     dbc = folder / "toyota_rav4_2019.dbc"
     signals = {"wheel_speed": "can0:WHEEL_SPEEDS.WHEEL_SPEED_RL", "ground_speed": "can0:SPEED.SPEED"}
-    told = seen(folder / "candump.log.gz", {"can0": dbc, "can1": dbc}, signals)
-    assert said(told) == {("unknown_frames", "can0"), ("unknown_frames", "can1")}
-    assert told.monitor.losses() == {}
-    assert [bus.unknown_frames for bus in told.last.buses] == [16_060, 40_800]
-    load = {bus.name: bus.load for bus in told.reports[100].buses}
+    result = monitored(folder / "candump.log.gz", {"can0": dbc, "can1": dbc}, signals)
+    assert reason_places(result) == {("unknown_frames", "can0"), ("unknown_frames", "can1")}
+    assert result.monitor.losses() == {}
+    assert [bus.unknown_frames for bus in result.last.buses] == [16_060, 40_800]
+    load = {bus.name: bus.load for bus in result.reports[100].buses}
     assert 0.1 < load["can1"] < load["can0"] < 0.3
-    quiet = seen(folder / "candump.log.gz", {"can0": dbc, "can1": dbc}, signals, may_carry_unknown=("can0", "can1"))
-    assert said(quiet) == set()
+    quiet = monitored(
+        folder / "candump.log.gz", {"can0": dbc, "can1": dbc}, signals, may_carry_unknown=("can0", "can1")
+    )
+    assert reason_places(quiet) == set()
 
 
 @pytest.mark.slow
@@ -55,26 +57,26 @@ def test_drives_with_missing_seconds_of_gnss(name: str, lacking: int) -> None:
         "latitude": "gnss_pos.Latitude",
         "longitude": "gnss_pos.Longitude",
     }
-    told = seen(folder / f"{name}.candump.log.gz", {"can2": folder / "canmod-gps.dbc"}, signals)
-    assert said(told) == {("frames_missing", "can2")}
-    losses = told.monitor.losses()
+    result = monitored(folder / f"{name}.candump.log.gz", {"can2": folder / "canmod-gps.dbc"}, signals)
+    assert reason_places(result) == {("frames_missing", "can2")}
+    losses = result.monitor.losses()
     assert losses.pop("missing.can2.gnss_imu") < 0.001 * 60_000
     assert len(losses) == 8
     assert set(losses.values()) == {lacking}
-    assert told.last.gnss is not None
-    assert told.last.gnss.fix
+    assert result.last.gnss is not None
+    assert result.last.gnss.fix
 
 
 @pytest.mark.slow
 def test_a_truck_whose_engine_control_pauses() -> None:
     folder = data_dir("css-canedge")
     dbc = folder / "CSS-Electronics-SAE-J1939-DEMO.dbc"
-    told = seen(
+    result = monitored(
         folder / "truck_j1939_stationary.candump.log.gz",
         {"can1": dbc},
         {"wheel_speed": "CCVS1.WheelBasedVehicleSpeed"},
         may_carry_unknown=("can1",),
     )
-    assert said(told) == {("message_missing", "can1"), ("frames_missing", "can1")}
-    assert max(one.level for one in told.reasons) is Level.RED
-    assert told.monitor.losses() == {"missing.can1.CCVS1": 22, "missing.can1.EEC1": 22}
+    assert reason_places(result) == {("message_missing", "can1"), ("frames_missing", "can1")}
+    assert max(one.level for one in result.reasons) is Level.RED
+    assert result.monitor.losses() == {"missing.can1.CCVS1": 22, "missing.can1.EEC1": 22}

@@ -22,11 +22,11 @@ QUICK = ("clay/run-1.mcap", "sandy/run-4.mcap")
 )
 def test_a_sample_stays_green(name: str) -> None:
     run = open_runs([RECORDINGS / name])[0]
-    seen = watch(run.vehicle, run.databases, run.frame_batches())
-    assert {(one.code, one.where, one.what) for one in seen.reasons} == set()
-    assert seen.last.level is Level.GREEN
-    assert seen.monitor.losses() == {}
-    usual = {one.name: round(one.usual_rate_hz) for one in seen.last.messages}
+    result = watch(run.vehicle, run.databases, run.frame_batches())
+    assert {(one.code, one.where, one.what) for one in result.reasons} == set()
+    assert result.last.level is Level.GREEN
+    assert result.monitor.losses() == {}
+    usual = {one.name: round(one.usual_rate_hz) for one in result.last.messages}
     assert usual["WFT_Forces"] == 1000
     assert usual["WheelSpeeds"] == 100
     assert usual["GNSS_1"] == 20

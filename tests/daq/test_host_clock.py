@@ -1,4 +1,4 @@
-"""Time in the file goes on evenly, whatever happens to the host's clock."""
+"""Time in the file advances evenly, whatever happens to the host's clock."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def batch(stamps: list[int]) -> FrameBatch:
 
 
 def is_unsure(of: FrameBatch) -> np.ndarray:
-    return np.asarray((of.frames["flags"] & FrameFlag.UNSURE_TIME) != 0)
+    return np.asarray((of.frames["flags"] & FrameFlag.UNCERTAIN_TIME) != 0)
 
 
 @dataclass(frozen=True)
@@ -119,10 +119,10 @@ def drive(
             if resting:
                 continue
             while arrives <= host.now_ns:
-                seen = max(arrives + rng.randrange(LATENCY_NS), waiting[-1][1] if waiting else 0)
-                waiting.append((arrives, seen))
+                observed = max(arrives + rng.randrange(LATENCY_NS), waiting[-1][1] if waiting else 0)
+                waiting.append((arrives, observed))
                 arrives += 1 + rng.randrange(2 * interval_ns)
-            came = [arrived for arrived, seen in waiting[:most] if seen <= host.now_ns]
+            came = [arrived for arrived, observed in waiting[:most] if observed <= host.now_ns]
             del waiting[: len(came)]
             read = tracker.after_read(batch([host.stamp(arrived) for arrived in came]))
             yield Reading(read, came, since, host.now_ns)
@@ -147,7 +147,7 @@ def test_no_step_moves_a_frame_that_is_not_flagged(plan: list[Cycle], interval_n
         np.testing.assert_allclose(times[~unsure], truth[~unsure], atol=BRACKET_NS, rtol=0)
         if unsure.any():
             noted = [(step.since_ns - clock.base_ns, step.time_ns - clock.base_ns) for step in clock.steps]
-            assert any(read.since_ns - EARLY_NS <= seen and since <= read.until_ns for since, seen in noted)
+            assert any(read.since_ns - EARLY_NS <= observed and since <= read.until_ns for since, observed in noted)
             assert np.all(times[unsure] <= truth[unsure] + BRACKET_NS)
         last = int(times[-1]) if len(times) else last
 
@@ -165,7 +165,7 @@ def test_every_step_is_noted_with_its_size_and_time(plan: list[Cycle], seed: int
         assert step.since_ns - clock.base_ns <= at <= step.time_ns - clock.base_ns
 
 
-def test_a_step_of_an_hour_between_two_frames_is_told_apart_within_the_batch() -> None:
+def test_a_step_of_an_hour_between_two_frames_is_resolved_within_the_batch() -> None:
     host = Host()
     clock = host.clock()
     tracker = StampTracker(clock, "can0")
@@ -183,7 +183,7 @@ def test_a_step_of_an_hour_between_two_frames_is_told_apart_within_the_batch() -
 
 
 def test_a_stamp_that_fits_no_offset_is_flagged_and_harms_no_other() -> None:
-    """The clock is set and set back while a batch comes in: nobody can know, but what is odd is seen."""
+    """The clock is set and set back while a batch comes in: the times are not known, but contradictions are flagged."""
     host = Host()
     clock = host.clock()
     tracker = StampTracker(clock, "can0")
@@ -198,7 +198,7 @@ def test_a_stamp_that_fits_no_offset_is_flagged_and_harms_no_other() -> None:
     assert is_unsure(read).tolist() == [False] * 10 + [True] * 10 + [False] * 10
     assert np.all(np.diff(read.frames["time_ns"]) >= 0)
     assert read.frames["time_ns"][-1] == stamps[-1]
-    assert tracker.unsure == 10
+    assert tracker.uncertain == 10
     assert clock.steps == ()
 
 
@@ -250,8 +250,8 @@ def test_stamps_are_untouched_while_the_clock_is_not_set() -> None:
         stamps = []
         for _ in range(50):
             sender.sendto(b"frame", receiver.getsockname())
-            ((_, _, told),) = receiver.recvmsg(16, 64)[1]
-            seconds, nanoseconds = struct.unpack("qq", told)
+            ((_, _, stamp),) = receiver.recvmsg(16, 64)[1]
+            seconds, nanoseconds = struct.unpack("qq", stamp)
             stamps.append(seconds * SECOND + nanoseconds)
         read = tracker.after_read(batch(stamps))
         if clock.steps:
@@ -261,16 +261,16 @@ def test_stamps_are_untouched_while_the_clock_is_not_set() -> None:
         assert began_ns - BRACKET_NS <= stamps[0] <= stamps[-1] <= clock.now_ns() + BRACKET_NS
 
 
-def test_threads_that_look_at_once_see_each_step_once() -> None:
+def test_threads_that_check_at_once_see_each_step_once() -> None:
     offset = [0]
     clock = HostClock(lambda: monotonic_ns() + offset[0], monotonic_ns)
     done = threading.Event()
 
-    def look() -> None:
+    def check() -> None:
         while not done.is_set():
             clock.observe()
 
-    threads = [threading.Thread(target=look) for _ in range(4)]
+    threads = [threading.Thread(target=check) for _ in range(4)]
     for thread in threads:
         thread.start()
     sizes = [3 * SECOND, -HOUR, 50 * MS, HOUR, -SECOND]

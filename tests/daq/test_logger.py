@@ -116,7 +116,7 @@ bus.shutdown()
     assert 5 < len(recording.frames()) == count
 
 
-def test_what_cannot_be_opened_is_told_at_once_and_nothing_is_written(tmp_path: Path) -> None:
+def test_what_cannot_be_opened_is_reported_at_once_and_nothing_is_written(tmp_path: Path) -> None:
     out = tmp_path / "out"
     with pytest.raises(ConfigError, match="no bus to record"):
         log(VehicleConfig(), out)

@@ -1,4 +1,4 @@
-"""What goes wrong while the logger records costs as little as it can, and is told."""
+"""What goes wrong while the logger records costs as little as it can, and is reported."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def test_a_bus_that_is_down_at_the_end_is_a_fault_and_no_end(tmp_path: Path) -> 
     assert Recording.open(summary.path).metadata["run_end"]["exit_status"] == "ok"
 
 
-def test_bus_off_is_told_and_so_is_the_restart(tmp_path: Path) -> None:
+def test_bus_off_is_reported_and_so_is_the_restart(tmp_path: Path) -> None:
     opener, panel = Opener("x"), Handset()
     recorder = Recorder(SCRIPTED, tmp_path, opener=opener, panel=panel)
     for can_id, state in ((0x40, "bus_off"), (0x100, "up")):
@@ -150,8 +150,8 @@ def test_an_inspection_that_fails_costs_no_frame(tmp_path: Path, monkeypatch: py
     summary = recorder.end()
     assert any("ZeroDivisionError: a strange frame" in remark for remark in summary.remarks)
     assert content(Recording.open(summary.path).frames()) == content(batch)
-    [told] = texts(summary, "logger")
-    assert "could not be inspected" in told
+    [event] = texts(summary, "logger")
+    assert "could not be inspected" in event
 
 
 def test_an_inspection_that_is_stuck_costs_no_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -226,7 +226,7 @@ def test_what_a_failing_disk_does_not_take_is_counted(tmp_path: Path, taken: int
 def test_the_service_manager_hears_of_life_until_no_source_answers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stuck: bool
 ) -> None:
-    monkeypatch.setattr("daq.logger.watch._LOOK_EVERY_S", 0.02)
+    monkeypatch.setattr("daq.logger.watch._REFRESH_EVERY_S", 0.02)
     monkeypatch.setattr("daq.logger.watch._STUCK_S", 0.2)
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
     released, source = threading.Event(), ScriptedSource("x")
@@ -244,7 +244,7 @@ def test_the_service_manager_hears_of_life_until_no_source_answers(
     assert later == ({"STATUS"} if stuck else {"STATUS", "WATCHDOG"})
 
 
-def test_a_disk_without_its_reserve_is_told_before_a_file_is_made(tmp_path: Path) -> None:
+def test_a_disk_without_its_reserve_is_reported_before_a_file_is_made(tmp_path: Path) -> None:
     vehicle = SCRIPTED.model_copy(update={"logger": LoggerSection(disk_reserve_mb=1e9)})
     with pytest.raises(HardwareError, match="the disk is full up to the reserve") as caught:
         log(vehicle, tmp_path, duration_s=1.0, opener=Opener("x"))
@@ -373,7 +373,7 @@ def test_a_driver_that_hangs_when_it_is_closed_stops_no_other_bus(tmp_path: Path
 
 
 @pytest.mark.parametrize("away", ["folder removed", "file removed", "file moved"])
-def test_a_file_that_is_taken_away_is_told_and_another_is_begun(tmp_path: Path, away: str) -> None:
+def test_a_file_that_is_taken_away_is_reported_and_another_is_begun(tmp_path: Path, away: str) -> None:
     opener, panel, out = Opener("x"), Handset(), tmp_path / "out"
     recorder = Recorder(SCRIPTED, out, opener=opener, panel=panel, run=RunInfo(id="r"))
     source = opener.source("x")
@@ -386,8 +386,8 @@ def test_a_file_that_is_taken_away_is_told_and_another_is_begun(tmp_path: Path, 
         (out / "r.mcap").unlink()
     else:
         (out / "r.mcap").rename(tmp_path / "elsewhere.mcap")
-    told = panel.wait_for(lambda now: now["run"]["file"] == "r.part2.mcap" and now["level"] == "red")
-    assert [one["where"] for one in told["reasons"] if one["code"] == "file_gone"] == ["recording"]
+    event = panel.wait_for(lambda now: now["run"]["file"] == "r.part2.mcap" and now["level"] == "red")
+    assert [one["where"] for one in event["reasons"] if one["code"] == "file_gone"] == ["recording"]
     source.give(sent[1])
     panel.wait_for(lambda now: now["buses"][0]["frames"] == 40)
     summary = recorder.end()

@@ -23,7 +23,7 @@ from daq.config import BusSection, VehicleConfig
 from daq.errors import HardwareError
 from daq.host_clock import HostClock
 from daq.logger.disk_guard import DiskGuard
-from daq.logger.health.report import HostFacts, Level
+from daq.logger.health.report import HostStatus, Level
 from daq.logger.inspection import Feed
 from daq.logger.listener import Arrival, ByteQueue, Listener
 from daq.logger.recorder import RunClock
@@ -83,7 +83,7 @@ def test_an_interface_that_is_down_at_first_is_a_remark() -> None:
 
     source = ReconnectingSource(BusSection(channel="x"), opener)
     assert "x is down; it is recorded from when it is up" in source.remarks[0]
-    assert source.facts().state == "down"
+    assert source.status().state == "down"
     assert [change.state for change in source.changes()] == ["down"]
     source.close()
 
@@ -102,7 +102,7 @@ def test_a_source_counts_over_its_reopenings() -> None:
             assert time.monotonic() < until
     assert source.counters.received == 21
     assert source.counters.dropped == 15
-    assert source.facts().reconnects == 3
+    assert source.status().reconnects == 3
     assert [change.state for change in source.changes()] == ["down", "up"] * 3
     assert source.changes() == []
     source.close()
@@ -112,22 +112,22 @@ def test_the_disk_lasts_as_long_as_its_growth_says(tmp_path: Path, monkeypatch: 
     free = [10_000_000_000]
     monkeypatch.setattr("daq.logger.disk_guard.shutil.disk_usage", lambda _: type("Usage", (), {"free": free[0]}))
     guard = DiskGuard(tmp_path, warn_min=60.0, reserve_mb=1000.0)
-    assert math.isnan(guard.look(0.0, 0).minutes)
-    state = guard.look(10.0, 10_000_000)
+    assert math.isnan(guard.check(0.0, 0).minutes)
+    state = guard.check(10.0, 10_000_000)
     assert state.bytes_per_s == pytest.approx(1e6)
     assert state.minutes == pytest.approx(9e9 / 1e6 / 60)
     assert state.level is Level.GREEN
     free[0] = 4_000_000_000
-    assert guard.look(20.0, 20_000_000).level is Level.AMBER
+    assert guard.check(20.0, 20_000_000).level is Level.AMBER
     free[0] = 4_700_000_000  # 61 minutes: not yet the end of the warning
-    assert guard.look(20.5, 20_500_000).level is Level.AMBER
+    assert guard.check(20.5, 20_500_000).level is Level.AMBER
     for second in range(30, 120, 10):  # a pause: the growth is that of the last minute
-        state = guard.look(float(second), 20_000_000)
+        state = guard.check(float(second), 20_000_000)
     assert state.bytes_per_s == 0.0
     assert math.isnan(state.minutes)
     assert state.level is Level.GREEN
     free[0] = 1_000_000_000
-    assert guard.look(130.0, 20_000_000).level is Level.RED
+    assert guard.check(130.0, 20_000_000).level is Level.RED
     with pytest.raises(HardwareError, match="the disk is full up to the reserve"):
         DiskGuard(tmp_path, warn_min=60.0, reserve_mb=1000.0)
 
@@ -137,11 +137,11 @@ def test_a_disk_that_does_not_answer_is_no_end(tmp_path: Path) -> None:
     folder.mkdir()
     guard = DiskGuard(folder, warn_min=60.0, reserve_mb=0.001)
     folder.rmdir()
-    assert guard.look(1.0, 0).level is Level.GREEN
+    assert guard.check(1.0, 0).level is Level.GREEN
 
 
 @pytest.mark.parametrize("abstract", [False, True])
-def test_a_service_manager_hears_what_it_is_told(tmp_path: Path, abstract: bool) -> None:
+def test_a_service_manager_receives_every_state(tmp_path: Path, abstract: bool) -> None:
     name = f"wheelsoil-test-{os.getpid()}"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(f"\0{name}" if abstract else str(tmp_path / "notify"))
@@ -182,7 +182,7 @@ def test_any_id_stays_in_its_folder(text: str) -> None:
 
 
 def test_inspection_gives_way_while_the_queue_is_full_and_until_it_has_drained() -> None:
-    feed, host = Feed(), HostFacts({})
+    feed, host = Feed(), HostStatus({})
     batches = [recent_frames(seed, 10) for seed in range(5)]
     for batch, share in zip(batches, (0.0, 0.3, 0.2, 0.01, 0.2), strict=True):
         feed.take(batch, share)
@@ -196,7 +196,7 @@ def test_what_is_kept_for_the_inspection_is_bounded() -> None:
     batch = recent_frames(1, 10_000)
     for _ in range(50):
         feed.take(batch, 0.0)
-    task = feed.task(0, HostFacts({}))
+    task = feed.task(0, HostStatus({}))
     kept = concatenate(task.batches).frames.nbytes + concatenate(task.skipped).frames.nbytes
     assert kept <= (8 << 20) + batch.frames.nbytes
     assert feed.skipped_frames == 500_000 - sum(map(len, task.batches))
@@ -247,7 +247,7 @@ def test_a_run_begins_with_the_clock_as_it_is_set_then() -> None:
     channel = Channel("a", "", batch.frames["time_ns"], np.zeros(10))
     moved = second.channels({("x", "a"): channel})["x", "a"]
     assert np.array_equal(moved.time_ns, second.frames(batch).frames["time_ns"])
-    assert list(second.told(None)) == ["step.1"]
+    assert list(second.as_metadata(None)) == ["step.1"]
 
 
 @pytest.mark.parametrize(

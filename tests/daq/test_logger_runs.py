@@ -1,4 +1,4 @@
-"""Runs of the logger: their files, what comes between them, and how a run that was cut off goes on."""
+"""Runs of the logger: their files, what comes between them, and how a run that was cut off continues."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ bus.shutdown()
         [sys.executable, tmp_path / "run.py", out, "0.5"], capture_output=True, text=True, check=True, timeout=60
     )
     second = first.with_name(f"{first.stem}.part2.mcap")
-    assert f"run '{first.stem}' was cut off: it goes on in {second.name}" in done.stdout
+    assert f"run '{first.stem}' was cut off: it continues in {second.name}" in done.stdout
     assert sorted(out.iterdir()) == sorted([first, second])
     recording = Recording.open(second)
     assert recording.run is not None

@@ -191,7 +191,7 @@ BAD: list[tuple[str, bytes | None, str, str]] = [
         "text.log",
         b"hello\nworld\n",
         "no frame could be read as candump",
-        "2 unreadable, left out; the first is line 1: hello",
+        "2 unreadable, skipped; the first is line 1: hello",
     ),
     ("noise.log", bytes(range(256)) * 40, "no frame could be read as candump", "unreadable"),
     ("candump.blf", b"(1.0) can0 123#00\n", "this looks like candump -L text", "rename it to end in .log"),
@@ -202,7 +202,7 @@ BAD: list[tuple[str, bytes | None, str, str]] = [
     ("vehicle.log", b'VERSION "1.0"\nNS_ :\n', "a DBC file", ""),
     ("old.mf4", b"MDF     3.30", "an MDF file older than version 4", ""),
     ("drive.mf4.gz", gzip.compress(b"MDF     4.11"), "a gzipped MF4 file", "gunzip"),
-    ("what.ever", b"hello\n", "no log format is known by this suffix", "it is not PEAK TRC"),
+    ("what.ever", b"hello\n", "neither its suffix nor its content", "it is not PEAK TRC"),
     ("relative.asc", an_asc().replace("absolute", "relative").encode(), "relative to the line before", "absolute"),
     ("old.trc", b";$FILEVERSION=2.0\n 1 2.0 DT 0100 Rx 1 00\n", "no frame could be read as PEAK TRC", "unreadable"),
 ]
@@ -220,7 +220,7 @@ def test_bad_logs_get_one_clear_message(tmp_path: Path, name: str, data: bytes |
     assert caught.value.exit_code == 3
 
 
-def test_a_suffix_that_says_nothing_is_read_by_its_looks(tmp_path: Path) -> None:
+def test_a_suffix_that_says_nothing_is_read_by_its_content(tmp_path: Path) -> None:
     frames = classical(some_frames(np.random.default_rng(2), 20))
     write_candump([frames], tmp_path / "run.txt")
     assert content(concatenate(list(read_log(tmp_path / "run.txt")))) == content(frames)

@@ -130,7 +130,7 @@ def test_a_run_named_as_a_file_takes_what_lies_in_its_folder(tmp_path, monkeypat
     (folder / "vehicle.toml").write_text("bogus = 1\n")
     with pytest.raises(ConfigError, match="bogus") as caught:
         open_runs(["run1.log", "run2.mcap"])
-    assert len(caught.value.faults) == 1, "a folder's fault is told once"
+    assert len(caught.value.faults) == 1, "a folder's fault is reported once"
 
 
 def test_a_lenient_recording_opens_beside_the_files_it_was_made_with(tmp_path):
@@ -161,7 +161,7 @@ def test_runs_toml_names_the_runs_and_what_is_known_of_them(tmp_path):
     assert (second.id, second.info.added_load_kg) == ("a", 300)
 
 
-def test_runs_of_one_name_are_told_apart(tmp_path):
+def test_runs_of_one_name_are_numbered(tmp_path):
     paths = [record(tmp_path / f"{i}.mcap", frames(), RunInfo(id="run"), vehicle=VEHICLE) for i in range(3)]
     assert [run.id for run in open_runs(paths)] == ["run", "run-2", "run-3"]
     assert [run.info.id for run in open_runs(paths)] == ["run", "run-2", "run-3"]
@@ -181,7 +181,7 @@ def test_a_recovered_copy_beside_its_source_is_no_second_run(tmp_path, copy):
     assert sum(len(batch) for batch in run.frame_batches()) == 200
 
 
-def test_all_faults_are_told_at_once(tmp_path):
+def test_all_faults_are_reported_at_once(tmp_path):
     folder = folder_with(tmp_path / "campaign", vehicle=VEHICLE + "\nbogus = 1\n", terrain="[soil]\nname = 3\n")
     with pytest.raises(ConfigError) as caught:
         open_runs([folder, tmp_path / "nowhere.mcap"])

@@ -1,4 +1,4 @@
-"""Folders that may not be read: each costs itself and is told, and every other fault is told beside it."""
+"""Folders that may not be read: each is skipped and reported, together with every other fault."""
 
 from __future__ import annotations
 
@@ -39,34 +39,34 @@ def faults_of(*paths: Path) -> dict[str, str]:
 
 def test_a_folder_inside_that_may_not_be_read_hides_no_other_fault(disk: Path) -> None:
     closed(disk / "lost+found")
-    told = faults_of(disk, disk / "gone.mcap")
-    assert set(told) == {str(disk), str(disk / "gone.mcap")}
-    assert "the folder holds no run; lost+found; name the folder of a campaign" in told[str(disk)]
+    faults = faults_of(disk, disk / "gone.mcap")
+    assert set(faults) == {str(disk), str(disk / "gone.mcap")}
+    assert "the folder holds no run; lost+found; name the folder of a campaign" in faults[str(disk)]
 
 
 def test_a_folder_that_is_named_and_may_not_be_read_is_a_fault_among_others(disk: Path) -> None:
     shut = closed(disk / "shut")
-    told = faults_of(shut, disk / "gone.mcap")
-    assert set(told) == {str(shut), str(disk / "gone.mcap")}
-    assert "the path cannot be read; Permission denied" in told[str(shut)]
-    told = faults_of(shut / "run-1.mcap", disk / "gone.mcap")
-    assert "cannot be read; Permission denied" in told[str(shut / "run-1.mcap")] and len(told) == 2
+    faults = faults_of(shut, disk / "gone.mcap")
+    assert set(faults) == {str(shut), str(disk / "gone.mcap")}
+    assert "the path cannot be read; Permission denied" in faults[str(shut)]
+    faults = faults_of(shut / "run-1.mcap", disk / "gone.mcap")
+    assert "cannot be read; Permission denied" in faults[str(shut / "run-1.mcap")] and len(faults) == 2
 
 
 @pytest.mark.parametrize(("count", "more"), [(4, False), (6, True)])
 def test_of_many_campaigns_the_first_are_named_and_the_rest_counted(disk: Path, count: int, more: bool) -> None:
     inside = [campaign(disk / f"field-{number}") for number in range(count)]
     closed(disk / "field-0-shut")
-    told = faults_of(disk)[str(disk)]
-    assert " or ".join(map(str, inside[:4])) in told and "shut" not in told.rpartition(";")[2]
-    assert told.endswith(" or 2 more") == more
+    faults = faults_of(disk)[str(disk)]
+    assert " or ".join(map(str, inside[:4])) in faults and "shut" not in faults.rpartition(";")[2]
+    assert faults.endswith(" or 2 more") == more
 
 
 def test_campaigns_beside_a_folder_that_may_not_be_read_are_found(disk: Path) -> None:
     inside, shut = campaign(disk / "field"), closed(disk / "shut")
     (disk / "loop").symlink_to(disk / "loop")
     with as_nobody():
-        assert campaign_folders(disk) == [inside, shut], "who opens it is told"
+        assert campaign_folders(disk) == [inside, shut], "opening it reports the fault"
         assert campaign_folders(inside) == [inside]
         assert campaign_folders(shut) == [shut]
     shutil.rmtree(inside)

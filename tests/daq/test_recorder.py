@@ -70,7 +70,7 @@ class Sync:
 
 
 class Disk:
-    """What has been put on the disk, as seen by those who ask for it."""
+    """What has been put on the disk."""
 
     def __init__(self) -> None:
         self.syncs: list[Sync] = []
@@ -192,7 +192,7 @@ def host_clock(path: Path) -> list[Any]:
         return [message for *_, message in reader.iter_decoded_messages(topics=["/clock/host"])]
 
 
-def test_the_offset_of_the_hosts_clock_is_told_with_its_sign(tmp_path: Path) -> None:
+def test_the_offset_of_the_hosts_clock_is_reported_with_its_sign(tmp_path: Path) -> None:
     """File time less realtime: nothing at first, minus an hour when the clock was set forward by one."""
     clocks = Clocks()
     recorder = recorder_by(clocks, tmp_path)
@@ -201,10 +201,10 @@ def test_the_offset_of_the_hosts_clock_is_told_with_its_sign(tmp_path: Path) -> 
     clocks.pass_s(0.1)
     recorder.write(frame_now(clocks, recorder))
     recorder.close("ok")
-    told = host_clock(recorder.path)
-    assert [one.file_minus_realtime_ns for one in told] == [0, -STEP_NS]
-    assert [one.realtime_minus_monotonic_ns for one in told] == [clocks.offset_ns - STEP_NS, clocks.offset_ns]
-    times_ns = [one.time_ns for one in told]
+    offsets = host_clock(recorder.path)
+    assert [one.file_minus_realtime_ns for one in offsets] == [0, -STEP_NS]
+    assert [one.realtime_minus_monotonic_ns for one in offsets] == [clocks.offset_ns - STEP_NS, clocks.offset_ns]
+    times_ns = [one.time_ns for one in offsets]
     assert np.diff(times_ns).tolist() == [100_000_000]
     assert times_ns == Recording.open(recorder.path).frames().frames["time_ns"].tolist()
 

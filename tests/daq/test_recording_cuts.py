@@ -1,4 +1,4 @@
-"""A recording cut off anywhere in its last 64 KiB: no exception, every whole chunk back, the loss told."""
+"""A recording cut off anywhere in its last 64 KiB: no exception, every whole chunk read, the loss listed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cut, flipped, killed, full disk, foreign: what is whole is read, what is lost is told, no surprise is raised."""
+"""Cut, flipped, killed, full disk, foreign: whole records are read, losses are reported, no other error is raised."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def is_part_of(found, expected) -> bool:
 
 
 def check_damaged(path: Path, expected) -> Recording:
-    """Everything that is read is right, and what is missing is told."""
+    """Everything that is read is right, and what is missing is listed."""
     recording, frames, (attachments, metadata, _, _), _ = reading(path)
     lost = False
     for key, rows in expected.items():
@@ -139,7 +139,7 @@ def garbage_folder(tmp_path_factory):
     return path, path.read_bytes()
 
 
-def test_zeros_behind_the_last_fsync_are_told(whole, tmp_path):
+def test_zeros_behind_the_last_fsync_are_reported(whole, tmp_path):
     """A power cut leaves the file at its new size with nothing in it."""
     path, data, _ = whole
     last = Recording.open(path).contents.chunks[-1]
@@ -276,8 +276,8 @@ def test_an_exception_leaves_a_closed_recording(tmp_path, error):
     recording = Recording.open(tmp_path / "run.mcap")
     assert recording.loss == ()
     assert len(recording.frames()) == len(BATCHES[0])
-    told = {KeyboardInterrupt: "interrupted", ValueError: "error: ValueError"}
-    assert recording.metadata["run_end"]["exit_status"] == told[error]
+    statuses = {KeyboardInterrupt: "interrupted", ValueError: "error: ValueError"}
+    assert recording.metadata["run_end"]["exit_status"] == statuses[error]
 
 
 class InterruptedTestError(Exception):
@@ -315,7 +315,7 @@ def test_an_interrupt_anywhere_leaves_a_readable_recording(tmp_path):
         signal.signal(signal.SIGALRM, before)
 
 
-def test_what_is_no_recording_is_told(tmp_path):
+def test_what_is_no_recording_is_reported(tmp_path):
     (tmp_path / "log.mcap").write_bytes(b"(1.0) can0 123#00\n")
     (tmp_path / "empty.mcap").touch()
     cases = {"nowhere.mcap": "no such file", "": "a folder", "log.mcap": "not an MCAP file", "empty.mcap": "is empty"}

@@ -19,7 +19,7 @@ from daq.recording import Recording, recover
 from daq.recording import contents as opening
 
 
-def plainly_counted(path: Path) -> Counter[str]:
+def counted_by_reading(path: Path) -> Counter[str]:
     """Return the messages a topic, as the ``mcap`` package's reader of streams finds them up to the cut."""
     topics: dict[int, str] = {}
     counts: Counter[str] = Counter()
@@ -77,7 +77,7 @@ def define_early(source: Path, target: Path) -> None:
         writer.finish()
 
 
-def test_recover_finds_what_a_plain_reader_finds_wherever_it_is_cut(written, tmp_path_factory):
+def test_recover_finds_what_a_simple_reader_finds_wherever_it_is_cut(written, tmp_path_factory):
     data = written.read_bytes()
     folder = tmp_path_factory.mktemp("cuts")
     cut, clean = folder / "cut.mcap", folder / "clean.mcap"
@@ -87,14 +87,14 @@ def test_recover_finds_what_a_plain_reader_finds_wherever_it_is_cut(written, tmp
     @example(len(data) - 40)
     def check(size):
         cut.write_bytes(data[:size])
-        expected = plainly_counted(cut)
+        expected = counted_by_reading(cut)
         if not expected:
             return
         names = {topic.name for topic in Recording.open(cut).topics}
         assert expected.keys() <= names
         done = recover(cut, clean, overwrite=True)
         assert not any("nothing defines" in str(loss) for loss in done.loss)
-        assert counted(clean) == plainly_counted(clean) == expected
+        assert counted(clean) == counted_by_reading(clean) == expected
 
     check()
 
@@ -128,7 +128,7 @@ def test_a_damaged_chunk_takes_no_definition_with_it(whole, tmp_path):
     assert {name for name in expected if found[name] == expected[name]} >= {"/events", "/diagnostics", "/clock/host"}
 
 
-def test_what_nothing_defines_is_told_and_looked_for_once(tmp_path, monkeypatch):
+def test_what_nothing_defines_is_reported_and_searched_once(tmp_path, monkeypatch):
     path = tmp_path / "cut.mcap"
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=1)

@@ -98,7 +98,7 @@ def test_what_is_no_text_does_not_stop_a_recording(tmp_path):
     assert Recording.open(tmp_path / "run.mcap").events() == (Event(START_NS, "mark", "?"),)
 
 
-def test_clock_offsets_are_told_every_second_and_when_they_change(tmp_path):
+def test_clock_offsets_are_reported_every_second_and_when_they_change(tmp_path):
     offsets = [0] * 250 + [2_000_000] * 10
     with RecordingWriter(tmp_path / "run.mcap") as writer:
         for number, offset in enumerate(offsets):

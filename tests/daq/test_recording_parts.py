@@ -49,7 +49,7 @@ def test_no_frame_is_lost_or_doubled(tmp_path_factory, sizes, rotate_bytes, flus
                 parts.write_decoded("M", "can0", batch.frames["time_ns"], {"v": np.ones(len(batch))}, {"v": ""})
             parts.tick()
     found = {bus: [] for bus in FRAMES.buses}
-    told: dict[str, int] = {}
+    counts: dict[str, int] = {}
     paths = parts_on_disk(first)
     assert list(paths) == list(range(1, len(paths) + 1))
     for path in paths.values():
@@ -58,14 +58,14 @@ def test_no_frame_is_lost_or_doubled(tmp_path_factory, sizes, rotate_bytes, flus
         assert recording.attachments == {"a.dbc": b"VERSION"}
         for bus in recording.buses:
             found[bus].append(recording.frames(bus).frames)
-            told[bus] = told.get(bus, 0) + recording.frame_counts[bus]
+            counts[bus] = counts.get(bus, 0) + recording.frame_counts[bus]
     everything = np.concatenate(sent)
     for number, bus in enumerate(FRAMES.buses):
         expected = everything[everything["bus"] == number]
         got = np.concatenate(found[bus]) if found[bus] else expected[:0]
         assert [row["data"].tobytes() for row in got] == [row["data"].tobytes() for row in expected]
         assert np.array_equal(got["time_ns"], expected["time_ns"])
-        assert told.get(bus, 0) == len(expected) == parts.frame_counts.get(bus, 0)
+        assert counts.get(bus, 0) == len(expected) == parts.frame_counts.get(bus, 0)
     if flush_every_s == 0.0 and rotate_bytes == 1:
         assert len(paths) >= len(sizes)
 
@@ -102,7 +102,7 @@ def test_parts_are_chained(tmp_path):
     ]
 
 
-def test_losses_are_told_while_recording(tmp_path):
+def test_losses_are_reported_while_recording(tmp_path):
     parts = writer(tmp_path / "r.mcap")
     parts.note_losses({"can0": 3}, {"kernel.can0": 3})
     parts.note_losses({"can0": 4}, {"kernel.can0": 4})
@@ -187,7 +187,7 @@ def test_a_full_disk_ends_a_run_with_everything_before_it(tmp_path):
     assert len(all_frames(first)) == taken
 
 
-def test_the_next_part_is_told_by_what_is_there(tmp_path):
+def test_the_next_part_is_numbered_by_what_is_there(tmp_path):
     first = tmp_path / "r.mcap"
     assert next_part(first) == (first, 1)
     for name in ("r.mcap", "r.part2.mcap", "r.part10.mcap", "r.part03.mcap", "rr.part20.mcap", "r.part11.txt"):

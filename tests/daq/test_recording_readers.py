@@ -56,8 +56,8 @@ def recording(request, tmp_path_factory):
             writer.flush()
         writer.write_diagnostics(START_NS, STATUSES)
         writer.write_diagnostics(START_NS + 10**9, [])
-        for told in CLOCK:
-            writer.write_clock(*told)
+        for offsets in CLOCK:
+            writer.write_clock(*offsets)
     return path
 
 

@@ -114,7 +114,7 @@ def test_attachments_metadata_and_run_come_back(tmp_path):
     assert recording.library.startswith("wheelsoil ")
 
 
-def test_a_silent_bus_and_an_empty_run_are_told(tmp_path):
+def test_a_silent_bus_and_an_empty_run_are_reported(tmp_path):
     with RecordingWriter(tmp_path / "silent.mcap") as writer:
         writer.write_frames(FrameBatch(random_frames(6, 10), ("can0", "can1")))
     assert Recording.open(tmp_path / "silent.mcap").frame_counts == {"can0": 10, "can1": 0}
@@ -149,7 +149,7 @@ def spanned_recording(tmp_path_factory):
     return path, frames
 
 
-def test_faults_of_the_caller_are_told(tmp_path):
+def test_faults_of_the_caller_are_reported(tmp_path):
     path = tmp_path / "run.mcap"
     write_recording(path, [FrameBatch(random_frames(8, 3), ("can0",))])
     with pytest.raises(RecordingError, match="there is a file already"):

@@ -130,7 +130,7 @@ def test_a_part_that_is_no_recording_costs_only_itself(tmp_path, content):
 
 
 @pytest.mark.parametrize("gone", [1, 2, 4])
-def test_a_missing_part_is_told(tmp_path, gone):
+def test_a_missing_part_is_reported(tmp_path, gone):
     first = rotated(tmp_path / "r.mcap")
     part_path(first, gone).unlink()
     (run,) = open_runs([first] if gone > 1 else [part_path(first, 2)])
@@ -177,10 +177,10 @@ def test_other_runs_are_not_drawn_in(tmp_path):
     names = {tuple(file.name for file in files) for files in runs}
     whole = tuple(part_path(first, number).name for number in (1, 2, 3, 4))
     assert names == {whole, ("old.part2.mcap",), ("r.part5.mcap",), ("s.mcap",)}
-    told = {run.path.name: [str(loss) for loss in run.recording.loss] for run in runs.values() if run.recording}
-    assert told.pop("s.mcap") == ["s.part2.mcap is missing, in which the run goes on"]
-    assert told.pop("r.part5.mcap") == ["s.mcap is missing, which r.part5.mcap continues"]
-    assert not any(told.values())
+    losses = {run.path.name: [str(loss) for loss in run.recording.loss] for run in runs.values() if run.recording}
+    assert losses.pop("s.mcap") == ["s.part2.mcap is missing, in which the run continues"]
+    assert losses.pop("r.part5.mcap") == ["s.mcap is missing, which r.part5.mcap continues"]
+    assert not any(losses.values())
 
 
 def test_recovered_parts_are_one_run_again(tmp_path):
@@ -216,7 +216,7 @@ def test_every_door_opens_one_run(tmp_path):
         open_runs([])
 
 
-def test_what_was_not_recorded_between_two_parts_is_told(tmp_path):
+def test_what_was_not_recorded_between_two_parts_is_reported(tmp_path):
     """A part that a rotation closed goes over without a gap; one that was cut off does not."""
     first = rotated(tmp_path / "r.mcap")
     assert RunRecording.open(first).gaps == ()

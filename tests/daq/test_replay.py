@@ -28,7 +28,7 @@ from daq.recording.chunks import ChunkEntry, read_chunk
 from daq.sources.can_source import Source
 from daq.sources.interfaces import open_source
 from daq.sources.player import ReplaySummary
-from daq.sources.replaying import Rounds, replay, replay_batches
+from daq.sources.replaying import Looping, replay, replay_batches
 
 
 def listening() -> Source:
@@ -149,7 +149,7 @@ def test_rounds_join_one_mean_interval_apart(size: int, pieces: int, loops: int,
     """Time goes on over every joint, the bytes are those of the first round, and what was read is left alone."""
     once = some_frames(np.random.default_rng(seed), size, rate_hz=3000)
     before = once.frames.copy()
-    rounds = Rounds(lambda: split(once, pieces), loops)
+    rounds = Looping(lambda: split(once, pieces), loops)
     everything = concatenate(list(rounds)).frames
     assert rounds.begun == loops
     assert same(once.frames, before)
@@ -162,7 +162,7 @@ def test_rounds_join_one_mean_interval_apart(size: int, pieces: int, loops: int,
 
 
 def test_rounds_of_nothing_end() -> None:
-    assert list(Rounds(lambda: [FrameBatch.empty(("can0",))], None)) == []
+    assert list(Looping(lambda: [FrameBatch.empty(("can0",))], None)) == []
 
 
 def test_rounds_of_a_log_take_their_time_and_say_what_they_cost(tmp_path: Path) -> None:
@@ -241,11 +241,11 @@ def test_ctrl_c_ends_an_endless_replay_with_its_summary(recording: tuple[Path, F
         process.kill()
         source.close()
     assert process.returncode == 130, err
-    told = json.loads(out)
-    assert told["interrupted"]
-    assert told["rounds"] >= 2
-    assert told["frames"][channel] >= received - 16  # of the burst that Ctrl-C falls into
-    assert told["recorded_duration_s"] <= told["duration_s"] + 0.01  # what was sent, not the whole last batch
+    summary = json.loads(out)
+    assert summary["interrupted"]
+    assert summary["rounds"] >= 2
+    assert summary["frames"][channel] >= received - 16  # of the burst that Ctrl-C falls into
+    assert summary["recorded_duration_s"] <= summary["duration_s"] + 0.01  # what was sent, not the whole last batch
 
 
 def test_order_is_kept_where_times_go_back() -> None:

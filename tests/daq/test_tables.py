@@ -93,7 +93,7 @@ def test_groups_keep_their_order_and_lines(tmp_path: Path) -> None:
         ("a,b\n1,2\n", {"where": {"b": "3"}}, ConfigError, "no row is left"),
     ],
 )
-def test_bad_tables_are_told_apart(
+def test_bad_tables_are_distinguished(
     tmp_path: Path, text: str, keywords: dict[str, dict[str, object]], kind: type[Exception], words: str
 ) -> None:
     path = _write(tmp_path, text)

@@ -52,7 +52,7 @@ class NoGuestError(Exception):
 
 @dataclass(frozen=True)
 class GuestResult:
-    """How a script ended, and all it said on stdout and stderr."""
+    """How a script ended, and its output on stdout and stderr."""
 
     exit_code: int
     output: str
@@ -232,8 +232,8 @@ def _run_guest(
     code = _wait([*command, "con=null", "con0=fd:0,fd:1", "quiet"], work, environment, timeout_s, power_cut)
     if not (work / "ready").exists():
         raise NoGuestError(f"user-mode-linux does not start: {_last_lines(work / 'console')}")
-    told = _text(work / "code").strip()
-    return GuestResult(int(told) if told else code or 125, _text(work / "output"))
+    code_text = _text(work / "code").strip()
+    return GuestResult(int(code_text) if code_text else code or 125, _text(work / "output"))
 
 
 def _init_script(work: Path, modules: Path) -> str:

@@ -46,9 +46,9 @@ def wait_for_frames(out: Path, pid: int, before: set[Path]) -> None:
         assert os.waitpid(pid, os.WNOHANG) == (0, 0), "the logger has ended"
         time.sleep(0.005)
     [path] = new
-    seen = 0
-    while path.stat().st_size == seen or not Recording.open(path).has_raw_frames:
-        seen = path.stat().st_size
+    size = 0
+    while path.stat().st_size == size or not Recording.open(path).has_raw_frames:
+        size = path.stat().st_size
         time.sleep(0.01)
 
 

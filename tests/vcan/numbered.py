@@ -1,10 +1,10 @@
 """Sends numbered frames at a steady rate and notes when: ``numbered.py RATE_HZ SECONDS LOG BUS ...``, in a guest.
 
-With ``FREEZE_AT=NUMBER`` in the environment the waves stand still from that frame on.
+With ``FREEZE_AT=NUMBER`` in the environment the waves are constant from that frame on.
 
 A frame's data are its number (32 bits), a wave (16 bits) and a counter (16 bits), see `DBC`; the log is written
 through to this machine's disk, so that it outlives the guest. A delay is not made up for: the rate is never higher.
-Told to end, it notes the batch in hand first.
+On SIGTERM it notes the current batch before it ends.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ def send(rate_hz: float, seconds: float, log: Path, buses: list[str]) -> None:
     freeze_at = int(os.environ.get("FREEZE_AT", 2**32))
     first, due = 0, time.monotonic()
     end = due + seconds
-    told: list[int] = []
-    signal.signal(signal.SIGTERM, lambda number, _: told.append(number))
+    signals: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _: signals.append(number))
     with log.open("wb", buffering=0) as file:
-        while due < end and not told:
+        while due < end and not signals:
             made = frames(first, size, freeze_at)
             for sink in sinks:
                 sink.send(made, 5.0)

@@ -1,4 +1,4 @@
-"""The whole way: something is hidden, frames go over a real bus into the logger, the recordings are diagnosed."""
+"""End to end: an effect is hidden, frames go over a real bus into the logger, the recordings are diagnosed."""
 
 from __future__ import annotations
 

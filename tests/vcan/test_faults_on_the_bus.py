@@ -29,7 +29,7 @@ FLOOD_HZ = 50_000
 
 
 def faulty_run() -> FrameBatch:
-    """Return a run without GNSS for 20 s, and with forces that stand still from 30 s on while their counter runs."""
+    """Return a run without GNSS for 20 s, and with forces that are frozen from 30 s on while their counter runs."""
     batch = Recording.open(CLAY / "run-1.mcap").frames()
     frames = batch.frames.copy()
     at_s = (frames["time_ns"] - frames["time_ns"][0]) / 1e9
@@ -72,8 +72,8 @@ def codes(path: Path) -> dict[str, dict[str, list[float]]]:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         for _, _, message, array in reader.iter_decoded_messages(topics=["/diagnostics"]):
             for status in array.status:
-                for said in status.message.split("; "):
-                    code = said.partition(":")[0]
+                for text in status.message.split("; "):
+                    code = text.partition(":")[0]
                     found.setdefault(status.name, {}).setdefault(code, []).append(message.log_time / 1e9)
     return found
 
@@ -88,15 +88,15 @@ def test_health_tells_faults_and_nothing_is_lost_uncounted(vcan: Callable[..., G
     recording = Recording.open(path)
     received = recording.frames("vcan0").frames
     assert np.array_equal(received["data"], run.frames["data"])
-    told = codes(path)
+    reported = codes(path)
     start_s = received["time_ns"][0] / 1e9
-    no_fix = np.array(told["gnss"]["gnss_no_fix"]) - start_s
+    no_fix = np.array(reported["gnss"]["gnss_no_fix"]) - start_s
     during = (no_fix > LOST_S[0] + 2) & (no_fix < LOST_S[1])
     assert during.sum() > 10, no_fix
-    stuck = {name: times for name, found in told.items() for code, times in found.items() if code == "signal_stuck"}
-    assert stuck, told
+    stuck = {name: times for name, found in reported.items() for code, times in found.items() if code == "signal_stuck"}
+    assert stuck, reported
     assert min(min(times) for times in stuck.values()) - start_s > FROZEN_FROM_S
-    assert "dbc_does_not_fit" in told["vcan1"], told["vcan1"]
+    assert "dbc_does_not_fit" in reported["vcan1"], reported["vcan1"]
 
     summary = json.loads((tmp_path / "summary.json").read_text())
     for bus, log in (("vcan1", "wrong.log"), ("vcan2", "flood.log")):

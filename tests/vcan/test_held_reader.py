@@ -35,7 +35,7 @@ end
 
 
 def check_losses(folder: Path) -> Recording:
-    """Hold what was received and what is said to be lost against what was sent."""
+    """Hold what was received and what is reported lost against what was sent."""
     sent = int(sent_log(folder / "sent.log")["end"][-1])
     summary = json.loads((folder / "summary.json").read_text())
     [path] = (folder / "out").glob("*.mcap")
@@ -77,8 +77,10 @@ curl --silent --fail --header 'Content-Type: application/json' --header 'Origin:
 
 def snapshots(folder: Path) -> list[dict[str, Any]]:
     lines = (folder / "watched.txt").read_text().splitlines()
-    told = [json.loads(line.removeprefix("data:")) for line in lines if line.startswith("data:") and line.endswith("}")]
-    return [message["snapshot"] for message in told if "snapshot" in message]
+    messages = [
+        json.loads(line.removeprefix("data:")) for line in lines if line.startswith("data:") and line.endswith("}")
+    ]
+    return [message["snapshot"] for message in messages if "snapshot" in message]
 
 
 @pytest.mark.slow

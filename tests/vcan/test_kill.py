@@ -1,10 +1,10 @@
 """kill -9 at random instants: little is lost, nothing is damaged, and the next start goes on with the run.
 
-The guest has a disk of its own: a file of this machine that it syncs would stop all of it. What a kill takes is counted
-in frames that the guest had handed to its kernel before, by the sender's own notes, and told in seconds of a bus of
-8 kHz. On a vehicle frames come from elsewhere; in a guest with one processor, of which a busy machine gives it a part,
-the sender has what the logger leaves, and does not make up for what it was kept waiting. Where the guest has its
-processor this changes nothing, and where it has not, both are slow.
+The guest has a disk of its own: a file of this machine that it syncs would stop all of it. What a kill takes is
+counted in frames that the guest had handed to its kernel before, by the sender's own notes, and expressed in seconds
+of a bus of 8 kHz. On a vehicle frames come from elsewhere; in a guest with one processor, of which a busy machine
+gives it a part, the sender has what the logger leaves, and does not make up for what it was kept waiting. Where the
+guest has its processor this changes nothing, and where it has not, both are slow.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ MOST_GROWTH = 0.05
 
 
 def soaking(folder: Path, seconds: int) -> str:
-    """Return a script: a logger, a sender, a phone that looks on, and a look at the memory every second."""
+    """Return a script: a logger, a sender, a client of the page, and a measurement of the memory every second."""
     return f"""{in_folder(folder)}
 begin
 sending {RATE_HZ} {seconds} sent.log vcan0

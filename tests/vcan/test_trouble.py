@@ -56,16 +56,16 @@ def test_interfaces_come_back_and_a_clock_may_be_set(guest: Callable[..., GuestR
     number = received_numbers(recording)
     assert np.array_equal(number, np.arange(sent["end"][-1]))
     frames = recording.frames("vcan0").frames
-    sure = (frames["flags"] & FrameFlag.UNSURE_TIME) == 0
+    sure = (frames["flags"] & FrameFlag.UNCERTAIN_TIME) == 0
     assert sure.mean() > 0.9
     due_ns = sent["time_ns"][np.searchsorted(sent["end"], number, side="right")]
     late_s = (frames["time_ns"] - due_ns)[sure] / 1e9
     assert late_s.max() - late_s.min() < 1.0  # the steps are of 3,600
     assert recording.frames("vcan1").frames["data"][:, 0].tolist() == [1, 2, 3]
     facts = info(path)
-    told = [event["text"] for event in facts["events"] if event["name"] == "bus"]
-    assert len(told) == 4, told
-    assert [text for text in told if "back after" in text] == told[1::2]
+    texts = [event["text"] for event in facts["events"] if event["name"] == "bus"]
+    assert len(texts) == 4, texts
+    assert [text for text in texts if "back after" in text] == texts[1::2]
     clock = [event["text"] for event in facts["events"] if event["name"] == "clock"]
     assert len(clock) == 2, clock
     assert "+3" in clock[0] and "-3" in clock[1], clock
@@ -141,7 +141,7 @@ end
 
 
 @pytest.mark.slow
-def test_what_cannot_be_is_told_and_leaves_nothing(guest: Callable[..., GuestResult], tmp_path: Path) -> None:
+def test_what_cannot_be_is_reported_and_leaves_nothing(guest: Callable[..., GuestResult], tmp_path: Path) -> None:
     make_vehicle(tmp_path, "vcan0")
 
     result = guest(refused(tmp_path), timeout_s=120)

@@ -45,13 +45,13 @@ def test_in_a_folder_it_costs_only_itself(head, command, tmp_path):
     alone = ok(args[0], recordings(folder)[-1], *args[1:])
     done = ok(args[0], folder, *args[1:])
     assert done.out == alone.out
-    assert f"{begun}: left out: " in done.err
+    assert f"{begun}: skipped: " in done.err
 
 
 def test_fit_goes_on_without_it(head):
     folder, begun = head
     done, alone = (invoke("fit", path) for path in (folder, recordings(folder)[-1]))
-    assert f"{begun}: left out: " in done.err
+    assert f"{begun}: skipped: " in done.err
     assert (done.code, done.out) == (alone.code, alone.out)
 
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from daq.shown import probability
+from daq.formatting import probability
 from wheelsoil.report.words import count, interval, measured, named_with_unit, number, signed
 from wheelsoil.workflows.recording_summary import utc
 

@@ -20,7 +20,7 @@ def test_unsure_frames_are_counted_and_remarked(tmp_path: Path) -> None:
     whole = recording.frames()
     set_at = int(whole.frames["time_ns"][0]) + 5_000_000_000
     rows = np.abs(whole.frames["time_ns"] - set_at) < 40_000_000
-    whole.frames["flags"][rows] |= np.uint8(FrameFlag.UNSURE_TIME)
+    whole.frames["flags"][rows] |= np.uint8(FrameFlag.UNCERTAIN_TIME)
     with RecordingWriter(path, run=recording.run, attachments=recording.attachments, overwrite=True) as writer:
         for batch in split(whole, 500):
             writer.write_frames(batch)

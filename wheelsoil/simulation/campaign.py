@@ -258,10 +258,10 @@ def _write_run(
         writer.write_frames(frames)
         if vehicle is not None:
             from daq.can import decode
-            from daq.recording import DecodedView
+            from daq.recording import DecodedWriter
 
             databases = {BUS: tuple(load_database(carried[name], name) for name in DBC_FILES)}
-            DecodedView(writer, vehicle, databases).write(decode(frames, databases))
+            DecodedWriter(writer, vehicle, databases).write(decode(frames, databases))
 
 
 def _manifest(options: SimulationOptions, runs: list[dict[str, Any]]) -> bytes:

@@ -9,7 +9,7 @@ import numpy as np
 
 from daq import Channel, ConfigError, Fault, data_frame, file_name
 from daq.can import Decoder
-from daq.recording import DecodedView, RecordingWriter
+from daq.recording import DecodedWriter, RecordingWriter
 from daq.runs import LENIENT_KEY, Run
 from daq.series import write_frame
 
@@ -79,7 +79,7 @@ def export_recording(run: Run, folder: Path, *, overwrite: bool = False) -> Path
         overwrite=overwrite,
     )
     with writer:
-        view, decoder = DecodedView(writer, run.vehicle, run.databases), Decoder(run.databases)
+        view, decoder = DecodedWriter(writer, run.vehicle, run.databases), Decoder(run.databases)
         for batch in run.frame_batches():
             writer.write_frames(batch)
             view.write(decoder.decode(batch))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import RunInfo, UnsureTimes
+from daq import RunInfo, UncertainTimestamps
 from daq.can import Coverage, coverage
 from daq.logger import is_being_recorded
 from daq.logs import LogReading, lenient_remarks
@@ -240,7 +240,7 @@ class _Tally:
     def __init__(self) -> None:
         self.frames: dict[str, int] = {}
         self.coverage = Coverage()
-        self.unsure = UnsureTimes()
+        self.unsure = UncertainTimestamps()
         self.start_ns: int | None = None
         self.end_ns: int | None = None
         self.report: Any = None

@@ -14,7 +14,7 @@ from daq import (
     Fault,
     Note,
     TerrainConfig,
-    UnsureTimes,
+    UncertainTimestamps,
     VehicleConfig,
     WheelSection,
     load_toml,
@@ -132,7 +132,7 @@ def process_runs(
         with collected.catch():
             _check_vehicle(run)
             try:
-                unsure = UnsureTimes()
+                unsure = UncertainTimestamps()
                 channels = run.channel_batches(watch=unsure.take)
                 one = process_stream(channels, run.vehicle, run.info, options, zeros_for(run, zero))
                 one = _with_notes(one, [*used.warnings, *unsure.notes(), *_gaps(run)])

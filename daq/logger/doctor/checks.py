@@ -11,17 +11,17 @@ from daq.logger.doctor.situation import Line, Situation
 
 @dataclass(frozen=True)
 class Check:
-    """One thing to look at.
+    """One check of the doctor.
 
     Attributes
     ----------
     name : str
-    look : callable
-        Yields a line for each bus, file or role; none where there is nothing to look at.
+    run : callable
+        Yields a line for each bus, file or role; none where the check does not apply.
     """
 
     name: str
-    look: Callable[[Situation], Iterator[Line]]
+    run: Callable[[Situation], Iterator[Line]]
 
 
 CHECKS = (
@@ -61,4 +61,4 @@ CHECKS = (
 def examine(situation: Situation) -> Iterator[Line]:
     """Yield the lines of every check."""
     for check in CHECKS:
-        yield from (replace(line, check=check.name) for line in check.look(situation))
+        yield from (replace(line, check=check.name) for line in check.run(situation))

@@ -13,15 +13,15 @@ from daq.zero_file import ZERO_FILE, load_zeros
 
 _SLIP_ROLES = ("wheel_speed", "ground_speed")
 _FRESH_ZERO_H = 12.0
-_NOT_LOOKED_AT = "not looked at: DBC files, roles, interfaces, traffic, zero, for vehicle.toml has faults"
+_NOT_CHECKED = "not checked, because vehicle.toml has faults: DBC files, roles, interfaces, traffic, zero"
 
 
 def vehicle_file(now: Situation) -> Iterator[Line]:
-    """Tell whether vehicle.toml can be used and names a bus."""
+    """Check whether vehicle.toml can be used and names a bus."""
     where = str(now.vehicle_file)
     if now.vehicle_faults:
         yield from (from_fault(fault, where) for fault in now.vehicle_faults)
-        yield warned("", _NOT_LOOKED_AT, "mend vehicle.toml, and ask again")
+        yield warned("", _NOT_CHECKED, "correct vehicle.toml and run the doctor again")
     elif not now.vehicle.bus:
         yield failed(where, "no [[bus]]: there is nothing to record", "add a [[bus]] with its channel and its DBCs")
     else:
@@ -29,7 +29,7 @@ def vehicle_file(now: Situation) -> Iterator[Line]:
 
 
 def dbc_files(now: Situation) -> Iterator[Line]:
-    """Tell whether the DBCs load and each bus has one."""
+    """Check whether the DBCs load and each bus has one."""
     yield from (from_fault(fault) for fault in now.database_faults)
     for bus, databases in now.databases.items():
         if databases:
@@ -41,7 +41,7 @@ def dbc_files(now: Situation) -> Iterator[Line]:
 
 
 def roles(now: Situation) -> Iterator[Line]:
-    """Tell whether the roles and [health] name what there is, and the roles are there that slip needs."""
+    """Check whether the roles and [health] name what there is, and the roles are there that slip needs."""
     if now.vehicle_faults:
         return
     yield from (from_fault(fault) for fault in now.role_faults)
@@ -55,7 +55,7 @@ def roles(now: Situation) -> Iterator[Line]:
 
 
 def zero(now: Situation) -> Iterator[Line]:
-    """Tell whether there is a fresh zero of the transducer."""
+    """Check whether there is a fresh zero of the transducer."""
     if now.vehicle_faults:
         return
     named = now.vehicle.transducer.zero_file

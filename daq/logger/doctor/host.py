@@ -36,7 +36,7 @@ _CHRONY = (
 
 
 def host_time(now: Situation) -> Iterator[Line]:
-    """Tell whether the host's clock is set at all."""
+    """Check whether the host's clock is set at all."""
     del now
     yield judged_time(datetime.now(UTC))
 
@@ -50,7 +50,7 @@ def judged_time(moment: datetime) -> Line:
 
 
 def clock_steps(now: Situation) -> Iterator[Line]:
-    """Tell whether the host's clock is left alone."""
+    """Check whether the host's clock is left alone."""
     if abs(now.clock_moved_s) > _STEP_S:
         step = (
             "wait until the clock is synchronised; a step while recording is noted, and the file's time stays monotonic"
@@ -61,7 +61,7 @@ def clock_steps(now: Situation) -> Iterator[Line]:
 
 
 def clock_sync(now: Situation) -> Iterator[Line]:
-    """Tell whether the host's clock is synchronised."""
+    """Check whether the host's clock is synchronised."""
     del now
     yield judged_status(kernel_clock_status())
 
@@ -86,7 +86,7 @@ def kernel_clock_status() -> int | None:
 
 
 def gnss_fix(now: Situation) -> Iterator[Line]:
-    """Tell whether the receiver has a fix."""
+    """Check whether the receiver has a fix."""
     channel = now.channels.get("ground_speed_valid")
     if channel is None or not len(channel.values):
         return
@@ -102,14 +102,14 @@ def gnss_fix(now: Situation) -> Iterator[Line]:
 
 
 def gnss_time(now: Situation) -> Iterator[Line]:
-    """Tell how far apart the host's clock and the receiver's are."""
+    """Check how far apart the host's clock and the receiver's are."""
     channel = now.channels.get("gnss_time")
     if channel is None or not len(channel.values):
         return
     try:
         fit = fit_clock(channel.time_ns, channel.values)
     except DataError:
-        yield warned("gnss_time", "it stands still", "wait for a fix, or listen longer: --listen 10")
+        yield warned("gnss_time", "the GNSS time does not advance", "wait for a fix, or listen longer: --listen 10")
         return
     found = f"host minus GNSS {fit.offset_s:+.3f} s (delay included), jitter {1e3 * fit.residual_s:.1f} ms"
     if abs(fit.offset_s + _LEAP_S) < _FAR_S:
@@ -129,7 +129,7 @@ _OWN_IT = "give the folder to the logger's user, mount it writable, or choose an
 
 
 def folder(now: Situation) -> Iterator[Line]:
-    """Tell whether files can be made there."""
+    """Check whether files can be made there."""
     if now.out.exists() and not now.out.is_dir():
         yield failed(str(now.out), "this is a file", "name a folder: --out")
         return
@@ -143,7 +143,7 @@ def folder(now: Situation) -> Iterator[Line]:
 
 
 def other_logger(now: Situation) -> Iterator[Line]:
-    """Tell whether another logger is on the folder."""
+    """Check whether another logger is on the folder."""
     if not now.out.is_dir():
         yield passed(str(now.out), "none")
         return
@@ -157,7 +157,7 @@ def other_logger(now: Situation) -> Iterator[Line]:
 
 
 def space(now: Situation) -> Iterator[Line]:
-    """Tell how long the disk lasts; of one that takes nothing the other checks tell."""
+    """Check how long the disk lasts; a disk that cannot be written is reported by other checks."""
     if os.statvfs(now.folder).f_flag & os.ST_RDONLY:
         return
     free = shutil.disk_usage(now.folder).free
@@ -169,7 +169,7 @@ def space(now: Situation) -> Iterator[Line]:
     if usable <= 0:
         yield failed(str(now.folder), f"{found}, and {logger.disk_reserve_mb:.0f} MB are kept in reserve", step)
     elif not rate:
-        yield passed(str(now.folder), f"{found}; nothing was heard, so how long that lasts is not known")
+        yield passed(str(now.folder), f"{found}; nothing was received, so how long that lasts is not known")
     else:
         minutes = usable / rate / 60
         found += f", {minutes:,.0f} minutes at {rate / _MB:.3f} MB/s"
@@ -178,7 +178,7 @@ def space(now: Situation) -> Iterator[Line]:
 
 
 def disk_speed(now: Situation) -> Iterator[Line]:
-    """Tell whether the disk keeps up with what is written and synced."""
+    """Check whether the disk keeps up with what is written and synced."""
     try:
         took_s = sync_times_s(now.folder)
     except OSError as error:
@@ -221,7 +221,7 @@ _UNIT_KEYS = ("Type=notify", "WatchdogSec=", "Restart=")
 
 
 def python(now: Situation) -> Iterator[Line]:
-    """Tell whether the logger starts quickly."""
+    """Check whether the logger starts quickly."""
     del now
     began = time.perf_counter()
     subprocess.run([sys.executable, "-c", "import can"], check=False, capture_output=True)
@@ -237,7 +237,7 @@ def python(now: Situation) -> Iterator[Line]:
 
 
 def page(now: Situation) -> Iterator[Line]:
-    """Tell whether the status page's port is free."""
+    """Check whether the status page's port is free."""
     where = f"127.0.0.1:{now.page_port}"
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as made:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -254,7 +254,7 @@ def page(now: Situation) -> Iterator[Line]:
 
 
 def service(now: Situation) -> Iterator[Line]:
-    """Tell whether the logger is a service that is started again when it dies."""
+    """Check whether the logger is a service that is started again when it dies."""
     del now
     yield judged_unit([folder / _UNIT for folder in _UNITS])
 

@@ -23,25 +23,23 @@ _FD_MTU = 72
 
 
 def interface(now: Situation) -> Iterator[Line]:
-    """Tell whether the interface is there, allowed and up."""
-    for bus, heard in now.heard.items():
+    """Check whether the interface is there, allowed and up."""
+    for bus, reception in now.receptions.items():
         link = now.links.get(bus)
-        kind = heard.section.interface or "socketcan"
+        kind = reception.section.interface or "socketcan"
         if link is not None and not link.kernel_has_can:
             step = "sudo modprobe can_raw; where there is no such module, another kernel or a python-can interface"
             yield failed(bus, "this kernel has no SocketCAN", step)
         elif link is not None and not link.exists:
             known = nearest(bus, can_links())
-            step = (
-                "plug the adapter in, load its driver, or mend `channel` in vehicle.toml; `ip -br link show type can`"
-            )
+            step = "plug in the adapter, load its driver, or fix `channel` in vehicle.toml; `ip -br link show type can`"
             yield failed(bus, f"there is no interface {bus} ({known})", step)
         elif link is not None and not link.is_can:
             yield failed(bus, "this is no CAN interface", f"name one in vehicle.toml ({nearest(bus, can_links())})")
         elif link is not None and not link.up:
             yield failed(bus, "the interface is down: nothing can be received", _bring_up(now, bus))
-        elif heard.fault is not None:
-            yield from_fault(heard.fault, bus)
+        elif reception.fault is not None:
+            yield from_fault(reception.fault, bus)
         else:
             yield passed(bus, f"{kind}, {link.kind or 'CAN'}, up" if link else f"{kind}, opened")
 
@@ -60,7 +58,7 @@ def bit_rate(now: Situation) -> Iterator[Line]:
         elif link.bitrate is None:
             yield failed(bus, "the interface has no bit rate", _bring_up(now, bus))
         elif stated is None:
-            step = f"state it in vehicle.toml: bitrate = {link.bitrate}, so that it is compared and load can be told"
+            step = f"state it in vehicle.toml: bitrate = {link.bitrate}, to check it and to compute the bus load"
             yield warned(bus, f"the interface has {link.bitrate} bit/s, vehicle.toml states none", step)
         elif stated != link.bitrate:
             found = f"the interface has {link.bitrate} bit/s, vehicle.toml says {stated}: {_WRONG_RATE}"
@@ -70,7 +68,7 @@ def bit_rate(now: Situation) -> Iterator[Line]:
 
 
 def controller(now: Situation) -> Iterator[Line]:
-    """Tell whether the controller takes part in the bus."""
+    """Check whether the controller takes part in the bus."""
     for bus, link in _there(now):
         state = link.state
         if state is None or not link.up:
@@ -81,12 +79,12 @@ def controller(now: Situation) -> Iterator[Line]:
             step = "compare the bit rate, measure 60 ohm between CAN_H and CAN_L, check that another node is on"
             yield warned(bus, f"{state}: {_STATES[state]}", step)
         else:
-            step = f"mend the bit rate or the cable, then: ip link set {bus} down; ip link set {bus} up"
+            step = f"correct the bit rate or the cable, then: ip link set {bus} down; ip link set {bus} up"
             yield failed(bus, f"{state}: the controller takes no part in the bus", step)
 
 
 def restart(now: Situation) -> Iterator[Line]:
-    """Tell whether the controller comes back by itself after bus-off."""
+    """Check whether the controller comes back by itself after bus-off."""
     for bus, link in _there(now):
         if link.restart_ms is None:
             continue
@@ -99,7 +97,7 @@ def restart(now: Situation) -> Iterator[Line]:
 
 
 def send_queue(now: Situation) -> Iterator[Line]:
-    """Tell how many frames a replay can put into the queue of the interface."""
+    """Check how many frames a replay can put into the queue of the interface."""
     for bus, link in _there(now):
         if link.queue_length >= _LEAST_QUEUE:
             yield passed(
@@ -111,14 +109,14 @@ def send_queue(now: Situation) -> Iterator[Line]:
 
 
 def receive_buffer(now: Situation) -> Iterator[Line]:
-    """Tell whether the kernel gives the receive buffer that bursts need."""
+    """Check whether the kernel gives the receive buffer that bursts need."""
     wanted = now.vehicle.logger.receive_buffer_bytes
-    for bus, heard in now.heard.items():
-        given = heard.counters.buffer_bytes if heard.counters else None
-        if heard.counters is None:
+    for bus, reception in now.receptions.items():
+        given = reception.counters.buffer_bytes if reception.counters else None
+        if reception.counters is None:
             continue
         if given is None:
-            yield passed(bus, f"{heard.section.interface} has no receive buffer to set, and does not count losses")
+            yield passed(bus, f"{reception.section.interface} has no receive buffer to set, and does not count losses")
         elif given < wanted:
             found = f"{given} instead of {wanted} bytes: at a pause of the logger frames are lost (and counted)"
             step = f"sudo sysctl net.core.rmem_max={wanted}, for good: deploy/90-wheelsoil.conf into /etc/sysctl.d"
@@ -128,9 +126,9 @@ def receive_buffer(now: Situation) -> Iterator[Line]:
 
 
 def time_stamps(now: Situation) -> Iterator[Line]:
-    """Tell whether the kernel stamps the frames when they arrive."""
-    for bus, heard in now.heard.items():
-        age_s = heard.stamp_age_s
+    """Check whether the kernel stamps the frames when they arrive."""
+    for bus, reception in now.receptions.items():
+        age_s = reception.stamp_age_s
         if age_s is None:
             continue
         if math.isnan(age_s):

@@ -34,7 +34,7 @@ _PATH = "/usr/sbin:/sbin:/usr/bin:/bin"
 
 @dataclass(frozen=True)
 class Link:
-    """A network interface; what only ``ip -details`` tells is None where there is no such program.
+    """A network interface; what only ``ip -details`` reports is None where there is no such program.
 
     Attributes
     ----------
@@ -171,7 +171,7 @@ _READ_S = 0.05
 
 
 @dataclass(frozen=True)
-class Heard:
+class Reception:
     """What came from one bus.
 
     Attributes
@@ -206,27 +206,27 @@ def is_socketcan(section: BusSection) -> bool:
     return section.interface in (None, "socketcan")
 
 
-def listen(sections: Mapping[str, BusSection], logger: LoggerSection, seconds: float) -> dict[str, Heard]:
+def listen(sections: Mapping[str, BusSection], logger: LoggerSection, seconds: float) -> dict[str, Reception]:
     """Listen to all buses at once, with the receive buffer that the logger would ask for."""
-    heard: dict[str, Heard] = {}
+    receptions: dict[str, Reception] = {}
 
     def run(name: str, section: BusSection) -> None:
-        heard[name] = _listen(section, logger, seconds)
+        receptions[name] = _listen(section, logger, seconds)
 
     threads = [threading.Thread(target=run, args=item, daemon=True) for item in sections.items()]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    return {name: heard[name] for name in sections}
+    return {name: receptions[name] for name in sections}
 
 
-def _listen(section: BusSection, logger: LoggerSection, seconds: float) -> Heard:
+def _listen(section: BusSection, logger: LoggerSection, seconds: float) -> Reception:
     nothing = FrameBatch.empty((section.channel,))
     try:
         source = open_source(section, logger.receive_buffer_bytes)
     except (ConfigError, HardwareError) as error:
-        return Heard(section, nothing, fault=error.faults[0])
+        return Reception(section, nothing, fault=error.faults[0])
     started = time.monotonic()
     batches: list[FrameBatch] = [nothing]
     fault = None
@@ -239,7 +239,7 @@ def _listen(section: BusSection, logger: LoggerSection, seconds: float) -> Heard
     source.close()
     frames = concatenate(batches)
     age_s = stamp_age_s(section.channel, 1.0) if is_socketcan(section) and len(frames) else None
-    return Heard(section, frames, elapsed_s, counters, fault, age_s)
+    return Reception(section, frames, elapsed_s, counters, fault, age_s)
 
 
 def _read_until(source: Source, deadline: float, batches: list[FrameBatch]) -> None:

@@ -1,4 +1,4 @@
-"""Everything that the checks look at, gathered once.
+"""The inputs of all checks, gathered once.
 
 One line of the doctor: what was found, how bad it is, what to do.
 """
@@ -20,9 +20,9 @@ from daq.channels import ROLES, Channel
 from daq.config import BusSection, VehicleConfig, load_toml
 from daq.errors import ConfigError, DatabaseError, Fault
 from daq.host_clock import monotonic_ns, realtime_ns
-from daq.logger.doctor.links import Heard, Link, is_socketcan, listen, read_link
+from daq.logger.doctor.links import Link, Reception, is_socketcan, listen, read_link
 from daq.recording import RecordingWriter
-from daq.recording.decoded_topics import DecodedView
+from daq.recording.decoded_topics import DecodedWriter
 
 
 class Verdict(StrEnum):
@@ -72,7 +72,7 @@ def failed(where: str, found: str, next_step: str) -> Line:
 
 
 def from_fault(fault: Fault, where: str = "") -> Line:
-    """Return a line for a fault that a part of ours told."""
+    """Return a failed line that reports a fault."""
     details = [text for text in (fault.found, fault.expected) if text]
     found = fault.what + (f" ({'; '.join(details)})" if details else "")
     return failed(where or fault.where, found, fault.next_step or "see the text before")
@@ -95,13 +95,13 @@ class Situation:
     roles : mapping str -> SignalRef
     links : mapping bus -> Link
         Of the buses that are SocketCAN's.
-    heard : mapping bus -> Heard
+    receptions : mapping bus -> Reception
     channels : mapping role -> Channel
         What the roles said meanwhile, in SI units.
     clock_moved_s : float
         By how much the host's clock was set meanwhile.
     bytes_per_s : float
-        How fast a recording of what was heard grows; 0 where nothing was.
+        How fast a recording of what was received grows; 0 where nothing was.
     """
 
     vehicle_file: Path
@@ -114,7 +114,7 @@ class Situation:
     databases: Mapping[str, tuple[Database, ...]] = field(default_factory=dict)
     roles: Mapping[str, SignalRef] = field(default_factory=dict)
     links: Mapping[str, Link] = field(default_factory=dict)
-    heard: Mapping[str, Heard] = field(default_factory=dict)
+    receptions: Mapping[str, Reception] = field(default_factory=dict)
     channels: Mapping[str, Channel] = field(default_factory=dict)
     clock_moved_s: float = 0.0
     bytes_per_s: float = 0.0
@@ -126,8 +126,8 @@ class Situation:
 
     @property
     def frames(self) -> FrameBatch:
-        """What was heard on all buses."""
-        return concatenate([heard.frames for heard in self.heard.values()])
+        """Frames received on all buses."""
+        return concatenate([reception.frames for reception in self.receptions.values()])
 
     @property
     def folder(self) -> Path:
@@ -144,12 +144,12 @@ def gather(
     *,
     about_to_listen: Callable[[], None] | None = None,
 ) -> Situation:
-    """Load the files, look at the interfaces, listen to the buses; `about_to_listen` is called where there are any.
+    """Load the files, query the interfaces, listen to the buses; `about_to_listen` is called where there are any.
 
     Raises
     ------
     ConfigError
-        There is no such file. What is wrong inside of it is for the checks to tell.
+        There is no such file. Faults inside it are reported by the checks.
     """
     if not vehicle_file.is_file():
         raise ConfigError(Fault("no such file", str(vehicle_file), next_step="check the path"))
@@ -164,7 +164,7 @@ def gather(
     apart_ns = realtime_ns() - monotonic_ns()
     if sections and about_to_listen:
         about_to_listen()
-    heard = listen(sections, vehicle.logger, listen_s)
+    receptions = listen(sections, vehicle.logger, listen_s)
     moved_s = (realtime_ns() - monotonic_ns() - apart_ns) * 1e-9
     return Situation(
         vehicle_file,
@@ -176,10 +176,10 @@ def gather(
         databases=databases,
         roles=roles,
         links=links,
-        heard=heard,
-        channels=_channels(roles, databases, [one.frames for one in heard.values()]),
+        receptions=receptions,
+        channels=_channels(roles, databases, [one.frames for one in receptions.values()]),
         clock_moved_s=moved_s,
-        bytes_per_s=_growth(vehicle, databases, heard),
+        bytes_per_s=_growth(vehicle, databases, receptions),
     )
 
 
@@ -212,17 +212,19 @@ def _channels(
     return {role: reference.to_si(decoded[reference.key]) for role, reference in roles.items()}
 
 
-def _growth(vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]], heard: Mapping[str, Heard]) -> float:
-    """Return how fast a recording grows, in bytes a second: what was heard is recorded, and thrown away."""
-    seconds = max((one.seconds for one in heard.values()), default=0.0)
-    frames = concatenate([one.frames for one in heard.values()])
+def _growth(
+    vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]], receptions: Mapping[str, Reception]
+) -> float:
+    """Return how fast a recording grows, in bytes a second: what was received is recorded, and thrown away."""
+    seconds = max((one.seconds for one in receptions.values()), default=0.0)
+    frames = concatenate([one.frames for one in receptions.values()])
     if not len(frames) or not seconds:
         return 0.0
     decoder = Decoder(databases)
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "heard.mcap"
+        path = Path(folder) / "received.mcap"
         with RecordingWriter(path, sync_every_s=None) as writer:
-            view = DecodedView(writer, vehicle.model_copy(update={"signals": {}}), databases)
+            view = DecodedWriter(writer, vehicle.model_copy(update={"signals": {}}), databases)
             for batch in split(frames, max(round(len(frames) * vehicle.logger.flush_s / seconds), 1)):
                 writer.write_frames(batch)
                 view.write(decoder.decode(batch))

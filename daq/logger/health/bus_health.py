@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from daq.config import HealthSection
 from daq.logger.health.report import (
     RECENT_NS,
-    BusFacts,
     BusHealth,
-    HostFacts,
+    BusStatus,
+    HostStatus,
     Level,
     MessageHealth,
     Reason,
@@ -24,7 +24,7 @@ from daq.logger.health.watched import Watched
 _SILENT_AFTER_NS, _SILENT_FROM_START_NS = 2_000_000_000, 5_000_000_000
 _UNKNOWN_SHARE = 0.05
 _BEHIND = 0.25
-_RETURN_TOLD_NS = 60_000_000_000
+_RETURN_REPORTED_NS = 60_000_000_000
 
 
 class BusWatch:
@@ -51,7 +51,7 @@ class BusWatch:
     ) -> None:
         self.name = name
         self.traffic = BusTraffic()
-        self.facts = BusFacts("up", 0, None)
+        self.status = BusStatus("up", 0, None)
         self._bit_rate = bit_rate
         self._described = described
         self._judge_ids = described and not may_be_unknown
@@ -59,30 +59,30 @@ class BusWatch:
         self._started_ns = self._away_ns = started_ns
         self._kernel, self._queue, self._returns = Recent(), Recent(), Recent()
 
-    def heard(self, now_ns: int, age_ns: int = 500_000_000) -> bool:
+    def active(self, now_ns: int, age_ns: int = 500_000_000) -> bool:
         """Whether it is carrying frames, so that a missing message is a matter of its own."""
         return self.traffic.last_ns is not None and now_ns - self.traffic.last_ns < age_ns
 
     def fits(self, now_ns: int) -> bool:
-        """Whether a message of its DBCs has been seen; True while it is too early to say."""
+        """Whether a message of its DBCs has come; True while it is too early to decide."""
         early = now_ns - self._started_ns < _SILENT_FROM_START_NS
         return early or not self._described or not self.traffic.frames or self.traffic.known > 0
 
-    def health(self, now_ns: int, host: HostFacts) -> tuple[BusHealth, list[Reason]]:
+    def health(self, now_ns: int, host: HostStatus) -> tuple[BusHealth, list[Reason]]:
         """Return the state of the bus and what is wrong with it."""
         traffic = self.traffic
-        self.facts = host.buses.get(self.name, BusFacts("up", traffic.frames, None))
-        if self.facts.state != "up":
+        self.status = host.buses.get(self.name, BusStatus("up", traffic.frames, None))
+        if self.status.state != "up":
             self._away_ns = now_ns
         rate_hz, bit_rate, unknown = traffic.rates(now_ns)
         found = self._state(now_ns, host) + self._drops(now_ns)
-        if self.facts.state == "up":
+        if self.status.state == "up":
             found += traffic.errors.reasons(self.name, now_ns, traffic.last_data_ns)
         found += self._unknown(now_ns, unknown)
         state = BusHealth(
             name=self.name,
             level=worst(found),
-            facts=self.facts,
+            status=self.status,
             rate_hz=rate_hz,
             load=bit_rate / self._bit_rate if self._bit_rate else math.nan,
             age_s=math.nan if traffic.last_ns is None else (now_ns - traffic.last_ns) * 1e-9,
@@ -93,23 +93,23 @@ class BusWatch:
 
     def losses(self) -> dict[str, int]:
         """Return what was lost on the bus, by who lost it."""
-        return {f"kernel.{self.name}": self.facts.kernel_drops or 0, f"queue.{self.name}": self.facts.queue_drops}
+        return {f"kernel.{self.name}": self.status.kernel_drops or 0, f"queue.{self.name}": self.status.queue_drops}
 
-    def _state(self, now_ns: int, host: HostFacts) -> list[Reason]:
-        facts, found = self.facts, []
-        self._returns.take(now_ns, facts.reconnects)
-        if facts.state == "down":
-            found.append(reason("bus_down", self._level, self.name, facts.detail or "the interface is down"))
-        elif facts.state == "bus_off":
-            found.append(reason("bus_off", self._level, self.name, facts.detail or "the controller is off the bus"))
+    def _state(self, now_ns: int, host: HostStatus) -> list[Reason]:
+        status, found = self.status, []
+        self._returns.take(now_ns, status.reconnects)
+        if status.state == "down":
+            found.append(reason("bus_down", self._level, self.name, status.detail or "the interface is down"))
+        elif status.state == "bus_off":
+            found.append(reason("bus_off", self._level, self.name, status.detail or "the controller is off the bus"))
         else:
             found += self._silence(now_ns, host)
-            if self._returns.last_ns is not None and now_ns - self._returns.last_ns < _RETURN_TOLD_NS:
-                what = f"the bus was lost and came back, {facts.reconnects} times so far"
+            if self._returns.last_ns is not None and now_ns - self._returns.last_ns < _RETURN_REPORTED_NS:
+                what = f"the bus was lost and came back, {status.reconnects} times so far"
                 found.append(reason("bus_returned", Level.AMBER, self.name, what))
         return found
 
-    def _silence(self, now_ns: int, host: HostFacts) -> list[Reason]:
+    def _silence(self, now_ns: int, host: HostStatus) -> list[Reason]:
         last_ns = self.traffic.last_data_ns
         quiet_ns = now_ns - max(self._away_ns, last_ns or 0)
         limit_ns = _SILENT_FROM_START_NS if last_ns is None else _SILENT_AFTER_NS
@@ -125,8 +125,8 @@ class BusWatch:
     def _drops(self, now_ns: int) -> list[Reason]:
         found = []
         for code, recent, count in (
-            ("kernel_drops", self._kernel, self.facts.kernel_drops or 0),
-            ("queue_drops", self._queue, self.facts.queue_drops),
+            ("kernel_drops", self._kernel, self.status.kernel_drops or 0),
+            ("queue_drops", self._queue, self.status.queue_drops),
         ):
             now = recent.take(now_ns, count)
             if count:
@@ -158,7 +158,7 @@ _TOGETHER_NAMED_MOST = 8
 
 
 def message_health(
-    one: Watched, now_ns: int, health: HealthSection, *, started_ns: int, heard: bool
+    one: Watched, now_ns: int, health: HealthSection, *, started_ns: int, bus_active: bool
 ) -> tuple[MessageHealth, list[Reason]]:
     """Return the state of a message and what is wrong with it.
 
@@ -167,12 +167,12 @@ def message_health(
     one : Watched
     now_ns, started_ns : int
     health : HealthSection
-    heard : bool
+    bus_active : bool
         Whether its bus is carrying other frames: else the bus is to blame.
     """
     flow = one.flow
     silent_ok = one.listed(health.may_be_silent)
-    found = [] if silent_ok or not heard else _silence(one, now_ns, started_ns)
+    found = [] if silent_ok or not bus_active else _silence(one, now_ns, started_ns)
     found += _losses(one, now_ns, count_missing=not silent_ok)
     state = MessageHealth(
         bus=one.bus,
@@ -190,9 +190,9 @@ def message_health(
 
 
 def gathered(reasons: Sequence[Reason], kept: frozenset[str]) -> list[Reason]:
-    """Join reasons of one code and bus where there are many; those at places in `kept` stay by themselves.
+    """Combine reasons of one code and bus where there are many; those at places in `kept` stay separate.
 
-    What messages of one bus lose at the same time is one hole: it is told once.
+    Losses of several messages of one bus at the same time have one cause, and are reported once.
     """
     result: list[Reason] = []
     groups: dict[tuple[str, str], list[Reason]] = {}

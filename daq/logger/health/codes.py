@@ -19,7 +19,7 @@ class Code:
     levels : str
         Which it can have, and when.
     meaning : str
-        What was seen, with its threshold.
+        What was observed, with its threshold.
     cause : str
         What it mostly comes from.
     next_step : str
@@ -39,7 +39,7 @@ _BUSES = (
         "red, amber without a role",
         "the interface is down or gone",
         "`ip link set ... down`, a pulled adapter, a suspended USB port",
-        "ip link set {bus} up; check the adapter and its cable: recording goes on by itself when it is back",
+        "ip link set {bus} up; check the adapter and its cable: recording continues by itself when it is back",
     ),
     Code(
         "bus_off",
@@ -115,7 +115,7 @@ _BUSES = (
         "unknown_frames",
         "amber",
         "more than 5 % of the frames of a bus are in none of its DBCs",
-        "a DBC of another version, senders that nobody described",
+        "a DBC of another version, undescribed senders",
         "wheelsoil doctor vehicle.toml; give {bus} their DBC, or list it in [health] may_carry_unknown",
     ),
     Code(
@@ -184,14 +184,14 @@ _SIGNALS = (
         "amber",
         "a role of vehicle.toml names no signal, or one with the wrong unit",
         "a mistyped name, another DBC",
-        "mend [signals] in vehicle.toml",
+        "correct [signals] in vehicle.toml",
     ),
     Code(
         "health_name_unknown",
         "amber",
         "a name in [health] of vehicle.toml that no DBC or bus has, so that it excuses nothing",
         "a mistyped name, another DBC",
-        "mend [health] in vehicle.toml",
+        "correct [health] in vehicle.toml",
     ),
     Code(
         "signal_stuck",
@@ -299,7 +299,7 @@ _HOST = (
     Code(
         "inspection_failed",
         "amber",
-        "something went wrong while frames were looked at in the last 10 s; they are recorded all the same",
+        "the inspection of frames failed in the last 10 s; they are recorded all the same",
         "a fault in the program, a strange frame",
         "restart the logger when there is time, and report the text",
     ),
@@ -327,7 +327,7 @@ _HOST = (
     Code(
         "clock_stepped",
         "amber",
-        "the host's clock was set in the last 60 s; time in the file goes on evenly",
+        "the host's clock was set in the last 60 s; time in the file advances evenly",
         "NTP after a start without network, somebody who set it",
         "let the clock settle before the logger is started: chronyc waitsync",
     ),

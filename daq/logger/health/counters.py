@@ -15,7 +15,7 @@ IntArray = NDArray[np.int64]
 NO_VALUE = -1
 """Stands for a frame that does not carry the counter."""
 LEAST_STEPS = 32
-"""A signal must be seen this often before it is taken for a counter."""
+"""A signal must come this often before it is taken for a counter."""
 _NAME = re.compile(r"counter|rolling|alive|sequence|cntr?([^a-z]|$)|(^|[^a-z])(rc|seq|ctr)([^a-z]|$)")
 _WORDS = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _REGULAR_SHARE, _REGULAR_SHARE_UNNAMED = 0.95, 0.99
@@ -64,7 +64,7 @@ class RollingCounter:
     """A counter that has been recognised; where it starts again is learned.
 
     A fall from the highest value so far to the lowest is a turn of an unknown range or a loss across the end of a known
-    one. It is held in doubt until the next turn tells: the same fall again is the counter's range.
+    one. It stays undecided until the next turn: the same fall again is the counter's range.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class RollingCounter:
         self._doubt: tuple[int, int] | None = None
 
     def forget_last(self) -> None:
-        """Let the next value follow on anything: frames in between were not looked at."""
+        """Accept any next value: frames in between were not inspected."""
         self._previous = NO_VALUE
 
     def take(self, raw: IntArray) -> IntArray:

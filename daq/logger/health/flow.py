@@ -1,4 +1,4 @@
-"""One message: how often it comes and what of it is lost."""
+"""Arrivals of one message: its rate, gaps and lost frames."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class MessageFlow:
         self._other: list[Usual | None] = []
         self.frames = 0
         self.last_ns: int | None = None
-        self._unseen_until_ns = 0
+        self._skipped_until_ns = 0
         self.gaps = 0
         self.rate_changes = 0
         self._missing = 0
@@ -72,7 +72,7 @@ class MessageFlow:
 
     @property
     def missing(self) -> int:
-        """Frames that the gaps lack by the usual rate, as far as they are judged; 0 where a rolling counter tells."""
+        """Frames that the gaps lack by the usual rate, as far as judged; 0 where a rolling counter counts them."""
         return self._missing
 
     @property
@@ -82,12 +82,12 @@ class MessageFlow:
 
     @property
     def at_least(self) -> bool:
-        """Whether the counter may have gone round unnoticed: in a gap that could not be told, or is not judged yet."""
+        """Whether the loss may be larger: the counter may have wrapped in a gap that is undecided or still open."""
         return self._unsure or self._gaps is None or self._gaps.open
 
     @property
     def repeated(self) -> int:
-        """Frames whose rolling counter stood still."""
+        """Frames that repeated the value of the rolling counter."""
         return self._counter.repeated - self._seemed_still if self._counter else 0
 
     @property
@@ -105,7 +105,7 @@ class MessageFlow:
         time_ns : int64 array, shape (n,)
         values : float64 array, shape (signals, n)
         """
-        self._seen(time_ns)
+        self._count_frames(time_ns)
         if self._held is not None:
             raw = [raw_of(signal, values[row]) for row, signal in self._candidates]
             self._held.append((time_ns, np.array(raw, np.int64).reshape(len(raw), len(time_ns))))
@@ -125,8 +125,8 @@ class MessageFlow:
             Arrivals of this message among them, as far as they are known.
         until_ns : int
         """
-        self._seen(time_ns)
-        self._unseen_until_ns = max(until_ns, self._unseen_until_ns)
+        self._count_frames(time_ns)
+        self._skipped_until_ns = max(until_ns, self._skipped_until_ns)
         if self._counter is not None:
             self._counter.forget_last()
         self.forget_last()
@@ -147,7 +147,7 @@ class MessageFlow:
         """Whether it ought to have come by now."""
         if self._usual is None or self.last_ns is None:
             return False
-        quiet_ns = now_ns - max(self.last_ns, self._unseen_until_ns)
+        quiet_ns = now_ns - max(self.last_ns, self._skipped_until_ns)
         return quiet_ns > max(_SILENT_LEAST_NS, _SILENT_PERIODS * self._usual.wide_ns)
 
     def rate_hz(self, now_ns: int) -> float:
@@ -162,7 +162,7 @@ class MessageFlow:
         until_ns = max(self.last_ns, now_ns if self.silent(now_ns) else self.last_ns)
         return (self.frames - frames) / ((until_ns - last_ns) * 1e-9) if until_ns > last_ns else float("nan")
 
-    def _seen(self, time_ns: IntArray) -> None:
+    def _count_frames(self, time_ns: IntArray) -> None:
         self.frames += len(time_ns)
         if len(time_ns):
             self.last_ns = max(int(time_ns[-1]), self.last_ns or 0)
@@ -189,7 +189,7 @@ class MessageFlow:
         self._judge(time_ns, raw[place] if found else None)
 
     def _judge(self, time_ns: IntArray, raw: IntArray | None) -> None:
-        """Judge frames by what is usual, which is looked at again after every block of them."""
+        """Judge frames by the usual rate, which is reviewed after every block of them."""
         while len(time_ns):
             block = np.concatenate([self._block, time_ns])
             end = learned_after(block, self._least)
@@ -209,16 +209,18 @@ class MessageFlow:
             self.gaps += int(np.count_nonzero(lost > 0))
 
     def _review(self, time_ns: IntArray) -> None:
-        """Believe in another rate when it has held for some blocks; where most frames are lost there is none to see."""
-        seen = learn(time_ns)
-        if _alike(seen, self._usual) or (seen is None and self._usual is not None and keeps(time_ns, self._usual)):
+        """Adopt another rate once it has held for some blocks; where most frames are lost no rate can be estimated."""
+        usual = learn(time_ns)
+        if _same_rate(usual, self._usual) or (
+            usual is None and self._usual is not None and keeps(time_ns, self._usual)
+        ):
             self._other = []
             return
-        self._other = [*self._other, seen] if self._other and _alike(seen, self._other[-1]) else [seen]
+        self._other = [*self._other, usual] if self._other and _same_rate(usual, self._other[-1]) else [usual]
         if len(self._other) >= _BELIEVED_AFTER:
             self.rate_changes += self._usual is not None
-            self._usual, self._other = seen, []
-            self._gaps = Gaps(seen) if seen else None
+            self._usual, self._other = usual, []
+            self._gaps = Gaps(usual) if usual else None
 
     def _count(self, verdicts: list[Verdict]) -> None:
         for verdict in verdicts:
@@ -231,7 +233,7 @@ class MessageFlow:
                 self._seemed_still += verdict.stood_still
 
 
-def _alike(one: Usual | None, other: Usual | None) -> bool:
+def _same_rate(one: Usual | None, other: Usual | None) -> bool:
     if one is None or other is None:
         return one is other
     return abs(one.period_ns - other.period_ns) <= _SAME_RATE * other.period_ns

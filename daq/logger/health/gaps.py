@@ -1,4 +1,4 @@
-"""Gaps of a message, judged late, by whether its frames stay behind.
+"""Gaps of a message, judged by whether the frames after them stay late.
 
 A frame's lateness is its arrival less its number times the usual period. Queues, stalls and jitter only add to it, so
 that the least lateness of half a second is that of the sender, whatever the arrivals looked like; it rises for good
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 IntArray = NDArray[np.int64]
 
 LEARN_NS = 3_000_000_000
-"""Arrivals are watched for at least this long before their rate is believed."""
+"""Arrivals are watched for at least this long before their rate is used."""
 _LEARN_MOST = 8192
 _REGULAR = 0.35
 _WIDE_GAP = 1.5
@@ -64,7 +64,7 @@ def learned_after(time_ns: IntArray, least: int) -> int | None:
 def learn(time_ns: IntArray) -> Usual | None:
     """Return the usual rate of a message, None where its frames come when something happens.
 
-    Lost frames make a few intervals long: they are left out. Frames that come in bursts have no usual interval; they
+    Lost frames make a few intervals long: these are excluded. Frames that come in bursts have no usual interval; they
     are regular if blocks of them are.
     """
     gaps = np.maximum(np.diff(time_ns), 0)
@@ -96,7 +96,7 @@ def keeps(time_ns: IntArray, usual: Usual) -> bool:
 def _by_count(time_ns: IntArray, period: float) -> tuple[float, float]:
     """Return span over count between the least late frames of blocks, and the jitter.
 
-    Blocks between which frames are lost are left out.
+    Blocks between which frames are lost are excluded.
     """
     late = time_ns - time_ns[0] - np.arange(len(time_ns)) * period
     size = len(time_ns) // _FLOORS
@@ -130,18 +130,18 @@ _FROZEN = 3
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is found of a gap, or of several close together.
+    """Verdict on a gap, or on several close together.
 
     Attributes
     ----------
     gaps : int
         Long intervals in it; 0 where nothing was lost.
     lacking : int
-        Frames that never came, beside those that the rolling counter told of: full turns of it, where there is one.
+        Lost frames beyond those that the rolling counter counts: with a counter, whole turns of it.
     stood_still : int
-        How often the counter only seemed to stand still: one frame less than a turn was lost.
+        How often a repeated counter value was a loss of one frame less than a turn.
     sure : bool
-        False where it cannot be told whether the counter went round.
+        False where it is not known whether the counter wrapped.
     """
 
     gaps: int
@@ -200,8 +200,8 @@ class Gaps:
         return self._base is not None
 
     def close(self) -> list[Verdict]:
-        """Let the next frame come after any time; what is open cannot be told, and is returned as `take` does."""
-        verdicts = [self._untold()] if self.open else []
+        """Allow any time before the next frame; return open gaps as undecided, in the form of `take`."""
+        verdicts = [self._undecided()] if self.open else []
         self._forget()
         return verdicts
 
@@ -248,7 +248,7 @@ class Gaps:
         if self.open:
             self._judge(block, verdicts)
         else:
-            self._settle_down(block)
+            self._learn_period(block)
         return True
 
     def _split(self, end: int) -> _Floor:
@@ -264,7 +264,7 @@ class Gaps:
             still=int(np.count_nonzero(lost < 0)),
         )
 
-    def _settle_down(self, block: _Floor) -> None:
+    def _learn_period(self, block: _Floor) -> None:
         """Learn the period from frames whose number is known."""
         if block.still >= _FROZEN:
             self._quiet.clear()
@@ -297,7 +297,7 @@ class Gaps:
         moved = self._late_ns(block, before) / self.period_ns
         if moved < -_FALLING or (self.modulus is not None and moved > _RISING):
             if self._blocks >= _MOST_BLOCKS:
-                verdicts.append(self._untold())
+                verdicts.append(self._undecided())
                 self._quiet.clear()
                 self._base = None
             return
@@ -313,10 +313,10 @@ class Gaps:
         self._still = min(self._still - still, block.still)
         if not sure or (lacking and self.modulus is None):
             self._quiet.clear()
-        self._settle_down(level)
+        self._learn_period(level)
         self._base = level if before.gaps or block.gaps else None
 
-    def _untold(self) -> Verdict:
+    def _undecided(self) -> Verdict:
         return Verdict(self._gaps if self._lost else 0, 0, sure=False)
 
     def _late_ns(self, one: _Floor, than: _Floor) -> float:

@@ -12,21 +12,16 @@ from daq.can.roles import SignalRef
 from daq.channels import Channel
 from daq.clock import ClockFit, GnssClock
 from daq.config import LoggerSection
-from daq.logger.health.report import GnssHealth, HostFacts, Level, Reason, Recent, Since, reason, worst
+from daq.logger.health.report import GnssHealth, HostStatus, Level, Reason, Recent, Since, reason, worst
 
 _RED_MINUTES = 10.0
 _QUEUE_AMBER, _QUEUE_RED = 0.25, 0.75
 _BUSY, _BUSY_S = 0.9, 5.0
-_STEP_TOLD_NS = 60_000_000_000
+_STEP_REPORTED_NS = 60_000_000_000
 
 
 class HostWatch:
-    """Follows the machine from report to report.
-
-    Parameters
-    ----------
-    limits : LoggerSection
-    """
+    """Follows the machine from report to report."""
 
     def __init__(self, limits: LoggerSection) -> None:
         self._limits = limits
@@ -34,7 +29,7 @@ class HostWatch:
         self._since = Since()
         self._steps = Recent()
 
-    def reasons(self, now_ns: int, host: HostFacts) -> list[Reason]:
+    def reasons(self, now_ns: int, host: HostStatus) -> list[Reason]:
         """Return what is wrong with the machine."""
         found = self._disk(host)
         if host.queue_share > _QUEUE_AMBER:
@@ -48,13 +43,13 @@ class HostWatch:
             what = f"the logger takes {100 * host.cpu_share:.0f} % of a processor core"
             found.append(reason("cpu_busy", Level.AMBER, "host", what))
         self._steps.take(now_ns, host.clock_steps)
-        if self._steps.last_ns is not None and now_ns - self._steps.last_ns < _STEP_TOLD_NS:
+        if self._steps.last_ns is not None and now_ns - self._steps.last_ns < _STEP_REPORTED_NS:
             by = f" by {host.last_step_s:+.3f} s" if math.isfinite(host.last_step_s) else ""
             what = f"the host's clock was set{by}, {host.clock_steps} times so far"
             found.append(reason("clock_stepped", Level.AMBER, "host", what))
         return found
 
-    def _disk(self, host: HostFacts) -> list[Reason]:
+    def _disk(self, host: HostStatus) -> list[Reason]:
         usable = max(host.disk_free_bytes - host.disk_reserve_bytes, 0)
         if not host.disk_bytes_per_s > 0:
             return []
@@ -76,7 +71,7 @@ _DRIFT_PPM = 100.0
 _DRIFT_SIGMAS = 3.0
 _NULL_ISLAND_RAD = 1e-6
 
-Told = tuple[GnssHealth, list[Reason]]
+GnssResult = tuple[GnssHealth, list[Reason]]
 
 
 class Gnss:
@@ -96,7 +91,7 @@ class Gnss:
     def __init__(self, roles: Mapping[str, SignalRef], started_ns: int) -> None:
         self.roles = {role: roles[role] for role in GNSS_ROLES if role in roles}
         self._started_ns = started_ns
-        self._told = [role for role in ("ground_speed_valid", "latitude", "longitude") if role in roles][:1]
+        self._fix_roles = [role for role in ("ground_speed_valid", "latitude", "longitude") if role in roles][:1]
         self._positions = [role for role in ("latitude", "longitude") if role in roles]
         self._fixed_ns: int | None = None
         self._fix: bool | None = None
@@ -112,12 +107,12 @@ class Gnss:
             if channel is not None:
                 time = self.roles["gnss_time"].to_si(channel)
                 self._clock.take(time.time_ns, time.values)
-        for role in self._told:
+        for role in self._fix_roles:
             channel = decoded.get(self.roles[role].key)
             if channel is not None and len(channel):
-                self._look(role, self.roles[role].to_si(channel))
+                self._take_fix(role, self.roles[role].to_si(channel))
 
-    def _look(self, role: str, channel: Channel) -> None:
+    def _take_fix(self, role: str, channel: Channel) -> None:
         known = np.isfinite(channel.values)
         valid = known & (channel.values != 0) if role == "ground_speed_valid" else known & ~_nowhere(channel)
         rows = np.flatnonzero(valid)
@@ -126,16 +121,18 @@ class Gnss:
         self._fix = bool(valid[-1])
 
     @property
-    def told_by(self) -> SignalRef | None:
+    def fix_signal(self) -> SignalRef | None:
         """The signal that tells whether there is a fix."""
-        return self.roles[self._told[0]] if self._told else None
+        return self.roles[self._fix_roles[0]] if self._fix_roles else None
 
     def skip(self, time_ns: int) -> None:
         """Take that frames until then were not decoded: what held before holds on."""
         if self._fix and self._fixed_ns is not None:
             self._fixed_ns = max(self._fixed_ns, time_ns)
 
-    def health(self, now_ns: int, values: Mapping[str, float], period_s: float, *, heard: bool) -> Told | None:
+    def health(
+        self, now_ns: int, values: Mapping[str, float], period_s: float, *, bus_active: bool
+    ) -> GnssResult | None:
         """Return the state of the receiver and what is wrong with it; None without GNSS roles.
 
         Parameters
@@ -145,7 +142,7 @@ class Gnss:
             Last values, SI.
         period_s : float
             Usual time between its messages, NaN where it is not known.
-        heard : bool
+        bus_active : bool
             Whether its bus carries frames: else the bus is to blame.
         """
         if not self.roles:
@@ -157,7 +154,7 @@ class Gnss:
         fix = self._fix and not nowhere if self._fix is not None else None
         age_s = math.nan if self._fixed_ns is None else (now_ns - self._fixed_ns) * 1e-9
         found = self._clock_reasons()
-        if heard:
+        if bus_active:
             found += self._fix_reasons(now_ns, fix, age_s, nowhere, period_s)
         return GnssHealth(worst(found), fix, age_s, self._fit), found
 

@@ -25,7 +25,7 @@ from daq.logger.health.report import (
     BusHealth,
     GnssHealth,
     HealthReport,
-    HostFacts,
+    HostStatus,
     Level,
     MessageHealth,
     Reason,
@@ -100,7 +100,7 @@ class HealthMonitor:
             Of the same frames: all signals of every message that came, as `daq.can.decoding.Decoder` returns them.
         """
         self._take_traffic(batch)
-        unsure = bool(np.bitwise_or.reduce(batch.frames["flags"], initial=0) & FrameFlag.UNSURE_TIME)
+        uncertain = bool(np.bitwise_or.reduce(batch.frames["flags"], initial=0) & FrameFlag.UNCERTAIN_TIME)
         for one in self._watched:
             if not one.keys or one.keys[0] not in decoded:
                 continue
@@ -108,10 +108,10 @@ class HealthMonitor:
             if not len(time_ns):
                 continue
             values = np.array([decoded[key].values for key in one.keys])
-            if unsure:
+            if uncertain:
                 one.flow.forget_last()
             one.flow.take(time_ns, values)
-            if unsure:
+            if uncertain:
                 one.flow.forget_last()
             one.values.take(time_ns, values)
         self._gnss.take(decoded)
@@ -132,8 +132,8 @@ class HealthMonitor:
         -------
         dict
             ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>`` and ``missing.<bus>.<message>``, where they
-            are not 0. A message with a rolling counter has no ``missing``. What the kernel lost, or the logger gave
-            up, is told once for its bus and, as far as it was noticed there, once more by the messages.
+            are not 0. A message with a rolling counter has no ``missing``. Frames lost by
+            the kernel or given up by the logger are counted for their bus and, where a message notices them, there too.
         """
         lost: dict[str, int] = {}
         for bus in self._buses.values():
@@ -144,14 +144,14 @@ class HealthMonitor:
                 lost[f"missing.{one.bus}.{one.name}"] = one.flow.missing
         return {name: count for name, count in lost.items() if count}
 
-    def report(self, now_ns: int, host: HostFacts) -> HealthReport:
+    def report(self, now_ns: int, host: HostStatus) -> HealthReport:
         """Return the state of everything.
 
         Parameters
         ----------
         now_ns : int
             On the time base of the frames; all frames that came before have been taken or skipped, or are in the queue.
-        host : HostFacts
+        host : HostStatus
         """
         found = [*self._always, *self._host.reasons(now_ns, host)]
         buses = self._report_buses(now_ns, host, found)
@@ -192,7 +192,7 @@ class HealthMonitor:
             self._buses[bus].traffic.take(frames, frames.take(np.flatnonzero(unknown)))
         return codes
 
-    def _report_buses(self, now_ns: int, host: HostFacts, found: list[Reason]) -> list[BusHealth]:
+    def _report_buses(self, now_ns: int, host: HostStatus, found: list[Reason]) -> list[BusHealth]:
         states = []
         for bus in self._buses.values():
             state, reasons = bus.health(now_ns, host)
@@ -201,11 +201,11 @@ class HealthMonitor:
         return states
 
     def _report_messages(self, now_ns: int, found: list[Reason]) -> list[MessageHealth]:
-        heard = {name: bus.heard(now_ns) and bus.fits(now_ns) for name, bus in self._buses.items()}
+        active = {name: bus.active(now_ns) and bus.fits(now_ns) for name, bus in self._buses.items()}
         states, reasons = [], []
         for one in self._watched:
             state, mine = message_health(
-                one, now_ns, self._health, started_ns=self._started_ns, heard=heard.get(one.bus, False)
+                one, now_ns, self._health, started_ns=self._started_ns, bus_active=active.get(one.bus, False)
             )
             states.append(state)
             reasons += mine
@@ -216,7 +216,7 @@ class HealthMonitor:
         states = []
         for one in self._watched:
             if one.flow.last_ns is None:
-                states += one.unseen
+                states += one.initial_signals
                 continue
             one.values.resting = self._motion.resting
             mine, reasons = signal_health(one, scene)
@@ -225,22 +225,18 @@ class HealthMonitor:
         return states
 
     def _report_gnss(self, now_ns: int, values: Mapping[str, float], found: list[Reason]) -> GnssHealth | None:
-        source = self._gnss.told_by
+        source = self._gnss.fix_signal
         period_s = next((one.flow.period_s for one in self._watched if source in one.roles.values()), math.nan)
-        heard = source is None or (source.bus in self._buses and self._buses[source.bus].heard(now_ns))
-        told = self._gnss.health(now_ns, values, period_s, heard=heard)
-        if told is None:
+        active = source is None or (source.bus in self._buses and self._buses[source.bus].active(now_ns))
+        result = self._gnss.health(now_ns, values, period_s, bus_active=active)
+        if result is None:
             return None
-        found += told[1]
-        return told[0]
+        found += result[1]
+        return result[0]
 
 
 def statuses(report: HealthReport) -> list[DiagnosticStatus]:
     """Return a status for everything that is worth one.
-
-    Parameters
-    ----------
-    report : HealthReport
 
     Returns
     -------
@@ -265,8 +261,8 @@ def statuses(report: HealthReport) -> list[DiagnosticStatus]:
 def _status(name: str, values: Mapping[str, float | str], reasons: list[Reason]) -> DiagnosticStatus:
     level = worst(reasons)
     text = "; ".join(f"{reason.code}: {reason.what}" for reason in reasons) if level else "ok"
-    told = {key: value if isinstance(value, str) else _number(value) for key, value in values.items()}
-    return DiagnosticStatus(int(level), name, text, values={key: value for key, value in told.items() if value})
+    texts = {key: value if isinstance(value, str) else _number(value) for key, value in values.items()}
+    return DiagnosticStatus(int(level), name, text, values={key: value for key, value in texts.items() if value})
 
 
 def _number(value: float) -> str:
@@ -274,14 +270,14 @@ def _number(value: float) -> str:
 
 
 def _bus(bus: BusHealth) -> dict[str, float | str]:
-    facts = bus.facts
+    status = bus.status
     return {
-        "state": facts.state,
+        "state": status.state,
         "rate_hz": bus.rate_hz,
         "load_percent": 100.0 * bus.load,
-        "frames": facts.received,
-        "kernel_drops": math.nan if facts.kernel_drops is None else facts.kernel_drops,
-        "queue_drops": facts.queue_drops,
+        "frames": status.received,
+        "kernel_drops": math.nan if status.kernel_drops is None else status.kernel_drops,
+        "queue_drops": status.queue_drops,
         "error_frames": bus.error_frames,
         "unknown_frames": bus.unknown_frames,
     }
@@ -320,7 +316,7 @@ def _gnss(gnss: GnssHealth) -> dict[str, float | str]:
     return values
 
 
-def _host(host: HostFacts) -> dict[str, float | str]:
+def _host(host: HostStatus) -> dict[str, float | str]:
     return {
         "disk_free_mb": host.disk_free_bytes * 1e-6,
         "disk_bytes_per_s": host.disk_bytes_per_s,

@@ -1,4 +1,4 @@
-"""The health report: facts of every bus, message and signal, and the reasons for its level, the worst first."""
+"""The health report: status of every bus, message and signal, and the reasons for its level, the worst first."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BusState = Literal["up", "down", "bus_off"]
 
 
 class Level(IntEnum):
-    """How bad it is: red means that data are being lost or are wrong now."""
+    """Severity: red means that data are being lost or are wrong now."""
 
     GREEN = 0
     AMBER = 1
@@ -24,7 +24,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True)
 class Reason:
-    """Why it is not green.
+    """One reason for a level above green.
 
     Attributes
     ----------
@@ -46,8 +46,8 @@ class Reason:
 
 
 @dataclass(frozen=True)
-class BusFacts:
-    """What the logger itself knows of a bus; counts are since the logger started.
+class BusStatus:
+    """Status of a bus as the logger knows it; counts are since the logger started.
 
     Attributes
     ----------
@@ -71,12 +71,12 @@ class BusFacts:
 
 
 @dataclass(frozen=True)
-class HostFacts:
-    """What the logger knows of its machine and of itself.
+class HostStatus:
+    """Status of the machine and of the logger's process.
 
     Attributes
     ----------
-    buses : mapping bus -> BusFacts
+    buses : mapping bus -> BusStatus
     queue_share : float
         How full the queue between the buses and the disk is, 0 to 1.
     skipped_frames : int
@@ -94,7 +94,7 @@ class HostFacts:
         By how much, the last time; NaN without a step.
     """
 
-    buses: Mapping[str, BusFacts]
+    buses: Mapping[str, BusStatus]
     queue_share: float = 0.0
     skipped_frames: int = 0
     disk_free_bytes: int = 0
@@ -114,8 +114,8 @@ class BusHealth:
     ----------
     name : str
     level : Level
-        The worst reason's that stands at this bus.
-    facts : BusFacts
+        Worst level of the reasons at this bus.
+    status : BusStatus
     rate_hz : float
         Frames per second.
     load : float
@@ -130,7 +130,7 @@ class BusHealth:
 
     name: str
     level: Level
-    facts: BusFacts
+    status: BusStatus
     rate_hz: float
     load: float
     age_s: float
@@ -209,11 +209,11 @@ class GnssHealth:
     ----------
     level : Level
     fix : bool or None
-        None where no role tells.
+        None where no role carries it.
     age_s : float
         Since the last valid fix.
     clock : ClockFit or None
-        Host against GNSS time, where it can be told yet.
+        Host against GNSS time; None until it can be fitted.
     """
 
     level: Level
@@ -224,7 +224,7 @@ class GnssHealth:
 
 @dataclass(frozen=True)
 class HealthReport:
-    """The whole of it at one moment.
+    """Health of everything at one moment.
 
     Attributes
     ----------
@@ -237,7 +237,7 @@ class HealthReport:
     buses, messages, signals : tuples
     gnss : GnssHealth or None
         None without GNSS roles.
-    host : HostFacts
+    host : HostStatus
     losses : mapping str -> int
         What `HealthMonitor.losses` counts.
     """
@@ -249,12 +249,12 @@ class HealthReport:
     messages: tuple[MessageHealth, ...]
     signals: tuple[SignalHealth, ...]
     gnss: GnssHealth | None
-    host: HostFacts
+    host: HostStatus
     losses: Mapping[str, int] = field(default_factory=dict)
 
 
 STAYS_NS = 3_000_000_000
-"""A reason stays this long after it was last seen, and as bad as it was."""
+"""A reason is kept this long after it last held, with its level."""
 RECENT_NS = 10_000_000_000
 """What has happened in this time is happening now."""
 
@@ -289,7 +289,7 @@ class Recent:
 
 
 class Since:
-    """For how long things have been so."""
+    """For how long named conditions have held."""
 
     def __init__(self) -> None:
         self._since: dict[str, int] = {}
@@ -305,25 +305,25 @@ class Since:
 @dataclass
 class _Standing:
     reason: Reason
-    seen_ns: int
+    held_ns: int
     level: Level
     level_ns: int
 
 
 class Board:
-    """Keeps reasons from flickering."""
+    """Holds reasons for a minimum time, so that they do not flicker."""
 
     def __init__(self) -> None:
         self._standing: dict[tuple[str, str], _Standing] = {}
 
     def update(self, now_ns: int, found: Iterable[Reason]) -> tuple[Reason, ...]:
-        """Take what is found now and return what stands, the worst first."""
+        """Take the reasons of now and return the reasons in force, the worst first."""
         for one in found:
             old = self._standing.get((one.code, one.where))
             level, level_ns = one.level, now_ns
             if old is not None and old.level > level and now_ns - old.level_ns < STAYS_NS:
                 level, level_ns = old.level, old.level_ns
             self._standing[one.code, one.where] = _Standing(one, now_ns, level, level_ns)
-        self._standing = {key: one for key, one in self._standing.items() if now_ns - one.seen_ns < STAYS_NS}
+        self._standing = {key: one for key, one in self._standing.items() if now_ns - one.held_ns < STAYS_NS}
         standing = [replace(one.reason, level=one.level) for one in self._standing.values()]
         return tuple(sorted(standing, key=lambda one: (-one.level, one.code, one.where)))

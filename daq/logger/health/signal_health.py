@@ -27,7 +27,7 @@ class Scene:
     health : HealthSection
     motion : Motion
     has_fix : bool
-        False where the receiver says that its values are not valid: it has told so itself.
+        False where the receiver flags its own values as not valid.
     """
 
     now_ns: int

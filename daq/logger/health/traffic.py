@@ -44,8 +44,8 @@ class ErrorFrames:
         overflow = (controller & _OVERFLOW) != 0
         about_state = (controller & (_WARNING | _PASSIVE | _ACTIVE)) != 0
         about_state |= (classes & (ErrorClass.BUS_OFF | ErrorClass.RESTARTED)) != 0
-        told = no_ack | protocol | overflow | about_state | ((classes & ErrorClass.LOST_ARBITRATION) != 0)
-        for name, rows in (("no_ack", no_ack), ("protocol", protocol), ("overflow", overflow), ("other", ~told)):
+        known = no_ack | protocol | overflow | about_state | ((classes & ErrorClass.LOST_ARBITRATION) != 0)
+        for name, rows in (("no_ack", no_ack), ("protocol", protocol), ("overflow", overflow), ("other", ~known)):
             self._classes[name] += int(np.count_nonzero(rows))
         for bit, name in _PROTOCOL_NAMES.items():
             self._protocol[name] += int(np.count_nonzero(protocol & ((data[:, 2] & bit) != 0)))
@@ -72,7 +72,7 @@ class ErrorFrames:
             )
             found.append(reason("controller_overflow", Level.RED, bus, what))
         if recent["no_ack"]:
-            what = f"{recent['no_ack']} frames of ours had no acknowledgement in the last 10 s"
+            what = f"{recent['no_ack']} frames of this machine had no acknowledgement in the last 10 s"
             found.append(reason("bus_no_ack", Level.AMBER, bus, what))
         if recent["protocol"]:
             kinds = ", ".join(name for name, _ in self._protocol.most_common(2) if self._protocol[name])
@@ -106,7 +106,7 @@ def _state(classes: int, controller: int) -> str:
 
 _RATE_OVER_NS = 1_000_000_000
 _IDS_KEPT = 64
-_IDS_LOOKED_AT = 256
+_IDS_COUNTED = 256
 _STUFFED_EVERY = 30
 """Random bits get a stuff bit after 31 bits for the first, then after 30 each; constant ones after 4."""
 
@@ -153,7 +153,7 @@ class BusTraffic:
         self.last_ns: int | None = None
         self.last_data_ns: int | None = None
         self._bits = 0.0
-        self._untold = 0
+        self._unmeasured = 0
         self._ids: Counter[tuple[int, bool]] = Counter()
         self._past: deque[tuple[int, int, float, int, int, int]] = deque()
 
@@ -180,30 +180,30 @@ class BusTraffic:
         if len(frames):
             self.last_data_ns = max(int(frames["time_ns"].max()), self.last_data_ns or 0)
         bits = bits_on_wire(frames)
-        untold = np.isnan(bits)
-        self._untold += int(np.count_nonzero(untold))
-        self._bits += float(bits.sum(where=~untold))
-        self._look_at(unknown[:_IDS_LOOKED_AT])
+        unmeasured = np.isnan(bits)
+        self._unmeasured += int(np.count_nonzero(unmeasured))
+        self._bits += float(bits.sum(where=~unmeasured))
+        self._count_unknown(unknown[:_IDS_COUNTED])
 
     def ids(self, most: int = 5) -> list[str]:
-        """Return the commonest identifiers that no DBC knows, of those that were looked at."""
+        """Return the most frequent identifiers that no DBC knows, of those that were counted."""
         return [f"0x{i:08X}" if extended else f"0x{i:03X}" for (i, extended), _ in self._ids.most_common(most)]
 
     def rates(self, now_ns: int) -> tuple[float, float, float]:
         """Return frames per second, bits per second and the share of unknown frames over about the last second."""
-        self._past.append((now_ns, self.frames, self._bits, self._untold, self.unknown, self.known))
+        self._past.append((now_ns, self.frames, self._bits, self._unmeasured, self.unknown, self.known))
         while len(self._past) > 2 and now_ns - self._past[1][0] >= _RATE_OVER_NS:
             self._past.popleft()
-        since_ns, frames, bits, untold, unknown, known = self._past[0]
+        since_ns, frames, bits, unmeasured, unknown, known = self._past[0]
         elapsed_s = (now_ns - since_ns) * 1e-9
         if elapsed_s <= 0:
             return float("nan"), float("nan"), 0.0
         described = self.known - known + self.unknown - unknown
         share = (self.unknown - unknown) / described if described else 0.0
-        bit_rate = float("nan") if self._untold > untold else (self._bits - bits) / elapsed_s
+        bit_rate = float("nan") if self._unmeasured > unmeasured else (self._bits - bits) / elapsed_s
         return (self.frames - frames) / elapsed_s, bit_rate, share
 
-    def _look_at(self, unknown: FrameArray) -> None:
+    def _count_unknown(self, unknown: FrameArray) -> None:
         """Count identifiers in a sample of the unknown frames; those that came first are kept."""
         extended = (unknown["flags"] & FrameFlag.EXTENDED) != 0
         keys, numbers = np.unique(unknown["can_id"].astype(np.int64) << 1 | extended, return_counts=True)

@@ -37,7 +37,7 @@ class SignalValues:
         Signals in the order of the rows that `take` gets.
     constant : collection of str
         Signals that may stay the same as long as they like, beside counters, flags and enumerations.
-    rests : collection of str
+    at_rest : collection of str
         Signals that stay the same while the vehicle stands.
 
     Attributes
@@ -47,7 +47,7 @@ class SignalValues:
     """
 
     def __init__(
-        self, message: Message, names: Sequence[str], constant: Collection[str] = (), rests: Collection[str] = ()
+        self, message: Message, names: Sequence[str], constant: Collection[str] = (), at_rest: Collection[str] = ()
     ) -> None:
         signals = [message.by_name[name] for name in names]
         size = len(signals)
@@ -59,7 +59,7 @@ class SignalValues:
         self._labelled = [
             (row, raw * signal.scale + signal.offset) for row, signal in enumerate(signals) for raw in signal.labels
         ]
-        self._rests = np.array([name in rests for name in names], np.bool_)
+        self._at_rest = np.array([name in at_rest for name in names], np.bool_)
         self.resting = False
         self.last = np.full(size, np.nan)
         self.last_ns = np.zeros(size, np.int64)
@@ -96,7 +96,7 @@ class SignalValues:
     def stuck_s(self) -> FloatArray:
         """Return how long each signal has been the same for much longer than ever before; 0 while it is not so.
 
-        While the vehicle stands that takes more patience.
+        The time limits are longer while the vehicle stands.
         """
         same_ns = self.last_ns - self.changed_ns
         learned = (self.changes >= LEAST_CHANGES) & (self.changed_ns - self.first_ns >= _LEAST_LEARN_NS)
@@ -109,12 +109,12 @@ class SignalValues:
         if fresh.any():
             self.first_ns[rows][fresh] = self.changed_ns[rows][fresh] = time_ns[0]
             self.last[rows][fresh] = values[fresh, 0]
-        self._look_for_changes(rows, time_ns, values)
-        self._look_at_limits(rows, time_ns, values)
+        self._count_changes(rows, time_ns, values)
+        self._count_beyond_limits(rows, time_ns, values)
         self.last[rows] = values[:, -1]
         self.last_ns[rows] = time_ns[-1]
 
-    def _look_for_changes(self, rows: slice, time_ns: IntArray, values: FloatArray) -> None:
+    def _count_changes(self, rows: slice, time_ns: IntArray, values: FloatArray) -> None:
         before = np.concatenate([self.last[rows, None], values[:, :-1]], axis=1)
         changed = values != before
         stamps = np.where(changed, time_ns, 0)
@@ -124,13 +124,13 @@ class SignalValues:
         same = np.where(changed, time_ns - previous, 0).max(axis=1)
         changed_ns = latest[:, -1]
         if self.resting:
-            same[self._rests[rows]] = 0
-            changed_ns = np.where(self._rests[rows], time_ns[-1], changed_ns)
+            same[self._at_rest[rows]] = 0
+            changed_ns = np.where(self._at_rest[rows], time_ns[-1], changed_ns)
         self.longest_ns[rows] = np.maximum(self.longest_ns[rows], same)
         self.changes[rows] += np.count_nonzero(changed, axis=1)
         self.changed_ns[rows] = changed_ns
 
-    def _look_at_limits(self, rows: slice, time_ns: IntArray, values: FloatArray) -> None:
+    def _count_beyond_limits(self, rows: slice, time_ns: IntArray, values: FloatArray) -> None:
         beyond = (values < self._low[rows]) | (values > self._high[rows])
         if beyond.any():
             self._leave_out_labelled(rows, values, beyond)
@@ -147,7 +147,7 @@ class SignalValues:
             self.saturated_ns[rows] = np.maximum(self.saturated_ns[rows], np.where(run, time_ns, 0).max(axis=1))
 
     def _leave_out_labelled(self, rows: slice, values: FloatArray, beyond: NDArray[np.bool_]) -> None:
-        """Take values with a name of their own for no leaving of the range."""
+        """Do not count values with a label of their own as out of range."""
         first = rows.start or 0
         for row, value in self._labelled:
             if first <= row < first + len(values):
@@ -161,7 +161,7 @@ def _measures(signal: Signal) -> bool:
 
 
 def _limits(signal: Signal) -> tuple[float, float]:
-    """Return the DBC's range, half a step wider; an empty range tells nothing."""
+    """Return the DBC's range, half a step wider; an empty range gives no limits."""
     low, high = signal.minimum, signal.maximum
     if low is None or high is None or low >= high:
         return -np.inf, np.inf
@@ -172,8 +172,8 @@ def _limits(signal: Signal) -> tuple[float, float]:
 def _ends(signal: Signal, *, j1939: bool) -> tuple[float, float]:
     """Return the physical values at the ends of what the bits hold, infinite where an end means something else.
 
-    The raw zero of an unsigned signal without offset is a plain zero, the highest value of a J1939 signal or one in the
-    value table is "not available".
+    The raw zero of an unsigned signal without offset is an ordinary zero, the highest value of a J1939 signal or one
+    in the value table is "not available".
     """
     if signal.kind is RawKind.FLOAT or signal.length_bits < _SATURABLE_BITS:
         return -np.inf, np.inf

@@ -57,8 +57,8 @@ class Watched:
     rate: Recent
 
     @cached_property
-    def unseen(self) -> list[SignalHealth]:
-        """What is told of the signals before the message has come."""
+    def initial_signals(self) -> list[SignalHealth]:
+        """State of the signals before the first frame of the message."""
         roles = {signal: reference.role for signal, reference in self.roles.items()}
         return [
             SignalHealth(
@@ -96,7 +96,7 @@ def usable_roles(
             usable |= resolve_roles(vehicle, databases, (), (role,))
         except ConfigError as error:
             fault = error.faults[0]
-            step = fault.next_step or "mend [signals] in vehicle.toml"
+            step = fault.next_step or "correct [signals] in vehicle.toml"
             refused.append(reason("role_unusable", Level.AMBER, f"[signals] {role}", fault.what, next_step=step))
     return usable, refused
 
@@ -111,7 +111,7 @@ def watch(
             signals = tuple(message.by_name)
             mine = {one.signal: one for one in roles.values() if (one.bus, one.message) == (bus, name)}
             constant = {s for s in signals if name in health.may_be_constant or f"{name}.{s}" in health.may_be_constant}
-            rests = {signal for signal, one in mine.items() if one.role in _RESTING_ROLES}
+            at_rest = {signal for signal, one in mine.items() if one.role in _RESTING_ROLES}
             watched.append(
                 Watched(
                     bus,
@@ -120,7 +120,7 @@ def watch(
                     signals,
                     tuple((bus, f"{name}.{signal}") for signal in signals),
                     MessageFlow(message, signals),
-                    SignalValues(message, signals, constant, rests),
+                    SignalValues(message, signals, constant, at_rest),
                     mine,
                     *(Recent() for _ in range(5)),
                 )
@@ -129,7 +129,7 @@ def watch(
 
 
 _OF_MESSAGES = ("may_be_silent", "may_be_constant", "may_leave_range")
-_STEP = "mend [health] in vehicle.toml"
+_STEP = "correct [health] in vehicle.toml"
 
 
 def unknown_names(vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]) -> list[Fault]:
@@ -179,7 +179,7 @@ class Motion:
     Parameters
     ----------
     radius_m : float or None
-        Of the wheel; a usual one where vehicle.toml tells none, as only walking pace matters here.
+        Of the wheel; a usual value where vehicle.toml has none, which is accurate enough to detect walking pace.
     """
 
     def __init__(self, radius_m: float | None) -> None:

@@ -1,4 +1,4 @@
-"""Numbers, tables and file names as people read them, in a terminal and in a notebook."""
+"""Formatting of numbers, tables and file names for terminals and notebooks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def probability(value: float) -> str:
-    """Return a probability; never 1 or 0, which no data give."""
+    """Return a probability with three digits, limited to <0.001 and >0.999: no data give 0 or 1."""
     if not isfinite(value):
         return "-"
     text = f"{value:.3f}"

@@ -6,7 +6,7 @@ from html.parser import HTMLParser
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.shown import html_paragraph, html_table, number, table_lines
+from daq.formatting import html_paragraph, html_table, number, table_lines
 
 words = st.text(string.ascii_letters + "_./ ", max_size=40).map(str.strip)
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag, split
-from daq.host_clock import UnsureTimes
+from daq.host_clock import UncertainTimestamps
 from wheelsoil.wording.notes import texts_of
 
 _BUSES = ("can0", "can1")
@@ -17,13 +17,13 @@ MS = 1_000_000
 def _batch(time_ms: list[float], unsure: list[bool], bus: list[int]) -> FrameBatch:
     frames = np.zeros(len(time_ms), CLASSIC_DTYPE)
     frames["time_ns"] = np.array(time_ms) * MS
-    frames["flags"] = np.where(unsure, FrameFlag.UNSURE_TIME | FrameFlag.EXTENDED, 0)
+    frames["flags"] = np.where(unsure, FrameFlag.UNCERTAIN_TIME | FrameFlag.EXTENDED, 0)
     frames["bus"] = bus
     return FrameBatch(frames, _BUSES)
 
 
 def test_the_next_sure_frame_of_the_bus_bounds_the_error() -> None:
-    times = UnsureTimes()
+    times = UncertainTimestamps()
     assert (times.frames, times.within_s, times.notes()) == (0, 0.0, ())
     times.take(_batch([0, 1, 1, 1], [False, False, True, True], [0, 1, 0, 1]))
     assert np.isnan(times.within_s)
@@ -44,7 +44,7 @@ def test_no_error_is_larger_whatever_the_batches(frames: list[tuple[int, bool, i
         last[bus] = max(last[bus], true - 3 * gap) if unsure else true  # never late, and in order
         told_ms.append(last[bus])
     whole = _batch(told_ms, [unsure for _, unsure, _ in frames], [bus for _, _, bus in frames])
-    times = UnsureTimes()
+    times = UncertainTimestamps()
     for batch in split(whole, size):
         times.take(batch)
     assert times.frames == sum(unsure for _, unsure, _ in frames)
