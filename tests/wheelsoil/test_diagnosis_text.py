@@ -93,7 +93,7 @@ def test_a_set_of_one_is_no_choice():
     found = diagnosis("one_of")
     text = text_of(replace(found, causes=found.causes[:1]))
     assert "One of, each" not in text
-    assert "Likeliest, and not named" in text
+    assert "Most probable, not named" in text
 
 
 def test_an_error_that_grows_is_said_to_grow():

@@ -1,4 +1,4 @@
-"""The report speaks with one voice: the diagnosis has the last word, and two errors of one channel are told apart."""
+"""The report is consistent: the diagnosis has the last word, and two errors of one channel are distinguished."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_sets_and_what_is_never_named_are_in_the_candidates(material):
     assert "no cause 0.100" in said
     assert "Can be seen, cannot be named" in said and "Cannot be seen" in said
     alone = text(candidates.build(replace(material, diagnosed=replace(found, causes=found.causes[:1]))))
-    assert "Likeliest, and not named" in alone
+    assert "Most probable, not named" in alone
     sizes = text(detectable.build(replace(material, diagnosed=found)))
     assert "speed bias *" in sizes and "* can be seen, cannot be named" in sizes
 

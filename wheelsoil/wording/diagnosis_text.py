@@ -135,7 +135,7 @@ def _causes(diagnosis: Diagnosis, width: int) -> list[str]:
     title = "Causes"
     if diagnosis.verdict == "one_of":
         several = len(diagnosis.causes) > 1
-        title = "One of, each as if it were the one" if several else "Likeliest, and not named"
+        title = "One of, each as if it were the one" if several else "Most probable, not named"
     head = ["cause", "parameter", "prob.", "value", "95 % interval", "unit"]
     return [title, *_indented(table_lines(head, rows, left=2, width=width - 2))]
 
@@ -168,7 +168,7 @@ def _sets(diagnosis: Diagnosis, width: int) -> list[str]:
     if len(diagnosis.sets) < 2 or diagnosis.verdict not in ("named", "one_of"):
         return []
     words = ", ".join(f"{set_name(one)} {as_probability(one.probability)}" for one in diagnosis.sets)
-    return ["Sets of causes (probability that these are at work, and no others)", *wrapped(words, width, "  ")]
+    return ["Sets of causes (probability that these act, and no others)", *wrapped(words, width, "  ")]
 
 
 def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:

@@ -51,7 +51,7 @@ class Hidden:
 def draw_hidden(seed: int, wheel: Wheel) -> Hidden:
     """Draw a family, one of its forms, and for each parameter a size and a direction; sometimes nothing.
 
-    Families are equally likely. A size is 0.6 to 1.6 times what is plausible beforehand, within the bounds.
+    Families are equally likely. A size is 0.6 to 1.6 times plausible by the prior, within the bounds.
 
     Parameters
     ----------

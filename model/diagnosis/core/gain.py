@@ -1,6 +1,6 @@
-"""What an extension is worth on data that neither the choice of its causes nor its fit has seen.
+"""Gain of an extension on held-out data, which neither the choice of its causes nor its fit has used.
 
-What is left out at a time is a run, or a condition of a table with its repeats. It is foretold twice from the others:
+One run, or one condition of a table with its repeats, is held out at a time. It is predicted twice from the others:
 by the base model and by the extended one.
 """
 
@@ -23,7 +23,7 @@ _FEWEST_FOR_INTERVAL = 3
 
 @dataclass(frozen=True)
 class Foretold:
-    """One left-out run or condition, as the others foretell it.
+    """One held-out run or condition, as predicted from the others.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ def gain_of(
     chosen : sequence of tuple of str
         Keys of the causes that each fold chose.
     channel : "dp", "t" or "z"
-        Whose error is told first.
+        Whose error is reported first.
     rng : Generator
         For the interval, by bootstrap over folds.
     """
@@ -89,7 +89,7 @@ def gain_of(
 
 
 def _gained(base: Foretold, extended: Foretold) -> float:
-    """Return by how much better a fold was foretold, nats; nothing where one has an answer for more samples."""
+    """Return the gain in the prediction of a fold, nats; 0 where one model has an answer for more samples."""
     return extended.log_likelihood - base.log_likelihood if extended.numbers == base.numbers else 0.0
 
 

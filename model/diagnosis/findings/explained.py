@@ -1,6 +1,6 @@
-"""Look-alikes of a verdict's causes: families whose signatures are almost theirs, once the soil is projected out.
+"""Causes confounded with those of a verdict: their signatures are nearly equal once the soil is projected out.
 
-What was looked at, for figures: measured, simulated without and with the causes, what each candidate changes.
+Data for figures: measured, simulated without and with the causes, and what each candidate changes.
 
 What stands behind a verdict: its causes with their sizes, and the soil that goes with them.
 """
@@ -119,7 +119,7 @@ def _signature(look: Look, index: int, key: str, size: FloatArray) -> FloatArray
 Keys = tuple[str, ...]
 
 _MOST_FITTED = 6
-"""Members of a set that are fitted each on its own; those beyond are told by their names."""
+"""Members of a set that are fitted each on its own; those beyond are listed by name only."""
 _MOST_SHOWN = 6
 
 
@@ -132,10 +132,10 @@ class Explained:
     causes : tuple of Cause
         The named ones, fitted together; or the members of a set, each fitted as if it were the one.
     extended : tuple of str
-        Keys of the causes that the extended model has: the named ones, the likeliest member of a set, the likeliest
-        set where nothing explains the data; empty where nothing is seen.
+        Keys of the causes that the extended model has: the named ones, the most probable member of a set, the
+        most probable set where nothing explains the data; empty where nothing is detected.
     sizes : mapping key -> array
-        Coefficients of the causes, and of the likeliest others, in units of the prior scale.
+        Coefficients of the causes, and of the most probable others, in units of the prior scale.
     soils : tuple of SoilEstimate
         With the extended model's causes.
     """
@@ -211,7 +211,7 @@ def _extended(look: Look, verdict: Judgement, keys: Keys) -> Keys:
 
 
 def _others(look: Look, found: Posterior, known: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    """Return the linear sizes of the likeliest families that were not fitted."""
+    """Return the linear sizes of the most probable families that were not fitted."""
     sizes: dict[str, FloatArray] = {}
     for family in found.families():
         if len(known) + len(sizes) >= _MOST_SHOWN:
@@ -247,7 +247,7 @@ class LookAlike:
 
 
 def look_alikes(grams: Grams, found: Posterior, verdict: Judgement) -> tuple[LookAlike, ...]:
-    """Return the look-alikes of the named causes, or of a set's likeliest member; each family once, most alike first.
+    """Return the families confounded with the named causes, or with a set's most probable member, closest first.
 
     Parameters
     ----------
@@ -273,7 +273,7 @@ def look_alikes(grams: Grams, found: Posterior, verdict: Judgement) -> tuple[Loo
 
 
 def imitating(grams: Grams, named: Sequence[str], one: LookAlike) -> FloatArray:
-    """Return the coefficients that a look-alike would have in the place of the named cause, the others kept.
+    """Return the coefficients that a confounded cause would have in place of the named one, the others kept.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""What the extension is worth on runs that neither the choice of the causes nor the fit has seen.
+"""Gain of the extension on held-out runs, which neither the choice of the causes nor the fit has used.
 
-Every run is left out once. The others choose the causes anew and fit soil and causes; the run is then foretold twice,
+Every run is held out once. The others choose the causes anew and fit soil and causes; the run is then predicted twice,
 by the base model (soil re-calibrated within its prior, no cause) and by the extended one. Its density is exact for the
 model linearised at each set's fit. R0, M0 and R2 are of the whole model at what the other runs estimate, at the
 measured slip, over the samples at or above the paper's slip threshold: near zero and in braking the measured slip's own
@@ -9,10 +9,10 @@ the density only. Noise hyper-parameters and points of linearisation have seen e
 
 Probabilities that runs drawn anew would repeat: the mean of posteriors over resampled runs.
 
-A noise model that is a little wrong makes a posterior too sure of one of two look-alikes. Drawing as many runs with
-replacement as there are, and averaging the posteriors, makes it as unsure as another campaign would: no noise model
-stands behind the drawing. It costs no more than weights on the runs' Gram matrices. Whether anything is at work at all
-is not a choice between look-alikes: there resampled runs, in which chance counts twice, would cry wolf, and the
+A noise model that is a little wrong makes a posterior too sure of one of two confounded causes. Drawing as many runs
+with replacement as there are, and averaging the posteriors, makes it as uncertain as another campaign would; this needs
+no noise model. It costs no more than weights on the runs' Gram matrices. Whether any cause acts at all is not a choice
+between confounded causes: there resampled runs, in which chance counts twice, would raise false alarms, so that the
 probability of "none" is that of the runs as they are.
 
 Source: Buehlmann (2014), Stat. Sci. 29:91; Huggins & Miller (2023), Bayesian Analysis 18:79 (BayesBag).
@@ -152,7 +152,7 @@ def _chosen(look: Look, run: int, options: DiagnosisOptions) -> Keys:
 
 
 def foretold(look: Look, fit: SetFit, run: int, grams: Grams | None = None) -> Foretold:
-    """Foretell a run from all others by a set of causes.
+    """Predict a run from all others by a set of causes.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ TRUST = 20.0
 """Degrees of freedom that the noise model's own covariance stands for; see docs/decisions/diagnosis-intervals.md."""
 CONFIDENCE = 0.95
 _LEAST_SHARE = 0.01
-"""Of the likeliest set's probability, below which a set is not asked."""
+"""Of the most probable set's probability, below which a set is not asked."""
 _MOST_SETS = 40
 
 

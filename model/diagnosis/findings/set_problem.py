@@ -1,8 +1,8 @@
 """The nonlinear least-squares problem of one set of causes, whitened as the evidence is.
 
-What is not the set's stands still while Gauss-Newton runs, and is renewed after it: the slopes that whiten, and what
-averaging over the instants of a sample adds to the model's value at its mean. So residual and derivatives belong
-together exactly. What is one value a run is projected out of every run with its prior.
+What does not belong to the set is held constant while Gauss-Newton runs, and updated after it: the slopes that whiten,
+and what averaging over the instants of a sample adds to the model's value at its mean. So residual and derivatives
+are consistent. What is one value a run is projected out of every run with its prior.
 """
 
 from __future__ import annotations

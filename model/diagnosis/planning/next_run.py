@@ -14,7 +14,7 @@ has, with delays no longer than what is thought of toothed rings, and with a soi
 
 What can be measured without any soil: zeros with the wheel lifted, slip and its delay on hard ground.
 
-What more data would do to a set of causes that cannot be told apart yet.
+Expected effect of further data on a set of causes that are not yet separable.
 
 Let member i of the set be the cause at its estimated size. Data with cross products G then favour it over member j,
 at whatever size j imitates it best, by an expected
@@ -23,8 +23,8 @@ at whatever size j imitates it best, by an expected
 
 nats (`model.diagnosis.findings.isolability`: z is d, the cosine is that of the signatures once the soil is projected
 out). What one more run adds is the difference of that with and without it. Against the whole rest of the set, with
-weights :math:`w_j`, i gains :math:`-\ln \sum_j w_j \exp(-\Delta_{ij})`: a run that parts i from all others but one
-look-alike is worth little.
+weights :math:`w_j`, i gains :math:`-\ln \sum_j w_j \exp(-\Delta_{ij})`: a run that separates i from all others
+but one confounded cause is worth little.
 """
 
 from __future__ import annotations
@@ -271,7 +271,7 @@ def next_runs(look: Look, members: tuple[Member, ...], most: int = MOST) -> tupl
     ----------
     look : Look
     members : tuple of Member
-        The causes that could not be told apart, at their estimated sizes.
+        The causes that were not separable, at their estimated sizes.
     most : int
         Manoeuvres to return.
 

@@ -1,7 +1,7 @@
-"""What a planned campaign will be able to tell apart, before a run is driven; or what driven runs can.
+"""Detectable and separable causes of a planned campaign, or of driven runs.
 
-The runs are looked at as measured ones are, with the noise as it is thought of beforehand. Nothing that is measured
-counts, only what is driven.
+The runs are linearised as measured ones are, with the noise of the prior. Measured values are not used, only what is
+driven.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 
 SCHEMA = "wheelsoil/plan/1"
 ALIKE = 0.95
-"""Cosine from which on causes are called look-alikes."""
+"""Cosine from which on causes count as confounded."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def plan_of(
     sizes : mapping key -> coefficients, optional
         In units of the prior scale; see `isolability`.
     advise : bool
-        Say for look-alikes which run would part them.
+        List for confounded causes the runs that would separate them.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def _advice(seen: Look, found: Isolability, group: tuple[str, ...]) -> tuple[Nex
 
 
 def _separable(grams: Grams, found: Isolability, i: int) -> Detectable:
-    """Return the size of an effect's first parameter from which on it is told from every other family."""
+    """Return the size of an effect's first parameter from which on it is separable from every other family."""
     key = found.keys[i]
     cause = next(c for c in grams.causes if c.key == key)
     apart = float(found.separation[i])

@@ -171,7 +171,7 @@ def _causes(weighing: Weighing, families: Sequence[str], rng: np.random.Generato
 
 
 def _extension(weighing: Weighing, verdict: Verdict, causes: Sequence[Cause]) -> Weighed:
-    """Return the set that extends the simulation: the named causes, the likeliest member of a set, or the least bad."""
+    """Return the set that extends the simulation: the named causes, a set's most probable member, or the least bad."""
     if verdict == "unexplained":
         return weighing.sets[0]
     keys = [cause.key for cause in (causes if verdict == "named" else causes[:1])]
@@ -179,14 +179,14 @@ def _extension(weighing: Weighing, verdict: Verdict, causes: Sequence[Cause]) ->
 
 
 def _shown(weighing: Weighing, causes: Sequence[Cause]) -> list[str]:
-    """Return the candidates to draw: the causes, then the likeliest others, each by its likeliest form."""
+    """Return the candidates to draw: the causes, then the most probable others, each by its most probable form."""
     ranked = [w for w in sorted(weighing.sets, key=lambda w: -w.score) if len(w.hypothesis) == 1]
     keys = [cause.key for cause in causes] + [w.hypothesis[0].key for w in ranked]
     return list(dict.fromkeys(keys))[:_MOST_SIGNATURES]
 
 
 def _least_misfit(weighing: Weighing) -> float:
-    """Return the misfit of the likeliest set, or the least of all where none is right enough."""
+    """Return the misfit of the most probable set, or the least of all where none is right enough."""
     if weighing.any_adequate:
         return weighing.sets[0].misfit
     return min(w.misfit for w in weighing.sets)

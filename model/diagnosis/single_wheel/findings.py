@@ -174,7 +174,7 @@ def _information(problem: BenchProblem, null: Optimum, use: CauseUse, which: int
 
 
 _COUNTED = 3.0
-"""Nats below the likeliest set that holds a cause within which another one counts for its parameters."""
+"""Nats below the most probable set that holds a cause within which another one counts for its parameters."""
 _MOST = 12
 
 
@@ -208,7 +208,7 @@ def estimates_of(weighing: Weighing, use: CauseUse, rng: np.random.Generator) ->
 
 
 def parameter_draws(weighing: Weighing, use: CauseUse, rng: np.random.Generator) -> dict[str, Draws]:
-    """Return weighted values of every parameter of a cause, over the likeliest sets that hold it."""
+    """Return weighted values of every parameter of a cause, over the most probable sets that hold it."""
     gated = [w for w in weighing.sets if use in w.hypothesis and weighing.adequate(w)]
     ranked = sorted(gated or [w for w in weighing.sets if use in w.hypothesis], key=lambda w: -w.score)
     counted = [w for w in ranked if w.posterior or w.score > ranked[0].score - _COUNTED][:_MOST]

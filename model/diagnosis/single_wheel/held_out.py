@@ -1,9 +1,9 @@
-"""What an extension is worth on conditions that neither the choice nor the fit has seen: one group left out at a time.
+"""Gain of an extension on held-out conditions, which neither the choice nor the fit has used: one group at a time.
 
-A group is one condition (one speed) with its repeats, so that nothing is foretold from its own repeats. In every fold
+A group is one condition (one speed) with its repeats, so that nothing is predicted from its own repeats. In every fold
 the causes are chosen anew by probability and gate on the rows that are left. The sets that are tried there are the
-likeliest by those rows at what all rows estimate, and sets of three grow from pairs of all rows: so far a fold has seen
-its own group.
+most probable ones on those rows at the estimates from all rows, and sets of three grow from pairs of all rows: to this
+extent a fold has used its own group.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from model.diagnosis.single_wheel.weighing import Weighed, Weighing, misfits, th
 FloatArray = NDArray[np.float64]
 
 _MOST = 30
-"""Candidates of a fold: the sets that are likeliest on the rows that are kept, before they are searched there."""
+"""Candidates of a fold: the sets that are most probable on the rows that are kept, before they are searched there."""
 _GATED = 8
-"""Likeliest sets of a fold that are put to the gate; the likeliest is taken where none of them passes."""
+"""Most probable sets of a fold that are put to the gate; the first is taken where none of them passes."""
 _LEAST_GROUPS = 3
 
 
 def foretell(problem: BenchProblem, optima: Sequence[Optimum], rng: np.random.Generator) -> tuple[Foretold, ...]:
-    """Foretell every group from the others under one hypothesis.
+    """Predict every group from the others under one hypothesis.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Which further test of the wheel would split the likeliest sets of causes best.
+"""Further test of the wheel that would best separate the most probable sets of causes.
 
-Every design is foretold by both sets, with what each has left unknown; the expected log Bayes factor is the divergence
-of the two foretellings from each other, taken as normal, after three repeats at every slip.
+Every design is predicted by both sets, with what each has left unknown; the expected log Bayes factor is the divergence
+of the two predictions from each other, taken as normal, after three repeats at every slip.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def _parted(rivals: Sequence[tuple[float, Weighed]], nats: FloatArray) -> tuple[
 
 
 def _rivals(weighing: Weighing) -> list[tuple[float, Weighed]]:
-    """Return the likeliest sets, of each combination of families the likeliest."""
+    """Return the most probable sets, one for each combination of families."""
     found: dict[frozenset[str], tuple[float, Weighed]] = {}
     for p, weighed in zip(weighing.probabilities, weighing.sets, strict=True):
         if weighed.posterior is not None and p > 0:

@@ -45,7 +45,7 @@ def notes_of(
 
 
 def _likeliest(weighing: Weighing) -> list[Note]:
-    """Return the likeliest set, and how probable its families are without the gate of adequacy."""
+    """Return the most probable set, and how probable its families are without the gate of adequacy."""
     best = weighing.sets[0]
     if not weighing.any_adequate or not best.families:
         return []

@@ -167,7 +167,7 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[Note, ...]) -
 
 
 def _judged(seen: Look, options: DiagnosisOptions, rng: np.random.Generator) -> tuple[Adequacy, float]:
-    """Judge the likeliest set under noise that instruments can have; return also the factor on the noise's variance."""
+    """Judge the most probable set under realistic instrument noise; return also the factor on the noise's variance."""
     judged = adequacy(seen.grams, seen.best.keys, rng)
     factor = excess(seen.grams, seen.best.keys)
     grams = plausible_grams(seen)
@@ -210,7 +210,7 @@ def _onward(
     explained: Explained,
     alike: tuple[LookAlike, ...],
 ) -> tuple[NextRun, ...]:
-    """Return what to drive next: to split a set, a name from its look-alikes, or on request the likeliest."""
+    """Return the runs to drive next: to separate a set, a name from its rivals, or on request the most probable."""
     chances = found.families()
     if verdict.verdict == "named" and alike:
         named = [cause.key for cause in explained.causes]
@@ -228,7 +228,7 @@ def _onward(
 def _disputes(seen: Look, verdict: Judgement, explained: Explained, fits: Fits) -> tuple[Note, ...]:
     """Return what joint campaigns disagree about: the size of a cause, or its form.
 
-    Asked of the named causes, and of the likeliest set where nothing explains the campaigns together.
+    Asked of the named causes, and of the most probable set where nothing explains the campaigns together.
     """
     causes = explained.causes
     if verdict.verdict == "unexplained":

@@ -1,7 +1,6 @@
-r"""The look at the data: linearise, whiten, explain, and again about the best explanation, until it stands still.
+r"""Linearised model of campaigns: linearise, whiten and explain, and repeat about the best explanation to convergence.
 
-The load that is likeliest, given the measured one.
-
+**Most probable load, given the measured one.**
 The load is measured, and its noise makes a line of force over load look flatter than it is: flatter about the middle
 of the data, so that the zeros of load, torque and drawbar pull seem to be off where the soil cannot take it up
 (docs/decisions/torque-zero-bias.md). So every run's load is drawn towards its mean as far as noise and movement say,
@@ -13,20 +12,18 @@ with W and e two first-order Markov processes: e that of the noise model, W what
 Source: regression calibration; Carroll, Ruppert, Stefanski & Crainiceanu (2006), Measurement Error in Nonlinear Models,
 ch. 4.
 
-Where to linearise next: the likeliest soil and causes, and the ground speed that goes with them.
+**Linearisation point.** The next one is at the most probable soil and causes, with the ground speed that goes with
+them.
 
-Linearise, whiten and explain, and again about the best explanation, until it stands still.
-
-Another place to settle at, where the linearisation never stood still.
-
+**Where the iteration does not converge.**
 Cross products about one explanation weigh all others by a straight line from there. Where the explanation itself is far
-from straight (an angle behind the wheel grows with the root of its parameter), its size moves from round to round, and
-about none of its points can it be believed: such a pair once seemed e^27 times as likely as the slip sinkage that was
-hidden. So what seemed likely in other rounds is tried, each about its own point; the first at which everything stands
-still, itself the likeliest there, is taken.
+from straight (an angle behind the wheel grows with the root of its parameter), its size moves with every iteration, and
+its probability is not to be trusted at any of these points: such a pair once appeared e^27 times as probable as the
+slip sinkage that was hidden. So the sets that were probable in other iterations are tried, each about its own point;
+the first one that converges, and is the most probable set there, is taken.
 
 Log evidences about different points are not compared: the slopes in the ground speed differ from point to point, and
-with them the density of the speed's error, by ten nats for causes that the data do not tell apart.
+with them the density of the speed's error, by ten nats for causes that the data do not separate.
 """
 
 from __future__ import annotations
@@ -124,7 +121,7 @@ class Aim:
 
 
 def first_aim(start: Start, causes: dict[str, float]) -> Aim:
-    """Return the laboratory's soil with the given causes, and the noise as it is thought of beforehand."""
+    """Return the laboratory's soil with the given causes, and the noise of the prior."""
     samples = start.samples
     noise = start.noise or Noise({name: b.centre for name, b in beliefs(samples).items()})
     variance = noise.values["speed_noise_mps"] ** 2 + noise.values["speed_white_mps"] ** 2
@@ -171,7 +168,7 @@ def _speed(view: View, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray
 
 MOST_ROUNDS = 6
 _STILL = 0.25
-"""Change of a cause in its one-sigma, and of the soil in the laboratory's, at which the linearisation stands still."""
+"""Change of a cause in its one-sigma, and of the soil in the laboratory's, below which the iteration has converged."""
 _FINEST = 0.005
 
 
@@ -266,7 +263,7 @@ def viewed(start: Start, aim: Aim, clock: Clock, *, fixed: bool) -> View:
 
 
 def _same(one: SetEstimate, other: SetEstimate) -> bool:
-    """Return whether two explanations are the same to what can be told of them."""
+    """Return whether two explanations are equal within their uncertainty."""
     if one.keys != other.keys:
         return False
     change = np.concatenate([one.soil - other.soil, (one.coefficients - other.coefficients)[list(other.columns)]])
@@ -285,13 +282,13 @@ def still(
     choose: Callable[[Grams, SetEstimate | None], SetEstimate],
     clock: Clock,
 ) -> Settled:
-    """Return where it stands still; the explanation that moves, where that is nowhere.
+    """Return the explanation at which the iteration converges; the one that moves, where there is none.
 
     Parameters
     ----------
     starts : sequence of Start
     moving : Settled
-        What did not stand still.
+        What did not converge.
     others : sequence of sets of causes
         That seemed likely.
     choose : callable
@@ -328,7 +325,7 @@ class Look:
     views : tuple of View
         One for each campaign, in their order; runs follow each other in `grams` likewise.
     best : SetEstimate
-        The likeliest set of causes, about which was linearised.
+        The most probable set of causes, about which was linearised.
     cannot_tell : mapping family -> why
     excluded : set of str
         Effects (by key) that leave no trace in these data whatever their size; see `best_set`.
@@ -404,7 +401,7 @@ def look(
 
 
 def _first(starts: Sequence[Start], causes: dict[str, float], options: DiagnosisOptions, clock: Clock) -> Settled:
-    """Settle at what is likeliest, from the laboratory's soil and the given causes."""
+    """Iterate to the most probable explanation, from the laboratory's soil and the given causes."""
     aims = [first_aim(s, causes) for s in starts]
     return settle(starts, aims, _choice(options), clock)
 

@@ -31,7 +31,7 @@ class View:
     ----------
     campaign : Campaign
     samples : Samples
-        With the likeliest load, see `model.diagnosis.time_series.looks`.
+        With the most probable load, see `model.diagnosis.time_series.looks`.
     simulation : Simulation
     linear : Linear
         About the last point.

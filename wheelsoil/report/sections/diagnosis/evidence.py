@@ -144,7 +144,7 @@ def _shapes(channel: str, views: list[_Shown]) -> Figure:
 
 
 def _diagonal(channel: str, views: list[_Shown]) -> Figure:
-    """Draw what is left against the likeliest cause's signature, and the line on which they are equal."""
+    """Draw what is left against the most probable cause's signature, and the line on which they are equal."""
     groups = {}
     for view in views:
         key, values = next(iter(view.signatures.items()), ("", np.zeros(0)))

@@ -19,7 +19,7 @@ _END = ". "
 """Of a sentence: the first is read by everyone, the others stand below the lights."""
 _SAYS_NEXT = re.compile(r"^(Next|To be surer of the name, drive next): ")
 _WHY = 1
-"""Reasons of a run that are told here; data quality tells all."""
+"""Reasons of a run that are listed here; data quality lists all."""
 _MANY = 12
 """Runs beyond which good ones are not commented on."""
 
