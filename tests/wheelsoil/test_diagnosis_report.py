@@ -137,7 +137,7 @@ def test_where_no_cause_was_chosen_there_is_nothing_to_gain(plain_material):
     found = diagnosis("nothing_detectable")
     assert found.gain is not None
     report = built(plain_material, replace(found, gain=replace(found.gain, chosen=((), ()))))
-    assert "nothing to gain" in text(report, "gain")
+    assert "there is no gain" in text(report, "gain")
     assert figures(report, "gain") == []
 
 

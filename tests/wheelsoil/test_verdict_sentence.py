@@ -70,7 +70,7 @@ def test_a_look_alike_comes_with_the_run_that_would_split_it() -> None:
     runs = (NextRun("a run with more load", ("slip_sinkage", "grouser"), 9.0),)
     alike = replace(BARE, causes=(cause,), next_run=runs, grounds=Grounds(look_alikes=("grouser",)))
     said = named_words(alike, CHANCES)
-    assert said.endswith("To be surer of the name, drive next: a run with more load.")
+    assert said.endswith("Next: a run with more load.")
     assert "p = m1 + m2 = 0.615 (0.58 to 0.64)" in said
     assert "drive next" not in named_words(replace(alike, grounds=Grounds()), CHANCES)
 
@@ -140,7 +140,7 @@ def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
 def test_what_is_wanting_is_said_once_for_all_families_that_it_is_wanting_for() -> None:
     want = want_words({"slope": ONE_WAY, "track_drift": ONE_WAY, "zero_drift": DRIFT})
     assert want == (
-        " Cannot be named from these runs: slope and track drift (all runs go one way: drive some back); zero drift "
+        " Not identifiable from these runs: slope and track drift (all runs go one way: drive some back); zero drift "
         "(one run only: a drift over the campaign does not show)."
     )
     assert want_words({}) == ""

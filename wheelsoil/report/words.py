@@ -31,7 +31,7 @@ _POWERS = str.maketrans("0123456789n+-", "⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ⁺⁻")
 
 
 def letter(name: str) -> str:
-    """Return the textbook's letter of a parameter, or else its name in words; its unit is told beside it."""
+    """Return the textbook's letter of a parameter, or else its name in words; its unit stands beside it."""
     known = PARAMETERS.get(name) or _SIGNS.get(name)
     return known or (name if "=" in name else named_with_unit(name)[0])
 

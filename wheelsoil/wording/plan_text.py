@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq import number, table_lines
 from model.diagnosis import ALIKE, SEEN, Detectable, Plan
-from wheelsoil.wording.diagnosis_text import CAN_BE_SEEN, limited, not_named, told, wrapped
+from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE, limited, not_named, notes_by_text, wrapped
 from wheelsoil.wording.names import effect_name, plain_name
 
 FloatArray = NDArray[np.float64]
@@ -27,7 +27,7 @@ def plan_lines(plan: Plan, width: int = 96) -> list[str]:
         _alike(plan, width),
         _matrix(plan, width),
         *(
-            told(f"{title} ({len(texts)})", texts, width)
+            notes_by_text(f"{title} ({len(texts)})", texts, width)
             for title, texts in not_named(plan.cannot_tell, plan.minimum_detectable).items()
         ),
     )
@@ -42,7 +42,7 @@ def _sentence(plan: Plan) -> str:
         f for f, d in zip(found.families, found.separation, strict=True) if d >= SEEN and f not in plan.cannot_tell
     )
     return (
-        f"Of {len(families)} families {len(seen)} are detectable in these runs at a plausible size; {len(apart)} of "
+        f"Of {len(families)} families, {len(seen)} are detectable in these runs at a plausible size; {len(apart)} of "
         "them are separable from every other (d_sep of 5 or more, on average)."
     )
 
@@ -75,8 +75,8 @@ def _effects(plan: Plan, width: int) -> list[str]:
 
 def _footnote(plan: Plan, width: int) -> list[str]:
     text = "detectable: smallest size found in half of such campaigns; separable: d_sep is 5, noise changes it by 1"
-    if any(title == CAN_BE_SEEN for title in not_named(plan.cannot_tell, plan.minimum_detectable)):
-        text += f". Not named: {CAN_BE_SEEN[0].lower()}{CAN_BE_SEEN[1:]}, or not detectable, see below"
+    if any(title == NOT_IDENTIFIABLE for title in not_named(plan.cannot_tell, plan.minimum_detectable)):
+        text += ". Not named: detectable, not identifiable, or not detectable, see below"
     return wrapped(f"{text}.", width, "  ")
 
 

@@ -101,7 +101,7 @@ def named_words(found: Diagnosis, chances: Mapping[str, float]) -> str:
             "the differences in these runs are small, but beyond the noise"
         )
     if alike and found.next_run:
-        said.append(f"To be surer of the name, drive next: {found.next_run[0].change}")
+        said.append(f"Next: {found.next_run[0].change}")
     return _sentences(said)
 
 
@@ -176,20 +176,20 @@ def nothing_words(
     ]
     if shown:
         examples = _listed(shown[:_MOST_EXAMPLES])
-        said.append(f"That does not mean there is none: {examples} would be detected in half of such campaigns")
+        said.append(f"A cause may still act: {examples} would be detected in half of such campaigns")
     if wrong:
         said.append(f"The largest residual is in {_findings(wrong[:1])}")
     return _sentences(said)
 
 
 def want_words(cannot_tell: Mapping[str, Note]) -> str:
-    """Return what cannot be named, for want of what; empty where everything can, but for what is usually wanting."""
+    """Return the causes that are not identifiable, with the reason; empty where only the usual reasons apply."""
     by_reason: dict[str, list[str]] = {}
     for family, why in cannot_tell.items():
         if why.code not in _USUAL:
             by_reason.setdefault(note_text(why), []).append(plain_name(family))
     said = [f"{_listed(families)} ({why})" for why, families in by_reason.items()]
-    return f" Cannot be named from these runs: {'; '.join(said)}." if said else ""
+    return f" Not identifiable from these runs: {'; '.join(said)}." if said else ""
 
 
 def _cause(cause: Cause) -> str:

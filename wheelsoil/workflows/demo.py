@@ -133,7 +133,7 @@ def _least(hidden: Hidden, diagnosis: Diagnosis) -> str:
     if least is None or not np.isfinite(least.value):
         return ""
     unit = "" if least.unit == "1" else f" {least.unit}"
-    return f" It would have been found from {least.parameter} = {least.value:.3g}{unit} on."
+    return f" It is detectable from {least.parameter} = {least.value:.3g}{unit} on."
 
 
 def _parameters(hidden: Hidden, found: Cause) -> tuple[dict[str, Any], ...]:

@@ -76,7 +76,7 @@ class CauseSet:
 
 @dataclass(frozen=True)
 class Finding:
-    """Where the simulation is off.
+    """A residual of the simulation.
 
     Attributes
     ----------
@@ -164,7 +164,7 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Detectable:
-    """The smallest size of a parameter that would have been found."""
+    """The smallest detectable size of a parameter."""
 
     parameter: str
     value: float

@@ -1,4 +1,4 @@
-"""Where the simulation is off: in which channel, at which slip, load, speed, place, time and direction.
+"""Residuals of the simulation by channel, slip, load, speed, place, time and direction.
 
 The catch-all's shapes are asked one after the other: the one that stands out most is said, taken out, and the rest
 asked again, so that one misfit is not said five times. A size is the regression height of the shape: its coefficient,

@@ -119,11 +119,11 @@ def _adequacy(found: Diagnosis) -> list[Block]:
         if found.adequacy.ok:
             blocks.append(Text(f"{numbers}: the best explanation leaves no more than noise.", "good"))
         else:
-            text = f"{numbers}: the best explanation leaves more than noise can be, so no probability is to be trusted."
+            text = f"{numbers}: the best explanation leaves more than noise, so do not rely on the probabilities."
             blocks.append(Text(text, "warning"))
     if found.proposal:
         text = (
-            f"A formula for what is left, offered and not a name: {found.proposal.formula}, worth "
+            f"A formula for the remaining residual, not a named cause: {found.proposal.formula}, worth "
             f"{number(found.proposal.gain)} nats on held-out runs."
         )
         blocks.append(Text(text))

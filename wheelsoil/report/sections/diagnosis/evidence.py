@@ -35,7 +35,7 @@ _MEMBERS = 4
 _LOOKS = ("vasilev", "wong", "lyasko", "ding")
 _SOLID = Style("after", "#0072B2", "solid", "square-open")
 _AFTER = (
-    "both lines are measured less simulated, as medians in bins of slip: the broken one before the cause is added, the "
+    "both lines are measured - simulated, as medians in bins of slip: the broken one before the cause is added, the "
     "solid one after. A cause that is right takes the line to zero everywhere. Double-click shows braking."
 )
 _SHAPES = (

@@ -39,7 +39,7 @@ _SHOWN = 12
 _LEAST_SIGMAS = 6.0
 """Of the axes in noise sigmas; double-click shows what lies beyond."""
 _READING = (
-    "dots are measured less simulated (soil re-calibrated, no cause added), black is their median; grey holds 95 % of "
+    "dots are measured - simulated (soil re-calibrated, no cause added), black is their median; grey holds 95 % of "
     "them if the simulation is right. Where the line leaves zero and stays away, it is wrong. Against slip in its "
     "unit, else in sigmas of the noise (σ)."
 )
@@ -90,9 +90,9 @@ def _findings(found: Diagnosis) -> Block:
         for one in found.what_is_wrong[:_SHOWN]
     ]
     head = ["channel", "where", *(["mean there"] if of_rows else ["median there", "size of the shape"]), "sigmas"]
-    note = "Mean there: of measured less simulated over these rows." if of_rows else FINDING_NOTE
+    note = "Mean there: of measured - simulated over these rows." if of_rows else FINDING_NOTE
     note = finding_note(note, found.what_is_wrong[:_SHOWN])
-    return Table("Where the simulation is off, worst first", head, rows, note, left=2)
+    return Table("Residuals of the simulation, largest first", head, rows, note, left=2)
 
 
 def _with_unit(value: float, channel: str) -> str:
