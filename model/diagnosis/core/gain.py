@@ -22,7 +22,7 @@ _FEWEST_FOR_INTERVAL = 3
 
 
 @dataclass(frozen=True)
-class Foretold:
+class HeldOutPrediction:
     """One held-out run or condition, as predicted from the others.
 
     Attributes
@@ -49,15 +49,15 @@ class Foretold:
         return float(error @ error), len(error)
 
 
-def rms(folds: Sequence[Foretold], channel: str) -> float:
+def rms(folds: Sequence[HeldOutPrediction], channel: str) -> float:
     """Return the root mean square error of a channel over all folds, in its unit."""
     total, count = np.sum([fold.squares(channel) for fold in folds], axis=0)
     return float(np.sqrt(total / count))
 
 
 def gain_of(
-    base: Sequence[Foretold],
-    extended: Sequence[Foretold],
+    base: Sequence[HeldOutPrediction],
+    extended: Sequence[HeldOutPrediction],
     chosen: Sequence[tuple[str, ...]],
     channel: str,
     rng: np.random.Generator,
@@ -66,7 +66,7 @@ def gain_of(
 
     Parameters
     ----------
-    base, extended : sequence of Foretold
+    base, extended : sequence of HeldOutPrediction
         Of every fold.
     chosen : sequence of tuple of str
         Keys of the causes that each fold chose.
@@ -88,19 +88,19 @@ def gain_of(
     )
 
 
-def _gained(base: Foretold, extended: Foretold) -> float:
+def _gained(base: HeldOutPrediction, extended: HeldOutPrediction) -> float:
     """Return the gain in the prediction of a fold, nats; 0 where one model has an answer for more samples."""
     return extended.log_likelihood - base.log_likelihood if extended.numbers == base.numbers else 0.0
 
 
-def _judged(folds: Sequence[Foretold]) -> Sequence[Foretold]:
+def _judged(folds: Sequence[HeldOutPrediction]) -> Sequence[HeldOutPrediction]:
     """Return the folds; where no sample at all is above the threshold, judged on every sample."""
     if any(fold.judged.any() for fold in folds):
         return folds
     return [replace(fold, judged=np.ones(len(fold.judged), bool)) for fold in folds]
 
 
-def _scores(runs: Sequence[Foretold]) -> dict[str, Scores]:
+def _scores(runs: Sequence[HeldOutPrediction]) -> dict[str, Scores]:
     """Return the criteria of every channel over all folds."""
     likelihood = float(np.mean([run.log_likelihood for run in runs]))
     found = {}
@@ -116,7 +116,7 @@ def _scores(runs: Sequence[Foretold]) -> dict[str, Scores]:
     return found
 
 
-def _squares(base: Sequence[Foretold], extended: Sequence[Foretold], channel: str) -> FloatArray:
+def _squares(base: Sequence[HeldOutPrediction], extended: Sequence[HeldOutPrediction], channel: str) -> FloatArray:
     """Return squared errors of base and extended model in a channel, and their number; shape (folds, 3)."""
     pairs = [
         (b.squares(channel), e.squares(channel)) for b, e in zip(base, extended, strict=True) if channel in b.measured

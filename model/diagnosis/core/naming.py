@@ -58,7 +58,7 @@ def judgement(
     gain: Gain | None,
     cannot_tell: Mapping[str, Note] | None = None,
     name_at: float = 0.9,
-    settled: bool = True,
+    converged: bool = True,
 ) -> Judgement:
     """Return the verdict.
 
@@ -72,7 +72,7 @@ def judgement(
         On left-out runs, the causes chosen anew in each fold.
     cannot_tell : mapping family -> why
     name_at : float
-    settled : bool
+    converged : bool
         Whether the linearisation stood still.
     """
     if not judged.ok:
@@ -81,7 +81,7 @@ def judgement(
     if found.none >= (IDLE_AT if idle else NOTHING_AT):
         return Judgement("nothing_detectable")
     sure = [family for family, p in found.families().items() if p > name_at]
-    barred = _barred(found, gain) or (None if settled else Note(LackCode.NOT_SETTLED))
+    barred = _barred(found, gain) or (None if converged else Note(LackCode.NOT_SETTLED))
     if sure and not barred:
         named = tuple(family for family in sure if family not in (cannot_tell or {}))
         if named:

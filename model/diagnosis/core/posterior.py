@@ -126,7 +126,7 @@ def likely_sets(found: Posterior) -> tuple[CauseSet, ...]:
     return tuple(chosen)
 
 
-def likeliest_form(found: Posterior, family: str) -> str:
+def most_probable_form(found: Posterior, family: str) -> str:
     """Return the key of a family's most probable form."""
     return next(iter(found.forms(family)))
 

@@ -181,7 +181,7 @@ class NextRun:
 
 
 @dataclass(frozen=True)
-class Seen:
+class PlotData:
     """The samples that were looked at, for figures; arrays of shape (n,).
 
     Attributes
@@ -285,7 +285,7 @@ class Diagnosis:
     noise : mapping str -> float
         Hyper-parameters of the noise model, with unit suffix.
     soils : tuple of SoilEstimate
-    seen : tuple of Seen
+    seen : tuple of PlotData
     stages_s : mapping stage -> seconds
     grounds : Grounds
     """
@@ -304,7 +304,7 @@ class Diagnosis:
     notes: tuple[Note, ...] = ()
     noise: dict[str, float] = field(default_factory=dict)
     soils: tuple[SoilEstimate, ...] = ()
-    seen: tuple[Seen, ...] = ()
+    seen: tuple[PlotData, ...] = ()
     stages_s: dict[str, float] = field(default_factory=dict)
     sets: tuple[CauseSet, ...] = ()
     grounds: Grounds = field(default_factory=Grounds)

@@ -25,7 +25,7 @@ from model.diagnosis.time_series.linearise import (
     derivatives,
     linearise,
 )
-from model.diagnosis.time_series.start import View
+from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import joined, run_grams, whitened_rows
 
 FloatArray = NDArray[np.float64]
@@ -40,7 +40,7 @@ class Part:
 
     Attributes
     ----------
-    view : View
+    view : CampaignData
     simulation : Simulation
         With the set's effects only.
     frozen : Linear
@@ -53,7 +53,7 @@ class Part:
         Coefficient in this campaign over the shared one: scales may go with the wheel.
     """
 
-    view: View
+    view: CampaignData
     simulation: Simulation
     frozen: Linear
     soil: slice
@@ -197,12 +197,12 @@ def _without_constants(rows: FloatArray, keep: int) -> FloatArray:
     return np.asarray(shared - left @ (share[..., None] * (left.swapaxes(-1, -2) @ shared)))
 
 
-def set_problem(views: Sequence[View], grams: Grams, keys: tuple[str, ...]) -> SetProblem:
+def set_problem(views: Sequence[CampaignData], grams: Grams, keys: tuple[str, ...]) -> SetProblem:
     """Return the problem of a set of causes, whitened as at the last look.
 
     Parameters
     ----------
-    views : sequence of View
+    views : sequence of CampaignData
     grams : Grams
         Of the same look.
     keys : tuple of str

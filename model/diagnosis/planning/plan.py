@@ -19,7 +19,7 @@ from model.diagnosis.core.result import Detectable, NextRun
 from model.diagnosis.findings.isolability import SEEN, Isolability, detectable_in_runs, isolability
 from model.diagnosis.planning.next_run import Member, next_runs
 from model.diagnosis.time_series.grams import Grams
-from model.diagnosis.time_series.looks import Look, look
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
 from model.diagnosis.time_series.noise import Noise, beliefs
 from model.diagnosis.time_series.samples import samples_of
 from model.one_thread import one_thread
@@ -124,16 +124,16 @@ def plan_of(
     Raises
     ------
     DataError
-        As `look`.
+        As `linearise_campaigns`.
     """
     chosen = options or DiagnosisOptions()
-    seen = look(campaigns, chosen, [_thought_of(campaign, chosen) for campaign in campaigns])
-    return plan_from_look(seen, chosen, sizes, advise=advise)
+    seen = linearise_campaigns(campaigns, chosen, [_thought_of(campaign, chosen) for campaign in campaigns])
+    return plan_from_linearised(seen, chosen, sizes, advise=advise)
 
 
 @one_thread
-def plan_from_look(
-    seen: Look,
+def plan_from_linearised(
+    seen: LinearisedCampaign,
     options: DiagnosisOptions | None = None,
     sizes: Mapping[str, Sequence[float]] | None = None,
     *,
@@ -143,7 +143,7 @@ def plan_from_look(
 
     Parameters
     ----------
-    seen : Look
+    seen : LinearisedCampaign
     options, sizes, advise
         As for `plan_of`.
     """
@@ -165,7 +165,7 @@ def _thought_of(campaign: Campaign, options: DiagnosisOptions) -> Noise:
     return Noise({name: b.centre for name, b in beliefs(samples_of(campaign, options.channels)).items()})
 
 
-def _advice(seen: Look, found: Isolability, group: tuple[str, ...]) -> tuple[NextRun, ...]:
+def _advice(seen: LinearisedCampaign, found: Isolability, group: tuple[str, ...]) -> tuple[NextRun, ...]:
     """Return what would part a group of families, each by its first form, at twice the size that is seen."""
     members = []
     for family in group:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from daq import OUTPUTS
 from model.diagnosis.core.detectable import Direction, minimum_detectable
-from model.diagnosis.core.result import Detectable, Finding, ParameterEstimate, Seen, SoilEstimate
+from model.diagnosis.core.result import Detectable, Finding, ParameterEstimate, PlotData, SoilEstimate
 from model.diagnosis.core.shapes import Rows
 from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
@@ -29,7 +29,7 @@ FloatArray = NDArray[np.float64]
 _SIGNIFICANT = 2.5
 
 
-def seen_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tuple[Seen, ...]:
+def plot_data_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tuple[PlotData, ...]:
     """Return every bench's rows with what the simulation and its extensions say.
 
     Parameters
@@ -51,7 +51,7 @@ def seen_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tuple[S
         channels = [c for c in OUTPUTS if np.isfinite(problem.measured(c)[rows]).any()]
         nothing = np.full(int(rows.sum()), np.nan)
         found.append(
-            Seen(
+            PlotData(
                 campaign=bench.name,
                 runs=bench.rows.names,
                 run=bench.rows.run,

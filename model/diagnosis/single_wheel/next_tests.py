@@ -40,7 +40,7 @@ def next_tests(weighing: Weighing, rng: np.random.Generator) -> tuple[NextRun, .
     rivals = _rivals(weighing)
     found = []
     for design in _designs(weighing.problem) if len(rivals) > 1 else []:
-        said = [_foretold_of_design(design, weighed, rng) for _, weighed in rivals]
+        said = [_prediction_of_design(design, weighed, rng) for _, weighed in rivals]
         known = [foretold for foretold in said if foretold is not None]
         if len(known) < len(said):
             continue
@@ -90,7 +90,7 @@ def _designs(problem: BenchProblem) -> list[_Design]:
     return designs
 
 
-def _foretold_of_design(
+def _prediction_of_design(
     design: _Design, weighed: Weighed, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return mean and covariance of what a set foretells of a design; None where the model has no answer."""

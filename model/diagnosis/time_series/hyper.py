@@ -37,8 +37,8 @@ from model.diagnosis.time_series.noise import (
     rest_variance,
     second_order_variance,
 )
-from model.diagnosis.time_series.rests import AT_REST
 from model.diagnosis.time_series.samples import Samples
+from model.diagnosis.time_series.standstills import AT_REST
 
 FloatArray = NDArray[np.float64]
 

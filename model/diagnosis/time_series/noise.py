@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 
 from daq import OUTPUTS, Note
 from model.diagnosis.time_series.linearise import Linear
-from model.diagnosis.time_series.rests import AT_REST
 from model.diagnosis.time_series.samples import Samples
+from model.diagnosis.time_series.standstills import AT_REST
 from model.notes import DiagnosisCode
 
 FloatArray = NDArray[np.float64]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import OUTPUTS
-from model.diagnosis import Diagnosis, Seen
+from model.diagnosis import Diagnosis, PlotData
 from wheelsoil.report.content import Block, Figure, Panels, Section, Text
 from wheelsoil.report.figures import (
     EDGES,
@@ -80,7 +80,7 @@ def build(material: Material) -> Section:
     return Section(KEY, TITLE, blocks, {"members": keys, **numbers})
 
 
-def _of_channel(everything: tuple[Seen, ...], channel: str, keys: list[str]) -> list[_Shown]:
+def _of_channel(everything: tuple[PlotData, ...], channel: str, keys: list[str]) -> list[_Shown]:
     return [
         _Shown(
             seen.campaign,

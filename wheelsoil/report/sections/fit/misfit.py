@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from daq import OUTPUTS, ROLES
-from model.diagnosis import Diagnosis, Finding, Seen
+from model.diagnosis import Diagnosis, Finding, PlotData
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import (
     EDGES,
@@ -106,7 +106,7 @@ def _inconsistent(found: Diagnosis) -> list[Block]:
     ]
 
 
-def _panels(everything: tuple[Seen, ...], channel: str) -> tuple[list[Figure], dict[str, Any]]:
+def _panels(everything: tuple[PlotData, ...], channel: str) -> tuple[list[Figure], dict[str, Any]]:
     views = [seen for seen in everything if channel in seen.base]
     figures = []
     numbers: dict[str, Any] = {}
@@ -141,14 +141,14 @@ def _sigmas_shown(panels: list[dict[str, Any]]) -> float:
     return max(_LEAST_SIGMAS, 1.1 * float(np.max(far[np.isfinite(far)], initial=0.0)))
 
 
-def _reach(seen: Seen, channel: str) -> FloatArray:
+def _reach(seen: PlotData, channel: str) -> FloatArray:
     """Return what has to fit into the panel against slip."""
     driven = seen.slip > 0
     noise = 2.2 * seen.base_sigma[channel][driven]
     return np.concatenate([(seen.measured[channel] - seen.base[channel])[driven], noise, -noise])
 
 
-def _traces(seen: Seen, channel: str, key: str) -> tuple[list[Trace], dict[str, Any]]:
+def _traces(seen: PlotData, channel: str, key: str) -> tuple[list[Trace], dict[str, Any]]:
     residual, sigma = seen.measured[channel] - seen.base[channel], seen.base_sigma[channel]
     if key == "slip":
         return _cloud(seen.slip, residual, sigma, EDGES)
@@ -195,7 +195,7 @@ def _edges(x: FloatArray) -> FloatArray:
     return edges
 
 
-def _by_run(seen: Seen, scaled: FloatArray) -> tuple[list[Trace], dict[str, Any]]:
+def _by_run(seen: PlotData, scaled: FloatArray) -> tuple[list[Trace], dict[str, Any]]:
     of_run = [seen.run == i for i in range(len(seen.runs))]
     low, middle, high = np.array([_quartiles(scaled[rows]) for rows in of_run]).T.reshape(3, -1)
     names = [words(name) for name in seen.runs]
