@@ -20,9 +20,9 @@ from model.diagnosis.core.result import (
     Inconsistent,
     NextRun,
     ParameterEstimate,
+    PlotData,
     Proposal,
     Scores,
-    Seen,
     SoilEstimate,
     Verdict,
 )
@@ -31,7 +31,7 @@ from model.notes import DiagnosisCode, LackCode
 from wheelsoil.wording.verdict import sentence_of
 
 
-def seen(campaign: str = "clay", runs: tuple[str, ...] = ("run-1", "run-2"), samples: int = 120) -> Seen:
+def seen(campaign: str = "clay", runs: tuple[str, ...] = ("run-1", "run-2"), samples: int = 120) -> PlotData:
     """Return samples of runs whose drawbar pull lacks what grows with slip."""
     rng = np.random.default_rng(3)
     n = samples * len(runs)
@@ -42,7 +42,7 @@ def seen(campaign: str = "clay", runs: tuple[str, ...] = ("run-1", "run-2"), sam
     missing = {"dp": -220.0 * np.maximum(slip, 0), "t": 60.0 * np.maximum(slip, 0)}
     sigma = {"dp": np.full(n, 35.0), "t": np.full(n, 12.0)}
     measured = {c: base[c] + missing[c] + sigma[c] * rng.standard_normal(n) for c in base}
-    return Seen(
+    return PlotData(
         campaign=campaign,
         runs=runs,
         run=np.repeat(np.arange(len(runs)), samples),

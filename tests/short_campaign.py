@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.time_series.looks import Look, look
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
 from model.diagnosis.time_series.noise import Noise, beliefs
 from model.diagnosis.time_series.samples import samples_of
 from model.wheel_soil.soils import prior_of
@@ -29,6 +29,6 @@ def noise_of(campaign: Campaign) -> Noise:
     return Noise({n: b.centre for n, b in found.items()}, {n: 0.3 * b.log_sigma for n, b in found.items()})
 
 
-def looked(campaign: Campaign, *effects: str) -> Look:
+def looked(campaign: Campaign, *effects: str) -> LinearisedCampaign:
     """Look with a given noise model."""
-    return look([campaign], DiagnosisOptions(effects=effects), [noise_of(campaign)])
+    return linearise_campaigns([campaign], DiagnosisOptions(effects=effects), [noise_of(campaign)])

@@ -185,7 +185,7 @@ class PressureSinkage:
 
     @property
     def separate(self) -> bool:
-        """Whether k_c and k_phi could be told apart."""
+        """Whether k_c and k_phi are separable."""
         return "cohesive_modulus" in self.joint
 
 

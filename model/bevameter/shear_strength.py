@@ -184,7 +184,7 @@ class ShearStrength:
 
     @property
     def separate(self) -> bool:
-        """Whether c and phi could be told apart."""
+        """Whether c and phi are separable."""
         return "cohesion_pa" in self.joint
 
 

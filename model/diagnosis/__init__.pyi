@@ -14,9 +14,9 @@ from .core import Inconsistent as Inconsistent
 from .core import Kind as Kind
 from .core import NextRun as NextRun
 from .core import ParameterEstimate as ParameterEstimate
+from .core import PlotData as PlotData
 from .core import Rows as Rows
 from .core import Scores as Scores
-from .core import Seen as Seen
 from .core import Shape as Shape
 from .core import SoilEstimate as SoilEstimate
 from .core import bound_rows_of_runs as bound_rows_of_runs

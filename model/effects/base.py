@@ -155,7 +155,7 @@ class Effect:
     starts : tuple of float
         Where else a search starts, in prior scales, where wrong values confirm themselves.
     first_estimate : FirstEstimate or None
-        What estimates the only parameter beforehand.
+        First estimate of the only parameter.
     stage : int
         Place in the chain from the truth to a reading: a model takes its effects in this order, whatever order they
         are given in. Physical causes and speeds 0, gains 1, cross-talk 2, gain of the load 3, zeros 4, drift 5.

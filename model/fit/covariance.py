@@ -1,4 +1,4 @@
-"""Covariance of a least-squares estimate, and in words what the data cannot tell apart.
+"""Covariance of a least-squares estimate, and the parameters that are not separable.
 
 With a residual ``r(x)`` whose entries are independent with variance ``v``, and sensitivities ``J = dr/dx`` at the
 minimum, the estimate has the covariance ``v (J' J)^-1``. It is taken from the singular values of ``J`` with its
@@ -42,7 +42,7 @@ class Covariance:
     rank : int
         Number of combinations that the data determine.
     warnings : tuple of str
-        What cannot be told apart, with the numbers.
+        Parameters that are not separable, with the numbers.
     """
 
     matrix: FloatArray

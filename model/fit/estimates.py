@@ -79,7 +79,7 @@ def _held(problem: FitProblem, x: FloatArray, i: int, blocks: Blocks, t: float) 
 
 
 def _sum(problem: FitProblem, x: FloatArray, found: Sandwich, t: float) -> Estimate:
-    """Return p = m1 + m2 with its profile interval: singly they cannot be told apart, and the valley is curved."""
+    """Return p = m1 + m2 with its profile interval: singly they are not separable, and the valley is curved."""
     pair = [problem.names.index(m) for m in SUM_OF]
     total = float(x[pair].sum())
     free = np.isfinite(np.diag(found.covariance))
@@ -116,7 +116,7 @@ def warnings_of(
         if e.at_bound and not e.derived
     ]
     words += [
-        f"p = {e.value:.3g} is below 0: the wheel would rise with slip, so that something else is at work"
+        f"p = {e.value:.3g} is below 0: the wheel would rise with slip, so that another cause acts"
         for e in estimates
         if e.name == "p" and e.value < 0
     ]
@@ -124,7 +124,7 @@ def warnings_of(
 
 
 def _inseparable(names: tuple[str, ...], result: GaussNewtonResult, matrix: FloatArray) -> tuple[str, ...]:
-    """Say which parameters cannot be told apart, by the covariance that the intervals are from."""
+    """List the parameters that are not separable, by the covariance that the intervals are from."""
     free = np.isfinite(np.diag(matrix))
     if not free.all() and not result.at_bound.all() and bool((~free & ~result.at_bound).any()):
         return result.warnings  # some are not determined at all: Gauss-Newton names them

@@ -133,7 +133,7 @@ def answered_by_extended(
 
 
 def check_chosen(driven: Observations, chosen: Sequence[str]) -> None:
-    """Raise DataError for an effect that a person chose and these data cannot tell."""
+    """Raise DataError for a chosen effect that is not identifiable from these data."""
     _check_needs(driven, [EFFECTS[key] for key in chosen], "leave the effect out")
 
 
@@ -340,7 +340,7 @@ def judge_alike(
     measured : Observations, n samples
     predicted : for each fit a mapping channel -> array (n,), N or N m; NaN where the model has no answer
     threshold : slip from which on a sample counts
-    radius_m : of the wheel: a torque's error is told over load times radius
+    radius_m : of the wheel: a torque's error is reported relative to load times radius
     """
     answered = np.logical_and.reduce([np.isfinite(p["dp"]) for p in predicted])
     forces = {"dp": measured.vertical_load_n, "t": radius_m * measured.vertical_load_n}

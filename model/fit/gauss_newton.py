@@ -27,7 +27,7 @@ Stark & Parker 1995), so that every estimate is feasible and a bound is left aga
 component is below ``epsilon`` of the parameter (`StopReason.CONVERGED_STEP`), or when the gain (1) foretells for it is
 below ``cost_tolerance`` of the cost or too small to be seen in it (`StopReason.CONVERGED_COST`; the square root of that
 ratio is in proportion to Bates and Watts' relative offset, the distance to the minimum in standard deviations). Where
-the gain can no longer be seen, steps are kept as long as they halve the foretold gain that is left.
+the gain can no longer be seen, steps are kept as long as they halve the predicted gain that is left.
 
 Prior knowledge ``x_i ~ (mean, sigma)`` enters as an extra row ``(x_i - mean) / sigma`` of the residual.
 
@@ -55,7 +55,7 @@ from model.fit.linear_step import BoundedProblem, LinearProblem, Point, Residual
 
 FloatArray = NDArray[np.float64]
 
-_KEPT_GAIN = 1e-4  # share of the foretold gain that a step must bring to be kept
+_KEPT_GAIN = 1e-4  # share of the predicted gain that a step must bring to be kept
 
 
 class TrustRadius:
@@ -81,7 +81,7 @@ class TrustRadius:
         return np.where(self._norms > 0, self._norms, 1.0)
 
     def keeps(self, ratio: float, length: float) -> bool:
-        """Set the radius by the ratio of seen to foretold gain of a step; return whether the step is kept."""
+        """Set the radius by the ratio of seen to predicted gain of a step; return whether the step is kept."""
         if self._untried:
             self._untried = False
             first = self._first_radius * float(np.linalg.norm(self._norms * self._size)) or np.inf
@@ -97,7 +97,7 @@ class TrustRadius:
         return ratio > _KEPT_GAIN
 
 
-_UNSEEN = 1e-12  # share of the cost below which a foretold gain drowns in rounding
+_UNSEEN = 1e-12  # share of the cost below which a predicted gain drowns in rounding
 
 
 class StopReason(StrEnum):
@@ -121,7 +121,7 @@ class GaussNewtonOptions:
     epsilon : float
         Step, relative to the parameter, below which the iteration has converged.
     cost_tolerance : float
-        Foretold gain, relative to the cost, below which it has converged.
+        Predicted gain, relative to the cost, below which it has converged.
     max_iterations : int
         Of evaluations after the first, rejected steps included.
     initial_radius : float

@@ -3,7 +3,7 @@ r"""The weighted least-squares problem of one model on one terrain's driven samp
 :math:`\sum_i (f_i - y_i)^2 / v_i` with the effective variance
 :math:`v_i = a^2 + (f_s\,\sigma_s)^2 + (f_W\,\sigma_W)^2`: the measured errors of slip and load, carried through the
 model's own slopes, so that the steep and badly measured start of the curve does not rule the fit; :math:`a` is what
-the residual asks for beyond that. The variances stand still while Gauss-Newton runs and are renewed after it.
+the residual asks for beyond that. The variances are held while Gauss-Newton runs and updated after it.
 
 Source: Orear (1982), Am. J. Phys. 50:912 (least squares when both variables have uncertainties).
 """

@@ -163,7 +163,7 @@ def estimate(draws: FloatArray) -> Estimate:
 
 
 def _levels(cells: ForceCells) -> tuple[NDArray[np.intp], str]:
-    """Return which cells share a level, and why no growth can be told (empty where it can)."""
+    """Return which cells share a level, and why the growth is not identifiable (empty where it is)."""
     slip, group = cells.forces.slip, cells.group
     spans = [np.ptp(slip[group == g]) for g in np.unique(group)]
     if len(slip) > 2 and max(spans) >= _LEAST_SPAN:

@@ -276,7 +276,7 @@ def _present(x: Number) -> bool:
 def _mirrored(patch: Patch, stop: Number, span: Number, left: NDArray[np.float64]) -> Number:
     """Return the angle behind the entry that has the same stress in front of the peak (Wong & Reece).
 
-    It is reckoned from the exit, where the stress vanishes, so that nothing cancels there however narrow the rear part
+    It is computed from the exit, where the stress vanishes, so that nothing cancels there however narrow the rear part
     is. One of no width keeps its shape, so that its width can be differentiated by.
     """
     width = patch.peak_angle - patch.exit_angle

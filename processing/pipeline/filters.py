@@ -24,7 +24,7 @@ interval D:
 .. math:: \sigma_f^2 = \min(d, w)^2 D B + \max(d^2 - 1.2 w^2, 0)
 
 (w is known to some ten percent only: without the 1.2 white noise would seem to have a slow part.) Where no sigma is
-declared, d is the larger of w and q/sqrt(12) of the resolution q. Slow noise cannot be told from signal then, but at
+declared, d is the larger of w and q/sqrt(12) of the resolution q. Slow noise is not separable from signal then, but at
 standstill there is no signal: what a force still does there is a lower bound.
 """
 

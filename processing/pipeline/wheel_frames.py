@@ -136,7 +136,7 @@ def interpolate_angle(at_s: FloatArray, time_s: FloatArray, angle_rad: FloatArra
     as usual (1.75 median intervals), or are at most 50 ms apart and differ by less than a quarter of a revolution the
     short way round. In 50 ms a wheel that speeds up by 50 rad/s2 is at most 0.02 rad off the line between them. Frames
     that arrive late, in bursts, so make no holes; lost ones do. Between two readings the wheel must turn less than
-    half a revolution, and less than three quarters within 50 ms (94 rad/s): more cannot be told from less.
+    half a revolution, and less than three quarters within 50 ms (94 rad/s): more is not distinguishable from less.
 
     Parameters
     ----------

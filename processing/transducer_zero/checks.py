@@ -11,7 +11,7 @@ from processing.notes import ZeroCode
 from processing.pipeline.wheel_frames import STANDARD_GRAVITY_MPS2
 
 _GAIN = 0.01
-"""How well the gain of a transducer is known, about: the weight cannot tell the mass better."""
+"""Relative uncertainty of a transducer's gain: the weight gives the mass no better."""
 _LEAST_MASS_SIGMAS = 5.0
 _NOTABLE_SIGMAS = 3.0
 _LEAST_ANGLE_DEG = 0.1

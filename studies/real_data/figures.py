@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from playwright.sync_api import sync_playwright
 from plotly.subplots import make_subplots
 
-from model.diagnosis import DiagnosisOptions, Seen, diagnose_bench
+from model.diagnosis import DiagnosisOptions, PlotData, diagnose_bench
 from model.diagnosis.single_wheel import Weighed, Weighing, driven_rows, skid_law
 from studies.real_data.study import CHANNELS, HERE, bench, weighed
 from studies.real_data.transfer import transfer
@@ -98,7 +98,7 @@ def curve(figure: go.Figure, x: FloatArray, y: FloatArray, column: int, name: st
     )
 
 
-def members(seen: Seen, keys: tuple[str, ...], title: tuple[str, str]) -> go.Figure:
+def members(seen: PlotData, keys: tuple[str, ...], title: tuple[str, str]) -> go.Figure:
     """Draw drawbar pull and sinkage, measured and as each candidate says."""
     figure = canvas(title)
     for column, (channel, factor) in enumerate((("dp", 1.0), ("z", 1e3)), 1):

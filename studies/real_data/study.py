@@ -22,9 +22,9 @@ from model.diagnosis.single_wheel import (
     Hypothesis,
     Weighing,
     driven_rows,
-    foretell,
     library,
     parameter_draws,
+    predict_held_out,
     skid_law,
     weigh,
 )
@@ -87,7 +87,7 @@ def sets_table(weighing: Weighing) -> dict[str, dict[str, float]]:
         found = next((w for w in weighing.sets if set(w.hypothesis) == set(wanted)), None)
         if found is None:
             continue
-        left_out = foretell(weighing.problem, found.optima, np.random.default_rng(1))
+        left_out = predict_held_out(weighing.problem, found.optima, np.random.default_rng(1))
         p, ungated = (float(x[weighing.sets.index(found)]) for x in (weighing.probabilities, weighing.ungated))
         rows[name or "wong"] = {
             "log_evidence": found.log_evidence,

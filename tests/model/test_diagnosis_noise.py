@@ -72,7 +72,7 @@ def test_the_gradient_is_that_of_the_likelihood(seen: tuple[Samples, Linear, Col
 
 
 def test_hyper_parameters_are_found_again(seen: tuple[Samples, Linear, Columns]) -> None:
-    """Noise drawn three times from the model itself, with hyper-parameters that are not what is believed beforehand."""
+    """Noise drawn three times from the model itself, with hyper-parameters that are not what the prior states."""
     samples, linear, columns = seen
     belief = beliefs(samples)
     names = list(belief)

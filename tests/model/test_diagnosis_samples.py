@@ -13,7 +13,7 @@ from daq.errors import DataError
 from daq.notes import Note
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.coverage import cannot_tell, considered
-from model.diagnosis.time_series.looks import look
+from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 from model.diagnosis.time_series.samples import STENCIL, coverage_of, samples_of
 from model.notes import DiagnosisCode, LackCode
 from model.wheel_soil.run_conditions import campaign_times, line_positions
@@ -139,6 +139,6 @@ def test_holes_cost_their_samples_only(campaign: Campaign) -> None:
 def test_too_little_is_refused_in_words(campaign: Campaign) -> None:
     stood = [replace(run, reason=np.full(len(run), Reason.STANDSTILL, np.uint8)) for run in campaign.runs]
     with pytest.raises(DataError, match="too few usable samples"):
-        look([replace(campaign, runs=tuple(stood))])
+        linearise_campaigns([replace(campaign, runs=tuple(stood))])
     with pytest.raises(DataError, match="neither drawbar pull nor torque"):
-        look([changed(campaign, drawbar_pull_n=np.nan, driving_torque_nm=np.nan)])
+        linearise_campaigns([changed(campaign, drawbar_pull_n=np.nan, driving_torque_nm=np.nan)])

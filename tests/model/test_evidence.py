@@ -167,7 +167,7 @@ def test_a_coefficient_of_a_one_sided_cause_is_never_negative() -> None:
 
 
 def calibration(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Probabilities of families, and whether they were at work, in a world drawn from the prior."""
+    """Probabilities of families, and whether they acted, in a world drawn from the prior."""
     rng = np.random.default_rng(seed)
     worlds = [world(s, library(14), n=60) for s in range(4)]
     said, true = [], []

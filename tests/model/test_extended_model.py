@@ -91,7 +91,7 @@ def test_it_predicts_as_the_model_of_the_same_soil_and_effect_does() -> None:
 
 
 def test_a_parameter_that_a_cause_does_not_state_is_neutral() -> None:
-    """Lyasko's sum alone is stated where m1 and m2 cannot be told apart."""
+    """Lyasko's sum alone is stated where m1 and m2 are not separable."""
     cause = Cause(
         "slip_sinkage", "lyasko", "physical", "lyasko", 1.0, 1.0, (ParameterEstimate("m1", "1", 0.2, (0.1, 0.3), 0.05),)
     )

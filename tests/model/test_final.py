@@ -12,7 +12,7 @@ from model.diagnosis.core.campaign import DiagnosisOptions
 from model.diagnosis.findings.set_fit import TRUST, fit_set, interval, parameters_of, soils_of, spread_of
 from model.diagnosis.findings.set_problem import set_problem
 from model.diagnosis.time_series.evidence import estimate
-from model.diagnosis.time_series.looks import look
+from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 
 
 @pytest.mark.parametrize("keys", [("vasilev",), ("lyasko", "torque_zero"), ("speed_latency",)])
@@ -99,7 +99,9 @@ def test_a_large_effect_is_not_what_the_linearisation_at_neutral_says() -> None:
 
 def test_two_campaigns_share_causes_and_not_soils() -> None:
     campaigns = [driven("torque_zero:offset_nm=-40", soil, runs=2) for soil in ("clay", "sandy")]
-    seen = look(campaigns, DiagnosisOptions(effects=("torque_zero", "vasilev")), [noise_of(c) for c in campaigns])
+    seen = linearise_campaigns(
+        campaigns, DiagnosisOptions(effects=("torque_zero", "vasilev")), [noise_of(c) for c in campaigns]
+    )
     fit = fit_set(seen, ("torque_zero",))
     (found,) = parameters_of(fit, seen)["torque_zero"]
     assert found.interval95[0] < -40 < found.interval95[1]

@@ -9,7 +9,7 @@ import pytest
 from short_campaign import driven, looked
 
 from daq.notes import Note
-from model.diagnosis.findings.held_out import foretold, held_out
+from model.diagnosis.findings.held_out import held_out, predict_held_out
 from model.diagnosis.findings.set_fit import fit_set
 from model.diagnosis.time_series.evidence import log_likelihood_of_run
 from model.notes import DiagnosisCode
@@ -43,14 +43,14 @@ def test_a_wrong_cause_that_is_forced_does_not_gain_what_the_right_one_does() ->
 
 
 def test_a_left_out_run_does_not_teach_how_it_is_foretold() -> None:
-    """Spoiling a run's measured values leaves what the others foretell of it as it is."""
+    """Changed measured values of a run leave its prediction from the others unchanged."""
     seen = looked(driven(DIGGING), "vasilev")
     fit = fit_set(seen, ("vasilev",))
     grams = fit.grams()
     spoilt = grams.matrices.copy()
     spoilt[2, 0, :] *= 3.0
     spoilt[2, :, 0] *= 3.0
-    one, other = foretold(seen, fit, 2, grams), foretold(seen, fit, 2, replace(grams, matrices=spoilt))
+    one, other = predict_held_out(seen, fit, 2, grams), predict_held_out(seen, fit, 2, replace(grams, matrices=spoilt))
     np.testing.assert_array_equal(one.predicted["dp"], other.predicted["dp"])
     assert one.log_likelihood > other.log_likelihood
     assert one.log_likelihood == pytest.approx(log_likelihood_of_run(grams, 2, ("vasilev",)))

@@ -25,7 +25,7 @@ from model.diagnosis.planning.manoeuvres import (
     with_load_times,
 )
 from model.diagnosis.planning.next_run import Member, next_runs
-from model.diagnosis.time_series.looks import Look, look
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
 from model.diagnosis.time_series.samples import Samples, samples_of
 from model.wheel_soil.soils import prior_of
 from processing.pipeline.pipeline import process
@@ -36,10 +36,10 @@ EFFECTS = ("slope", "drawbar_pull_zero", "crosstalk", "torque_zero", "bulldozing
 
 
 @lru_cache(maxsize=4)
-def seen_of(*indices: int) -> Look:
+def seen_of(*indices: int) -> LinearisedCampaign:
     """Look at some of four runs; the first and third go out, the others back."""
     campaign = replace(driven(), runs=tuple(driven().runs[i] for i in indices))
-    return look([campaign], DiagnosisOptions(effects=EFFECTS), [noise_of(driven())])
+    return linearise_campaigns([campaign], DiagnosisOptions(effects=EFFECTS), [noise_of(driven())])
 
 
 def driven_with(*added_load_kg: float) -> Campaign:
@@ -65,7 +65,7 @@ def members(**sizes: float) -> tuple[Member, ...]:
     return tuple(Member(key, np.array([size])) for key, size in sizes.items())
 
 
-def parted(seen: Look, one: Member, other: Member) -> float:
+def parted(seen: LinearisedCampaign, one: Member, other: Member) -> float:
     """Return half of d^2 that `other` leaves of `one`."""
     columns = own_columns(seen.grams, other.key)
     sided = np.array([seen.grams.causes[i].one_sided for i in columns])
@@ -92,14 +92,14 @@ def test_the_other_direction_parts_slope_from_a_zero_and_does_so_when_driven() -
 def test_the_load_that_ranks_first_of_what_can_be_driven_parts_cross_talk_from_a_zero() -> None:
     """Runs at one load, then one more at that load against one with about the load that was advised."""
     light = driven_with(0.0, 0.0, 0.0)
-    seen = look([light], DiagnosisOptions(effects=EFFECTS), [noise_of(light)])
+    seen = linearise_campaigns([light], DiagnosisOptions(effects=EFFECTS), [noise_of(light)])
     pair = members(crosstalk=0.4, drawbar_pull_zero=0.4)
     ranked = [r for r in next_runs(seen, pair, most=20) if "wheel lifted" not in r.change]
     assert "load" in ranked[0].change
     gained = {}
     for added_kg in (0.0, 600.0):
         more = driven_with(0.0, 0.0, 0.0, added_kg)
-        after = look([more], DiagnosisOptions(effects=EFFECTS), [noise_of(light)])
+        after = linearise_campaigns([more], DiagnosisOptions(effects=EFFECTS), [noise_of(light)])
         gained[added_kg] = parted(after, *pair) - parted(seen, *pair)
     assert gained[600.0] > 3 * max(gained[0.0], 0.0)
     worth = next(r for r in ranked if "more load" in r.change).expected_log_bayes_factor
@@ -116,7 +116,7 @@ def test_a_lifted_wheel_parts_a_zero_from_cross_talk() -> None:
 
 def test_a_radius_that_may_be_something_else_is_told_by_coasting_on_hard_ground() -> None:
     options = DiagnosisOptions(effects=("wheel_radius", "load_gain", "grouser", "speed_bias"))
-    seen = look([driven()], options, [noise_of(driven())])
+    seen = linearise_campaigns([driven()], options, [noise_of(driven())])
     for rival in ("load_gain", "grouser"):
         ranked = next_runs(seen, members(**{"wheel_radius": 1.0, rival: 0.5}))
         assert ranked[0].change.startswith("coasting on hard ground"), [r.change for r in ranked]

@@ -14,9 +14,9 @@ from daq.config import RunInfo, VehicleConfig
 from daq.errors import ConfigError, DataError
 from model.diagnosis.core.campaign import DiagnosisOptions
 from model.diagnosis.findings.isolability import isolability
-from model.diagnosis.planning.plan import Plan, plan_from_look, plan_of
+from model.diagnosis.planning.plan import Plan, plan_from_linearised, plan_of
 from model.diagnosis.planning.planned_runs import CampaignPlan, plan_for, planned_campaign, usual_runs
-from model.diagnosis.time_series.looks import look
+from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import SOILS
 from wheelsoil.wording.to_json import to_json
@@ -36,7 +36,7 @@ def planned(runs: int = 4, one_way: bool = False, advise: bool = False) -> Plan:
 
 def test_what_is_planned_is_what_the_driven_runs_then_tell() -> None:
     campaign = planned_campaign(CLAY)
-    before = isolability(look([campaign], OPTIONS, [noise_of(driven())]).grams)
+    before = isolability(linearise_campaigns([campaign], OPTIONS, [noise_of(driven())]).grams)
     after = isolability(looked(driven(), *EFFECTS).grams)
     np.testing.assert_allclose(before.deviation, after.deviation, rtol=0.4)
     np.testing.assert_allclose(before.separation, after.separation, rtol=0.4)
@@ -70,8 +70,8 @@ def test_look_alikes_come_with_what_would_part_them() -> None:
 
 def test_driven_runs_can_be_asked_the_same() -> None:
     seen = looked(driven(), *EFFECTS)
-    told = plan_from_look(seen, OPTIONS, {"vasilev": [0.2]}, advise=False)
-    double = plan_from_look(seen, OPTIONS, {"vasilev": [0.4]}, advise=False)
+    told = plan_from_linearised(seen, OPTIONS, {"vasilev": [0.2]}, advise=False)
+    double = plan_from_linearised(seen, OPTIONS, {"vasilev": [0.4]}, advise=False)
     assert double.isolability.deviation[0] == pytest.approx(2 * told.isolability.deviation[0])
     assert double.minimum_separable["vasilev"].value == pytest.approx(told.minimum_separable["vasilev"].value)
 

@@ -126,7 +126,7 @@ def test_candidates_hold_none_and_every_family(grams: Grams) -> None:
 def test_what_never_stood_still_is_not_named(grams: Grams) -> None:
     surely = made(grams, {(): 0.01, ("a",): 0.99})
     assert judgement(surely, FINE, gain(5.0)).verdict == "named"
-    moving = judgement(surely, FINE, gain(5.0), settled=False)
+    moving = judgement(surely, FINE, gain(5.0), converged=False)
     assert (moving.verdict, moving.families, moving.barred) == ("one_of", ("a",), Note(LackCode.NOT_SETTLED))
 
 

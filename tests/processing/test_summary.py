@@ -32,7 +32,7 @@ def test_the_table_says_what_was_kept(full: ProcessedRun) -> None:
 def test_the_table_of_a_run_that_tells_little_has_no_nan(bare: ProcessedRun) -> None:
     text = "\n".join(f"{what}: {value}" for what, value in summary_table(bare))
     assert "nan" not in text
-    assert "latency cannot be told" in text
+    assert "latency not identifiable" in text
     assert "drawbar" not in text
 
 

@@ -27,10 +27,10 @@ def planned(tmp_path: Path) -> Path:
     return folder
 
 
-def test_it_reports_which_causes_are_separable(planned, tmp_path):
+def test_it_lists_detectable_and_separable_causes(planned, tmp_path):
     matrix = tmp_path / "cos.csv"
     result = ok("diagnose", "--plan", planned, "--planned-runs", 4, *FEW, "-o", matrix)
-    assert result.out.startswith("Of 4 families these runs would show")
+    assert result.out.startswith("Of 4 families, 4 are detectable in these runs")
     assert max(map(len, result.out.splitlines())) <= 100
     assert "slip sinkage (vasilev) +" in result.out
     rows = list(csv.reader(matrix.read_text().splitlines()))
@@ -53,14 +53,14 @@ def test_one_direction_costs_the_slope(planned):
     assert d_sep[1] < d_sep[0]
 
 
-def test_what_is_detectable_and_not_named_is_separable_at_no_size(planned):
+def test_a_cause_that_is_not_identifiable_is_separable_at_no_size(planned):
     given = ["--effects", "slope,tyre_flattening,multi_pass", "--planned-duration", 25, "--planned-runs", 4]
     text = " ".join(ok("diagnose", "--plan", planned, *given).out.split())
     tyre = text.split("tyre flattening")[1].split("slope")[0]
     assert "not named" in tyre
-    assert "Can be seen, cannot be named (1) tyre flattening: the inflation pressure is not known" in text
-    assert "Cannot be seen (1) multi pass: every run is on the same pass" in text
-    assert "d_sep is 5 there, and noise moves it by 1" in text
+    assert "Detectable, not identifiable (1) tyre flattening: the inflation pressure is not known" in text
+    assert "Not detectable (1) multi pass: every run is on the same pass" in text
+    assert "d_sep is 5, noise changes it by 1" in text
 
 
 def test_files_may_be_named_one_by_one(planned):

@@ -24,7 +24,7 @@ from model.diagnosis.core.gain import rms
 from model.diagnosis.core.result import ParameterEstimate
 from model.diagnosis.single_wheel.diagnose import diagnose_bench
 from model.diagnosis.single_wheel.findings import parameter_draws
-from model.diagnosis.single_wheel.held_out import foretell
+from model.diagnosis.single_wheel.held_out import predict_held_out
 from model.diagnosis.single_wheel.problem import CauseUse
 from model.diagnosis.single_wheel.sets import skid_law
 from model.diagnosis.single_wheel.weighing import Weighing
@@ -152,8 +152,8 @@ def test_left_out_speeds(seeing: Weighing) -> None:
     problem = seeing.problem
     best = seeing.sets[0]
     assert {use.key for use in best.hypothesis} == {"vasilev", "interface_friction"}
-    extended = foretell(problem, best.optima, np.random.default_rng(1))
-    wong = foretell(problem, seeing.of_set(()).optima, np.random.default_rng(1))
+    extended = predict_held_out(problem, best.optima, np.random.default_rng(1))
+    wong = predict_held_out(problem, seeing.of_set(()).optima, np.random.default_rng(1))
     assert rms(extended, "z") < 2.5e-3
     assert rms(extended, "dp") < 0.95
     assert rms(wong, "z") > 5e-3

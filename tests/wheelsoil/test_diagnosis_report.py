@@ -13,7 +13,7 @@ from diagnosis_samples import SENTENCES, diagnosis, seen
 from daq.errors import Fault
 from daq.notes import Note
 from daq.runs.open import open_runs
-from model.diagnosis.core.result import Candidate, Diagnosis, Seen
+from model.diagnosis.core.result import Candidate, Diagnosis, PlotData
 from model.notes import DiagnosisCode, LackCode
 from processing.options import ProcessOptions
 from wheelsoil.report.build import Report, build_report
@@ -101,7 +101,7 @@ def test_residuals_are_drawn_against_everything_that_tells(plain_material):
 
 
 def test_without_a_torque_channel_there_are_no_empty_panels(plain_material):
-    def pull_only(one: Seen) -> Seen:
+    def pull_only(one: PlotData) -> PlotData:
         fields = ("measured", "base", "extended", "base_sigma")
         return replace(one, **{name: {"dp": getattr(one, name)["dp"]} for name in fields})
 
@@ -123,7 +123,7 @@ def test_several_campaigns_are_a_choice(plain_material):
 def test_what_cannot_be_shown_is_said(plain_material):
     unexplained = built(plain_material, diagnosis("unexplained"))
     assert "No cause of the library" in text(unexplained, "evidence")
-    assert "offered and not a name" in text(unexplained, "candidates")
+    assert "not a named cause" in text(unexplained, "candidates")
     assert "so no probability is to be trusted" in text(unexplained, "candidates")
     nothing = built(plain_material, replace(diagnosis("nothing_detectable"), gain=None, next_run=(), seen=()))
     assert "No cause can be seen" in text(nothing, "evidence")
@@ -137,7 +137,7 @@ def test_where_no_cause_was_chosen_there_is_nothing_to_gain(plain_material):
     found = diagnosis("nothing_detectable")
     assert found.gain is not None
     report = built(plain_material, replace(found, gain=replace(found.gain, chosen=((), ()))))
-    assert "nothing to gain" in text(report, "gain")
+    assert "there is no gain" in text(report, "gain")
     assert figures(report, "gain") == []
 
 

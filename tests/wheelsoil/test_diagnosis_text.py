@@ -40,7 +40,7 @@ def test_of_a_bench_table_the_mean_of_the_rows_is_said():
     rows = (Finding("sinkage", Rows(0.35, 512.0, 3), -0.004, -9.1),)
     text = squeezed(text_of(replace(diagnosis("named"), what_is_wrong=rows)))
     assert "channel mean sigmas where sinkage -0.004 m -9.1 slip 0.35, load 512 N, driving (3 rows)" in text
-    assert "mean: of measured less simulated over these rows" in text
+    assert "mean: of measured - simulated over these rows" in text
     assert "shape:" not in text and "median" not in text
 
 
@@ -58,19 +58,19 @@ def test_everything_is_said():
         "as vasilev, within the family 0.620",
         "slip sinkage 0.970, bulldozing 0.030, none 0.020, 1 more below 0.01",
         "-122 N -8.3 slip 0.4 to 0.9",
-        "its sign can be the other",
+        "its sign can be opposite",
         "driving torque: 14 rows",
         "R0 of the drawbar pull falls by 45 % (95 %: 35 to 52 %)",
         "1 of 2 folds chose a cause",
         "Lack of fit 1.03, threshold 1.77: the best explanation leaves no more than noise",
-        "Cannot be seen (1) slope: all runs go one way",
-        "Can be seen, cannot be named (1) speed bias: all runs go one way",
+        "Not detectable (1) slope: all runs go one way",
+        "Detectable, not identifiable (1) speed bias: all runs go one way",
         "speed bias * offset_mps 0.02 m/s",
-        "* can be seen, cannot be named: see above",
+        "* detectable, not identifiable: see above",
         "slip sinkage 0.900, slip sinkage + bulldozing 0.060",
         "slip sinkage (vasilev) H_m 0.012 m",
         "at no size: slope",
-        "1. one run with 500 kg more: expected ln Bayes factor 6.3, parts slip sinkage, bulldozing",
+        "1. one run with 500 kg more: expected ln Bayes factor 6.3, separates slip sinkage, bulldozing",
         "the usual laboratory's is taken",
     ):
         assert words in text, words
@@ -93,7 +93,7 @@ def test_a_set_of_one_is_no_choice():
     found = diagnosis("one_of")
     text = text_of(replace(found, causes=found.causes[:1]))
     assert "One of, each" not in text
-    assert "Likeliest, and not named" in text
+    assert "Most probable, not named" in text
 
 
 def test_an_error_that_grows_is_said_to_grow():

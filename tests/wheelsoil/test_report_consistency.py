@@ -1,4 +1,4 @@
-"""Consistency of the report: the diagnosis has the last word, and two errors of one channel are distinguished."""
+"""The report is consistent: the diagnosis has the last word, and two errors of one channel are distinguished."""
 
 from __future__ import annotations
 
@@ -80,17 +80,17 @@ def test_sets_and_what_is_never_named_are_in_the_candidates(material):
     said = text(candidates.build(replace(material, diagnosed=found)))
     assert "load gain + grouser 0.430" in said
     assert "no cause 0.100" in said
-    assert "Can be seen, cannot be named" in said and "Cannot be seen" in said
+    assert "Detectable, not identifiable" in said and "Not detectable" in said
     alone = text(candidates.build(replace(material, diagnosed=replace(found, causes=found.causes[:1]))))
-    assert "Likeliest, and not named" in alone
+    assert "Most probable, not named" in alone
     sizes = text(detectable.build(replace(material, diagnosed=found)))
-    assert "speed bias *" in sizes and "* can be seen, cannot be named" in sizes
+    assert "speed bias *" in sizes and "* detectable, not identifiable" in sizes
 
 
 def test_a_finding_says_what_its_size_is(material):
     said = text(misfit.build(replace(material, diagnosed=diagnosis("named"))))
     assert "The two can have opposite signs" in said
-    assert "Mean of measured less simulated" not in said
+    assert "Mean of measured - simulated" not in said
 
 
 def test_a_table_tells_what_its_panel_shows(material):

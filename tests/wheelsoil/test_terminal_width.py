@@ -38,7 +38,7 @@ def test_a_plan_fits(monkeypatch):
     clay = RECORDINGS / "clay"
     files = ["--vehicle", clay / "vehicle.toml", "--terrain", clay / "terrain.toml"]
     shown = ok("diagnose", "--plan", *files, "--planned-runs", 2, "--planned-duration", 20)
-    assert "seen from" in shown.out
+    assert "detectable" in shown.out
     assert too_wide(shown.out, 80) == []
 
 

@@ -70,7 +70,7 @@ def test_a_look_alike_comes_with_the_run_that_would_split_it() -> None:
     runs = (NextRun("a run with more load", ("slip_sinkage", "grouser"), 9.0),)
     alike = replace(BARE, causes=(cause,), next_run=runs, grounds=Grounds(look_alikes=("grouser",)))
     said = named_words(alike, CHANCES)
-    assert said.endswith("To be surer of the name, drive next: a run with more load.")
+    assert said.endswith("Next: a run with more load.")
     assert "p = m1 + m2 = 0.615 (0.58 to 0.64)" in said
     assert "drive next" not in named_words(replace(alike, grounds=Grounds()), CHANCES)
 
@@ -85,7 +85,7 @@ def test_campaigns_that_disagree_are_reported_with_their_own_values() -> None:
     own = (Own("clay", 0.03, 0.001), Own("sand", 0.04, 0.002))
     found = [Disagreement("H_m", "m", own, 20.0, 8e-6)]
     [size, form] = map(note_text, disagreement_notes(found, {("slip_sinkage", "sand"): ("ding", 3.6)}))
-    assert "disagree about H_m: clay 0.03 +- 0.001 m, sand 0.04 +- 0.002 m (Cochran's Q 20.0 on 1, p < .001)" in size
+    assert "disagree about H_m: clay 0.03 +- 0.001 m, sand 0.04 +- 0.002 m (Cochran's Q 20.0 on 1, p < 0.1 %)" in size
     assert form == "by itself, sand asks for slip sinkage as ding instead (3.6 nats)"
     assert disagreement_notes([], {}) == ()
 
@@ -96,32 +96,32 @@ def causes(*families: str) -> tuple[Cause, ...]:
 
 def test_a_name_is_said_with_size_gain_and_what_is_beside_it() -> None:
     named = named_words(replace(BARE, gain=gain(), grounds=Grounds(beside=("slope", "bulldozing"))), CHANCES)
-    assert named.startswith("Slip sinkage is at work (probability .970, likeliest as vasilev (.700)): ")
+    assert named.startswith("Slip sinkage explains the misfit (97 %; vasilev most probable, 70 %): ")
     assert "H_m = 0.031 (0.027 to 0.035) m" in named
     assert "drawbar pull falls by 20 (10 to 30) % and of driving torque by 50 %" in named
-    assert "Something more is at work: one of slope (.400), bulldozing (.500)" in named
+    assert "A further cause acts: one of slope (40 %), bulldozing (50 %)" in named
     unsure = replace(CAUSE, parameters=(replace(SIZE, interval95=(nan, nan)),))
     alone = named_words(replace(BARE, causes=(unsure,), grounds=Grounds(look_alikes=("grouser",))), CHANCES)
     assert "H_m = 0.031 m" in alone
-    assert "Grouser would look almost the same" in alone
+    assert "Grouser would fit almost as well" in alone
 
 
 def test_a_set_is_said_with_what_bars_a_name_and_what_to_drive() -> None:
     runs = (NextRun("a run with more load", ("slope",), 4.0),)
     one_of = one_of_words(replace(BARE, causes=causes("slope", "bulldozing"), next_run=runs), CHANCES, 0.04)
-    assert one_of.startswith("Something is at work (with probability .960): one of slope (.400), bulldozing (.500).")
+    assert one_of.startswith("A cause acts (with probability 96 %): one of slope (40 %), bulldozing (50 %).")
     assert one_of.endswith("Next: a run with more load.")
     grounds = Grounds(barred=ONE_WAY, look_alikes=("grouser",))
     barred = one_of_words(replace(BARE, causes=causes("slope"), grounds=grounds), CHANCES, 0.0)
     assert "Slope is not named: all runs go one way: drive some back" in barred
-    assert "Grouser would look almost the same" in barred
+    assert "Grouser would fit almost as well" in barred
 
 
 def test_under_one_of_a_family_that_acts_beside_the_set_is_said() -> None:
     chances = {"load_gain": 0.62, "wheel_radius": 0.41, "grouser": 0.44}
     sets = (CauseSet(("load_gain", "grouser"), 0.43), CauseSet(("wheel_radius",), 0.4), CauseSet((), 0.02))
     said = one_of_words(replace(BARE, causes=causes("load_gain", "wheel_radius"), sets=sets), chances, 0.02)
-    assert "Several may act together: load gain and grouser (.430)." in said
+    assert "Several may act together: load gain and grouser (43 %)." in said
 
 
 def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
@@ -131,16 +131,16 @@ def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
     assert "drawbar pull, slip 0.4 to 0.9: -120 N (8.2 sigma)" in left
     assert "Runs r1 ask for another soil than r2 and r3" in left
     unsure = nothing_words({"slope": 0.6, "grouser": 0.1}, 0.3, {}, ())
-    assert unsure.startswith("Nothing is sure enough to be told from chance (none: .300). Most suspicious is slope")
+    assert unsure.startswith("No cause is distinguishable from chance (no cause: 30 %). The most probable one is slope")
     nothing = nothing_words({"slope": 0.05}, 0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, found)
-    assert "none: .930" in nothing
-    assert "slip sinkage from H_m = 0.0034 m on would be seen in half of such campaigns" in nothing
+    assert "no cause: 93 %" in nothing
+    assert "slip sinkage from H_m = 0.0034 m on would be detected in half of such campaigns" in nothing
 
 
 def test_what_is_wanting_is_said_once_for_all_families_that_it_is_wanting_for() -> None:
     want = want_words({"slope": ONE_WAY, "track_drift": ONE_WAY, "zero_drift": DRIFT})
     assert want == (
-        " Cannot be named from these runs: slope and track drift (all runs go one way: drive some back); zero drift "
+        " Not identifiable from these runs: slope and track drift (all runs go one way: drive some back); zero drift "
         "(one run only: a drift over the campaign does not show)."
     )
     assert want_words({}) == ""
@@ -154,7 +154,7 @@ def test_what_speaks_against_one_diagnosis_stands_beside_a_name_and_before_no_ex
     facts = {"parameter": "H_m", "unit": "m", "own": (("a", 0.01, 0.001), ("b", 0.03, 0.002)), "q": 9.0, "chance": 1e-4}
     grounds = Grounds(cautions=(Note(DiagnosisCode.DISAGREEMENT, Severity.FAULT, facts),))
     said = sentence_of(replace(diagnosis(verdict), grounds=grounds))  # type: ignore[arg-type]
-    caution = "The campaigns disagree about H_m: a 0.01 +- 0.001 m, b 0.03 +- 0.002 m (Cochran's Q 9.0 on 1, p < .001)"
+    caution = "The campaigns disagree about H_m: a 0.01 +- 0.001 m, b 0.03 +- 0.002 m (Cochran's Q 9.0 on 1, p < 0.1 %)"
     assert said.startswith(caution) == (verdict == "unexplained") and caution in said
 
 

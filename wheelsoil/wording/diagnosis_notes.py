@@ -99,7 +99,7 @@ def _mixed_repeats(v: Values) -> str:
 
 
 def _likeliest(v: Values) -> str:
-    return f"likeliest set: {' and '.join(map(effect_name, v['keys']))} ({chance(v['probability'])})"
+    return f"most probable set: {' and '.join(map(effect_name, v['keys']))} ({chance(v['probability'])})"
 
 
 def _without_gate(v: Values) -> str:

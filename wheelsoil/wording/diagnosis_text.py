@@ -1,7 +1,4 @@
-"""A diagnosis as lines that a person reads in a terminal without scrolling sideways.
-
-Names and numbers of a diagnosis as the terminal and the report write them.
-"""
+"""A diagnosis as lines of text for the terminal; names and numbers as the terminal and the report write them."""
 
 from __future__ import annotations
 
@@ -17,13 +14,15 @@ from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.verdict import sentence_of
 
 FINDING_NOTE = (
-    "Median there: of measured less simulated, as the panels show it. Size of the shape: what that shape (a hat over "
-    "the range, or what grows as it says) adds by itself at its largest, after the soil was re-calibrated beside it "
-    "and the shapes that stand out more were taken out. The two can have opposite signs: a soil that makes up for a "
-    "misfit in one range pushes the curve off in another. Sigmas: "
+    "Median there: of measured - simulated. Size of the shape: the largest contribution of that shape "
+    "alone (a hat function over the range, or the stated growth), with the soil re-calibrated beside it and the "
+    "stronger shapes removed. The two can have opposite signs: a soil that compensates a misfit in one range shifts "
+    "the curve in another. Sigmas: "
     "the size over its standard deviation, which allows for correlated noise, errors of speed and load, and the soil."
 )
-MISREAD_NOTE = "As if misread: the error of that input, measured less true, that would look so; there need not be one."
+MISREAD_NOTE = (
+    "As an error of the input: the error, measured - true, that would give this residual; there need not be one."
+)
 
 
 def finding_note(note: str, found: Iterable[Finding]) -> str:
@@ -31,7 +30,7 @@ def finding_note(note: str, found: Iterable[Finding]) -> str:
     return f"{note} {MISREAD_NOTE}" if any(ROLES[one.channel].use is Use.INPUT for one in found) else note
 
 
-NO_GAIN = "No cause was chosen for any of the runs left out, so that there is nothing to gain."
+NO_GAIN = "No cause was chosen for any of the held-out runs, so that there is no gain."
 
 
 def nothing_chosen(gain: Gain) -> bool:
@@ -45,38 +44,38 @@ def reduction(gain: Gain) -> tuple[str, float, float]:
     return ("falls", low, high) if gain.reduction_percent >= 0 else ("grows", -high, -low)
 
 
-CAN_BE_SEEN = "Can be seen, cannot be named"
-CANNOT_BE_SEEN = "Cannot be seen"
+NOT_IDENTIFIABLE = "Detectable, not identifiable"
+NOT_DETECTABLE = "Not detectable"
 
 
 def not_named(cannot_tell: Mapping[str, Note], sizes: Mapping[str, Detectable]) -> dict[str, dict[str, str]]:
-    """Return what is never named, for want of what: by `CAN_BE_SEEN` and `CANNOT_BE_SEEN`.
+    """Return the families that cannot be named with the reason, by `NOT_IDENTIFIABLE` and `NOT_DETECTABLE`.
 
     Parameters
     ----------
     cannot_tell : mapping family -> why
     sizes : mapping effect key -> Detectable
-        Smallest sizes that would be found.
+        Smallest detectable sizes.
     """
     seen = {family_of(key) for key, least in sizes.items() if isfinite(least.value)}
-    by_title: dict[str, dict[str, str]] = {CAN_BE_SEEN: {}, CANNOT_BE_SEEN: {}}
+    by_title: dict[str, dict[str, str]] = {NOT_IDENTIFIABLE: {}, NOT_DETECTABLE: {}}
     for family, why in cannot_tell.items():
-        by_title[CAN_BE_SEEN if family in seen else CANNOT_BE_SEEN][family] = note_text(why)
+        by_title[NOT_IDENTIFIABLE if family in seen else NOT_DETECTABLE][family] = note_text(why)
     return {title: texts for title, texts in by_title.items() if texts}
 
 
 def set_name(one: CauseSet) -> str:
-    """Return a set of causes as people write it."""
+    """Return a set of causes as text."""
     return " + ".join(map(plain_name, one.causes)) or "no cause"
 
 
 _LEAST_SHOWN = 0.01
 _MOST_FINDINGS = 8
 _FINDINGS = (
-    "median: of measured less simulated there; shape: what that shape adds by itself, beside a soil that moves with "
-    "it, so that its sign can be the other."
+    "median: of measured - simulated there; shape: contribution of that shape alone, with the soil free, so that its "
+    "sign can be opposite."
 )
-_MEANS = "mean: of measured less simulated over these rows."
+_MEANS = "mean: of measured - simulated over these rows."
 _LEAST_WIDTH, _MOST_WIDTH = 80, 100
 
 
@@ -109,7 +108,7 @@ def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
 
 
 def stages_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
-    """Return what took how long."""
+    """Return the duration of each stage."""
     stages = ", ".join(f"{plain_name(name)} {seconds:.2f}" for name, seconds in diagnosis.stages_s.items())
     text = f"diagnosis: {sum(diagnosis.stages_s.values()):.1f} s" + (f" ({stages})" if stages else "")
     return wrapped(text, limited(width), "", "  ")
@@ -135,7 +134,7 @@ def _causes(diagnosis: Diagnosis, width: int) -> list[str]:
     title = "Causes"
     if diagnosis.verdict == "one_of":
         several = len(diagnosis.causes) > 1
-        title = "One of, each as if it were the one" if several else "Likeliest, and not named"
+        title = "One of, each as if it were the one" if several else "Most probable, not named"
     head = ["cause", "parameter", "prob.", "value", "95 % interval", "unit"]
     return [title, *_indented(table_lines(head, rows, left=2, width=width - 2))]
 
@@ -168,7 +167,7 @@ def _sets(diagnosis: Diagnosis, width: int) -> list[str]:
     if len(diagnosis.sets) < 2 or diagnosis.verdict not in ("named", "one_of"):
         return []
     words = ", ".join(f"{set_name(one)} {as_probability(one.probability)}" for one in diagnosis.sets)
-    return ["Sets of causes (probability that these are at work, and no others)", *wrapped(words, width, "  ")]
+    return ["Sets of causes (probability that these act, and no others)", *wrapped(words, width, "  ")]
 
 
 def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
@@ -199,7 +198,7 @@ def _what_is_wrong(diagnosis: Diagnosis, width: int) -> list[str]:
     more = len(diagnosis.what_is_wrong) - len(findings)
     tail = [f"and {more} more (--json)"] if more else []
     note = wrapped(finding_note(_MEANS if of_rows else _FINDINGS, findings), width - 2)
-    return ["Where the simulation is off, worst first", *_indented([*folded, *tail, *note])]
+    return ["Residuals of the simulation, largest first", *_indented([*folded, *tail, *note])]
 
 
 def _in_unit(value: float, channel: str) -> str:
@@ -210,7 +209,7 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
     gain = diagnosis.gain
     if gain is None:
         return []
-    head = ["left out", "R0", "unit", "M0 %", "R2", "ln L of a run"]
+    head = ["held out", "R0", "unit", "M0 %", "R2", "ln L of a run"]
     rows = [
         _score_row(channel, which, scores[channel], first=i == 0)
         for i, channel in enumerate(gain.base)
@@ -218,7 +217,7 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
         if channel in scores
     ]
     return [
-        "Gain, on what neither the choice of the cause nor the fit has seen",
+        "Gain on held-out data, used neither for the choice of the cause nor for the fit",
         *_indented(table_lines(head, rows, width=width - 2)),
         *wrapped(gain_text(gain), width, "  "),
     ]
@@ -253,7 +252,7 @@ def _adequacy(diagnosis: Diagnosis, width: int) -> list[str]:
     if diagnosis.adequacy is None:
         return []
     found = diagnosis.adequacy
-    said = "leaves no more than noise" if found.ok else "leaves more than noise can be"
+    said = "leaves no more than noise" if found.ok else "leaves more than noise"
     numbers = f"Lack of fit {number(found.statistic, 3)}, threshold {number(found.threshold, 3)}"
     return wrapped(f"{numbers}: the best explanation {said}.", width)
 
@@ -264,19 +263,21 @@ def _inconsistent(diagnosis: Diagnosis, width: int) -> list[str]:
         for item in diagnosis.inconsistent
         for line in wrapped(f"{plain_name(item.channel)}: {item.rows} rows: {item.why}", width, "  ", "    ")
     ]
-    return ["Inconsistent: no soil can do this", *lines] if lines else []
+    return ["Inconsistent: possible with no soil", *lines] if lines else []
 
 
 def _proposal(diagnosis: Diagnosis, width: int) -> list[str]:
     if diagnosis.proposal is None:
         return []
     found = diagnosis.proposal
-    text = f"A formula for what is left, offered and not a name: {found.formula} (gain {number(found.gain, 3)} nats)"
+    text = (
+        f"A formula for the remaining residual, not a named cause: {found.formula} (gain {number(found.gain, 3)} nats)"
+    )
     return wrapped(text, width, "", "  ")
 
 
-def told(title: str, texts: dict[str, str], width: int) -> list[str]:
-    """Return names by what is said of them, each text once."""
+def notes_by_text(title: str, texts: dict[str, str], width: int) -> list[str]:
+    """Return the lines of a title and texts, each text once with all its names."""
     about: dict[str, list[str]] = {}
     for name, text in texts.items():
         about.setdefault(text, []).append(plain_name(name))
@@ -288,7 +289,7 @@ def told(title: str, texts: dict[str, str], width: int) -> list[str]:
 
 def _not_named(diagnosis: Diagnosis, width: int) -> list[list[str]]:
     parts = not_named(diagnosis.cannot_tell, diagnosis.minimum_detectable)
-    return [told(f"{title} ({len(texts)})", texts, width) for title, texts in parts.items()]
+    return [notes_by_text(f"{title} ({len(texts)})", texts, width) for title, texts in parts.items()]
 
 
 def _detectable(diagnosis: Diagnosis, width: int) -> list[str]:
@@ -304,8 +305,8 @@ def _detectable(diagnosis: Diagnosis, width: int) -> list[str]:
     lines = _in_columns([cell.rstrip() for cell in cells], width - 2) if cells else []
     lines += wrapped(f"at no size: {never}", width - 2, "", "  ") if never else []
     starred = any(isfinite(found[key].value) for key in never_named)
-    lines += [f"* {CAN_BE_SEEN[0].lower()}{CAN_BE_SEEN[1:]}: see above"] if starred else []
-    return ["Smallest size that would have been found", *_indented(lines)] if lines else []
+    lines += ["* detectable, not identifiable: see above"] if starred else []
+    return ["Minimum detectable effect", *_indented(lines)] if lines else []
 
 
 def _in_columns(cells: list[str], width: int) -> list[str]:
@@ -322,7 +323,7 @@ def _next_run(diagnosis: Diagnosis, width: int) -> list[str]:
         for i, run in enumerate(diagnosis.next_run, 1)
         for line in wrapped(
             f"{i}. {run.change}: expected ln Bayes factor {number(run.expected_log_bayes_factor, 3)}"
-            + (f", parts {', '.join(map(plain_name, run.separates))}" if run.separates else ""),
+            + (f", separates {', '.join(map(plain_name, run.separates))}" if run.separates else ""),
             width,
             "  ",
             "     ",

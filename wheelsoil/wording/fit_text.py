@@ -24,7 +24,7 @@ def criteria_table(fit: CampaignFit, channel: str) -> Table:
 
 
 def remarks(fit: CampaignFit) -> list[str]:
-    """Return what a reader must know of the numbers: soil, reading, what is left out, what cannot be told apart."""
+    """Return remarks on the numbers: soil, interpretation, excluded samples, parameters that are not separable."""
     first = f"soil {fit.soil.name}, {fit.options.reading} reading, criteria at slips from {fit.slip_threshold:g} on"
     reasons = {m.criteria["dp"].reason for m in fit.models if "dp" in m.criteria and m.criteria["dp"].reason}
     return [first, *fit.notes, *sorted(reasons), *(f"{m.name}: {w}" for m in fit.models for w in m.warnings)]

@@ -31,8 +31,8 @@ def parameter_name(key: str, name: str) -> str:
 
 
 def chance(p: float) -> str:
-    """Return a probability; never 1 or 0, which no data give."""
-    return "> .999" if p > 0.9995 else "< .001" if p < 0.0005 else f"{p:.3f}".lstrip("0")
+    """Return a probability as a percentage; never 100 % or 0 %, which no data give."""
+    return "> 99.9 %" if p > 0.9995 else "< 0.1 %" if p < 0.0005 else f"{100 * p:.3g} %"
 
 
 _TEXTS = {

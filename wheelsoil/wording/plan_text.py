@@ -1,4 +1,4 @@
-"""A plan as lines that a person reads in a terminal: what can be seen, what can be told apart, what looks alike."""
+"""A plan as lines of text for the terminal: detectable causes, separable causes, confounded causes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daq import number, table_lines
 from model.diagnosis import ALIKE, SEEN, Detectable, Plan
-from wheelsoil.wording.diagnosis_text import CAN_BE_SEEN, limited, not_named, told, wrapped
+from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE, limited, not_named, notes_by_text, wrapped
 from wheelsoil.wording.names import effect_name, plain_name
 
 FloatArray = NDArray[np.float64]
@@ -27,7 +27,7 @@ def plan_lines(plan: Plan, width: int = 96) -> list[str]:
         _alike(plan, width),
         _matrix(plan, width),
         *(
-            told(f"{title} ({len(texts)})", texts, width)
+            notes_by_text(f"{title} ({len(texts)})", texts, width)
             for title, texts in not_named(plan.cannot_tell, plan.minimum_detectable).items()
         ),
     )
@@ -42,8 +42,8 @@ def _sentence(plan: Plan) -> str:
         f for f, d in zip(found.families, found.separation, strict=True) if d >= SEEN and f not in plan.cannot_tell
     )
     return (
-        f"Of {len(families)} families these runs would show {len(seen)} at a plausible size, and tell {len(apart)} of "
-        "them from every other (d_sep of 5 or more, on average)."
+        f"Of {len(families)} families, {len(seen)} are detectable in these runs at a plausible size; {len(apart)} of "
+        "them are separable from every other (d_sep of 5 or more, on average)."
     )
 
 
@@ -63,9 +63,9 @@ def _effects(plan: Plan, width: int) -> list[str]:
             found.keys, found.families, found.left, found.deviation, found.separation, found.rivals, strict=True
         )
     ]
-    head = ["cause", "left", "d", "d_sep", "most alike", "seen from", "told apart from"]
+    head = ["cause", "left", "d", "d_sep", "closest", "detectable", "separable"]
     lines = table_lines(head, [_short(row) for row in rows], width=width - 2)
-    title = "At a plausible size: share left by the soil, d (5: found), d_sep (5: told from all others)"
+    title = "At a plausible size: share left by the soil, d (5: detectable), d_sep (5: separable from all others)"
     return [
         *wrapped(title, width),
         *(f"  {line}" for line in lines),
@@ -74,14 +74,14 @@ def _effects(plan: Plan, width: int) -> list[str]:
 
 
 def _footnote(plan: Plan, width: int) -> list[str]:
-    text = "seen from: found in half of such campaigns; told apart from: d_sep is 5 there, and noise moves it by 1"
-    if any(title == CAN_BE_SEEN for title in not_named(plan.cannot_tell, plan.minimum_detectable)):
-        text += f". Not named: {CAN_BE_SEEN[0].lower()}{CAN_BE_SEEN[1:]}, or not seen, see below"
+    text = "detectable: smallest size found in half of such campaigns; separable: d_sep is 5, noise changes it by 1"
+    if any(title == NOT_IDENTIFIABLE for title in not_named(plan.cannot_tell, plan.minimum_detectable)):
+        text += ". Not named: detectable, not identifiable, or not detectable, see below"
     return wrapped(f"{text}.", width, "  ")
 
 
 def _short(row: list[str]) -> list[str]:
-    """Keep names to what fits: of a family with forms the form tells enough."""
+    """Keep names to what fits: of a family with forms the form is enough."""
     return [cell.replace("slip sinkage (", "").removesuffix(")") if i in (0, 4) else cell for i, cell in enumerate(row)]
 
 
@@ -98,8 +98,8 @@ def _alike(plan: Plan, width: int) -> list[str]:
         lines += wrapped(names, width, "  ", "    ")
         for run in advice.next_runs:
             text = f"{run.change}: expected ln Bayes factor {number(run.expected_log_bayes_factor, 3)}"
-            lines += wrapped(text, width, "    parted by ", "      ")
-    return [f"Look-alikes (|cos| from {ALIKE:g} on)", *lines] if lines else []
+            lines += wrapped(text, width, "    separated by ", "      ")
+    return [f"Confounded causes (|cos| from {ALIKE:g} on)", *lines] if lines else []
 
 
 def _matrix(plan: Plan, width: int) -> list[str]:

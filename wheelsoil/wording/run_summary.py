@@ -65,12 +65,12 @@ def _ranges(run: ProcessedRun) -> list[tuple[str, str]]:
 
 def _latency(latency_s: float, sigma_s: float) -> str:
     if not isfinite(latency_s):
-        return "latency cannot be told"
+        return "latency not identifiable"
     return f"{abs(latency_s):.3f} +- {sigma_s:.3f} s {'late' if latency_s >= 0 else 'early'}"
 
 
 def _with_sigma(value: float, sigma: float, style: str, unit: str) -> str:
-    return f"{value:{style}} +- {sigma:{style}}{unit}" if isfinite(value) else "cannot be told"
+    return f"{value:{style}} +- {sigma:{style}}{unit}" if isfinite(value) else "not identifiable"
 
 
 def _radius(run: ProcessedRun) -> list[tuple[str, str]]:

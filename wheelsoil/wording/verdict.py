@@ -71,20 +71,20 @@ def _of_table(found: Diagnosis) -> str:
         more = f" Beside it, one of: {', '.join(others)}." if others else ""
         worth = gain_words(found.gain)
         held_out = f" On held-out conditions {worth}." if worth else ""
-        seen = f"{names.capitalize()} is seen in {channels}, among explanations that are right enough."
+        seen = f"{names.capitalize()} is detected in {channels}, among explanations that are adequate."
         return f"{seen}{held_out}{more}{onward}"
     if found.verdict == "one_of":
         names = ", ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in found.causes)
         if len(found.causes) == 1:
             why = "" if found.grounds.barred is None else f": {note_text(found.grounds.barred)}"
-            return f"Most likely {names}, but not sure enough for a name{why}.{onward}"
+            return f"Most probable: {names}, but not sure enough for a name{why}.{onward}"
         return f"One of {names}: {channels} of these rows cannot separate them.{onward}"
     if found.verdict == "unexplained":
         return (
             f"No cause of the library, alone or with two others, explains {channels} to within what repeats scatter "
             "and a right model may miss."
         )
-    return f"Nothing can be seen in {channels}: the simulation with its soil within the laboratory's spread is enough."
+    return f"No cause is detectable in {channels}: the soil within the laboratory's spread explains them."
 
 
 def named_words(found: Diagnosis, chances: Mapping[str, float]) -> str:
@@ -94,14 +94,14 @@ def named_words(found: Diagnosis, chances: Mapping[str, float]) -> str:
     if worth := gain_words(found.gain):
         said.append(f"On held-out runs {worth}")
     if found.grounds.beside:
-        said.append(f"Something more is at work: {_one_of(found.grounds.beside, chances)}")
+        said.append(f"A further cause acts: {_one_of(found.grounds.beside, chances)}")
     if alike:
         said.append(
-            f"{_listed([plain_name(f) for f in alike]).capitalize()} would look almost the same in these runs; "
-            "that it is not has been weighed, and rests on differences that are small, but beyond the noise"
+            f"{_listed([plain_name(f) for f in alike]).capitalize()} would fit almost as well; "
+            "the differences in these runs are small, but beyond the noise"
         )
     if alike and found.next_run:
-        said.append(f"To be surer of the name, drive next: {found.next_run[0].change}")
+        said.append(f"Next: {found.next_run[0].change}")
     return _sentences(said)
 
 
@@ -111,11 +111,11 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
     likely = f"with probability {chance(1.0 - none)}"
     if len(families) == 1:
         one = f"{plain_name(families[0])} ({chance(chances[families[0]])})"
-        said = [f"Something is at work ({likely}), most likely {one}"]
+        said = [f"A cause acts ({likely}), most probably {one}"]
         if barred is None:
             said.append("That is not sure enough for a name")
     else:
-        said = [f"Something is at work ({likely}): {_one_of(families, chances)}"]
+        said = [f"A cause acts ({likely}): {_one_of(families, chances)}"]
     together = [one for one in found.sets if len(one.causes) > 1 and one.probability >= _TOGETHER_AT]
     if together:
         pairs = [f"{_listed([plain_name(f) for f in one.causes])} ({chance(one.probability)})" for one in together]
@@ -124,7 +124,7 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
         said.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}")
     others = [family for family in found.grounds.look_alikes if family not in families]
     if others:
-        said.append(f"{_listed([plain_name(f) for f in others]).capitalize()} would look almost the same")
+        said.append(f"{_listed([plain_name(f) for f in others]).capitalize()} would fit almost as well")
     if found.next_run:
         said.append(f"Next: {found.next_run[0].change}")
     return _sentences(said)
@@ -139,7 +139,7 @@ def unexplained_words(
     ----------
     judged : Adequacy
     left : sequence of Finding
-        Where the likeliest set leaves something.
+        Residuals that the most probable set leaves.
     best : sequence of str
         Families of that set.
     soils : two sequences of str, optional
@@ -164,39 +164,39 @@ def nothing_words(
     chances: Mapping[str, float], none: float, sizes: Mapping[str, Detectable], wrong: Sequence[Finding]
 ) -> str:
     """Return the sentence of "nothing_detectable"; `sizes` by family."""
-    said = [f"No cause is seen (none: {chance(none)}): soil and noise explain these runs"]
+    said = [f"No cause is detected (no cause: {chance(none)}): soil and noise explain these runs"]
     likeliest = max(chances, key=lambda family: chances[family], default="")
     if likeliest and chances[likeliest] > _WORTH_SAYING:
         said = [
-            f"Nothing is sure enough to be told from chance (none: {chance(none)})",
-            f"Most suspicious is {plain_name(likeliest)} ({chance(chances[likeliest])}): another run would tell",
+            f"No cause is distinguishable from chance (no cause: {chance(none)})",
+            f"The most probable one is {plain_name(likeliest)} ({chance(chances[likeliest])}). Next: drive another run",
         ]
     shown = [
         f"{plain_name(name)} from {d.parameter} = {_number(d.value)}{_unit(d.unit)} on" for name, d in sizes.items()
     ]
     if shown:
         examples = _listed(shown[:_MOST_EXAMPLES])
-        said.append(f"That does not mean there is none: {examples} would be seen in half of such campaigns")
+        said.append(f"A cause may still act: {examples} would be detected in half of such campaigns")
     if wrong:
-        said.append(f"What stands out most is {_findings(wrong[:1])}")
+        said.append(f"The largest residual is in {_findings(wrong[:1])}")
     return _sentences(said)
 
 
 def want_words(cannot_tell: Mapping[str, Note]) -> str:
-    """Return what cannot be named, for want of what; empty where everything can, but for what is usually wanting."""
+    """Return the causes that are not identifiable, with the reason; empty where only the usual reasons apply."""
     by_reason: dict[str, list[str]] = {}
     for family, why in cannot_tell.items():
         if why.code not in _USUAL:
             by_reason.setdefault(note_text(why), []).append(plain_name(family))
     said = [f"{_listed(families)} ({why})" for why, families in by_reason.items()]
-    return f" Cannot be named from these runs: {'; '.join(said)}." if said else ""
+    return f" Not identifiable from these runs: {'; '.join(said)}." if said else ""
 
 
 def _cause(cause: Cause) -> str:
-    form = f", likeliest as {cause.form} ({chance(cause.form_probability)})" if cause.form else ""
+    form = f"; {cause.form} most probable, {chance(cause.form_probability)}" if cause.form else ""
     known = [p for p in cause.parameters if all(map(isfinite, p.interval95))]
     sizes = ", ".join(_estimate(p, parameter_name(cause.key, p.name)) for p in known or cause.parameters)
-    return f"{plain_name(cause.name)} is at work (probability {chance(cause.probability)}{form}): {sizes}"
+    return f"{plain_name(cause.name)} explains the misfit ({chance(cause.probability)}{form}): {sizes}"
 
 
 def _estimate(p: ParameterEstimate, name: str) -> str:
@@ -207,7 +207,7 @@ def _estimate(p: ParameterEstimate, name: str) -> str:
 
 
 def gain_words(gain: Gain | None) -> str:
-    """Return by how much the errors of what was left out fall, without an end; nothing where that is not known."""
+    """Return the change of the held-out errors, without a full stop; empty where it is not known."""
     if gain is None or not isfinite(gain.reduction_percent):
         return ""
     low, high = gain.interval95

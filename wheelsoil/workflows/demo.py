@@ -51,7 +51,7 @@ class Hidden:
 def draw_hidden(seed: int, wheel: Wheel) -> Hidden:
     """Draw a family, one of its forms, and for each parameter a size and a direction; sometimes nothing.
 
-    Families are equally likely. A size is 0.6 to 1.6 times what is plausible beforehand, within the bounds.
+    Families are equally likely. A size is 0.6 to 1.6 times plausible by the prior, within the bounds.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def _least(hidden: Hidden, diagnosis: Diagnosis) -> str:
     if least is None or not np.isfinite(least.value):
         return ""
     unit = "" if least.unit == "1" else f" {least.unit}"
-    return f" It would have been found from {least.parameter} = {least.value:.3g}{unit} on."
+    return f" It is detectable from {least.parameter} = {least.value:.3g}{unit} on."
 
 
 def _parameters(hidden: Hidden, found: Cause) -> tuple[dict[str, Any], ...]:

@@ -141,7 +141,7 @@ class FileFacts:
         return any(part.recording_now for part in self.parts)
 
     def rate_hz(self, bus: str) -> float:
-        """Return the mean frame rate of a bus; NaN where it cannot be told."""
+        """Return the mean frame rate of a bus; NaN where the duration is 0."""
         return self.frames[bus] / self.duration_s if self.duration_s > 0 else float("nan")
 
 
@@ -152,7 +152,7 @@ def file_facts(run: Run, watch: Callable[[int], None] | None = None) -> FileFact
     ----------
     run : Run
     watch : callable, optional
-        Is told the number of frames now and then.
+        Called with the number of frames now and then.
 
     Raises
     ------

@@ -131,7 +131,7 @@ def _plain(choices: FitChoices) -> dict[str, object]:
 
 
 def diagnosed_runs(paths: Sequence[Path], processed: Processed, choices: FitChoices, soil: str | None) -> Diagnosed:
-    """Diagnose the runs of a report; what goes wrong is told on the page and costs nothing else.
+    """Diagnose the runs of a report; what goes wrong is noted on the page and costs nothing else.
 
     Runs that are too poor get a verdict that says so; an error is a file that is wrong, or a fault of ours.
     """

@@ -173,7 +173,7 @@ def growth_sentence(growth: Growth) -> str:
     low, high = growth.from_forces.interval95
     if low <= 0 <= high:
         return "over all shapes of the stress, the sinkage may grow with slip or not"
-    told, sign = ("grows", 1.0) if low > 0 else ("falls", -1.0)
+    trend, sign = ("grows", 1.0) if low > 0 else ("falls", -1.0)
     open_ones = [
         name
         for name, found in (
@@ -183,7 +183,7 @@ def growth_sentence(growth: Growth) -> str:
         if min(sign * end for end in found.interval95) <= 0
     ]
     need = f", but if its peak {' or '.join(open_ones)} it need not" if open_ones else ""
-    return f"over all shapes of the stress, the sinkage {told} with slip{need}"
+    return f"over all shapes of the stress, the sinkage {trend} with slip{need}"
 
 
 def growth_rows(growth: Growth) -> list[tuple[str, str, str]]:

@@ -21,8 +21,8 @@ from .result import Grounds as Grounds
 from .result import Inconsistent as Inconsistent
 from .result import NextRun as NextRun
 from .result import ParameterEstimate as ParameterEstimate
+from .result import PlotData as PlotData
 from .result import Scores as Scores
-from .result import Seen as Seen
 from .result import SoilEstimate as SoilEstimate
 from .shapes import Kind as Kind
 from .shapes import Rows as Rows

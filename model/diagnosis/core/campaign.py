@@ -1,4 +1,4 @@
-"""What is diagnosed: the measured runs of one terrain with one wheel, and what is known beforehand."""
+"""Campaign: the measured runs on one terrain with one wheel, and the prior knowledge of them."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ _SCALE_OFF = 0.05
 _HIGHEST_LUG = 0.1
 """In radii."""
 _LOOKED_AT = 500
-"""Rows, the worst ones, from which changes are reckoned."""
+"""Rows, the worst ones, from which changes are computed."""
 
 
 @dataclass(frozen=True)

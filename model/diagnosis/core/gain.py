@@ -1,6 +1,6 @@
-"""What an extension is worth on data that neither the choice of its causes nor its fit has seen.
+"""Gain of an extension on held-out data, which neither the choice of its causes nor its fit has used.
 
-What is left out at a time is a run, or a condition of a table with its repeats. It is foretold twice from the others:
+One run, or one condition of a table with its repeats, is held out at a time. It is predicted twice from the others:
 by the base model and by the extended one.
 """
 
@@ -22,8 +22,8 @@ _FEWEST_FOR_INTERVAL = 3
 
 
 @dataclass(frozen=True)
-class Foretold:
-    """One left-out run or condition, as the others foretell it.
+class HeldOutPrediction:
+    """One held-out run or condition, as predicted from the others.
 
     Attributes
     ----------
@@ -49,15 +49,15 @@ class Foretold:
         return float(error @ error), len(error)
 
 
-def rms(folds: Sequence[Foretold], channel: str) -> float:
+def rms(folds: Sequence[HeldOutPrediction], channel: str) -> float:
     """Return the root mean square error of a channel over all folds, in its unit."""
     total, count = np.sum([fold.squares(channel) for fold in folds], axis=0)
     return float(np.sqrt(total / count))
 
 
 def gain_of(
-    base: Sequence[Foretold],
-    extended: Sequence[Foretold],
+    base: Sequence[HeldOutPrediction],
+    extended: Sequence[HeldOutPrediction],
     chosen: Sequence[tuple[str, ...]],
     channel: str,
     rng: np.random.Generator,
@@ -66,12 +66,12 @@ def gain_of(
 
     Parameters
     ----------
-    base, extended : sequence of Foretold
+    base, extended : sequence of HeldOutPrediction
         Of every fold.
     chosen : sequence of tuple of str
         Keys of the causes that each fold chose.
     channel : "dp", "t" or "z"
-        Whose error is told first.
+        Whose error is reported first.
     rng : Generator
         For the interval, by bootstrap over folds.
     """
@@ -88,19 +88,19 @@ def gain_of(
     )
 
 
-def _gained(base: Foretold, extended: Foretold) -> float:
-    """Return by how much better a fold was foretold, nats; nothing where one has an answer for more samples."""
+def _gained(base: HeldOutPrediction, extended: HeldOutPrediction) -> float:
+    """Return the gain in the prediction of a fold, nats; 0 where one model has an answer for more samples."""
     return extended.log_likelihood - base.log_likelihood if extended.numbers == base.numbers else 0.0
 
 
-def _judged(folds: Sequence[Foretold]) -> Sequence[Foretold]:
+def _judged(folds: Sequence[HeldOutPrediction]) -> Sequence[HeldOutPrediction]:
     """Return the folds; where no sample at all is above the threshold, judged on every sample."""
     if any(fold.judged.any() for fold in folds):
         return folds
     return [replace(fold, judged=np.ones(len(fold.judged), bool)) for fold in folds]
 
 
-def _scores(runs: Sequence[Foretold]) -> dict[str, Scores]:
+def _scores(runs: Sequence[HeldOutPrediction]) -> dict[str, Scores]:
     """Return the criteria of every channel over all folds."""
     likelihood = float(np.mean([run.log_likelihood for run in runs]))
     found = {}
@@ -116,7 +116,7 @@ def _scores(runs: Sequence[Foretold]) -> dict[str, Scores]:
     return found
 
 
-def _squares(base: Sequence[Foretold], extended: Sequence[Foretold], channel: str) -> FloatArray:
+def _squares(base: Sequence[HeldOutPrediction], extended: Sequence[HeldOutPrediction], channel: str) -> FloatArray:
     """Return squared errors of base and extended model in a channel, and their number; shape (folds, 3)."""
     pairs = [
         (b.squares(channel), e.squares(channel)) for b, e in zip(base, extended, strict=True) if channel in b.measured

@@ -1,11 +1,11 @@
 """The verdict, in the published order.
 
 1. Lack of fit above its threshold: `unexplained`.
-2. "None" not unlikely: above `NOTHING_AT`, or above `IDLE_AT` where the causes that are chosen do not foretell
-   left-out runs any better: `nothing_detectable`.
-3. A family above `name_at`, with which left-out runs are foretold better than with no cause, in likelihood and in the
+2. "None" not unlikely: above `NOTHING_AT`, or above `IDLE_AT` where the causes that are chosen do not predict
+   held-out runs any better: `nothing_detectable`.
+3. A family above `name_at`, with which held-out runs are predicted better than with no cause, in likelihood and in the
    error of the first channel: `named`.
-4. Else `one_of`: the shortest set of families of which one is at work with 95 % if anything is.
+4. Else `one_of`: the shortest set of families of which one acts with 95 % probability, given that any cause acts.
 
 A name needs three runs or more (of a table: three conditions), since its probability must be calibrated and its gain
 be measured, and data that can tell the family: what stands in ``cannot_tell`` is never named, however likely, but may
@@ -26,7 +26,7 @@ from model.effects.catalogue import EFFECTS
 from model.notes import LackCode
 
 NOTHING_AT = 0.2
-"""Probability of "none" from which on nothing is said to be seen: to cry wolf is worse than to wait for another run."""
+"""Probability of "none" from which on no cause is reported: a false alarm costs more than a further run."""
 IDLE_AT = 0.05
 """The same where the causes that are chosen are of no use on left-out runs."""
 
@@ -41,7 +41,7 @@ class Judgement:
     families : tuple of str
         The named ones; under "one_of" the set.
     beside : tuple of str
-        Beside named ones: the families of which one more is likely at work; empty where nothing more need be.
+        Beside named ones: the families of which one more probably acts; empty where none is needed.
     barred : Note or None
         Why a family that is likely enough is not named.
     """
@@ -58,7 +58,7 @@ def judgement(
     gain: Gain | None,
     cannot_tell: Mapping[str, Note] | None = None,
     name_at: float = 0.9,
-    settled: bool = True,
+    converged: bool = True,
 ) -> Judgement:
     """Return the verdict.
 
@@ -67,12 +67,12 @@ def judgement(
     found : Posterior
         Of samples averaged over resampled runs.
     judged : Adequacy
-        Of the likeliest set.
+        Of the most probable set.
     gain : Gain or None
         On left-out runs, the causes chosen anew in each fold.
     cannot_tell : mapping family -> why
     name_at : float
-    settled : bool
+    converged : bool
         Whether the linearisation stood still.
     """
     if not judged.ok:
@@ -81,7 +81,7 @@ def judgement(
     if found.none >= (IDLE_AT if idle else NOTHING_AT):
         return Judgement("nothing_detectable")
     sure = [family for family, p in found.families().items() if p > name_at]
-    barred = _barred(found, gain) or (None if settled else Note(LackCode.NOT_SETTLED))
+    barred = _barred(found, gain) or (None if converged else Note(LackCode.NOT_SETTLED))
     if sure and not barred:
         named = tuple(family for family in sure if family not in (cannot_tell or {}))
         if named:

@@ -18,7 +18,7 @@ LEVEL = 0.95
 SETS_SHOWN = 6
 """Sets of causes, at most."""
 MORE_AT = 0.8
-"""Probability from which on something is said to be at work beside a named cause."""
+"""Probability from which on a further cause is reported beside a named one."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Posterior:
     probability : array, shape (n,)
         Of each set, given the data; sums to 1.
     calibrated : bool
-        Whether other data of the kind would repeat the probabilities, as far as can be told: a name asks for that.
+        Whether the probabilities are calibrated on resampled data; a name requires this.
     """
 
     hypotheses: Hypotheses
@@ -43,17 +43,17 @@ class Posterior:
 
     @property
     def none(self) -> float:
-        """Probability that no cause is at work."""
+        """Probability that no cause acts."""
         return float(self.probability[0])
 
     def families(self) -> dict[str, float]:
-        """Return the probability of each family to be among the causes, likeliest first."""
+        """Return the probability of each family to be among the causes, most probable first."""
         inclusion = self.probability @ self.hypotheses.has_family
         order = np.argsort(-inclusion, kind="stable")
         return {self.hypotheses.families[i]: float(inclusion[i]) for i in order}
 
     def forms(self, family: str) -> dict[str, float]:
-        """Return the probability of each form (by its key), given that its family is at work; likeliest first."""
+        """Return the probability of each form (by its key), given that its family acts; most probable first."""
         h = self.hypotheses
         own = np.flatnonzero(h.family == h.families.index(family))
         inclusion = self.probability @ h.has_effect[:, own]
@@ -62,7 +62,7 @@ class Posterior:
         return {h.effects[own[i]]: float(shares[i]) for i in np.argsort(-shares, kind="stable")}
 
     def best(self, least: int = 0) -> tuple[str, ...]:
-        """Return the likeliest set with `least` causes or more; with none where there are no such."""
+        """Return the most probable set with `least` causes or more; with none where there are no such."""
         enough = (self.hypotheses.members >= 0).sum(axis=1) >= least
         return self.hypotheses.keys_of(int(np.argmax(np.where(enough, self.probability, -1.0))))
 
@@ -75,14 +75,14 @@ def probabilities(log_evidence: FloatArray, log_prior: FloatArray) -> FloatArray
 
 
 def short_set(found: Posterior, given: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Return the shortest set of families of which one is at work with `LEVEL`, if anything is; likeliest first.
+    """Return the shortest set of families of which one acts with `LEVEL`, if any cause acts; most probable first.
 
     Parameters
     ----------
     found : Posterior
     given : tuple of str
-        Families that are at work anyway; the set is of what is at work beside them. It is empty where that is less
-        likely than `MORE_AT`.
+        Families that act in any case; the set holds what acts beside them. It is empty where that is less probable
+        than `MORE_AT`.
     """
     h = found.hypotheses
     known = np.isin(h.families, given)
@@ -101,13 +101,13 @@ def short_set(found: Posterior, given: tuple[str, ...] = ()) -> tuple[str, ...]:
 
 
 def candidates(found: Posterior) -> tuple[Candidate, ...]:
-    """Return every family's probability of being among the causes, and that of "none", likeliest first."""
+    """Return every family's probability of being among the causes, and that of "none", most probable first."""
     chances = {**found.families(), "none": found.none}
     return tuple(Candidate(name, p) for name, p in sorted(chances.items(), key=lambda item: -item[1]))
 
 
 def likely_sets(found: Posterior) -> tuple[CauseSet, ...]:
-    """Return the likeliest sets of families, forms put together, up to `LEVEL` or `SETS_SHOWN` of them.
+    """Return the most probable sets of families, forms put together, up to `LEVEL` or `SETS_SHOWN` of them.
 
     Parameters
     ----------
@@ -126,8 +126,8 @@ def likely_sets(found: Posterior) -> tuple[CauseSet, ...]:
     return tuple(chosen)
 
 
-def likeliest_form(found: Posterior, family: str) -> str:
-    """Return the key of a family's likeliest form."""
+def most_probable_form(found: Posterior, family: str) -> str:
+    """Return the key of a family's most probable form."""
     return next(iter(found.forms(family)))
 
 

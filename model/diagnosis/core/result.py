@@ -41,7 +41,7 @@ class Cause:
 
     Attributes
     ----------
-    name, form, kind : of the effect; ``form`` is the likeliest one, conditional on the family.
+    name, form, kind : of the effect; ``form`` is the most probable one, conditional on the family.
     key : str
         Of the effect in the library.
     probability : of the family
@@ -68,7 +68,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class CauseSet:
-    """Families that are at work together, and nothing else with them; empty: no known cause."""
+    """Families that act together, and no others; empty: no known cause."""
 
     causes: tuple[str, ...]
     probability: float
@@ -76,7 +76,7 @@ class CauseSet:
 
 @dataclass(frozen=True)
 class Finding:
-    """Where the simulation is off.
+    """A residual of the simulation.
 
     Attributes
     ----------
@@ -164,7 +164,7 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Detectable:
-    """The smallest size of a parameter that would have been found."""
+    """The smallest detectable size of a parameter."""
 
     parameter: str
     value: float
@@ -181,7 +181,7 @@ class NextRun:
 
 
 @dataclass(frozen=True)
-class Seen:
+class PlotData:
     """The samples that were looked at, for figures; arrays of shape (n,).
 
     Attributes
@@ -240,11 +240,11 @@ class Grounds:
     barred : Note or None
         Why a family that is likely enough is not named.
     beside : tuple of str
-        Families of which one more is likely at work beside the named ones.
+        Families of which one more probably acts beside the named ones.
     look_alikes : tuple of str
         Families whose signatures are almost those of the named ones or of the set.
     likeliest : tuple of str
-        Families of the likeliest set.
+        Families of the most probable set.
     terrains : two tuples of str, optional
         Runs that ask for one soil, and those that ask for another.
     cautions : tuple of Note
@@ -271,9 +271,9 @@ class Diagnosis:
     ----------
     verdict : see `Verdict`
     causes : the named ones; under "one_of" the set
-    candidates : every family, likeliest first; "none" among them
+    candidates : every family, most probable first; "none" among them
     sets : tuple of CauseSet
-        What is at work together, likeliest first, up to 95 % or six sets.
+        Causes that act together, most probable first, up to 95 % or six sets.
     what_is_wrong : worst first
     gain : Gain or None
         None where it cannot be measured (one run).
@@ -285,7 +285,7 @@ class Diagnosis:
     noise : mapping str -> float
         Hyper-parameters of the noise model, with unit suffix.
     soils : tuple of SoilEstimate
-    seen : tuple of Seen
+    seen : tuple of PlotData
     stages_s : mapping stage -> seconds
     grounds : Grounds
     """
@@ -304,7 +304,7 @@ class Diagnosis:
     notes: tuple[Note, ...] = ()
     noise: dict[str, float] = field(default_factory=dict)
     soils: tuple[SoilEstimate, ...] = ()
-    seen: tuple[Seen, ...] = ()
+    seen: tuple[PlotData, ...] = ()
     stages_s: dict[str, float] = field(default_factory=dict)
     sets: tuple[CauseSet, ...] = ()
     grounds: Grounds = field(default_factory=Grounds)

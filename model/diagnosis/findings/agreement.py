@@ -28,7 +28,7 @@ from model.diagnosis.findings.isolability import own_columns
 from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 from model.diagnosis.time_series.evidence import log_evidence
 from model.diagnosis.time_series.grams import Grams
-from model.diagnosis.time_series.looks import Look
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.notes import DiagnosisCode
 
 FloatArray = NDArray[np.float64]
@@ -131,7 +131,7 @@ def other_forms(
     return found
 
 
-def runs_of(look: Look) -> dict[str, int]:
+def runs_of(look: LinearisedCampaign) -> dict[str, int]:
     """Return how many runs each campaign of a look has, in their order."""
     return {view.campaign.name: len(view.grams.matrices) for view in look.views}
 

@@ -1,6 +1,6 @@
-"""Look-alikes of a verdict's causes: families whose signatures are almost theirs, once the soil is projected out.
+"""Causes confounded with those of a verdict: their signatures are nearly equal once the soil is projected out.
 
-What was looked at, for figures: measured, simulated without and with the causes, what each candidate changes.
+Data for figures: measured, simulated without and with the causes, and what each candidate changes.
 
 What stands behind a verdict: its causes with their sizes, and the soil that goes with them.
 """
@@ -15,28 +15,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.core.naming import Judgement
-from model.diagnosis.core.posterior import Posterior, cause_of, likeliest_form
-from model.diagnosis.core.result import Cause, ParameterEstimate, Seen, SoilEstimate
+from model.diagnosis.core.posterior import Posterior, cause_of, most_probable_form
+from model.diagnosis.core.result import Cause, ParameterEstimate, PlotData, SoilEstimate
 from model.diagnosis.findings.isolability import isolability
 from model.diagnosis.findings.set_fit import SetFit, fit_set, parameters_of, soils_of, spread_of
 from model.diagnosis.time_series.evidence import estimate
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearise import simulated
-from model.diagnosis.time_series.looks import Look
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.diagnosis.time_series.noise import constants, loading, processes, white_variance
-from model.diagnosis.time_series.start import View
+from model.diagnosis.time_series.start import CampaignData
 
 FloatArray = NDArray[np.float64]
 Sizes = Mapping[str, FloatArray]
 """Coefficients of each effect, in units of the prior scale, by its key."""
 
 
-def seen_of(look: Look, base: SetFit, extended: SetFit, shown: Sizes, alone: Mapping[str, SetFit]) -> tuple[Seen, ...]:
-    """Return what was looked at in each campaign.
+def plot_data_of(
+    look: LinearisedCampaign, base: SetFit, extended: SetFit, shown: Sizes, alone: Mapping[str, SetFit]
+) -> tuple[PlotData, ...]:
+    """Return the data of each campaign for figures.
 
     Parameters
     ----------
-    look : Look
+    look : LinearisedCampaign
     base : SetFit
         The soil alone.
     extended : SetFit
@@ -47,17 +49,19 @@ def seen_of(look: Look, base: SetFit, extended: SetFit, shown: Sizes, alone: Map
         Those of them that were fitted each by itself: what they change is then what the whole model says, with the
         soil fitted anew, and not what the linearised one does.
     """
-    return tuple(_seen(look, index, base, extended, shown, alone) for index in range(len(look.views)))
+    return tuple(_plot_data(look, index, base, extended, shown, alone) for index in range(len(look.views)))
 
 
-def _seen(look: Look, index: int, base: SetFit, extended: SetFit, shown: Sizes, alone: Mapping[str, SetFit]) -> Seen:
+def _plot_data(
+    look: LinearisedCampaign, index: int, base: SetFit, extended: SetFit, shown: Sizes, alone: Mapping[str, SetFit]
+) -> PlotData:
     view = look.views[index]
     samples, at = view.samples, view.samples.conditions
     channels = view.linear.channels
     without = _said(base, index)
     fitted = {key: _said(fit, index) for key, fit in alone.items() if key in shown}
     changes = {key: {c: x - without[c] for c, x in said.items()} for key, said in fitted.items()}
-    return Seen(
+    return PlotData(
         campaign=view.campaign.name,
         runs=samples.run_names,
         run=samples.run,
@@ -85,7 +89,7 @@ def _said(fit: SetFit, index: int) -> dict[str, FloatArray]:
     return dict(zip(part.frozen.channels, said, strict=True))
 
 
-def spread(view: View) -> FloatArray:
+def spread(view: CampaignData) -> FloatArray:
     """Return the one-sigma of measured less simulated by the noise model, shape (c, n)."""
     values, linear, samples = view.noise.values, view.linear, view.samples
     variance = white_variance(linear, values, view.speed_variance)
@@ -96,7 +100,7 @@ def spread(view: View) -> FloatArray:
     return np.asarray(np.sqrt(variance))
 
 
-def _signature(look: Look, index: int, key: str, size: FloatArray) -> FloatArray:
+def _signature(look: LinearisedCampaign, index: int, key: str, size: FloatArray) -> FloatArray:
     """Return what a cause changes in a campaign, less what the re-calibrated soil can imitate, shape (c, n)."""
     grams: Grams = look.grams
     view = look.views[index]
@@ -119,7 +123,7 @@ def _signature(look: Look, index: int, key: str, size: FloatArray) -> FloatArray
 Keys = tuple[str, ...]
 
 _MOST_FITTED = 6
-"""Members of a set that are fitted each on its own; those beyond are told by their names."""
+"""Members of a set that are fitted each on its own; those beyond are listed by name only."""
 _MOST_SHOWN = 6
 
 
@@ -132,10 +136,10 @@ class Explained:
     causes : tuple of Cause
         The named ones, fitted together; or the members of a set, each fitted as if it were the one.
     extended : tuple of str
-        Keys of the causes that the extended model has: the named ones, the likeliest member of a set, the likeliest
-        set where nothing explains the data; empty where nothing is seen.
+        Keys of the causes that the extended model has: the named ones, the most probable member of a set, the
+        most probable set where nothing explains the data; empty where nothing is detected.
     sizes : mapping key -> array
-        Coefficients of the causes, and of the likeliest others, in units of the prior scale.
+        Coefficients of the causes, and of the most probable others, in units of the prior scale.
     soils : tuple of SoilEstimate
         With the extended model's causes.
     """
@@ -151,13 +155,13 @@ class Fits:
 
     Attributes
     ----------
-    look : Look
+    look : LinearisedCampaign
     starts : "one" or "several"
         "one" where nothing explains the data, so that no size is more than a place to look from.
     known : mapping keys -> SetFit
     """
 
-    def __init__(self, look: Look, starts: Literal["one", "several"] = "several") -> None:
+    def __init__(self, look: LinearisedCampaign, starts: Literal["one", "several"] = "several") -> None:
         self.look = look
         self.starts = starts
         self.known: dict[Keys, SetFit] = {}
@@ -182,7 +186,7 @@ def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
     found : Posterior
     """
     look = fits.look
-    keys = tuple(likeliest_form(found, family) for family in verdict.families)
+    keys = tuple(most_probable_form(found, family) for family in verdict.families)
     extended = _extended(look, verdict, keys)
     whole = fits[extended]
     spread = spread_of(whole.problem, whole.estimate, look, extended)
@@ -201,7 +205,7 @@ def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
     return Explained(causes, extended, sizes | _others(look, found, sizes), soils_of(whole, look, spread))
 
 
-def _extended(look: Look, verdict: Judgement, keys: Keys) -> Keys:
+def _extended(look: LinearisedCampaign, verdict: Judgement, keys: Keys) -> Keys:
     if verdict.verdict == "named":
         order = [c.key for c in look.grams.causes]
         return tuple(sorted(keys, key=order.index))
@@ -210,13 +214,13 @@ def _extended(look: Look, verdict: Judgement, keys: Keys) -> Keys:
     return look.best.keys if verdict.verdict == "unexplained" else ()
 
 
-def _others(look: Look, found: Posterior, known: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    """Return the linear sizes of the likeliest families that were not fitted."""
+def _others(look: LinearisedCampaign, found: Posterior, known: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """Return the linear sizes of the most probable families that were not fitted."""
     sizes: dict[str, FloatArray] = {}
     for family in found.families():
         if len(known) + len(sizes) >= _MOST_SHOWN:
             break
-        key = likeliest_form(found, family)
+        key = most_probable_form(found, family)
         if key not in known:
             alone = estimate(look.grams, (key,))
             sizes[key] = alone.coefficients[list(alone.columns)]
@@ -247,7 +251,7 @@ class LookAlike:
 
 
 def look_alikes(grams: Grams, found: Posterior, verdict: Judgement) -> tuple[LookAlike, ...]:
-    """Return the look-alikes of the named causes, or of a set's likeliest member; each family once, most alike first.
+    """Return the families confounded with the named causes, or with a set's most probable member, closest first.
 
     Parameters
     ----------
@@ -259,7 +263,7 @@ def look_alikes(grams: Grams, found: Posterior, verdict: Judgement) -> tuple[Loo
     apart = isolability(grams)
     alike = []
     for family in own:
-        key = likeliest_form(found, family)
+        key = most_probable_form(found, family)
         across = apart.cosine[apart.keys.index(key)]
         alike += [
             LookAlike(other, apart.keys[j], key, float(across[j]))
@@ -273,7 +277,7 @@ def look_alikes(grams: Grams, found: Posterior, verdict: Judgement) -> tuple[Loo
 
 
 def imitating(grams: Grams, named: Sequence[str], one: LookAlike) -> FloatArray:
-    """Return the coefficients that a look-alike would have in the place of the named cause, the others kept.
+    """Return the coefficients that a confounded cause would have in place of the named one, the others kept.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""What the extension is worth on runs that neither the choice of the causes nor the fit has seen.
+"""Gain of the extension on held-out runs, which neither the choice of the causes nor the fit has used.
 
-Every run is left out once. The others choose the causes anew and fit soil and causes; the run is then foretold twice,
+Every run is held out once. The others choose the causes anew and fit soil and causes; the run is then predicted twice,
 by the base model (soil re-calibrated within its prior, no cause) and by the extended one. Its density is exact for the
 model linearised at each set's fit. R0, M0 and R2 are of the whole model at what the other runs estimate, at the
 measured slip, over the samples at or above the paper's slip threshold: near zero and in braking the measured slip's own
@@ -9,10 +9,10 @@ the density only. Noise hyper-parameters and points of linearisation have seen e
 
 Probabilities that runs drawn anew would repeat: the mean of posteriors over resampled runs.
 
-A noise model that is a little wrong makes a posterior too sure of one of two look-alikes. Drawing as many runs with
-replacement as there are, and averaging the posteriors, makes it as unsure as another campaign would: no noise model
-stands behind the drawing. It costs no more than weights on the runs' Gram matrices. Whether anything is at work at all
-is not a choice between look-alikes: there resampled runs, in which chance counts twice, would cry wolf, and the
+A noise model that is a little wrong makes a posterior too sure of one of two confounded causes. Drawing as many runs
+with replacement as there are, and averaging the posteriors, makes it as uncertain as another campaign would; this needs
+no noise model. It costs no more than weights on the runs' Gram matrices. Whether any cause acts at all is not a choice
+between confounded causes: there resampled runs, in which chance counts twice, would raise false alarms, so that the
 probability of "none" is that of the runs as they are.
 
 Source: Buehlmann (2014), Stat. Sci. 29:91; Huggins & Miller (2023), Bayesian Analysis 18:79 (BayesBag).
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from daq import OUTPUTS, Note
 from model.diagnosis.core.campaign import DiagnosisOptions
-from model.diagnosis.core.gain import Foretold, gain_of
+from model.diagnosis.core.gain import HeldOutPrediction, gain_of
 from model.diagnosis.core.posterior import Posterior, probabilities
 from model.diagnosis.core.result import Gain
 from model.diagnosis.findings.adequacy import excess
@@ -43,7 +43,7 @@ from model.diagnosis.time_series.evidence import (
 )
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearise import simulated
-from model.diagnosis.time_series.looks import Look
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.fit.fit import default_slip_threshold
 from model.notes import DiagnosisCode
 
@@ -102,7 +102,7 @@ Keys = tuple[str, ...]
 
 
 def held_out(
-    look: Look,
+    look: LinearisedCampaign,
     options: DiagnosisOptions | None = None,
     *,
     given: Keys | None = None,
@@ -112,7 +112,7 @@ def held_out(
 
     Parameters
     ----------
-    look : Look
+    look : LinearisedCampaign
     options : DiagnosisOptions, optional
     given : tuple of str, optional
         Causes to take in every fold instead of choosing: what a choice can be compared with.
@@ -136,14 +136,16 @@ def held_out(
         if keys not in known:
             known[keys] = fit_set(look, keys, starts="one")
     grams = {keys: known[keys].grams() for keys in {(), *chosen}}
-    base = [foretold(look, known[()], run, grams[()]) for run in range(count)]
-    extended = [foretold(look, known[keys], run, grams[keys]) if keys else base[run] for run, keys in enumerate(chosen)]
+    base = [predict_held_out(look, known[()], run, grams[()]) for run in range(count)]
+    extended = [
+        predict_held_out(look, known[keys], run, grams[keys]) if keys else base[run] for run, keys in enumerate(chosen)
+    ]
     channel = next(c for c in OUTPUTS if any(c in run.measured for run in base))
     gain = gain_of(base, extended, chosen, channel, np.random.default_rng(options.seed))
     return gain, (Note(DiagnosisCode.TWO_RUNS),) * (count == 2)
 
 
-def _chosen(look: Look, run: int, options: DiagnosisOptions) -> Keys:
+def _chosen(look: LinearisedCampaign, run: int, options: DiagnosisOptions) -> Keys:
     """Return the causes that all runs but one ask for."""
     known = others(look.grams, run)
     first = posterior(known, look.excluded, options.most_causes).best()
@@ -151,12 +153,12 @@ def _chosen(look: Look, run: int, options: DiagnosisOptions) -> Keys:
     return posterior(wider, look.excluded, options.most_causes).best()
 
 
-def foretold(look: Look, fit: SetFit, run: int, grams: Grams | None = None) -> Foretold:
-    """Foretell a run from all others by a set of causes.
+def predict_held_out(look: LinearisedCampaign, fit: SetFit, run: int, grams: Grams | None = None) -> HeldOutPrediction:
+    """Predict a run from all others by a set of causes.
 
     Parameters
     ----------
-    look : Look
+    look : LinearisedCampaign
     fit : SetFit
         Of the set, to all runs: where the model is linearised.
     run : int
@@ -173,7 +175,7 @@ def foretold(look: Look, fit: SetFit, run: int, grams: Grams | None = None) -> F
     samples = samples[samples.run == run - first[at]]
     part = fit.problem.parts[at]
     values = simulated(part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples))))
-    return Foretold(
+    return HeldOutPrediction(
         log_likelihood=log_likelihood_of_run(grams, run, fit.keys),
         numbers=int(grams.samples[run]),
         measured={c: samples.measured[c] for c in part.frozen.channels},

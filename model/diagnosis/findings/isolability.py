@@ -56,7 +56,7 @@ def detectable_in_runs(
 
 
 SEEN = 5.0
-"""d from which on an effect is found, and d_sep from which on it is told from its rivals."""
+"""d from which on an effect is detectable, and d_sep from which on it is separable from its rivals."""
 _NOTHING = 1e-12
 
 
@@ -106,7 +106,7 @@ def projected_without_soil(grams: Grams, matrix: FloatArray | None = None) -> Pr
 
 @dataclass(frozen=True)
 class Isolability:
-    """Which causes can be told apart; k effects.
+    """Detectable and separable causes of a campaign; k effects.
 
     Attributes
     ----------

@@ -2,7 +2,7 @@
 
 Every term in every channel is a column like a cause's, with a normal prior whose one-sigma lets it be as large as a
 shape of the catch-all. Sets of up to three are weighed as sets of causes are, so that a longer formula has to pay for
-its length. The gain is nested: each run is foretold with the terms that the others choose.
+its length. The gain is nested: each run is predicted with the terms that the others choose.
 
 Small formulas that could describe what is left over: simple functions of what was measured, and their products.
 """
@@ -226,7 +226,7 @@ def propose(grams: Grams, terms: dict[str, TermColumn], most: int = MOST_TERMS) 
 
 
 def chosen_terms(grams: Grams, most: int = MOST_TERMS) -> tuple[str, ...]:
-    """Return the likeliest set of terms, found by adding one at a time to the best few; empty where none is better.
+    """Return the most probable set of terms, found by adding one at a time to the best few; empty where none is better.
 
     Parameters
     ----------

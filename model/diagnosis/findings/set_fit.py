@@ -31,7 +31,7 @@ from model.diagnosis.core.result import ParameterEstimate, SoilEstimate
 from model.diagnosis.findings.set_problem import SetProblem, set_problem
 from model.diagnosis.time_series.evidence import estimate, posterior
 from model.diagnosis.time_series.grams import Grams
-from model.diagnosis.time_series.looks import Look
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.effects.catalogue import EFFECTS
 from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
 from model.fit.intervals import Blocks, profile_of_sum, sandwich
@@ -44,7 +44,7 @@ TRUST = 20.0
 """Degrees of freedom that the noise model's own covariance stands for; see docs/decisions/diagnosis-intervals.md."""
 CONFIDENCE = 0.95
 _LEAST_SHARE = 0.01
-"""Of the likeliest set's probability, below which a set is not asked."""
+"""Of the most probable set's probability, below which a set is not asked."""
 _MOST_SETS = 40
 
 
@@ -89,7 +89,7 @@ class Spread:
         return float(np.sqrt(variance)), float(np.sqrt(naive)), float(self.degrees[weight].min())
 
 
-def spread_of(problem: SetProblem, x: FloatArray, look: Look, keys: tuple[str, ...]) -> Spread:
+def spread_of(problem: SetProblem, x: FloatArray, look: LinearisedCampaign, keys: tuple[str, ...]) -> Spread:
     """Return the spread of a fitted set.
 
     Parameters
@@ -98,7 +98,7 @@ def spread_of(problem: SetProblem, x: FloatArray, look: Look, keys: tuple[str, .
         Whitened at the estimate.
     x : array, shape (p,)
         The estimate.
-    look : Look
+    look : LinearisedCampaign
     keys : tuple of str
         Effects of the set.
     """
@@ -137,7 +137,7 @@ def interval(value: float, sigma: float, degrees: float) -> tuple[float, float]:
     return value - reach, value + reach
 
 
-def _by_choice(look: Look, keys: tuple[str, ...], count: int) -> FloatArray:
+def _by_choice(look: LinearisedCampaign, keys: tuple[str, ...], count: int) -> FloatArray:
     """Return the variance of the set's coefficients between the sets that hold it, shape (p,); 0 for the soil."""
     total = np.zeros(count)
     if not keys:
@@ -227,7 +227,9 @@ class SetFit:
 
 
 @one_thread
-def fit_set(look: Look, keys: tuple[str, ...], *, starts: Literal["one", "several"] = "several") -> SetFit:
+def fit_set(
+    look: LinearisedCampaign, keys: tuple[str, ...], *, starts: Literal["one", "several"] = "several"
+) -> SetFit:
     """Fit a set of causes with the whole model.
 
     Gauss-Newton starts at the linear estimate; where a one-sided cause is small there, at its prior scale too, since
@@ -236,7 +238,7 @@ def fit_set(look: Look, keys: tuple[str, ...], *, starts: Literal["one", "severa
 
     Parameters
     ----------
-    look : Look
+    look : LinearisedCampaign
     keys : tuple of str
         Effects of the set; empty: the soil alone.
     starts : "one" or "several"
@@ -295,7 +297,9 @@ def _others(problem: SetProblem, start: FloatArray) -> Iterator[FloatArray]:
             yield moved
 
 
-def parameters_of(fit: SetFit, look: Look, spread: Spread | None = None) -> dict[str, tuple[ParameterEstimate, ...]]:
+def parameters_of(
+    fit: SetFit, look: LinearisedCampaign, spread: Spread | None = None
+) -> dict[str, tuple[ParameterEstimate, ...]]:
     """Return the parameters of every effect of a set, with 95 % intervals.
 
     Of Lyasko's law the sum p = m1 + m2 comes first, by profile; m1 and m2 have intervals only where they can be
@@ -304,7 +308,7 @@ def parameters_of(fit: SetFit, look: Look, spread: Spread | None = None) -> dict
     Parameters
     ----------
     fit : SetFit
-    look : Look
+    look : LinearisedCampaign
     spread : Spread, optional
         Of the fit, where it is known already.
     """
@@ -349,7 +353,7 @@ def _sum(fit: SetFit, spread: Spread, pair: tuple[int, int], name: str) -> Param
     return ParameterEstimate(name, cause.unit, centre * scale, (low * scale, high * scale), sigma * scale)
 
 
-def soils_of(fit: SetFit, look: Look, spread: Spread | None = None) -> tuple[SoilEstimate, ...]:
+def soils_of(fit: SetFit, look: LinearisedCampaign, spread: Spread | None = None) -> tuple[SoilEstimate, ...]:
     """Return the soil of every campaign, with the set of causes in the model.
 
     Parameters

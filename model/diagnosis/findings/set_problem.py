@@ -1,8 +1,8 @@
 """The nonlinear least-squares problem of one set of causes, whitened as the evidence is.
 
-What is not the set's stands still while Gauss-Newton runs, and is renewed after it: the slopes that whiten, and what
-averaging over the instants of a sample adds to the model's value at its mean. So residual and derivatives belong
-together exactly. What is one value a run is projected out of every run with its prior.
+What does not belong to the set is held constant while Gauss-Newton runs, and updated after it: the slopes that whiten,
+and what averaging over the instants of a sample adds to the model's value at its mean. So residual and derivatives
+are consistent. What is one value a run is projected out of every run with its prior.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from model.diagnosis.time_series.linearise import (
     derivatives,
     linearise,
 )
-from model.diagnosis.time_series.start import View
+from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import joined, run_grams, whitened_rows
 
 FloatArray = NDArray[np.float64]
@@ -40,7 +40,7 @@ class Part:
 
     Attributes
     ----------
-    view : View
+    view : CampaignData
     simulation : Simulation
         With the set's effects only.
     frozen : Linear
@@ -53,7 +53,7 @@ class Part:
         Coefficient in this campaign over the shared one: scales may go with the wheel.
     """
 
-    view: View
+    view: CampaignData
     simulation: Simulation
     frozen: Linear
     soil: slice
@@ -197,12 +197,12 @@ def _without_constants(rows: FloatArray, keep: int) -> FloatArray:
     return np.asarray(shared - left @ (share[..., None] * (left.swapaxes(-1, -2) @ shared)))
 
 
-def set_problem(views: Sequence[View], grams: Grams, keys: tuple[str, ...]) -> SetProblem:
+def set_problem(views: Sequence[CampaignData], grams: Grams, keys: tuple[str, ...]) -> SetProblem:
     """Return the problem of a set of causes, whitened as at the last look.
 
     Parameters
     ----------
-    views : sequence of View
+    views : sequence of CampaignData
     grams : Grams
         Of the same look.
     keys : tuple of str

@@ -1,4 +1,4 @@
-"""Where the simulation is off: in which channel, at which slip, load, speed, place, time and direction.
+"""Residuals of the simulation by channel, slip, load, speed, place, time and direction.
 
 The catch-all's shapes are asked one after the other: the one that stands out most is said, taken out, and the rest
 asked again, so that one misfit is not said five times. A size is the regression height of the shape: its coefficient,
@@ -16,7 +16,7 @@ from model.diagnosis.core.result import Finding
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.findings.adequacy import LeftOver, left_over
 from model.diagnosis.time_series.grams import Grams
-from model.diagnosis.time_series.start import View
+from model.diagnosis.time_series.start import CampaignData
 
 FloatArray = NDArray[np.float64]
 
@@ -28,14 +28,19 @@ _SEEN = 0.05
 
 
 def findings(
-    grams: Grams, views: tuple[View, ...], keys: tuple[str, ...] = (), excess: float = 1.0, *, inputs: bool = False
+    grams: Grams,
+    views: tuple[CampaignData, ...],
+    keys: tuple[str, ...] = (),
+    excess: float = 1.0,
+    *,
+    inputs: bool = False,
 ) -> list[Finding]:
     """Return where the simulation with a set of causes is off, worst first.
 
     Parameters
     ----------
     grams : Grams
-    views : tuple of View
+    views : tuple of CampaignData
         For the shapes' heights.
     keys : tuple of str
         Causes that the simulation has.

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from model.diagnosis.time_series.rests import Rests
 from model.diagnosis.time_series.samples import Instants, Samples
+from model.diagnosis.time_series.standstills import Standstills
 from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.stresses import slip_of_ratio
 from processing.pipeline import STANDARD_GRAVITY_MPS2
@@ -221,7 +221,7 @@ def with_standstills(run: Samples) -> Samples:
     )
     return replace(
         run,
-        rests=Rests(
+        rests=Standstills(
             run=np.zeros(count, np.intp),
             conditions=conditions,
             measured=dict.fromkeys(now.measured, nothing),
@@ -255,8 +255,8 @@ def _at_end(conditions: Conditions) -> Conditions:
     return replace(conditions, campaign_time=np.full(np.shape(conditions.slip), 0.5))
 
 
-def _some_rests(rests: Rests, rows: NDArray[np.bool_]) -> Rests:
-    return Rests(
+def _some_rests(rests: Standstills, rows: NDArray[np.bool_]) -> Standstills:
+    return Standstills(
         run=rests.run[rows],
         conditions=rests.conditions.map(lambda x: np.asarray(x)[rows]),
         measured={c: x[rows] for c, x in rests.measured.items()},

@@ -14,7 +14,7 @@ has, with delays no longer than what is thought of toothed rings, and with a soi
 
 What can be measured without any soil: zeros with the wheel lifted, slip and its delay on hard ground.
 
-What more data would do to a set of causes that cannot be told apart yet.
+Expected effect of further data on a set of causes that are not yet separable.
 
 Let member i of the set be the cause at its estimated size. Data with cross products G then favour it over member j,
 at whatever size j imitates it best, by an expected
@@ -23,8 +23,8 @@ at whatever size j imitates it best, by an expected
 
 nats (`model.diagnosis.findings.isolability`: z is d, the cosine is that of the signatures once the soil is projected
 out). What one more run adds is the difference of that with and without it. Against the whole rest of the set, with
-weights :math:`w_j`, i gains :math:`-\ln \sum_j w_j \exp(-\Delta_{ij})`: a run that parts i from all others but one
-look-alike is worth little.
+weights :math:`w_j`, i gains :math:`-\ln \sum_j w_j \exp(-\Delta_{ij})`: a run that separates i from all others
+but one confounded cause is worth little.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ from model.diagnosis.planning.manoeuvres import LIKE_OTHERS, Manoeuvre, manoeuvr
 from model.diagnosis.time_series.columns import columns_of
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearise import Point, Simulation, at_rest, linearise
-from model.diagnosis.time_series.looks import Look
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.diagnosis.time_series.noise import Noise, beliefs, rest_variance
-from model.diagnosis.time_series.rests import AT_REST
 from model.diagnosis.time_series.samples import Samples
-from model.diagnosis.time_series.start import View
+from model.diagnosis.time_series.standstills import AT_REST
+from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import joined, run_grams
 from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.dual import Dual, Number, column
@@ -63,12 +63,12 @@ _SPEED = ("speed_noise_mps", "speed_white_mps")
 _OTHERS = ("wheel_speed_delay_s", "wheel_edge_delay_rad", "stiffness_in_run", "friction_in_run")
 
 
-def plausible_grams(look: Look) -> Grams:
+def plausible_grams(look: LinearisedCampaign) -> Grams:
     """Return the Gram matrices under a speed error that the sensor can have; those of the look where it has.
 
     Parameters
     ----------
-    look : Look
+    look : LinearisedCampaign
     """
     noises = [_plausible(view) for view in look.views]
     if all(noise is view.noise for noise, view in zip(noises, look.views, strict=True)):
@@ -86,7 +86,7 @@ def plausible_grams(look: Look) -> Grams:
     )
 
 
-def _plausible(view: View) -> Noise:
+def _plausible(view: CampaignData) -> Noise:
     believed = beliefs(view.samples)
     most = {name: max(MARGIN * believed[name].centre, USUAL_MPS) for name in _SPEED}
     for name in _OTHERS:
@@ -104,12 +104,12 @@ _ROLLING_RADIUS_SHARE = 0.005
 """By how much a tyre's rolling radius on hard ground may differ from that on soil."""
 
 
-def lifted_wheel(view: View, simulation: Simulation, run: Samples) -> FloatArray:
+def lifted_wheel(view: CampaignData, simulation: Simulation, run: Samples) -> FloatArray:
     """Return cross products of the causes, shape (k, k), when the unloaded channels are read for some seconds.
 
     Parameters
     ----------
-    view : View
+    view : CampaignData
         For its noise.
     simulation : Simulation
     run : Samples
@@ -126,7 +126,7 @@ def lifted_wheel(view: View, simulation: Simulation, run: Samples) -> FloatArray
     return _products(np.concatenate([rows, by_load]), simulation)
 
 
-def hard_ground(view: View, simulation: Simulation, run: Samples) -> FloatArray:
+def hard_ground(view: CampaignData, simulation: Simulation, run: Samples) -> FloatArray:
     """Return cross products of the causes, shape (k, k), of coasting for `COASTED_S`: there is no slip.
 
     Parameters
@@ -178,7 +178,7 @@ def _products(rows: FloatArray, simulation: Simulation) -> FloatArray:
     return np.asarray(own.T @ own)
 
 
-def _known(view: View, simulation: Simulation) -> dict[str, float]:
+def _known(view: CampaignData, simulation: Simulation) -> dict[str, float]:
     names = {key for _, _, key in simulation.parameters}
     return {key: value for key, value in view.linear.point.causes.items() if key in names}
 
@@ -264,14 +264,14 @@ _BETTER = 1.05
 """Times what one more run like the others would give: less is no reason to drive another way."""
 
 
-def next_runs(look: Look, members: tuple[Member, ...], most: int = MOST) -> tuple[NextRun, ...]:
+def next_runs(look: LinearisedCampaign, members: tuple[Member, ...], most: int = MOST) -> tuple[NextRun, ...]:
     """Rank manoeuvres by what one more run of them does to a set of causes.
 
     Parameters
     ----------
-    look : Look
+    look : LinearisedCampaign
     members : tuple of Member
-        The causes that could not be told apart, at their estimated sizes.
+        The causes that were not separable, at their estimated sizes.
     most : int
         Manoeuvres to return.
 
@@ -299,7 +299,7 @@ def next_runs(look: Look, members: tuple[Member, ...], most: int = MOST) -> tupl
     return tuple(r for r in ranked if r.expected_log_bayes_factor > least or r.change.endswith(LIKE_OTHERS))[:most]
 
 
-def _candidates(look: Look, keys: tuple[str, ...]) -> Iterator[tuple[str, FloatArray]]:
+def _candidates(look: LinearisedCampaign, keys: tuple[str, ...]) -> Iterator[tuple[str, FloatArray]]:
     """Yield what could be done and the cross products that it would give."""
     for index, view in enumerate(look.views):
         if not len(view.samples):
@@ -320,12 +320,12 @@ def _candidates(look: Look, keys: tuple[str, ...]) -> Iterator[tuple[str, FloatA
             yield several + change, embedded(look, index, simulation, matrix)
 
 
-def run_matrix(view: View, simulation: Simulation, manoeuvre: Manoeuvre) -> FloatArray:
+def run_matrix(view: CampaignData, simulation: Simulation, manoeuvre: Manoeuvre) -> FloatArray:
     """Return the cross products of a run that was not driven: residual (void), soil, causes.
 
     Parameters
     ----------
-    view : View
+    view : CampaignData
         Of the campaign it would belong to.
     simulation : Simulation
         Its own, perhaps with fewer effects.
@@ -340,18 +340,18 @@ def run_matrix(view: View, simulation: Simulation, manoeuvre: Manoeuvre) -> Floa
     return run_grams(samples, linear, columns, values, variance).matrices[0, :keep, :keep]
 
 
-def _point(view: View, simulation: Simulation, samples: Samples) -> Point:
+def _point(view: CampaignData, simulation: Simulation, samples: Samples) -> Point:
     known = {key for _, _, key in simulation.parameters}
     causes = {key: value for key, value in view.linear.point.causes.items() if key in known}
     return Point(view.linear.point.soil, causes, np.zeros(len(samples)))
 
 
-def embedded(look: Look, index: int, simulation: Simulation, matrix: FloatArray) -> FloatArray:
+def embedded(look: LinearisedCampaign, index: int, simulation: Simulation, matrix: FloatArray) -> FloatArray:
     """Return cross products of one campaign in the layout of all campaigns' Grams, shape (m, m); the rest is zero.
 
     Parameters
     ----------
-    look : Look
+    look : LinearisedCampaign
     index : int
         Of the campaign.
     simulation : Simulation

@@ -1,7 +1,7 @@
-"""What a planned campaign will be able to tell apart, before a run is driven; or what driven runs can.
+"""Detectable and separable causes of a planned campaign, or of driven runs.
 
-The runs are looked at as measured ones are, with the noise as it is thought of beforehand. Nothing that is measured
-counts, only what is driven.
+The runs are linearised as measured ones are, with the noise of the prior. Measured values are not used, only what is
+driven.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from model.diagnosis.core.result import Detectable, NextRun
 from model.diagnosis.findings.isolability import SEEN, Isolability, detectable_in_runs, isolability
 from model.diagnosis.planning.next_run import Member, next_runs
 from model.diagnosis.time_series.grams import Grams
-from model.diagnosis.time_series.looks import Look, look
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
 from model.diagnosis.time_series.noise import Noise, beliefs
 from model.diagnosis.time_series.samples import samples_of
 from model.one_thread import one_thread
@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 
 SCHEMA = "wheelsoil/plan/1"
 ALIKE = 0.95
-"""Cosine from which on causes are called look-alikes."""
+"""Cosine from which on causes count as confounded."""
 
 
 @dataclass(frozen=True)
@@ -119,21 +119,21 @@ def plan_of(
     sizes : mapping key -> coefficients, optional
         In units of the prior scale; see `isolability`.
     advise : bool
-        Say for look-alikes which run would part them.
+        List for confounded causes the runs that would separate them.
 
     Raises
     ------
     DataError
-        As `look`.
+        As `linearise_campaigns`.
     """
     chosen = options or DiagnosisOptions()
-    seen = look(campaigns, chosen, [_thought_of(campaign, chosen) for campaign in campaigns])
-    return plan_from_look(seen, chosen, sizes, advise=advise)
+    seen = linearise_campaigns(campaigns, chosen, [_thought_of(campaign, chosen) for campaign in campaigns])
+    return plan_from_linearised(seen, chosen, sizes, advise=advise)
 
 
 @one_thread
-def plan_from_look(
-    seen: Look,
+def plan_from_linearised(
+    seen: LinearisedCampaign,
     options: DiagnosisOptions | None = None,
     sizes: Mapping[str, Sequence[float]] | None = None,
     *,
@@ -143,7 +143,7 @@ def plan_from_look(
 
     Parameters
     ----------
-    seen : Look
+    seen : LinearisedCampaign
     options, sizes, advise
         As for `plan_of`.
     """
@@ -165,7 +165,7 @@ def _thought_of(campaign: Campaign, options: DiagnosisOptions) -> Noise:
     return Noise({name: b.centre for name, b in beliefs(samples_of(campaign, options.channels)).items()})
 
 
-def _advice(seen: Look, found: Isolability, group: tuple[str, ...]) -> tuple[NextRun, ...]:
+def _advice(seen: LinearisedCampaign, found: Isolability, group: tuple[str, ...]) -> tuple[NextRun, ...]:
     """Return what would part a group of families, each by its first form, at twice the size that is seen."""
     members = []
     for family in group:
@@ -177,7 +177,7 @@ def _advice(seen: Look, found: Isolability, group: tuple[str, ...]) -> tuple[Nex
 
 
 def _separable(grams: Grams, found: Isolability, i: int) -> Detectable:
-    """Return the size of an effect's first parameter from which on it is told from every other family."""
+    """Return the size of an effect's first parameter from which on it is separable from every other family."""
     key = found.keys[i]
     cause = next(c for c in grams.causes if c.key == key)
     apart = float(found.separation[i])

@@ -1,4 +1,4 @@
-"""Coordinates in which everything unknown beforehand is standard normal: the soil's and the causes' parameters.
+"""Coordinates in which every unknown of the prior is standard normal: the soil's and the causes' parameters.
 
 A soil that is barely known must stay a soil: the stiffness k = k_c/b + k_phi at the wheel's width and the shear modulus
 K are lognormal with the laboratory's value as median and its relative one-sigma as one-sigma of the logarithm (their

@@ -13,7 +13,7 @@ from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.naming import confirmed, judgement
-from model.diagnosis.core.posterior import candidates, cause_of, likeliest_form, likely_sets
+from model.diagnosis.core.posterior import candidates, cause_of, likely_sets, most_probable_form
 from model.diagnosis.core.result import Adequacy, Cause, Diagnosis, Gain, Grounds, Verdict, undecided
 from model.diagnosis.single_wheel.findings import (
     detectable_in_rows,
@@ -21,7 +21,7 @@ from model.diagnosis.single_wheel.findings import (
     findings_of,
     mean_of,
     noise_of,
-    seen_of,
+    plot_data_of,
     soils_of,
     with_posterior,
 )
@@ -131,7 +131,7 @@ def _diagnosis(
         causes = _causes(weighing, verdict.families, rng)
     best = with_posterior(weighing, _extension(weighing, verdict.verdict, causes), rng)
     shown = _shown(weighing, causes)
-    seen = seen_of(weighing, best, shown)
+    seen = plot_data_of(weighing, best, shown)
     runs = next_tests(weighing, rng) if verdict.verdict == "one_of" or options.next_run else ()
     skids = {bench.name: law for bench in benches if (law := skid_law(bench)) is not None}
     null = weighing.of_set(())
@@ -164,14 +164,14 @@ def _diagnosis(
 
 def _causes(weighing: Weighing, families: Sequence[str], rng: np.random.Generator) -> tuple[Cause, ...]:
     found = weighing.posterior
-    forms = {family: likeliest_form(found, family) for family in families}
+    forms = {family: most_probable_form(found, family) for family in families}
     return tuple(
         cause_of(found, family, key, estimates_of(weighing, CauseUse(key), rng)) for family, key in forms.items()
     )
 
 
 def _extension(weighing: Weighing, verdict: Verdict, causes: Sequence[Cause]) -> Weighed:
-    """Return the set that extends the simulation: the named causes, the likeliest member of a set, or the least bad."""
+    """Return the set that extends the simulation: the named causes, a set's most probable member, or the least bad."""
     if verdict == "unexplained":
         return weighing.sets[0]
     keys = [cause.key for cause in (causes if verdict == "named" else causes[:1])]
@@ -179,14 +179,14 @@ def _extension(weighing: Weighing, verdict: Verdict, causes: Sequence[Cause]) ->
 
 
 def _shown(weighing: Weighing, causes: Sequence[Cause]) -> list[str]:
-    """Return the candidates to draw: the causes, then the likeliest others, each by its likeliest form."""
+    """Return the candidates to draw: the causes, then the most probable others, each by its most probable form."""
     ranked = [w for w in sorted(weighing.sets, key=lambda w: -w.score) if len(w.hypothesis) == 1]
     keys = [cause.key for cause in causes] + [w.hypothesis[0].key for w in ranked]
     return list(dict.fromkeys(keys))[:_MOST_SIGNATURES]
 
 
 def _least_misfit(weighing: Weighing) -> float:
-    """Return the misfit of the likeliest set, or the least of all where none is right enough."""
+    """Return the misfit of the most probable set, or the least of all where none is right enough."""
     if weighing.any_adequate:
         return weighing.sets[0].misfit
     return min(w.misfit for w in weighing.sets)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from daq import OUTPUTS
 from model.diagnosis.core.detectable import Direction, minimum_detectable
-from model.diagnosis.core.result import Detectable, Finding, ParameterEstimate, Seen, SoilEstimate
+from model.diagnosis.core.result import Detectable, Finding, ParameterEstimate, PlotData, SoilEstimate
 from model.diagnosis.core.shapes import Rows
 from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
@@ -29,7 +29,7 @@ FloatArray = NDArray[np.float64]
 _SIGNIFICANT = 2.5
 
 
-def seen_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tuple[Seen, ...]:
+def plot_data_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tuple[PlotData, ...]:
     """Return every bench's rows with what the simulation and its extensions say.
 
     Parameters
@@ -51,7 +51,7 @@ def seen_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tuple[S
         channels = [c for c in OUTPUTS if np.isfinite(problem.measured(c)[rows]).any()]
         nothing = np.full(int(rows.sum()), np.nan)
         found.append(
-            Seen(
+            PlotData(
                 campaign=bench.name,
                 runs=bench.rows.names,
                 run=bench.rows.run,
@@ -174,7 +174,7 @@ def _information(problem: BenchProblem, null: Optimum, use: CauseUse, which: int
 
 
 _COUNTED = 3.0
-"""Nats below the likeliest set that holds a cause within which another one counts for its parameters."""
+"""Nats below the most probable set that holds a cause within which another one counts for its parameters."""
 _MOST = 12
 
 
@@ -208,7 +208,7 @@ def estimates_of(weighing: Weighing, use: CauseUse, rng: np.random.Generator) ->
 
 
 def parameter_draws(weighing: Weighing, use: CauseUse, rng: np.random.Generator) -> dict[str, Draws]:
-    """Return weighted values of every parameter of a cause, over the likeliest sets that hold it."""
+    """Return weighted values of every parameter of a cause, over the most probable sets that hold it."""
     gated = [w for w in weighing.sets if use in w.hypothesis and weighing.adequate(w)]
     ranked = sorted(gated or [w for w in weighing.sets if use in w.hypothesis], key=lambda w: -w.score)
     counted = [w for w in ranked if w.posterior or w.score > ranked[0].score - _COUNTED][:_MOST]

@@ -1,9 +1,9 @@
-"""What an extension is worth on conditions that neither the choice nor the fit has seen: one group left out at a time.
+"""Gain of an extension on held-out conditions, which neither the choice nor the fit has used: one group at a time.
 
-A group is one condition (one speed) with its repeats, so that nothing is foretold from its own repeats. In every fold
+A group is one condition (one speed) with its repeats, so that nothing is predicted from its own repeats. In every fold
 the causes are chosen anew by probability and gate on the rows that are left. The sets that are tried there are the
-likeliest by those rows at what all rows estimate, and sets of three grow from pairs of all rows: so far a fold has seen
-its own group.
+most probable ones on those rows at the estimates from all rows, and sets of three grow from pairs of all rows: to this
+extent a fold has used its own group.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.diagnosis.core.gain import Foretold, gain_of
+from model.diagnosis.core.gain import HeldOutPrediction, gain_of
 from model.diagnosis.core.result import Gain
 from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
 from model.diagnosis.single_wheel.problem import BenchProblem
@@ -24,14 +24,16 @@ from model.diagnosis.single_wheel.weighing import Weighed, Weighing, misfits, th
 FloatArray = NDArray[np.float64]
 
 _MOST = 30
-"""Candidates of a fold: the sets that are likeliest on the rows that are kept, before they are searched there."""
+"""Candidates of a fold: the sets that are most probable on the rows that are kept, before they are searched there."""
 _GATED = 8
-"""Likeliest sets of a fold that are put to the gate; the likeliest is taken where none of them passes."""
+"""Most probable sets of a fold that are put to the gate; the first is taken where none of them passes."""
 _LEAST_GROUPS = 3
 
 
-def foretell(problem: BenchProblem, optima: Sequence[Optimum], rng: np.random.Generator) -> tuple[Foretold, ...]:
-    """Foretell every group from the others under one hypothesis.
+def predict_held_out(
+    problem: BenchProblem, optima: Sequence[Optimum], rng: np.random.Generator
+) -> tuple[HeldOutPrediction, ...]:
+    """Predict every group from the others under one hypothesis.
 
     Parameters
     ----------
@@ -40,7 +42,7 @@ def foretell(problem: BenchProblem, optima: Sequence[Optimum], rng: np.random.Ge
         Of the hypothesis, on all rows.
     rng : Generator
     """
-    return tuple(_foretold(problem, _Fold.of(problem, group), optima, rng) for group in np.unique(problem.group))
+    return tuple(_predicted(problem, _Fold.of(problem, group), optima, rng) for group in np.unique(problem.group))
 
 
 def held_out(weighing: Weighing, rng: np.random.Generator) -> Gain | None:
@@ -53,8 +55,8 @@ def held_out(weighing: Weighing, rng: np.random.Generator) -> Gain | None:
     for group in groups:
         fold = _Fold.of(problem, group)
         best = _best_in(weighing, fold, rng)
-        base.append(_foretold(problem, fold, weighing.of_set(()).optima, rng))
-        extended.append(_foretold(problem, fold, best, rng) if best[0].hypothesis else base[-1])
+        base.append(_predicted(problem, fold, weighing.of_set(()).optima, rng))
+        extended.append(_predicted(problem, fold, best, rng) if best[0].hypothesis else base[-1])
         chosen.append(tuple(use.key for use in best[0].hypothesis))
     return gain_of(base, extended, chosen, problem.channels[0], rng)
 
@@ -93,14 +95,16 @@ def _candidates(weighing: Weighing, fold: _Fold) -> list[Weighed]:
     return found if any(not w.hypothesis for w in found) else [*found, weighing.of_set(())]
 
 
-def _foretold(problem: BenchProblem, fold: _Fold, optima: Sequence[Optimum], rng: np.random.Generator) -> Foretold:
+def _predicted(
+    problem: BenchProblem, fold: _Fold, optima: Sequence[Optimum], rng: np.random.Generator
+) -> HeldOutPrediction:
     hypothesis = optima[0].hypothesis
     again = search(problem, [hypothesis] * len(optima), [o.standard for o in optima], fold.kept)
     posterior = posterior_of(problem, again, rng, fold.kept)
     weights = posterior.weights
     measured = {channel: problem.measured(channel) for channel in posterior.said}
     there = [channel for channel, values in measured.items() if np.isfinite(values).any()]
-    return Foretold(
+    return HeldOutPrediction(
         log_likelihood=_log_predictive(problem, posterior),
         measured={channel: measured[channel][fold.left_out] for channel in there},
         predicted={channel: weights @ posterior.said[channel][:, fold.left_out] for channel in there},

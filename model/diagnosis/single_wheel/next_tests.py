@@ -1,7 +1,7 @@
-"""Which further test of the wheel would split the likeliest sets of causes best.
+"""Further test of the wheel that would best separate the most probable sets of causes.
 
-Every design is foretold by both sets, with what each has left unknown; the expected log Bayes factor is the divergence
-of the two foretellings from each other, taken as normal, after three repeats at every slip.
+Every design is predicted by both sets, with what each has left unknown; the expected log Bayes factor is the divergence
+of the two predictions from each other, taken as normal, after three repeats at every slip.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def next_tests(weighing: Weighing, rng: np.random.Generator) -> tuple[NextRun, .
     rivals = _rivals(weighing)
     found = []
     for design in _designs(weighing.problem) if len(rivals) > 1 else []:
-        said = [_foretold_of_design(design, weighed, rng) for _, weighed in rivals]
+        said = [_prediction_of_design(design, weighed, rng) for _, weighed in rivals]
         known = [foretold for foretold in said if foretold is not None]
         if len(known) < len(said):
             continue
@@ -59,7 +59,7 @@ def _parted(rivals: Sequence[tuple[float, Weighed]], nats: FloatArray) -> tuple[
 
 
 def _rivals(weighing: Weighing) -> list[tuple[float, Weighed]]:
-    """Return the likeliest sets, of each combination of families the likeliest."""
+    """Return the most probable sets, one for each combination of families."""
     found: dict[frozenset[str], tuple[float, Weighed]] = {}
     for p, weighed in zip(weighing.probabilities, weighing.sets, strict=True):
         if weighed.posterior is not None and p > 0:
@@ -90,7 +90,7 @@ def _designs(problem: BenchProblem) -> list[_Design]:
     return designs
 
 
-def _foretold_of_design(
+def _prediction_of_design(
     design: _Design, weighed: Weighed, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return mean and covariance of what a set foretells of a design; None where the model has no answer."""

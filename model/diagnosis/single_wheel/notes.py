@@ -8,7 +8,7 @@ from dataclasses import asdict
 import numpy as np
 
 from daq import Note, Severity
-from model.diagnosis.core.result import Seen
+from model.diagnosis.core.result import PlotData
 from model.diagnosis.single_wheel.noise import scatter_of_repeats
 from model.diagnosis.single_wheel.problem import BenchProblem
 from model.diagnosis.single_wheel.sets import SkidLaw
@@ -31,7 +31,7 @@ def mixed_repeats(problem: BenchProblem) -> tuple[Note, ...]:
 
 
 def notes_of(
-    problem: BenchProblem, seen: Sequence[Seen], skids: Mapping[str, SkidLaw], weighing: Weighing
+    problem: BenchProblem, seen: Sequence[PlotData], skids: Mapping[str, SkidLaw], weighing: Weighing
 ) -> list[Note]:
     """Return what a reader must know."""
     load_n = problem.typical_load_n
@@ -45,7 +45,7 @@ def notes_of(
 
 
 def _likeliest(weighing: Weighing) -> list[Note]:
-    """Return the likeliest set, and how probable its families are without the gate of adequacy."""
+    """Return the most probable set, and how probable its families are without the gate of adequacy."""
     best = weighing.sets[0]
     if not weighing.any_adequate or not best.families:
         return []
@@ -57,7 +57,7 @@ def _likeliest(weighing: Weighing) -> list[Note]:
     ]
 
 
-def _unseen(seen: Sequence[Seen]) -> list[Note]:
+def _unseen(seen: Sequence[PlotData]) -> list[Note]:
     """Return how far each candidate is from channels that it has not seen."""
     notes = []
     for table in seen:

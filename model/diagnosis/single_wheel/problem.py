@@ -1,7 +1,7 @@
 """Many hypotheses about the same rows, evaluated at once: what the model says, and its slopes.
 
-A hypothesis is a set of causes, each on all benches or on one of them only. Its coordinates are standard normal
-beforehand (`model.diagnosis.single_wheel.coordinates`): first those of every soil, then those of its causes.
+A hypothesis is a set of causes, each on all benches or on one of them only. Its coordinates have a standard normal
+prior (`model.diagnosis.single_wheel.coordinates`): first those of every soil, then those of its causes.
 Hypotheses with fewer coordinates than others are padded with ones that nothing depends on: they change no evidence.
 
 Rows of many hypotheses as columns of one model: parameters with their slopes, row by row.
@@ -174,7 +174,7 @@ class Columns:
 
 @dataclass(frozen=True)
 class BenchProblem:
-    """The rows of some benches, and what is known beforehand.
+    """The rows of some benches, and the prior of the unknowns.
 
     Attributes
     ----------

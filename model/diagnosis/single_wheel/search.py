@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 40
 _ENOUGH = 1e-3
-"""Foretold gain in nats below which a search ends."""
+"""Predicted gain in nats below which a search ends."""
 _BATCH = 64
 """Hypotheses evaluated at once: small enough for the cache."""
 

@@ -8,7 +8,7 @@ compared with what a right model leaves: with the scatter of repeats and the err
 
 .. math:: Q = \sum_{channels, groups} \frac{\bar e^2}{\sigma^2/m + a^2} + |v|^2
 
-over the coordinates v (soil and causes, standard normal beforehand) is chi-squared with as many degrees of freedom as
+over the coordinates v (soil and causes, with a standard normal prior) is chi-squared with as many degrees of freedom as
 there are group means, if the hypothesis is true. The threshold is the 99 % point of simulated Q, in which the scatter
 is estimated from as few repeats as in the data.
 """
@@ -152,7 +152,7 @@ class Weighing:
     ----------
     problem : BenchProblem
     sets : tuple of Weighed
-        Likeliest first among the adequate ones, then the others.
+        Most probable first among the adequate ones, then the others.
     threshold : float
         Misfit above which a set is not right enough.
     """

@@ -1,4 +1,4 @@
 from .diagnosis import diagnose as diagnose
-from .looks import look as look
+from .linearised_campaign import linearise_campaigns as linearise_campaigns
 from .samples import coverage_of as coverage_of
 from .samples import samples_of as samples_of

@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 
 from model.diagnosis.core.shapes import Kind, Shape
 from model.diagnosis.time_series.linearise import Linear
-from model.diagnosis.time_series.rests import AT_REST, growing_with_load, several_loads
 from model.diagnosis.time_series.samples import Samples
+from model.diagnosis.time_series.standstills import AT_REST, growing_with_load, several_loads
 
 FloatArray = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from model.diagnosis.time_series.basis import basis, no_basis
 from model.diagnosis.time_series.grams import CauseColumn
 from model.diagnosis.time_series.linearise import Linear, Simulation
 from model.diagnosis.time_series.noise import constants, loading
-from model.diagnosis.time_series.rests import AT_REST
 from model.diagnosis.time_series.samples import Samples
+from model.diagnosis.time_series.standstills import AT_REST
 
 FloatArray = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
-"""The diagnosis: all its parts in their order.
+"""Diagnosis of campaigns from the samples of their runs.
 
-Look (samples, noise model, whitening, linearising again at the best) -> adequacy -> probabilities over resampled runs
--> gain on left-out runs -> verdict -> final parameters with the whole model -> next run -> what is seen, and said.
+Linearised campaigns (samples, noise model, whitening, linearised again at the best) -> adequacy -> probabilities over
+resampled runs -> gain on held-out runs -> verdict -> final parameters with the whole model -> next run -> plot data.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from model.diagnosis.findings.explained import (
     explain,
     imitating,
     look_alikes,
-    seen_of,
+    plot_data_of,
 )
 from model.diagnosis.findings.held_out import bagged, held_out
 from model.diagnosis.findings.isolability import detectable_in_runs
@@ -46,7 +46,7 @@ from model.diagnosis.findings.set_fit import parameters_of
 from model.diagnosis.findings.where_wrong import findings
 from model.diagnosis.planning.next_run import members_of, next_runs, plausible_grams
 from model.diagnosis.time_series.evidence import posterior
-from model.diagnosis.time_series.looks import Look, look
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
 from model.diagnosis.time_series.noise import Noise
 from model.diagnosis.time_series.samples import samples_of
 from model.diagnosis.time_series.start import unfit
@@ -80,7 +80,7 @@ def diagnose(
     kept = [i for i, fault in enumerate(faults) if fault is None]
     if not kept:
         return _undecided(refused, options)
-    seen = look([campaigns[i] for i in kept], options, [noises[i] for i in kept] if noises else None)
+    seen = linearise_campaigns([campaigns[i] for i in kept], options, [noises[i] for i in kept] if noises else None)
     return _diagnosis(seen, options, tuple(_excluded(fault) for fault in refused))
 
 
@@ -113,7 +113,7 @@ class _Weighed:
     wrong: list[Finding]
 
 
-def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[Note, ...]) -> Diagnosis:
+def _diagnosis(seen: LinearisedCampaign, options: DiagnosisOptions, notes: tuple[Note, ...]) -> Diagnosis:
     clock, rng = Clock(), np.random.default_rng(options.seed)
     with clock.stage("adequacy"):
         judged, factor = _judged(seen, options, rng)
@@ -132,7 +132,7 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[Note, ...]) -
         offered = propose_for(fits[seen.best.keys]) if verdict.verdict == "unexplained" else None
     with clock.stage("figures"):
         alone = {keys[0]: fit for keys, fit in fits.known.items() if len(keys) == 1}
-        shown = seen_of(seen, fits[()], fits[explained.extended], explained.sizes, alone)
+        shown = plot_data_of(seen, fits[()], fits[explained.extended], explained.sizes, alone)
         disputes = _disputes(seen, verdict, explained, fits)
         one_campaign = verdict.verdict == "unexplained" and len(seen.views) == 1
         grounds = Grounds(
@@ -166,8 +166,8 @@ def _diagnosis(seen: Look, options: DiagnosisOptions, notes: tuple[Note, ...]) -
     )
 
 
-def _judged(seen: Look, options: DiagnosisOptions, rng: np.random.Generator) -> tuple[Adequacy, float]:
-    """Judge the likeliest set under noise that instruments can have; return also the factor on the noise's variance."""
+def _judged(seen: LinearisedCampaign, options: DiagnosisOptions, rng: np.random.Generator) -> tuple[Adequacy, float]:
+    """Judge the most probable set under realistic instrument noise; return also the factor on the noise's variance."""
     judged = adequacy(seen.grams, seen.best.keys, rng)
     factor = excess(seen.grams, seen.best.keys)
     grams = plausible_grams(seen)
@@ -177,7 +177,7 @@ def _judged(seen: Look, options: DiagnosisOptions, rng: np.random.Generator) -> 
 
 
 def _weighed(
-    seen: Look,
+    seen: LinearisedCampaign,
     options: DiagnosisOptions,
     judged: Adequacy,
     factor: float,
@@ -194,7 +194,7 @@ def _weighed(
     if judged.ok:
         with clock.stage("held_out"):
             gain, remarks = held_out(seen, options, fits=fits.of((), seen.best.keys))
-    verdict = judgement(found, judged, gain, seen.cannot_tell, options.name_at, seen.settled)
+    verdict = judgement(found, judged, gain, seen.cannot_tell, options.name_at, seen.converged)
     with clock.stage("where"):
         unnamed = verdict.verdict == "unexplained"
         left_by = seen.best.keys if unnamed else ()
@@ -203,14 +203,14 @@ def _weighed(
 
 
 def _onward(
-    seen: Look,
+    seen: LinearisedCampaign,
     options: DiagnosisOptions,
     verdict: Judgement,
     found: Posterior,
     explained: Explained,
     alike: tuple[LookAlike, ...],
 ) -> tuple[NextRun, ...]:
-    """Return what to drive next: to split a set, a name from its look-alikes, or on request the likeliest."""
+    """Return the runs to drive next: to separate a set, a name from its rivals, or on request the most probable."""
     chances = found.families()
     if verdict.verdict == "named" and alike:
         named = [cause.key for cause in explained.causes]
@@ -225,10 +225,10 @@ def _onward(
     return next_runs(seen, members_of(sizes, {key: chances[EFFECTS[key].name] for key in sizes}))
 
 
-def _disputes(seen: Look, verdict: Judgement, explained: Explained, fits: Fits) -> tuple[Note, ...]:
+def _disputes(seen: LinearisedCampaign, verdict: Judgement, explained: Explained, fits: Fits) -> tuple[Note, ...]:
     """Return what joint campaigns disagree about: the size of a cause, or its form.
 
-    Asked of the named causes, and of the likeliest set where nothing explains the campaigns together.
+    Asked of the named causes, and of the most probable set where nothing explains the campaigns together.
     """
     causes = explained.causes
     if verdict.verdict == "unexplained":
@@ -241,7 +241,7 @@ def _disputes(seen: Look, verdict: Judgement, explained: Explained, fits: Fits) 
     return disagreement_notes(disagreements(seen.grams, runs, causes), other_forms(seen.grams, runs, causes))
 
 
-def _noise(seen: Look) -> dict[str, float]:
+def _noise(seen: LinearisedCampaign) -> dict[str, float]:
     """Return the hyper-parameters; with several campaigns behind each one's name."""
     if len(seen.views) == 1:
         return dict(seen.views[0].noise.values)

@@ -1,7 +1,7 @@
 r"""How likely a run is, given other runs: exact for the linear model of `model.diagnosis.time_series.grams`.
 
 The evidence of a set M of causes in runs A is the probability density of their data with soil and sizes integrated
-out. What the runs A foretell of another run b is therefore a difference,
+out. The prediction of another run b from the runs A is therefore a difference,
 
 .. math:: \ln p(r_b \mid r_A, M) = \ln p(r_{A \cup b} \mid M) - \ln p(r_A \mid M),
 
@@ -18,7 +18,7 @@ Source: Mendell & Elston (1974), Biometrics 30:41; Joe (1995), J. Am. Stat. Asso
 
 Exact evidence of every set of causes from whitened cross products.
 
-With :math:`r = S\beta + X_M\gamma + \epsilon`, everything standard normal beforehand, the soil drops out by
+With :math:`r = S\beta + X_M\gamma + \epsilon`, all priors standard normal, the soil drops out by
 
 .. math:: \tilde G = G - G_{\cdot S} (I + G_{SS})^{-1} G_{S\cdot}
 
@@ -99,7 +99,7 @@ KEEP = 3.0
 
 @dataclass(frozen=True)
 class SetEstimate:
-    """The likeliest values under one set of causes, within bounds.
+    """The most probable values under one set of causes, within bounds.
 
     Attributes
     ----------
@@ -298,7 +298,7 @@ def posterior(
 
 
 def estimate(grams: Grams, keys: tuple[str, ...], weights: FloatArray | None = None) -> SetEstimate:
-    """Return the likeliest soil and parameters under one set of causes, within bounds."""
+    """Return the most probable soil and parameters under one set of causes, within bounds."""
     start, soils = grams.cause_columns.start, len(grams.soil)
     own = tuple(position - start for key in keys for position in grams.columns_of(key))
     at = np.r_[grams.soil_columns, [start + c for c in own]].astype(np.intp)
@@ -328,7 +328,7 @@ def _in_box(precision: FloatArray, side: FloatArray, lower: FloatArray, upper: F
 def best_set(
     grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3, held: tuple[str, ...] | None = None
 ) -> SetEstimate:
-    """Return the likeliest set of causes and its values: where the next linearisation belongs.
+    """Return the most probable set of causes and its values: where the next linearisation belongs.
 
     Parameters
     ----------

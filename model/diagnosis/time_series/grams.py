@@ -1,8 +1,8 @@
 """Whitened cross products of one linearisation: all that the evidence, the gain and the sets are made of.
 
 Columns of each run's Gram matrix, in this order: the residual (1), the soils' parameters in units of their prior's
-one-sigma and uncorrelated beforehand (q), the causes' parameters in units of their prior scale (k), the catch-all basis
-(b). The linear model of a run, whitened, is r = S beta + X gamma + noise, beta ~ N(0, I), gamma ~ N(0, I), or half of
+one-sigma and uncorrelated in it (q), the causes' parameters in units of their prior scale (k), the catch-all basis (b).
+The linear model of a run, whitened, is r = S beta + X gamma + noise, beta ~ N(0, I), gamma ~ N(0, I), or half of
 that where one-sided. Run-to-run scatter of the soil is part of the noise.
 """
 

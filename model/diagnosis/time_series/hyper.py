@@ -37,8 +37,8 @@ from model.diagnosis.time_series.noise import (
     rest_variance,
     second_order_variance,
 )
-from model.diagnosis.time_series.rests import AT_REST
 from model.diagnosis.time_series.samples import Samples
+from model.diagnosis.time_series.standstills import AT_REST
 
 FloatArray = NDArray[np.float64]
 
@@ -223,8 +223,9 @@ def derivatives(block: Block, values: Mapping[str, float]) -> tuple[FloatArray, 
 
 
 OF_FEW = ("_run_to_run", "_at_rest_n", "_at_rest_nm", "_of_run_n", "_of_run_nm", "_of_run_m")
-"""Ends of the names of deviations that only as many values as there are runs or standstills tell of. Of them the root
-mean square of what is likely is taken, not the likeliest, or else what differs from run to run is believed too firmly.
+"""Ends of the names of deviations that are estimated from as few values as there are runs or standstills.
+
+Their estimate is the posterior root mean square, not the mode, which would underestimate what differs between runs.
 """
 _MOST_STEPS = 12
 _LARGEST_STEP = 1.0
@@ -244,7 +245,7 @@ class Found:
 def estimated(
     blocks: Sequence[Block], beliefs: Mapping[str, Belief], start: Mapping[str, float] | None = None
 ) -> Noise:
-    """Return the likeliest hyper-parameters; of those in `OF_FEW` the root mean square.
+    """Return the most probable hyper-parameters; of those in `OF_FEW` the root mean square.
 
     Parameters
     ----------

@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 
 from daq import OUTPUTS, Note
 from model.diagnosis.time_series.linearise import Linear
-from model.diagnosis.time_series.rests import AT_REST
 from model.diagnosis.time_series.samples import Samples
+from model.diagnosis.time_series.standstills import AT_REST
 from model.notes import DiagnosisCode
 
 FloatArray = NDArray[np.float64]
@@ -102,7 +102,7 @@ def constants(channels: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
 
 
 def beliefs(samples: Samples) -> dict[str, Belief]:
-    """Return what is thought of every hyper-parameter beforehand, from the sensors' declared or estimated sigmas."""
+    """Return the prior of every hyper-parameter, from the sensors' declared or estimated sigmas."""
     load = float(np.median(samples.conditions.vertical_load_n)) if len(samples) else 1e4
     typical = {"dp": 4e-3 * load, "t": 4e-3 * load * samples.wheel_radius_m, "z": 2e-3}
     found: dict[str, Belief] = {}
@@ -202,7 +202,7 @@ def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float])
 
 
 _TOLD = 0.4
-"""One-sigma of a logarithm from which on the data told it, not belief."""
+"""One-sigma of a logarithm below which the data determine it, not the prior."""
 _NOTABLE_SWING = 0.5
 """Of what turns with the wheel, over the channel's noise."""
 _NOTABLE_ZERO = 5.0

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from daq import OUTPUTS, REACTIONS, Note
 from model.diagnosis.core.campaign import Campaign
 from model.diagnosis.core.coverage import ONE_LOAD, Coverage
-from model.diagnosis.time_series.rests import Rests, rests_of
+from model.diagnosis.time_series.standstills import Standstills, standstills_of
 from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, Conditions
 from model.wheel_soil.run_conditions import campaign_times, line_positions
 from processing import ProcessedRun, Reason
@@ -79,7 +79,7 @@ class Samples:
     distance_m : along the track, within the run
     wheel_angle_rad : rolled since the start of the run
     instants : Instants
-    rests : Rests
+    rests : Standstills
         What the channels read at standstill.
     wheel_radius_m : float
     block_s : float
@@ -100,7 +100,7 @@ class Samples:
     distance_m: FloatArray
     wheel_angle_rad: FloatArray
     instants: Instants
-    rests: Rests
+    rests: Standstills
     wheel_radius_m: float
     block_s: float
     left_out: dict[str, int]
@@ -162,7 +162,7 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = tuple(OUTPUTS)) -
         distance_m=joined("distance_m"),
         wheel_angle_rad=joined("wheel_angle_rad"),
         instants=Instants(*(joined(f"instants.{f}") for f in Instants.__dataclass_fields__)),
-        rests=rests_of(campaign, tuple(c for c in measured if c in REACTIONS), clocks, positions),
+        rests=standstills_of(campaign, tuple(c for c in measured if c in REACTIONS), clocks, positions),
         wheel_radius_m=campaign.wheel.radius_m,
         block_s=max((block_seconds(run) for run in campaign.runs), default=BLOCK_S),
         left_out=dict(left_out),

@@ -24,14 +24,14 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class View:
+class CampaignData:
     """One campaign as it was looked at.
 
     Attributes
     ----------
     campaign : Campaign
     samples : Samples
-        With the likeliest load, see `model.diagnosis.time_series.looks`.
+        With the most probable load, see `model.diagnosis.time_series.linearised_campaign`.
     simulation : Simulation
     linear : Linear
         About the last point.

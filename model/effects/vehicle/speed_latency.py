@@ -42,6 +42,6 @@ class SpeedLatency(Effect):
         return replace(conditions.with_ground_speed(speed), ground_acceleration_mps2=a + delay * jerk)
 
     def sensed(self, signals: Signals, values: Mapping[str, float]) -> Signals:
-        """Return the ground speed of an earlier moment; before the first sample it stands still."""
+        """Return the ground speed of an earlier moment; before the first sample it is constant."""
         shown = np.interp(signals.time_s - values["extra_delay_s"], signals.time_s, signals.ground_speed_mps)
         return replace(signals, ground_speed_mps=shown)

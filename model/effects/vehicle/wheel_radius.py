@@ -19,7 +19,7 @@ class WheelRadius(Effect):
     name = "wheel_radius"
     kind = "measurement"
     summary = (
-        "The rolling radius that the slip is reckoned with is wrong by a share: slip is not zero where it should be."
+        "The rolling radius from which the slip is computed is wrong by a share: slip is not zero where it should be."
     )
     source = "Yang et al. (2016), Eq. 6; the effective radius of a tyre changes by 1 to 3 % with load and wear"
     shows = ("wheel_speed",)

@@ -1,4 +1,4 @@
-"""The candidates: how probable each cause is, what it would be worth, and what the data cannot tell."""
+"""Candidate causes: their probabilities and sizes, and those that are not identifiable."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ TITLE = "Candidates"
 _SHOWN = 10
 _LOOKS = (("#0072B2", ""), ("#E69F00", "/"), ("#bdbdbd", "."))
 _READING = (
-    "the length of a bar is the probability that the cause is among those at work. Causes may act together, so the "
-    "bars need not add up to 1. A name is stated from 0.9 on, and only if it is worth something on runs left out."
+    "the length of a bar is the probability that the cause is among those that act. Causes may act together, so the "
+    "bars need not add up to 1. A name is stated from 0.9 on, and only if it is worth something on held-out runs."
 )
 
 
@@ -33,7 +33,7 @@ def build(material: ReportInputs) -> Section:
         blocks.append(Panels([_figure(found)], _READING))
     if len(found.sets) > 1 and found.verdict in ("named", "one_of"):
         rows = [[set_name(one), probability(one.probability)] for one in found.sets]
-        blocks.append(Table("What is at work together", ["set of causes, and no others", "probability"], rows))
+        blocks.append(Table("Causes that act together", ["set of causes, and no others", "probability"], rows))
     if found.causes:
         blocks += [_table(found), *(Text(text) for text in dict.fromkeys(map(_meaning, found.causes)))]
     blocks += _adequacy(found)
@@ -81,7 +81,7 @@ def _figure(found: Diagnosis) -> Figure:
 def _table(found: Diagnosis) -> Table:
     head = ["cause", "parameter", "value", "95 % interval", "unit", "probability", "form", "kind"]
     rows = [row for cause in found.causes for row in _rows(cause)]
-    several = "The set: each as if it were the one" if len(found.causes) > 1 else "Likeliest, and not named"
+    several = "The set: each as if it were the one" if len(found.causes) > 1 else "Most probable, not named"
     title = several if found.verdict == "one_of" else "What was found"
     note = (
         "The family is named first; the form within it only conditionally, with its probability given the family in "
@@ -119,12 +119,12 @@ def _adequacy(found: Diagnosis) -> list[Block]:
         if found.adequacy.ok:
             blocks.append(Text(f"{numbers}: the best explanation leaves no more than noise.", "good"))
         else:
-            text = f"{numbers}: the best explanation leaves more than noise can be, so no probability is to be trusted."
+            text = f"{numbers}: the best explanation leaves more than noise, so do not rely on the probabilities."
             blocks.append(Text(text, "warning"))
     if found.proposal:
         text = (
-            f"A formula for what is left, offered and not a name: {found.proposal.formula}, worth "
-            f"{number(found.proposal.gain)} nats on runs left out."
+            f"A formula for the remaining residual, not a named cause: {found.proposal.formula}, worth "
+            f"{number(found.proposal.gain)} nats on held-out runs."
         )
         blocks.append(Text(text))
     return blocks

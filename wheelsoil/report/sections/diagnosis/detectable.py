@@ -1,4 +1,4 @@
-"""What could have been seen: the smallest size of every cause that would have been found."""
+"""Minimum detectable effect of every cause."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import Trace, axes, words
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, letter, number, unit
-from wheelsoil.wording.diagnosis_text import CAN_BE_SEEN
+from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE
 from wheelsoil.wording.names import effect_name, family_of
 
 KEY = "detectable"
@@ -17,7 +17,7 @@ TITLE = "What could have been seen"
 
 _READING = (
     "how large an effect must be to be found by these runs, as a share of what is plausible before any data. Left of "
-    "the dotted line a plausible effect would have been found; far to the right these runs say nothing about it."
+    "the dotted line a plausible effect is detectable; far to the right these runs say nothing about it."
 )
 
 
@@ -45,8 +45,8 @@ def build(material: ReportInputs) -> Section:
         "Smallest size: found in half of such campaigns, if it is the only cause; the soil is re-calibrated beside it."
     )
     if any(row[0].endswith(" *") for row in rows):
-        note += f" * {CAN_BE_SEEN[0].lower()}{CAN_BE_SEEN[1:]}: see the candidates."
-    blocks: list[Block] = [Table("Smallest size that would have been found", head, rows, note, left=2)]
+        note += f" * {NOT_IDENTIFIABLE[0].lower()}{NOT_IDENTIFIABLE[1:]}: see the candidates."
+    blocks: list[Block] = [Table("Minimum detectable effect", head, rows, note, left=2)]
     drawn = {key: share for key, share in shares.items() if isfinite(share) and share > 0}
     if drawn:
         blocks.insert(0, Panels([_figure(drawn)], _READING))
@@ -81,4 +81,4 @@ def _figure(shares: dict[str, float]) -> Figure:
     layout["yaxis"] |= {"autorange": "reversed", "type": "category"}
     edge = {"type": "line", "xref": "x", "yref": "paper", "x0": 1, "x1": 1, "y0": 0, "y1": 1}
     layout["shapes"] = [edge | {"line": {"color": "#555", "width": 1.2, "dash": "dot"}}]
-    return Figure("detectable", "Smallest size that would have been found", [marks], layout)
+    return Figure("detectable", "Minimum detectable effect", [marks], layout)

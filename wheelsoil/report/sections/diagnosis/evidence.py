@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import OUTPUTS
-from model.diagnosis import Diagnosis, Seen
+from model.diagnosis import Diagnosis, PlotData
 from wheelsoil.report.content import Block, Figure, Panels, Section, Text
 from wheelsoil.report.figures import (
     EDGES,
@@ -35,7 +35,7 @@ _MEMBERS = 4
 _LOOKS = ("vasilev", "wong", "lyasko", "ding")
 _SOLID = Style("after", "#0072B2", "solid", "square-open")
 _AFTER = (
-    "both lines are measured less simulated, as medians in bins of slip: the broken one before the cause is added, the "
+    "both lines are measured - simulated, as medians in bins of slip: the broken one before the cause is added, the "
     "solid one after. A cause that is right takes the line to zero everywhere. Double-click shows braking."
 )
 _SHAPES = (
@@ -80,7 +80,7 @@ def build(material: ReportInputs) -> Section:
     return Section(KEY, TITLE, blocks, {"members": keys, **numbers})
 
 
-def _of_channel(everything: tuple[Seen, ...], channel: str, keys: list[str]) -> list[_Shown]:
+def _of_channel(everything: tuple[PlotData, ...], channel: str, keys: list[str]) -> list[_Shown]:
     return [
         _Shown(
             seen.campaign,
@@ -144,7 +144,7 @@ def _shapes(channel: str, views: list[_Shown]) -> Figure:
 
 
 def _diagonal(channel: str, views: list[_Shown]) -> Figure:
-    """Draw what is left against the likeliest cause's signature, and the line on which they are equal."""
+    """Draw what is left against the most probable cause's signature, and the line on which they are equal."""
     groups = {}
     for view in views:
         key, values = next(iter(view.signatures.items()), ("", np.zeros(0)))

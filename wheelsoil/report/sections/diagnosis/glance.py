@@ -17,9 +17,9 @@ TITLE = "In ten seconds"
 
 _END = ". "
 """Of a sentence: the first is read by everyone, the others stand below the lights."""
-_SAYS_NEXT = re.compile(r"^(Next|To be surer of the name, drive next): ")
+_SAYS_NEXT = re.compile(r"^Next: ")
 _WHY = 1
-"""Reasons of a run that are told here; data quality tells all."""
+"""Reasons of a run that are listed here; data quality lists all."""
 _MANY = 12
 """Runs beyond which good ones are not commented on."""
 
@@ -60,13 +60,13 @@ def _sentence(material: ReportInputs) -> str:
 def _why(grade: Grade) -> str:
     if grade.reasons:
         more = len(grade.reasons) - _WHY
-        told = "; ".join(re.split("[:;] ", reason)[0] for reason in grade.reasons[:_WHY])
-        return f"{told}; {count(more)} more" if more > 0 else told
+        reasons = "; ".join(re.split("[:;] ", reason)[0] for reason in grade.reasons[:_WHY])
+        return f"{reasons}; {count(more)} more" if more > 0 else reasons
     return f"{100 * grade.usable_share:.0f} % of motion usable, slip\u00a0to\u00a0{grade.highest_slip:.2f}"
 
 
 def next_step(material: ReportInputs, grades: dict[str, Grade]) -> str:
-    """Return what to do next: mend what spoils runs, else the run that tells most, else nothing."""
+    """Return the next step: repair what spoils runs, else the most informative run, else nothing."""
     poor = [name for name, grade in grades.items() if grade.level == "poor"]
     if poor:
         said = listed(poor) if len(poor) <= 5 else f"{len(poor)} of {len(grades)} runs"
@@ -81,7 +81,7 @@ def next_step(material: ReportInputs, grades: dict[str, Grade]) -> str:
     if found.next_run:
         first = found.next_run[0]
         parted = listed([name.replace("_", " ") for name in first.separates])
-        return f"{first.change}{f' (parts {parted})' if parted else ''}."
+        return f"{first.change}{f' (separates {parted})' if parted else ''}."
     if found.verdict == "unexplained":
         return (
             "look at what is wrong, and where: nothing known explains it, so do not rely on the model there. "

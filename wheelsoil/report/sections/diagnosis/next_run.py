@@ -18,7 +18,7 @@ TITLE = "Next run"
 _NOTE = (
     "Expected ln Bayes factor: by how many nats one such run is expected to favour the true candidate over the one "
     "that looks most like it. 1 is hardly anything, 3 is 20 to 1, 5 is 150 to 1. It counts noise only: beyond 1000 "
-    "to 1 it is not noise that limits what can be told, but what the models themselves leave out."
+    "to 1 the limit is not the noise, but the errors of the models themselves."
 )
 _MOST = 1e3
 

@@ -104,7 +104,7 @@ def _sentence(material: ReportInputs, ranking: Ranking) -> str:
         text = f"Wong's model, without slip sinkage, predicts the drawbar pull best: it is off by {error} {over}."
     elif not wong.is_worse:
         text = (
-            f"On these runs no slip-sinkage law can be told to predict the drawbar pull better than Wong's model: "
+            f"On these runs no slip-sinkage law predicts the drawbar pull detectably better than Wong's model: "
             f"{best} is off by {error} {over}, Wong's by {number(wong.r0_n)} N."
         )
         equal.remove("wong")
@@ -115,7 +115,7 @@ def _sentence(material: ReportInputs, ranking: Ranking) -> str:
             f"{error} {over}, {number(gain, 2)} % less than Wong's model ({number(wong.r0_n)} N)."
         )
     if equal:
-        text += f" {listed([_model(name, short=True) for name in equal])} cannot be told apart from it on these runs."
+        text += f" {listed([_model(name, short=True) for name in equal])} fit equally well on these runs."
     return text
 
 
@@ -133,7 +133,7 @@ def _beside(found: Diagnosis, concerns: int) -> str:
         return f"The diagnosis names slip sinkage too. {_trust(concerns)}"
     said = {
         "named": f"The diagnosis names {listed([plain_name(name) for name in named])} and no slip sinkage",
-        "one_of": "The diagnosis cannot tell which cause is at work",
+        "one_of": "The diagnosis cannot separate the possible causes",
         "unexplained": "The diagnosis finds nothing known that explains these runs",
         "nothing_detectable": "The diagnosis sees no cause in these runs",
     }[found.verdict]

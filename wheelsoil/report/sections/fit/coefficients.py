@@ -142,7 +142,7 @@ def _correlations(fit: CampaignFit) -> list[Block]:
     if not rows:
         return [Text("Correlations: no two variables of one model are correlated by 0.1 or more.")]
     note = (
-        f"Those below {_NOT_SHOWN} are not shown. Beyond ±{_STRONG} the two cannot be told apart singly: read their "
+        f"Those below {_NOT_SHOWN} are not shown. Beyond ±{_STRONG} the two are not separable: read their "
         "sum, or fix one."
     )
     return [Table("Correlations", ["model", "between", "correlation"], rows, note, left=2)]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from daq import OUTPUTS, ROLES
-from model.diagnosis import Diagnosis, Finding, Seen
+from model.diagnosis import Diagnosis, Finding, PlotData
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import (
     EDGES,
@@ -39,7 +39,7 @@ _SHOWN = 12
 _LEAST_SIGMAS = 6.0
 """Of the axes in noise sigmas; double-click shows what lies beyond."""
 _READING = (
-    "dots are measured less simulated (soil re-calibrated, no cause added), black is their median; grey holds 95 % of "
+    "dots are measured - simulated (soil re-calibrated, no cause added), black is their median; grey holds 95 % of "
     "them if the simulation is right. Where the line leaves zero and stays away, it is wrong. Against slip in its "
     "unit, else in sigmas of the noise (σ)."
 )
@@ -90,9 +90,9 @@ def _findings(found: Diagnosis) -> Block:
         for one in found.what_is_wrong[:_SHOWN]
     ]
     head = ["channel", "where", *(["mean there"] if of_rows else ["median there", "size of the shape"]), "sigmas"]
-    note = "Mean there: of measured less simulated over these rows." if of_rows else FINDING_NOTE
+    note = "Mean there: of measured - simulated over these rows." if of_rows else FINDING_NOTE
     note = finding_note(note, found.what_is_wrong[:_SHOWN])
-    return Table("Where the simulation is off, worst first", head, rows, note, left=2)
+    return Table("Residuals of the simulation, largest first", head, rows, note, left=2)
 
 
 def _with_unit(value: float, channel: str) -> str:
@@ -106,7 +106,7 @@ def _inconsistent(found: Diagnosis) -> list[Block]:
     ]
 
 
-def _panels(everything: tuple[Seen, ...], channel: str) -> tuple[list[Figure], dict[str, Any]]:
+def _panels(everything: tuple[PlotData, ...], channel: str) -> tuple[list[Figure], dict[str, Any]]:
     views = [seen for seen in everything if channel in seen.base]
     figures = []
     numbers: dict[str, Any] = {}
@@ -141,14 +141,14 @@ def _sigmas_shown(panels: list[dict[str, Any]]) -> float:
     return max(_LEAST_SIGMAS, 1.1 * float(np.max(far[np.isfinite(far)], initial=0.0)))
 
 
-def _reach(seen: Seen, channel: str) -> FloatArray:
+def _reach(seen: PlotData, channel: str) -> FloatArray:
     """Return what has to fit into the panel against slip."""
     driven = seen.slip > 0
     noise = 2.2 * seen.base_sigma[channel][driven]
     return np.concatenate([(seen.measured[channel] - seen.base[channel])[driven], noise, -noise])
 
 
-def _traces(seen: Seen, channel: str, key: str) -> tuple[list[Trace], dict[str, Any]]:
+def _traces(seen: PlotData, channel: str, key: str) -> tuple[list[Trace], dict[str, Any]]:
     residual, sigma = seen.measured[channel] - seen.base[channel], seen.base_sigma[channel]
     if key == "slip":
         return _cloud(seen.slip, residual, sigma, EDGES)
@@ -195,7 +195,7 @@ def _edges(x: FloatArray) -> FloatArray:
     return edges
 
 
-def _by_run(seen: Seen, scaled: FloatArray) -> tuple[list[Trace], dict[str, Any]]:
+def _by_run(seen: PlotData, scaled: FloatArray) -> tuple[list[Trace], dict[str, Any]]:
     of_run = [seen.run == i for i in range(len(seen.runs))]
     low, middle, high = np.array([_quartiles(scaled[rows]) for rows in of_run]).T.reshape(3, -1)
     names = [words(name) for name in seen.runs]

@@ -15,7 +15,7 @@ _READING = (
 )
 _ERRORS = (
     "predicted less measured, medians in bins of slip. Where the torque was not fitted, nothing has drawn these lines "
-    "to zero: what lies near it was foretold."
+    "to zero: what lies near it was predicted."
 )
 
 

@@ -1,7 +1,6 @@
-r"""The look at the data: linearise, whiten, explain, and again about the best explanation, until it stands still.
+r"""Linearised model of campaigns: linearise, whiten and explain, and repeat about the best explanation to convergence.
 
-The load that is likeliest, given the measured one.
-
+**Most probable load, given the measured one.**
 The load is measured, and its noise makes a line of force over load look flatter than it is: flatter about the middle
 of the data, so that the zeros of load, torque and drawbar pull seem to be off where the soil cannot take it up
 (docs/decisions/torque-zero-bias.md). So every run's load is drawn towards its mean as far as noise and movement say,
@@ -13,20 +12,18 @@ with W and e two first-order Markov processes: e that of the noise model, W what
 Source: regression calibration; Carroll, Ruppert, Stefanski & Crainiceanu (2006), Measurement Error in Nonlinear Models,
 ch. 4.
 
-Where to linearise next: the likeliest soil and causes, and the ground speed that goes with them.
+**Linearisation point.** The next one is at the most probable soil and causes, with the ground speed that goes with
+them.
 
-Linearise, whiten and explain, and again about the best explanation, until it stands still.
-
-Another place to settle at, where the linearisation never stood still.
-
+**Where the iteration does not converge.**
 Cross products about one explanation weigh all others by a straight line from there. Where the explanation itself is far
-from straight (an angle behind the wheel grows with the root of its parameter), its size moves from round to round, and
-about none of its points can it be believed: such a pair once seemed e^27 times as likely as the slip sinkage that was
-hidden. So what seemed likely in other rounds is tried, each about its own point; the first at which everything stands
-still, itself the likeliest there, is taken.
+from straight (an angle behind the wheel grows with the root of its parameter), its size moves with every iteration, and
+its probability is not to be trusted at any of these points: such a pair once appeared e^27 times as probable as the
+slip sinkage that was hidden. So the sets that were probable in other iterations are tried, each about its own point;
+the first one that converges, and is the most probable set there, is taken.
 
 Log evidences about different points are not compared: the slopes in the ground speed differ from point to point, and
-with them the density of the speed's error, by ten nats for causes that the data do not tell apart.
+with them the density of the speed's error, by ten nats for causes that the data do not separate.
 """
 
 from __future__ import annotations
@@ -48,12 +45,12 @@ from model.diagnosis.time_series.hyper import blocks_of, estimated
 from model.diagnosis.time_series.linearise import Point, linearise
 from model.diagnosis.time_series.noise import Noise, beliefs, noise_notes
 from model.diagnosis.time_series.samples import Samples, places_of, steps_of
-from model.diagnosis.time_series.start import Start, View, begin, first_causes, never_told
+from model.diagnosis.time_series.start import CampaignData, Start, begin, first_causes, never_told
 from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed, smoothed_speed
 from model.one_thread import one_thread
 
 if TYPE_CHECKING:
-    from model.diagnosis.time_series.start import View
+    from model.diagnosis.time_series.start import CampaignData
 
 
 FloatArray = NDArray[np.float64]
@@ -115,25 +112,25 @@ _FARTHEST = 3.5
 
 
 @dataclass(frozen=True)
-class Aim:
-    """Where to linearise, by which noise, and how well the ground speed is known there."""
+class LinearisationPoint:
+    """Point of linearisation, its noise model, and the variance of the ground speed there."""
 
     point: Point
     noise: Noise
     speed_variance: FloatArray
 
 
-def first_aim(start: Start, causes: dict[str, float]) -> Aim:
-    """Return the laboratory's soil with the given causes, and the noise as it is thought of beforehand."""
+def first_point(start: Start, causes: dict[str, float]) -> LinearisationPoint:
+    """Return the laboratory's soil with the given causes, and the noise of the prior."""
     samples = start.samples
     noise = start.noise or Noise({name: b.centre for name, b in beliefs(samples).items()})
     variance = noise.values["speed_noise_mps"] ** 2 + noise.values["speed_white_mps"] ** 2
     point = Point(np.zeros(len(start.simulation.space)), causes, np.zeros(len(samples)))
-    return Aim(point, noise, np.full(len(samples), variance))
+    return LinearisationPoint(point, noise, np.full(len(samples), variance))
 
 
-def aims_of(views: Sequence[View], grams: Grams, best: SetEstimate) -> list[Aim]:
-    """Return where to linearise next: the best soil and causes, and the ground speed that goes with them."""
+def linearisation_points(views: Sequence[CampaignData], grams: Grams, best: SetEstimate) -> list[LinearisationPoint]:
+    """Return the next points of linearisation: the best soil and causes, and the ground speed that goes with them."""
     found = []
     soil_at = 0
     for view in views:
@@ -155,11 +152,11 @@ def aims_of(views: Sequence[View], grams: Grams, best: SetEstimate) -> list[Aim]
         noise = view.noise.values
         farthest = _FARTHEST * float(np.hypot(noise["speed_noise_mps"], noise["speed_white_mps"]))
         speed = np.clip(speed, -farthest, farthest)
-        found.append(Aim(Point(soil, causes, speed), view.noise, variance))
+        found.append(LinearisationPoint(Point(soil, causes, speed), view.noise, variance))
     return found
 
 
-def _speed(view: View, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _speed(view: CampaignData, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the smoothed error of the ground speed under a soil and causes, and its variance."""
     columns = view.columns
     shared = np.concatenate([[1.0], -soil, -causes, np.zeros(len(columns.basis))])
@@ -171,89 +168,89 @@ def _speed(view: View, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray
 
 MOST_ROUNDS = 6
 _STILL = 0.25
-"""Change of a cause in its one-sigma, and of the soil in the laboratory's, at which the linearisation stands still."""
+"""Change of a cause in its one-sigma, and of the soil in the laboratory's, below which the iteration has converged."""
 _FINEST = 0.005
 
 
 @dataclass(frozen=True)
-class Settled:
-    """Where the linearisation came to from one start.
+class Relinearised:
+    """Outcome of the iterated linearisation from one start.
 
     Attributes
     ----------
     grams : Grams
-    views : tuple of View
+    views : tuple of CampaignData
     best : SetEstimate
         Chosen from `grams`.
-    still : bool
-        Whether the last round changed nothing.
+    converged : bool
+        Whether the last iteration changed nothing.
     seemed : tuple of sets of causes
-        The best of each round.
+        The best of each iteration.
     """
 
     grams: Grams
-    views: tuple[View, ...]
+    views: tuple[CampaignData, ...]
     best: SetEstimate
-    still: bool
+    converged: bool
     seemed: tuple[tuple[str, ...], ...]
 
 
-def settle(
+def relinearise(
     starts: Sequence[Start],
-    aims: Sequence[Aim],
+    points: Sequence[LinearisationPoint],
     choose: Callable[[Grams, SetEstimate | None], SetEstimate],
     clock: Clock,
     *,
     believe: bool = False,
     most: int = MOST_ROUNDS,
-) -> Settled:
-    """Settle at an explanation.
+) -> Relinearised:
+    """Iterate the linearisation about the explanation until it converges.
 
     Parameters
     ----------
     starts : sequence of Start
-    aims : sequence of Aim
+    points : sequence of LinearisationPoint
         Where to begin.
     choose : callable
         Picks the explanation from cross products, given the one before.
     clock : Clock
     believe : bool
-        Take the noise of the first round as it is; otherwise it is estimated from the second round on.
+        Take the noise of the first iteration as it is; otherwise it is estimated from the second one on.
     most : int
-        Rounds.
+        Iterations.
     """
     best: SetEstimate | None = None
     seemed: list[tuple[str, ...]] = []
     while True:
         fixed = believe or not seemed
-        views = [viewed(s, aim, clock, fixed=fixed) for s, aim in zip(starts, aims, strict=True)]
+        views = [campaign_data(s, at, clock, fixed=fixed) for s, at in zip(starts, points, strict=True)]
         grams = joined([(v.campaign.name, v.samples.run_names, v.columns, v.grams) for v in views])
         with clock.stage("evidence"):
             found = choose(grams, best)
-        still = best is not None and _same(best, found)
+        converged = best is not None and _same(best, found)
         best = found
         seemed.append(best.keys)
-        if still or len(seemed) == most:
-            return Settled(grams, tuple(views), best, still, tuple(seemed))
+        if converged or len(seemed) == most:
+            return Relinearised(grams, tuple(views), best, converged, tuple(seemed))
         with clock.stage("smoothing"):
-            aims = aims_of(views, grams, best)
+            points = linearisation_points(views, grams, best)
 
 
-def viewed(start: Start, aim: Aim, clock: Clock, *, fixed: bool) -> View:
+def campaign_data(start: Start, at: LinearisationPoint, clock: Clock, *, fixed: bool) -> CampaignData:
     """Linearise a campaign about a point and whiten it.
 
     Parameters
     ----------
     start : Start
-    aim : Aim
+    at : LinearisationPoint
     clock : Clock
     fixed : bool
-        Take the noise of the aim as it is.
+        Take the noise of the point as it is.
     """
-    variance, noise = aim.speed_variance, aim.noise
+    variance, noise = at.speed_variance, at.noise
     samples = with_likely_load(start.samples, noise.values)
     with clock.stage("linearise"):
-        linear = linearise(start.simulation, samples, aim.point)
+        linear = linearise(start.simulation, samples, at.point)
     with clock.stage("columns"):
         columns = columns_of(start.simulation, samples, linear)
     if start.noise is None and not fixed:
@@ -262,11 +259,11 @@ def viewed(start: Start, aim: Aim, clock: Clock, *, fixed: bool) -> View:
             noise = estimated(blocks, beliefs(samples), noise.values)
     with clock.stage("whitening"):
         grams = run_grams(samples, linear, columns, noise.values, variance)
-    return View(start.campaign, samples, start.simulation, linear, columns, noise, grams, variance)
+    return CampaignData(start.campaign, samples, start.simulation, linear, columns, noise, grams, variance)
 
 
 def _same(one: SetEstimate, other: SetEstimate) -> bool:
-    """Return whether two explanations are the same to what can be told of them."""
+    """Return whether two explanations are equal within their uncertainty."""
     if one.keys != other.keys:
         return False
     change = np.concatenate([one.soil - other.soil, (one.coefficients - other.coefficients)[list(other.columns)]])
@@ -278,20 +275,20 @@ MOST_TRIED = 4
 _ROUNDS = 3
 
 
-def still(
+def converged_alternative(
     starts: Sequence[Start],
-    moving: Settled,
+    moving: Relinearised,
     others: Sequence[tuple[str, ...]],
     choose: Callable[[Grams, SetEstimate | None], SetEstimate],
     clock: Clock,
-) -> Settled:
-    """Return where it stands still; the explanation that moves, where that is nowhere.
+) -> Relinearised:
+    """Return the explanation at which the iteration converges; the one that moves, where there is none.
 
     Parameters
     ----------
     starts : sequence of Start
-    moving : Settled
-        What did not stand still.
+    moving : Relinearised
+        What did not converge.
     others : sequence of sets of causes
         That seemed likely.
     choose : callable
@@ -306,10 +303,11 @@ def still(
         def hold(grams: Grams, _: SetEstimate | None, keys: tuple[str, ...] = keys) -> SetEstimate:
             return estimate(grams, keys)
 
-        aims = aims_of(moving.views, moving.grams, estimate(moving.grams, keys))
-        about = settle(starts, aims, hold, clock, believe=True, most=_ROUNDS)
-        found = settle(starts, aims_of(about.views, about.grams, about.best), choose, clock, most=_ROUNDS)
-        if found.still:
+        points = linearisation_points(moving.views, moving.grams, estimate(moving.grams, keys))
+        about = relinearise(starts, points, hold, clock, believe=True, most=_ROUNDS)
+        points = linearisation_points(about.views, about.grams, about.best)
+        found = relinearise(starts, points, choose, clock, most=_ROUNDS)
+        if found.converged:
             return replace(found, seemed=(*moving.seemed, *found.seemed))
     return moving
 
@@ -318,17 +316,17 @@ _NOTHING = 1e-8
 
 
 @dataclass(frozen=True)
-class Look:
-    """What a look at some campaigns gives.
+class LinearisedCampaign:
+    """Linearised and whitened model of one or several campaigns.
 
     Attributes
     ----------
     grams : Grams
         Of all runs of all campaigns, about the last point.
-    views : tuple of View
+    views : tuple of CampaignData
         One for each campaign, in their order; runs follow each other in `grams` likewise.
     best : SetEstimate
-        The likeliest set of causes, about which was linearised.
+        The most probable set of causes, about which was linearised.
     cannot_tell : mapping family -> why
     excluded : set of str
         Effects (by key) that leave no trace in these data whatever their size; see `best_set`.
@@ -336,20 +334,20 @@ class Look:
         Of a set.
     rounds : int
         Linearisations.
-    settled : bool
+    converged : bool
         Whether the last one changed nothing.
     notes : tuple of Note
     stages_s : mapping stage -> seconds
     """
 
     grams: Grams
-    views: tuple[View, ...]
+    views: tuple[CampaignData, ...]
     best: SetEstimate
     cannot_tell: dict[str, Note]
     excluded: frozenset[str]
     most_causes: int
     rounds: int
-    settled: bool
+    converged: bool
     notes: tuple[Note, ...]
     stages_s: dict[str, float]
 
@@ -360,12 +358,12 @@ class Look:
 
 
 @one_thread
-def look(
+def linearise_campaigns(
     campaigns: Sequence[Campaign],
     options: DiagnosisOptions | None = None,
     noises: Sequence[Noise] | None = None,
-) -> Look:
-    """Look at one or several campaigns.
+) -> LinearisedCampaign:
+    """Linearise and whiten one or several campaigns about their best explanation.
 
     Parameters
     ----------
@@ -385,31 +383,31 @@ def look(
     with clock.stage("samples"):
         starts = [begin(c, options, noises[i] if noises else None) for i, c in enumerate(campaigns)]
     found = [_first(starts, causes, options, clock) for causes in first_causes(starts)]
-    likeliest = max(found, key=lambda f: log_evidence(f.grams, f.best.keys))
-    if not likeliest.still:
+    best_found = max(found, key=lambda f: log_evidence(f.grams, f.best.keys))
+    if not best_found.converged:
         seemed = tuple(dict.fromkeys(keys for f in found for keys in f.seemed))
-        likeliest = still(starts, likeliest, seemed, _choice(options), clock)
-    return Look(
-        grams=likeliest.grams,
-        views=likeliest.views,
-        best=likeliest.best,
+        best_found = converged_alternative(starts, best_found, seemed, _choice(options), clock)
+    return LinearisedCampaign(
+        grams=best_found.grams,
+        views=best_found.views,
+        best=best_found.best,
         cannot_tell=never_told(starts),
-        excluded=_traceless(likeliest.grams),
+        excluded=_traceless(best_found.grams),
         most_causes=options.most_causes,
-        rounds=len(likeliest.seemed),
-        settled=likeliest.still,
-        notes=tuple(note for view in likeliest.views for note in _notes(view)),
+        rounds=len(best_found.seemed),
+        converged=best_found.converged,
+        notes=tuple(note for view in best_found.views for note in _notes(view)),
         stages_s=clock.stages_s,
     )
 
 
-def _first(starts: Sequence[Start], causes: dict[str, float], options: DiagnosisOptions, clock: Clock) -> Settled:
-    """Settle at what is likeliest, from the laboratory's soil and the given causes."""
-    aims = [first_aim(s, causes) for s in starts]
-    return settle(starts, aims, _choice(options), clock)
+def _first(starts: Sequence[Start], causes: dict[str, float], options: DiagnosisOptions, clock: Clock) -> Relinearised:
+    """Iterate to the most probable explanation, from the laboratory's soil and the given causes."""
+    points = [first_point(s, causes) for s in starts]
+    return relinearise(starts, points, _choice(options), clock)
 
 
-def _notes(view: View) -> tuple[Note, ...]:
+def _notes(view: CampaignData) -> tuple[Note, ...]:
     return (*view.samples.notes, *noise_notes(view.noise, beliefs(view.samples), view.linear.channels))
 
 

@@ -9,7 +9,7 @@ import pytest
 from diagnosis_support import simulated_campaign, with_sinkage
 
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.time_series.looks import Look, look
+from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
 from model.diagnosis.time_series.samples import places_of
 from model.diagnosis.time_series.whitening import whitened_rows
 from wheelsoil.wording.notes import texts_of
@@ -19,11 +19,11 @@ FEW = ("vasilev", "crosstalk", "drawbar_pull_zero", "speed_latency", "wheel_radi
 
 
 @pytest.fixture(scope="module")
-def null() -> Look:
-    return look([simulated_campaign(runs=RUNS)])
+def null() -> LinearisedCampaign:
+    return linearise_campaigns([simulated_campaign(runs=RUNS)])
 
 
-def found(seen: Look) -> dict[str, tuple[float, float]]:
+def found(seen: LinearisedCampaign) -> dict[str, tuple[float, float]]:
     """Return value and one-sigma of every parameter of the best set."""
     causes = [seen.grams.causes[i] for i in seen.best.columns]
     values = [seen.best.coefficients[i] * c.scale + c.neutral for i, c in zip(seen.best.columns, causes, strict=True)]
@@ -31,7 +31,7 @@ def found(seen: Look) -> dict[str, tuple[float, float]]:
     return {f"{c.key}.{c.parameter}": pair for c, *pair in zip(causes, values, sigmas, strict=True)}
 
 
-def innovations(seen: Look) -> tuple[np.ndarray, np.ndarray]:
+def innovations(seen: LinearisedCampaign) -> tuple[np.ndarray, np.ndarray]:
     """Return whitened residuals of the best set, shape (runs, samples, channels), and where there are any."""
     view = seen.views[0]
     rows, _ = whitened_rows(view.samples, view.linear, view.columns, view.noise.values, view.speed_variance)
@@ -44,9 +44,9 @@ def innovations(seen: Look) -> tuple[np.ndarray, np.ndarray]:
     return left.reshape(present.shape), present
 
 
-def test_a_campaign_without_a_cause_leaves_white_noise(null: Look) -> None:
+def test_a_campaign_without_a_cause_leaves_white_noise(null: LinearisedCampaign) -> None:
     assert null.best.keys == ()
-    assert null.settled
+    assert null.converged
     left, present = innovations(null)
     for c in range(2):
         own = left[..., c]
@@ -59,15 +59,15 @@ def test_a_campaign_without_a_cause_leaves_white_noise(null: Look) -> None:
     assert {"samples", "linearise", "noise", "whitening", "evidence", "smoothing"} <= set(null.stages_s)
 
 
-def test_a_given_noise_model_is_taken_at_its_word(null: Look) -> None:
-    again = look([null.views[0].campaign], noises=null.noises)
+def test_a_given_noise_model_is_taken_at_its_word(null: LinearisedCampaign) -> None:
+    again = linearise_campaigns([null.views[0].campaign], noises=null.noises)
     assert "noise" not in again.stages_s
     assert again.noises == null.noises
     assert again.best.keys == null.best.keys
     assert again.grams.matrices.shape == null.grams.matrices.shape
 
 
-def test_effects_without_a_trace_are_left_out(null: Look) -> None:
+def test_effects_without_a_trace_are_left_out(null: LinearisedCampaign) -> None:
     assert "multi_pass" in null.excluded
     assert "multi_pass" in null.cannot_tell
 
@@ -81,7 +81,7 @@ def test_effects_without_a_trace_are_left_out(null: Look) -> None:
     ],
 )
 def test_it_settles_at_a_hidden_cause(effect: str, parameter: str, truth: float) -> None:
-    seen = look([simulated_campaign(runs=RUNS, effect=effect)], DiagnosisOptions(effects=FEW))
+    seen = linearise_campaigns([simulated_campaign(runs=RUNS, effect=effect)], DiagnosisOptions(effects=FEW))
     value, sigma = found(seen)[parameter]
     assert abs(value - truth) < 5.0 * sigma + 0.1 * abs(truth)
     assert value == pytest.approx(truth, rel=0.25)
@@ -89,7 +89,7 @@ def test_it_settles_at_a_hidden_cause(effect: str, parameter: str, truth: float)
 
 def test_measured_sinkage_is_a_channel_like_the_others() -> None:
     campaign = with_sinkage(simulated_campaign(runs=RUNS, effect="vasilev:H_m=0.03"), "vasilev:H_m=0.03")
-    seen = look([campaign], DiagnosisOptions(effects=FEW))
+    seen = linearise_campaigns([campaign], DiagnosisOptions(effects=FEW))
     assert seen.views[0].linear.channels == ("dp", "t", "z")
     assert any(shape.channel == "z" for shape in seen.grams.basis)
     assert found(seen)["vasilev.H_m"][0] == pytest.approx(0.03, rel=0.1)
@@ -98,7 +98,7 @@ def test_measured_sinkage_is_a_channel_like_the_others() -> None:
 
 def test_campaigns_share_their_causes_and_not_their_soils() -> None:
     both = [simulated_campaign(soil, runs=RUNS, effect="crosstalk:coefficient=0.01") for soil in ("clay", "sandy")]
-    seen = look(both, DiagnosisOptions(effects=("crosstalk", "drawbar_pull_zero", "torque_gain")))
+    seen = linearise_campaigns(both, DiagnosisOptions(effects=("crosstalk", "drawbar_pull_zero", "torque_gain")))
     assert seen.grams.matrices.shape[0] == 2 * RUNS
     assert len(seen.grams.soil) == 12
     assert seen.grams.soil[0] == "clay 0: cohesion_pa"
@@ -116,7 +116,7 @@ def silenced(campaign: Campaign, field: str) -> Campaign:
 @pytest.mark.parametrize("field", ["driving_torque_nm", "drawbar_pull_n"])
 def test_one_channel_is_enough_for_an_answer(field: str) -> None:
     effects = ("torque_zero", "drawbar_pull_zero", "wheel_radius")
-    seen = look([silenced(simulated_campaign(runs=RUNS), field)], DiagnosisOptions(effects=effects))
+    seen = linearise_campaigns([silenced(simulated_campaign(runs=RUNS), field)], DiagnosisOptions(effects=effects))
     assert len(seen.views[0].linear.channels) == 1
     assert np.isfinite(seen.grams.matrices).all()
     family = "torque_zero" if field == "driving_torque_nm" else "drawbar_pull_zero"
@@ -133,6 +133,6 @@ def test_one_run_and_pieces_of_it_are_enough_for_an_answer() -> None:
         reason=np.where(hole, 1, run.reason).astype(np.uint8),
         driving_torque_nm=np.where(run.time_s > 20.0, np.nan, run.driving_torque_nm),
     )
-    seen = look([replace(campaign, runs=(torn,))], DiagnosisOptions(effects=FEW))
+    seen = linearise_campaigns([replace(campaign, runs=(torn,))], DiagnosisOptions(effects=FEW))
     assert np.isfinite(seen.grams.matrices).all()
     assert seen.grams.samples[0] < 1.6 * len(seen.views[0].samples)

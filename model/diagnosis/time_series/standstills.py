@@ -52,7 +52,7 @@ _AT_AN_END_S = 0.3
 
 
 @dataclass(frozen=True)
-class Rests:
+class Standstills:
     """Standstills of all runs; arrays of shape (n,).
 
     Attributes
@@ -81,9 +81,9 @@ class Rests:
         return len(self.run)
 
 
-def rests_of(
+def standstills_of(
     campaign: Campaign, channels: tuple[str, ...], clocks: list[FloatArray], positions: list[FloatArray]
-) -> Rests:
+) -> Standstills:
     """Collect the standstills of a campaign.
 
     Parameters
@@ -137,7 +137,7 @@ def rests_of(
         inflation_kpa=table["kpa"],
         unit_weight_n_m3=np.full(len(rows), campaign.soil.unit_weight_n_m3),
     )
-    return Rests(
+    return Standstills(
         run=table["run"].astype(np.intp),
         conditions=conditions,
         measured={c: table[c] for c in channels},
