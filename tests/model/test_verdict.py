@@ -98,7 +98,7 @@ def test_without_other_runs_there_is_no_name(grams: Grams, without: dict[str, bo
 
 def test_a_cause_with_which_the_error_grows_is_not_named(grams: Grams) -> None:
     found = made(grams, {("a",): 0.99, (): 0.01})
-    said = judgement(found, FINE, replace(gain(9.0), reduction_percent=-1.0))
+    said = judgement(found, FINE, replace(gain(9.0), reduction_percent=-1.0), error_must_fall=True)
     assert (said.verdict, said.families) == ("one_of", ("a",))
     assert said.barred == Note(LackCode.NO_BETTER)
 

@@ -3,8 +3,9 @@
 1. Lack of fit above its threshold: `unexplained`.
 2. "None" not unlikely: above `NOTHING_AT`, or above `IDLE_AT` where the causes that are chosen do not predict
    held-out runs any better: `nothing_detectable`.
-3. A family above `name_at`, with which held-out runs are predicted better than with no cause, in likelihood and in the
-   error of the first channel: `named`.
+3. A family above `name_at`, with which held-out runs are predicted better than with no cause, in likelihood, and of a
+   table in the error of the first channel too: `named`. Of driven runs that error is no demand: a zero of the torque or
+   a cause of the braked wheel shows in the likelihood only (docs/decisions/diagnosis-intervals.md).
 4. Else `one_of`: the shortest set of families of which one acts with 95 % probability, given that any cause acts.
 
 A name needs three runs or more (of a table: three conditions), since its probability must be calibrated and its gain
@@ -59,6 +60,7 @@ def judgement(
     cannot_tell: Mapping[str, Note] | None = None,
     name_at: float = 0.9,
     converged: bool = True,
+    error_must_fall: bool = False,
 ) -> Judgement:
     """Return the verdict.
 
@@ -73,7 +75,9 @@ def judgement(
     cannot_tell : mapping family -> why
     name_at : float
     converged : bool
-        Whether the linearisation stood still.
+        Whether the linearisation converged.
+    error_must_fall : bool
+        Whether a name also needs a held-out error that does not grow in the first channel, as in a table.
     """
     if not judged.ok:
         return Judgement("unexplained")
@@ -81,7 +85,7 @@ def judgement(
     if found.none >= (IDLE_AT if idle else NOTHING_AT):
         return Judgement("nothing_detectable")
     sure = [family for family, p in found.families().items() if p > name_at]
-    barred = _barred(found, gain) or (None if converged else Note(LackCode.NOT_SETTLED))
+    barred = _barred(found, gain, error_must_fall) or (None if converged else Note(LackCode.NOT_SETTLED))
     if sure and not barred:
         named = tuple(family for family in sure if family not in (cannot_tell or {}))
         if named:
@@ -90,10 +94,10 @@ def judgement(
     return Judgement("one_of", short_set(found), barred=barred if sure else None)
 
 
-def _barred(found: Posterior, gain: Gain | None) -> Note | None:
+def _barred(found: Posterior, gain: Gain | None, error_must_fall: bool) -> Note | None:
     if not found.calibrated or gain is None:
         return Note(LackCode.NOT_CHECKED)
-    if not gain.log_likelihood_gain > 0 or gain.reduction_percent < 0:
+    if not gain.log_likelihood_gain > 0 or (error_must_fall and gain.reduction_percent < 0):
         return Note(LackCode.NO_BETTER)
     return None
 
