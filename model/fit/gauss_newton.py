@@ -258,7 +258,7 @@ def _converged(
     problem: BoundedProblem, point: Point, linear: LinearProblem, options: GaussNewtonOptions, rounding: float
 ) -> StopReason | None:
     newton = linear.newton_step
-    if linear.foretold_gain(newton) <= max(options.cost_tolerance * point.cost, rounding):
+    if linear.predicted_gain(newton) <= max(options.cost_tolerance * point.cost, rounding):
         return StopReason.CONVERGED_COST
     size = np.maximum(np.abs(point.x), problem.scale)[problem.free]
     if np.all(np.abs(newton / linear.unit) <= options.epsilon * size):
@@ -275,23 +275,23 @@ def _search(
     options: GaussNewtonOptions,
 ) -> tuple[Point, StopReason | None]:
     """Try steps with a shrinking radius until one lowers the cost; return the new point, or why there is none."""
-    left = linear.foretold_gain(linear.newton_step)
+    left = linear.predicted_gain(linear.newton_step)
     unseen = left <= _UNSEEN * point.cost
     while len(history) < options.max_iterations:
         step, damping = linear.step_within(trust.radius)
         trial = problem.evaluate(problem.moved(point.x, step / linear.unit))
-        foretold = linear.foretold_gain(step)
-        ratio = _seen_gain(point, trial) / foretold if foretold > 0 else -np.inf
+        predicted = linear.predicted_gain(step)
+        ratio = _seen_gain(point, trial) / predicted if predicted > 0 else -np.inf
         kept = trust.keeps(ratio, float(np.linalg.norm(step)))
         if unseen and not kept and trial.finite:
             onward = problem.linearised(trial, trust.norms_seen(trial.jacobian))
-            kept = onward.foretold_gain(onward.newton_step) < left / 2
+            kept = onward.predicted_gain(onward.newton_step) < left / 2
         history.append(IterationRecord(trial.x, trial.cost, damping, kept))
         if kept:
             return trial, None
         if unseen:
             return point, StopReason.CONVERGED_COST
-        if foretold <= np.finfo(float).eps * point.cost:
+        if predicted <= np.finfo(float).eps * point.cost:
             return point, StopReason.NO_PROGRESS
     return point, StopReason.MAX_ITERATIONS
 

@@ -59,7 +59,7 @@ class LinearProblem:
         reduced: FloatArray = np.asarray(np.linalg.qr(np.column_stack([jacobian / unit, residual]), mode="r"))
         return LinearProblem(reduced[:, :-1], reduced[:, -1], unit, lower * unit, upper * unit)
 
-    def foretold_gain(self, step: FloatArray) -> float:
+    def predicted_gain(self, step: FloatArray) -> float:
         """Return by how much the sum of squares falls for a step y, were the residual linear."""
         change = self.triangle @ step
         return float(-(2 * self.target + change) @ change)

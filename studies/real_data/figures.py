@@ -172,9 +172,9 @@ def carried_over() -> go.Figure:
     found = transfer(bench("smooth"), bench("grousered"), DiagnosisOptions(channels=("dp", "z"), most_causes=2))
     rows = driven_rows(bench("grousered")).rows
     for column, (channel, factor) in enumerate((("dp", 1.0), ("z", 1e3)), 1):
-        mean, spread = factor * found.foretold[channel], factor * found.foretold_sigma[channel]
+        mean, spread = factor * found.predicted[channel], factor * found.predicted_sigma[channel]
         band(figure, found.slip, mean - 1.96 * spread, mean + 1.96 * spread, column, "95 %, by the smooth wheel")
-        curve(figure, found.slip, mean, column, "foretold by the smooth wheel's soil and causes", "extended")
+        curve(figure, found.slip, mean, column, "predicted by the smooth wheel's soil and causes", "extended")
         values = {"dp": rows.drawbar_pull_n, "z": rows.sinkage_m}[channel]
         dots(figure, rows.slip, factor * values, column, "measured")
     axes(figure, (PULL, SINKAGE))

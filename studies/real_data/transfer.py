@@ -1,7 +1,7 @@
 """Whether what one wheel taught holds for another on the same soil, and if not, what is of that wheel alone.
 
 If nothing is different, the second wheel's group means differ from the first one's by what their loads and slips
-differ, foretold with the first wheel's soil and causes, and by the scatter of repeats; the model's error of form is
+differ, predicted with the first wheel's soil and causes, and by the scatter of repeats; the model's error of form is
 the same for both at one condition and drops out. Where that is rejected, causes that act on the second wheel alone,
 each with a value of its own, are weighed with the rows of both wheels.
 
@@ -60,7 +60,7 @@ class Transfer:
     ----------
     p_value : float
         Probability of differences as large as the measured ones, if nothing is different.
-    foretold, foretold_sigma : mapping channel -> array, shape (groups,)
+    predicted, predicted_sigma : mapping channel -> array, shape (groups,)
         Of the second wheel's groups; the one-sigma holds what the first wheel left unknown, and noise.
     measured, difference : mapping channel -> array, shape (groups,)
         Means of the second wheel's groups, and what they differ from the first one's at the same slip, less what
@@ -73,8 +73,8 @@ class Transfer:
     """
 
     p_value: float
-    foretold: dict[str, FloatArray]
-    foretold_sigma: dict[str, FloatArray]
+    predicted: dict[str, FloatArray]
+    predicted_sigma: dict[str, FloatArray]
     measured: dict[str, FloatArray]
     difference: dict[str, FloatArray]
     slip: FloatArray
@@ -96,7 +96,7 @@ class Transfer:
         return float(sum(p for p, w in zip(probabilities, self.both.sets, strict=True) if own_part(w.hypothesis)))
 
     def families(self, *, gated: bool = True) -> dict[str, float]:
-        """Return the probability of each family to be the second wheel's alone, likeliest first."""
+        """Return the probability of each family to be the second wheel's alone, most probable first."""
         probabilities = self.both.probabilities if gated else self.both.ungated
         found = dict.fromkeys(self.library.families, 0.0)
         for p, w in zip(probabilities, self.both.sets, strict=True):
@@ -132,7 +132,7 @@ def transfer(first: Bench, second: Bench, options: DiagnosisOptions | None = Non
     p_value, difference = carried.paired()
     return Transfer(
         p_value,
-        {c: carried.foretold(c) for c in both.channels},
+        {c: carried.predicted(c) for c in both.channels},
         {c: carried.sigma(c) for c in both.channels},
         {c: carried.measured(c, OWN) for c in both.channels},
         difference,
@@ -173,11 +173,11 @@ class _Carried:
         return np.array([np.nanmean(values[self.both.group == g]) for g in self.groups(bench)])
 
     def _draws(self, channel: str, bench: int) -> FloatArray:
-        """Return what is foretold of a bench's group means, shape (draws, groups)."""
+        """Return the predicted group means of a bench, shape (draws, groups)."""
         said = self.said[channel]
         return np.stack([said[:, self.both.group == g].mean(axis=1) for g in self.groups(bench)], axis=1)
 
-    def foretold(self, channel: str) -> FloatArray:
+    def predicted(self, channel: str) -> FloatArray:
         return np.asarray(self._draws(channel, OWN).mean(axis=0))
 
     def sigma(self, channel: str) -> FloatArray:
@@ -232,7 +232,7 @@ def _means_of(weighing: Weighing) -> dict[str, FloatArray]:
 
 
 def _weigh_own(weighing: Weighing, both: BenchProblem, known: Library, most: int, rng: np.random.Generator) -> Weighing:
-    """Weigh the first wheel's likeliest sets, each with every set of causes of the second wheel alone."""
+    """Weigh the first wheel's most probable sets, each with every set of causes of the second wheel alone."""
     shared = _carried_over(weighing)
     own = sets_of(known.uses, listed_uses(known.uses, min(most, 2)))
     log_prior = {(*a.hypothesis, *b): a.log_prior + p for a in shared for b, p in own.items() if len(b) < 2}

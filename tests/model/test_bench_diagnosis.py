@@ -67,7 +67,7 @@ def test_a_hidden_cause_is_named(key: str, values: dict[str, float], family: str
     assert np.sqrt(np.mean((seen.measured["z"] - seen.extended["z"]) ** 2)) < 1.5e-3
 
 
-def test_a_channel_that_is_not_looked_at_is_foretold() -> None:
+def test_a_channel_that_is_not_used_is_predicted() -> None:
     found = diagnose_bench([bench(np.random.default_rng(3), {"vasilev": {"H_m": 0.02}})], _options("dp", effects=TWO))
     seen = found.seen[0]
     assert seen.unseen == ("z",)
@@ -110,7 +110,7 @@ def test_carrying_over_to_a_like_wheel_and_to_an_unlike_one() -> None:
     like = transfer(first, bench(rng, {"vasilev": {"H_m": 0.01}}), _options())
     assert like.p_value > 0.001
     assert like.own_cause < 0.5
-    assert like.measured["z"] == pytest.approx(like.foretold["z"], abs=4 * like.foretold_sigma["z"].max())
+    assert like.measured["z"] == pytest.approx(like.predicted["z"], abs=4 * like.predicted_sigma["z"].max())
     unlike = transfer(first, bench(rng, {"vasilev": {"H_m": 0.03}}), _options())
     assert unlike.p_value < 1e-3
     assert unlike.own_cause > 0.95

@@ -42,7 +42,7 @@ def test_a_wrong_cause_that_is_forced_does_not_gain_what_the_right_one_does() ->
     assert right.log_likelihood_gain > wrong.log_likelihood_gain + 20
 
 
-def test_a_left_out_run_does_not_teach_how_it_is_foretold() -> None:
+def test_a_held_out_run_does_not_change_its_prediction() -> None:
     """Changed measured values of a run leave its prediction from the others unchanged."""
     seen = looked(driven(DIGGING), "vasilev")
     fit = fit_set(seen, ("vasilev",))

@@ -107,4 +107,4 @@ def test_a_receiver_that_is_off_at_some_speeds_is_no_listed_cause(bump_mps: floa
     assert isinstance(worst.place, Shape) and worst.place.range
     assert worst.place.range[0] < 1.6 < worst.place.range[1]
     assert np.sign(worst.size) == np.sign(bump_mps)
-    assert "as if misread" in sentence_of(found)
+    assert "as a sensor error" in sentence_of(found)

@@ -38,7 +38,7 @@ def test_a_damped_step_is_as_long_as_the_radius_and_the_minimum_of_its_problem(s
     scaled = jacobian / problem.unit
     assert (scaled.T @ scaled + mu * np.eye(4)) @ step == pytest.approx(-scaled.T @ residual, rel=1e-6, abs=1e-9)
     after = residual + scaled @ step
-    assert problem.foretold_gain(step) == pytest.approx(residual @ residual - after @ after, rel=1e-8, abs=1e-12)
+    assert problem.predicted_gain(step) == pytest.approx(residual @ residual - after @ after, rel=1e-8, abs=1e-12)
 
 
 def test_a_parameter_without_influence_is_left_where_it_is() -> None:

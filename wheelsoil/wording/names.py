@@ -59,9 +59,9 @@ _TEXTS = {
     Kind.TORQUE_SQUARED: "growing with the square of the simulated torque",
     Kind.TORQUE_DRIFT: "as a share of torque that grows over the campaign",
     Kind.ZERO_WITH_LOAD: "as a zero that grows with the load, at standstill too",
-    Kind.SPEED_ERROR: "as if misread, at {} to {} m/s",
-    Kind.LOAD_ERROR: "as if misread everywhere",
-    Kind.LOAD_ERROR_WITH_LOAD: "as if misread, growing with the load",
+    Kind.SPEED_ERROR: "as a sensor error, at {} to {} m/s",
+    Kind.LOAD_ERROR: "as a sensor error everywhere",
+    Kind.LOAD_ERROR_WITH_LOAD: "as a sensor error, growing with the load",
 }
 
 

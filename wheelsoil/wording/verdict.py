@@ -47,7 +47,7 @@ def _of_runs(found: Diagnosis) -> str:
     elif found.verdict == "one_of":
         said = one_of_words(found, chances, none)
     elif found.verdict == "unexplained" and found.adequacy is not None:
-        said = unexplained_words(found.adequacy, found.what_is_wrong, grounds.likeliest, grounds.terrains)
+        said = unexplained_words(found.adequacy, found.what_is_wrong, grounds.most_probable, grounds.terrains)
     else:
         said = nothing_words(chances, none, _by_family(found.minimum_detectable), found.what_is_wrong)
     return said + want_words(found.cannot_tell)
@@ -165,11 +165,11 @@ def nothing_words(
 ) -> str:
     """Return the sentence of "nothing_detectable"; `sizes` by family."""
     said = [f"No cause is detected (no cause: {chance(none)}): soil and noise explain these runs"]
-    likeliest = max(chances, key=lambda family: chances[family], default="")
-    if likeliest and chances[likeliest] > _WORTH_SAYING:
+    best = max(chances, key=lambda family: chances[family], default="")
+    if best and chances[best] > _WORTH_SAYING:
         said = [
             f"No cause is distinguishable from chance (no cause: {chance(none)})",
-            f"The most probable one is {plain_name(likeliest)} ({chance(chances[likeliest])}). Next: drive another run",
+            f"The most probable one is {plain_name(best)} ({chance(chances[best])}). Next: drive another run",
         ]
     shown = [
         f"{plain_name(name)} from {d.parameter} = {_number(d.value)}{_unit(d.unit)} on" for name, d in sizes.items()

@@ -243,7 +243,7 @@ class Grounds:
         Families of which one more probably acts beside the named ones.
     look_alikes : tuple of str
         Families whose signatures are almost those of the named ones or of the set.
-    likeliest : tuple of str
+    most_probable : tuple of str
         Families of the most probable set.
     terrains : two tuples of str, optional
         Runs that ask for one soil, and those that ask for another.
@@ -257,7 +257,7 @@ class Grounds:
     barred: Note | None = None
     beside: tuple[str, ...] = ()
     look_alikes: tuple[str, ...] = ()
-    likeliest: tuple[str, ...] = ()
+    most_probable: tuple[str, ...] = ()
     terrains: tuple[tuple[str, ...], tuple[str, ...]] | None = None
     cautions: tuple[Note, ...] = ()
     table_channels: tuple[str, ...] = ()

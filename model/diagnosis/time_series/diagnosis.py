@@ -139,7 +139,7 @@ def _diagnosis(seen: LinearisedCampaign, options: DiagnosisOptions, notes: tuple
             barred=verdict.barred,
             beside=verdict.beside,
             look_alikes=tuple(one.family for one in alike),
-            likeliest=tuple(EFFECTS[key].name for key in seen.best.keys),
+            most_probable=tuple(EFFECTS[key].name for key in seen.best.keys),
             terrains=two_soils(seen.grams) if one_campaign else None,
             cautions=disputes,
         )
