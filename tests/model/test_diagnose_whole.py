@@ -79,7 +79,7 @@ def test_slip_sinkage_is_named_with_its_size(digging: Campaign) -> None:
         assert low < 0.04 < high
     assert found.what_is_wrong[0].statistic != 0
     if "would fit almost as well" in sentence_of(found):
-        assert f"drive next: {found.next_run[0].change}." in sentence_of(found)
+        assert f"Next: {found.next_run[0].change}." in sentence_of(found)
         assert "slip_sinkage" in found.next_run[0].separates
     assert found.sets[0].causes == ("slip_sinkage",)
     assert {"linearise", "whitening", "bagging", "held_out", "final"} <= set(found.stages_s)
