@@ -93,7 +93,7 @@ def test_one_sentence_leads_and_the_others_are_below(material):
     blocks = section_of(report, "glance").blocks
     texts = {block.kind: block.text for block in blocks if isinstance(block, Text)}
     assert texts["lead"].startswith("Slip sinkage explains the misfit") and texts["lead"].endswith(" m.")
-    assert texts["text"].startswith("On held-out runs") and "drive next" not in texts["text"]
+    assert texts["text"].startswith("On held-out runs") and "Next:" not in texts["text"]
     assert report.numbers()["sections"]["glance"]["sentence"] == sentence_of(found)
 
 

@@ -72,7 +72,7 @@ def test_a_look_alike_comes_with_the_run_that_would_split_it() -> None:
     said = named_words(alike, CHANCES)
     assert said.endswith("Next: a run with more load.")
     assert "p = m1 + m2 = 0.615 (0.58 to 0.64)" in said
-    assert "drive next" not in named_words(replace(alike, grounds=Grounds()), CHANCES)
+    assert "Next:" not in named_words(replace(alike, grounds=Grounds()), CHANCES)
 
 
 def test_an_error_that_grows_is_not_said_to_fall_by_less_than_nothing() -> None:
