@@ -11,12 +11,7 @@ from gram_support import column, world
 from daq.notes import Note
 from model.diagnosis.core.naming import Judgement, judgement
 from model.diagnosis.core.posterior import Posterior, candidates, likely_sets, short_set
-from model.diagnosis.core.result import (
-    Adequacy,
-    CauseSet,
-    Gain,
-    Scores,
-)
+from model.diagnosis.core.result import Adequacy, CauseSet, Gain, Scores
 from model.diagnosis.time_series.evidence import hypotheses
 from model.diagnosis.time_series.grams import Grams
 from model.notes import LackCode

@@ -24,7 +24,7 @@ class Entry(NamedTuple):
 
 
 COMMANDS: dict[str, Entry] = {
-    "demo": Entry("demo", "Simulate a vehicle and process its CAN frames end to end, up to a report."),
+    "demo": Entry("simulation", "Simulate a vehicle and process its CAN frames end to end, up to a report."),
     "doctor": Entry("logger", "Check whether this machine is ready to log the vehicle."),
     "log": Entry("logger", "Record the vehicle's buses until the time is up or Ctrl-C."),
     "zero": Entry("zero", "Determine a transducer's zero from a lifted wheel, and its drift."),
@@ -33,7 +33,7 @@ COMMANDS: dict[str, Entry] = {
     "info": Entry("recordings", "List the contents of a recording."),
     "recover": Entry("recordings", "Recover the readable part of a damaged recording."),
     "export": Entry("recordings", "Write decoded signals as Parquet, CSV or MAT."),
-    "simulate": Entry("simulate", "Drive a simulated instrumented vehicle over a soil."),
+    "simulate": Entry("simulation", "Drive a simulated instrumented vehicle over a soil."),
     "process": Entry("runs", "Bring a run onto one time base: slip, forces, quality."),
     "soil": Entry("soil", "Determine terrain parameters from plate and shear tests."),
     "fit": Entry("runs", "Fit Wong's model and three slip-sinkage laws."),

@@ -11,15 +11,7 @@ import typer
 
 from daq import ConfigError, Fault, number
 from wheelsoil.cli.console import check_output, counter, print_json, print_pairs, print_table, progress, say
-from wheelsoil.cli.options import (
-    Force,
-    Json,
-    LenientDbc,
-    Runs,
-    RunsFile,
-    Terrain,
-    Vehicle,
-)
+from wheelsoil.cli.options import Force, Json, LenientDbc, Runs, RunsFile, Terrain, Vehicle
 
 if TYPE_CHECKING:
     from wheelsoil.workflows.recording_summary import FileFacts

@@ -16,15 +16,7 @@ from numpy.typing import NDArray
 from model.diagnosis.time_series.columns import Columns, columns_of
 from model.diagnosis.time_series.evidence import box
 from model.diagnosis.time_series.grams import CauseColumn, Grams
-from model.diagnosis.time_series.linearise import (
-    Linear,
-    Point,
-    Simulation,
-    at_rest,
-    at_speed,
-    derivatives,
-    linearise,
-)
+from model.diagnosis.time_series.linearise import Linear, Point, Simulation, at_rest, at_speed, derivatives, linearise
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import joined, run_grams, whitened_rows
 

@@ -30,15 +30,7 @@ from model.diagnosis.core.result import (
 )
 from model.diagnosis.findings.adequacy import adequacy, excess, two_soils
 from model.diagnosis.findings.agreement import disagreement_notes, disagreements, other_forms, runs_of
-from model.diagnosis.findings.explained import (
-    Explained,
-    Fits,
-    LookAlike,
-    explain,
-    imitating,
-    look_alikes,
-    plot_data_of,
-)
+from model.diagnosis.findings.explained import Explained, Fits, LookAlike, explain, imitating, look_alikes, plot_data_of
 from model.diagnosis.findings.held_out import bagged, held_out
 from model.diagnosis.findings.isolability import detectable_in_runs
 from model.diagnosis.findings.proposal import propose_for
