@@ -81,7 +81,7 @@ def test_sizes_are_compared_where_the_form_is_the_same():
     assert other_form.parameters == ()
 
 
-def test_what_could_have_been_seen_is_told():
+def test_the_least_detectable_size_is_stated():
     found = replace(diagnosis("nothing_detectable"), minimum_detectable={"slope": Detectable("angle_rad", 0.05, "rad")})
     opened = open_envelope(Hidden("slope", {"angle_rad": 0.03}), found)
-    assert "found from angle_rad = 0.05 rad on" in opened.sentence
+    assert "detectable from angle_rad = 0.05 rad on" in opened.sentence
