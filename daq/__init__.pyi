@@ -38,8 +38,6 @@ from .errors import RecordingError as RecordingError
 from .errors import WheelsoilError as WheelsoilError
 from .errors import nearest as nearest
 from .formatting import file_name as file_name
-from .formatting import html_paragraph as html_paragraph
-from .formatting import html_table as html_table
 from .formatting import number as number
 from .formatting import probability as probability
 from .formatting import table_lines as table_lines

@@ -1,10 +1,9 @@
-"""Formatting of numbers, tables and file names for terminals and notebooks."""
+"""Formatting of numbers, tables and file names for people."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from html import escape
 from itertools import zip_longest
 from math import isfinite
 
@@ -71,30 +70,6 @@ def _pieces(text: str, width: int) -> list[str]:
             pieces.append("")
         pieces[-1] += rest
     return [piece.rstrip() for piece in pieces if piece.strip()]
-
-
-def html_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1, caption: str = "") -> str:
-    """Return a small HTML table; every text is escaped. Alignment as in `table_lines`; without `head` there is none."""
-    parts = ["<table>"]
-    if caption:
-        parts.append(f'<caption style="text-align:left">{escape(caption)}</caption>')
-    if head:
-        parts.append(f"<thead><tr>{_html_cells('th', head, left)}</tr></thead>")
-    parts += ["<tbody>", *(f"<tr>{_html_cells('td', row, left)}</tr>" for row in rows), "</tbody></table>"]
-    return "".join(parts)
-
-
-def _html_cells(tag: str, texts: Sequence[str], left: int) -> str:
-    sides = ("left" if i < left else "right" for i in range(len(texts)))
-    return "".join(
-        f'<{tag} style="text-align:{side};padding:.1em .7em .1em 0">{escape(text)}</{tag}>'
-        for text, side in zip(texts, sides, strict=True)
-    )
-
-
-def html_paragraph(text: str) -> str:
-    """Return an escaped text as a paragraph, or nothing of an empty one."""
-    return f"<p>{escape(text)}</p>" if text else ""
 
 
 def file_name(name: str, fallback: str = "run") -> str:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from html import escape
 from math import isfinite
 
-from daq import OUTPUTS, REACTIONS, ROLES, html_paragraph, html_table, number, probability
+from daq import OUTPUTS, REACTIONS, ROLES, number, probability
 from daq.runs import Run
 from model.diagnosis import Cause, Diagnosis, Gain
 from model.fit import CampaignFit
@@ -98,3 +100,27 @@ def _cause_rows(cause: Cause) -> list[list[str]]:
         interval = f"{number(low, 3)} .. {number(high, 3)}" if isfinite(low) and isfinite(high) else "-"
         rows.append([name, p.name, sure, number(p.value, 3), interval, "" if p.unit == "1" else p.unit])
     return rows
+
+
+def html_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1, caption: str = "") -> str:
+    """Return a small HTML table; texts are escaped. Aligned as in `daq.table_lines`; no head where `head` is empty."""
+    parts = ["<table>"]
+    if caption:
+        parts.append(f'<caption style="text-align:left">{escape(caption)}</caption>')
+    if head:
+        parts.append(f"<thead><tr>{_html_cells('th', head, left)}</tr></thead>")
+    parts += ["<tbody>", *(f"<tr>{_html_cells('td', row, left)}</tr>" for row in rows), "</tbody></table>"]
+    return "".join(parts)
+
+
+def html_paragraph(text: str) -> str:
+    """Return an escaped text as a paragraph, or nothing of an empty one."""
+    return f"<p>{escape(text)}</p>" if text else ""
+
+
+def _html_cells(tag: str, texts: Sequence[str], left: int) -> str:
+    sides = ("left" if i < left else "right" for i in range(len(texts)))
+    return "".join(
+        f'<{tag} style="text-align:{side};padding:.1em .7em .1em 0">{escape(text)}</{tag}>'
+        for text, side in zip(texts, sides, strict=True)
+    )

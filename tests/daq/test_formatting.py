@@ -1,12 +1,11 @@
 """Tables for people: they fit, and lose nothing."""
 
 import string
-from html.parser import HTMLParser
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.formatting import html_paragraph, html_table, number, table_lines
+from daq.formatting import number, table_lines
 
 words = st.text(string.ascii_letters + "_./ ", max_size=40).map(str.strip)
 
@@ -37,30 +36,5 @@ def test_columns_move_closer_before_anything_is_broken():
     assert table_lines(("a", "b"), [("1234567890", "1")], width=12) == ["a          b", "1234567890 1"]
 
 
-class Texts(HTMLParser):
-    """Collects tags and texts."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.texts: list[str] = []
-        self.feed(page)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-
-    def handle_data(self, data):
-        self.texts.append(data)
-
-
-@given(st.lists(st.text(min_size=1, max_size=20), min_size=2, max_size=2))
-def test_names_are_data_and_never_markup(row):
-    page = Texts(html_table(row, [row], caption=row[0]) + html_paragraph(row[1]))
-    assert set(page.tags) == {"table", "caption", "thead", "tr", "th", "tbody", "td", "p"}
-    expected = "".join([row[0], *row, *row, row[1]])
-    assert "".join(page.texts).replace("\r", "\n") == expected.replace("\r", "\n")
-
-
 def test_a_number_that_is_none():
     assert (number(float("nan")), number(12345.678), number(0.5, 2)) == ("-", "1.235e+04", "0.5")
-    assert html_paragraph("") == ""

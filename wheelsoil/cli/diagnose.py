@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, Fault
-from wheelsoil.cli.console import check_output, print_json, say, say_wrong_signs, terminal_width
+from wheelsoil.cli.console import check_output, print_json, say, terminal_width
 from wheelsoil.cli.options import (
     ChoiceFile,
     Force,
@@ -24,6 +24,7 @@ from wheelsoil.cli.options import (
     Where,
     ZeroFile,
     chosen,
+    processed_for,
 )
 
 if TYPE_CHECKING:
@@ -172,20 +173,8 @@ def _campaigns(
     lenient_dbc: bool,
 ) -> tuple[Campaign, ...]:
     from wheelsoil.workflows.diagnosis import campaigns_of
-    from wheelsoil.workflows.runs import open_and_process
 
-    vehicle, terrain, runs_file, zero = files
-    processed = open_and_process(
-        runs,
-        by_hand.process_options("diagnose"),
-        vehicle=vehicle,
-        terrain=terrain,
-        runs_file=runs_file,
-        zero=zero,
-        lenient_dbc=lenient_dbc,
-        choice=by_hand,
-    )
-    say_wrong_signs(processed)
+    processed = processed_for("diagnose", runs, files, by_hand, lenient_dbc=lenient_dbc)
     return campaigns_of(runs, processed, soil)
 
 

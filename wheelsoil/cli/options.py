@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,9 +13,12 @@ import typer
 from daq import ConfigError, Fault, VehicleConfig, parse_toml
 from daq.can import Database, load_database, messages_by_bus
 from daq.runs import VEHICLE_FILE, Collected, Configuration, terrain_from_file, vehicle_from_file
+from wheelsoil.cli.console import say_wrong_signs
 
 if TYPE_CHECKING:
     from daq import RunInfo
+    from daq.runs import Run
+    from processing import ProcessedRun
     from wheelsoil.workflows.choice import Choice
 
 
@@ -266,3 +269,37 @@ def page_token(file: Path | None) -> str | None:
             Fault("the file contains no token", str(file), next_step="write the token into it as one line")
         )
     return text
+
+
+def processed_for(
+    purpose: str,
+    runs: Sequence[Path],
+    files: tuple[Path | None, Path | None, Path | None, Path | None],
+    choice: Choice,
+    *,
+    lenient_dbc: bool,
+) -> list[tuple[Run, ProcessedRun]]:
+    """Open and process runs as a choice says, and report forces that seem to have the wrong sign (stderr).
+
+    Parameters
+    ----------
+    purpose : "fit", "diagnose", ...
+        Of the processing: what a run must hold.
+    files : tuple of (vehicle.toml, terrain.toml, runs.toml, zero.toml)
+        In place of those that the runs carry.
+    """
+    from wheelsoil.workflows.runs import open_and_process
+
+    vehicle, terrain, runs_file, zero = files
+    processed = open_and_process(
+        runs,
+        choice.process_options(purpose),
+        vehicle=vehicle,
+        terrain=terrain,
+        runs_file=runs_file,
+        zero=zero,
+        lenient_dbc=lenient_dbc,
+        choice=choice,
+    )
+    say_wrong_signs(processed)
+    return processed

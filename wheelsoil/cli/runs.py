@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq import REACTIONS, ConfigError, Fault, number
-from wheelsoil.cli.console import check_output, print_json, print_pairs, print_table, say, say_folded, say_wrong_signs
+from wheelsoil.cli.console import check_output, print_json, print_pairs, print_table, say, say_folded
 from wheelsoil.cli.options import (
     Channels,
     ChoiceFile,
@@ -30,6 +30,7 @@ from wheelsoil.cli.options import (
     Where,
     ZeroFile,
     chosen,
+    processed_for,
 )
 
 if TYPE_CHECKING:
@@ -200,21 +201,9 @@ def _fit_runs(
     lenient_dbc: bool,
 ) -> CampaignFit:
     from wheelsoil.workflows.fit import fit_runs
-    from wheelsoil.workflows.runs import open_and_process
 
     choices = by_hand.fit_choices(extended)
-    vehicle, terrain, runs_file, zero = files
-    processed = open_and_process(
-        runs,
-        by_hand.process_options(choices.purpose),
-        vehicle=vehicle,
-        terrain=terrain,
-        runs_file=runs_file,
-        zero=zero,
-        lenient_dbc=lenient_dbc,
-        choice=by_hand,
-    )
-    say_wrong_signs(processed)
+    processed = processed_for(choices.purpose, runs, files, by_hand, lenient_dbc=lenient_dbc)
     return fit_runs(processed, choices, soil)
 
 
