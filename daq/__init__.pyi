@@ -1,3 +1,7 @@
+from .arrays import BoolArray as BoolArray
+from .arrays import FloatArray as FloatArray
+from .arrays import IndexArray as IndexArray
+from .arrays import IntArray as IntArray
 from .channels import CHANNELS as CHANNELS
 from .channels import INPUTS as INPUTS
 from .channels import ON_TIME_BASE as ON_TIME_BASE

@@ -10,9 +10,7 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
+from daq.arrays import FloatArray, IntArray
 from daq.data_frames import data_frame
 from daq.units import Quantity, unit_suffix, unit_text
 
@@ -45,7 +43,6 @@ class ChannelDefinition:
         Name in ``[signals]`` of vehicle.toml, in findings and in JSON.
     quantities : tuple of Quantity
         What its signal may measure; the first one is what it is converted to.
-    use : Use
     key : str
         Short name on the command line and in a fit or diagnosis; only inputs and outputs have one.
     required : bool
@@ -149,8 +146,8 @@ class Channel:
 
     name: str
     unit: str
-    time_ns: NDArray[np.int64]
-    values: NDArray[np.float64]
+    time_ns: IntArray
+    values: FloatArray
     labels: dict[int, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

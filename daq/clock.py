@@ -18,12 +18,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq.arrays import FloatArray, IntArray
 from daq.errors import DataError, Fault
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _DAY_S = 86_400.0
 _TUKEY = 4.685

@@ -208,7 +208,6 @@ def parse_toml(text: str, kind: type[ConfigT], where: str) -> ConfigT:
 
     Parameters
     ----------
-    text : str
     kind : VehicleConfig, TerrainConfig, RunsConfig or another checked model
     where : str
         Name of the file or attachment, for messages.

@@ -15,12 +15,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq.arrays import BoolArray, IntArray
 from daq.can.frames import FrameBatch, FrameFlag
 from daq.notes import Note, RecordingCode
-
-IntArray = NDArray[np.int64]
 
 _TRIES = 7
 _GOOD_BRACKET_NS = 2_000
@@ -71,7 +69,6 @@ class Offset:
 
     Attributes
     ----------
-    offset_ns : int
     from_ns, until_ns : int
         When the previous one was last observed; when the next one was first observed.
     observed_ns : int
@@ -187,7 +184,6 @@ class StampTracker:
 
     Parameters
     ----------
-    clock : HostClock
     name : str
         The source's.
     """
@@ -244,7 +240,7 @@ class StampTracker:
             batch.frames["flags"][uncertain] |= np.uint8(FrameFlag.UNCERTAIN_TIME)
         return batch
 
-    def _matched(self, stamps: IntArray, offsets: tuple[Offset, ...], now: int) -> tuple[IntArray, NDArray[np.bool_]]:
+    def _matched(self, stamps: IntArray, offsets: tuple[Offset, ...], now: int) -> tuple[IntArray, BoolArray]:
         """Return monotonic times and whether they are uncertain; of several that fit, the earliest."""
         tried = stamps - np.array([[one.offset_ns] for one in offsets])
         earliest = [[max(self._empty_ns, one.from_ns) - EARLY_NS] for one in offsets]
@@ -290,7 +286,7 @@ class UncertainTimestamps:
             return ()
         return (Note(RecordingCode.CLOCK_SET, values={"count": self.frames, "within_s": self.within_s}),)
 
-    def _take_bus(self, bus: str, time_ns: NDArray[np.int64], uncertain: NDArray[np.bool_]) -> None:
+    def _take_bus(self, bus: str, time_ns: IntArray, uncertain: BoolArray) -> None:
         sure, flagged = np.flatnonzero(~uncertain), np.flatnonzero(uncertain)
         if len(sure) and bus in self._waiting_ns:
             self._bound(time_ns[sure[:1]] - self._waiting_ns.pop(bus))
@@ -300,5 +296,5 @@ class UncertainTimestamps:
         if not followed.all():
             self._waiting_ns.setdefault(bus, int(time_ns[flagged[~followed]].min()))
 
-    def _bound(self, apart_ns: NDArray[np.int64]) -> None:
+    def _bound(self, apart_ns: IntArray) -> None:
         self._within_ns = max(self._within_ns, int(apart_ns.max(initial=0)))

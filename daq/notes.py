@@ -27,7 +27,6 @@ class Note:
     ----------
     code : str
         Which fact: a member of one of the rooms' lists of codes.
-    severity : Severity
     values : mapping str -> Any
         Numbers and names of the sentence, each number's unit at the end of its name.
     runs : tuple of str

@@ -54,12 +54,10 @@ class ExtendedModel:
 
     Attributes
     ----------
-    wheel : Wheel
     tyre : "smooth", "lugged" or ""
     soil : Soil
         As the data leave it.
     soil_sigmas : mapping name of `SOIL_PARAMETERS` -> one-sigma
-    effects : tuple of ExtendedEffect
     reading : "balanced" or "literal"
     provenance : mapping str -> str, float or tuple of str
         Where it comes from: runs, verdict, probability, gain.
@@ -121,7 +119,6 @@ class ExtendedModel:
 
         Parameters
         ----------
-        raw : mapping
         where : str
             Name of the file, for messages.
 

@@ -16,8 +16,6 @@ from .processed_run import SensorFacts as SensorFacts
 from .processed_run import Standstill as Standstill
 from .processed_run import block_of as block_of
 from .processed_run import units_of as units_of
-from .timebase import FloatArray as FloatArray
-from .timebase import IntArray as IntArray
 from .timebase import in_order as in_order
 from .timebase import interpolate as interpolate
 from .timebase import merge_equal_stamps as merge_equal_stamps

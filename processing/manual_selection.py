@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import ConfigError, Fault
+from daq import ConfigError, Fault, FloatArray
 from processing.pipeline.quality import shares_of
 from processing.processed_run import ProcessedRun, Reason
 
@@ -27,7 +27,6 @@ def keep_only(run: ProcessedRun, keep: Sequence[Interval], where: str = "") -> P
 
     Parameters
     ----------
-    run : ProcessedRun
     keep : sequence of (from, to)
         Seconds since the time base begins; both ends belong to it.
     where : str
@@ -62,7 +61,7 @@ def check_within(keep: Sequence[Interval], end_s: float, where: str = "") -> Non
         raise ConfigError(*(_beyond(interval, end_s, where) for interval in beyond))
 
 
-def with_by_hand(reason: NDArray[np.uint8], time_s: NDArray[np.float64], keep: Sequence[Interval]) -> NDArray[np.uint8]:
+def with_by_hand(reason: NDArray[np.uint8], time_s: FloatArray, keep: Sequence[Interval]) -> NDArray[np.uint8]:
     """Return the reasons, shape (n,), with used samples outside `keep` left out by hand."""
     inside = np.zeros(len(time_s), np.bool_)
     for first, last in keep:

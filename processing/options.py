@@ -90,7 +90,6 @@ def require_roles(available: Iterable[str], purpose: str, *, rotating: bool = Fa
 
     Parameters
     ----------
-    available : iterable of str
     purpose : str
         Key of `NEEDED_ROLES`.
     rotating : bool

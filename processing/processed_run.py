@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import ON_TIME_BASE, Note, RunInfo, Use, data_frame
+from daq import ON_TIME_BASE, BoolArray, FloatArray, IntArray, Note, RunInfo, Use, data_frame
 
 if TYPE_CHECKING:
     import pandas as pd
-
-FloatArray = NDArray[np.float64]
 
 
 class Segment(IntEnum):
@@ -89,7 +87,6 @@ class Standstill:
 
     Attributes
     ----------
-    start_s, duration_s : float
     levels, sigmas : mapping role -> float
         Median of drawbar pull, torque, load and ground speed, and its one-sigma, SI.
     """
@@ -142,7 +139,6 @@ class QualityReport:
     notes : tuple of Note
         See `processing.notes.RunCode`.
     sensors : mapping role -> SensorFacts
-    standstills : tuple of Standstill
     zeros : mapping role -> AppliedZero
         Empty where none was taken off.
     transducer_status : mapping str -> int
@@ -179,11 +175,8 @@ class ProcessedRun:
 
     Attributes
     ----------
-    run : RunInfo
-    rate_hz : float
     cutoff_hz : float
         Of the zero-phase filter that every channel passed.
-    wheel_radius_m : float
     time_s : since the first sample; ``start_ns`` is its UTC time.
     reason : uint8, see `Reason`; ``segment`` : uint8, see `Segment`.
     latitude_deg, longitude_deg : NaN without position.
@@ -225,7 +218,7 @@ class ProcessedRun:
         return len(self.time_s)
 
     @property
-    def used(self) -> NDArray[np.bool_]:
+    def used(self) -> BoolArray:
         """Samples that have no reason to be left out."""
         return np.asarray(self.reason == Reason.USED)
 
@@ -255,7 +248,7 @@ class ProcessedRun:
         return frame
 
 
-Column = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]
+Column = FloatArray | IntArray | NDArray[np.str_]
 
 UNITS = {
     "slip": "1",

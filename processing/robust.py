@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from processing.timebase import FloatArray
+from daq import FloatArray
 
 _TUKEY = 4.685
 _MAD_TO_SIGMA = 1.4826
@@ -42,7 +42,6 @@ def robust_linear(
     matrix : float64 array, shape (n, k)
     y : float64 array, shape (n,)
     start : float64 array, shape (k,), optional
-    iterations : int
     """
     unit, norm = _unit_columns(matrix)
     weights = np.ones(len(y)) if start is None else _bisquare(y - matrix @ start)

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import DataError, Fault
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from daq import DataError, Fault, FloatArray, IntArray
 
 LATE_NS = 100_000_000
 """A stamp this much behind its predecessor is a step of the clock or a rogue, not a frame that queued."""
@@ -117,7 +113,6 @@ def make_time_base(spans_ns: dict[str, tuple[int, int]], rate_hz: float) -> tupl
     ----------
     spans_ns : mapping role -> (first, last)
         First and last stamp of each channel that a sample needs, latency removed.
-    rate_hz : float
 
     Returns
     -------

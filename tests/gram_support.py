@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import FloatArray
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.grams import CauseColumn, Grams
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

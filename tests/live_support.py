@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from daq import FloatArray
 from daq.logger.snapshot import SNAPSHOT_SCHEMA
 from daq.runs.open import open_runs
 from daq.runs.run import Run
-from processing.timebase import FloatArray
 
 SAMPLE = Path(__file__).parents[1] / "recordings" / "clay" / "run-1.mcap"
 TRACED = ("drawbar_pull", "wheel_speed", "ground_speed", "vertical_load", "driving_torque")

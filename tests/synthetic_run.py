@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import FloatArray
 from daq.channels import Channel
 from daq.config import SensorSection, VehicleConfig, WheelSection
 
-FloatArray = NDArray[np.float64]
 Signal = Callable[[FloatArray], FloatArray]
 
 START_NS = 1_700_000_000_000_000_000

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import FloatArray
 from daq.can.bits import Message
 from daq.can.databases import load_database, shipped_dbc
 from daq.can.encoding import encode, merge
 from daq.can.frames import FrameBatch
 from daq.recording import RecordingWriter
 
-FloatArray = NDArray[np.float64]
 START_NS = 1_780_000_000_000_000_000
 GRAVITY = 9.80665
 RATE_HZ = 1000.0

@@ -35,14 +35,12 @@ class Signal:
 
     Attributes
     ----------
-    name : str
     unit : str
         As written, ``""`` where there is none.
     start_bit, length_bits : int
         As written: `start_bit` is the lowest bit of an Intel signal, the highest of a Motorola one.
     big_endian : bool
         Motorola byte order.
-    kind : RawKind
     scale, offset : int or float
         physical = raw * scale + offset; integers where both are whole (then the arithmetic is exact).
     minimum, maximum : float or None
@@ -94,14 +92,10 @@ class Message:
 
     Attributes
     ----------
-    name : str
     can_id : int
         The bare 11- or 29-bit identifier.
-    extended : bool
     length : int
         Bytes; 0 to 64, more for J1939 multi-packet messages (of which only single frames are decoded).
-    signals : tuple of Signal
-    cycle_time_s : float or None
     j1939 : bool
         The identifier stands for its parameter group: priority and source address are free.
     fd : bool
@@ -149,8 +143,6 @@ class BitField:
         Bits of the container below the field's lowest bit.
     length : int
         Bits of the field.
-    big_endian : bool
-    kind : RawKind
     spill : int
         Bits of the field that lie in the byte behind the container.
     end_byte : int
@@ -195,7 +187,6 @@ def read_raw(field: BitField, data: NDArray[np.uint8]) -> NDArray[Any]:
 
     Parameters
     ----------
-    field : BitField
     data : uint8 array, shape (n, width), bytes of a row side by side
         ``width`` must be at least the field's ``end_byte``.
 
@@ -228,7 +219,6 @@ def write_raw(field: BitField, data: NDArray[np.uint8], raw: NDArray[np.uint64])
 
     Parameters
     ----------
-    field : BitField
     data : uint8 array, shape (n, width), bytes of a row side by side
     raw : uint64 array, shape (n,)
         Two's complement or IEEE bits, already cut to the field's length.

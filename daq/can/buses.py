@@ -16,7 +16,6 @@ def load_for_vehicle(vehicle: VehicleConfig, folder: Path, *, lenient: bool = Fa
 
     Parameters
     ----------
-    vehicle : VehicleConfig
     folder : Path
         Where relative names start (the folder of vehicle.toml); a bare name that is not there may be a shipped one.
     lenient : bool

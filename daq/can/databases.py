@@ -31,8 +31,6 @@ class BadLine:
     ----------
     number : int
         Counted from 1.
-    text : str
-    why : str
     end : int
         Last line of what must go with it (the block of a message, a statement of several lines).
     """
@@ -179,7 +177,6 @@ class Database:
         File name, for people and for the attachment of a recording.
     content : bytes
         The file as it was read.
-    messages : tuple of Message
     left_out : tuple of str
         What a lenient load left out or let pass, a sentence each; empty after a strict load.
     lenient : bool

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.arrays import BoolArray
 from daq.can.bits import BitField, Message, RawKind, Signal, bit_field, read_raw
 
 _EXACT = 1 << 53
@@ -20,7 +21,7 @@ class Selection:
 
     needs: tuple[tuple[BitField, NDArray[Any]], ...]
 
-    def mask(self, data: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    def mask(self, data: NDArray[np.uint8]) -> BoolArray:
         """Return which payloads are selected."""
         masks = []
         for field, ids in self.needs:
@@ -35,8 +36,6 @@ class SignalPlan:
 
     Attributes
     ----------
-    signal : Signal
-    field : BitField
     integer : bool
         Scale in 64-bit integers, as the result may exceed what a double holds exactly.
     selection : Selection or None

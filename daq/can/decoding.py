@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.arrays import BoolArray, FloatArray, IntArray
 from daq.can.bits import Message, read_raw
 from daq.can.buses import messages_by_bus
 from daq.can.databases import Database
@@ -128,7 +129,7 @@ class _Columns:
         ]
 
 
-def _decode_block(frames: FrameArray, codes: NDArray[Any], counts: NDArray[np.int64], columns: list[_Columns]) -> None:
+def _decode_block(frames: FrameArray, codes: NDArray[Any], counts: IntArray, columns: list[_Columns]) -> None:
     """Sort the frames by message once, while they are in the cache; then every field is a strided view."""
     grouped = frames.take(np.argsort(codes, kind="stable")[counts[UNKNOWN] :])
     ends = np.cumsum(counts) - counts[UNKNOWN]
@@ -141,10 +142,10 @@ def _fill(
     plans: Sequence[SignalPlan],
     data: NDArray[np.uint8],
     length: NDArray[np.uint8],
-    columns: NDArray[np.float64],
+    columns: FloatArray,
 ) -> None:
     shortest = length.min(initial=255)
-    masks: dict[int, NDArray[np.bool_]] = {}
+    masks: dict[int, BoolArray] = {}
     for plan, out in zip(plans, columns, strict=True):
         if plan.never or plan.end_byte > data.shape[1]:
             out[:] = np.nan
@@ -159,7 +160,7 @@ def _fill(
             out[length < plan.end_byte] = np.nan
 
 
-def _scale(plan: SignalPlan, raw: NDArray[Any], out: NDArray[np.float64]) -> None:
+def _scale(plan: SignalPlan, raw: NDArray[Any], out: FloatArray) -> None:
     scale, offset = plan.signal.scale, plan.signal.offset
     if plan.integer:
         out[:] = raw.astype(np.int64) * scale + offset

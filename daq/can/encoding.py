@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from daq.arrays import BoolArray, FloatArray
 from daq.can.bits import Message, RawKind, Signal, write_raw
 from daq.can.decode_plan import SignalPlan, compile_plan
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, FrameFlag, concatenate
@@ -25,7 +26,6 @@ class Encoded:
 
     Attributes
     ----------
-    frames : FrameBatch
     saturated : mapping str -> int
         Samples per signal that lay beyond its raw range and were cut to it.
     missing : mapping str -> int
@@ -42,17 +42,11 @@ def encode(message: Message, values: Mapping[str, ArrayLike], time_ns: ArrayLike
 
     Parameters
     ----------
-    message : Message
     values : mapping of signal name to array, shape (n,), or number
         Physical values; rounded to the nearest raw value (halves to even, as cantools does). A signal that is not
         named is sent as raw 0; a multiplexed one only in frames whose multiplexer selects it.
     time_ns : int64 array, shape (n,)
         UTC nanoseconds.
-    bus : str
-
-    Returns
-    -------
-    Encoded
 
     Raises
     ------
@@ -91,14 +85,13 @@ def merge(batches: Sequence[FrameBatch]) -> FrameBatch:
     return FrameBatch(joined.frames.take(np.argsort(joined.frames["time_ns"], kind="stable")), joined.buses)
 
 
-def rolling_counter(count: int, signal: Signal, start: int = 0) -> NDArray[np.float64]:
+def rolling_counter(count: int, signal: Signal, start: int = 0) -> FloatArray:
     """Return the values of a counter that wraps at the signal's range.
 
     Parameters
     ----------
     count : int
         How many.
-    signal : Signal
     start : int
         Raw value of the first.
     """
@@ -129,7 +122,7 @@ def _outer_first(plans: Mapping[str, SignalPlan]) -> list[SignalPlan]:
     return sorted(carried, key=lambda plan: len(plan.selection.needs) if plan.selection else 0)
 
 
-def _to_raw(signal: Signal, values: NDArray[np.float64]) -> tuple[NDArray[np.uint64], NDArray[np.bool_]]:
+def _to_raw(signal: Signal, values: FloatArray) -> tuple[NDArray[np.uint64], BoolArray]:
     """Return the bits of each value in the low end of a word, and which values were cut to the raw range."""
     with np.errstate(divide="ignore", invalid="ignore"):  # a DBC may give the scale 0
         scaled = (values - float(signal.offset)) / float(signal.scale)
@@ -149,6 +142,6 @@ def _to_raw(signal: Signal, values: NDArray[np.float64]) -> tuple[NDArray[np.uin
     return words & np.uint64((1 << signal.length_bits) - 1), cut
 
 
-def _count(name: str, rows: NDArray[np.bool_]) -> dict[str, int]:
+def _count(name: str, rows: BoolArray) -> dict[str, int]:
     number = int(np.count_nonzero(rows))
     return {name: number} if number else {}

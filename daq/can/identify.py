@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.arrays import BoolArray, IndexArray
 from daq.can.bits import Message
 from daq.can.buses import messages_by_bus
 from daq.can.databases import Database
@@ -109,7 +110,7 @@ def _extended_codes(table: _BusTable, ids: NDArray[np.uint32]) -> NDArray[np.uin
 
 def _codes_of(
     known: NDArray[np.uint32], codes: NDArray[np.uint16], wanted: NDArray[np.uint32]
-) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
+) -> tuple[NDArray[np.uint16], BoolArray]:
     if not len(known):
         return np.zeros(len(wanted), np.uint16), np.zeros(len(wanted), np.bool_)
     place = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
@@ -187,7 +188,6 @@ def coverage(batch: FrameBatch, databases: Mapping[str, Sequence[Database]]) -> 
 
     Parameters
     ----------
-    batch : FrameBatch
     databases : mapping of bus name to its databases
 
     Returns
@@ -215,7 +215,7 @@ def coverage(batch: FrameBatch, databases: Mapping[str, Sequence[Database]]) -> 
     return _coverage(counts, errors, remotes)
 
 
-def _one_of_each(frames: FrameArray) -> tuple[FrameArray, NDArray[np.intp]]:
+def _one_of_each(frames: FrameArray) -> tuple[FrameArray, IndexArray]:
     """Return a frame of each identifier and bus, and how many there are of it."""
     flag = int(FrameFlag.EXTENDED)
     bus, can_id, extended = frames["bus"].astype(np.int64), frames["can_id"], (frames["flags"] & flag) != 0

@@ -24,7 +24,6 @@ def frames_from_messages(
 
     Parameters
     ----------
-    messages : sequence of can.Message
     time_ns : sequence of int
         UTC nanoseconds of each.
     bus_of : callable

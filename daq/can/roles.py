@@ -28,7 +28,6 @@ class SignalRef:
 
     Attributes
     ----------
-    role : str
     bus, message, signal : str
         `message` as `daq.can.buses.messages_by_bus` names it.
     unit : str

@@ -109,14 +109,12 @@ def log(
 
     Parameters
     ----------
-    vehicle : VehicleConfig
     out : str or Path
         The recording (``*.mcap``), or a folder. In a folder the recording is named after the run's id, else after the
         vehicle and the time; and where the newest recording of this vehicle was cut off in the last ten minutes, and
         no other run is asked for, that one goes on.
     duration_s : float, optional
         Without it, until a signal.
-    run : RunInfo, optional
     wait : bool
         Begin between runs: what comes before the panel's first start goes into the folder ``between``.
     attachments : mapping str -> bytes, optional

@@ -72,7 +72,6 @@ class Task:
         Were recorded before `batches`, and are only counted.
     now_ns : int
         File time.
-    host : HostStatus
     """
 
     batches: list[FrameBatch]
@@ -87,7 +86,6 @@ class Findings:
 
     Attributes
     ----------
-    report : HealthReport
     decoded : mapping (bus, "Message.Signal") -> Channel
     traces : mapping role -> samples
     """
@@ -102,7 +100,6 @@ class Inspection:
 
     Parameters
     ----------
-    vehicle : VehicleConfig
     traced : VehicleConfig
         The same with only those roles that can be resolved.
     databases : mapping bus -> databases

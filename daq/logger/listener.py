@@ -115,10 +115,6 @@ class Listener(threading.Thread):
     ----------
     number : int
         Position of the bus among `buses`.
-    source : ReconnectingSource
-    buses : tuple of str
-    clock : HostClock
-    queue : ByteQueue
     stop : threading.Event
         Ends it, when the source is empty.
 

@@ -93,7 +93,6 @@ class RecorderOptions:
 
     Attributes
     ----------
-    vehicle : VehicleConfig
     folder : Path
         Of the runs; what comes between them goes into a folder in it.
     attachments, metadata
@@ -114,7 +113,6 @@ class Recorder:
 
     Parameters
     ----------
-    options : RecorderOptions
     clock : HostClock
         Of the session.
     run : RunFiles or None

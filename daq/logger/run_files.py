@@ -136,7 +136,6 @@ class RunFiles:
         File of the run's first part.
     part : int
         Number of the part to begin with.
-    run : RunInfo
     remark : str
         A remark on the choice for the user; may be empty.
     """

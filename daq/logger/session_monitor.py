@@ -129,13 +129,10 @@ class LogSummary:
     losses : dict of str to int
         Everything that was lost: ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>`` (the rolling counter
         jumped) and ``missing.<bus>.<message>`` (against the learned rate).
-    duration_s : float
     ended_by : str
         ``"duration"``, ``"signal"`` (see `signal_number`), ``"stop"`` or ``"disk"``: it is full, or failed.
-    signal_number : int or None
     faults : tuple of Fault
         Of the disk, and of the buses that were down at the end.
-    remarks : tuple of str
     """
 
     path: Path

@@ -36,7 +36,6 @@ class Traces:
 
     Parameters
     ----------
-    vehicle : VehicleConfig
     databases : mapping bus -> databases
 
     Raises
@@ -90,10 +89,8 @@ class RunState:
     Attributes
     ----------
     state : {"recording", "between", "stopping"}
-    id, file : str
     since_s : float
         How long it has lasted.
-    part, frames, size_bytes : int
     """
 
     state: str
@@ -111,24 +108,19 @@ class SessionState:
 
     Attributes
     ----------
-    vehicle : VehicleConfig
     file_ns : int
         Time now, as the file tells it.
     session_ns, started_ns : int
         Time now and when the logger started, on the session's time base.
-    run : RunState
     report : HealthReport or None
         The last one; None before the first.
     host : HostStatus
         Now.
-    disk : DiskState
     reasons : tuple of Reason
         What the logger itself has to say, beside the report.
     traces : mapping role -> samples
         Since the last snapshot.
     losses : mapping str -> int
-    marks : tuple of Event
-    remarks : tuple of str
     """
 
     vehicle: VehicleConfig

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from daq.arrays import IndexArray
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag
 from daq.can.messages import FD_LENGTHS
 from daq.errors import Fault, RecordingError
@@ -63,7 +64,7 @@ _FIRST_BYTES = np.array([(1 << 8 * count) - 1 for count in range(9)], np.uint64)
 _LENGTH_OF_DLC = np.array(FD_LENGTHS, np.uint8)
 
 
-def structures(text: NDArray[np.uint8], starts: NDArray[np.intp], layout: np.dtype[np.void]) -> FrameArray:
+def structures(text: NDArray[np.uint8], starts: IndexArray, layout: np.dtype[np.void]) -> FrameArray:
     """Return the structures at `starts`; what lies beyond the end of `text` is zero."""
     size = layout.itemsize
     if not len(starts):
@@ -78,7 +79,7 @@ def structures(text: NDArray[np.uint8], starts: NDArray[np.intp], layout: np.dty
 
 
 def frames_of(
-    text: NDArray[np.uint8], starts: NDArray[np.intp], start_ns: int, done: int, report: LogReport
+    text: NDArray[np.uint8], starts: IndexArray, start_ns: int, done: int, report: LogReport
 ) -> Iterator[FrameBatch]:
     """Yield the objects that are CAN frames (at most one batch); `done` bytes came before `text`."""
     header = structures(text, starts, HEADER)
@@ -126,7 +127,7 @@ def _different(column: NDArray[np.int32] | NDArray[np.uint32] | NDArray[np.uint1
     return found
 
 
-def _head_size(version: NDArray[np.uint16]) -> NDArray[np.intp]:
+def _head_size(version: NDArray[np.uint16]) -> IndexArray:
     """Return the size of object headers, 0 for a version that nobody has described."""
     different = _different(version)
     sizes = np.full(len(version), _HEADER_SIZES.get(different[0], 0) if different else 0, np.intp)
@@ -142,9 +143,7 @@ def _least_size(kind: int) -> int:
     return layout.fields["data"][1] if kind in _FD_KINDS else layout.itemsize
 
 
-def _data_bytes(
-    rows: FrameArray, kind: int, size: NDArray[np.intp], head_size: NDArray[np.intp]
-) -> NDArray[np.uint8] | int:
+def _data_bytes(rows: FrameArray, kind: int, size: IndexArray, head_size: IndexArray) -> NDArray[np.uint8] | int:
     """Return how many bytes of data there are in objects with `size` bytes after the header.
 
     The valid bytes of a CAN_FD_MESSAGE_64 may be more than that; CANoe pads with zeros (python-can issue 1905).
@@ -206,7 +205,7 @@ _GROUP_BYTES = 1 << 20
 _LARGEST_BYTES = 64 << 20
 _PADDING = 4
 
-Places = NDArray[np.intp]
+Places = IndexArray
 
 
 def read_blf(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from daq.arrays import BoolArray, IndexArray, IntArray
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag
 from daq.errors import DataError, Fault, RecordingError
 from daq.logs.report import LogReport
@@ -40,7 +41,7 @@ _LAST_SECOND = 9_000_000_000
 _SHAPES_A_LENGTH = 8
 
 Bytes2D = NDArray[np.uint8]
-Rows = NDArray[np.intp]
+Rows = IndexArray
 """Line numbers within a block, ascending."""
 Part = tuple[Rows, str, FrameArray]
 """Frames of one shape: the rows they come from, their bus, and themselves."""
@@ -165,7 +166,7 @@ def _largest_nibbles(match: re.Match[bytes]) -> NDArray[np.uint8]:
     return largest
 
 
-def _columns(nibbles: Bytes2D, match: re.Match[bytes]) -> tuple[FrameArray, NDArray[np.bool_]]:
+def _columns(nibbles: Bytes2D, match: re.Match[bytes]) -> tuple[FrameArray, BoolArray]:
     """Return the frames of equally shaped lines, and which of them are possible."""
     is_fd, is_remote = match["fd"] is not None, match["remote"] is not None
     frames = np.zeros(len(nibbles), FD_DTYPE if is_fd else CLASSIC_DTYPE)
@@ -193,7 +194,7 @@ def _columns(nibbles: Bytes2D, match: re.Match[bytes]) -> tuple[FrameArray, NDAr
     return frames, (seconds < _LAST_SECOND) & (can_id < 2 * _ERROR_BIT if extended else can_id <= 0x7FF)
 
 
-def _number(nibbles: Bytes2D, span: tuple[int, int], base: int) -> NDArray[np.int64]:
+def _number(nibbles: Bytes2D, span: tuple[int, int], base: int) -> IntArray:
     """Return the numbers in some columns; four digits at a time fit 16 bits, which is quicker."""
     total = np.zeros(len(nibbles), np.int64)
     for start in range(span[0], span[1], 4):
@@ -245,7 +246,6 @@ def write_candump(batches: Iterable[FrameBatch], path: str | Path) -> int:
 
     Parameters
     ----------
-    batches : iterable of FrameBatch
     path : str or Path
         A file that is there is replaced.
 
@@ -319,12 +319,12 @@ def _lines(frames: FrameArray, buses: tuple[str, ...]) -> Characters:
     return np.concatenate([_broadcast(piece, len(frames)) for piece in pieces], axis=1)
 
 
-def _digits(values: NDArray[np.int64], count: int) -> Characters:
+def _digits(values: IntArray, count: int) -> Characters:
     powers = 10 ** np.arange(count - 1, -1, -1)
     return (values[:, None] // powers % 10 + ord("0")).astype(np.uint8)
 
 
-def _hexadecimal(values: NDArray[np.int64], count: int) -> Characters:
+def _hexadecimal(values: IntArray, count: int) -> Characters:
     characters: Characters = _HEX[values[:, None] >> 4 * np.arange(count - 1, -1, -1) & 15]
     return characters
 

@@ -63,12 +63,10 @@ def import_logs(
         The recording to write.
     known : Configuration
         What goes along: vehicle, terrain, DBCs.
-    run : RunInfo
     rename_buses : mapping, optional
         Name of a bus in the log to the name that vehicle.toml has for it.
     view_rate_hz : float or None
         Rate of the decoded topics; None: raw frames only.
-    overwrite : bool
     watch : callable, optional
         Called with the number of frames after each batch.
 

@@ -20,7 +20,6 @@ class LogReport:
 
     Attributes
     ----------
-    path, format : str
     frames : int
         Frames read so far.
     absolute_time : bool or None

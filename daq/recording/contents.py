@@ -49,7 +49,6 @@ class Loss:
 
     Attributes
     ----------
-    what : str
     at_byte, byte_count : int
         Where; both 0 for what is no place in the file.
     """

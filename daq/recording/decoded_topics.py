@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.arrays import FloatArray, IndexArray, IntArray
 from daq.can.buses import messages_by_bus
 from daq.can.databases import Database
 from daq.can.frames import joined
@@ -56,8 +57,6 @@ class DecodedTopics:
 
     Parameters
     ----------
-    sink : McapSink
-    names : TopicNames
     rate_hz : float or None
         Samples are thinned to this rate; None: all are kept.
     """
@@ -73,10 +72,10 @@ class DecodedTopics:
         self,
         message: str,
         bus: str,
-        time_ns: NDArray[np.int64],
-        signals: Mapping[str, NDArray[np.float64]],
+        time_ns: IntArray,
+        signals: Mapping[str, FloatArray],
         units: Mapping[str, str],
-        publish_ns: NDArray[np.int64],
+        publish_ns: IntArray,
     ) -> None:
         """Gather samples of a DBC message; see `RecordingWriter.write_decoded`."""
         topic = self._topics.get((bus, message)) or self._new_topic(message, bus, units)
@@ -91,10 +90,10 @@ class DecodedTopics:
     def write_position(
         self,
         bus: str,
-        time_ns: NDArray[np.int64],
-        latitude_deg: NDArray[np.float64],
-        longitude_deg: NDArray[np.float64],
-        altitude_m: NDArray[np.float64] | None,
+        time_ns: IntArray,
+        latitude_deg: FloatArray,
+        longitude_deg: FloatArray,
+        altitude_m: FloatArray | None,
     ) -> None:
         """Gather positions; see `RecordingWriter.write_position`."""
         topic = self._topics.get((bus, None))
@@ -130,7 +129,7 @@ class DecodedTopics:
             topic.pending.append(records)
             self.pending_bytes += records.nbytes
 
-    def _thinned(self, topic: _Topic, time_ns: NDArray[np.int64]) -> NDArray[np.intp]:
+    def _thinned(self, topic: _Topic, time_ns: IntArray) -> IndexArray:
         """Return the rows to keep: all where the rate allows, else the first of each period."""
         rows = np.arange(len(time_ns))
         if self._rate_hz is None or not len(rows):
@@ -148,9 +147,7 @@ class DecodedTopics:
         return rows
 
 
-def _check(
-    message: str, layout: DecodedLayout, time_ns: NDArray[np.int64], signals: Mapping[str, NDArray[np.float64]]
-) -> None:
+def _check(message: str, layout: DecodedLayout, time_ns: IntArray, signals: Mapping[str, FloatArray]) -> None:
     faults = [
         Fault(f"{message} has no signal {name!r}", expected=nearest(name, layout.signals))
         for name in signals
@@ -178,8 +175,6 @@ class Topics:
 
     Attributes
     ----------
-    decoded : DecodedTopics
-    host : HostTopics
     chunk_bytes : int
         Uncompressed size at which a chunk is written.
     tick : callable
@@ -210,17 +205,16 @@ class TopicWriter(ABC):
         self,
         message: str,
         bus: str,
-        time_ns: NDArray[np.int64],
-        signals: Mapping[str, NDArray[np.float64]],
+        time_ns: IntArray,
+        signals: Mapping[str, FloatArray],
         units: Mapping[str, str],
         *,
-        publish_ns: NDArray[np.int64] | None = None,
+        publish_ns: IntArray | None = None,
     ) -> None:
         """Write a DBC message's physical values as a topic of its own.
 
         Parameters
         ----------
-        message, bus : str
         time_ns : int64 array, shape (n,)
             Host receive time.
         signals : mapping str -> float64 array, shape (n,)
@@ -236,10 +230,10 @@ class TopicWriter(ABC):
     def write_position(
         self,
         bus: str,
-        time_ns: NDArray[np.int64],
-        latitude_deg: NDArray[np.float64],
-        longitude_deg: NDArray[np.float64],
-        altitude_m: NDArray[np.float64] | None = None,
+        time_ns: IntArray,
+        latitude_deg: FloatArray,
+        longitude_deg: FloatArray,
+        altitude_m: FloatArray | None = None,
     ) -> None:
         """Write positions as a ROS 2 NavSatFix topic, for map panels; NaN is written as "no fix"."""
         self.topics.decoded.write_position(bus, time_ns, latitude_deg, longitude_deg, altitude_m)
@@ -273,7 +267,6 @@ class TopicWriter(ABC):
         ----------
         time_ns : int
             On the recording's time base.
-        bus : str
         realtime_minus_monotonic_ns : int
             The host's CLOCK_REALTIME less its monotonic clock (`daq.host_clock.monotonic_ns`: on Linux CLOCK_BOOTTIME).
         file_minus_realtime_ns : int
@@ -291,8 +284,6 @@ class DecodedWriter:
 
     Parameters
     ----------
-    writer : TopicWriter
-    vehicle : VehicleConfig
     databases : mapping bus -> databases
 
     Raises

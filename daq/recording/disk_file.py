@@ -18,7 +18,6 @@ class DiskFile:
 
     Parameters
     ----------
-    path : Path
     overwrite : bool
         Whether a file that is there may be replaced.
     clock : callable

@@ -91,7 +91,6 @@ def decode_event(data: bytes, time_ns: int) -> Event:
 
     Parameters
     ----------
-    data : bytes
     time_ns : int
         The message's log time, which does not end in 2038, as the stamp does; 0 for a time before 1970.
 
@@ -140,8 +139,6 @@ class DiagnosticStatus:
         0 ok, 1 warning, 2 error, 3 stale.
     name : str
         Unique among the statuses of one moment; slashes make a tree of it, e.g. ``"bus/can0"``.
-    message : str
-    hardware_id : str
     values : mapping str -> str
     """
 
@@ -268,8 +265,6 @@ def read_events(path: Path, contents: Contents, damaged: Callable[[ChunkEntry, s
 
     Parameters
     ----------
-    path : Path
-    contents : Contents
     damaged : callable
         Called with each chunk that cannot be read, and the reason.
 

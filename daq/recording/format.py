@@ -16,6 +16,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.arrays import IntArray
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray
 
 PROFILE = "ros2"
@@ -121,8 +122,8 @@ def fill_prefix(
     records: NDArray[np.void],
     channel_id: int,
     sequence: int,
-    log_time_ns: NDArray[np.int64],
-    stamp_ns: NDArray[np.int64],
+    log_time_ns: IntArray,
+    stamp_ns: IntArray,
 ) -> None:
     """Fill everything before the fields of fixed-size message records, in place."""
     records["opcode"] = MESSAGE_OPCODE
@@ -144,7 +145,6 @@ def raw_message_head(channel_id: int, sequence: int, time_ns: int, frame_count: 
 
     Parameters
     ----------
-    channel_id, sequence : int
     time_ns : int
         Host receive time of the last frame.
     frame_count, record_size : int
@@ -175,7 +175,6 @@ def raw_frames(content: bytes, start: int, length: int, dtype: np.dtype[np.void]
 
     Parameters
     ----------
-    content : bytes
     start, length : int
         Where the message's CDR bytes lie in `content`.
     dtype : CLASSIC_DTYPE or FD_DTYPE

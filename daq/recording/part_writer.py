@@ -165,7 +165,6 @@ class PartWriter(TopicWriter):
     ----------
     path : str or Path
         Of the first part; the others are named by `part_path`.
-    run : RunInfo
     session_id : str
         One for each life of a logger: counts are since the session's first part.
     attachments : mapping str -> bytes, optional

@@ -38,7 +38,6 @@ class RawChannel:
 
     Attributes
     ----------
-    bus : str
     bus_index : int
         What the ``bus`` column of its records holds.
     dtype : CLASSIC_DTYPE or FD_DTYPE
@@ -72,8 +71,6 @@ def raw_batches(
 
     Parameters
     ----------
-    path : Path
-    chunks : sequence of ChunkEntry
     channels : dict
         Raw channels that are wanted, by id.
     buses : tuple of str
@@ -170,8 +167,6 @@ class Topic:
 
     Attributes
     ----------
-    name, schema_name, encoding : str
-    message_count : int
     metadata : dict str -> str
         Of decoded topics: ``bus``, ``message`` and ``signals``.
     """

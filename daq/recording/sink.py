@@ -38,6 +38,7 @@ from mcap.records import (
 )
 from numpy.typing import NDArray
 
+from daq.arrays import IntArray
 from daq.recording.chunks import Compression, PackedChunk, compressor
 from daq.recording.contents import MAGIC
 from daq.recording.disk_file import DiskFile
@@ -57,7 +58,7 @@ def serialized(*records: McapRecord) -> bytes:
     return data
 
 
-def index_entries(log_time_ns: NDArray[Any], offsets: NDArray[np.int64]) -> NDArray[np.void]:
+def index_entries(log_time_ns: NDArray[Any], offsets: IntArray) -> NDArray[np.void]:
     """Return an index of messages, an array of `INDEX_ENTRY`; times before 1970 become 0."""
     entries = np.empty(len(offsets), INDEX_ENTRY)
     entries["log_time"] = np.maximum(log_time_ns, 0)
@@ -98,7 +99,6 @@ class MessageGroup:
 
     Attributes
     ----------
-    channel_id : int
     records : sequence of bytes-like
         Whole MCAP message records; joined they are what is written.
     index : structured array of `INDEX_ENTRY`
@@ -115,17 +115,14 @@ class McapSink:
 
     Parameters
     ----------
-    path : Path
     compression : {"zstd", "lz4", "none"}
     overwrite : bool
         Whether a file that is there may be replaced.
-    profile : str
     clock : callable
         Monotonic time, s.
 
     Attributes
     ----------
-    file : DiskFile
     schemas, channels : dict
         Defined so far, by id.
 
@@ -214,7 +211,6 @@ class McapSink:
 
         Parameters
         ----------
-        chunk : PackedChunk
         index : mapping channel id -> index of its messages
             Arrays of `INDEX_ENTRY`.
         """

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.arrays import FloatArray, IntArray
 from daq.recording.chunks import DamagedError
 from daq.recording.format import ENCAPSULATION, HEADER_DEFINITIONS, PACKAGE, fill_prefix, fixed_message_dtype
 
@@ -186,7 +187,6 @@ class DecodedLayout:
 
     Attributes
     ----------
-    schema_name, schema_text : str
     metadata : dict str -> str
         Of the MCAP channel: ``bus``, ``message``, and ``signals``: a JSON object
         field -> {"name": the DBC's signal name, "unit": its unit}.
@@ -207,9 +207,9 @@ class DecodedLayout:
         self,
         channel_id: int,
         sequence: int,
-        time_ns: NDArray[np.int64],
-        publish_ns: NDArray[np.int64],
-        values: Mapping[str, NDArray[np.float64]],
+        time_ns: IntArray,
+        publish_ns: IntArray,
+        values: Mapping[str, FloatArray],
     ) -> NDArray[np.void]:
         """Return whole MCAP message records, one a sample; a signal that `values` lacks is NaN."""
         records = np.zeros(len(time_ns), self.dtype)

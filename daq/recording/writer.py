@@ -41,8 +41,6 @@ class RawTopics:
 
     Parameters
     ----------
-    sink : McapSink
-    names : TopicNames
     chunk_bytes : int
         Frames are written when so many bytes are gathered.
     """
@@ -169,7 +167,6 @@ class RecordingWriter(TopicWriter):
     Parameters
     ----------
     path : str or Path
-    run : RunInfo, optional
     attachments : mapping str -> bytes
         DBC files, ``vehicle.toml``, ``terrain.toml``.
     metadata : mapping str -> str

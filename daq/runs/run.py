@@ -40,11 +40,8 @@ class Configuration:
 
     Attributes
     ----------
-    vehicle : VehicleConfig or None
     databases : mapping bus -> databases
         Of `vehicle`.
-    terrain : TerrainConfig or None
-    runs : tuple of RunInfo or None
     attachments : mapping str -> bytes
         The files behind it, as a recording carries them: ``vehicle.toml``, ``terrain.toml`` and the DBCs under the
         names that vehicle.toml gives them.
@@ -125,13 +122,10 @@ class Run:
 
     Attributes
     ----------
-    id : str
     path : Path
         The recording or log; of a run in parts the first.
-    info : RunInfo
     vehicle : VehicleConfig
         Empty where nothing is known.
-    terrain : TerrainConfig or None
     databases : mapping bus -> databases
     attachments : mapping str -> bytes
         The files behind the configuration, for a recording to carry.
@@ -179,7 +173,6 @@ class Run:
 
         Parameters
         ----------
-        roles : collection of str
         watch : callable, optional
             Is shown the frames that are decoded.
 

@@ -8,12 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq.arrays import FloatArray, IndexArray
 from daq.errors import ConfigError, DataError, Fault
 from daq.series.tables import Source, Table, read_table
-
-FloatArray = NDArray[np.float64]
 
 WHEEL_REQUIRED = ("slip", "vertical_load_n", "drawbar_pull_n")
 WHEEL_OPTIONAL = ("driving_torque_nm", "sinkage_m")
@@ -30,10 +28,8 @@ class WheelTable:
     ----------
     name : str
         Of the file.
-    slip, vertical_load_n, drawbar_pull_n, driving_torque_nm, sinkage_m : measured.
     group : int array
         Position in `group_names`; rows of one group belong together (one soil preparation, one speed).
-    group_names : tuple of str
     sigma : mapping name -> array
         One-sigma of a column, from ``<name>_sigma``; only those that are there.
     """
@@ -44,7 +40,7 @@ class WheelTable:
     drawbar_pull_n: FloatArray
     driving_torque_nm: FloatArray
     sinkage_m: FloatArray
-    group: NDArray[np.intp]
+    group: IndexArray
     group_names: tuple[str, ...]
     sigma: dict[str, FloatArray] = field(default_factory=dict)
 
@@ -63,7 +59,6 @@ class PlateTest:
     pressure_pa : array, shape (n,)
     width_m : float
         b of ``k_c / b + k_phi``: the smaller side of a rectangular plate, the radius of a round one (Bekker).
-    name : str
     """
 
     sinkage_m: FloatArray
@@ -79,8 +74,6 @@ class ShearTest:
     Attributes
     ----------
     displacement_m, shear_stress_pa : array, shape (n,)
-    normal_stress_pa : float
-    name : str
     """
 
     displacement_m: FloatArray

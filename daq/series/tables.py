@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq.arrays import FloatArray
 from daq.errors import ConfigError, DataError, Fault, nearest
 
 MISSING = frozenset({"", "nan", "na", "n/a", "-"})
@@ -129,8 +129,6 @@ def number_of(cell: str) -> float | None:
         return None
     return value if math.isfinite(value) else None
 
-
-FloatArray = NDArray[np.float64]
 
 _LISTED = 5  # bad cells of a column that are listed
 
@@ -251,7 +249,6 @@ def read_table(
 
     Parameters
     ----------
-    path : Path
     rename : mapping new -> Source, optional
         See `daq.series.tables.parse_rename`.
     where : mapping column -> value, optional

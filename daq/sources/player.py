@@ -14,8 +14,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq.arrays import FloatArray
 from daq.can.frames import FrameArray, FrameBatch
 from daq.sources.can_source import Sink
 
@@ -67,7 +67,6 @@ class ReplaySummary:
         Frames sent, by the channel they were sent to.
     skipped_error_frames : int
         Error frames are made by controllers and cannot be sent on a real bus.
-    duration_s : float
     recorded_duration_s : float
         Time from the first to the last frame that was sent, over all rounds.
     lateness_p50_s, lateness_p99_s, lateness_max_s : float
@@ -136,7 +135,7 @@ class Player:
         due_s = np.maximum.accumulate(time_ns - self._first_ns) / (1e9 * self._speed)
         self._lateness.add(self._send_when_due(batch, due_s) - due_s)
 
-    def _send_when_due(self, batch: FrameBatch, due_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _send_when_due(self, batch: FrameBatch, due_s: FloatArray) -> FloatArray:
         """Return when each frame was sent, in seconds after the first."""
         due, sent_at = due_s.tolist(), np.empty(len(due_s))
         start, started_at = 0, self._started_at
@@ -179,7 +178,7 @@ class _Histogram:
         self._counts = np.zeros(_DECADES * _BINS_A_DECADE + 1, np.int64)
         self.largest = float("nan")
 
-    def add(self, seconds: NDArray[np.float64]) -> None:
+    def add(self, seconds: FloatArray) -> None:
         """Count delays."""
         scaled = np.maximum(seconds, _FIRST_DECADE_S) / _FIRST_DECADE_S
         place = np.minimum(np.ceil(np.log10(scaled) * _BINS_A_DECADE), len(self._counts) - 1).astype(np.intp)

@@ -21,8 +21,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq.arrays import IntArray
 from daq.can.frames import FrameArray, FrameBatch, FrameFlag
 from daq.can.messages import frames_from_messages, messages_from_frames
 from daq.config import BusSection
@@ -33,8 +33,6 @@ from daq.sources.can_source import SourceCounters
 if TYPE_CHECKING:
     import can
 
-
-IntArray = NDArray[np.int64]
 
 HOST_STAMPED = frozenset({"socketcan", "udp_multicast", "virtual", "slcan", "robotell", "neousys"})
 """Interfaces of python-can that stamp with the host's CLOCK_REALTIME."""

@@ -36,9 +36,7 @@ class BusChange:
 
     Attributes
     ----------
-    bus : str
     state : {"up", "down", "bus_off"}
-    text : str
     """
 
     bus: str
@@ -58,7 +56,6 @@ class ReconnectingSource:
 
     Parameters
     ----------
-    bus : BusSection
     opener : callable
         Opens the bus, as `daq.sources.can_source.open_source` does.
 

@@ -152,7 +152,6 @@ def replay_batches(
 
     Parameters
     ----------
-    batches : iterable of FrameBatch
     sinks : mapping str -> Sink
         Bus name -> where its frames go; frames of other buses are left out.
     speed, send_error_frames

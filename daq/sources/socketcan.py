@@ -14,6 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from daq.arrays import IntArray
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag, joined
 from daq.errors import Fault, HardwareError, nearest
 from daq.sources.can_source import InterfaceDownError, SourceCounters
@@ -298,10 +299,10 @@ class SocketCanSource:
         frames["flags"] = flags
         return frames
 
-    def _stamps(self, count: int) -> NDArray[np.int64]:
+    def _stamps(self, count: int) -> IntArray:
         """Return the kernel's time stamps, and note the count of lost frames that may stand beside them."""
         control, sizes = self._batch.control[:count], self._batch.headers["header"]["control_size"][:count]
-        stamps: NDArray[np.int64] = control[:, 2] * 10**9 + control[:, 3]
+        stamps: IntArray = control[:, 2] * 10**9 + control[:, 3]
         stamped = control[:, 1] == _TIME_STAMP
         if not stamped.all():
             stamps[~stamped] = time.time_ns()
@@ -377,7 +378,7 @@ class SocketCanSink:
         self._batch.iov["size"][: len(frames)] = np.where(is_fd, _FD_BYTES, _CLASSIC_BYTES)
 
 
-def _not_after_the_next(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+def _not_after_the_next(stamps: IntArray) -> IntArray:
     """Correct the first stamps: the kernel starts stamping late, and stamps earlier frames when they are read."""
     return np.minimum.accumulate(stamps[::-1])[::-1]
 

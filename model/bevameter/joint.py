@@ -23,13 +23,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
-from daq import DataError, Fault
+from daq import DataError, Fault, FloatArray
 from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
 
-FloatArray = NDArray[np.float64]
 Common = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """x, shape (p,) -> what it gives for each test, shape (tests, 2), and its sensitivities, shape (tests, 2, p)."""
 
@@ -53,8 +52,6 @@ class JointFit:
     scatter : shape (2, 2)
         Omega of (1), between tests.
     scatter_source : "repeats" or "assumed"
-    tests : int
-    warnings : tuple of str
     """
 
     names: tuple[str, ...]

@@ -20,9 +20,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import ConfigError, DataError, Fault
+from daq import ConfigError, DataError, Fault, FloatArray
 from daq.series import PlateTest
 from model.bevameter.joint import JointFit, fit_jointly
 from model.bevameter.window import (
@@ -38,8 +37,6 @@ from model.bevameter.window import (
 from model.fit.gauss_newton import GaussNewtonResult, StopReason, gauss_newton
 from model.fit.linear_step import ResidualAndJacobian
 
-FloatArray = NDArray[np.float64]
-
 LAW = "p = k z^n"
 _DEEP = 0.7  # reference sinkage over the largest one: where the fit fixes the pressure best
 
@@ -50,7 +47,6 @@ class PlateFit:
 
     Attributes
     ----------
-    name : str
     width_m : float
         b.
     stiffness : float
@@ -65,8 +61,6 @@ class PlateFit:
         Misfit.
     window : Window
         Zero and samples that count.
-    stop_reason : StopReason
-    warnings : tuple of str
     """
 
     name: str
@@ -174,7 +168,6 @@ class PressureSinkage:
         Tested, each once, increasing.
     reference_sinkage_m : float
         z_r, at which ``joint.scatter`` is that of (ln pressure, n).
-    warnings : tuple of str
     """
 
     plates: tuple[PlateFit, ...]

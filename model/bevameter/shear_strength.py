@@ -15,16 +15,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import ConfigError, DataError, Fault
+from daq import ConfigError, DataError, Fault, FloatArray
 from daq.series import ShearTest
 from model.bevameter.joint import JointFit, fit_jointly
 from model.bevameter.window import MIN_POINTS, refuse_unfitted, root_mean_square, shape_words, widened_covariance
 from model.fit.gauss_newton import StopReason, gauss_newton
 from model.fit.linear_step import ResidualAndJacobian
-
-FloatArray = NDArray[np.float64]
 
 LAW = "tau = tau_max (1 - exp(-j/K))"
 HUMP_LIMIT = 0.9
@@ -37,7 +34,6 @@ class ShearFit:
 
     Attributes
     ----------
-    name : str
     normal_stress_pa, strength_pa, shear_modulus_m : float
         sigma, tau_max, K.
     covariance : shape (2, 2)
@@ -46,9 +42,6 @@ class ShearFit:
         Misfit.
     points : int
         Samples that count: displacement from 0 to `to_m`.
-    to_m : float
-    stop_reason : StopReason
-    warnings : tuple of str
     """
 
     name: str
@@ -68,7 +61,6 @@ def fit_shear(test: ShearTest, *, to_m: float = float("inf")) -> ShearFit:
 
     Parameters
     ----------
-    test : ShearTest
     to_m : float
         Largest displacement that counts.
 
@@ -174,7 +166,6 @@ class ShearStrength:
         Of `SEPARATE`, or of `TOGETHER` where there was only one normal stress.
     normal_stresses_pa : (float, float)
         Smallest and largest.
-    warnings : tuple of str
     """
 
     shears: tuple[ShearFit, ...]

@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from math import cos, degrees
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from daq import SOIL_KEYS, ConfigError, DataError, Fault, SoilSection, TerrainConfig, UncertaintySection
+from daq import SOIL_KEYS, ConfigError, DataError, Fault, FloatArray, SoilSection, TerrainConfig, UncertaintySection
 from model.bevameter.joint import JointFit
 from model.bevameter.pressure_sinkage import PressureSinkage
 from model.bevameter.shear_strength import ShearStrength
 from model.wheel_soil.soils import SOIL_PARAMETERS, prior_of, soil_from_terrain
-
-FloatArray = NDArray[np.float64]
 
 _DIGITS = 9
 

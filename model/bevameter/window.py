@@ -12,13 +12,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import DataError, Fault
+from daq import BoolArray, DataError, Fault, FloatArray
 from daq.series import PlateTest
 from model.fit.gauss_newton import GaussNewtonResult
-
-FloatArray = NDArray[np.float64]
 
 MISFIT_LIMIT = 0.1
 """Root mean square misfit over the largest value, from which on a curve does not have the law's shape."""
@@ -102,7 +99,6 @@ class Window:
         Smallest and largest sinkage that counts.
     points, unloading, outside : int
         Samples that count; that are left out because the plate came back; and because they are not in the window.
-    notes : tuple of str
     """
 
     zero: Zero
@@ -159,7 +155,7 @@ def windowed(test: PlateTest, options: WindowOptions) -> tuple[FloatArray, Float
     return z[inside], p[inside], window
 
 
-def _loading(z: FloatArray) -> NDArray[np.bool_]:
+def _loading(z: FloatArray) -> BoolArray:
     """Return the samples at which the plate goes where it has not been before."""
     if not z.size:
         return np.zeros(0, bool)

@@ -77,7 +77,6 @@ class Parameter:
 
     Attributes
     ----------
-    name, unit : str
     neutral : float
         The value at which the effect is not there.
     start : float
@@ -86,7 +85,6 @@ class Parameter:
         Bounds of an estimate.
     prior_scale : float
         One-sigma of what is plausible before any data; in wheel radii where `in_radii`.
-    source : str
     side : 1, -1 or 0
         The only plausible side of neutral (a half-normal prior): above or below it; 0 for both.
     in_radii : bool
@@ -136,7 +134,6 @@ class Effect:
     kind : "physical" or "measurement"
     summary, source : str
         What a report says of it, and where the formula is from.
-    parameters : tuple of Parameter
     own_symbols : bool
         A model knows its parameters as they are called ("H_m"), not as "wheel_radius.relative".
     shows : tuple of str

@@ -20,9 +20,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from daq import BoolArray, FloatArray
+
 _INVOLVED = 1e-6  # share of a null direction from which on a parameter takes part in it
 
 
@@ -62,7 +62,7 @@ def covariance(
     variance: float = 1.0,
     *,
     names: Sequence[str] | None = None,
-    held: NDArray[np.bool_] | None = None,
+    held: BoolArray | None = None,
     correlation_limit: float = 0.99,
 ) -> Covariance:
     """Return the covariance of an estimate from its sensitivities.

@@ -5,16 +5,14 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from daq import BoolArray, FloatArray
 from model.fit.covariance import covariance
 from model.fit.gauss_newton import GaussNewtonResult
 from model.fit.intervals import Blocks, Sandwich, profile_of_sum, sandwich
 from model.fit.problem import FitProblem, Free
 from model.fit.result import Estimate
-
-FloatArray = NDArray[np.float64]
 
 SUM_OF = ("m1", "m2")
 """Lyasko's coefficients, of which only the sum p is determined."""
@@ -34,7 +32,7 @@ def spread_of(problem: FitProblem, x: FloatArray, result: GaussNewtonResult, blo
     return Sandwich(covariance, naive, found.degrees)
 
 
-def _of(problem: FitProblem, x: FloatArray, blocks: Blocks, chosen: NDArray[np.bool_]) -> Sandwich:
+def _of(problem: FitProblem, x: FloatArray, blocks: Blocks, chosen: BoolArray) -> Sandwich:
     sensitivities, scores = problem.sensitivities_and_scores(x)
     scores = scores - scores.mean(axis=0)  # zero at a minimum already, but not where a bound holds
     prior = problem.prior_information()[np.ix_(chosen, chosen)]

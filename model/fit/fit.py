@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS, REACTIONS, ConfigError, DataError, Fault, nearest
+from daq import OUTPUTS, REACTIONS, BoolArray, ConfigError, DataError, Fault, FloatArray, nearest
 from model.effects.base import Effect
 from model.effects.catalogue import EFFECTS
 from model.extended import ExtendedModel
@@ -113,9 +112,7 @@ def check_enough(driven: Observations, lost: int, options: FitOptions) -> None:
     )
 
 
-def answered_by_extended(
-    wheel: Wheel, driven: Observations, extended: ExtendedModel, answered: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def answered_by_extended(wheel: Wheel, driven: Observations, extended: ExtendedModel, answered: BoolArray) -> BoolArray:
     """Return which samples the extended model has an answer for, with the values it comes with."""
     effects = [EFFECTS[effect.key] for effect in extended.effects]
     _check_needs(driven, effects, "take another --model")
@@ -151,8 +148,6 @@ def _check_needs(driven: Observations, effects: Sequence[type[Effect]], instead:
         raise DataError(*lacking)
 
 
-FloatArray = NDArray[np.float64]
-
 _RENEWALS = 2
 
 
@@ -161,13 +156,6 @@ def fit_models(
     runs: Sequence[ProcessedRun], wheel: Wheel, soil: Soil, options: FitOptions | None = None
 ) -> CampaignFit:
     """Fit the paper's models to processed runs of one terrain.
-
-    Parameters
-    ----------
-    runs : sequence of ProcessedRun
-    wheel : Wheel
-    soil : Soil
-    options : FitOptions, optional
 
     Raises
     ------
@@ -211,9 +199,6 @@ def fit_observations(
     ----------
     observations : Observations
         What is fitted; only s > 0 is used.
-    wheel : Wheel
-    soil : Soil
-    options : FitOptions, optional
 
     Raises
     ------
@@ -336,7 +321,6 @@ def judge_alike(
 
     Parameters
     ----------
-    fits : sequence of ModelFit
     measured : Observations, n samples
     predicted : for each fit a mapping channel -> array (n,), N or N m; NaN where the model has no answer
     threshold : slip from which on a sample counts

@@ -47,13 +47,11 @@ from enum import StrEnum
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from daq import ConfigError, Fault
+from daq import BoolArray, ConfigError, Fault, FloatArray
 from model.fit.covariance import Covariance, covariance
 from model.fit.linear_step import BoundedProblem, LinearProblem, Point, ResidualAndJacobian
-
-FloatArray = NDArray[np.float64]
 
 _KEPT_GAIN = 1e-4  # share of the predicted gain that a step must bring to be kept
 
@@ -65,7 +63,6 @@ class TrustRadius:
     ----------
     initial_radius : float
         Radius of the first damped step, in units of the scaled start.
-    problem : BoundedProblem
     """
 
     def __init__(self, initial_radius: float, problem: BoundedProblem) -> None:
@@ -171,7 +168,6 @@ class GaussNewtonResult:
         Of the sensitivities with columns of unit length.
     warnings : tuple of str
         What cannot be separated, and what else a reader must know.
-    history : tuple of IterationRecord
     """
 
     estimate: FloatArray
@@ -182,7 +178,7 @@ class GaussNewtonResult:
     cost: float
     iterations: int
     stop_reason: StopReason
-    at_bound: NDArray[np.bool_]
+    at_bound: BoolArray
     condition_number: float
     warnings: tuple[str, ...]
     history: tuple[IterationRecord, ...]
@@ -223,7 +219,6 @@ def gauss_newton(
         is measured in where the start is 0.
     names : p names, optional
         For messages.
-    options : GaussNewtonOptions, optional
 
     Raises
     ------
@@ -336,7 +331,7 @@ def _result(
 
 
 def _spread(
-    problem: BoundedProblem, point: Point, at_bound: NDArray[np.bool_], options: GaussNewtonOptions
+    problem: BoundedProblem, point: Point, at_bound: BoolArray, options: GaussNewtonOptions
 ) -> tuple[Covariance, list[str]]:
     count = point.x.size
     if not point.finite:

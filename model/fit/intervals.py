@@ -25,11 +25,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import FloatArray, IndexArray
 from model.fit.gauss_newton import GaussNewtonOptions, gauss_newton
 
-FloatArray = NDArray[np.float64]
 _OPTIONS = GaussNewtonOptions(epsilon=1e-4, cost_tolerance=1e-6, max_iterations=30)
 
 
@@ -69,7 +68,6 @@ def profile_of_sum(
 
     Parameters
     ----------
-    problem : Problem
     x : array, shape (p,)
         The minimum.
     pair : (i, j)
@@ -184,20 +182,19 @@ class Blocks:
     ----------
     label : int array, shape (n,)
         Block of each sample, 0 to count - 1.
-    count : int
     length_s : float
         Of a block; NaN for independent rows.
     correlation_time_s : float
         Integral of the residual's autocorrelation, both sides; NaN for independent rows.
     """
 
-    label: NDArray[np.intp]
+    label: IndexArray
     count: int
     length_s: float
     correlation_time_s: float
 
 
-def correlation_time(residual: FloatArray, time_s: FloatArray, run: NDArray[np.intp]) -> float:
+def correlation_time(residual: FloatArray, time_s: FloatArray, run: IndexArray) -> float:
     """Return the integrated autocorrelation time of a residual in seconds.
 
     Pairs of samples are taken within runs by their time difference, so that gaps (braking in between) do no harm.
@@ -229,13 +226,13 @@ def _on_grid(values: FloatArray, time_s: FloatArray, step: float) -> FloatArray:
     return grid
 
 
-def _spacing(time_s: FloatArray, run: NDArray[np.intp]) -> float:
+def _spacing(time_s: FloatArray, run: IndexArray) -> float:
     step = np.diff(time_s)[np.diff(run) == 0]
     step = step[step > 0]
     return float(np.median(step)) if len(step) else float("nan")
 
 
-def blocks_of(residual: FloatArray, time_s: FloatArray, run: NDArray[np.intp], independent: bool) -> Blocks:
+def blocks_of(residual: FloatArray, time_s: FloatArray, run: IndexArray, independent: bool) -> Blocks:
     """Group samples: rows of a table singly, a time series in blocks of six correlation times."""
     if independent:
         return Blocks(np.arange(len(residual)), len(residual), float("nan"), float("nan"))
@@ -248,7 +245,7 @@ def blocks_of(residual: FloatArray, time_s: FloatArray, run: NDArray[np.intp], i
     return Blocks(label, int(label.max()) + 1 if len(label) else 0, length, tau)
 
 
-def _driven_time(time_s: FloatArray, run: NDArray[np.intp]) -> FloatArray:
+def _driven_time(time_s: FloatArray, run: IndexArray) -> FloatArray:
     """Return time counted over the samples that are there, so that blocks hold about equally many."""
     step = _spacing(time_s, run)
     counted = np.zeros(len(time_s))
@@ -289,7 +286,6 @@ def sandwich(jacobian: FloatArray, scores: FloatArray, blocks: Blocks, prior: Fl
         Whitened sensitivities of each sample's c channels.
     scores : array, shape (n, p)
         w_i J_i' e_i.
-    blocks : Blocks
     prior : array, shape (p, p), optional
         Information of a prior: part of H, and of what varies.
 

@@ -17,11 +17,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from daq import ConfigError, Fault
-
-FloatArray = NDArray[np.float64]
+from daq import BoolArray, ConfigError, Fault, FloatArray
 
 _RANK_TOLERANCE = 1e-14
 _RADIUS_MET = 0.1  # relative accuracy to which a damped step meets the radius
@@ -151,8 +149,8 @@ def _free_minimum(
     lower: FloatArray,
     upper: FloatArray,
     y: FloatArray,
-    held: NDArray[np.bool_],
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+    held: BoolArray,
+) -> tuple[FloatArray, BoolArray]:
     """Move the parameters that are not held to their minimum; one that meets a bound on the way is held there."""
     y, held = y.copy(), held.copy()
     while not held.all():
@@ -220,7 +218,7 @@ class BoundedProblem:
     names: tuple[str, ...]
 
     @property
-    def free(self) -> NDArray[np.bool_]:
+    def free(self) -> BoolArray:
         """Parameters that may move."""
         return np.asarray(self.lower < self.upper)
 

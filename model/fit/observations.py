@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS
+from daq import OUTPUTS, BoolArray, FloatArray, IndexArray
 from model.wheel_soil.conditions import Conditions
 from processing import ProcessedRun
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -39,7 +36,7 @@ class Observations:
     slip_sigma: FloatArray
     vertical_load_sigma_n: FloatArray
     time_s: FloatArray
-    run: NDArray[np.intp]
+    run: IndexArray
     names: tuple[str, ...]
     independent: bool = False
     more: dict[str, FloatArray] = field(default_factory=dict)
@@ -47,7 +44,7 @@ class Observations:
     def __len__(self) -> int:
         return len(self.slip)
 
-    def __getitem__(self, rows: NDArray[np.bool_] | slice) -> Observations:
+    def __getitem__(self, rows: BoolArray | slice) -> Observations:
         arrays = {
             name: getattr(self, name)[rows]
             for name in self.__dataclass_fields__
@@ -74,7 +71,6 @@ def observations_of(
 
     Parameters
     ----------
-    runs : sequence of ProcessedRun
     thinned : bool
         Keep only every k-th sample, so that the rate is still 2.5 times the filter's cutoff: what is left out
         holds no information that its neighbours do not have.
@@ -111,5 +107,5 @@ def _step(run: ProcessedRun) -> int:
     return max(1, int(run.rate_hz / (2.5 * run.cutoff_hz))) if np.isfinite(run.cutoff_hz) else 1
 
 
-def _rows(run: ProcessedRun, step: int) -> NDArray[np.intp]:
+def _rows(run: ProcessedRun, step: int) -> IndexArray:
     return np.flatnonzero(run.used & (np.arange(len(run)) % step == 0))

@@ -15,14 +15,11 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS
+from daq import OUTPUTS, FloatArray
 from model.fit.observations import Observations
 from model.wheel_soil.soils import SOIL_PARAMETERS, SoilPrior
 from model.wheel_soil.wheel_soil_model import Prediction, WheelSoilModel
-
-FloatArray = NDArray[np.float64]
 
 _SOIL_BOUNDS = {
     "cohesion_pa": (0.0, np.inf),
@@ -78,11 +75,9 @@ class FitProblem:
 
     Attributes
     ----------
-    model : WheelSoilModel
     driven : Observations, the n samples to fit
     channels : of "dp" and "t"
     free : the parameters, p of them
-    prior : SoilPrior, optional
     variance : mapping channel -> array (n,), N^2 or (N m)^2
     tempering : float
         Share of the data's information that counts against the prior: 1 / (samples per independent sample).

@@ -5,9 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from daq import OUTPUTS, frame_of_rows
 from model.effects.catalogue import EFFECTS
 from model.extended import ExtendedModel
@@ -21,7 +18,6 @@ from model.wheel_soil.wheel_soil_model import Prediction, Reading, WheelSoilMode
 if TYPE_CHECKING:
     import pandas as pd
 
-FloatArray = NDArray[np.float64]
 
 MODELS: dict[str, tuple[str, ...]] = {"wong": (), "vasilev": ("vasilev",), "lyasko": ("lyasko",), "ding": ("ding",)}
 """The paper's four models by the effects they add to Wong's."""
@@ -117,7 +113,6 @@ class ModelFit:
     warnings : what cannot be separated, what sits on a bound
     stop_reason, iterations : of Gauss-Newton; "nothing_to_fit" without parameters
     criteria : mapping channel -> Criteria
-    load_ratio : LoadRatio
     samples : in the fit
     blocks : what the intervals took as independent
     residual_floor : mapping channel -> a of the effective variance, N or N m

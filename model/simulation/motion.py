@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import ConfigError, Fault
-
-FloatArray = NDArray[np.float64]
+from daq import ConfigError, Fault, FloatArray
 
 GRAVITY_MPS2 = 9.80665
 _REFERENCE_WAVENUMBER_PER_M = 0.1  # of ISO 8608
@@ -25,7 +22,6 @@ class VehicleSetup:
         Of the empty vehicle, and the share of it on the instrumented wheel.
     added_load_share : float
         Share of an added mass that the instrumented wheel carries.
-    centre_of_gravity_height_m, wheelbase_m : float
     outboard_mass_kg, outboard_inertia_kgm2 : float
         On the soil side of the transducer.
     unsprung_mass_kg, body_frequency_hz, damping_ratio, contact_stiffness_n_per_m : float
@@ -131,7 +127,6 @@ class Motion:
     ----------
     time_s : since the start of the run, evenly spaced
     ground_speed_mps, ground_acceleration_mps2 : of the wheel's centre
-    wheel_speed_radps, wheel_acceleration_radps2
     wheel_angle_rad, distance_m : since the start of the run, not wrapped
     slip : 1 - V/(r omega) driving, (r omega - V)/V braking; zero at standstill
     """
@@ -156,8 +151,6 @@ class DrivingStyle:
         Range of the highest slip of one cycle of the run, and of the others.
     brake_slip : (low, high)
         Range of the strongest braking slip of a cycle (negative).
-    lowest_speed_mps, highest_speed_mps : float
-    highest_deceleration_mps2 : float
     highest_rim_speed_mps : float
         r omega that the low gear allows: where the slip is high the vehicle is slow.
     """
@@ -190,14 +183,12 @@ def drive(
     ----------
     duration_s : float
         At least `SHORTEST_RUN_S`.
-    wheel_radius_m : float
     rng : numpy.random.Generator
         Draws the number of cycles, their slip, speed and length.
     rate_hz : float
         Samples per second of the result.
     coast_slip : float
         Slip at which the wheel transmits no torque.
-    style : DrivingStyle, optional
 
     Raises
     ------

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field, fields, replace
 from math import atan, tan
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import Channel, ConfigError, Fault, RunInfo, nearest
+from daq import Channel, ConfigError, Fault, FloatArray, RunInfo, nearest
 from model.effects.base import Effect
 from model.effects.signals import Signals
 from model.simulation.motion import (
@@ -35,7 +34,6 @@ def drawn_soil(soil: Soil, rng: np.random.Generator, spread: Mapping[str, float]
     ----------
     soil : Soil
         The laboratory's values.
-    rng : numpy.random.Generator
     spread : mapping, optional
         Relative one-sigma per parameter (``tan_phi`` for the friction angle); `LABORATORY_SPREAD` by default. A
         parameter that is left out stays as it is.
@@ -58,8 +56,6 @@ def drawn_soil(soil: Soil, rng: np.random.Generator, spread: Mapping[str, float]
     angle = atan(tan(soil.friction_angle_rad) * friction)
     return replace(soil, **changed, friction_angle_rad=angle, source=f"drawn about: {soil.source}")
 
-
-FloatArray = NDArray[np.float64]
 
 Faults = Sequence[tuple[type[Effect], Mapping[str, float]]]
 """Measurement effects, each with its own parameters."""
@@ -93,10 +89,8 @@ class VirtualRun:
 
     Attributes
     ----------
-    info : RunInfo
     start_ns : int
         UTC of the start of the run.
-    truth : Truth
     sensors : mapping str -> mapping str -> Channel
         Per sensor ("transducer", "wheel_speed", "gnss") its channels by quantity, in SI units and radians. Channels
         of one sensor share their time stamps: the host clock's when the message is ready to be sent.
@@ -125,7 +119,6 @@ def virtual_run(
 
     Parameters
     ----------
-    setup : VirtualSetup
     model : WheelSoilModel
         The truth: soil, physical effects, reading, and a quadrature that is not the fitter's (`TRUTH_QUADRATURE`).
     values : mapping

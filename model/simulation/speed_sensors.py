@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import FloatArray
 from model.simulation.motion import Motion
 from model.simulation.transducer import Readings, coloured_noise, sample_times_s
-
-FloatArray = NDArray[np.float64]
 
 _EARTH_RADIUS_M = 6_371_008.8
 _SECONDS_PER_DAY = 86_400.0
@@ -30,7 +28,6 @@ class WheelSpeedSetup:
         Resolution of an edge's time.
     timeout_s : float
         Without an edge for this long the wheel stands.
-    rate_hz, clock_ppm : float
     transport_s : float
         From the calculation to the message.
     typical_radps : float
@@ -63,11 +60,8 @@ def measure_wheel_speed(
 
     Parameters
     ----------
-    setup : WheelSpeedSetup
-    motion : Motion
     ring : numpy.random.Generator
         Draws the ring's errors: the same for every run of a vehicle.
-    rng : numpy.random.Generator
     """
     duration = float(motion.time_s[-1] + motion.time_s[1])
     at = sample_times_s(duration, setup.rate_hz, setup.clock_ppm, rng)
@@ -116,8 +110,6 @@ class GnssSetup:
         The receiver's speed is the mean over this window; it delays by half of it.
     transport_s : float
         From a solution's epoch to its message.
-    position_noise_m, position_noise_correlation_s : float
-    satellites : int
     """
 
     rate_hz: float = 20.0
@@ -173,13 +165,9 @@ def measure_gnss(
 
     Parameters
     ----------
-    setup : GnssSetup
-    motion : Motion
-    track : Track
     direction : "out" or "back"
     seconds_of_day : float
         UTC time of day of the start of the run; GNSS time is that of a solution's epoch.
-    rng : numpy.random.Generator
     speed_path_m : float64 array, shape of the motion, optional
         Integral of the speed that the receiver sees, where that is not the true one; the position stays true.
     """

@@ -6,11 +6,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import FloatArray, IntArray
 from model.simulation.motion import GRAVITY_MPS2
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,7 @@ class HostClock:
         start_ns: int,
         elapsed_s: float,
         rng: np.random.Generator,
-    ) -> NDArray[np.int64]:
+    ) -> IntArray:
         """Return host time stamps of messages; whole microseconds, never decreasing.
 
         Parameters
@@ -48,7 +46,6 @@ class HostClock:
             UTC of the start of the run.
         elapsed_s : float
             From the start of the campaign to the start of the run.
-        rng : numpy.random.Generator
         """
         late = time_s + rng.exponential(self.jitter_s, len(time_s)) if self.jitter_s else time_s
         error = self.offset_s + self.drift_ppm * 1e-6 * (elapsed_s + late)
@@ -61,7 +58,6 @@ def sample_times_s(duration_s: float, rate_hz: float, clock_ppm: float, rng: np.
 
     Parameters
     ----------
-    duration_s, rate_hz : float
     clock_ppm : float
         How much faster than true time the sensor's clock runs.
     rng : numpy.random.Generator
@@ -86,7 +82,6 @@ def coloured_noise(
         Samples per second.
     sigma : float
         Standard deviation, in the unit of the result.
-    correlation_time_s : float
     rng : numpy.random.Generator
         Gives `count` normal numbers, whatever `sigma` is.
     """
@@ -119,7 +114,6 @@ class TransducerSetup:
     ----------
     drawbar_pull_noise_n, load_noise_n, lateral_noise_n, torque_noise_nm : float
         Standard deviation of the coloured noise (soil and sensor).
-    noise_correlation_s : float
     white_noise_n, white_noise_nm : float
         Standard deviation of white noise per sample, forces and moments.
     zero_offset_n : (x', z')
@@ -132,7 +126,6 @@ class TransducerSetup:
         Wheel angle sent = direction * rolled angle + offset.
     zero : "lifted" or "spin"
         "lifted": the outboard weight was tared away; "spin": it is missing from the vertical force.
-    rate_hz, clock_ppm : float
     latency_s : float
         Whole delay from a force to its message.
     """
@@ -187,14 +180,12 @@ def measure_loads(
 
     Parameters
     ----------
-    setup : TransducerSetup
     hub : HubLoads
         Evenly sampled, at a rate that its content needs.
     wheel_radius_m : float
         Arm of the lateral force.
     outboard_mass_kg : float
         Its weight is missing from the vertical force unless the zero was taken with the wheel lifted.
-    rng : numpy.random.Generator
     """
     # one stream per noise: switching one off leaves the others as they are
     streams = rng.spawn(6)

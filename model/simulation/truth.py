@@ -6,15 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import DataError, Fault, RunInfo
+from daq import DataError, Fault, FloatArray, RunInfo
 from model.simulation.motion import Motion
 from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.contact import Quadrature
 from model.wheel_soil.wheel_soil_model import WheelSoilModel
-
-FloatArray = NDArray[np.float64]
 
 _USUAL_SPEED_MPS = 1.25
 """Mean ground speed of a run, about."""
@@ -26,7 +23,6 @@ class Circumstances:
 
     Attributes
     ----------
-    info : RunInfo
     inflation_kpa : float
         Of the tyre, whether or not the run's owner states it.
     elapsed_s, campaign_s : float
@@ -117,8 +113,6 @@ class Truth:
     time_s : since the start of the run
     slip : in the convention of both branches, 0 at standstill
     vertical_load_n, drawbar_pull_n, driving_torque_nm : between soil and wheel
-    sinkage_m, static_sinkage_m
-    ground_speed_mps, ground_acceleration_mps2, wheel_speed_radps, wheel_acceleration_radps2
     track_position_m : along the campaign's line, from where "out" starts
     conditions : what the wheel was put through, in full
     """
@@ -175,9 +169,7 @@ def soil_reaction(
         With its physical effects and its quadrature.
     values : mapping
         Parameters of the effects, as the model takes them.
-    motion : Motion
     vertical_load_n, track_position_m : float64 array, shape (n,)
-    circumstances : Circumstances
 
     Raises
     ------

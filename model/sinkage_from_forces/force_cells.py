@@ -6,14 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray, IndexArray
 from daq.series import WheelTable
 from model.sinkage_from_forces.sinkage import CENTRAL, sinkage_of_forces
 from processing import ProcessedRun
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 LEAST_SLIP = 0.05
 """Below it a wheel whose slip is measured may as well be braked."""
@@ -55,7 +52,6 @@ class ForceCells:
 
     Attributes
     ----------
-    forces : Forces
     bin : int array
         Range of slip: it starts at ``LEAST_SLIP + BIN_WIDTH * bin``. Of a table: the row.
     group : int array
@@ -68,14 +64,12 @@ class ForceCells:
         What one sigma of a zero adds to the sinkage, alike in all cells of a group; 0 where not known.
     measured_m : float array
         Sinkage; NaN where it was not measured.
-    names : tuple of str
-    radius_m : float
     """
 
     forces: Forces
-    bin: IntArray
-    group: IntArray
-    samples: IntArray
+    bin: IndexArray
+    group: IndexArray
+    samples: IndexArray
     noise_m: FloatArray
     pull_zero_m: FloatArray
     torque_zero_m: FloatArray
@@ -144,7 +138,7 @@ def cells_of_table(table: WheelTable, radius_m: float) -> ForceCells:
     )
 
 
-def driven_samples(run: ProcessedRun) -> NDArray[np.bool_]:
+def driven_samples(run: ProcessedRun) -> BoolArray:
     """Return which samples of a run are usable and surely driven, with a torque."""
     return np.asarray(run.used & (run.slip >= LEAST_SLIP) & np.isfinite(run.driving_torque_nm))
 

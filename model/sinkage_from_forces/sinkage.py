@@ -17,11 +17,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray
 from model.wheel_soil.stresses import geometry
-
-FloatArray = NDArray[np.float64]
 
 _NODES, _POWER = 12, 3
 _STEPS = 40
@@ -77,7 +75,6 @@ class Shapes:
     Attributes
     ----------
     peak_at_slip_0, peak_with_slip : c1, c2
-    exponent : n
     exit : theta_2 = -exit theta_1
     radius_factor : true over declared radius
     sinkage_factor : for what the shape of the shear stress leaves open
@@ -94,7 +91,7 @@ class Shapes:
         return len(self.exponent)
 
     @property
-    def peak_stays(self) -> NDArray[np.bool_]:
+    def peak_stays(self) -> BoolArray:
         """Whether the peak stays at the bottom, shape (m,)."""
         return np.asarray(self.peak_with_slip[:, 0] == 0.0)
 
@@ -108,14 +105,7 @@ CENTRAL = Shapes(_alone(0.305), _alone(0.32), _alone(1.0), _alone(0.0), _alone(1
 
 
 def draw_shapes(ranges: ShapeRanges, count: int, rng: np.random.Generator) -> Shapes:
-    """Draw shapes of the stress from their ranges.
-
-    Parameters
-    ----------
-    ranges : ShapeRanges
-    count : int
-    rng : numpy.random.Generator
-    """
+    """Draw shapes of the stress from their ranges."""
     moves = rng.permutation(count) >= round(ranges.peak_at_bottom * count)
     leaves = rng.permutation(count) >= round(ranges.no_exit * count)
 
@@ -142,7 +132,6 @@ def entry_angle_of_forces(
     pull_ratio : Dp/W
     torque_ratio : T/(r W)
     peak : theta_m/theta_1, 0 to below 1
-    exponent : n
     exit : -theta_2/theta_1
         All of shapes that broadcast.
 
@@ -218,7 +207,6 @@ def sinkage_of_forces(
         Dp/W and T/(r W) with the declared radius.
     radius_m : float
         As declared.
-    shapes : Shapes
     """
     angle = entry_angle_of_forces(
         pull_ratio,

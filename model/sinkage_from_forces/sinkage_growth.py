@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray, IndexArray
 from model.sinkage_from_forces.force_cells import ForceCells
 from model.sinkage_from_forces.sinkage import ShapeRanges, Shapes, draw_shapes, sinkage_of_forces
-
-FloatArray = NDArray[np.float64]
 
 DRAWS = 400
 _LEAST_SPAN = 0.2
@@ -64,8 +62,6 @@ class SlipBin:
         Medians, given where the stress peaks; see `Growth`.
     noise_m : float
         One-sigma from noise of the channels alone.
-    measured_m : float
-    samples : int
     """
 
     slip: float
@@ -84,10 +80,8 @@ class ForceSinkage:
 
     Attributes
     ----------
-    cells : ForceCells
     draws_m : float64 array, shape (m, n)
         Sinkage of every cell in every draw of shape, noise and zeros.
-    shapes : Shapes
     """
 
     cells: ForceCells
@@ -99,7 +93,7 @@ class ForceSinkage:
         found = [self._bin(self.cells.bin == number) for number in np.unique(self.cells.bin)]
         return sorted(found, key=lambda one: one.slip)
 
-    def _bin(self, inside: NDArray[np.bool_]) -> SlipBin:
+    def _bin(self, inside: BoolArray) -> SlipBin:
         cells, weights = self.cells, self.cells.samples[inside].astype(np.float64)
         share = weights / weights.sum()
         draws, stays = self.draws_m[:, inside] @ share, self.shapes.peak_stays
@@ -135,9 +129,6 @@ def sinkage_from_forces(
 
     Parameters
     ----------
-    cells : ForceCells
-    rng : numpy.random.Generator
-    ranges : ShapeRanges, optional
     draws : int
         Of the shape of the stress; noise and zeros are drawn along.
     """
@@ -162,7 +153,7 @@ def estimate(draws: FloatArray) -> Estimate:
     return Estimate(middle, (low, high))
 
 
-def _levels(cells: ForceCells) -> tuple[NDArray[np.intp], str]:
+def _levels(cells: ForceCells) -> tuple[IndexArray, str]:
     """Return which cells share a level, and why the growth is not identifiable (empty where it is)."""
     slip, group = cells.forces.slip, cells.group
     spans = [np.ptp(slip[group == g]) for g in np.unique(group)]
@@ -173,7 +164,7 @@ def _levels(cells: ForceCells) -> tuple[NDArray[np.intp], str]:
     return group, f"it takes three points over at least {_LEAST_SPAN:g} of slip to see a growth"
 
 
-def _slopes(cells: ForceCells, levels: NDArray[np.intp], values: FloatArray) -> FloatArray:
+def _slopes(cells: ForceCells, levels: IndexArray, values: FloatArray) -> FloatArray:
     """Return the slope over slip of every row of values (m, n), each level having its own height; shape (m,)."""
     slip = cells.forces.slip
     central = cells.forces.central_m(cells.radius_m)
@@ -190,7 +181,7 @@ def _slopes(cells: ForceCells, levels: NDArray[np.intp], values: FloatArray) -> 
     return np.asarray(values @ leverage / bottom)
 
 
-def _measured_growth(cells: ForceCells, levels: NDArray[np.intp]) -> Estimate:
+def _measured_growth(cells: ForceCells, levels: IndexArray) -> Estimate:
     """Return the slope of the measured sinkage; its interval from what it leaves."""
     there = np.isfinite(cells.measured_m)
     slip, measured, level = cells.forces.slip[there], cells.measured_m[there], levels[there]

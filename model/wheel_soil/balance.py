@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import FloatArray, IndexArray
 from model.effects.base import Effect, Values
 from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.contact import Patch, Quadrature, Resultants, entry_angle, resultants
@@ -17,7 +17,6 @@ from model.wheel_soil.pressure_sinkage import closed_form
 from model.wheel_soil.soils import SoilState
 from model.wheel_soil.stresses import speed_ratio
 
-FloatArray = NDArray[np.float64]
 Active = tuple[tuple[Effect, Values], ...]
 """Effects that are not neutral, each with its own parameters."""
 _BY_SINKAGE = "Z"
@@ -91,7 +90,6 @@ def solve(contact: Contact, given: Number | None, static: Number | None, *, bala
 
     Parameters
     ----------
-    contact : Contact
     given : column (n, 1), optional
         The total sinkage, where it is not the model's to find.
     static : column (n, 1), optional
@@ -146,7 +144,7 @@ def _balanced(contact: Contact) -> tuple[Number, Resultants | None]:
     plain = contact.map(value_of)
     n = len(value_of(load))
 
-    def load_of(z: FloatArray, index: NDArray[np.intp]) -> FloatArray:
+    def load_of(z: FloatArray, index: IndexArray) -> FloatArray:
         part = plain if len(index) == n else plain.map(lambda x: rows(x, n, index))
         return np.asarray(part.resultants(z).load())
 

@@ -98,8 +98,6 @@ class WheelState:
     ----------
     conditions : Conditions
         The true inputs.
-    soil : SoilState
-    radius, width : m
     sinkage : m, Z
     entry_angle : rad, theta_1
     """

@@ -15,8 +15,8 @@ from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import FloatArray
 from model.wheel_soil import pressure_sinkage, stresses
 from model.wheel_soil.dual import Dual, Number, concatenate_rows, rows, value_of, weighted_sum, where
 
@@ -44,10 +44,7 @@ class Patch:
     ----------
     entry_angle : rad, theta_1
     speed_ratio : V/(r omega)
-    radius, width : m
-    cohesion : Pa
     tan_phi : 1
-    shear_modulus : m
     stiffness : Pa/m^n, k of Eq. 2
     exponent : n of Eq. 2
     peak_angle : rad, theta_m; the normal stress peaks there (0: at the bottom, as in the paper)
@@ -103,9 +100,9 @@ class Resultants:
 class _Rule:
     """Nodes on [0, 1], what is left from them to 1 (exact also at that end), and weights."""
 
-    at: NDArray[np.float64]
-    left: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    at: FloatArray
+    left: FloatArray
+    weights: FloatArray
 
 
 @lru_cache(maxsize=64)
@@ -126,7 +123,6 @@ def resultants(patch: Patch, quadrature: Quadrature | None = None) -> Resultants
     ----------
     patch : Patch
         Entries scalar or of shape (n, 1); ``0 < entry_angle <= pi/2``. NaN gives NaN.
-    quadrature : Quadrature, optional
 
     Returns
     -------
@@ -273,7 +269,7 @@ def _present(x: Number) -> bool:
     return isinstance(x, Dual) or bool(np.any(x != 0.0))
 
 
-def _mirrored(patch: Patch, stop: Number, span: Number, left: NDArray[np.float64]) -> Number:
+def _mirrored(patch: Patch, stop: Number, span: Number, left: FloatArray) -> Number:
     """Return the angle behind the entry that has the same stress in front of the peak (Wong & Reece).
 
     It is computed from the exit, where the stress vanishes, so that nothing cancels there however narrow the rear part
@@ -292,7 +288,6 @@ def entry_angle(sinkage: Number, radius: Number) -> Number:
     Parameters
     ----------
     sinkage : m, any shape
-    radius : m
     """
     ratio = sinkage / radius
     valid = (value_of(ratio) > 0.0) & (value_of(ratio) <= 1.0)

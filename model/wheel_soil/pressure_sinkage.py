@@ -34,9 +34,7 @@ def closed_form(load: Number, radius: Number, width: Number, stiffness: Number, 
     Parameters
     ----------
     load : N, > 0
-    radius, width : m
     stiffness : Pa/m^n, k of Eq. 2 at that width
-    exponent : n
 
     Notes
     -----

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import Note
+from daq import FloatArray, Note
 from model.notes import DiagnosisCode
 from model.wheel_soil.conditions import Conditions
 from processing import ProcessedRun
-
-FloatArray = NDArray[np.float64]
 
 _EARTH_RADIUS_M = 6_371_008.8
 _LEAST_FIXES = 20
@@ -25,10 +22,6 @@ def line_positions(runs: Sequence[ProcessedRun]) -> tuple[list[FloatArray], tupl
     "out" starts at -1 and "back" at 1; where all runs go one way, the ends are those of what was driven. The shape of a
     run is its distance, which is smooth; where it lies comes from the positions of the whole run, whose noise that
     averages out. Without positions the line is as long as the longest run.
-
-    Parameters
-    ----------
-    runs : sequence of ProcessedRun
 
     Returns
     -------
@@ -129,7 +122,6 @@ def conditions_of(runs: Sequence[ProcessedRun], unit_weight_n_m3: float) -> list
 
     Parameters
     ----------
-    runs : sequence of ProcessedRun
     unit_weight_n_m3 : float
         Of the soil.
     """

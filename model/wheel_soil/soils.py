@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from math import cos, radians, tan
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import SOIL_KEYS, TerrainConfig
+from daq import SOIL_KEYS, FloatArray, TerrainConfig
 from model.wheel_soil import pressure_sinkage
 from model.wheel_soil.dual import Number
 
@@ -30,7 +29,6 @@ class Soil:
 
     Attributes
     ----------
-    name : str
     cohesion_pa : float
         c of Eq. 4.
     friction_angle_rad : float
@@ -43,8 +41,6 @@ class Soil:
         k_c of Eq. 2, N/m^(n+1).
     frictional_modulus : float
         k_phi of Eq. 2, N/m^(n+2).
-    unit_weight_n_m3 : float
-    source : str
     """
 
     name: str
@@ -149,9 +145,6 @@ LABORATORY_SPREAD: dict[str, float] = {
 """Relative one-sigma of a laboratory's soil parameters, where terrain.toml states none."""
 
 
-FloatArray = NDArray[np.float64]
-
-
 @dataclass(frozen=True)
 class SoilPrior:
     """A normal distribution over the soil's parameters, in the order of `SOIL_PARAMETERS`, SI units.
@@ -160,7 +153,6 @@ class SoilPrior:
     ----------
     mean : array, shape (6,)
     covariance : array, shape (6, 6)
-    source : str
     """
 
     mean: FloatArray

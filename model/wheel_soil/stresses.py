@@ -39,7 +39,6 @@ def shear_displacement(delta: Number, advance: Number, radius: Number, speed_rat
     ----------
     delta : rad, theta_1 - theta
     advance : sin(theta_1) - sin(theta)
-    radius : m
     speed_ratio : V/(r omega)
         1 - s when driving, 1/(1 + s_b) when braking.
     """
@@ -51,7 +50,6 @@ def mobilisation(displacement: Number, shear_modulus: Number, *, signed: bool) -
 
     Parameters
     ----------
-    displacement, shear_modulus : m
     signed : bool
         Whether the displacement may be negative (braking).
     """
@@ -71,7 +69,6 @@ def softened(displacement: Number, fraction: Number, *, signed: bool) -> Number:
 
     Parameters
     ----------
-    displacement : m
     fraction : 1
         q.
     signed : bool

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import ConfigError, Fault, nearest
+from daq import BoolArray, ConfigError, Fault, FloatArray, nearest
 from model.effects.base import Effect
 from model.wheel_soil.balance import Active, Contact, Solution, solve
 from model.wheel_soil.conditions import Conditions, Reaction, Wheel, WheelState
@@ -17,7 +16,6 @@ from model.wheel_soil.contact import Quadrature
 from model.wheel_soil.dual import Dual, Number, column, value_of
 from model.wheel_soil.soils import SOIL_PARAMETERS, Soil
 
-FloatArray = NDArray[np.float64]
 Reading = Literal["balanced", "literal"]
 """How the slip-sinkage laws are read (docs/decisions/sinkage-readings.md)."""
 
@@ -42,7 +40,6 @@ class Prediction:
     Attributes
     ----------
     static_sinkage_m, sinkage_m : Z0 and Z
-    entry_angle_rad : theta_1
     vertical_load_n : Eq. 7 for that sinkage
     drawbar_pull_n, driving_torque_nm : Eq. 8 and 9
     stress_scale : factor on the normal stress that returns the measured load (1 in the literal reading)
@@ -64,14 +61,11 @@ class WheelSoilModel:
 
     Parameters
     ----------
-    wheel : Wheel
-    soil : Soil
     effects : sequence of Effect classes or instances
         In any order; they are taken by their `stage`.
     reading : "balanced" or "literal"
         balanced: static sinkage from Eq. 7; where an effect moves the sinkage, the normal stress is scaled so that
         Eq. 7 returns the measured load. literal: the paper's, static sinkage from Eq. 10 and no scaling.
-    quadrature : Quadrature, optional
 
     Raises
     ------
@@ -262,7 +256,7 @@ def _read(active: Active, reaction: Reaction, state: WheelState) -> Reaction:
     return reaction
 
 
-def _scatter(columns: Mapping[str, Number], valid: NDArray[np.bool_], wrt: Sequence[str]) -> Prediction:
+def _scatter(columns: Mapping[str, Number], valid: BoolArray, wrt: Sequence[str]) -> Prediction:
     def spread(x: Number) -> FloatArray:
         out = np.full(valid.shape, np.nan)
         out[valid] = np.broadcast_to(x, (int(valid.sum()), 1))[:, 0]

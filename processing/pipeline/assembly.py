@@ -9,7 +9,7 @@ from math import isfinite, nan, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import ON_TIME_BASE, TRANSDUCER_ROLES, ChannelDefinition, ClockFit, Note, RunInfo, Use
+from daq import ON_TIME_BASE, TRANSDUCER_ROLES, ChannelDefinition, ClockFit, FloatArray, Note, RunInfo, Use
 from processing.notes import RunCode
 from processing.options import SLIP_ROLES, ProcessOptions
 from processing.pipeline.filters import standstill_sigma
@@ -21,7 +21,6 @@ from processing.pipeline.segments import runs_of, segment
 from processing.pipeline.slip import slip_of, slip_sigma
 from processing.processed_run import ProcessedRun, QualityReport, Reason, Segment, Standstill
 from processing.robust import robust_spread
-from processing.timebase import FloatArray
 
 
 def standstills(
@@ -71,7 +70,6 @@ def distance_of(time_s: FloatArray, ground_speed_mps: FloatArray) -> tuple[Float
     -------
     distance_m : float64 array, shape (n,)
         0 at the first known speed.
-    bridged_m : float
     """
     known = np.flatnonzero(np.isfinite(ground_speed_mps))
     distance = np.full(len(time_s), np.nan)
@@ -94,8 +92,6 @@ class Material:
     roles : mapping role -> OnBase
         Those that the run carries, one of them at least.
     latitude_deg, longitude_deg : float64 arrays
-    clock : ClockFit or None
-    notes : tuple of Note
     missing : mapping role -> Note
         See `QualityReport`.
     """
@@ -140,11 +136,8 @@ def assemble(material: Material, radius_m: float, run: RunInfo, options: Process
 
     Parameters
     ----------
-    material : Material
     radius_m : float
         Nominal radius of the wheel, as in Eq. 6.
-    run : RunInfo
-    options : ProcessOptions
     """
     ground, rim = material.values("ground_speed"), radius_m * material.values("wheel_speed")
     slip = slip_of(rim, ground, options.min_speed_mps)

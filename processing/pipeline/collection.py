@@ -12,11 +12,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import Channel
+from daq import BoolArray, Channel, FloatArray, IntArray
 from processing.robust import robust_spread
-from processing.timebase import LATE_NS, FloatArray, IntArray, in_order, merge_equal_stamps
+from processing.timebase import LATE_NS, in_order, merge_equal_stamps
 
 _FIRST_ROOM = 1 << 14
 _GROWTH = 8
@@ -131,7 +130,7 @@ class Nodes:
             sums[:, np.searchsorted(number, nodes.number)] += nodes.sums
         return Nodes(number, sums)
 
-    def part(self, rows: NDArray[np.bool_]) -> Nodes:
+    def part(self, rows: BoolArray) -> Nodes:
         """Return some of the nodes."""
         return Nodes(self.number[rows], self.sums[:, rows])
 

@@ -36,11 +36,12 @@ from math import isfinite, log, nan, pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import FloatArray, IntArray
 from processing.pipeline.collection import Samples
 from processing.pipeline.segments import runs_of
 from processing.processed_run import Segment
 from processing.robust import robust_spread
-from processing.timebase import FloatArray, IntArray, stretch_of, stretches
+from processing.timebase import stretch_of, stretches
 
 CUTOFF_PER_RATE = 0.2
 """Highest cut-off as a share of a channel's own rate."""
@@ -165,10 +166,8 @@ def filtered_sigma(
 
     Parameters
     ----------
-    samples : Samples
     residuals : float64 array
         Samples (thinned as they are) less the filtered signal at their instants; NaN is left out.
-    kernel_sigma_s : float
     declared : float or None
         One-sigma of one raw sample.
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from daq import ON_TIME_BASE, Channel, ClockFit, DataError, VehicleConfig, fit_clock
+from daq import ON_TIME_BASE, Channel, ClockFit, DataError, FloatArray, VehicleConfig, fit_clock
 from processing.pipeline.collection import Samples
-from processing.timebase import FloatArray, as_of
+from processing.timebase import as_of
 
 MODEL_ROLES = tuple(channel.role for channel in ON_TIME_BASE if channel.required)
 """Channels that a used sample must have, where the run carries them at all."""
@@ -25,7 +25,6 @@ def ready(
     Parameters
     ----------
     chunks : iterable of mapping role -> Channel
-    vehicle : VehicleConfig
     seen : set of str
         Gets every role that came.
     with_angle : bool
@@ -75,7 +74,6 @@ def without_jitter(speed: Samples, gnss_time: Samples, clock: ClockFit, lag_ns: 
 
     Parameters
     ----------
-    speed, gnss_time : Samples
     clock : ClockFit
         Of `gnss_time`.
     lag_ns : int

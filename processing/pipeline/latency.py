@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from math import hypot, isfinite, nan, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray, IntArray
 from processing.pipeline.slip import LEAST_SPEED_MPS, rolls_freely, speed_scale
 from processing.robust import RobustFit, block_covariance, robust_linear
-from processing.timebase import FloatArray
 
 SCAN_S = (-0.5, 1.5)
 _SCAN_STEP_S = 0.05
@@ -41,7 +40,6 @@ class SpeedSignals:
     ground_speed_mps, rim_speed_mps : float64 arrays
     traction : float64 array
         T / (r W), or T / r where the load is not measured; all NaN without torque.
-    rate_hz : float
     """
 
     ground_speed_mps: FloatArray
@@ -88,7 +86,7 @@ class _Problem:
     rim: FloatArray
     traction: FloatArray
     degree: int
-    rows: NDArray[np.int64]
+    rows: IntArray
     rate_hz: float
 
     @staticmethod
@@ -132,7 +130,7 @@ class _Problem:
                 break
         return delay_s, sqrt(block_covariance(matrix, y, fit.weights)[-1, -1])
 
-    def _shifted(self, delay_s: float, most: int) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    def _shifted(self, delay_s: float, most: int) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return at most so many rows that are usable at this delay, and basis and slope at t - delay."""
         rows = self.rows[:: max(1, -(-len(self.rows) // most))]
         position = rows - delay_s * self.rate_hz
@@ -149,14 +147,14 @@ class _Problem:
         good = np.isfinite(basis).all(axis=1) & np.isfinite(slope).all(axis=1)
         return rows[good], basis[good], slope[good]
 
-    def _interpolated(self, signal: FloatArray, low: NDArray[np.int64], share: FloatArray) -> FloatArray:
+    def _interpolated(self, signal: FloatArray, low: IntArray, share: FloatArray) -> FloatArray:
         """Return a signal between two samples, and its central differences interpolated alike, shape (2, n, 1)."""
         before, here, there, after = (signal[low + step] for step in (-1, 0, 1, 2))
         slope = ((1 - share) * (there - before) + share * (after - here)) * (0.5 * self.rate_hz)
         return np.stack([(1 - share) * here + share * there, slope])[:, :, None]
 
 
-def _low_slip(signals: SpeedSignals, limit: float) -> NDArray[np.bool_]:
+def _low_slip(signals: SpeedSignals, limit: float) -> BoolArray:
     """Return the moving samples whose traction goes with a slip below the limit, by the median slip of each bin."""
     rim, ground, traction = signals.rim_speed_mps, signals.ground_speed_mps, signals.traction
     larger = np.maximum(rim, ground)
@@ -200,7 +198,6 @@ def compare_speeds(
     ----------
     ground_speed_mps, rim_speed_mps, torque_nm, load_n, drawbar_pull_n : float64 arrays, shape (n,)
         On the time base; NaN where not to be used or not measured. Where torque is not, slip goes by drawbar pull.
-    radius_m, rate_hz : float
     """
     measured = np.isfinite(torque_nm).any()
     traction = torque_nm / radius_m if measured else drawbar_pull_n

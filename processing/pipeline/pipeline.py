@@ -14,6 +14,7 @@ from daq import (
     ConfigError,
     DataError,
     Fault,
+    FloatArray,
     Note,
     RunInfo,
     Severity,
@@ -45,7 +46,7 @@ from processing.pipeline.resampling import (
 from processing.pipeline.transducer_status import StatusGate
 from processing.pipeline.wheel_frames import at_soil, not_carried, to_vehicle_axes
 from processing.processed_run import ProcessedRun
-from processing.timebase import FloatArray, make_time_base
+from processing.timebase import make_time_base
 from processing.transducer_zero.application import RunZeros, ZeroRemoval
 
 _ROTATING = (*FORCE_ROLES, "wheel_angle")
@@ -65,7 +66,6 @@ def require_any(seen: Collection[str], came: Collection[str], vehicle: VehicleCo
     ----------
     seen, came : collection of str
         Roles that have a signal, and those of which a sample came.
-    vehicle : VehicleConfig
 
     Raises
     ------
@@ -109,7 +109,6 @@ def why_missing(
         Those that can be used.
     seen, came : collection of str
         As in `require_any`.
-    vehicle : VehicleConfig
 
     Raises
     ------
@@ -167,8 +166,6 @@ def process(
         SI units and radians (positions in degrees), each with its own stamps.
     vehicle : VehicleConfig
         Needs ``[wheel]``.
-    run : RunInfo, optional
-    options : ProcessOptions, optional
     zeros : RunZeros, optional
         Of the transducer; taken off before rotation and filter.
 

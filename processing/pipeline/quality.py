@@ -8,11 +8,10 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import REACTIONS, Note, Severity
+from daq import REACTIONS, BoolArray, FloatArray, Note, Severity
 from processing.notes import RunCode
 from processing.pipeline.latency import SpeedComparison
 from processing.processed_run import Reason, Segment, SensorFacts, Standstill
-from processing.timebase import FloatArray
 
 _SIGN_SAMPLES = 50
 _OPPOSED = 0.3
@@ -136,7 +135,7 @@ def run_notes(
     return notes
 
 
-def _opposed(role: str, values: FloatArray, against: str, of: FloatArray, rows: NDArray[np.bool_]) -> list[Note]:
+def _opposed(role: str, values: FloatArray, against: str, of: FloatArray, rows: BoolArray) -> list[Note]:
     """Return a note when a force falls with what makes it rise: its sign is wrong."""
     rows = rows & np.isfinite(values) & np.isfinite(of)
     if rows.sum() <= _SIGN_SAMPLES or not np.ptp(values[rows]) > 0 or not np.ptp(of[rows]) > 0:

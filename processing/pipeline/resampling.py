@@ -8,13 +8,13 @@ from math import isfinite, nan
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import Note
+from daq import BoolArray, FloatArray, Note
 from processing.notes import RunCode
 from processing.options import HIGHEST_AUTOMATIC_CUTOFF_HZ, ProcessOptions
 from processing.pipeline.collection import Samples, rethin
 from processing.pipeline.filters import CUTOFF_PER_RATE, Smoothed, filtered_sigma, kernel_sigma_s, smooth
 from processing.processed_run import Reason, SensorFacts
-from processing.timebase import FloatArray, interpolate, seconds_since, stretches
+from processing.timebase import interpolate, seconds_since, stretches
 
 _OWN_INTERVALS = 1.75
 _RETHIN_PER_SIGMA = 1 / 6
@@ -30,7 +30,6 @@ class OnBase:
         Filtered signal and its derivative per second (kept of speeds only, else all NaN); NaN in gaps.
     reason : uint8 array
         `Reason.USED`, or why there is no value, or `Reason.FILTER_EDGE`.
-    facts : SensorFacts
     """
 
     values: FloatArray
@@ -46,7 +45,6 @@ def choose_cutoff(samples: dict[str, Samples], options: ProcessOptions) -> tuple
     ----------
     samples : mapping role -> Samples
         Of the channels that the model compares.
-    options : ProcessOptions
     """
     intervals = {role: s.interval_s for role, s in samples.items() if isfinite(s.interval_s)}
     asked = options.cutoff_hz or min(HIGHEST_AUTOMATIC_CUTOFF_HZ, options.rate_hz / 10)
@@ -89,11 +87,8 @@ def put_on_base(
 
     Parameters
     ----------
-    samples : Samples
     start_ns, time_s : int, float64 array (n,)
         The time base.
-    cutoff_hz : float
-    options : ProcessOptions
     declared : (latency_s, sigma)
         Of the sensor; sigma may be None.
     keep_slope : bool
@@ -140,7 +135,7 @@ def _reasons(
     return reason
 
 
-def _near(at_s: FloatArray, stamps_s: FloatArray, limit_s: float) -> NDArray[np.bool_]:
+def _near(at_s: FloatArray, stamps_s: FloatArray, limit_s: float) -> BoolArray:
     """Return which instants have a stamp within the limit."""
     if not len(stamps_s):
         return np.zeros(len(at_s), np.bool_)

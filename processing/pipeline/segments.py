@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray, IntArray
 from processing.processed_run import Segment
-from processing.timebase import FloatArray
-
-BoolArray = NDArray[np.bool_]
 
 _REST_MPS = 0.15
 _MOVING_MPS = 0.3
@@ -46,7 +44,7 @@ def segment(
     return _without_short(kind, _SHORTEST_SECONDS * rate_hz)
 
 
-def runs_of(labels: NDArray[np.uint8] | BoolArray) -> NDArray[np.int64]:
+def runs_of(labels: NDArray[np.uint8] | BoolArray) -> IntArray:
     """Return (start, stop) of every run of equal labels, shape (k, 2)."""
     if not len(labels):
         return np.zeros((0, 2), np.int64)

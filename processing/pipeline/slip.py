@@ -5,10 +5,9 @@ from __future__ import annotations
 from math import nan, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray
 from processing.robust import block_covariance, robust_linear
-from processing.timebase import FloatArray
 
 _BLOCK = 1 << 16
 """Rows at once: a long run's temporaries stay small."""
@@ -78,7 +77,7 @@ def rolls_freely(
     load_n: FloatArray,
     drawbar_pull_n: FloatArray,
     radius_m: float,
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Return the moving samples on which the wheel hardly slips.
 
     Chosen without looking at ground speed: a choice by measured slip would confirm whatever error the speeds have.
@@ -90,7 +89,6 @@ def rolls_freely(
     ----------
     rim_speed_mps, torque_nm, load_n, drawbar_pull_n : float64 arrays, shape (n,)
         All NaN where not measured.
-    radius_m : float
     """
     moving = rim_speed_mps > LEAST_SPEED_MPS
     measured = [bool(np.isfinite(force).any()) for force in (torque_nm, drawbar_pull_n)]

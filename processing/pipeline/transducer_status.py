@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from daq import TRANSDUCER_ROLES, Channel, Note, VehicleConfig
+from daq import TRANSDUCER_ROLES, Channel, FloatArray, IntArray, Note, VehicleConfig
 from processing.notes import RunCode
 from processing.pipeline.collection import Samples
 from processing.pipeline.inputs import latency_ns
 from processing.pipeline.resampling import OnBase
-from processing.timebase import FloatArray, IntArray
 
 _HELD_INTERVALS = 5
 _HELD_NS = 100_000_000

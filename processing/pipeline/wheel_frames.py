@@ -31,10 +31,10 @@ from typing import Literal
 
 import numpy as np
 
-from daq import Channel, Note, TransducerSection, VehicleConfig
+from daq import Channel, FloatArray, IntArray, Note, TransducerSection, VehicleConfig
 from processing.notes import RunCode
 from processing.pipeline.resampling import OnBase
-from processing.timebase import FloatArray, IntArray, in_order, interpolate, merge_equal_stamps, seconds_since
+from processing.timebase import in_order, interpolate, merge_equal_stamps, seconds_since
 
 STANDARD_GRAVITY_MPS2 = 9.80665
 

@@ -8,12 +8,24 @@ from typing import Literal
 
 import numpy as np
 
-from daq import ROLES, TRANSDUCER_ROLES, ZERO_FILE, Channel, ConfigError, Determination, Fault, Note, VehicleConfig
+from daq import (
+    ROLES,
+    TRANSDUCER_ROLES,
+    ZERO_FILE,
+    Channel,
+    ConfigError,
+    Determination,
+    Fault,
+    FloatArray,
+    IntArray,
+    Note,
+    VehicleConfig,
+)
 from processing.notes import RunCode
 from processing.pipeline.resampling import OnBase
 from processing.pipeline.wheel_frames import interpolate_angle, merged_angle
 from processing.processed_run import AppliedZero
-from processing.timebase import FloatArray, IntArray, in_order, seconds_since
+from processing.timebase import in_order, seconds_since
 from processing.transducer_zero.choice import RoleZero, choose, systematic_sigma
 
 _OLD_S = 86_400.0
@@ -102,7 +114,6 @@ class RunZeros:
 
     Attributes
     ----------
-    determinations : tuple of Determination
     source : str
         Where they were read, for messages.
     temperature_degc : float or None
@@ -121,7 +132,6 @@ class ZeroRemoval:
     ----------
     zeros : RunZeros
         Without determinations nothing is taken off.
-    vehicle : VehicleConfig
 
     Raises
     ------

@@ -23,10 +23,8 @@ class WeightCheck:
 
     Attributes
     ----------
-    mass_kg, mass_sigma_kg, declared_kg : float
     angle_error_deg, angle_error_sigma_deg : float
         psi as counted less the true one, by the direction of the weight; NaN where the weight is too small.
-    remarks : tuple of Note
     """
 
     mass_kg: float
@@ -44,7 +42,6 @@ def check_weight(forces: Mapping[str, tuple[ChannelZero, float]], vehicle: Vehic
     ----------
     forces : mapping role -> (zero, si_factor)
         Of ``drawbar_pull`` and ``vertical_load``.
-    vehicle : VehicleConfig
 
     Returns
     -------
@@ -105,10 +102,8 @@ class Drift:
 
     Attributes
     ----------
-    channel, unit : str
     part : str
         "offset", "cos" or "sin".
-    change, sigma : float
     """
 
     channel: str

@@ -7,8 +7,7 @@ from math import hypot, sqrt
 
 import numpy as np
 
-from daq import ROLES, TRANSDUCER_ROLES, ChannelZero, Determination, VehicleConfig, find_unit
-from processing.timebase import FloatArray, IntArray
+from daq import ROLES, TRANSDUCER_ROLES, ChannelZero, Determination, FloatArray, IntArray, VehicleConfig, find_unit
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,6 @@ class RoleZero:
 
     Attributes
     ----------
-    first : Found
     second : Found or None
         Later than `first`.
     """
@@ -90,8 +88,6 @@ def choose(determinations: tuple[Determination, ...], vehicle: VehicleConfig, st
 
     Parameters
     ----------
-    determinations : tuple of Determination
-    vehicle : VehicleConfig
     start_ns : int
         Start of the run. Two determinations are interpolated between where they are of one kind; otherwise the nearer
         one holds.

@@ -8,10 +8,9 @@ from math import hypot, isfinite, sqrt
 
 import numpy as np
 
-from daq import ChannelZero, DataError, Fault, Note, VehicleConfig
+from daq import ChannelZero, DataError, Fault, FloatArray, Note, VehicleConfig
 from processing.notes import ZeroCode
 from processing.pipeline.wheel_frames import STANDARD_GRAVITY_MPS2, interpolate_angle, rotate
-from processing.timebase import FloatArray
 from processing.transducer_zero.parts import Harmonics, Motion, Part, find_spin, find_standstill, fit_harmonics
 
 _LIFTED_SHARE = 0.2
@@ -64,7 +63,6 @@ class Lifted:
     channels : mapping str -> ChannelZero
     outliers : mapping str -> int
         Samples of each channel that did not count.
-    remarks : tuple of Note
     """
 
     part: Part
@@ -91,7 +89,6 @@ def determine(
         Unwrapped psi in rad, see `processing.pipeline.wheel_frames.wheel_angle`.
     speed : (time_s, omega), or None
         Wheel speed in rad/s.
-    vehicle : VehicleConfig
     on_ground : bool
         Take the wheel to stand on the ground: only what must read zero there is determined.
 

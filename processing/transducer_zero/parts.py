@@ -19,11 +19,10 @@ from math import exp, nan, pi, sqrt
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray
 from processing.pipeline.segments import runs_of
 from processing.robust import robust_linear, robust_spread
-from processing.timebase import FloatArray
 
 _BLOCK_S = 1.0
 _FEWEST_BLOCKS, _MOST_BLOCKS = 4, 16
@@ -137,7 +136,6 @@ class Part:
     Attributes
     ----------
     method : "spin" or "standstill"
-    start_s, stop_s : float
     revolutions : int
         Whole ones; 0 of a standstill.
     speed : (time_s, omega_radps), each of shape (k,)
@@ -243,7 +241,7 @@ def _quarter_instants(time_s: FloatArray, angle_rad: FloatArray) -> FloatArray:
     return np.interp(np.arange(int(turned[-1] / (pi / 2)) + 1) * pi / 2, turned[new], time_s[new])
 
 
-def _longest(good: NDArray[np.bool_]) -> tuple[int, int]:
+def _longest(good: BoolArray) -> tuple[int, int]:
     """Return the first quarter of the longest stretch of good revolutions, and how many whole ones it holds."""
     stretches = [(int(start), int(stop - start + 3) // 4) for start, stop in runs_of(good) if good[start]]
     return max(stretches, key=lambda pair: pair[1], default=(0, 0))
@@ -257,7 +255,7 @@ def _changes(turn_s: FloatArray) -> FloatArray:
     return np.concatenate([change, change[-4:]])[: len(turn_s)]
 
 
-def _still(motion: Motion, edges: FloatArray) -> NDArray[np.bool_]:
+def _still(motion: Motion, edges: FloatArray) -> BoolArray:
     if motion.angle is not None and len(motion.angle[0]) > 1:
         angle = _means(*motion.angle, edges[:-1], edges[1:])
         around = np.pad(angle, 4, mode="edge")

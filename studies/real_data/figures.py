@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from playwright.sync_api import sync_playwright
 from plotly.subplots import make_subplots
 
+from daq import FloatArray
 from model.diagnosis import DiagnosisOptions, PlotData, diagnose_bench
 from model.diagnosis.single_wheel import Weighed, Weighing, driven_rows, skid_law
 from studies.real_data.study import CHANNELS, HERE, bench, weighed
 from studies.real_data.transfer import transfer
 
-FloatArray = NDArray[np.float64]
 IMAGES = HERE.parents[1] / "docs" / "images"
 WIDTH, HEIGHT = 1120, 460
 LOOKS = {

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
+from daq import FloatArray
 from model.diagnosis import Bench, DiagnosisOptions
 from model.diagnosis.single_wheel import (
     BenchProblem,
@@ -37,8 +38,6 @@ from model.diagnosis.single_wheel import (
     weighed,
 )
 from model.one_thread import one_thread
-
-FloatArray = NDArray[np.float64]
 
 _DRAWS = 400
 _SAME_SLIP = 0.05

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from blind.rim import FloatArray
 from blind.wheel import RADIUS_M, Moments
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
+
+from daq import FloatArray
 
 RATE_HZ = 200.0
 DURATION_S = 40.0

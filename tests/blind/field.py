@@ -9,11 +9,11 @@ import numpy as np
 from blind.causes import ALL
 from blind.driving import DURATION_S, RATE_HZ, Motion, Plan, load_history, moments_of, motion, plans
 from blind.ground import Ground, Patchiness, drawn_field, run_scatter
-from blind.rim import FloatArray
 from blind.sensors import Suite, measured
 from blind.vendors import VENDORS, Vendor
 from blind.wheel import RADIUS_M, Care, Moments, Physics, Reading, readings, soil_forces
 
+from daq import FloatArray
 from daq.channels import Channel
 
 _SOLVE_EVERY = 4

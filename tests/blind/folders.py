@@ -11,11 +11,11 @@ import tomli_w
 from blind.driving import INFLATION_KPA, MASS_KG, Plan
 from blind.field import FieldDay, driven
 from blind.ground import LABORATORY, SPREAD, UNIT_WEIGHT_N_M3
-from blind.rim import FloatArray
 from blind.sensors import Suite
 from blind.vendors import Vendor
 from blind.wheel import OUTBOARD_KG, OUTBOARD_KGM2, RADIUS_M, WIDTH_M
 
+from daq import FloatArray
 from daq.can.bits import Message
 from daq.can.databases import load_database
 from daq.can.encoding import encode, merge

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from blind.rim import Column, FloatArray
+from blind.rim import Column
+
+from daq import FloatArray
 
 KEYS = ("cohesion", "friction", "shear_modulus", "exponent", "cohesive", "frictional")
 SPREAD = {

@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from blind.ground import Ground
-from blind.rim import Column, FloatArray
+from blind.rim import Column
 from blind.wheel import RADIUS_M, Moments, Physics, Reading
+
+from daq import FloatArray
 
 
 @dataclass(frozen=True)

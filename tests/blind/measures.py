@@ -11,10 +11,11 @@ import numpy as np
 from blind.causes import ALL, FAMILIES, KNOWN, RIVALS
 from blind.field import FieldDay
 from blind.noise import instrument_covariance, run_covariance
-from blind.rim import FloatArray
 from blind.sight import Sight, sight_of, soil_columns
 from scipy.linalg import cholesky, solve_triangular
 from scipy.special import log_ndtr, logsumexp
+
+from daq import FloatArray
 
 NO_CAUSE_SHARE = 0.25
 """Share of campaigns without a cause, of the mix that the oracle knows."""

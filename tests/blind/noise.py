@@ -8,8 +8,9 @@ import numpy as np
 from blind.driving import RATE_HZ
 from blind.field import FieldDay
 from blind.ground import RUN_SCATTER
-from blind.rim import FloatArray
 from blind.sight import Sight
+
+from daq import FloatArray
 
 _FINE_S = 0.005
 _BLOCK_S = 0.2

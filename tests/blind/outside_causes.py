@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 from blind.hooks import Hidden, also, at_hub, braking_part, reads, softer
-from blind.rim import FloatArray
 from blind.wheel import Moments, Physics
+
+from daq import FloatArray
 
 
 def _relaxed(physics: Physics, length: float) -> Physics:

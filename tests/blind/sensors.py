@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from blind.driving import DURATION_S, RATE_HZ, Motion, Plan
-from blind.rim import FloatArray
 from blind.wheel import Reading
 from scipy.signal import lfilter
 
+from daq import FloatArray
 from daq.channels import Channel
 
 START_NS = 1_751_350_000_000_000_000

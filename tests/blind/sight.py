@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields
 import numpy as np
 from blind.field import FieldDay, physics_of
 from blind.ground import KEYS, SPREAD, Ground
-from blind.rim import FloatArray
 from blind.wheel import (
     OUTBOARD_KG,
     OUTBOARD_KGM2,
@@ -20,6 +19,8 @@ from blind.wheel import (
     readings,
     simulated,
 )
+
+from daq import FloatArray
 
 STEP = 40
 """Of 200 Hz: 5 Hz."""

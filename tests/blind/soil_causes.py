@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 from blind.ground import UNIT_WEIGHT_N_M3, Ground
 from blind.hooks import Hidden, also, at_hub, braking_part, driving_part, sinks, softer
-from blind.rim import Column, FloatArray, janosi
+from blind.rim import Column, janosi
 from blind.wheel import RADIUS_M, WIDTH_M, Moments, Physics
+
+from daq import FloatArray
 
 
 def _ding(physics: Physics, n1: float) -> Physics:

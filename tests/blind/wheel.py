@@ -7,8 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from blind.ground import Ground
-from blind.rim import NODES, Column, FloatArray, Rim, Shear, janosi, settled, sums
+from blind.rim import NODES, Column, Rim, Shear, janosi, settled, sums
 from numpy.typing import NDArray
+
+from daq import FloatArray
 
 RADIUS_M, WIDTH_M = 0.47, 0.318
 OUTBOARD_KG, OUTBOARD_KGM2 = 75.0, 8.0

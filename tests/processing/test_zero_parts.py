@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from daq import FloatArray
 from daq.config import VehicleConfig
 from daq.errors import DataError
 from processing.transducer_zero import TransducerSignal, determine
 from processing.transducer_zero.parts import Motion, find_spin, find_standstill
 from wheelsoil.wording.notes import texts_of
 
-FloatArray = NDArray[np.float64]
 RATE_HZ = 1000.0
 INERTIA = 8.0
 VEHICLE = VehicleConfig.model_validate(

@@ -86,8 +86,6 @@ def progress(items: Iterable[Item], label: str, total: int | None = None) -> Ite
 
     Parameters
     ----------
-    items : iterable
-    label : str
     total : int, optional
         Number of items, where it is known.
     """

@@ -21,10 +21,8 @@ def make_app(hub: Hub, pass_on: Callable[[Command], bool], rules: Rules) -> ASGI
 
     Parameters
     ----------
-    hub : Hub
     pass_on : callable
         Hands a command to the logger; returns False when the logger does not take it.
-    rules : Rules
     """
 
     async def events(_: Request) -> Response:

@@ -39,13 +39,11 @@ class PagePanel:
     ----------
     host, port, token, vehicle
         See `wheelsoil.live.open_page`.
-    restart_s : float
 
     Attributes
     ----------
     addresses : tuple of str
         URLs that open the page, token included.
-    token : str or None
     dropped : int
         Number of snapshots that the page did not accept.
     starts : int

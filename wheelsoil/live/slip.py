@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from processing import FloatArray, interpolate
+from daq import FloatArray
+from processing import interpolate
 from processing.pipeline import slip_of
 
 SPAN_S = 60.0

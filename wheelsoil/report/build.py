@@ -30,8 +30,6 @@ def render(title: str, subtitle: str, sections: Sequence[Section], *, made_at: s
 
     Parameters
     ----------
-    title, subtitle : str
-    sections : sequence of Section
     made_at : str
         Time of the report, for the last line.
     json_name : str
@@ -108,7 +106,6 @@ def print_page(page: Path, output: Path, browser: str | None = None) -> None:
 
     Parameters
     ----------
-    page, output : Path
     browser : str, optional
         Default: `find_browser`.
 
@@ -165,11 +162,8 @@ class Report:
 
     Attributes
     ----------
-    title, subtitle : str
-    sections : tuple of Section
     left_out : mapping key -> why
         Sections that could not be built; the page shows the reason in their place.
-    made_at : datetime
     not_fitted : str
         Runs without a needed signal, if others were fitted; a text.
     """

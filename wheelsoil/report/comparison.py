@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from daq import OUTPUTS
+from daq import OUTPUTS, FloatArray, IntArray
 from model.fit import ModelFit
 from wheelsoil.report.inputs import ReportInputs
-
-FloatArray = NDArray[np.float64]
 
 _MIN_BLOCKS = 6
 _CONFIDENCE = 0.95
@@ -24,12 +21,9 @@ class Rival:
 
     Attributes
     ----------
-    name : str
-    r0_n : float
     t, critical_t : float
         Mean difference of the squared errors over nearly independent blocks of samples, divided by its standard
         error; significant (95 %) beyond `critical_t`. NaN with too few blocks.
-    blocks : int
     """
 
     name: str
@@ -97,9 +91,7 @@ def rank(material: ReportInputs, channel: str = "dp") -> Ranking:
     return Ranking(best, best.criteria[channel].R0_N, tuple(rivals), errors[best.name][counted])
 
 
-def _block_t(
-    difference: FloatArray, time_s: FloatArray, run: NDArray[np.int64], length_s: float
-) -> tuple[float, float, int]:
+def _block_t(difference: FloatArray, time_s: FloatArray, run: IntArray, length_s: float) -> tuple[float, float, int]:
     """Return Student's t of block means, its critical value (one-sided) and the number of blocks."""
     key = np.stack([run, np.floor(time_s / length_s).astype(np.int64)])
     label = np.unique(key, axis=1, return_inverse=True)[1].reshape(-1)

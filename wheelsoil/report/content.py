@@ -53,7 +53,6 @@ class Figure:
     ----------
     key : str
         Unique in the report.
-    title : str
     data, layout
         Input of plotly.js: lists, mappings, texts, numbers and None, no NaN.
     groups : sequence of str

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS
+from daq import OUTPUTS, BoolArray, FloatArray
 from wheelsoil.report.content import Figure, Panels
 from wheelsoil.report.figures import (
     EDGES,
@@ -27,7 +26,7 @@ from wheelsoil.report.figures import (
     thinned_by_sign,
     translucent,
 )
-from wheelsoil.report.inputs import FloatArray, ReportInputs
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.wording.model_styles import style
 
 
@@ -38,7 +37,6 @@ def quantity_figure(
 
     Parameters
     ----------
-    material : ReportInputs
     key : str
         Key of the figure.
     name : str
@@ -92,7 +90,6 @@ class Curves:
         Driving and braking; the reader chooses among all runs and each.
     errors : Figure
         Predicted - measured of every model, all runs.
-    numbers : mapping
     """
 
     panels: Panels
@@ -105,7 +102,6 @@ def curves_of(material: ReportInputs, channel: str, key: str, axis: str, reading
 
     Parameters
     ----------
-    material : ReportInputs
     channel : "dp" or "t"
     key : str
         Prefix of the figures' keys.
@@ -151,8 +147,8 @@ def curves_of(material: ReportInputs, channel: str, key: str, axis: str, reading
 def _medians(
     slip: FloatArray,
     predicted: dict[str, FloatArray],
-    choices: dict[str, NDArray[np.bool_]],
-    inside: NDArray[np.bool_],
+    choices: dict[str, BoolArray],
+    inside: BoolArray,
 ) -> FloatArray:
     """Return the points of every model's line for every choice of runs."""
     rows = [chosen & inside for chosen in choices.values()]
@@ -166,7 +162,7 @@ def _traces(
     measured: FloatArray,
     predicted: dict[str, FloatArray],
     sigmas: dict[str, FloatArray],
-    rows: NDArray[np.bool_],
+    rows: BoolArray,
     ends: tuple[float, float],
 ) -> list[Trace]:
     """Return the traces of one choice of runs."""

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import FloatArray, IntArray
 from wheelsoil.wording.model_styles import Style
-
-FloatArray = NDArray[np.float64]
 
 EDGES = np.round(np.arange(-1.0, 1.0001, 0.05), 2)
 """Bins of slip."""
@@ -34,7 +32,7 @@ class Bins:
     median: FloatArray
     lower: FloatArray
     upper: FloatArray
-    count: NDArray[np.int64]
+    count: IntArray
 
 
 def points_of_run(runs: int) -> int:
@@ -42,7 +40,7 @@ def points_of_run(runs: int) -> int:
     return int(np.clip(_POINTS_IN_ALL // max(runs, 1), _FEWEST, _MOST))
 
 
-def decimated_rows(values: FloatArray, limit: int) -> NDArray[np.int64]:
+def decimated_rows(values: FloatArray, limit: int) -> IntArray:
     """Choose rows of a series so that its line keeps every peak.
 
     The series is cut into ``limit / 2`` pieces; each keeps the rows of its minimum and maximum.
@@ -72,7 +70,7 @@ def decimated_rows(values: FloatArray, limit: int) -> NDArray[np.int64]:
     return np.unique(np.concatenate([lows, highs, empty]))
 
 
-def thinned_rows(x: FloatArray, y: FloatArray, *, cells: int = 40, per_cell: int = 2) -> NDArray[np.int64]:
+def thinned_rows(x: FloatArray, y: FloatArray, *, cells: int = 40, per_cell: int = 2) -> IntArray:
     """Choose rows of a cloud of points: at most `per_cell` in each cell of a `cells` x `cells` grid over them.
 
     Rows with a NaN are omitted. In a crowded cell rows are taken at even steps, so that no time is preferred.
@@ -86,11 +84,11 @@ def thinned_rows(x: FloatArray, y: FloatArray, *, cells: int = 40, per_cell: int
     sizes = np.diff(starts, append=len(rows))
     steps = np.arange(per_cell)
     picks = starts[:, None] + (steps[None, :] * sizes[:, None]) // per_cell
-    kept: NDArray[np.int64] = np.sort(rows[order[np.unique(picks)]])
+    kept: IntArray = np.sort(rows[order[np.unique(picks)]])
     return kept
 
 
-def thinned_by_sign(x: FloatArray, y: FloatArray) -> NDArray[np.int64]:
+def thinned_by_sign(x: FloatArray, y: FloatArray) -> IntArray:
     """Choose rows of a cloud as `thinned_rows`, separately for x > 0 and the rest."""
     halves = (np.flatnonzero(x > 0), np.flatnonzero(~(x > 0)))
     return np.concatenate([half[thinned_rows(x[half], y[half])] for half in halves])
@@ -120,7 +118,7 @@ def parted_at_zero(curve: Bins) -> Bins:
     return Bins(centre=np.insert(curve.centre, at, 0.0), count=np.insert(curve.count, at, 0), **gap)
 
 
-def _cell(values: FloatArray, cells: int) -> NDArray[np.int64]:
+def _cell(values: FloatArray, cells: int) -> IntArray:
     low, high = values.min(), values.max()
     if high == low:
         return np.zeros(len(values), np.int64)
@@ -207,7 +205,6 @@ def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: st
         Rows with a NaN are omitted.
     x_range : (float, float)
         Samples outside are omitted.
-    name : str
 
     Returns
     -------
@@ -250,7 +247,6 @@ def shades(spans: Sequence[tuple[float, float]], low: float, high: float, name: 
     spans : sequence of (from, to)
     low, high : float
         Ends of the stripes on the y axis.
-    name : str
     fill : (colour, pattern)
     """
     x: list[float | None] = []

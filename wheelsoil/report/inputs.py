@@ -11,9 +11,8 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS, REACTIONS, DataError, Fault, VehicleConfig
+from daq import OUTPUTS, REACTIONS, DataError, Fault, FloatArray, IntArray, VehicleConfig
 from daq.recording import Event
 from daq.runs import Run
 from model.diagnosis import Diagnosis
@@ -28,8 +27,6 @@ from wheelsoil.workflows.fit import whole_runs
 from wheelsoil.workflows.grading import Grade, grade_of
 from wheelsoil.workflows.recording_summary import sha256_of
 
-FloatArray = NDArray[np.float64]
-
 _PER_BIN = 4
 """Samples of a run and a bin of slip for which it is worked out: the band is smooth."""
 
@@ -39,7 +36,6 @@ def model_sigmas(runs: Sequence[ProcessedRun], fit: CampaignFit) -> dict[str, di
 
     Parameters
     ----------
-    runs : sequence of ProcessedRun
     fit : CampaignFit
         Of these runs.
 
@@ -88,7 +84,7 @@ def _covariance(model: ModelFit) -> tuple[tuple[str, ...], FloatArray]:
     return names, correlation * np.outer(size, size)
 
 
-def _rows(slip: FloatArray, run: NDArray[np.int64]) -> NDArray[np.int64]:
+def _rows(slip: FloatArray, run: IntArray) -> IntArray:
     """Choose samples at even steps of each run and bin of slip."""
     bins = len(EDGES) + 1
     label = run * bins + np.digitize(slip, EDGES)
@@ -99,7 +95,7 @@ def _rows(slip: FloatArray, run: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(np.sort(order[np.unique(picks)]), np.int64)
 
 
-def _chosen(runs: Sequence[ProcessedRun], unit_weight_n_m3: float, rows: NDArray[np.int64]) -> Conditions:
+def _chosen(runs: Sequence[ProcessedRun], unit_weight_n_m3: float, rows: IntArray) -> Conditions:
     """Return the conditions of some of the used samples."""
     conditions = conditions_of(runs, unit_weight_n_m3)
 
@@ -120,9 +116,6 @@ class Source:
 
     Attributes
     ----------
-    run_id, file, sha256 : str
-    bytes : int
-    frames, dropped_frames : int or None
     loss : tuple of str
         What of the file cannot be read.
     gaps : tuple of str
@@ -169,20 +162,15 @@ class ReportInputs:
 
     Attributes
     ----------
-    runs : tuple of ProcessedRun
-    campaign : CampaignFit or None
     no_fit : str
         Why there is no fit.
-    vehicle : VehicleConfig
     terrain : str
         Name of the soil.
-    sources : tuple of Source
     command : str
         What made the report.
     options : mapping
         How it was made.
     versions : mapping program -> version
-    diagnosed : Diagnosis or None
     no_diagnosis : str
         Why there is none; empty where none was asked for, and then the page says nothing of it.
     """

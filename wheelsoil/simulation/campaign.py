@@ -39,7 +39,6 @@ class SimulatedCampaign:
 
     Attributes
     ----------
-    folder : Path
     files : tuple of Path
         The runs, recordings first.
     frames : int
@@ -99,7 +98,6 @@ def simulated_run(options: SimulationOptions, index: int) -> VirtualRun:
 
     Parameters
     ----------
-    options : SimulationOptions
     index : int
         From 0; loads and directions alternate.
 
@@ -153,15 +151,12 @@ def simulated_roles(options: SimulationOptions, index: int) -> tuple[dict[str, C
 
     Parameters
     ----------
-    options : SimulationOptions
     index : int
         See `simulated_run`.
 
     Returns
     -------
     channels : mapping role -> Channel, in SI; without positions
-    vehicle : VehicleConfig
-    run : RunInfo
     """
     vehicle = vehicle_config(simulated_setup(options), options.wheel, BUS)
     databases = {BUS: tuple(load_database(shipped_dbc(name)) for name in DBC_FILES)}
@@ -181,7 +176,6 @@ def simulate_campaign(
     ----------
     folder : Path
         Created if it does not exist; otherwise it must be empty.
-    options : SimulationOptions
     kind : "mcap", "candump" or "both"
         File format of the runs; runs.toml names the recordings if there are any.
     decoded : bool

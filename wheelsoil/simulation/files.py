@@ -7,7 +7,6 @@ from math import degrees, hypot
 
 import numpy as np
 import tomli_w
-from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
 from daq import (
@@ -15,6 +14,7 @@ from daq import (
     BusSection,
     ConfigError,
     Fault,
+    FloatArray,
     RunInfo,
     SensorSection,
     SoilSection,
@@ -28,8 +28,6 @@ from daq import (
 from model.simulation import VirtualSetup, drawn_soil
 from model.wheel_soil import LABORATORY_SPREAD, Soil, Wheel, soil_from_terrain
 from wheelsoil.simulation.frames import BITRATE, DBC_FILES, FRAME_TIME_S
-
-FloatArray = NDArray[np.float64]
 
 _TRIES = 1000
 _ROUNDING = 1e-9
@@ -46,12 +44,10 @@ def draw_field_soil(
 
     Parameters
     ----------
-    laboratory : Soil
     terrain : TerrainConfig
         Contains the uncertainty; without one, `model.wheel_soil.LABORATORY_SPREAD`.
     width_m : float
         Wheel width.
-    rng : numpy.random.Generator
     where : str
         File name for messages.
 
@@ -176,7 +172,6 @@ def terrain_config(soil: Soil, spread: Mapping[str, float]) -> TerrainConfig:
 
     Parameters
     ----------
-    soil : Soil
     spread : mapping
         Relative one-sigma per parameter, as `model.wheel_soil.LABORATORY_SPREAD`; zero: unknown.
     """

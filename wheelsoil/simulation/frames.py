@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import Channel, DataError, Fault, Quantity, find_unit
+from daq import Channel, DataError, Fault, FloatArray, Quantity, find_unit
 from daq.can import FrameBatch, Message, Signal, encode, load_database, merge, rolling_counter, shipped_dbc
 from model.simulation import VirtualRun
 
@@ -60,7 +59,6 @@ def virtual_frames(run: VirtualRun, bus: str = "can0") -> FrameBatch:
 
     Parameters
     ----------
-    run : VirtualRun
     bus : str
         Name of the bus.
 
@@ -107,7 +105,7 @@ def _encoded(message: Message, signals: Mapping[str, str], channels: Mapping[str
     return encoded.frames
 
 
-def _in_unit(signal: Signal, channel: Channel) -> NDArray[np.float64]:
+def _in_unit(signal: Signal, channel: Channel) -> FloatArray:
     """Return a channel's SI values in the unit of its signal; an angle that would round to a full turn is zero."""
     if not channel.unit:
         return channel.values

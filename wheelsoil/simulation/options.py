@@ -35,17 +35,14 @@ class SimulationOptions:
     effects : mapping effect -> mapping parameter -> value
         Effects of wheel, soil and sensors beyond Wong's model; see `parse_effect`.
     reading : "balanced" or "literal"
-    runs : int
     duration_s : float
         Duration of each run.
-    seed : int
     added_load_kg : tuple of float
         Added masses, used in turn; the direction alternates from run to run.
     pass_number : tuple of int
         Number of the pass over the track, used in turn.
     inflation_kpa : tuple of float
         Tyre pressures stated in runs.toml, used in turn; if empty, the usual pressure acts and none is stated.
-    wheel : Wheel
     draw_soil : bool
         Draw the true soil from the laboratory's uncertainty instead of using the values of terrain.toml.
     wheel_axes : bool
@@ -240,7 +237,6 @@ def with_model(options: SimulationOptions, path: Path, given: Collection[str]) -
 
     Parameters
     ----------
-    options : SimulationOptions
     path : Path
         Of the model file.
     given : collection of str

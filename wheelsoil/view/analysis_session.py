@@ -47,7 +47,6 @@ class AnalysisSession:
     ----------
     paths : sequence of Path
         Recordings, logs, campaign folders.
-    files : Files
 
     Raises
     ------

@@ -23,10 +23,8 @@ class Processing:
 
     Parameters
     ----------
-    campaigns : sequence of ViewedCampaign
     lock : RLock
         Guards the state of the campaigns.
-    helper : Helper
     zero : Path or None
         A zero file in place of those that the vehicles name.
     folder : Path

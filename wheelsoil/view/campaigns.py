@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import ConfigError, DataError, Fault, WheelsoilError
+from daq import ConfigError, DataError, Fault, FloatArray, WheelsoilError
 from daq.runs import Run
 from model.wheel_soil import REFERENCE_INFLATION_KPA, Soil, Wheel
 from processing import LOOK, Interval, ProcessOptions, check_within
@@ -35,13 +34,11 @@ class ViewedRun:
     ----------
     key : str
         Identifies the run on the page.
-    run : Run
     state : "waiting", "processing", "ready" or "failed"
     faults : tuple of Fault
         Why it failed.
     options : ProcessOptions or None
         Options of the last processing, successful or not.
-    plot_data : PlotData or None
     file : Path or None
         Contains the processed run.
     ended : int
@@ -90,19 +87,14 @@ class ViewedCampaign:
 
     Attributes
     ----------
-    key, name : str
     folder : Path
         Where the choice is saved.
-    runs : list of ViewedRun
     others : tuple of Run
         Runs of the same folder with another terrain or wheel.
     soil_name : str or None
         A preset instead of terrain.toml.
     whole : bool
         Whether it was given as a folder, not as recordings.
-    choice : Choice
-    saved_at : Path or None
-    diagnosis : DiagnosisOnPage
     not_identifiable : mapping reading -> (mapping family -> reason)
         Families of effects that these data cannot identify; filled on request.
     chosen : int
@@ -292,7 +284,7 @@ class ViewedCampaign:
                 check_within(kept, run.plot_data.end_s, f"run {run.run.id}")
 
 
-def _median(pieces: Sequence[NDArray[np.float64]]) -> float:
+def _median(pieces: Sequence[FloatArray]) -> float:
     values = np.concatenate([np.zeros(0), *pieces])
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else float("nan")

@@ -9,9 +9,8 @@ from math import inf, log10
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS, ConfigError, Fault, nearest
+from daq import OUTPUTS, ConfigError, Fault, FloatArray, nearest
 from model.effects import EFFECTS
 from model.effects import Parameter as EffectParameter
 from model.wheel_soil import (
@@ -25,8 +24,6 @@ from model.wheel_soil import (
     WheelSoilModel,
 )
 
-FloatArray = NDArray[np.float64]
-
 SLIPS = np.linspace(-0.3, 0.8, 120)
 
 
@@ -36,8 +33,6 @@ class Base:
 
     Attributes
     ----------
-    wheel : Wheel
-    soil : Soil
     load_n : float
         Median of the used samples.
     ground_speed_mps : float
@@ -88,7 +83,6 @@ def curve_of(
 
     Parameters
     ----------
-    base : Base
     effects : sequence of str
         Keys of `EFFECTS`.
     reading : "balanced" or "literal"
@@ -133,7 +127,6 @@ def effect_entries(base: Base, reading: Reading, reasons: Mapping[str, str]) -> 
 
     Parameters
     ----------
-    base : Base
     reading : "balanced" or "literal"
     reasons : mapping family -> sentence
         Why the data cannot identify the family.

@@ -54,7 +54,6 @@ class Helper:
         ----------
         function : callable
             From an importable module; the function, its arguments and its result are pickled.
-        *args
         urgent : bool
             Precedes all jobs that are not urgent, but does not interrupt one.
         """

@@ -37,11 +37,8 @@ class PlotData:
     run : ProcessedRun
         All samples of the drawn quantities, in single precision except time and slip, so that counts and averages
         refer to all samples, not only to the drawn points. The other arrays are empty.
-    trace : Trace
     lost : tuple of str
         Losses of its recording, as sentences.
-    notes : tuple of str
-    sha256 : str
     missing : mapping role -> str
         See `processing.processed_run.QualityReport`.
     """

@@ -34,7 +34,6 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
 
     Returns
     -------
-    campaigns : list of ViewedCampaign
     remarks : list of str
         Unreadable files and folders, which are skipped, and the parts of a choice that do not fit.
 

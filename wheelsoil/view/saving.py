@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import ConfigError, Fault
+from daq import BoolArray, ConfigError, Fault, FloatArray
 from processing import ProcessedRun, Reason
 from wheelsoil.view.campaigns import ViewedCampaign
 from wheelsoil.view.requests import SelectedAsked
@@ -31,7 +30,6 @@ def selected_of(run: ProcessedRun, asked: SelectedAsked) -> dict[str, Any]:
     ----------
     run : ProcessedRun
         With the manual exclusions.
-    asked : SelectedAsked
     """
     rows = _rows(run, asked)
     used = rows & run.used
@@ -48,7 +46,7 @@ def selected_of(run: ProcessedRun, asked: SelectedAsked) -> dict[str, Any]:
     }
 
 
-def _rows(run: ProcessedRun, asked: SelectedAsked) -> NDArray[np.bool_]:
+def _rows(run: ProcessedRun, asked: SelectedAsked) -> BoolArray:
     if asked.kind == "reason":
         return np.asarray(run.reason == _REASONS.get(asked.code, -1))
     visible = run.used | asked.left_out
@@ -60,7 +58,7 @@ def _rows(run: ProcessedRun, asked: SelectedAsked) -> NDArray[np.bool_]:
     return rows & _within(getattr(run, asked.channel), asked.bottom, asked.top)
 
 
-def _within(values: NDArray[np.float64], low: float, high: float) -> NDArray[np.bool_]:
+def _within(values: FloatArray, low: float, high: float) -> BoolArray:
     return np.asarray((values >= low) & (values <= high))
 
 

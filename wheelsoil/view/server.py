@@ -147,8 +147,6 @@ def serve(
 
     Parameters
     ----------
-    paths : sequence of Path
-    files : Files
     host : str
         Any address except this machine's loopback requires a token.
     port : int or None

@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daq import FloatArray, IntArray
 from processing import ProcessedRun, Reason, Segment
 from processing.pipeline import runs_of
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MOST_POINTS = 6000
 _RATE_HZ = 10.0
@@ -104,7 +102,6 @@ def trace_as_json(trace: Trace, reason: NDArray[np.uint8]) -> dict[str, Any]:
 
     Parameters
     ----------
-    trace : Trace
     reason : uint8 array, shape (n,)
         Instead of the trace's own: with the manual exclusions.
     """

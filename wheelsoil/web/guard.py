@@ -69,7 +69,6 @@ class Rules:
         IP address on which the page listens.
     names : frozenset of str
         Accepted host names, lower case.
-    token : str or None
     """
 
     bound: str
@@ -113,10 +112,8 @@ class Guard:
     Parameters
     ----------
     app : ASGI application
-    rules : Rules
     open_paths : frozenset of str
         Paths that need no token.
-    largest_body_bytes : int
     policy : str
         Content-Security-Policy.
     """

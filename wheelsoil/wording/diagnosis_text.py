@@ -84,7 +84,6 @@ def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
 
     Parameters
     ----------
-    diagnosis : Diagnosis
     width : int
         Of the terminal, in characters; held between 80 and 100.
     """

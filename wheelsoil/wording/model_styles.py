@@ -16,7 +16,6 @@ class Style:
 
     Attributes
     ----------
-    label : str
     colour : str
         "#rrggbb"
     dash, symbol : str

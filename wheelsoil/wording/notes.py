@@ -37,7 +37,6 @@ def runs_by_text(
 
     Parameters
     ----------
-    runs : iterable of ProcessedRun
     notes_of : callable
         What is noted of a run.
 

@@ -5,15 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import isfinite
 
-import numpy as np
-from numpy.typing import NDArray
-
-from daq import number, table_lines
+from daq import FloatArray, number, table_lines
 from model.diagnosis import ALIKE, SEEN, Detectable, Plan
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE, limited, not_named, notes_by_text, wrapped
 from wheelsoil.wording.names import effect_name, plain_name
-
-FloatArray = NDArray[np.float64]
 
 _FAINT = 0.3
 

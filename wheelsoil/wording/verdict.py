@@ -137,7 +137,6 @@ def unexplained_words(
 
     Parameters
     ----------
-    judged : Adequacy
     left : sequence of Finding
         Residuals that the most probable set leaves.
     best : sequence of str

@@ -37,7 +37,6 @@ class ChosenRun:
         Name of the recording without folder, and id of the run; one of them is enough.
     sha256 : str
         Of the recording (`wheelsoil.workflows.recording_summary.sha256_of`), or empty.
-    use : bool
     keep : tuple of (from, to) or None
         Seconds since the run's time base begins, in order; None: all of it.
     """
@@ -300,7 +299,6 @@ class RunInUse:
 
     Attributes
     ----------
-    run : Run
     keep : tuple of (from, to) or None
         See `wheelsoil.workflows.choice.ChosenRun`.
     warnings : tuple of Note

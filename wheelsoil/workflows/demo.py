@@ -52,11 +52,6 @@ def draw_hidden(seed: int, wheel: Wheel) -> Hidden:
     """Draw a family, one of its forms, and for each parameter a size and a direction; sometimes nothing.
 
     Families are equally likely. A size is 0.6 to 1.6 times plausible by the prior, within the bounds.
-
-    Parameters
-    ----------
-    seed : int
-    wheel : Wheel
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
     if rng.random() < _NOTHING_SHARE:
@@ -83,7 +78,6 @@ class Opened:
     Attributes
     ----------
     outcome : see `Outcome`
-    sentence : str
     parameters : tuple of mapping
         name, unit, truth, value, interval95, inside: where the very form was found.
     """

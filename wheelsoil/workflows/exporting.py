@@ -23,17 +23,10 @@ def export_tables(
 
     Parameters
     ----------
-    run : Run
-    folder : Path
     suffix : str
         ``parquet``, ``csv`` or ``mat``.
     signals : collection of "Message.Signal", optional
         All by default.
-    overwrite : bool
-
-    Returns
-    -------
-    list of Path
 
     Raises
     ------

@@ -50,7 +50,6 @@ def grade_of(run: ProcessedRun, lost: Sequence[str] = ()) -> Grade:
 
     Parameters
     ----------
-    run : ProcessedRun
     lost : sequence of str
         What of its recording was lost, in words; anything makes a good run fair.
     """

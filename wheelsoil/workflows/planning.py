@@ -47,8 +47,6 @@ def plan_campaigns(folders: Sequence[Path], files: PlanFiles, options: Diagnosis
     ----------
     folders : sequence of Path
         With vehicle.toml and, where they are there, terrain.toml and runs.toml; recordings are not looked at.
-    files : PlanFiles
-    options : DiagnosisOptions
 
     Raises
     ------

@@ -33,18 +33,12 @@ class PartFacts:
 
     Attributes
     ----------
-    file : str
-    bytes : int
-    sha256 : str
-    frames : int
-    start_ns, end_ns : int or None
     session : str
         The life of the logger that wrote it.
     exit_status : str
         Empty where the end of the file is missing.
     recording_now : bool
         Whether that is because a logger is writing it.
-    loss : tuple of str
     """
 
     file: str
@@ -65,20 +59,16 @@ class FileFacts:
 
     Attributes
     ----------
-    run_id, file : str
     kind : str
         "recording", "recording without raw frames" or the log's format.
-    bytes : int
     sha256 : str
         Of a run in parts: of all its files, one behind the other.
     parts : tuple of PartFacts
         Of a recording; one where the run is in one file.
     gaps : tuple of Gap
         What was not recorded between two parts.
-    info : RunInfo
     vehicle, terrain : str
         Names; empty where nothing is known.
-    start_ns, end_ns : int or None
     frames, drops : mapping bus -> number
         `drops` only of the buses whose recorder counted them.
     losses : mapping str -> int
@@ -92,11 +82,8 @@ class FileFacts:
         By how much their times can be wrong; NaN where that is not known.
     clock, clock_steps : mapping str -> str
         Metadata records of these names: host against GNSS time, steps of the host's clock.
-    coverage : Coverage
     databases : mapping bus -> names
     attachments : mapping name -> bytes
-    topics : tuple of Topic
-    written_by, exit_status : str
     loss, remarks : tuple of str
         What cannot be read; what else a user should know.
     """
@@ -150,7 +137,6 @@ def file_facts(run: Run, watch: Callable[[int], None] | None = None) -> FileFact
 
     Parameters
     ----------
-    run : Run
     watch : callable, optional
         Called with the number of frames now and then.
 

@@ -49,7 +49,6 @@ def report_of(
 
     Parameters
     ----------
-    paths : sequence of Path
     choice : Choice, optional
         Runs, parts of them and settings; None: all of it, the defaults.
     extended : ExtendedModel, optional
@@ -62,7 +61,6 @@ def report_of(
         See `daq.runs.open.open_runs`.
     zero : Path, optional
         See `wheelsoil.workflows.runs.open_and_process`.
-    lenient_dbc : bool
 
     Raises
     ------

@@ -59,7 +59,6 @@ def read_bench(
         The table.
     vehicle : Path, optional
         A file with ``[wheel]``; it is an error to give none.
-    terrain : Path, optional
     soil : str, optional
         A preset instead of it.
     rename, where : iterable of str, optional

@@ -44,13 +44,8 @@ class SinkageFacts:
     ----------
     source : str
         Of the table, or the runs' names.
-    radius_m : float
-    bins : list of SlipBin
-    growth : Growth
     checked : int
         Rows that the bound was checked on: driven, with measured sinkage.
-    inconsistent : tuple of Inconsistent
-    notes : tuple of str
     """
 
     source: str

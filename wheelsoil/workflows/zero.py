@@ -21,6 +21,8 @@ from daq import (
     ConfigError,
     Determination,
     Fault,
+    FloatArray,
+    IntArray,
     Note,
     Quantity,
     Unit,
@@ -32,7 +34,7 @@ from daq import (
 )
 from daq.can import Decoder, RawKind, Signal, SignalRef, messages_by_bus, resolve_roles
 from daq.runs import Collected, Run, open_runs
-from processing import FloatArray, IntArray, ZeroCode, in_order, merge_equal_stamps, seconds_since
+from processing import ZeroCode, in_order, merge_equal_stamps, seconds_since
 from processing.pipeline import latency_ns, status_at, wheel_angle
 from processing.transducer_zero import (
     Drift,
@@ -76,7 +78,6 @@ class TransducerData:
     ----------
     start_ns : int
         First stamp of all.
-    signals : tuple of TransducerSignal
     angle, speed : (time_s, values) or None
         psi, unwrapped, and wheel speed, SI.
     temperature_degc : (time_s, values) or None
@@ -250,12 +251,8 @@ class Found:
 
     Attributes
     ----------
-    run : Run
-    determination : Determination
-    check : WeightCheck or None
     outliers : mapping str -> int
         Samples of each channel that did not count.
-    remarks : tuple of Note
     """
 
     run: Run
@@ -420,7 +417,6 @@ def zeros_for(run: Run, given: Path | None = None) -> RunZeros:
 
     Parameters
     ----------
-    run : Run
     given : Path, optional
         A zero file in place of the one that vehicle.toml names.
 

@@ -15,7 +15,6 @@ class Check:
 
     Attributes
     ----------
-    name : str
     run : callable
         Yields a line for each bus, file or role; none where the check does not apply.
     """

@@ -38,8 +38,6 @@ class Link:
 
     Attributes
     ----------
-    name : str
-    exists, is_can, up : bool
     kernel_has_can : bool
         Whether this kernel knows SocketCAN; asked where there is no such interface.
     mtu, queue_length : int
@@ -176,8 +174,6 @@ class Reception:
 
     Attributes
     ----------
-    section : BusSection
-    frames : FrameBatch
     seconds : float
         How long it was listened to.
     counters : SourceCounters or None

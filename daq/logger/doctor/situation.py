@@ -39,10 +39,8 @@ class Line:
 
     Attributes
     ----------
-    verdict : Verdict
     where : str
         The bus, the file, the role; may be empty.
-    found : str
     next_step : str
         What to do; empty where it is well.
     check : str
@@ -90,7 +88,6 @@ class Situation:
         Of the status page.
     vehicle : VehicleConfig
         Empty where the file cannot be used.
-    vehicle_faults, database_faults, role_faults : tuple of Fault
     databases : mapping bus -> databases
     roles : mapping str -> SignalRef
     links : mapping bus -> Link

@@ -32,11 +32,8 @@ class BusWatch:
 
     Parameters
     ----------
-    name : str
-    bit_rate : int or None
     described, has_roles, may_be_unknown : bool
         Whether a DBC describes it; whether a role's signal is on it; whether it may carry what no DBC knows.
-    started_ns : int
     """
 
     def __init__(
@@ -164,9 +161,6 @@ def message_health(
 
     Parameters
     ----------
-    one : Watched
-    now_ns, started_ns : int
-    health : HealthSection
     bus_active : bool
         Whether its bus is carrying other frames: else the bus is to blame.
     """

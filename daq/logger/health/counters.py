@@ -6,11 +6,9 @@ import re
 from collections import Counter as Tally
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq.arrays import BoolArray, FloatArray, IntArray
 from daq.can.bits import RawKind, Signal
-
-IntArray = NDArray[np.int64]
 
 NO_VALUE = -1
 """Stands for a frame that does not carry the counter."""
@@ -34,7 +32,7 @@ def may_count(signal: Signal) -> bool:
     return plain and 2 <= signal.length_bits <= 16 and not signal.labels
 
 
-def raw_of(signal: Signal, values: NDArray[np.float64]) -> IntArray:
+def raw_of(signal: Signal, values: FloatArray) -> IntArray:
     """Return the raw integers behind decoded values, `NO_VALUE` for NaN."""
     raw = np.rint((values - signal.offset) / signal.scale)
     return np.where(np.isfinite(raw), raw, NO_VALUE).astype(np.int64)
@@ -115,7 +113,7 @@ class RollingCounter:
         self.lost += int(lost[lost > 0].sum())
         return lost
 
-    def _judge(self, before: IntArray, raw: IntArray, known: NDArray[np.bool_]) -> tuple[IntArray, int]:
+    def _judge(self, before: IntArray, raw: IntArray, known: BoolArray) -> tuple[IntArray, int]:
         """Return what is lost, up to the first value that is out of the learned range, and the number of values."""
         strange = (raw != NO_VALUE) & ((raw < self._low) | (raw > self._high))
         end = int(np.argmax(strange)) if strange.any() else len(raw)
@@ -127,7 +125,7 @@ class RollingCounter:
         self.repeated += int(np.count_nonzero(lost < 0))
         return lost, end
 
-    def _learn(self, before: IntArray, raw: IntArray, known: NDArray[np.bool_]) -> tuple[IntArray, int]:
+    def _learn(self, before: IntArray, raw: IntArray, known: BoolArray) -> tuple[IntArray, int]:
         """Return what is lost, up to the value at which the range is known, and the number of values."""
         lost = np.where(known, (raw - before) % self.modulus - 1, 0)
         falls = known & (raw < before)

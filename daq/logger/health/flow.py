@@ -6,13 +6,11 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq.arrays import FloatArray, IntArray
 from daq.can.bits import Message, Signal
 from daq.logger.health.counters import LEAST_STEPS, RollingCounter, counts, is_named_so, may_count, raw_of
 from daq.logger.health.gaps import Gaps, Usual, Verdict, keeps, learn, learned_after
-
-IntArray = NDArray[np.int64]
 
 _LEAST_INTERVALS = 10
 _SILENT_PERIODS = 5
@@ -30,7 +28,6 @@ class MessageFlow:
 
     Parameters
     ----------
-    message : Message
     signals : sequence of str
         Names of the signals in the order of the rows that `take` gets.
     """
@@ -97,7 +94,7 @@ class MessageFlow:
             return self._gaps.period_ns * 1e-9
         return self._declared_s if self._declared_s and not self.learned else float("nan")
 
-    def take(self, time_ns: IntArray, values: NDArray[np.float64]) -> None:
+    def take(self, time_ns: IntArray, values: FloatArray) -> None:
         """Take decoded frames in order.
 
         Parameters
@@ -123,7 +120,6 @@ class MessageFlow:
         ----------
         time_ns : int64 array, shape (n,)
             Arrivals of this message among them, as far as they are known.
-        until_ns : int
         """
         self._count_frames(time_ns)
         self._skipped_until_ns = max(until_ns, self._skipped_until_ns)

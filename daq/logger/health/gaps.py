@@ -12,9 +12,8 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-IntArray = NDArray[np.int64]
+from daq.arrays import FloatArray, IntArray
 
 LEARN_NS = 3_000_000_000
 """Arrivals are watched for at least this long before their rate is used."""
@@ -32,7 +31,6 @@ class Usual:
 
     Attributes
     ----------
-    period_ns : float
     wide_ns : float
         Intervals beyond are gaps.
     jitter_ns : float
@@ -112,7 +110,7 @@ def _by_count(time_ns: IntArray, period: float) -> tuple[float, float]:
     return (float(span[kept].sum() / frames[kept].sum()) if kept.any() else usual), jitter_ns
 
 
-def _spread(gaps: NDArray[np.float64] | IntArray, period: float) -> float:
+def _spread(gaps: FloatArray | IntArray, period: float) -> float:
     """Return how far the middle three quarters of the intervals are from the usual one, relative to it."""
     return float(np.quantile(np.abs(gaps - period), 0.75)) / period
 
@@ -166,7 +164,6 @@ class Gaps:
 
     Parameters
     ----------
-    usual : Usual
     modulus : int or None
         How many frames are a turn of the rolling counter, None without one.
 

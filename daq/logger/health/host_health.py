@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq.arrays import BoolArray
 from daq.can.roles import SignalRef
 from daq.channels import Channel
 from daq.clock import ClockFit, GnssClock
@@ -80,7 +80,6 @@ class Gnss:
     Parameters
     ----------
     roles : mapping role -> SignalRef
-    started_ns : int
 
     Attributes
     ----------
@@ -137,7 +136,6 @@ class Gnss:
 
         Parameters
         ----------
-        now_ns : int
         values : mapping role -> float
             Last values, SI.
         period_s : float
@@ -184,5 +182,5 @@ class Gnss:
         return found
 
 
-def _nowhere(channel: Channel) -> NDArray[np.bool_]:
+def _nowhere(channel: Channel) -> BoolArray:
     return np.asarray(np.abs(channel.values) < _NULL_ISLAND_RAD)

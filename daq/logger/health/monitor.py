@@ -151,7 +151,6 @@ class HealthMonitor:
         ----------
         now_ns : int
             On the time base of the frames; all frames that came before have been taken or skipped, or are in the queue.
-        host : HostStatus
         """
         found = [*self._always, *self._host.reasons(now_ns, host)]
         buses = self._report_buses(now_ns, host, found)

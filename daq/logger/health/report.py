@@ -30,12 +30,10 @@ class Reason:
     ----------
     code : str
         One of `daq.logger.health.codes`, e.g. ``"signal_stuck"``; stable, for programs and for the how-to page.
-    level : Level
     where : str
         The bus, the message or the signal, e.g. ``"can0: WFT_Forces.Fz"``.
     what : str
         One sentence with numbers.
-    next_step : str
     """
 
     code: str
@@ -52,12 +50,10 @@ class BusStatus:
     Attributes
     ----------
     state : {"up", "down", "bus_off"}
-    received : int
     kernel_drops : int or None
         Lost because nobody fetched them in time; None where the interface does not count them.
     queue_drops : int
         Given up by the logger itself.
-    reconnects : int
     detail : str
         Why it is down; empty when it is up.
     """
@@ -87,7 +83,6 @@ class HostStatus:
         How fast the recording grows; NaN until it is known.
     cpu_share : float
         Of one core, since the last report; NaN until it is known.
-    rss_bytes : int
     clock_steps : int
         How often the host's clock was set.
     last_step_s : float
@@ -112,10 +107,8 @@ class BusHealth:
 
     Attributes
     ----------
-    name : str
     level : Level
         Worst level of the reasons at this bus.
-    status : BusStatus
     rate_hz : float
         Frames per second.
     load : float
@@ -144,13 +137,9 @@ class MessageHealth:
 
     Attributes
     ----------
-    bus, name : str
-    level : Level
     rate_hz, usual_rate_hz : float
         Over the last second; frames over time of the last seconds without a gap (the DBC's cycle time, before
         anything is learned). NaN: not known.
-    age_s : float
-    frames : int
     gaps : int
         Intervals well beyond the usual in which frames were lost.
     missing : int
@@ -181,7 +170,6 @@ class SignalHealth:
         ``name`` is ``"Message.Signal"``; the unit is the DBC's.
     role : str
         Empty where vehicle.toml gives it none.
-    level : Level
     value : float
         The last one.
     out_of_range, saturated : int
@@ -207,7 +195,6 @@ class GnssHealth:
 
     Attributes
     ----------
-    level : Level
     fix : bool or None
         None where no role carries it.
     age_s : float
@@ -234,10 +221,8 @@ class HealthReport:
         The worst reason's.
     reasons : tuple of Reason
         The worst first.
-    buses, messages, signals : tuples
     gnss : GnssHealth or None
         None without GNSS roles.
-    host : HostStatus
     losses : mapping str -> int
         What `HealthMonitor.losses` counts.
     """

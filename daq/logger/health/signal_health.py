@@ -23,9 +23,6 @@ class Scene:
 
     Attributes
     ----------
-    now_ns : int
-    health : HealthSection
-    motion : Motion
     has_fix : bool
         False where the receiver flags its own values as not valid.
     """

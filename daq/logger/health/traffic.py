@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter, deque
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq.arrays import FloatArray
 from daq.can.frames import ErrorClass, FrameArray, FrameFlag
 from daq.logger.health.report import Level, Reason, Recent, reason
 
@@ -59,8 +59,6 @@ class ErrorFrames:
 
         Parameters
         ----------
-        bus : str
-        now_ns : int
         last_data_ns : int or None
             When the last data frame came: a bus that carries some is not off any more.
         """
@@ -111,7 +109,7 @@ _STUFFED_EVERY = 30
 """Random bits get a stuff bit after 31 bits for the first, then after 30 each; constant ones after 4."""
 
 
-def bits_on_wire(frames: FrameArray) -> NDArray[np.float64]:
+def bits_on_wire(frames: FrameArray) -> FloatArray:
     """Return the bits that frames take on the bus, with the space behind them.
 
     Classical frame with n data bytes: 34 + 8 n bits (54 + 8 n with a 29-bit identifier) from start of frame to CRC

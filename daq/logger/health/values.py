@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq.arrays import BoolArray, FloatArray, IntArray
 from daq.can.bits import Message, RawKind, Signal
 from daq.can.roles import means_no_data
 from daq.logger.health.counters import is_named_so
-
-IntArray = NDArray[np.int64]
-FloatArray = NDArray[np.float64]
 
 SATURATED_RUN = 3
 """So many samples in a row at the end of what the bits hold are no coincidence."""
@@ -32,7 +29,6 @@ class SignalValues:
 
     Parameters
     ----------
-    message : Message
     names : sequence of str
         Signals in the order of the rows that `take` gets.
     constant : collection of str
@@ -146,7 +142,7 @@ class SignalValues:
             self.saturated[rows] += np.count_nonzero(run, axis=1)
             self.saturated_ns[rows] = np.maximum(self.saturated_ns[rows], np.where(run, time_ns, 0).max(axis=1))
 
-    def _leave_out_labelled(self, rows: slice, values: FloatArray, beyond: NDArray[np.bool_]) -> None:
+    def _leave_out_labelled(self, rows: slice, values: FloatArray, beyond: BoolArray) -> None:
         """Do not count values with a label of their own as out of range."""
         first = rows.start or 0
         for row, value in self._labelled:

@@ -29,13 +29,10 @@ class Watched:
     ----------
     bus, name : str
         As `daq.can.buses.messages_by_bus` names it.
-    message : Message
     names : tuple of str
         Signals, in the order of the rows of `values`.
     keys : tuple of (bus, "Message.Signal")
         Of their channels.
-    flow : MessageFlow
-    values : SignalValues
     roles : mapping signal -> SignalRef
     lost, missing, repeated, came, rate : Recent
         Growth of the counts of `flow`: frames lost by the counter, missing by the rate, repeated, received, and changes
@@ -137,7 +134,6 @@ def unknown_names(vehicle: VehicleConfig, databases: Mapping[str, tuple[Database
 
     Parameters
     ----------
-    vehicle : VehicleConfig
     databases : mapping bus -> databases
         Without any, nothing can be said of messages and signals.
 
@@ -211,7 +207,6 @@ class Motion:
 
         Parameters
         ----------
-        now_ns : int
         where : mapping role -> str
             The signals, as people read them.
         """

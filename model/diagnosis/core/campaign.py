@@ -24,8 +24,6 @@ class Campaign:
     ----------
     name : str
         For messages: the folder's.
-    runs : tuple of ProcessedRun
-    wheel : Wheel
     soil : Soil
         The laboratory's.
     soil_prior : SoilPrior

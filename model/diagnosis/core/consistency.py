@@ -20,9 +20,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import INPUTS, OUTPUTS
+from daq import INPUTS, OUTPUTS, FloatArray, IndexArray
 from daq.series import WheelTable
 from model.diagnosis.core.campaign import Bench, Campaign
 from model.diagnosis.core.result import Inconsistent
@@ -30,8 +29,6 @@ from model.fit.observations import Observations
 from model.sinkage_from_forces.force_cells import driven_samples
 from model.sinkage_from_forces.sinkage import shear_share
 from processing import ProcessedRun
-
-FloatArray = NDArray[np.float64]
 
 SIGMAS = 4.0
 RADIUS_SIGMA = 0.01
@@ -54,7 +51,6 @@ class BoundRows:
     ----------
     torque_at_rest_nm : float array, shape (n,)
         What the torque of the row's run reads at standstill; NaN where that is not known.
-    radius_m : float
     lugged : bool
         The rim has lugs: torque may act a tenth of the radius further out.
     speed_scale : float
@@ -77,7 +73,7 @@ class BoundRows:
     def __len__(self) -> int:
         return len(self.sinkage_m)
 
-    def __getitem__(self, rows: NDArray[np.intp]) -> BoundRows:
+    def __getitem__(self, rows: IndexArray) -> BoundRows:
         return replace(
             self,
             **{name: getattr(self, name)[rows] for name in _MEASURED},
@@ -151,7 +147,6 @@ def inconsistent(rows: BoundRows, sigmas: float = SIGMAS) -> tuple[Inconsistent,
 
     Parameters
     ----------
-    rows : BoundRows
     sigmas : float
         How many one-sigmas a row may be over the bound.
     """

@@ -25,8 +25,6 @@ class Coverage:
         Fields of `Conditions` that are known in every row.
     channels, unused_channels : set of str
         Measured forces ("drawbar_pull", "driving_torque") that are used; that were measured and are not used.
-    several_loads, both_directions, several_passes, several_runs, pressures, standstill, driven, braked : bool
-    largest_slip : float
     tyre : "smooth", "lugged" or ""
         As declared.
     """

@@ -27,11 +27,8 @@ class Direction:
 
     Attributes
     ----------
-    parameter, unit : str
-    neutral : float
     scale : float
         Prior one-sigma, with the sign of the plausible side.
-    one_sided : bool
     information : float
         On its coefficient, in units of the scale, with the soil integrated out.
     """
@@ -73,8 +70,6 @@ def least_coefficient(information: float, one_sided: bool, wanted: float) -> flo
 
     Parameters
     ----------
-    information : float
-    one_sided : bool
     wanted : float
         Nats.
     """

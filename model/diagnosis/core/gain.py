@@ -10,12 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray
 from model.diagnosis.core.result import Gain, Scores
 from model.fit.criteria import criteria
-
-FloatArray = NDArray[np.float64]
 
 _RESAMPLINGS = 2000
 _FEWEST_FOR_INTERVAL = 3
@@ -39,7 +37,7 @@ class HeldOutPrediction:
     log_likelihood: float
     measured: dict[str, FloatArray]
     predicted: dict[str, FloatArray]
-    judged: NDArray[np.bool_]
+    judged: BoolArray
     numbers: int
 
     def squares(self, channel: str) -> tuple[float, int]:

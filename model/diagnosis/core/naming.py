@@ -73,7 +73,6 @@ def judgement(
     gain : Gain or None
         On left-out runs, the causes chosen anew in each fold.
     cannot_tell : mapping family -> why
-    name_at : float
     converged : bool
         Whether the linearisation converged.
     error_must_fall : bool
@@ -107,8 +106,6 @@ def confirmed(verdict: Judgement, found: Posterior, causes: Sequence[Cause]) -> 
 
     Parameters
     ----------
-    verdict : Judgement
-    found : Posterior
     causes : sequence of Cause
         Of the verdict, with their values.
     """

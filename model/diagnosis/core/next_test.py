@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import FloatArray
 from model.diagnosis.core.result import NextRun
-
-FloatArray = NDArray[np.float64]
 
 PARTS = 2.0
 """Expected nats, whichever of both is the cause, from which on data are said to part two members: odds of 7 to 1."""
@@ -49,7 +47,6 @@ def against_rest(nats: FloatArray, weights: FloatArray, i: int) -> float:
         Against each.
     weights : array, shape (members,)
         Probabilities.
-    i : int
     """
     rest = np.arange(len(weights)) != i
     share = weights[rest] / weights[rest].sum()

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import FloatArray
 from model.diagnosis.core.prior import Hypotheses
 from model.diagnosis.core.result import Candidate, Cause, CauseSet, ParameterEstimate
 from model.effects.catalogue import EFFECTS
-
-FloatArray = NDArray[np.float64]
 
 LEVEL = 0.95
 """Of a set."""
@@ -27,7 +25,6 @@ class Posterior:
 
     Attributes
     ----------
-    hypotheses : Hypotheses
     log_evidence : array, shape (n,)
         Up to a constant.
     probability : array, shape (n,)
@@ -79,7 +76,6 @@ def short_set(found: Posterior, given: tuple[str, ...] = ()) -> tuple[str, ...]:
 
     Parameters
     ----------
-    found : Posterior
     given : tuple of str
         Families that act in any case; the set holds what acts beside them. It is empty where that is less probable
         than `MORE_AT`.
@@ -107,12 +103,7 @@ def candidates(found: Posterior) -> tuple[Candidate, ...]:
 
 
 def likely_sets(found: Posterior) -> tuple[CauseSet, ...]:
-    """Return the most probable sets of families, forms put together, up to `LEVEL` or `SETS_SHOWN` of them.
-
-    Parameters
-    ----------
-    found : Posterior
-    """
+    """Return the most probable sets of families, forms put together, up to `LEVEL` or `SETS_SHOWN` of them."""
     h, families = found.hypotheses, found.families()
     total: dict[frozenset[str], float] = {}
     for i in np.flatnonzero(found.probability > 0).tolist():
@@ -136,8 +127,6 @@ def cause_of(found: Posterior, family: str, key: str, parameters: tuple[Paramete
 
     Parameters
     ----------
-    found : Posterior
-    family : str
     key : str
         Of its form.
     parameters : tuple of ParameterEstimate

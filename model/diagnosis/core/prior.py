@@ -14,10 +14,8 @@ from itertools import combinations
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+from daq import BoolArray, FloatArray, IndexArray
 
 SIZE_PRIOR = (0.5, 0.35, 0.12, 0.03)
 """Probability of none, one, two and three causes."""
@@ -43,22 +41,22 @@ class Hypotheses:
 
     effects: tuple[str, ...]
     families: tuple[str, ...]
-    family: IntArray
-    members: IntArray
+    family: IndexArray
+    members: IndexArray
     log_prior: FloatArray
 
     def __len__(self) -> int:
         return len(self.members)
 
     @cached_property
-    def has_effect(self) -> NDArray[np.bool_]:
+    def has_effect(self) -> BoolArray:
         """Whether a set holds an effect, shape (n, effects)."""
         holds = np.zeros((len(self), len(self.effects) + 1), bool)
         np.put_along_axis(holds, self.members, values=True, axis=1)
         return holds[:, :-1]
 
     @cached_property
-    def has_family(self) -> NDArray[np.bool_]:
+    def has_family(self) -> BoolArray:
         """Whether a set holds a family, shape (n, families)."""
         same = self.family[:, None] == np.arange(len(self.families))
         return np.asarray(self.has_effect.astype(np.intp) @ same > 0)
@@ -102,7 +100,7 @@ def listed_sets(family_of: Mapping[str, str], most: int = 3, triples: bool = Tru
     return _listing(listed, [_combinations(len(family_of), size) for size in sizes], most)
 
 
-def with_triples(pairs: Hypotheses, promising: IntArray) -> Hypotheses:
+def with_triples(pairs: Hypotheses, promising: IndexArray) -> Hypotheses:
     """Add the sets of three that one of the promising pairs is part of.
 
     Parameters
@@ -124,11 +122,11 @@ def with_triples(pairs: Hypotheses, promising: IntArray) -> Hypotheses:
 _NONE = np.zeros(0)
 
 
-def _combinations(count: int, size: int) -> IntArray:
+def _combinations(count: int, size: int) -> IndexArray:
     return np.array(list(combinations(range(count), size)), np.intp).reshape(comb(count, size), size)
 
 
-def _listing(listed: Hypotheses, sets: list[IntArray], most: int) -> Hypotheses:
+def _listing(listed: Hypotheses, sets: list[IndexArray], most: int) -> Hypotheses:
     """Put sets of 0, 1, 2 ... effects into one table with their prior, without those that hold a family twice."""
     count = len(listed.families)
     forms = np.bincount(listed.family, minlength=count)

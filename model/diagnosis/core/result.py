@@ -11,15 +11,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS, ROLES, Note, frame_of_rows
+from daq import OUTPUTS, ROLES, FloatArray, IndexArray, Note, frame_of_rows
 from model.diagnosis.core.shapes import Rows, Shape
 
 if TYPE_CHECKING:
     import pandas as pd
 
-FloatArray = NDArray[np.float64]
 
 Verdict = Literal["named", "one_of", "unexplained", "nothing_detectable"]
 
@@ -46,7 +44,6 @@ class Cause:
         Of the effect in the library.
     probability : of the family
     form_probability : of the form within the family
-    parameters : tuple of ParameterEstimate
     """
 
     name: str
@@ -186,7 +183,6 @@ class PlotData:
 
     Attributes
     ----------
-    campaign : str
     runs : tuple of str
         Names; ``run`` indexes them.
     run : int array
@@ -205,7 +201,7 @@ class PlotData:
 
     campaign: str
     runs: tuple[str, ...]
-    run: NDArray[np.intp]
+    run: IndexArray
     time_s: FloatArray
     slip: FloatArray
     ground_speed_mps: FloatArray
@@ -277,17 +273,12 @@ class Diagnosis:
     what_is_wrong : worst first
     gain : Gain or None
         None where it cannot be measured (one run).
-    inconsistent, adequacy, proposal, next_run
     minimum_detectable : mapping effect key -> Detectable
     cannot_tell : mapping family -> why
         What the data do not allow to decide, for want of what.
-    notes : tuple of Note
     noise : mapping str -> float
         Hyper-parameters of the noise model, with unit suffix.
-    soils : tuple of SoilEstimate
-    seen : tuple of PlotData
     stages_s : mapping stage -> seconds
-    grounds : Grounds
     """
 
     verdict: Verdict
@@ -322,10 +313,6 @@ class Diagnosis:
 
     def median_there(self, found: Finding) -> float:
         """Return the median of measured less simulated over the slips of a finding's shape, as figures show it.
-
-        Parameters
-        ----------
-        found : Finding
 
         Returns
         -------

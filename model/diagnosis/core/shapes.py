@@ -89,7 +89,6 @@ class Rows:
     ----------
     slip, vertical_load_n : float
         Means over the rows.
-    count : int
     campaign : str
         Name of the table where there are several.
     """

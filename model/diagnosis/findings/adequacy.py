@@ -25,14 +25,12 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
+from daq import BoolArray, FloatArray, IndexArray
 from model.diagnosis.core.result import Adequacy
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.grams import Grams
-
-FloatArray = NDArray[np.float64]
 
 LEAST = 20.0
 """Nats by which two soils must be likelier than one."""
@@ -63,11 +61,11 @@ def _first(pair: tuple[float, list[bool]]) -> float:
     return pair[0]
 
 
-def _gain(grams: Grams, own: NDArray[np.bool_]) -> float:
+def _gain(grams: Grams, own: BoolArray) -> float:
     return _evidence(grams, own) + _evidence(grams, ~own)
 
 
-def _groups(grams: Grams, count: int) -> list[NDArray[np.bool_]]:
+def _groups(grams: Grams, count: int) -> list[BoolArray]:
     """Return the groups to ask: all of up to half of the runs, or what parting one run at a time goes through."""
     if count <= _FEW:
         sizes = range(1, count // 2 + 1)
@@ -79,7 +77,7 @@ def _groups(grams: Grams, count: int) -> list[NDArray[np.bool_]]:
     return groups[1:]
 
 
-def _evidence(grams: Grams, own: NDArray[np.bool_]) -> float:
+def _evidence(grams: Grams, own: BoolArray) -> float:
     """Return the log evidence of some runs with a soil of their own, up to a constant."""
     total = grams.matrices[own].sum(axis=0)
     soil = grams.soil_columns
@@ -123,7 +121,7 @@ class LeftOver:
 class _Kind:
     """Shapes of one kind: their places, (I + K)^-1, and the far quantile of T."""
 
-    shapes: NDArray[np.intp]
+    shapes: IndexArray
     inverse: FloatArray
     far: float
 
@@ -149,7 +147,6 @@ def adequacy(grams: Grams, keys: tuple[str, ...], rng: np.random.Generator) -> A
 
     Parameters
     ----------
-    grams : Grams
     keys : tuple of str
         Of the set's effects.
     rng : Generator
@@ -190,7 +187,7 @@ def excess(grams: Grams, keys: tuple[str, ...]) -> float:
     return float(np.clip(found / max(expected, 1e-9), 1.0, MOST_EXCESS))
 
 
-def _kinds(basis: tuple[Shape, ...]) -> list[NDArray[np.intp]]:
+def _kinds(basis: tuple[Shape, ...]) -> list[IndexArray]:
     """Return the shapes of each kind, and all of them."""
     groups: dict[tuple[str, str], list[int]] = {}
     for i, shape in enumerate(basis):
@@ -199,7 +196,7 @@ def _kinds(basis: tuple[Shape, ...]) -> list[NDArray[np.intp]]:
     return [np.array(shapes, np.intp) for shapes in [*several, list(range(len(basis)))]]
 
 
-def _kind(information: FloatArray, shapes: NDArray[np.intp]) -> _Kind:
+def _kind(information: FloatArray, shapes: IndexArray) -> _Kind:
     own = information[np.ix_(shapes, shapes)]
     inverse = np.asarray(np.linalg.inv(np.eye(shapes.size) + own))
     weights = inverse @ own

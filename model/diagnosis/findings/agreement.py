@@ -19,10 +19,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaincc
 
-from daq import Note, Severity
+from daq import FloatArray, Note, Severity
 from model.diagnosis.core.result import Cause, ParameterEstimate
 from model.diagnosis.findings.isolability import own_columns
 from model.diagnosis.findings.isolability import projected_without_soil as without_soil
@@ -30,8 +29,6 @@ from model.diagnosis.time_series.evidence import log_evidence
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.notes import DiagnosisCode
-
-FloatArray = NDArray[np.float64]
 
 AT = 0.01
 """Probability of a larger Q by chance, below which campaigns are said to disagree."""
@@ -56,9 +53,6 @@ class Disagreement:
 
     Attributes
     ----------
-    parameter : str
-    unit : str
-    own : tuple of Own
     q : float
         Cochran's.
     chance : float
@@ -185,7 +179,6 @@ def disagreement_notes(
 
     Parameters
     ----------
-    found : sequence of Disagreement
     forms : mapping (family, campaign) -> (form, nats)
         See `other_forms`.
     """

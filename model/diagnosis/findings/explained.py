@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import FloatArray
 from model.diagnosis.core.naming import Judgement
 from model.diagnosis.core.posterior import Posterior, cause_of, most_probable_form
 from model.diagnosis.core.result import Cause, ParameterEstimate, PlotData, SoilEstimate
@@ -26,7 +26,6 @@ from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.diagnosis.time_series.noise import constants, loading, processes, white_variance
 from model.diagnosis.time_series.start import CampaignData
 
-FloatArray = NDArray[np.float64]
 Sizes = Mapping[str, FloatArray]
 """Coefficients of each effect, in units of the prior scale, by its key."""
 
@@ -38,7 +37,6 @@ def plot_data_of(
 
     Parameters
     ----------
-    look : LinearisedCampaign
     base : SetFit
         The soil alone.
     extended : SetFit
@@ -155,7 +153,6 @@ class Fits:
 
     Attributes
     ----------
-    look : LinearisedCampaign
     starts : "one" or "several"
         "one" where nothing explains the data, so that no size is more than a place to look from.
     known : mapping keys -> SetFit
@@ -177,14 +174,7 @@ class Fits:
 
 
 def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
-    """Fit what a verdict is about.
-
-    Parameters
-    ----------
-    fits : Fits
-    verdict : Judgement
-    found : Posterior
-    """
+    """Fit what a verdict is about."""
     look = fits.look
     keys = tuple(most_probable_form(found, family) for family in verdict.families)
     extended = _extended(look, verdict, keys)
@@ -241,7 +231,6 @@ class LookAlike:
         Of the other, by its most similar form.
     of : str
         Key of the verdict's cause.
-    cosine : float
     """
 
     family: str
@@ -251,14 +240,7 @@ class LookAlike:
 
 
 def look_alikes(grams: Grams, found: Posterior, verdict: Judgement) -> tuple[LookAlike, ...]:
-    """Return the families confounded with the named causes, or with a set's most probable member, closest first.
-
-    Parameters
-    ----------
-    grams : Grams
-    found : Posterior
-    verdict : Judgement
-    """
+    """Return the families confounded with the named causes, or with a set's most probable member, closest first."""
     own = verdict.families if verdict.verdict == "named" else verdict.families[:1]
     apart = isolability(grams)
     alike = []
@@ -281,10 +263,8 @@ def imitating(grams: Grams, named: Sequence[str], one: LookAlike) -> FloatArray:
 
     Parameters
     ----------
-    grams : Grams
     named : sequence of str
         Keys of the named causes.
-    one : LookAlike
     """
     keys = (*(key for key in named if key != one.of), one.key)
     told = estimate(grams, keys)

@@ -24,7 +24,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daq import OUTPUTS, Note
 from model.diagnosis.core.campaign import DiagnosisOptions
@@ -66,15 +65,12 @@ def bagged(
 
     Parameters
     ----------
-    grams : Grams
-    rng : Generator
     excluded : set of str
         Families or keys that leave no trace.
     most : int
         Causes in the largest set.
     excess : float
         Factor on the noise's variance (`model.diagnosis.findings.adequacy.excess`).
-    replicates : int
 
     Returns
     -------
@@ -97,7 +93,6 @@ def bagged(
     return Posterior(listed, found[0], mean, calibrated=True)
 
 
-FloatArray = NDArray[np.float64]
 Keys = tuple[str, ...]
 
 
@@ -112,8 +107,6 @@ def held_out(
 
     Parameters
     ----------
-    look : LinearisedCampaign
-    options : DiagnosisOptions, optional
     given : tuple of str, optional
         Causes to take in every fold instead of choosing: what a choice can be compared with.
     fits : mapping, optional
@@ -158,7 +151,6 @@ def predict_held_out(look: LinearisedCampaign, fit: SetFit, run: int, grams: Gra
 
     Parameters
     ----------
-    look : LinearisedCampaign
     fit : SetFit
         Of the set, to all runs: where the model is linearised.
     run : int

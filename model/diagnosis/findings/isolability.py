@@ -16,14 +16,12 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray
 from model.diagnosis.core.detectable import Direction, minimum_detectable
 from model.diagnosis.core.result import Detectable
 from model.diagnosis.time_series.evidence import hypotheses, without_soil
 from model.diagnosis.time_series.grams import Grams
-
-FloatArray = NDArray[np.float64]
 
 
 def detectable_in_runs(
@@ -110,7 +108,6 @@ class Isolability:
 
     Attributes
     ----------
-    keys, families : tuple of str
     sizes : mapping key -> array, shape (parameters,)
         In units of the prior scale, from neutral.
     cosine : array, shape (k, k)
@@ -157,7 +154,6 @@ def isolability(
 
     Parameters
     ----------
-    grams : Grams
     sizes : mapping key -> coefficients, optional
         In units of the prior scale; the default is one prior one-sigma for each parameter.
     matrix : array, shape (m, m), optional
@@ -202,7 +198,7 @@ def separation_of(grams: Grams, projected: Projected, key: str, size: FloatArray
 
 
 def least_left(
-    information: FloatArray, own: Sequence[int], size: FloatArray, other: Sequence[int], one_sided: NDArray[np.bool_]
+    information: FloatArray, own: Sequence[int], size: FloatArray, other: Sequence[int], one_sided: BoolArray
 ) -> float:
     """Return min over b of |X_own size - X_other b|_P, b >= 0 where one-sided."""
     power = float(size @ information[np.ix_(own, own)] @ size)

@@ -15,9 +15,8 @@ from itertools import combinations
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS
+from daq import OUTPUTS, FloatArray
 from model.diagnosis.core.prior import SIZE_PRIOR
 from model.diagnosis.core.result import Proposal
 from model.diagnosis.findings.set_fit import SetFit
@@ -28,8 +27,6 @@ from model.diagnosis.time_series.evidence import estimate, log_likelihood_of_run
 from model.diagnosis.time_series.grams import CauseColumn, Grams
 from model.diagnosis.time_series.whitening import joined, run_grams
 from model.wheel_soil.conditions import Conditions
-
-FloatArray = NDArray[np.float64]
 
 SLIP_SCALE = 0.1
 """Of exp(-|s|/0.1): what is there at little slip only."""
@@ -226,13 +223,7 @@ def propose(grams: Grams, terms: dict[str, TermColumn], most: int = MOST_TERMS) 
 
 
 def chosen_terms(grams: Grams, most: int = MOST_TERMS) -> tuple[str, ...]:
-    """Return the most probable set of terms, found by adding one at a time to the best few; empty where none is better.
-
-    Parameters
-    ----------
-    grams : Grams
-    most : int
-    """
+    """Return the most probable set of terms, found by adding one at a time to the best few; empty if none helps."""
     reduced = without_soil(grams, grams.total())
     count = len(grams.causes)
     precision, side = np.eye(count) + reduced[1 : 1 + count, 1 : 1 + count], reduced[1 : 1 + count, 0]

@@ -25,8 +25,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray
 from model.diagnosis.core.result import ParameterEstimate, SoilEstimate
 from model.diagnosis.findings.set_problem import SetProblem, set_problem
 from model.diagnosis.time_series.evidence import estimate, posterior
@@ -37,8 +37,6 @@ from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_
 from model.fit.intervals import Blocks, profile_of_sum, sandwich
 from model.one_thread import one_thread
 from model.wheel_soil.soils import SOIL_PARAMETERS
-
-FloatArray = NDArray[np.float64]
 
 TRUST = 20.0
 """Degrees of freedom that the noise model's own covariance stands for; see docs/decisions/diagnosis-intervals.md."""
@@ -98,7 +96,6 @@ def spread_of(problem: SetProblem, x: FloatArray, look: LinearisedCampaign, keys
         Whitened at the estimate.
     x : array, shape (p,)
         The estimate.
-    look : LinearisedCampaign
     keys : tuple of str
         Effects of the set.
     """
@@ -180,21 +177,18 @@ class SetFit:
 
     Attributes
     ----------
-    keys : tuple of str
     problem : SetProblem
         Whitened at the estimate.
     estimate : array, shape (q + c,)
     at_bound : bool array, shape (q + c,)
     cost : float
         Of whitened residuals and priors.
-    stop_reason : str
-    evaluations : int
     """
 
     keys: tuple[str, ...]
     problem: SetProblem
     estimate: FloatArray
-    at_bound: NDArray[np.bool_]
+    at_bound: BoolArray
     cost: float
     stop_reason: str
     evaluations: int
@@ -238,7 +232,6 @@ def fit_set(
 
     Parameters
     ----------
-    look : LinearisedCampaign
     keys : tuple of str
         Effects of the set; empty: the soil alone.
     starts : "one" or "several"
@@ -307,8 +300,6 @@ def parameters_of(
 
     Parameters
     ----------
-    fit : SetFit
-    look : LinearisedCampaign
     spread : Spread, optional
         Of the fit, where it is known already.
     """

@@ -11,16 +11,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import FloatArray
 from model.diagnosis.time_series.columns import Columns, columns_of
 from model.diagnosis.time_series.evidence import box
 from model.diagnosis.time_series.grams import CauseColumn, Grams
 from model.diagnosis.time_series.linearise import Linear, Point, Simulation, at_rest, at_speed, derivatives, linearise
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import joined, run_grams, whitened_rows
-
-FloatArray = NDArray[np.float64]
 
 _NEAR_NEUTRAL = 0.01
 """Least coefficient of an effect whose derivative at neutral is infinite."""
@@ -32,7 +30,6 @@ class Part:
 
     Attributes
     ----------
-    view : CampaignData
     simulation : Simulation
         With the set's effects only.
     frozen : Linear
@@ -79,7 +76,6 @@ class SetProblem:
 
     Attributes
     ----------
-    parts : tuple of Part
     soil : tuple of str
         Labels of the soils' q coordinates.
     causes : tuple of CauseColumn
@@ -194,7 +190,6 @@ def set_problem(views: Sequence[CampaignData], grams: Grams, keys: tuple[str, ..
 
     Parameters
     ----------
-    views : sequence of CampaignData
     grams : Grams
         Of the same look.
     keys : tuple of str

@@ -9,16 +9,13 @@ of measured less simulated there. A statistic is that height over its one-sigma 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import INPUTS, OUTPUTS
+from daq import INPUTS, OUTPUTS, FloatArray
 from model.diagnosis.core.result import Finding
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.findings.adequacy import LeftOver, left_over
 from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.start import CampaignData
-
-FloatArray = NDArray[np.float64]
 
 LEAST = 3.5
 """Size of a statistic from which on a shape is said: one of 140 shapes exceeds it by chance in one of 15 campaigns."""
@@ -39,7 +36,6 @@ def findings(
 
     Parameters
     ----------
-    grams : Grams
     views : tuple of CampaignData
         For the shapes' heights.
     keys : tuple of str
@@ -62,8 +58,6 @@ def found_in(left: LeftOver, shapes: tuple[Shape, ...], height: FloatArray, exce
 
     Parameters
     ----------
-    left : LeftOver
-    shapes : tuple of Shape
     height : array, shape (b,)
         Of each shape with a coefficient of 1, in the unit of its channel or input.
     excess : float

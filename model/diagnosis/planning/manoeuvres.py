@@ -6,15 +6,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray
 from model.diagnosis.time_series.samples import Instants, Samples
 from model.diagnosis.time_series.standstills import Standstills
 from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.stresses import slip_of_ratio
 from processing.pipeline import STANDARD_GRAVITY_MPS2
-
-FloatArray = NDArray[np.float64]
 
 LIKE_OTHERS = "one more run like the others"
 _HEAVIER, _LIGHTER = 1.3, 0.75
@@ -255,7 +253,7 @@ def _at_end(conditions: Conditions) -> Conditions:
     return replace(conditions, campaign_time=np.full(np.shape(conditions.slip), 0.5))
 
 
-def _some_rests(rests: Standstills, rows: NDArray[np.bool_]) -> Standstills:
+def _some_rests(rests: Standstills, rows: BoolArray) -> Standstills:
     return Standstills(
         run=rests.run[rows],
         conditions=rests.conditions.map(lambda x: np.asarray(x)[rows]),

@@ -34,8 +34,8 @@ from dataclasses import dataclass, replace
 from math import exp
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import FloatArray
 from model.diagnosis.core.next_test import WORTH_SAYING, best_first, comes_apart, expected_nats
 from model.diagnosis.core.result import NextRun
 from model.diagnosis.findings.isolability import Projected, least_left, own_columns
@@ -64,12 +64,7 @@ _OTHERS = ("wheel_speed_delay_s", "wheel_edge_delay_rad", "stiffness_in_run", "f
 
 
 def plausible_grams(look: LinearisedCampaign) -> Grams:
-    """Return the Gram matrices under a speed error that the sensor can have; those of the look where it has.
-
-    Parameters
-    ----------
-    look : LinearisedCampaign
-    """
+    """Return the Gram matrices under a speed error that the sensor can have; those of the look where it has."""
     noises = [_plausible(view) for view in look.views]
     if all(noise is view.noise for noise, view in zip(noises, look.views, strict=True)):
         return look.grams
@@ -96,8 +91,6 @@ def _plausible(view: CampaignData) -> Noise:
     return replace(view.noise, values={k: min(x, most.get(k, x)) for k, x in view.noise.values.items()})
 
 
-FloatArray = NDArray[np.float64]
-
 COASTED_S = 120.0
 """On hard ground: it costs no track and no soil, and a radius asks for the mean of a slow error of the speed."""
 _ROLLING_RADIUS_SHARE = 0.005
@@ -111,7 +104,6 @@ def lifted_wheel(view: CampaignData, simulation: Simulation, run: Samples) -> Fl
     ----------
     view : CampaignData
         For its noise.
-    simulation : Simulation
     run : Samples
         A run that was driven.
     """
@@ -189,7 +181,6 @@ class Member:
 
     Attributes
     ----------
-    key : str
     size : array, shape (parameters,)
         Coefficients, in units of the prior scale.
     probability : float
@@ -229,7 +220,6 @@ def split(grams: Grams, added: FloatArray, members: tuple[Member, ...], now: Flo
         Names the columns; its sum over runs is what is known now.
     added : array, shape (m, m)
         Cross products of the data to be added.
-    members : tuple of Member
     now : array, shape (m, m), optional
         Another sum than that of all runs.
     """
@@ -269,7 +259,6 @@ def next_runs(look: LinearisedCampaign, members: tuple[Member, ...], most: int =
 
     Parameters
     ----------
-    look : LinearisedCampaign
     members : tuple of Member
         The causes that were not separable, at their estimated sizes.
     most : int
@@ -329,7 +318,6 @@ def run_matrix(view: CampaignData, simulation: Simulation, manoeuvre: Manoeuvre)
         Of the campaign it would belong to.
     simulation : Simulation
         Its own, perhaps with fewer effects.
-    manoeuvre : Manoeuvre
     """
     samples = manoeuvre.samples
     linear = linearise(simulation, samples, _point(view, simulation, samples))
@@ -351,7 +339,6 @@ def embedded(look: LinearisedCampaign, index: int, simulation: Simulation, matri
 
     Parameters
     ----------
-    look : LinearisedCampaign
     index : int
         Of the campaign.
     simulation : Simulation

@@ -10,9 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from daq import Note
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.result import Detectable, NextRun
@@ -23,8 +20,6 @@ from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, 
 from model.diagnosis.time_series.noise import Noise, beliefs
 from model.diagnosis.time_series.samples import samples_of
 from model.one_thread import one_thread
-
-FloatArray = NDArray[np.float64]
 
 SCHEMA = "wheelsoil/plan/1"
 ALIKE = 0.95
@@ -47,13 +42,11 @@ class Plan:
     ----------
     isolability : Isolability
         At one prior one-sigma of every parameter, or the sizes that were asked for.
-    look_alikes : tuple of Advice
     minimum_detectable : mapping effect key -> Detectable
         That something is there.
     minimum_separable : mapping effect key -> Detectable
         That it is this and no other family.
     cannot_tell : mapping family -> why
-    notes : tuple of Note
     """
 
     isolability: Isolability
@@ -114,8 +107,6 @@ def plan_of(
 
     Parameters
     ----------
-    campaigns : sequence of Campaign
-    options : DiagnosisOptions, optional
     sizes : mapping key -> coefficients, optional
         In units of the prior scale; see `isolability`.
     advise : bool
@@ -143,7 +134,6 @@ def plan_from_linearised(
 
     Parameters
     ----------
-    seen : LinearisedCampaign
     options, sizes, advise
         As for `plan_of`.
     """

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS, REACTIONS, ConfigError, DataError, Fault, RunInfo, VehicleConfig
+from daq import OUTPUTS, REACTIONS, BoolArray, ConfigError, DataError, Fault, FloatArray, RunInfo, VehicleConfig
 from model.diagnosis.core.campaign import Campaign
 from model.simulation import DrivingStyle, VehicleSetup
 from model.simulation.motion import Motion, drive, static_load_n, vertical_load_n
@@ -17,8 +16,6 @@ from model.wheel_soil.soils import Soil, SoilPrior, prior_of
 from model.wheel_soil.wheel_soil_model import WheelSoilModel
 from processing import ProcessedRun, QualityReport, Reason, Segment, Standstill
 from processing.pipeline import kernel_sigma_s
-
-FloatArray = NDArray[np.float64]
 
 ADDED_LOAD_KG = (0.0, 300.0, 500.0)
 """On the paper's vehicle of 3.6 t."""
@@ -39,14 +36,11 @@ class CampaignPlan:
 
     Attributes
     ----------
-    wheel : Wheel
-    soil : Soil
     runs : tuple of RunInfo
         Direction, added load, inflation pressure and pass of each.
     soil_prior : SoilPrior, optional
         How sure the laboratory is; the usual uncertainty otherwise.
     tyre : "smooth", "lugged" or ""
-    name : str
     duration_s : float
         Of each run.
     vehicle : VehicleSetup
@@ -109,8 +103,6 @@ def plan_for(
     ----------
     vehicle : VehicleConfig
         Its wheel, its mass, and which of drawbar pull, torque and sinkage it measures.
-    soil : Soil
-    soil_prior : SoilPrior, optional
     runs : tuple of RunInfo, optional
         As runs.toml has them; `usual_runs` where there are none, added loads in proportion to the mass.
     static_load_n : float, optional
@@ -251,7 +243,7 @@ def _swing(plan: CampaignPlan, load: FloatArray) -> dict[str, FloatArray]:
     return {c: sign * plan.sigmas.get(c, size) for c, size in typical.items()}
 
 
-def _standstills(still: NDArray[np.bool_], load: FloatArray) -> tuple[Standstill, ...]:
+def _standstills(still: BoolArray, load: FloatArray) -> tuple[Standstill, ...]:
     edges = np.flatnonzero(np.diff(np.r_[False, still, False].astype(np.int8))).reshape(-1, 2)
     found = []
     for first, last in edges:

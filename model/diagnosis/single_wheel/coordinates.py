@@ -13,16 +13,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from daq import ConfigError, Fault
+from daq import ConfigError, Fault, FloatArray
 from model.diagnosis.core.campaign import Bench
 from model.effects.base import Parameter
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import SOIL_PARAMETERS
-
-FloatArray = NDArray[np.float64]
 
 SOIL_COORDINATES = ("cohesion_pa", "tan_phi", "ln_shear_modulus", "sinkage_exponent", "ln_stiffness")
 _TYPICAL_LOAD_N = 10_000.0

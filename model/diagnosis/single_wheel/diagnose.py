@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS, DataError, Fault, Note, Severity
+from daq import OUTPUTS, DataError, Fault, FloatArray, Note, Severity
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
@@ -34,8 +33,6 @@ from model.diagnosis.single_wheel.weighing import Weighed, Weighing, weigh
 from model.notes import DiagnosisCode, LackCode
 from model.one_thread import one_thread
 
-FloatArray = NDArray[np.float64]
-
 _LEAST_ROWS = 4
 _MOST_SIGNATURES = 6
 
@@ -46,11 +43,6 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
 
     Rows of a driven wheel (s >= 0) are diagnosed; rows with s < 0 have a law of their own and do not enter. A table
     with rows of a braked wheel alone is diagnosed by its sinkage.
-
-    Parameters
-    ----------
-    benches : sequence of Bench
-    options : DiagnosisOptions, optional
 
     Raises
     ------

@@ -14,12 +14,10 @@ from dataclasses import dataclass
 from math import lgamma, log, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import FloatArray
 from model.diagnosis.single_wheel.problem import BenchProblem, Hypothesis
 from model.diagnosis.single_wheel.search import Optimum, log_likelihood
-
-FloatArray = NDArray[np.float64]
 
 _FREEDOM = 5.0
 _STRETCHES = (1.0, 3.0, 10.0)
@@ -40,8 +38,6 @@ class SetPosterior:
 
     Attributes
     ----------
-    hypothesis : Hypothesis
-    log_evidence : float
     log_evidence_sigma : float
         Its own error.
     standard : array, shape (draws, p)
@@ -101,10 +97,8 @@ def posterior_of(
 
     Parameters
     ----------
-    problem : BenchProblem
     optima : sequence of Optimum
         Of one hypothesis, from several starts; at least one with a finite likelihood.
-    rng : Generator
     rows : array, shape (n,), optional
         1 for rows that count, 0 for rows that are left out.
     """

@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS
+from daq import OUTPUTS, FloatArray, IndexArray
 from model.diagnosis.core.detectable import Direction, minimum_detectable
 from model.diagnosis.core.result import Detectable, Finding, ParameterEstimate, PlotData, SoilEstimate
 from model.diagnosis.core.shapes import Rows
@@ -24,8 +23,6 @@ from model.diagnosis.single_wheel.sets import Library, listed_uses
 from model.diagnosis.single_wheel.weighing import Weighed, Weighing, with_usual_form
 from model.effects.catalogue import EFFECTS
 
-FloatArray = NDArray[np.float64]
-
 _SIGNIFICANT = 2.5
 
 
@@ -34,7 +31,6 @@ def plot_data_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tu
 
     Parameters
     ----------
-    weighing : Weighing
     chosen : Weighed
         The extension; it and no cause at all have a posterior.
     keys : sequence of str
@@ -93,7 +89,7 @@ def findings_of(weighing: Weighing) -> tuple[Finding, ...]:
     return tuple(sorted(found, key=lambda f: -abs(f.statistic)))
 
 
-def _place(problem: BenchProblem, rows: NDArray[np.intp]) -> Rows:
+def _place(problem: BenchProblem, rows: IndexArray) -> Rows:
     slip, load = problem.slip[rows], problem.load_n[rows]
     table = problem.benches[problem.bench[rows[0]]].name if len(problem.benches) > 1 else ""
     return Rows(float(slip.mean()), float(load.mean()), len(rows), table)
@@ -130,8 +126,6 @@ def detectable_in_rows(problem: BenchProblem, library: Library, null: Optimum, n
 
     Parameters
     ----------
-    problem : BenchProblem
-    library : Library
     null : Optimum
         Of no cause.
     name_at : float

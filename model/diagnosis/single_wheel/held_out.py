@@ -12,16 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray
 from model.diagnosis.core.gain import HeldOutPrediction, gain_of
 from model.diagnosis.core.result import Gain
 from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
 from model.diagnosis.single_wheel.problem import BenchProblem
 from model.diagnosis.single_wheel.search import Optimum, log_likelihood, search
 from model.diagnosis.single_wheel.weighing import Weighed, Weighing, misfits, threshold
-
-FloatArray = NDArray[np.float64]
 
 _MOST = 30
 """Candidates of a fold: the sets that are most probable on the rows that are kept, before they are searched there."""
@@ -37,10 +35,8 @@ def predict_held_out(
 
     Parameters
     ----------
-    problem : BenchProblem
     optima : sequence of Optimum
         Of the hypothesis, on all rows.
-    rng : Generator
     """
     return tuple(_predicted(problem, _Fold.of(problem, group), optima, rng) for group in np.unique(problem.group))
 
@@ -63,7 +59,7 @@ def held_out(weighing: Weighing, rng: np.random.Generator) -> Gain | None:
 
 @dataclass(frozen=True)
 class _Fold:
-    left_out: NDArray[np.bool_]
+    left_out: BoolArray
     kept: FloatArray
 
     @staticmethod

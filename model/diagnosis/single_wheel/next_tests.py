@@ -10,17 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS
+from daq import OUTPUTS, FloatArray
 from model.diagnosis.core.next_test import WORTH_SAYING, best_first, expected_nats
 from model.diagnosis.core.result import NextRun
 from model.diagnosis.single_wheel.noise import FORM_SHARE
 from model.diagnosis.single_wheel.problem import BenchProblem
 from model.diagnosis.single_wheel.sets import family_of
 from model.diagnosis.single_wheel.weighing import Weighed, Weighing
-
-FloatArray = NDArray[np.float64]
 
 _LOADS = ((0.5, "half the load"), (2.0, "twice the load"))
 _DRAWS = 160

@@ -17,9 +17,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from daq import FloatArray, IndexArray
 
 FORM_PER_SCATTER = 2.0
 """Error of form that a right model may well have, in one-sigmas of a single row."""
@@ -54,7 +53,7 @@ class ChannelNoise:
 
     channel: str
     measured: FloatArray
-    groups: NDArray[np.intp]
+    groups: IndexArray
     carried: FloatArray
     form_scale: float
     scatter: FloatArray
@@ -65,7 +64,7 @@ class ChannelNoise:
     def of(
         channel: str,
         measured: FloatArray,
-        groups: NDArray[np.intp],
+        groups: IndexArray,
         carried: FloatArray,
         form_scale: float,
         sigma: float | None,
@@ -93,7 +92,7 @@ class ChannelNoise:
         )
 
     @staticmethod
-    def usual_form(measured: FloatArray, groups: NDArray[np.intp], sigma: float | None, size: float) -> float:
+    def usual_form(measured: FloatArray, groups: IndexArray, sigma: float | None, size: float) -> float:
         """Return the error of form that a right model may well have; `size` is W, W r or r."""
         scatter = scatter_of_repeats(measured, groups) if sigma is None else sigma
         return max(FORM_PER_SCATTER * scatter, _LEAST_SHARE * size) if scatter > 0 else FORM_SHARE * size
@@ -161,7 +160,7 @@ class ChannelNoise:
         return shares @ self.scatter, shares @ self.form
 
 
-def scatter_of_repeats(measured: FloatArray, groups: NDArray[np.intp]) -> float:
+def scatter_of_repeats(measured: FloatArray, groups: IndexArray) -> float:
     """Return the pooled one-sigma within groups; 0 where no group has two rows."""
     counts = np.bincount(groups)
     freedom = int((counts - 1)[counts > 0].sum())
@@ -171,7 +170,7 @@ def scatter_of_repeats(measured: FloatArray, groups: NDArray[np.intp]) -> float:
     return float(np.sqrt(((measured - means[groups]) ** 2).sum() / freedom))
 
 
-def groups_of_rows(group: NDArray[np.intp], slip: FloatArray, load_n: FloatArray) -> NDArray[np.intp]:
+def groups_of_rows(group: IndexArray, slip: FloatArray, load_n: FloatArray) -> IndexArray:
     """Return which rows are repeats of each other, from 0 on.
 
     The table's own groups where it parts rows; else rows of like slip (closer than 0.03 to the next) and load (closer
@@ -183,7 +182,7 @@ def groups_of_rows(group: NDArray[np.intp], slip: FloatArray, load_n: FloatArray
     return np.asarray(np.unique(by_slip * (len(slip) + 1) + by_load, return_inverse=True)[1])
 
 
-def _steps(values: FloatArray, gap: float) -> NDArray[np.intp]:
+def _steps(values: FloatArray, gap: float) -> IndexArray:
     order = np.argsort(values)
     step = np.concatenate([[0], np.cumsum(np.diff(values[order]) > gap)])
     out = np.empty(len(values), np.intp)

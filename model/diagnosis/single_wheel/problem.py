@@ -15,9 +15,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS
+from daq import OUTPUTS, FloatArray, IndexArray
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.single_wheel.coordinates import CauseCoordinate, SoilCoordinates
 from model.diagnosis.single_wheel.noise import ChannelNoise, groups_of_rows
@@ -25,8 +24,6 @@ from model.effects.catalogue import EFFECTS
 from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.dual import Dual, Number, value_of
 from model.wheel_soil.wheel_soil_model import Reading, WheelSoilModel
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -178,8 +175,6 @@ class BenchProblem:
 
     Attributes
     ----------
-    benches : tuple of Bench
-    soils : tuple of SoilCoordinates
     soil_of : tuple of int
         Which of the soils each bench is on.
     slip, load_n : arrays, shape (n,)
@@ -200,10 +195,10 @@ class BenchProblem:
     soil_of: tuple[int, ...]
     slip: FloatArray
     load_n: FloatArray
-    bench: NDArray[np.intp]
-    group: NDArray[np.intp]
+    bench: IndexArray
+    group: IndexArray
     noises: tuple[ChannelNoise, ...]
-    rows: tuple[NDArray[np.intp], ...]
+    rows: tuple[IndexArray, ...]
     reading: Reading
 
     @staticmethod
@@ -224,7 +219,7 @@ class BenchProblem:
                 soils.append(bench)
         slip, load = (np.concatenate([getattr(b.rows, name) for b in benches]) for name in ("slip", "vertical_load_n"))
         index = np.repeat(np.arange(len(benches)), [len(b.rows) for b in benches])
-        groups: list[NDArray[np.intp]] = []
+        groups: list[IndexArray] = []
         for b in benches:
             first = groups[-1].max() + 1 if groups else 0
             groups.append(first + groups_of_rows(b.rows.run, b.rows.slip, b.rows.vertical_load_n))
@@ -314,7 +309,6 @@ class BenchProblem:
 
         Parameters
         ----------
-        hypotheses : sequence of B
         standard : array, shape (B, p)
             Coordinates; p at least the largest hypothesis' size.
         slopes : bool

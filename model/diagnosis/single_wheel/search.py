@@ -14,11 +14,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import FloatArray
 from model.diagnosis.single_wheel.problem import BenchProblem, Hypothesis
-
-FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 40
 _ENOUGH = 1e-3
@@ -33,7 +31,6 @@ class Optimum:
 
     Attributes
     ----------
-    hypothesis : Hypothesis
     standard : array, shape (p,)
         Coordinates, without padding.
     information : array, shape (p, p)
@@ -85,8 +82,6 @@ def search(
 
     Parameters
     ----------
-    problem : BenchProblem
-    hypotheses : sequence of B
     starts : sequence of B arrays
         Coordinates of each.
     rows : array, shape (n,), optional

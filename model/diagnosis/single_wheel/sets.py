@@ -12,9 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS, Note
+from daq import OUTPUTS, BoolArray, FloatArray, Note
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.coverage import ONE_LOAD, Coverage, cannot_tell, considered, ruled_out
 from model.diagnosis.core.prior import Hypotheses, listed_sets
@@ -22,8 +21,6 @@ from model.diagnosis.single_wheel.noise import groups_of_rows
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
 from model.effects.catalogue import EFFECTS
 from model.notes import LackCode
-
-FloatArray = NDArray[np.float64]
 
 NO_SLIP = 0.02
 """Slip below which a wheel neither drives nor brakes: a controller's residue."""
@@ -36,12 +33,10 @@ class SkidLaw:
 
     Attributes
     ----------
-    static_sinkage_m, H2_m : float
     H2_sigma_m : float
         From the scatter about the law.
     left_out_rms_m : float
         Of groups (one speed each) that the fit has not seen.
-    rows : int
     """
 
     static_sinkage_m: float
@@ -75,7 +70,7 @@ def skid_law(bench: Bench) -> SkidLaw | None:
     return SkidLaw(float(values[0]), float(values[1]), sigma, rms, int(chosen.sum()))
 
 
-def _left_out(design: FloatArray, sinkage: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
+def _left_out(design: FloatArray, sinkage: FloatArray, rows: BoolArray) -> FloatArray:
     values = np.linalg.lstsq(design[~rows], sinkage[~rows], rcond=None)[0]
     return np.asarray(sinkage[rows] - design[rows] @ values)
 
@@ -117,8 +112,6 @@ def library(problem: BenchProblem, options: DiagnosisOptions, bench: int | None 
 
     Parameters
     ----------
-    problem : BenchProblem
-    options : DiagnosisOptions
     bench : int, optional
         Causes of this bench only, with values of their own; else causes of all.
     """
@@ -139,7 +132,6 @@ def coverage_of(problem: BenchProblem, bench: int | None = None) -> Coverage:
 
     Parameters
     ----------
-    problem : BenchProblem
     bench : int, optional
         Whose tyre is asked for; else a tyre counts that all benches have.
     """
@@ -186,7 +178,6 @@ def sets_of(uses: Sequence[CauseUse], listed: Hypotheses) -> dict[Hypothesis, fl
     ----------
     uses : sequence of CauseUse
         Of the effects that are listed, in their order.
-    listed : Hypotheses
     """
     rows = zip(listed.members.tolist(), listed.log_prior.tolist(), strict=True)
     return {tuple(uses[i] for i in members if i >= 0): p for members, p in rows}

@@ -20,9 +20,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import DataError, Fault
+from daq import DataError, Fault, FloatArray
 from model.diagnosis.core.posterior import Posterior, probabilities
 from model.diagnosis.core.prior import listed_sets, with_triples
 from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
@@ -31,8 +30,6 @@ from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothe
 from model.diagnosis.single_wheel.search import Optima, Optimum, search
 from model.diagnosis.single_wheel.sets import family_of, listed_uses, sets_of
 from model.effects.catalogue import EFFECTS
-
-FloatArray = NDArray[np.float64]
 
 _LEVEL = 0.99
 _SIMULATIONS = 20_000
@@ -43,8 +40,6 @@ def misfits(problem: BenchProblem, optima: Sequence[Optimum], rows: FloatArray |
 
     Parameters
     ----------
-    problem : BenchProblem
-    optima : sequence of Optimum
     rows : array, shape (n,), optional
         1 for rows that count, 0 for rows that are left out.
     """
@@ -115,7 +110,6 @@ class Weighed:
 
     Attributes
     ----------
-    hypothesis : Hypothesis
     log_prior, log_evidence : float
         The evidence is corrected where there is a posterior, else Laplace's shifted by what the corrections show.
     optima : tuple of Optimum
@@ -150,7 +144,6 @@ class Weighing:
 
     Attributes
     ----------
-    problem : BenchProblem
     sets : tuple of Weighed
         Most probable first among the adequate ones, then the others.
     threshold : float
@@ -217,11 +210,8 @@ def weigh(problem: BenchProblem, uses: Sequence[CauseUse], most: int, rng: np.ra
 
     Parameters
     ----------
-    problem : BenchProblem
-    uses : sequence of CauseUse
     most : int
         0 to 3; sets of three are made of promising pairs.
-    rng : Generator
 
     Raises
     ------
@@ -264,7 +254,6 @@ def weighed(found: Optima, log_prior: Mapping[Hypothesis, float], rng: np.random
     found : Optima
         With every set of `log_prior`.
     log_prior : mapping Hypothesis -> float
-    rng : Generator
     """
     sets = tuple(Weighed(h, p, found.best(h).log_evidence, found.ranked(h), np.inf) for h, p in log_prior.items())
     return _corrected(_gated(Weighing(found.problem, sets, threshold(found.problem, rng))), rng)

@@ -26,14 +26,12 @@ from math import exp
 from operator import neg
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray
 from model.diagnosis.core.shapes import Kind, Shape
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.samples import Samples
 from model.diagnosis.time_series.standstills import AT_REST, growing_with_load, several_loads
-
-FloatArray = NDArray[np.float64]
 
 _LEAST_SPEED_MPS = 0.1
 _OF_SPEED = (0.02, 0.35, 0.65, 0.98)
@@ -44,7 +42,7 @@ def hats(
     shape: Shape,
     x: FloatArray,
     knots: tuple[float, ...],
-    on: NDArray[np.bool_],
+    on: BoolArray,
     value: Callable[[float], float] = float,
 ) -> Iterator[tuple[Shape, FloatArray]]:
     """Yield a hat over each knot; the outer ones go on.
@@ -104,12 +102,7 @@ class InputShape:
 
 
 def input_shapes(linear: Linear) -> Iterator[InputShape]:
-    """Yield the shapes; what grows with the load only where there is more than one load.
-
-    Parameters
-    ----------
-    linear : Linear
-    """
+    """Yield the shapes; what grows with the load only where there is more than one load."""
     at = linear.conditions
     by_speed, by_load = np.nan_to_num(linear.speed), np.nan_to_num(linear.load)
     for shape, hat in hats_of_speed(Shape(Kind.SPEED_ERROR, "v"), np.asarray(at.ground_speed_mps)):
@@ -139,7 +132,6 @@ class Basis:
 
     Attributes
     ----------
-    shapes : tuple of Shape
     columns : array, shape (c, n, b)
         In N, N m and m.
     rests : array, shape (2, m, b)
@@ -155,13 +147,7 @@ class Basis:
 
 
 def basis(samples: Samples, linear: Linear) -> Basis:
-    """Return the shapes of the channels, then the zeros that standstills show, then those of the inputs.
-
-    Parameters
-    ----------
-    samples : Samples
-    linear : Linear
-    """
+    """Return the shapes of the channels, then the zeros that standstills show, then those of the inputs."""
     own = [(shape, x) for shape, x in _shapes(samples, linear) if np.std(x) > 0]
     zeros, inputs = _channels_with_zeros(samples, linear), list(input_shapes(linear))
     found = _empty(samples, linear, len(own) * len(linear.channels) + len(zeros) + len(inputs))

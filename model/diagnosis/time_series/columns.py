@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.basis import basis, no_basis
 from model.diagnosis.time_series.grams import CauseColumn
@@ -14,8 +14,6 @@ from model.diagnosis.time_series.linearise import Linear, Simulation
 from model.diagnosis.time_series.noise import constants, loading
 from model.diagnosis.time_series.samples import Samples
 from model.diagnosis.time_series.standstills import AT_REST
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -30,9 +28,6 @@ class Columns:
     rests : array, shape (2, m, 1 + q + k + b + l)
         Of drawbar pull and torque at standstill.
     rests_present : bool array, shape (2, m)
-    soil : tuple of str
-    causes : tuple of CauseColumn
-    basis : tuple of Shape
     input_heights : array, shape (b,)
         Of the catch-all's shapes, see `model.diagnosis.time_series.basis`: NaN but for errors of an input.
     constants : tuple of str
@@ -40,9 +35,9 @@ class Columns:
     """
 
     rows: FloatArray
-    present: NDArray[np.bool_]
+    present: BoolArray
     rests: FloatArray
-    rests_present: NDArray[np.bool_]
+    rests_present: BoolArray
     soil: tuple[str, ...]
     causes: tuple[CauseColumn, ...]
     basis: tuple[Shape, ...]
@@ -94,9 +89,6 @@ def columns_of(simulation: Simulation, samples: Samples, linear: Linear, *, catc
 
     Parameters
     ----------
-    simulation : Simulation
-    samples : Samples
-    linear : Linear
     catch_all : bool
         Whether to take up the catch-all's shapes.
     """
@@ -128,7 +120,7 @@ def columns_of(simulation: Simulation, samples: Samples, linear: Linear, *, catc
 
 def _at_rest(
     samples: Samples, linear: Linear, scale: FloatArray, at: FloatArray, shapes: FloatArray, width: int
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, BoolArray]:
     """Return the standstills' columns: only causes, zeros of every kind and what turns with the wheel show there.
 
     A torque about the wheel's own axis has no zero that turns; what it does once a turn, it does while it rolls.

@@ -57,7 +57,6 @@ def diagnose(
     ----------
     campaigns : sequence of Campaign
         Causes are shared, soils are not. One with too little in it is left out, and said to be.
-    options : DiagnosisOptions, optional
     noises : sequence of Noise, optional
         The noise model of each campaign; estimated where it is not given.
 

@@ -38,15 +38,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
+from daq import FloatArray, IntArray
 from model.diagnosis.core.posterior import Posterior, probabilities
-from model.diagnosis.core.prior import Hypotheses, IntArray, listed_sets, with_triples
+from model.diagnosis.core.prior import Hypotheses, listed_sets, with_triples
 from model.diagnosis.time_series.grams import CauseColumn, Grams
 from model.fit.linear_step import bounded_least_squares
-
-FloatArray = NDArray[np.float64]
 
 _LOG_SQRT_2PI = 0.5 * float(np.log(2.0 * np.pi))
 _FAR = 30.0
@@ -103,7 +101,6 @@ class SetEstimate:
 
     Attributes
     ----------
-    keys : tuple of str
     columns : tuple of int
         Positions of the set's parameters among the causes' columns.
     coefficients : array, shape (k,)
@@ -160,7 +157,6 @@ def hypotheses(grams: Grams, excluded: frozenset[str] = frozenset(), most: int =
 
     Parameters
     ----------
-    grams : Grams
     excluded : set of str
         Families or keys that the data do not allow to tell.
     most, triples
@@ -187,7 +183,6 @@ def log_evidences(grams: Grams, reduced: FloatArray, listed: Hypotheses) -> Floa
         For what the columns are.
     reduced : array, shape (..., 1 + k [+ b], same)
         From `without_soil`.
-    listed : Hypotheses
 
     Returns
     -------
@@ -284,7 +279,6 @@ def posterior(
 
     Parameters
     ----------
-    grams : Grams
     excluded : set of str
         Families or keys that the data do not allow to tell.
     most : int
@@ -332,7 +326,6 @@ def best_set(
 
     Parameters
     ----------
-    grams : Grams
     excluded, most
         See `posterior`.
     held : tuple of str, optional

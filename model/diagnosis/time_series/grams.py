@@ -11,11 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray, IndexArray
 from model.diagnosis.core.shapes import Shape
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -27,16 +25,13 @@ class CauseColumn:
     key : str
         Of the effect in the library.
     family, form, kind : of the effect
-    parameter, unit : str
     scale : float
         Prior one-sigma; a coefficient of 1 is this size. Negative where only values below neutral are plausible
         (`Parameter.towards`), so that the coefficient of a one-sided parameter is never negative.
     centre : float
         Value of the parameter at which the columns were linearised; the coefficient is (value - neutral)/scale.
-    neutral : float
     lower, upper : float
         Bounds of the parameter.
-    one_sided : bool
     """
 
     key: str
@@ -64,17 +59,15 @@ class Grams:
         ln det of each run's noise covariance (for comparing noise models; the same for every set of causes).
     samples : int array, shape (runs,)
         Whitened numbers in each run.
-    run_names : tuple of str
     soil : tuple of str
         Labels of the q soil columns.
-    causes : tuple of CauseColumn
     basis : tuple of Shape
         What the b catch-all columns are.
     """
 
     matrices: FloatArray
     log_determinants: FloatArray
-    samples: NDArray[np.intp]
+    samples: IndexArray
     run_names: tuple[str, ...]
     soil: tuple[str, ...]
     causes: tuple[CauseColumn, ...]
@@ -106,7 +99,7 @@ class Grams:
         """Return the sum over runs, shape (m, m), each run counted `weights` times."""
         return np.asarray(self.matrices.sum(axis=0) if weights is None else np.tensordot(weights, self.matrices, 1))
 
-    def chosen(self, runs: NDArray[np.bool_]) -> Grams:
+    def chosen(self, runs: BoolArray) -> Grams:
         """Return the Grams of some runs only."""
         return replace(
             self,

@@ -22,8 +22,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray, IndexArray
 from model.diagnosis.time_series.columns import Columns
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.noise import (
@@ -39,8 +39,6 @@ from model.diagnosis.time_series.noise import (
 )
 from model.diagnosis.time_series.samples import Samples
 from model.diagnosis.time_series.standstills import AT_REST
-
-FloatArray = NDArray[np.float64]
 
 LONGEST = 200
 """Samples whose covariance is formed at once."""
@@ -72,10 +70,10 @@ class Block:
     columns: FloatArray
     seconds: FloatArray
     metres: FloatArray
-    sample: NDArray[np.intp]
+    sample: IndexArray
     processes: tuple[tuple[Process, FloatArray], ...]
     constants: tuple[tuple[str, FloatArray], ...]
-    white: tuple[tuple[str, NDArray[np.bool_]], ...]
+    white: tuple[tuple[str, BoolArray], ...]
     fixed: FloatArray
 
 
@@ -102,7 +100,7 @@ def blocks_of(
     return found
 
 
-def _pieces(own: NDArray[np.intp], most: int, first: int) -> list[NDArray[np.intp]]:
+def _pieces(own: IndexArray, most: int, first: int) -> list[IndexArray]:
     """Cut a run, and keep about `most` of its samples in whole pieces, beginning at another one in each run."""
     most = max(most, _SHORTEST)
     pieces = np.array_split(own, max(1, -(-len(own) // min(LONGEST, most))))
@@ -116,8 +114,8 @@ def _block(
     columns: Columns,
     second: FloatArray,
     resting: FloatArray,
-    piece: NDArray[np.intp],
-    rest: NDArray[np.intp],
+    piece: IndexArray,
+    rest: IndexArray,
 ) -> Block:
     channels = linear.channels
     sample, channel = np.nonzero(columns.present[:, piece].T)
@@ -154,16 +152,14 @@ class Slope:
 
     Attributes
     ----------
-    name : str
     rows : int array
         To which it is confined.
     part : array
         Of shape (rows, rows); or of shape (rows,): its diagonal, or where `outer` what it is the outer product of.
-    outer : bool
     """
 
     name: str
-    rows: NDArray[np.intp]
+    rows: IndexArray
     part: FloatArray
     outer: bool = False
 
@@ -249,7 +245,6 @@ def estimated(
 
     Parameters
     ----------
-    blocks : sequence of Block
     beliefs : mapping name -> Belief
         Of every hyper-parameter.
     start : mapping, optional

@@ -14,9 +14,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS
+from daq import OUTPUTS, BoolArray, FloatArray
 from model.diagnosis.time_series.samples import STENCIL, Samples
 from model.effects.base import Effect
 from model.wheel_soil.conditions import Conditions, Wheel
@@ -24,8 +23,6 @@ from model.wheel_soil.dual import Dual, Number, column, value_of
 from model.wheel_soil.soils import SOIL_PARAMETERS, Soil, SoilPrior
 from model.wheel_soil.stresses import slip_of_ratio
 from model.wheel_soil.wheel_soil_model import Reading, WheelSoilModel
-
-FloatArray = NDArray[np.float64]
 
 _LOGARITHMIC_UP_TO = 0.5
 """Relative one-sigma up to which a positive parameter is moved by factors instead of by steps: it stays positive."""
@@ -46,7 +43,7 @@ class SoilSpace:
     """
 
     mean: FloatArray
-    logarithmic: NDArray[np.bool_]
+    logarithmic: BoolArray
     root: FloatArray
     labels: tuple[str, ...]
 
@@ -107,8 +104,6 @@ class Simulation:
 
     Attributes
     ----------
-    wheel, soil, reading
-    space : SoilSpace
     effects : tuple of Effect classes
     """
 
@@ -156,8 +151,6 @@ class Linear:
 
     Attributes
     ----------
-    channels : tuple of str
-    point : Point
     conditions : Conditions
         With the ground speed and the slip of the point.
     value : array, shape (c, n)
@@ -192,7 +185,7 @@ class Linear:
     cohesion: FloatArray
     rest_value: FloatArray
     rest_causes: FloatArray
-    usable: NDArray[np.bool_] = field(repr=False)
+    usable: BoolArray = field(repr=False)
 
 
 def at_speed(samples: Samples, speed_mps: FloatArray) -> Conditions:
@@ -207,14 +200,7 @@ def _moved(conditions: Conditions, ground_speed_mps: Number, radius_m: float) ->
 
 
 def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
-    """Linearise the model about a point.
-
-    Parameters
-    ----------
-    simulation : Simulation
-    samples : Samples
-    point : Point
-    """
+    """Linearise the model about a point."""
     channels = tuple(c for c in OUTPUTS if c in samples.measured)
     conditions = at_speed(samples, point.speed_mps)
     soil = simulation.space.values(point.soil)
@@ -271,8 +257,6 @@ def derivatives(
 
     Parameters
     ----------
-    simulation : Simulation
-    samples : Samples
     conditions : Conditions
         Of the samples, perhaps at another speed.
     values : mapping
@@ -340,14 +324,7 @@ def _secant(
 
 
 def simulated(simulation: Simulation, samples: Samples, point: Point) -> FloatArray:
-    """Return what the model says of each sample, averaged over its three instants; shape (c, n), NaN without an answer.
-
-    Parameters
-    ----------
-    simulation : Simulation
-    samples : Samples
-    point : Point
-    """
+    """Return the model output of each sample, averaged over its three instants, NaN without one; shape (c, n)."""
     channels = tuple(c for c in OUTPUTS if c in samples.measured)
     values = {**simulation.space.values(point.soil), **point.causes}
     model = simulation.model(point.causes)
@@ -371,8 +348,6 @@ def at_rest(simulation: Simulation, samples: Samples, values: Mapping[str, float
 
     Parameters
     ----------
-    simulation : Simulation
-    samples : Samples
     values : mapping
         Parameters that are not at neutral.
     """

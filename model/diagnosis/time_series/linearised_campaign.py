@@ -33,9 +33,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import Note
+from daq import FloatArray, Note
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.time_series.columns import columns_of
@@ -52,8 +51,6 @@ from model.one_thread import one_thread
 if TYPE_CHECKING:
     from model.diagnosis.time_series.start import CampaignData
 
-
-FloatArray = NDArray[np.float64]
 
 _LEAST_SHARE = 0.1
 """Of the measured variance, that is taken for movement whatever the noise."""
@@ -178,8 +175,6 @@ class Relinearised:
 
     Attributes
     ----------
-    grams : Grams
-    views : tuple of CampaignData
     best : SetEstimate
         Chosen from `grams`.
     converged : bool
@@ -208,12 +203,10 @@ def relinearise(
 
     Parameters
     ----------
-    starts : sequence of Start
     points : sequence of LinearisationPoint
         Where to begin.
     choose : callable
         Picks the explanation from cross products, given the one before.
-    clock : Clock
     believe : bool
         Take the noise of the first iteration as it is; otherwise it is estimated from the second one on.
     most : int
@@ -241,9 +234,6 @@ def campaign_data(start: Start, at: LinearisationPoint, clock: Clock, *, fixed: 
 
     Parameters
     ----------
-    start : Start
-    at : LinearisationPoint
-    clock : Clock
     fixed : bool
         Take the noise of the point as it is.
     """
@@ -286,14 +276,12 @@ def converged_alternative(
 
     Parameters
     ----------
-    starts : sequence of Start
     moving : Relinearised
         What did not converge.
     others : sequence of sets of causes
         That seemed likely.
     choose : callable
         Picks the explanation from cross products, given the one before.
-    clock : Clock
     """
     ranked = sorted(
         {keys for keys in others if keys != moving.best.keys}, key=lambda keys: -log_evidence(moving.grams, keys)
@@ -336,7 +324,6 @@ class LinearisedCampaign:
         Linearisations.
     converged : bool
         Whether the last one changed nothing.
-    notes : tuple of Note
     stages_s : mapping stage -> seconds
     """
 
@@ -369,7 +356,6 @@ def linearise_campaigns(
     ----------
     campaigns : sequence of Campaign
         Causes are shared, soils are not.
-    options : DiagnosisOptions, optional
     noises : sequence of Noise, optional
         The noise model of each campaign; estimated where it is not given.
 

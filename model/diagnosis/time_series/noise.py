@@ -24,15 +24,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS, Note
+from daq import OUTPUTS, FloatArray, Note
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.samples import Samples
 from model.diagnosis.time_series.standstills import AT_REST
 from model.notes import DiagnosisCode
-
-FloatArray = NDArray[np.float64]
 
 _LEAST_RADPS = 0.3
 
@@ -214,10 +211,8 @@ def noise_notes(noise: Noise, believed: Mapping[str, Belief], channels: tuple[st
 
     Parameters
     ----------
-    noise : Noise
     believed : mapping name -> Belief
         See `model.diagnosis.time_series.noise.beliefs`.
-    channels : tuple of str
     """
     return tuple(note for channel in channels for note in (*_swing(noise, channel), *_zeros(noise, believed, channel)))
 

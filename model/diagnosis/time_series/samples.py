@@ -17,9 +17,8 @@ from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import OUTPUTS, REACTIONS, Note
+from daq import OUTPUTS, REACTIONS, BoolArray, FloatArray, IndexArray, Note
 from model.diagnosis.core.campaign import Campaign
 from model.diagnosis.core.coverage import ONE_LOAD, Coverage
 from model.diagnosis.time_series.standstills import Standstills, standstills_of
@@ -27,9 +26,6 @@ from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, Conditions
 from model.wheel_soil.run_conditions import campaign_times, line_positions
 from processing import ProcessedRun, Reason
 from processing.pipeline import kernel_sigma_s, slip_of
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 FEWEST = 50
 """Usable samples below which nothing can be said."""
@@ -66,7 +62,6 @@ class Samples:
     ----------
     run : int array
         Index of the run.
-    run_names : tuple of str
     time_s : within the run
     conditions : Conditions
         Means, with every field an array; an unknown inflation pressure is 340 kPa.
@@ -78,18 +73,15 @@ class Samples:
         The same of ground speed and load.
     distance_m : along the track, within the run
     wheel_angle_rad : rolled since the start of the run
-    instants : Instants
     rests : Standstills
         What the channels read at standstill.
-    wheel_radius_m : float
     block_s : float
         Length of a block.
     left_out : mapping str -> int
         Blocks that were not used, by reason.
-    notes : tuple of Note
     """
 
-    run: IntArray
+    run: IndexArray
     run_names: tuple[str, ...]
     time_s: FloatArray
     conditions: Conditions
@@ -114,7 +106,7 @@ class Samples:
         """Number of runs, also of those without a sample."""
         return len(self.run_names)
 
-    def __getitem__(self, rows: NDArray[np.bool_]) -> Samples:
+    def __getitem__(self, rows: BoolArray) -> Samples:
         return replace(
             self,
             run=self.run[rows],
@@ -132,7 +124,6 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = tuple(OUTPUTS)) -
 
     Parameters
     ----------
-    campaign : Campaign
     channels : of "dp", "t", "z"
         To use where they were measured.
     """
@@ -179,7 +170,6 @@ def coverage_of(campaign: Campaign, samples: Samples) -> Coverage:
 
     Parameters
     ----------
-    campaign : Campaign
     samples : Samples
         Of it.
     """
@@ -272,7 +262,7 @@ def _calmed(x: FloatArray, sigma: float) -> FloatArray:
     return np.where(known, smooth / np.maximum(weight, 1e-9), np.nan)
 
 
-def _starts(used: NDArray[np.bool_], step: int) -> IntArray:
+def _starts(used: BoolArray, step: int) -> IndexArray:
     """Return the first rows of blocks of `step` used rows, laid end to end in every stretch of used rows."""
     edges = np.flatnonzero(np.diff(np.r_[False, used, False].astype(np.int8)))
     pieces = [np.arange(a, b - step + 1, step) for a, b in edges.reshape(-1, 2)]
@@ -284,7 +274,7 @@ def _unused(run: ProcessedRun, step: int) -> list[tuple[Reason, int]]:
     return [(why, round(counts[why] / step)) for why in Reason if why is not Reason.USED and counts[why] >= step / 2]
 
 
-def _instants(run: ProcessedRun, starts: IntArray, step: int, means: dict[str, FloatArray]) -> dict[str, FloatArray]:
+def _instants(run: ProcessedRun, starts: IndexArray, step: int, means: dict[str, FloatArray]) -> dict[str, FloatArray]:
     """Return three instants whose spread is that of block and filter, moved so that they average to the mean."""
     kernel_s = kernel_sigma_s(run.cutoff_hz) if np.isfinite(run.cutoff_hz) else 0.0
     reach = round(sqrt(3.0 * ((step / run.rate_hz) ** 2 / 12.0 + kernel_s**2)) * run.rate_hz)
@@ -299,7 +289,7 @@ def _instants(run: ProcessedRun, starts: IntArray, step: int, means: dict[str, F
     return out
 
 
-def _kept(run: ProcessedRun, found: dict[str, FloatArray], left_out: Counter[str]) -> NDArray[np.bool_]:
+def _kept(run: ProcessedRun, found: dict[str, FloatArray], left_out: Counter[str]) -> BoolArray:
     """Return which blocks are used: not where the slip is small, or changes too fast within a block."""
     size = np.abs(found["slip"])
     at = slip_of(run.wheel_radius_m * found["instants.wheel_speed_radps"], found["instants.ground_speed_mps"], 0.0)
@@ -312,7 +302,7 @@ def _kept(run: ProcessedRun, found: dict[str, FloatArray], left_out: Counter[str
     return np.asarray(~(small | quick | odd))
 
 
-def _at_a_hole(derivative: FloatArray) -> NDArray[np.bool_]:
+def _at_a_hole(derivative: FloatArray) -> BoolArray:
     """Return the blocks whose derivative looks into a hole; none where the derivative is not known anywhere."""
     known = np.isfinite(derivative)
     return np.asarray(~known & known.any())
@@ -322,8 +312,8 @@ def _at_a_hole(derivative: FloatArray) -> NDArray[np.bool_]:
 class Places:
     """Where each sample stands in an array of runs padded to one length; arrays of shape (n,)."""
 
-    run: NDArray[np.intp]
-    place: NDArray[np.intp]
+    run: IndexArray
+    place: IndexArray
     runs: int
     longest: int
 
@@ -347,7 +337,7 @@ def places_of(samples: Samples) -> Places:
     return Places(samples.run, place, samples.runs, int(counts.max(initial=0)))
 
 
-def steps_of(x: FloatArray, run: NDArray[np.intp]) -> FloatArray:
+def steps_of(x: FloatArray, run: IndexArray) -> FloatArray:
     """Return the step to each sample from the one before in its run; 0 for the first."""
     step = np.diff(x, prepend=x[:1])
     step[np.diff(run, prepend=-1) != 0] = 0.0

@@ -8,14 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import REACTIONS
+from daq import REACTIONS, FloatArray, IndexArray
 from model.diagnosis.core.campaign import Campaign
 from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, Conditions
 from processing import ProcessedRun, Standstill
-
-FloatArray = NDArray[np.float64]
 
 LOAD_SPREAD = 0.15
 """Departure from the mean load, as a share of it, at which a shape that grows with load is 1."""
@@ -70,7 +67,7 @@ class Standstills:
         Rolled since the start of the run.
     """
 
-    run: NDArray[np.intp]
+    run: IndexArray
     conditions: Conditions
     measured: dict[str, FloatArray]
     spread: dict[str, FloatArray]
@@ -88,7 +85,6 @@ def standstills_of(
 
     Parameters
     ----------
-    campaign : Campaign
     channels : of "dp", "t"
     clocks, positions : list of array
         See `model.wheel_soil.run_conditions`.

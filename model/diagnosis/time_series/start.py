@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import REACTIONS, DataError, Fault, Note
+from daq import REACTIONS, DataError, Fault, FloatArray, Note
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.coverage import cannot_tell, considered
 from model.diagnosis.time_series.columns import Columns
@@ -20,8 +19,6 @@ from model.diagnosis.time_series.noise import Noise
 from model.diagnosis.time_series.samples import FEWEST, Samples, coverage_of, samples_of
 from model.diagnosis.time_series.whitening import RunGrams
 
-FloatArray = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class CampaignData:
@@ -29,14 +26,10 @@ class CampaignData:
 
     Attributes
     ----------
-    campaign : Campaign
     samples : Samples
         With the most probable load, see `model.diagnosis.time_series.linearised_campaign`.
-    simulation : Simulation
     linear : Linear
         About the last point.
-    columns : Columns
-    noise : Noise
     grams : RunGrams
         Of this campaign alone.
     speed_variance : array, shape (n,)
@@ -84,7 +77,6 @@ def unfit(campaign: Campaign, samples: Samples) -> Fault | None:
 
     Parameters
     ----------
-    campaign : Campaign
     samples : Samples
         Of it.
     """

@@ -24,15 +24,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daq import BoolArray, FloatArray, IndexArray
 from model.diagnosis.time_series.columns import Columns
 from model.diagnosis.time_series.grams import CauseColumn, Grams
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.noise import loading, processes, rest_variance, white_variance
 from model.diagnosis.time_series.samples import Places, Samples, places_of, steps_of
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -70,7 +68,6 @@ def whiten(space: StateSpace, columns: FloatArray) -> Whitened:
 
     Parameters
     ----------
-    space : StateSpace
     columns : array, shape (R, N, C, M)
         Zero where a channel is missing.
     """
@@ -104,7 +101,6 @@ def smoothed(space: StateSpace, data: FloatArray) -> tuple[FloatArray, FloatArra
 
     Parameters
     ----------
-    space : StateSpace
     data : array, shape (R, N, C)
         Zero where a channel is missing.
 
@@ -150,7 +146,7 @@ def _ahead(covariance: FloatArray, stationary: FloatArray, decay: FloatArray) ->
 def state_space(
     samples: Samples,
     linear: Linear,
-    present: NDArray[np.bool_],
+    present: BoolArray,
     values: Mapping[str, float],
     speed_variance: FloatArray,
 ) -> StateSpace:
@@ -158,8 +154,6 @@ def state_space(
 
     Parameters
     ----------
-    samples : Samples
-    linear : Linear
     present : bool array, shape (c, n)
     values : mapping
         Hyper-parameters.
@@ -200,7 +194,7 @@ class RunGrams:
 
     matrices: FloatArray
     log_determinants: FloatArray
-    samples: NDArray[np.intp]
+    samples: IndexArray
     constants: FloatArray
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import OUTPUTS
+from daq import OUTPUTS, FloatArray
 from model.diagnosis import Diagnosis, PlotData
 from wheelsoil.report.content import Block, Figure, Panels, Section, Text
 from wheelsoil.report.figures import (
@@ -23,7 +23,7 @@ from wheelsoil.report.figures import (
     set_axis_range,
     thinned_rows,
 )
-from wheelsoil.report.inputs import FloatArray, ReportInputs
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, listed
 from wheelsoil.wording.model_styles import STYLES, Style
 from wheelsoil.wording.names import effect_name

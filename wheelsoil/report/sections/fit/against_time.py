@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from daq import OUTPUTS, DataError
+from daq import OUTPUTS, DataError, FloatArray
 from processing import ProcessedRun, Segment
 from processing.pipeline import runs_of
 from wheelsoil.report.content import Figure, Panels, Section
 from wheelsoil.report.figures import MEASURED, Trace, axes, decimated_rows, line, points_of_run, set_axis_range, shades
-from wheelsoil.report.inputs import FloatArray, ReportInputs
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.wording.model_styles import style
 
 KEY = "time"

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import OUTPUTS, ROLES
+from daq import OUTPUTS, ROLES, FloatArray
 from model.diagnosis import Diagnosis, Finding, PlotData
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import (
@@ -26,7 +26,7 @@ from wheelsoil.report.figures import (
     words,
 )
 from wheelsoil.report.figures import numbers as plotted
-from wheelsoil.report.inputs import FloatArray, ReportInputs
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import number, signed
 from wheelsoil.wording.diagnosis_text import FINDING_NOTE, finding_note
 from wheelsoil.wording.names import place_text, plain_name

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from daq import FloatArray
 from processing import SLIP_ROLES, ProcessedRun
 from wheelsoil.report.content import Figure, Panels, Section
 from wheelsoil.report.figures import MEASURED, Trace, axes, decimated_rows, line, points_of_run
-from wheelsoil.report.inputs import FloatArray, ReportInputs
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.wording.model_styles import STYLES
 
 KEY = "drive"

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from daq import FloatArray
 from model.fit import ModelFit
 from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.figures import EDGES, axes, binned, marked_line, set_axis_range
-from wheelsoil.report.inputs import FloatArray, Pool, ReportInputs
+from wheelsoil.report.inputs import Pool, ReportInputs
 from wheelsoil.report.words import number
 from wheelsoil.wording.model_styles import style
 

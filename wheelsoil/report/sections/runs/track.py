@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daq import DataError, Fault
+from daq import BoolArray, DataError, Fault, FloatArray
 from processing import ProcessedRun
 from wheelsoil.report.content import Figure, Panels, Section, Table
 from wheelsoil.report.curves import ALL_RUNS
 from wheelsoil.report.figures import Trace, axes, words
 from wheelsoil.report.figures import numbers as plotted
-from wheelsoil.report.inputs import FloatArray, ReportInputs
+from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import number
 
 KEY = "track"
@@ -44,7 +43,7 @@ class _Track:
     east_m: FloatArray
     north_m: FloatArray
     slip: FloatArray
-    used: NDArray[np.bool_]
+    used: BoolArray
     length_m: float
     extent_m: tuple[float, float]
 
@@ -96,7 +95,7 @@ def _tracks(runs: tuple[ProcessedRun, ...]) -> tuple[list[_Track], tuple[float, 
     return [_track(run, latitude, longitude, points) for run in placed], (latitude, longitude)
 
 
-def _known(run: ProcessedRun) -> NDArray[np.bool_]:
+def _known(run: ProcessedRun) -> BoolArray:
     return np.asarray(np.isfinite(run.latitude_deg) & np.isfinite(run.longitude_deg))
 
 
@@ -143,7 +142,7 @@ def _by_use(tracks: list[_Track]) -> list[Trace]:
     return traces
 
 
-def _marks(tracks: list[_Track], rows: list[NDArray[np.bool_]], name: str, colour: str, symbol: str) -> list[Trace]:
+def _marks(tracks: list[_Track], rows: list[BoolArray], name: str, colour: str, symbol: str) -> list[Trace]:
     east = np.concatenate([track.east_m[keep] for track, keep in zip(tracks, rows, strict=True)])
     north = np.concatenate([track.north_m[keep] for track, keep in zip(tracks, rows, strict=True)])
     marker: dict[str, Any] = {"color": colour, "symbol": symbol, "size": 6}
