@@ -17,12 +17,11 @@ from pathlib import Path
 from types import FrameType
 
 from daq.can.databases import Database
-from daq.can.roles import resolve_roles
 from daq.config import BusSection, RunInfo, VehicleConfig
 from daq.errors import ConfigError, Fault, HardwareError
 from daq.host_clock import HostClock
 from daq.logger.disk_guard import DiskGuard
-from daq.logger.health.watched import unknown_names
+from daq.logger.health.watched_messages import unknown_names, usable_roles
 from daq.logger.inspection import Inspection, Inspector
 from daq.logger.panel import NoPanel, Panel
 from daq.logger.recorder import Recorder, RecorderOptions
@@ -237,14 +236,9 @@ def _with_usable_roles(
     """Leave out the roles that name no signal: their frames are recorded all the same."""
     if not databases:
         return vehicle.model_copy(update={"signals": {}}), []
-    wrong: dict[str, Fault] = {}
-    for role in vehicle.signals:
-        try:
-            resolve_roles(vehicle, databases, (role,))
-        except ConfigError as error:
-            wrong[role] = error.faults[0]
-    signals = {role: name for role, name in vehicle.signals.items() if role not in wrong}
-    return vehicle.model_copy(update={"signals": signals}), [str(fault) for fault in wrong.values()]
+    usable, faults = usable_roles(vehicle, databases, vehicle.signals)
+    signals = {role: vehicle.signals[role] for role in usable}
+    return vehicle.model_copy(update={"signals": signals}), [str(fault) for fault in faults.values()]
 
 
 def _open_all(

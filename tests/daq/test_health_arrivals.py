@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from daq.can.bits import Message
-from daq.logger.health.flow import MessageFlow
+from daq.logger.health.arrivals import MessageFlow
 from daq.logger.health.gaps import Gaps, learn, learned_after
 
 MS = 1_000_000

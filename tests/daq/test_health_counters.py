@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq.can.bits import RawKind, Signal
-from daq.logger.health.counters import NO_VALUE, RollingCounter, counts, is_named_so, may_count, raw_of
+from daq.logger.health.arrivals import NO_VALUE, RollingCounter, counts, is_named_so, may_count, raw_of
 
 
 def signal(name: str = "Counter", bits: int = 4, **more: object) -> Signal:

@@ -19,10 +19,10 @@ from daq.can.databases import load_database, shipped_dbc
 from daq.can.decoding import Decoder
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, FrameFlag, concatenate
 from daq.config import VehicleConfig
+from daq.logger.health.bus_health import bits_on_wire
 from daq.logger.health.monitor import HealthMonitor, statuses
 from daq.logger.health.report import Board, BusStatus, HostStatus, Level, Recent, Since, reason
-from daq.logger.health.traffic import bits_on_wire
-from daq.logger.health.values import SATURATED_RUN, SignalValues
+from daq.logger.health.watched_messages import SATURATED_RUN, SignalValues
 from daq.recording.events import encode_diagnostics
 from daq.runs.open import open_runs
 

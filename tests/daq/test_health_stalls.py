@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from daq.can.bits import Message, RawKind, Signal
-from daq.logger.health.flow import MessageFlow
+from daq.logger.health.arrivals import MessageFlow
 
 MS = 1_000_000
 COUNTER = Signal("Counter", "", 0, 4, big_endian=False, kind=RawKind.UNSIGNED)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
-from daq.logger.doctor import files, host, interfaces, traffic
+from daq.logger.doctor import buses, files, host
 from daq.logger.doctor.situation import Line, Situation
 
 
@@ -27,19 +27,19 @@ CHECKS = (
     Check("vehicle.toml", files.vehicle_file),
     Check("DBC files", files.dbc_files),
     Check("roles", files.roles),
-    Check("interface", interfaces.interface),
-    Check("bit rate", interfaces.bit_rate),
-    Check("controller", interfaces.controller),
-    Check("bus-off", interfaces.restart),
-    Check("send queue", interfaces.send_queue),
-    Check("receive buffer", interfaces.receive_buffer),
-    Check("time stamps", interfaces.time_stamps),
-    Check("traffic", traffic.arrivals),
-    Check("bus load", traffic.load),
-    Check("error frames", traffic.error_frames),
-    Check("DBC coverage", traffic.dbc_coverage),
-    Check("silent messages", traffic.silent_messages),
-    Check("signals", traffic.role_values),
+    Check("interface", buses.interface),
+    Check("bit rate", buses.bit_rate),
+    Check("controller", buses.controller),
+    Check("bus-off", buses.restart),
+    Check("send queue", buses.send_queue),
+    Check("receive buffer", buses.receive_buffer),
+    Check("time stamps", buses.time_stamps),
+    Check("traffic", buses.arrivals),
+    Check("bus load", buses.load),
+    Check("error frames", buses.error_frames),
+    Check("DBC coverage", buses.dbc_coverage),
+    Check("silent messages", buses.silent_messages),
+    Check("signals", buses.role_values),
     Check("GNSS fix", host.gnss_fix),
     Check("GNSS time", host.gnss_time),
     Check("host clock", host.host_time),

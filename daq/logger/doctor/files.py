@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from daq.channels import TRANSDUCER_ROLES
 from daq.errors import ConfigError
 from daq.logger.doctor.situation import Line, Situation, failed, from_fault, passed, warned
-from daq.logger.health.watched import unknown_names
+from daq.logger.health.watched_messages import unknown_names
 from daq.zero_file import ZERO_FILE, load_zeros
 
 _SLIP_ROLES = ("wheel_speed", "ground_speed")

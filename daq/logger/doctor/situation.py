@@ -15,12 +15,13 @@ from daq.can.buses import load_for_vehicle
 from daq.can.databases import Database
 from daq.can.decoding import Decoder
 from daq.can.frames import FrameBatch, concatenate, split
-from daq.can.roles import SignalRef, resolve_roles
-from daq.channels import ROLES, Channel
+from daq.can.roles import SignalRef
+from daq.channels import Channel
 from daq.config import BusSection, VehicleConfig, load_toml
 from daq.errors import ConfigError, DatabaseError, Fault
 from daq.host_clock import monotonic_ns, realtime_ns
 from daq.logger.doctor.links import Link, Reception, is_socketcan, listen, read_link
+from daq.logger.health.watched_messages import usable_roles
 from daq.recording import RecordingWriter
 from daq.recording.decoded_topics import DecodedWriter
 
@@ -155,7 +156,7 @@ def gather(
     except ConfigError as error:
         return Situation(vehicle_file, out, page_port, vehicle_faults=error.faults)
     databases, database_faults = _databases(vehicle, vehicle_file.parent)
-    roles, role_faults = ({}, ()) if database_faults else _roles(vehicle, databases)
+    roles, role_faults = ({}, {}) if database_faults else usable_roles(vehicle, databases)
     sections = {bus.channel: bus for bus in vehicle.bus}
     links = {name: read_link(name) for name, section in sections.items() if is_socketcan(section)}
     apart_ns = realtime_ns() - monotonic_ns()
@@ -169,7 +170,7 @@ def gather(
         page_port,
         vehicle,
         database_faults=database_faults,
-        role_faults=role_faults,
+        role_faults=tuple(role_faults.values()),
         databases=databases,
         roles=roles,
         links=links,
@@ -185,20 +186,6 @@ def _databases(vehicle: VehicleConfig, folder: Path) -> tuple[dict[str, tuple[Da
         return load_for_vehicle(vehicle, folder), ()
     except DatabaseError as error:
         return {}, error.faults
-
-
-def _roles(
-    vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]
-) -> tuple[dict[str, SignalRef], tuple[Fault, ...]]:
-    """Return the roles that can be used, and why the others cannot."""
-    found: dict[str, SignalRef] = {}
-    faults: list[Fault] = []
-    for role in (role for role in ROLES if role in vehicle.signals):
-        try:
-            found |= resolve_roles(vehicle, databases, (role,))
-        except ConfigError as error:
-            faults += error.faults
-    return found, tuple(faults)
 
 
 def _channels(

@@ -1,25 +1,229 @@
-"""Faults of buses and messages: down, silent, losing frames, late, unknown to every DBC."""
+"""Health of one bus: its traffic, load and error frames (linux/can/error.h), and its faults.
+
+A bus is down, silent, losing frames, in error, or carries what no DBC describes.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import Counter, deque
 
-from daq.config import HealthSection
+import numpy as np
+
+from daq.arrays import FloatArray
+from daq.can.frames import ErrorClass, FrameArray, FrameFlag
 from daq.logger.health.report import (
     RECENT_NS,
     BusHealth,
     BusStatus,
     HostStatus,
     Level,
-    MessageHealth,
     Reason,
     Recent,
     reason,
     worst,
 )
-from daq.logger.health.traffic import BusTraffic
-from daq.logger.health.watched import Watched
+
+_OVERFLOW, _WARNING, _PASSIVE, _ACTIVE = 0x01, 0x0C, 0x30, 0x40
+_PROTOCOL_NAMES = {
+    0x01: "bit",
+    0x02: "form",
+    0x04: "stuff",
+    0x08: "bit (dominant)",
+    0x10: "bit (recessive)",
+    0x20: "overload",
+}
+_STATE_HOLDS_NS = 30_000_000_000
+"""Not every driver says when the controller is well again."""
+
+
+class ErrorFrames:
+    """Follows the error frames of one bus."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._classes: Counter[str] = Counter()
+        self._protocol: Counter[str] = Counter()
+        self._state: tuple[str, int] = ("", 0)
+        self._counters = (0, 0)
+        self._recent = {name: Recent() for name in ("no_ack", "protocol", "overflow", "other")}
+
+    def take(self, errors: FrameArray) -> None:
+        """Take error frames in order."""
+        self.count += len(errors)
+        classes, data = errors["can_id"], errors["data"]
+        controller = np.where(classes & ErrorClass.CONTROLLER, data[:, 1], 0)
+        protocol = (classes & (ErrorClass.PROTOCOL | ErrorClass.BUS_ERROR)) != 0
+        no_ack = (classes & ErrorClass.NO_ACK) != 0
+        overflow = (controller & _OVERFLOW) != 0
+        about_state = (controller & (_WARNING | _PASSIVE | _ACTIVE)) != 0
+        about_state |= (classes & (ErrorClass.BUS_OFF | ErrorClass.RESTARTED)) != 0
+        known = no_ack | protocol | overflow | about_state | ((classes & ErrorClass.LOST_ARBITRATION) != 0)
+        for name, rows in (("no_ack", no_ack), ("protocol", protocol), ("overflow", overflow), ("other", ~known)):
+            self._classes[name] += int(np.count_nonzero(rows))
+        for bit, name in _PROTOCOL_NAMES.items():
+            self._protocol[name] += int(np.count_nonzero(protocol & ((data[:, 2] & bit) != 0)))
+        if about_state.any():
+            last = int(np.flatnonzero(about_state)[-1])
+            self._state = (_state(int(classes[last]), int(controller[last])), int(errors["time_ns"][last]))
+            self._counters = (int(data[last, 6]), int(data[last, 7]))
+
+    def reasons(self, bus: str, now_ns: int, last_data_ns: int | None) -> list[Reason]:
+        """Return what the last seconds' error frames mean.
+
+        Parameters
+        ----------
+        last_data_ns : int or None
+            When the last data frame came: a bus that carries some is not off any more.
+        """
+        found = self._state_reasons(bus, now_ns, last_data_ns)
+        recent = {name: self._recent[name].take(now_ns, self._classes[name]) for name in self._recent}
+        if recent["overflow"]:
+            what = (
+                f"the controller lost frames {recent['overflow']} times in the last 10 s: it was not read fast enough"
+            )
+            found.append(reason("controller_overflow", Level.RED, bus, what))
+        if recent["no_ack"]:
+            what = f"{recent['no_ack']} frames of this machine had no acknowledgement in the last 10 s"
+            found.append(reason("bus_no_ack", Level.AMBER, bus, what))
+        if recent["protocol"]:
+            kinds = ", ".join(name for name, _ in self._protocol.most_common(2) if self._protocol[name])
+            what = f"{recent['protocol']} protocol errors in the last 10 s" + (f", mostly {kinds}" if kinds else "")
+            found.append(reason("bus_errors", Level.AMBER, bus, what))
+        if recent["other"]:
+            what = f"{recent['other']} error frames in the last 10 s"
+            found.append(reason("bus_errors", Level.AMBER, bus, what))
+        return found
+
+    def _state_reasons(self, bus: str, now_ns: int, last_data_ns: int | None) -> list[Reason]:
+        state, since_ns = self._state
+        if state == "off" and (last_data_ns is None or last_data_ns <= since_ns):
+            what = f"the controller has been off the bus for {(now_ns - since_ns) * 1e-9:.0f} s"
+            return [reason("bus_off", Level.RED, bus, what)]
+        if state in ("passive", "warning") and now_ns - since_ns < _STATE_HOLDS_NS:
+            sent, received = self._counters
+            counted = f" (error counters: {sent} sending, {received} receiving)" if sent or received else ""
+            said = "is error passive" if state == "passive" else "warns of many errors"
+            return [reason(f"bus_error_{state}", Level.AMBER, bus, f"the controller {said}{counted}")]
+        return []
+
+
+def _state(classes: int, controller: int) -> str:
+    if classes & ErrorClass.BUS_OFF:
+        return "off"
+    if controller & _PASSIVE:
+        return "passive"
+    return "warning" if controller & _WARNING else ""
+
+
+_RATE_OVER_NS = 1_000_000_000
+_IDS_KEPT = 64
+_IDS_COUNTED = 256
+_STUFFED_EVERY = 30
+"""Random bits get a stuff bit after 31 bits for the first, then after 30 each; constant ones after 4."""
+
+
+def bits_on_wire(frames: FrameArray) -> FloatArray:
+    """Return the bits that frames take on the bus, with the space behind them.
+
+    Classical frame with n data bytes: 34 + 8 n bits (54 + 8 n with a 29-bit identifier) from start of frame to CRC
+    that are stuffed, 13 more to the end of the interframe space. CAN FD: 22 + 8 n (41 + 8 n) stuffed bits, 4 of stuff
+    count, a CRC of 17 or 21 with a fixed stuff bit for every 4, and 13. To the stuffed ones comes a bit for every 30,
+    as random content has it. All zeros would have one for every 4: the load may be up to a fifth higher.
+
+    Parameters
+    ----------
+    frames : structured array, shape (n,)
+
+    Returns
+    -------
+    float64 array, shape (n,)
+        NaN for CAN FD frames whose data have a bit rate of their own.
+    """
+    flags = frames["flags"]
+    data = np.where(flags & FrameFlag.REMOTE, 0, frames["length"].astype(np.float64)) * 8
+    long_id = (flags & FrameFlag.EXTENDED) != 0
+    stuffed = data + np.where(long_id, 54.0, 34.0)
+    bits = stuffed * (1 + 1 / _STUFFED_EVERY) + 13
+    fd = (flags & FrameFlag.FD) != 0
+    if fd.any():
+        stuffed = data + np.where(long_id, 41.0, 22.0)
+        checked = np.where(frames["length"] > 16, 25 + 7, 21 + 6)
+        bits = np.where(fd, stuffed * (1 + 1 / _STUFFED_EVERY) + checked + 13, bits)
+        bits[fd & ((flags & FrameFlag.BITRATE_SWITCH) != 0)] = np.nan
+    return bits
+
+
+class BusTraffic:
+    """Counts what comes on a bus; bounded in memory whatever comes."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self.known = 0
+        self.unknown = 0
+        self.errors = ErrorFrames()
+        self.last_ns: int | None = None
+        self.last_data_ns: int | None = None
+        self._bits = 0.0
+        self._unmeasured = 0
+        self._ids: Counter[tuple[int, bool]] = Counter()
+        self._past: deque[tuple[int, int, float, int, int, int]] = deque()
+
+    def take(self, frames: FrameArray, unknown: FrameArray) -> None:
+        """Take frames of this bus.
+
+        Parameters
+        ----------
+        frames : structured array, shape (n,)
+        unknown : structured array, shape (m,)
+            Data frames that no DBC describes.
+        """
+        if not len(frames):
+            return
+        self.last_ns = max(int(frames["time_ns"].max()), self.last_ns or 0)
+        self.frames += len(frames)
+        self.unknown += len(unknown)
+        flags = frames["flags"]
+        if np.bitwise_or.reduce(flags) & FrameFlag.ERROR:
+            is_error = (flags & FrameFlag.ERROR) != 0
+            self.errors.take(frames[is_error])
+            frames = frames[~is_error]
+        self.known += int(np.count_nonzero((frames["flags"] & FrameFlag.REMOTE) == 0)) - len(unknown)
+        if len(frames):
+            self.last_data_ns = max(int(frames["time_ns"].max()), self.last_data_ns or 0)
+        bits = bits_on_wire(frames)
+        unmeasured = np.isnan(bits)
+        self._unmeasured += int(np.count_nonzero(unmeasured))
+        self._bits += float(bits.sum(where=~unmeasured))
+        self._count_unknown(unknown[:_IDS_COUNTED])
+
+    def ids(self, most: int = 5) -> list[str]:
+        """Return the most frequent identifiers that no DBC knows, of those that were counted."""
+        return [f"0x{i:08X}" if extended else f"0x{i:03X}" for (i, extended), _ in self._ids.most_common(most)]
+
+    def rates(self, now_ns: int) -> tuple[float, float, float]:
+        """Return frames per second, bits per second and the share of unknown frames over about the last second."""
+        self._past.append((now_ns, self.frames, self._bits, self._unmeasured, self.unknown, self.known))
+        while len(self._past) > 2 and now_ns - self._past[1][0] >= _RATE_OVER_NS:
+            self._past.popleft()
+        since_ns, frames, bits, unmeasured, unknown, known = self._past[0]
+        elapsed_s = (now_ns - since_ns) * 1e-9
+        if elapsed_s <= 0:
+            return float("nan"), float("nan"), 0.0
+        described = self.known - known + self.unknown - unknown
+        share = (self.unknown - unknown) / described if described else 0.0
+        bit_rate = float("nan") if self._unmeasured > unmeasured else (self._bits - bits) / elapsed_s
+        return (self.frames - frames) / elapsed_s, bit_rate, share
+
+    def _count_unknown(self, unknown: FrameArray) -> None:
+        """Count identifiers in a sample of the unknown frames; those that came first are kept."""
+        extended = (unknown["flags"] & FrameFlag.EXTENDED) != 0
+        keys, numbers = np.unique(unknown["can_id"].astype(np.int64) << 1 | extended, return_counts=True)
+        for key, number in zip(keys.tolist(), numbers.tolist(), strict=True):
+            place = (key >> 1, bool(key & 1))
+            if place in self._ids or len(self._ids) < _IDS_KEPT:
+                self._ids[place] += number
+
 
 _SILENT_AFTER_NS, _SILENT_FROM_START_NS = 2_000_000_000, 5_000_000_000
 _UNKNOWN_SHARE = 0.05
@@ -142,108 +346,3 @@ class BusWatch:
             return []
         what = f"{100 * share:.0f} % of the frames are in no DBC, e.g. {ids}"
         return [reason("unknown_frames", Level.AMBER, self.name, what)]
-
-
-_ABSENT_AFTER_NS = 5_000_000_000
-_MISSING_SHARE = 0.02
-_DOUBLED_LEAST = 3
-_REPEATED_SHARE = 0.5
-_REPEATED_LEAST = 10
-_NAMED_MOST = 3
-_TOGETHER = ("counter_jump", "frames_missing")
-_TOGETHER_NAMED_MOST = 8
-
-
-def message_health(
-    one: Watched, now_ns: int, health: HealthSection, *, started_ns: int, bus_active: bool
-) -> tuple[MessageHealth, list[Reason]]:
-    """Return the state of a message and what is wrong with it.
-
-    Parameters
-    ----------
-    bus_active : bool
-        Whether its bus is carrying other frames: else the bus is to blame.
-    """
-    flow = one.flow
-    silent_ok = one.listed(health.may_be_silent)
-    found = [] if silent_ok or not bus_active else _silence(one, now_ns, started_ns)
-    found += _losses(one, now_ns, count_missing=not silent_ok)
-    state = MessageHealth(
-        bus=one.bus,
-        name=one.name,
-        level=worst(found),
-        rate_hz=flow.rate_hz(now_ns),
-        usual_rate_hz=1.0 / flow.period_s,
-        age_s=flow.age_s(now_ns),
-        frames=flow.frames,
-        gaps=flow.gaps,
-        missing=0 if silent_ok else flow.missing,
-        counter_jumps=flow.counter_lost,
-    )
-    return state, found
-
-
-def gathered(reasons: Sequence[Reason], kept: frozenset[str]) -> list[Reason]:
-    """Combine reasons of one code and bus where there are many; those at places in `kept` stay separate.
-
-    Losses of several messages of one bus at the same time have one cause, and are reported once.
-    """
-    result: list[Reason] = []
-    groups: dict[tuple[str, str], list[Reason]] = {}
-    for one in reasons:
-        if one.where in kept and one.code not in _TOGETHER:
-            result.append(one)
-        else:
-            groups.setdefault((one.code, one.where.partition(":")[0]), []).append(one)
-    for (code, bus), group in groups.items():
-        together = code in _TOGETHER
-        if len(group) <= (1 if together else _NAMED_MOST):
-            result += group
-            continue
-        group.sort(key=lambda one: -one.level)
-        names, most = [one.where.partition(": ")[2] for one in group], _TOGETHER_NAMED_MOST if together else _NAMED_MOST
-        more = ", ..." if len(names) > most else ""
-        what = f"{len(group)} messages: {', '.join(names[:most])}{more}; the first {group[0].what}"
-        where = f"{bus}: several messages" if together else f"{bus}: {len(group)} messages"
-        result.append(reason(code, worst(group), where, what, bus=bus))
-    return result
-
-
-def _silence(one: Watched, now_ns: int, started_ns: int) -> list[Reason]:
-    flow, level = one.flow, Level.RED if one.roles else Level.AMBER
-    if flow.silent(now_ns):
-        what = f"has not come for {flow.age_s(now_ns):.1f} s, usually every {flow.period_s:.3g} s"
-        return [reason("message_missing", level, one.where, what, bus=one.bus)]
-    if one.roles and flow.last_ns is None and now_ns - started_ns > _ABSENT_AFTER_NS:
-        roles = ", ".join(reference.role for reference in one.roles.values())
-        what = f"has not come since the start {(now_ns - started_ns) * 1e-9:.0f} s ago, and carries {roles}"
-        return [reason("message_missing", level, one.where, what, bus=one.bus)]
-    return []
-
-
-def _losses(one: Watched, now_ns: int, *, count_missing: bool) -> list[Reason]:
-    flow = one.flow
-    lost, missing = one.lost.take(now_ns, flow.counter_lost), one.missing.take(now_ns, flow.missing)
-    repeated, came = one.repeated.take(now_ns, flow.repeated), one.came.take(now_ns, flow.frames)
-    changed = one.rate.take(now_ns, flow.rate_changes)
-    found = []
-    if lost:
-        level = Level.RED if one.roles else Level.AMBER
-        least = "at least " if flow.at_least else ""
-        share = f"{lost} of {came + lost} frames in 10 s"
-        what = f"lost {least}{share}, by its {flow.counter_name}; {flow.counter_lost} so far"
-        found.append(reason("counter_jump", level, one.where, what, bus=one.bus))
-    if count_missing and missing > _MISSING_SHARE * came:
-        what = f"lacks {missing} of {came + missing} frames in 10 s, by its usual rate; {flow.missing} so far"
-        found.append(reason("frames_missing", Level.AMBER, one.where, what, bus=one.bus))
-    if repeated >= _REPEATED_LEAST and repeated > _REPEATED_SHARE * came:
-        level = Level.RED if one.roles else Level.AMBER
-        what = f"its {flow.counter_name} stood still in {repeated} of {came} frames in 10 s"
-        found.append(reason("counter_repeated", level, one.where, what, bus=one.bus))
-    elif repeated >= _DOUBLED_LEAST:
-        what = f"{repeated} of {came} frames in 10 s came twice, by its {flow.counter_name}"
-        found.append(reason("frames_doubled", Level.AMBER, one.where, what, bus=one.bus))
-    if changed:
-        usual = f"comes every {flow.period_s:.3g} s now" if flow.period_s == flow.period_s else "comes irregularly now"
-        found.append(reason("rate_changed", Level.AMBER, one.where, f"{usual}, which is not as before", bus=one.bus))
-    return found

@@ -18,8 +18,16 @@ from daq.can.frames import FrameArray, FrameBatch, FrameFlag
 from daq.can.identify import UNKNOWN, Identifier
 from daq.channels import Channel
 from daq.config import VehicleConfig
-from daq.logger.health.bus_health import BusWatch, gathered, message_health
+from daq.logger.health.bus_health import BusWatch
 from daq.logger.health.host_health import Gnss, HostWatch
+from daq.logger.health.message_health import (
+    Motion,
+    Scene,
+    grouped_reasons,
+    message_health,
+    role_values,
+    signal_health,
+)
 from daq.logger.health.report import (
     Board,
     BusHealth,
@@ -33,8 +41,7 @@ from daq.logger.health.report import (
     reason,
     worst,
 )
-from daq.logger.health.signal_health import Scene, role_values, signal_health
-from daq.logger.health.watched import Motion, unknown_names, usable_roles, watch
+from daq.logger.health.watched_messages import unknown_names, usable_roles, watched_messages
 from daq.recording.events import DiagnosticStatus
 
 _NO_DATA = FrameFlag.ERROR | FrameFlag.REMOTE
@@ -62,11 +69,15 @@ class HealthMonitor:
     ) -> None:
         self._health = vehicle.health
         self._started_ns = started_ns
-        roles, self._always = usable_roles(vehicle, databases)
+        roles, faults = usable_roles(vehicle, databases)
+        self._always = [
+            reason("role_unusable", Level.AMBER, f"[signals] {role}", fault.what, next_step=fault.next_step)
+            for role, fault in faults.items()
+        ]
         for fault in unknown_names(vehicle, databases):
             what = f"{fault.what} ({fault.expected})"
             self._always.append(reason("health_name_unknown", Level.AMBER, fault.where, what))
-        self._watched = watch(databases, roles, vehicle.health)
+        self._watched = watched_messages(databases, roles, vehicle.health)
         self._identifier = Identifier(
             [(one.bus, one.message, code) for code, one in enumerate(self._watched, UNKNOWN + 1)]
         )
@@ -208,7 +219,7 @@ class HealthMonitor:
             )
             states.append(state)
             reasons += mine
-        found += gathered(reasons, self._role_messages)
+        found += grouped_reasons(reasons, self._role_messages)
         return states
 
     def _report_signals(self, scene: Scene, found: list[Reason]) -> list[SignalHealth]:

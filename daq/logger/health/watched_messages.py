@@ -1,15 +1,23 @@
-"""The signals of one message: last value, range, saturation, and whether they still change."""
+"""Watched messages of a vehicle: each message of its DBCs with its arrivals, signal values and roles."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from daq.arrays import BoolArray, FloatArray, IntArray
 from daq.can.bits import Message, RawKind, Signal
-from daq.can.roles import means_no_data
-from daq.logger.health.counters import is_named_so
+from daq.can.buses import messages_by_bus
+from daq.can.databases import Database
+from daq.can.roles import SignalRef, means_no_data, resolve_roles
+from daq.channels import ROLES
+from daq.config import HealthSection, VehicleConfig
+from daq.errors import ConfigError, Fault, nearest
+from daq.logger.health.arrivals import MessageFlow, is_named_so
+from daq.logger.health.report import Recent, SignalHealth
 
 SATURATED_RUN = 3
 """So many samples in a row at the end of what the bits hold are no coincidence."""
@@ -181,3 +189,125 @@ def _ends(signal: Signal, *, j1939: bool) -> tuple[float, float]:
     if signal.scale < 0:
         return (float(top) if not no_top else -np.inf), (float(bottom) if not no_bottom else np.inf)
     return ends[0], ends[1]
+
+
+_RESTING_ROLES = ("wheel_speed", "ground_speed", "latitude", "longitude", "course", "wheel_angle", "sinkage")
+
+
+@dataclass(frozen=True)
+class WatchedMessage:
+    """A message of a bus and what is followed of it.
+
+    Attributes
+    ----------
+    bus, name : str
+        As `daq.can.buses.messages_by_bus` names it.
+    names : tuple of str
+        Signals, in the order of the rows of `values`.
+    keys : tuple of (bus, "Message.Signal")
+        Of their channels.
+    roles : mapping signal -> SignalRef
+    lost, missing, repeated, came, rate : Recent
+        Growth of the counts of `flow`: frames lost by the counter, missing by the rate, repeated, received, and changes
+        of the rate.
+    """
+
+    bus: str
+    name: str
+    message: Message
+    names: tuple[str, ...]
+    keys: tuple[tuple[str, str], ...]
+    flow: MessageFlow
+    values: SignalValues
+    roles: Mapping[str, SignalRef]
+    lost: Recent = field(default_factory=Recent)
+    missing: Recent = field(default_factory=Recent)
+    repeated: Recent = field(default_factory=Recent)
+    came: Recent = field(default_factory=Recent)
+    rate: Recent = field(default_factory=Recent)
+
+    @cached_property
+    def initial_signals(self) -> list[SignalHealth]:
+        """State of the signals before the first frame of the message."""
+        roles = {signal: reference.role for signal, reference in self.roles.items()}
+        return [
+            SignalHealth(self.bus, f"{self.name}.{name}", self.message.by_name[name].unit, roles.get(name, ""))
+            for name in self.names
+        ]
+
+    @property
+    def where(self) -> str:
+        """The message as people read it."""
+        return f"{self.bus}: {self.name}"
+
+    def listed(self, names: tuple[str, ...], signal: str = "") -> bool:
+        """Whether the message, or this signal of it, is in a list of ``[health]``."""
+        return self.name in names or (bool(signal) and f"{self.name}.{signal}" in names)
+
+
+def usable_roles(
+    vehicle: VehicleConfig, databases: Mapping[str, Sequence[Database]], roles: Iterable[str] = ROLES
+) -> tuple[dict[str, SignalRef], dict[str, Fault]]:
+    """Return those of the roles of vehicle.toml that can be resolved, and the fault of each that cannot."""
+    usable: dict[str, SignalRef] = {}
+    faults: dict[str, Fault] = {}
+    for role in roles:
+        try:
+            usable |= resolve_roles(vehicle, databases, (), (role,))
+        except ConfigError as error:
+            faults[role] = error.faults[0]
+    return usable, faults
+
+
+def watched_messages(
+    databases: Mapping[str, tuple[Database, ...]], roles: Mapping[str, SignalRef], health: HealthSection
+) -> list[WatchedMessage]:
+    """Return every message of the databases."""
+    watched = []
+    for bus, messages in messages_by_bus(databases).items():
+        for name, message in messages.items():
+            signals = tuple(message.by_name)
+            keys = tuple((bus, f"{name}.{signal}") for signal in signals)
+            mine = {one.signal: one for one in roles.values() if (one.bus, one.message) == (bus, name)}
+            constant = {s for s in signals if name in health.may_be_constant or f"{name}.{s}" in health.may_be_constant}
+            at_rest = {signal for signal, one in mine.items() if one.role in _RESTING_ROLES}
+            flow, values = MessageFlow(message, signals), SignalValues(message, signals, constant, at_rest)
+            watched.append(WatchedMessage(bus, name, message, signals, keys, flow, values, mine))
+    return watched
+
+
+_OF_MESSAGES = ("may_be_silent", "may_be_constant", "may_leave_range")
+_STEP = "correct [health] in vehicle.toml"
+
+
+def unknown_names(vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]) -> list[Fault]:
+    """Return a fault for each name in ``[health]`` that no DBC and no bus has.
+
+    Parameters
+    ----------
+    databases : mapping bus -> databases
+        Without any, names of messages and signals are not checked.
+
+    Raises
+    ------
+    DatabaseError
+        The databases of a bus contradict each other.
+    """
+    messages: set[str] = set()
+    signals: set[str] = set()
+    for of_bus in messages_by_bus(databases).values():
+        messages |= set(of_bus)
+        signals |= {f"{name}.{signal}" for name, message in of_bus.items() for signal in message.by_name}
+    faults = []
+    for key in _OF_MESSAGES if messages else ():
+        for name in getattr(vehicle.health, key):
+            known = signals if "." in name else messages
+            if name not in messages | signals:
+                what = f"no {'signal' if known is signals else 'message'} of the DBCs is called {name!r}"
+                faults.append(Fault(what, f"[health] {key}", expected=nearest(name, known), next_step=_STEP))
+    buses = {bus.channel for bus in vehicle.bus}
+    for name in vehicle.health.may_carry_unknown:
+        if name not in buses:
+            what = f"no bus is called {name!r}"
+            faults.append(Fault(what, "[health] may_carry_unknown", expected=nearest(name, buses), next_step=_STEP))
+    return faults
