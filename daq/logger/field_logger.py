@@ -20,8 +20,8 @@ from daq.can.databases import Database
 from daq.config import BusSection, RunInfo, VehicleConfig
 from daq.errors import ConfigError, Fault, HardwareError
 from daq.host_clock import HostClock
-from daq.logger.disk_guard import DiskGuard
 from daq.logger.health.watched_messages import unknown_names, usable_roles
+from daq.logger.host_monitor import DiskGuard
 from daq.logger.inspection import Inspection, Inspector
 from daq.logger.panel import NoPanel, Panel
 from daq.logger.recorder import Recorder, RecorderOptions

@@ -8,12 +8,11 @@ import time
 from collections.abc import Mapping
 
 from daq.errors import Fault, HardwareError
-from daq.logger.disk_guard import disk_fault
 from daq.logger.health.report import Level
+from daq.logger.host_monitor import HostMonitor, disk_fault
 from daq.logger.inspection import Feed
 from daq.logger.listener import Arrival, ByteQueue, Listener, together
 from daq.logger.session_monitor import Ending, LogSummary, SessionMonitor, SessionParts
-from daq.logger.watch import Watch
 from daq.sources.can_source import SourceCounters
 
 _WAIT_S = 0.05
@@ -42,9 +41,9 @@ class Session:
             for number, source in enumerate(parts.sources)
         ]
         self._feed = Feed()
-        self._watch = Watch(parts.clock, self._listeners, self._queue, parts.guard)
+        self._host_monitor = HostMonitor(parts.clock, self._listeners, self._queue, parts.guard)
         self._shield = parts.inspector.shield
-        self._monitor = SessionMonitor(parts, self._watch, self._feed)
+        self._monitor = SessionMonitor(parts, self._host_monitor, self._feed)
         self._caught = parts.caught
         self._disk_faults: tuple[Fault, ...] = ()
 
@@ -105,8 +104,8 @@ class Session:
             return "signal"
         if self._parts.asked_to_stop.is_set():
             return "stop"
-        if self._watch.disk.level is Level.RED:
-            self._disk_faults = (disk_fault(self._recorder.path.parent, self._watch.disk),)
+        if self._host_monitor.disk.level is Level.RED:
+            self._disk_faults = (disk_fault(self._recorder.path.parent, self._host_monitor.disk),)
             return "disk"
         return "duration" if deadline is not None and time.monotonic() >= deadline else None
 

@@ -19,15 +19,14 @@ from typing import Literal
 from daq.config import VehicleConfig
 from daq.errors import Fault
 from daq.host_clock import HostClock
-from daq.logger.disk_guard import DiskGuard
 from daq.logger.health.monitor import statuses
 from daq.logger.health.report import HealthReport, Level, Reason, reason
 from daq.logger.health.report import worst as worst_level
+from daq.logger.host_monitor import DiskGuard, HostMonitor
 from daq.logger.inspection import Feed, Findings, Inspector
 from daq.logger.panel import Command, Panel
 from daq.logger.recorder import Recorder
 from daq.logger.snapshot import RunState, Samples, SessionState, snapshot, worst
-from daq.logger.watch import Watch
 from daq.sources.can_source import SourceCounters
 from daq.sources.reconnect import ReconnectingSource
 
@@ -190,11 +189,11 @@ _MOST_REMARKS = 50
 class SessionMonitor:
     """Health, page, commands and remarks of a running session; called between two writes, in the thread that writes."""
 
-    def __init__(self, parts: SessionParts, watch: Watch, feed: Feed) -> None:
+    def __init__(self, parts: SessionParts, host_monitor: HostMonitor, feed: Feed) -> None:
         self._parts = parts
         self._recorder = parts.recorder
         self._inspector = parts.inspector
-        self._watch = watch
+        self._host_monitor = host_monitor
         self._feed = feed
         self._started_ns = parts.clock.now_ns()
         self._run_at = self._inspect_at = self._show_at = 0.0
@@ -215,15 +214,15 @@ class SessionMonitor:
         self._run_at = now_s + _RUN_EVERY_S
         self._obey_some(now_s)
         self._take_findings(self._inspector.fetch())
-        self._watch.skipped_frames = self._feed.skipped_frames
-        if self._watch.refresh(now_s, self._recorder.bytes_written):
+        self._host_monitor.skipped_frames = self._feed.skipped_frames
+        if self._host_monitor.refresh(now_s, self._recorder.bytes_written):
             self._each_second()
-        for name, text, severity in self._watch.events(self._feed.behind):
+        for name, text, severity in self._host_monitor.events(self._feed.behind):
             self._recorder.event(name, text, severity)
         self._report_inspection(now_s)
         if now_s >= self._inspect_at and self._inspector.idle:
             self._inspect_at = now_s + _INSPECT_EVERY_S
-            self._inspector.give(self._feed.task(self._parts.clock.now_ns(), self._watch.host()))
+            self._inspector.give(self._feed.task(self._parts.clock.now_ns(), self._host_monitor.host()))
         if now_s >= self._show_at:
             self._show_at = now_s + _SHOW_EVERY_S
             self._parts.panel.show(snapshot(self._state()))
@@ -234,7 +233,7 @@ class SessionMonitor:
         self._stopping = True
         self._take_findings(self._inspector.fetch(_LAST_INSPECTION_S) if not self._inspector.idle else None)
         if self._inspector.idle:
-            self._inspector.give(self._feed.task(self._parts.clock.now_ns(), self._watch.host()))
+            self._inspector.give(self._feed.task(self._parts.clock.now_ns(), self._host_monitor.host()))
             self._take_findings(self._inspector.fetch(_LAST_INSPECTION_S))
         self._write_health()
         self._note_clock()
@@ -242,13 +241,13 @@ class SessionMonitor:
 
     def note_losses(self) -> None:
         """Pass the counts of lost frames to the recorder."""
-        drops = {bus: status.kernel_drops for bus, status in self._watch.buses().items()}
+        drops = {bus: status.kernel_drops for bus, status in self._host_monitor.buses().items()}
         self._recorder.note_losses({bus: n for bus, n in drops.items() if n is not None}, self.losses())
 
     def losses(self) -> dict[str, int]:
         """Return the counts of lost frames by cause; see `daq.logger.session_monitor.LogSummary`."""
         lost = dict(self._report.losses) if self._report else {}
-        for bus, status in self._watch.buses().items():
+        for bus, status in self._host_monitor.buses().items():
             lost |= {f"kernel.{bus}": status.kernel_drops or 0, f"queue.{bus}": status.queue_drops}
         return {key: count for key, count in lost.items() if count > 0}
 
@@ -269,7 +268,7 @@ class SessionMonitor:
         )
 
     def _each_second(self) -> None:
-        if not self._watch.hopeless():
+        if not self._host_monitor.hopeless():
             self._parts.notifier.alive()
         self._replace_lost_file()
         self.note_losses()
@@ -292,7 +291,7 @@ class SessionMonitor:
         """Pass the state of the host's clock to the recorder."""
         fit = self._report.gnss.clock if self._report and self._report.gnss else None
         uncertain = {
-            f"unsure_frames.{bus}": str(count) for bus, count in self._watch.uncertain_frames().items() if count
+            f"unsure_frames.{bus}": str(count) for bus, count in self._host_monitor.uncertain_frames().items() if count
         }
         self._recorder.note_clock(fit, uncertain)
 
@@ -352,7 +351,7 @@ class SessionMonitor:
 
     def _reasons(self) -> tuple[Reason, ...]:
         """Return the current reasons that the last report, which may be old, does not contain."""
-        found = self._watch.stuck()
+        found = self._host_monitor.stuck()
         if time.monotonic() - self._file_lost_at < _LOST_FILE_STANDS_S:
             found.append(reason("file_gone", Level.RED, "recording", self._file_lost))
         if self._stuck_reported:
@@ -380,8 +379,8 @@ class SessionMonitor:
             session_ns=self._parts.clock.now_ns(),
             run=run,
             report=self._report,
-            host=self._watch.host(),
-            disk=self._watch.disk,
+            host=self._host_monitor.host(),
+            disk=self._host_monitor.disk,
             reasons=self._reasons(),
             traces=self._traces,
             losses=self.losses(),

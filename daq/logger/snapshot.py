@@ -16,9 +16,9 @@ from daq.can.databases import Database
 from daq.can.roles import resolve_roles
 from daq.channels import Channel
 from daq.config import VehicleConfig
-from daq.logger.disk_guard import DiskState
 from daq.logger.health.report import BusHealth, HealthReport, HostStatus, Level, Reason
 from daq.logger.health.report import worst as worst_level
+from daq.logger.host_monitor import DiskState
 from daq.recording.events import Event
 
 SNAPSHOT_SCHEMA = "wheelsoil/live/1"

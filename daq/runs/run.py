@@ -17,11 +17,10 @@ from daq.can.decoding import Decoder
 from daq.can.frames import FrameBatch
 from daq.can.roles import SignalRef, resolve_roles
 from daq.channels import ROLES, Channel
-from daq.config import RunInfo, RunsConfig, TerrainConfig, VehicleConfig, load_toml, parse_toml
+from daq.config import RunInfo, RunsConfig, TerrainConfig, VehicleConfig, carried_zeros, load_toml, parse_toml
 from daq.errors import DatabaseError, Fault, RecordingError, nearest
 from daq.logs import read_log
 from daq.recording import RunRecording
-from daq.zero_file import carried_zeros
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -226,8 +226,8 @@ def test_what_a_failing_disk_does_not_take_is_counted(tmp_path: Path, taken: int
 def test_the_service_manager_hears_of_life_until_no_source_answers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stuck: bool
 ) -> None:
-    monkeypatch.setattr("daq.logger.watch._REFRESH_EVERY_S", 0.02)
-    monkeypatch.setattr("daq.logger.watch._STUCK_S", 0.2)
+    monkeypatch.setattr("daq.logger.host_monitor._REFRESH_EVERY_S", 0.02)
+    monkeypatch.setattr("daq.logger.host_monitor._STUCK_S", 0.2)
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
     released, source = threading.Event(), ScriptedSource("x")
     if stuck:
@@ -259,7 +259,7 @@ def test_recording_ends_with_a_whole_file_when_the_reserve_is_reached(
 
     real, taken = shutil.disk_usage, []
     monkeypatch.setattr(
-        "daq.logger.disk_guard.shutil.disk_usage", lambda path: real(path)._replace(free=0) if taken else real(path)
+        "daq.logger.host_monitor.shutil.disk_usage", lambda path: real(path)._replace(free=0) if taken else real(path)
     )
     opener = Opener("x")
     recorder = Recorder(SCRIPTED, tmp_path, opener=opener)

@@ -22,15 +22,14 @@ from daq.channels import Channel
 from daq.config import BusSection, VehicleConfig
 from daq.errors import HardwareError
 from daq.host_clock import HostClock
-from daq.logger.disk_guard import DiskGuard
 from daq.logger.health.report import HostStatus, Level
+from daq.logger.host_monitor import DiskGuard, HostMonitor
 from daq.logger.inspection import Feed
 from daq.logger.listener import Arrival, ByteQueue, Listener
 from daq.logger.recorder import RunClock
 from daq.logger.run_files import folder_lock, safe_name
 from daq.logger.session_monitor import Notifier
 from daq.logger.snapshot import Traces
-from daq.logger.watch import Watch
 from daq.sources.reconnect import ReconnectingSource
 
 
@@ -110,7 +109,7 @@ def test_a_source_counts_over_its_reopenings() -> None:
 
 def test_the_disk_lasts_as_long_as_its_growth_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     free = [10_000_000_000]
-    monkeypatch.setattr("daq.logger.disk_guard.shutil.disk_usage", lambda _: type("Usage", (), {"free": free[0]}))
+    monkeypatch.setattr("daq.logger.host_monitor.shutil.disk_usage", lambda _: type("Usage", (), {"free": free[0]}))
     guard = DiskGuard(tmp_path, warn_min=60.0, reserve_mb=1000.0)
     assert math.isnan(guard.check(0.0, 0).minutes)
     state = guard.check(10.0, 10_000_000)
@@ -272,6 +271,6 @@ def test_only_a_logger_that_a_restart_helps_is_given_up(
     for listener, silent in zip(listeners, silent_s, strict=True):
         listener.alive_at = time.monotonic() - silent
         listener.source.opening = opening
-    watch = Watch(clock, listeners, queue, DiskGuard(tmp_path, warn_min=1.0, reserve_mb=1.0))
+    watch = HostMonitor(clock, listeners, queue, DiskGuard(tmp_path, warn_min=1.0, reserve_mb=1.0))
 
     assert watch.hopeless() is hopeless
