@@ -22,19 +22,7 @@ Column = NDArray[Any] | Sequence[Any]
 
 
 def data_frame(columns: Mapping[str, Column], units: Mapping[str, str] | None = None) -> pd.DataFrame:
-    """Return columns as a frame whose ``attrs["units"]`` maps a column to its unit.
-
-    Parameters
-    ----------
-    columns : mapping str -> array or sequence, shape (n,)
-    units : mapping str -> str, optional
-        A column without one has none.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Shape (n, len(columns)), with columns in the order of `columns`.
-    """
+    """Return columns of shape (n,) as a frame whose ``attrs["units"]`` maps a column to its unit, if it has one."""
     import pandas as pd
 
     frame = pd.DataFrame(dict(columns))
@@ -43,19 +31,7 @@ def data_frame(columns: Mapping[str, Column], units: Mapping[str, str] | None = 
 
 
 def frame_of_rows(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> pd.DataFrame:
-    """Return rows as a frame that has its columns even without a row.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of the columns.
-    rows : sequence of sequences, each of the length of `names`
-
-    Returns
-    -------
-    pandas.DataFrame
-        Shape (len(rows), len(names)).
-    """
+    """Return rows as a frame of shape (len(rows), len(names)) that has its columns even without a row."""
     import pandas as pd
 
     return pd.DataFrame(list(rows), columns=list(names))

@@ -14,7 +14,6 @@ from refits with one sixteenth of the run excluded at a time, see ``docs/decisio
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -64,42 +63,11 @@ class ClockFit:
     drift_sigma_ppm: float
 
     def as_metadata(self) -> dict[str, str]:
-        """Return the fields as text, for a recording's ``clock`` record; `from_metadata` is the way back."""
+        """Return the fields as text, for a recording's ``clock`` record."""
         return {field.name: str(getattr(self, field.name)) for field in fields(self)}
 
-    @staticmethod
-    def from_metadata(record: Mapping[str, str]) -> ClockFit:
-        """Make a fit of a recording's ``clock`` record; other keys are left alone.
-
-        Raises
-        ------
-        DataError
-            If a key is missing or is no number.
-        """
-        try:
-            return ClockFit(
-                offset_s=float(record["offset_s"]),
-                drift_ppm=float(record["drift_ppm"]),
-                residual_s=float(record["residual_s"]),
-                epochs=int(record["epochs"]),
-                outliers=int(record["outliers"]),
-                reference_ns=int(record["reference_ns"]),
-                offset_sigma_s=float(record["offset_sigma_s"]),
-                drift_sigma_ppm=float(record["drift_sigma_ppm"]),
-            )
-        except (KeyError, ValueError) as error:
-            raise DataError(Fault("the clock record cannot be read", found=str(error))) from None
-
     def delays_s(self, host_ns: IntArray, gnss_s: FloatArray) -> FloatArray:
-        """Return how much later than usual each frame arrived; shape of the inputs.
-
-        Parameters
-        ----------
-        host_ns : int64 array
-            Arrival stamps.
-        gnss_s : float64 array
-            GNSS time in the same frames.
-        """
+        """Return how much later than usual each frame arrived, by its arrival stamp and the GNSS time in it."""
         elapsed = (host_ns - self.reference_ns) * 1e-9
         apart = elapsed + (self.reference_ns * 1e-9) % _DAY_S - gnss_s - self.offset_s
         return np.asarray(_wrapped(apart) - self.drift_ppm * 1e-6 * elapsed)
@@ -113,7 +81,7 @@ def fit_clock(host_ns: IntArray, gnss_s: FloatArray) -> ClockFit:
     host_ns : int64 array, shape (n,)
         Arrival stamps, UTC nanoseconds.
     gnss_s : float64 array, shape (n,)
-        GNSS time in the frames; NaN is left out, of repeats the first counts.
+        GNSS time in the frames; NaN is excluded, of repeats the first counts.
 
     Raises
     ------
@@ -200,7 +168,7 @@ class GnssClock:
 
 
 def _fresh(host_ns: IntArray, gnss_s: FloatArray, last_s: float) -> tuple[IntArray, FloatArray]:
-    """Leave out NaN, and of repeats all but the first."""
+    """Exclude NaN, and of repeats all but the first."""
     known = np.isfinite(gnss_s)
     host_ns, gnss_s = host_ns[known], gnss_s[known]
     fresh = np.diff(gnss_s, prepend=last_s) != 0

@@ -89,7 +89,7 @@ _LISTED_AT_MOST = 3
 """Up to this number of faults that differ only in their place are listed one by one; more become one fault."""
 
 
-def _together(faults: tuple[Fault, ...]) -> tuple[Fault, ...]:
+def _combined(faults: tuple[Fault, ...]) -> tuple[Fault, ...]:
     """Combine faults of one kind into one fault where they are many."""
     kinds: dict[Fault, list[Fault]] = {}
     for fault in faults:
@@ -105,17 +105,17 @@ def _together(faults: tuple[Fault, ...]) -> tuple[Fault, ...]:
 
 
 def _render(faults: tuple[Fault, ...]) -> str:
-    faults = _together(faults)
+    faults = _combined(faults)
     if len(faults) == 1:
         return str(faults[0])
     numbered = [f"{i}. {fault}".replace("\n", "\n   ") for i, fault in enumerate(faults, 1)]
     return "\n".join([f"{len(faults)} faults:", *numbered])
 
 
-def nearest(name: str, known: Iterable[str], limit: int = 3) -> str:
+def nearest(name: str, known: Iterable[str]) -> str:
     """Return the nearest known names as text for a message ("nearest: a, b"), or the whole short list."""
     names = sorted(set(known))
-    close = difflib.get_close_matches(name, names, n=limit, cutoff=0.5)
+    close = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
     if close:
         return "nearest: " + ", ".join(close)
     if not names:

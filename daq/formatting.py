@@ -72,6 +72,6 @@ def _pieces(text: str, width: int) -> list[str]:
     return [piece.rstrip() for piece in pieces if piece.strip()]
 
 
-def file_name(name: str, fallback: str = "run") -> str:
-    """Return a name that stays in its folder: letters, digits, ``_ . - @``, no leading dot."""
-    return re.sub(r"[^\w.@-]+", "-", name).strip(".-") or fallback
+def file_name(name: str) -> str:
+    """Return a name that stays in its folder: letters, digits, ``_ . - @``, no leading dot; else "run"."""
+    return re.sub(r"[^\w.@-]+", "-", name).strip(".-") or "run"

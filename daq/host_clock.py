@@ -46,39 +46,27 @@ def monotonic_ns() -> int:
 
 @dataclass(frozen=True)
 class ClockStep:
-    """The host's clock was set.
-
-    Attributes
-    ----------
-    time_ns : int
-        File time by which it had been set.
-    since_ns : int
-        File time until which it had not.
-    step_s : float
-        By how much; positive is forward.
-    """
+    """The host's clock was set."""
 
     time_ns: int
+    """File time by which it had been set."""
     since_ns: int
+    """File time until which it had not."""
     step_s: float
+    """By how much; positive is forward."""
 
 
 @dataclass(frozen=True)
 class Offset:
-    """Realtime minus monotonic, and the monotonic time within which it can have held.
-
-    Attributes
-    ----------
-    from_ns, until_ns : int
-        When the previous one was last observed; when the next one was first observed.
-    observed_ns : int
-        When it was first observed.
-    """
+    """Realtime minus monotonic, and the monotonic time within which it can have held."""
 
     offset_ns: int
     from_ns: int
+    """When the previous one was last observed."""
     until_ns: int
+    """When the next one was first observed."""
     observed_ns: int
+    """When it was first observed."""
 
 
 class HostClock:
@@ -281,7 +269,7 @@ class UncertainTimestamps:
             self._take_bus(bus, batch.frames["time_ns"][rows], uncertain[rows])
 
     def notes(self) -> tuple[Note, ...]:
-        """Return what is to be said of them; nothing where no frame was flagged."""
+        """Return a note on them; nothing where no frame was flagged."""
         if not self.frames:
             return ()
         return (Note(RecordingCode.CLOCK_SET, values={"count": self.frames, "within_s": self.within_s}),)

@@ -1,4 +1,4 @@
-"""Facts that may be said to a person, as values: the sentence is made where people are met."""
+"""Notes on a result or a recording, as values; the sentences are made in `wheelsoil.wording`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 class Severity(IntEnum):
-    """How much a fact speaks against what it is said of."""
+    """How much a note reduces the worth of the result that it is about."""
 
     REMARK = 0
     """How something was done."""
@@ -21,7 +21,7 @@ class Severity(IntEnum):
 
 @dataclass(frozen=True)
 class Note:
-    """A fact that may be said.
+    """A fact to report.
 
     Attributes
     ----------

@@ -27,14 +27,11 @@ from daq.logger.panel import NoPanel, Panel
 from daq.logger.recorder import Recorder, RecorderOptions
 from daq.logger.run_files import SUFFIX, RunFiles, folder_lock, named_run, new_run, safe_name, unfinished_run
 from daq.logger.session import Session
-from daq.logger.session_monitor import LogStatus, LogSummary, Notifier, Progress, SessionParts
+from daq.logger.session_monitor import LogSummary, Notifier, Progress, SessionParts
 from daq.recording.disk_file import make_folder
 from daq.sources.can_source import Source
 from daq.sources.interfaces import open_source
 from daq.sources.reconnect import ReconnectingSource
-
-__all__ = ["LogStatus", "LogSummary", "Progress", "log"]
-
 
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -154,7 +151,8 @@ def log(
         role_remarks += [str(fault) for fault in unknown_names(vehicle, known.databases)]
         clock = HostClock()
         inspection = Inspection(vehicle, usable, known.databases, started_ns=clock.now_ns())
-        options = _recorder_options(known, usable, folder, [*_remarks(sources), *role_remarks])
+        remarks = [*(remark for source in sources for remark in source.remarks), *role_remarks]
+        options = _recorder_options(known, usable, folder, remarks)
         caught = stack.enter_context(caught_signals())
         stack.enter_context(quick_switching())
         parts = SessionParts(
@@ -209,10 +207,6 @@ def _recorder_options(known: _Known, usable: VehicleConfig, folder: Path, remark
     settings |= {f"remark.{number}": text for number, text in enumerate(remarks)}
     databases = known.databases if known.view and known.databases else None
     return RecorderOptions(usable, folder, known.attachments, {**settings, **known.metadata}, databases)
-
-
-def _remarks(sources: list[ReconnectingSource]) -> list[str]:
-    return [remark for source in sources for remark in source.remarks]
 
 
 def _target(out: Path, run: RunInfo) -> tuple[Path, Path | None]:

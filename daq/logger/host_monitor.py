@@ -33,25 +33,17 @@ _CALM = 1.25
 
 @dataclass(frozen=True)
 class DiskState:
-    """State of the disk now.
-
-    Attributes
-    ----------
-    free_bytes, reserve_bytes : int
-        Free space; where recording ends.
-    bytes_per_s : float
-        How fast the recording grows; NaN until it is known.
-    minutes : float
-        Until recording ends, at this growth; NaN until it is known.
-    level : Level
-        Amber under the vehicle's ``disk_warn_min``, red when recording must end.
-    """
+    """State of the disk now."""
 
     free_bytes: int
     reserve_bytes: int
+    """Free space at which recording ends."""
     bytes_per_s: float
+    """How fast the recording grows; NaN until it is known."""
     minutes: float
+    """Until recording ends, at this growth; NaN until it is known."""
     level: Level
+    """Amber under the vehicle's ``disk_warn_min``, red when recording must end."""
 
     def text(self) -> str:
         """Return it as a sentence."""
@@ -81,15 +73,7 @@ class DiskGuard:
             raise HardwareError(disk_fault(folder, state))
 
     def check(self, now_s: float, written_bytes: int) -> DiskState:
-        """Return the state of the disk.
-
-        Parameters
-        ----------
-        now_s : float
-            Monotonic time.
-        written_bytes : int
-            What has been recorded since the logger started.
-        """
+        """Return the state of the disk, at a monotonic time and with what the logger has recorded until then."""
         with contextlib.suppress(OSError):  # a failed disk is reported by the next write
             self._free = shutil.disk_usage(self._folder).free
         free = self._free

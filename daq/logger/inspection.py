@@ -28,15 +28,7 @@ T = TypeVar("T")
 
 
 class Shield:
-    """Runs what must not end a recording, and keeps what went wrong.
-
-    Attributes
-    ----------
-    failures : int
-        How often something went wrong.
-    last : str
-        What went wrong the last time.
-    """
+    """Runs what must not end a recording, and keeps what went wrong: how often, and what the last time."""
 
     def __init__(self) -> None:
         self.failures = 0
@@ -62,33 +54,19 @@ class Shield:
 
 @dataclass(frozen=True)
 class Task:
-    """Frames to inspect.
-
-    Attributes
-    ----------
-    batches : list of FrameBatch
-        To decode.
-    skipped : list of FrameBatch
-        Were recorded before `batches`, and are only counted.
-    now_ns : int
-        File time.
-    """
+    """Frames to inspect, and the file time and the state of the host that go with them."""
 
     batches: list[FrameBatch]
+    """To decode."""
     skipped: list[FrameBatch]
+    """Were recorded before `batches`, and are only counted."""
     now_ns: int
     host: HostStatus
 
 
 @dataclass(frozen=True)
 class Findings:
-    """Result of an inspection.
-
-    Attributes
-    ----------
-    decoded : mapping (bus, "Message.Signal") -> Channel
-    traces : mapping role -> samples
-    """
+    """Result of an inspection; channels by bus and "Message.Signal", samples by role."""
 
     report: HealthReport
     decoded: Mapping[tuple[str, str], Channel]
@@ -138,13 +116,7 @@ class Inspection:
 
 
 class Inspector(threading.Thread):
-    """The thread: one task at a time, its findings to be fetched.
-
-    Attributes
-    ----------
-    shield : Shield
-        Knows what went wrong.
-    """
+    """The thread: one task at a time, its findings to be fetched; `shield` knows what went wrong."""
 
     def __init__(self, inspection: Inspection) -> None:
         super().__init__(name="inspection", daemon=True)
@@ -193,19 +165,13 @@ _MOST_BYTES = 4 << 20
 
 
 class Feed:
-    """Frames that were recorded and wait for their inspection.
-
-    Attributes
-    ----------
-    skipped_frames : int
-        Frames that were recorded and not inspected so far.
-    behind : bool
-        Whether the queue was more than a quarter full, and has not drained since.
-    """
+    """Frames that were recorded and wait for their inspection."""
 
     def __init__(self) -> None:
         self.skipped_frames = 0
+        """Frames that were recorded and not inspected so far."""
         self.behind = False
+        """Whether the queue was more than a quarter full, and has not drained since."""
         self._fresh: deque[FrameBatch] = deque()
         self._skipped: deque[FrameBatch] = deque()
         self._bytes = 0

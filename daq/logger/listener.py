@@ -33,18 +33,12 @@ class ByteQueue(Generic[T]):
         self._limit = limit_bytes
         self._items: deque[tuple[T, int]] = deque()
         self._bytes = 0
-        self._most = 0
         self._changed = threading.Condition()
 
     @property
     def share(self) -> float:
         """How full it is, 0 to 1 (an item beyond the limit makes it more than 1)."""
         return self._bytes / self._limit
-
-    @property
-    def highest_share(self) -> float:
-        """How full it has been at most."""
-        return self._most / self._limit
 
     def put(self, item: T, size: int, timeout_s: float) -> bool:
         """Put an item of `size` bytes; say whether there was room for it within `timeout_s`."""
@@ -53,7 +47,6 @@ class ByteQueue(Generic[T]):
                 return False
             self._items.append((item, size))
             self._bytes += size
-            self._most = max(self._most, self._bytes)
             self._changed.notify_all()
             return True
 

@@ -266,9 +266,9 @@ class Recorder:
         except (OSError, RecordingError, HardwareError) as error:
             return f"{lost.name} was moved or removed, and no other can be begun: {error}"
         self._note_part()
-        said = f"{lost.name} was moved or removed while it was written: recording continues in {self.path.name}"
-        self.event("part", said, "error")
-        return said
+        text = f"{lost.name} was moved or removed while it was written: recording continues in {self.path.name}"
+        self.event("part", text, "error")
+        return text
 
     def close(self, exit_status: str) -> None:
         """Close the file."""

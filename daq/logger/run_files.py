@@ -64,14 +64,9 @@ def folder_lock(folder: Path) -> Iterator[None]:
 
 
 def is_being_recorded(file: Path) -> bool:
-    """Return whether a logger holds the folder of a recording, and wrote into it just now.
+    """Return whether a logger holds the folder of a recording without its end, and wrote into it just now.
 
     False on a system without `fcntl` (Windows): no logger locks a folder there.
-
-    Parameters
-    ----------
-    file : Path
-        A recording without its end.
     """
     folder = file.parent.parent if file.parent.name == BETWEEN_FOLDER else file.parent
     try:
@@ -128,28 +123,20 @@ _LONGEST_NAME_BYTES = 200
 
 @dataclass(frozen=True)
 class RunFiles:
-    """Where a run is recorded.
-
-    Attributes
-    ----------
-    first : Path
-        File of the run's first part.
-    part : int
-        Number of the part to begin with.
-    remark : str
-        A remark on the choice for the user; may be empty.
-    """
+    """Where a run is recorded."""
 
     first: Path
+    """File of the run's first part."""
     part: int
+    """Number of the part to begin with."""
     run: RunInfo
     remark: str = ""
+    """A remark on the choice for the user; may be empty."""
 
 
-def safe_name(text: str, fallback: str = "run") -> str:
+def safe_name(text: str) -> str:
     """Return a name that stays in its folder and is not too long: letters, digits, ``_ . - @``, no leading dot."""
-    short = file_name(text, fallback).encode("utf-8", "replace")[:_LONGEST_NAME_BYTES].decode("utf-8", "ignore")
-    return file_name(short, fallback)
+    return file_name(file_name(text).encode("utf-8", "replace")[:_LONGEST_NAME_BYTES].decode("utf-8", "ignore"))
 
 
 def dated_name(vehicle: VehicleConfig) -> str:

@@ -84,26 +84,17 @@ Ending = Literal["duration", "signal", "stop", "disk"]
 
 @dataclass(frozen=True)
 class LogStatus:
-    """The logger now.
-
-    Attributes
-    ----------
-    buses : mapping str -> SourceCounters
-    run : str
-        Id of the run; empty between runs.
-    path : Path
-        The file that is written.
-    level : str
-        ``"green"``, ``"amber"`` or ``"red"``.
-    what : str
-        The worst reason; empty when it is green.
-    """
+    """The logger now."""
 
     buses: Mapping[str, SourceCounters]
     run: str
+    """Id of the run; empty between runs."""
     path: Path
+    """The file that is written."""
     level: str
+    """``"green"``, ``"amber"`` or ``"red"``."""
     what: str
+    """The worst reason; empty when it is green."""
 
 
 Progress = Callable[[LogStatus], None]

@@ -84,19 +84,14 @@ _REMARKS = 10
 
 @dataclass(frozen=True)
 class RunState:
-    """What is recorded now.
-
-    Attributes
-    ----------
-    state : {"recording", "between", "stopping"}
-    since_s : float
-        How long it has lasted.
-    """
+    """What is recorded now."""
 
     state: str
+    """``"recording"``, ``"between"`` or ``"stopping"``."""
     id: str
     file: str
     since_s: float
+    """How long it has lasted."""
     part: int
     frames: int
     size_bytes: int

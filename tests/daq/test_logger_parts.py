@@ -64,7 +64,6 @@ def test_a_put_waits_for_room_and_a_wait_for_an_item() -> None:
     waiting.join()
     queue.wait(0.01)
     assert queue.take_some(99) == []
-    assert queue.highest_share == 1.0
 
 
 def test_an_interface_that_is_not_there_at_first_is_an_error() -> None:

@@ -11,16 +11,11 @@ from daq.logger.doctor.situation import Line, Situation
 
 @dataclass(frozen=True)
 class Check:
-    """One check of the doctor.
-
-    Attributes
-    ----------
-    run : callable
-        Yields a line for each bus, file or role; none where the check does not apply.
-    """
+    """One check of the doctor."""
 
     name: str
     run: Callable[[Situation], Iterator[Line]]
+    """Yields a line for each bus, file or role; none where the check does not apply."""
 
 
 CHECKS = (

@@ -67,7 +67,7 @@ def zero(now: Situation) -> Iterator[Line]:
                 "not there, and vehicle.toml names it: `log` records without it, `process` refuses until it is there"
             )
             yield warned(str(path), found, step)
-        elif _measures_force(now):
+        elif any(role in now.vehicle.signals for role in TRANSDUCER_ROLES):
             yield warned(str(path), "not there: the transducer's own zero is taken as it is", step)
         else:
             yield passed(str(path), "not there, and no force is measured")
@@ -89,7 +89,3 @@ def zero(now: Situation) -> Iterator[Line]:
         yield passed(str(path), found)
     else:
         yield warned(str(path), found, f"take one before each test: {step}")
-
-
-def _measures_force(now: Situation) -> bool:
-    return any(role in now.vehicle.signals for role in TRANSDUCER_ROLES)

@@ -1,7 +1,4 @@
-"""Listens to every bus for a while, as the logger would.
-
-What the kernel says of a SocketCAN interface.
-"""
+"""What the kernel reports of a SocketCAN interface, and what every bus carries for a while."""
 
 from __future__ import annotations
 
@@ -21,7 +18,7 @@ from typing import Any
 from daq.can.frames import FrameBatch, concatenate
 from daq.config import BusSection, LoggerSection
 from daq.errors import ConfigError, Fault, HardwareError
-from daq.sources.can_source import Source, SourceCounters
+from daq.sources.can_source import SourceCounters
 from daq.sources.interfaces import open_source
 
 # linux/sockios.h, linux/if_arp.h, linux/if.h
@@ -227,7 +224,8 @@ def _listen(section: BusSection, logger: LoggerSection, seconds: float) -> Recep
     batches: list[FrameBatch] = [nothing]
     fault = None
     try:
-        _read_until(source, started + seconds, batches)
+        while (left_s := started + seconds - time.monotonic()) > 0:
+            batches.append(source.read(min(_READ_S, left_s)))
     except HardwareError as error:
         fault = error.faults[0]
     elapsed_s = time.monotonic() - started
@@ -236,8 +234,3 @@ def _listen(section: BusSection, logger: LoggerSection, seconds: float) -> Recep
     frames = concatenate(batches)
     age_s = stamp_age_s(section.channel, 1.0) if is_socketcan(section) and len(frames) else None
     return Reception(section, frames, elapsed_s, counters, fault, age_s)
-
-
-def _read_until(source: Source, deadline: float, batches: list[FrameBatch]) -> None:
-    while (left_s := deadline - time.monotonic()) > 0:
-        batches.append(source.read(min(_READ_S, left_s)))

@@ -1,7 +1,4 @@
-"""The inputs of all checks, gathered once.
-
-One line of the doctor: what was found, how bad it is, what to do.
-"""
+"""The inputs of all checks, gathered once, and one line of the doctor: what was found, how bad it is, what to do."""
 
 from __future__ import annotations
 
@@ -89,13 +86,12 @@ class Situation:
         Of the status page.
     vehicle : VehicleConfig
         Empty where the file cannot be used.
-    databases : mapping bus -> databases
-    roles : mapping str -> SignalRef
+    databases, receptions : mapping
+        By bus.
     links : mapping bus -> Link
         Of the buses that are SocketCAN's.
-    receptions : mapping bus -> Reception
     channels : mapping role -> Channel
-        What the roles said meanwhile, in SI units.
+        What was received of each role, in SI units.
     clock_moved_s : float
         By how much the host's clock was set meanwhile.
     bytes_per_s : float
@@ -121,11 +117,6 @@ class Situation:
     def sections(self) -> dict[str, BusSection]:
         """The buses by their channels."""
         return {bus.channel: bus for bus in self.vehicle.bus}
-
-    @property
-    def frames(self) -> FrameBatch:
-        """Frames received on all buses."""
-        return concatenate([reception.frames for reception in self.receptions.values()])
 
     @property
     def folder(self) -> Path:
@@ -155,8 +146,15 @@ def gather(
         vehicle = load_toml(vehicle_file, VehicleConfig)
     except ConfigError as error:
         return Situation(vehicle_file, out, page_port, vehicle_faults=error.faults)
-    databases, database_faults = _databases(vehicle, vehicle_file.parent)
-    roles, role_faults = ({}, {}) if database_faults else usable_roles(vehicle, databases)
+    databases: dict[str, tuple[Database, ...]] = {}
+    roles: dict[str, SignalRef] = {}
+    database_faults: tuple[Fault, ...] = ()
+    role_faults: dict[str, Fault] = {}
+    try:
+        databases = load_for_vehicle(vehicle, vehicle_file.parent)
+        roles, role_faults = usable_roles(vehicle, databases)
+    except DatabaseError as error:
+        database_faults = error.faults
     sections = {bus.channel: bus for bus in vehicle.bus}
     links = {name: read_link(name) for name, section in sections.items() if is_socketcan(section)}
     apart_ns = realtime_ns() - monotonic_ns()
@@ -181,13 +179,6 @@ def gather(
     )
 
 
-def _databases(vehicle: VehicleConfig, folder: Path) -> tuple[dict[str, tuple[Database, ...]], tuple[Fault, ...]]:
-    try:
-        return load_for_vehicle(vehicle, folder), ()
-    except DatabaseError as error:
-        return {}, error.faults
-
-
 def _channels(
     roles: Mapping[str, SignalRef], databases: Mapping[str, tuple[Database, ...]], batches: list[FrameBatch]
 ) -> dict[str, Channel]:
@@ -208,9 +199,9 @@ def _growth(
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "received.mcap"
         with RecordingWriter(path, sync_every_s=None) as writer:
-            view = DecodedWriter(writer, vehicle.model_copy(update={"signals": {}}), databases)
+            decoded = DecodedWriter(writer, vehicle.model_copy(update={"signals": {}}), databases)
             for batch in split(frames, max(round(len(frames) * vehicle.logger.flush_s / seconds), 1)):
                 writer.write_frames(batch)
-                view.write(decoder.decode(batch))
+                decoded.write(decoder.decode(batch))
                 writer.flush()
         return path.stat().st_size / seconds

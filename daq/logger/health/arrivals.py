@@ -44,11 +44,7 @@ def raw_of(signal: Signal, values: FloatArray) -> IntArray:
 def counts(raw: IntArray, *, named: bool) -> bool:
     """Whether values behave like a rolling counter: up by one, and from one value always down to one other.
 
-    Parameters
-    ----------
-    raw : int64 array, shape (n,)
-    named : bool
-        Whether the name says so too; without it more is asked: hardly an exception, and two turns.
+    Where the name does not say so too, more is asked: hardly an exception, and two turns.
     """
     before, after = raw[:-1], raw[1:]
     known = (before != NO_VALUE) & (after != NO_VALUE)
@@ -203,7 +199,8 @@ class MessageFlow:
         self._skipped_until_ns = 0
         self.gaps = 0
         self.rate_changes = 0
-        self._missing = 0
+        self.missing = 0
+        """Frames that the gaps lack by the usual rate, as far as judged; 0 where a rolling counter counts them."""
         self._turns_lost = 0
         self._unsure = False
         self._seemed_still = 0
@@ -217,11 +214,6 @@ class MessageFlow:
     def counter_name(self) -> str:
         """The rolling counter's signal, empty where there is none."""
         return self._counter_at[1].name if self._counter_at else ""
-
-    @property
-    def missing(self) -> int:
-        """Frames that the gaps lack by the usual rate, as far as judged; 0 where a rolling counter counts them."""
-        return self._missing
 
     @property
     def counter_lost(self) -> int:
@@ -265,13 +257,7 @@ class MessageFlow:
             self._judge(time_ns, None)
 
     def skip(self, time_ns: IntArray, until_ns: int) -> None:
-        """Take that frames until then were not decoded; some of this message, of others perhaps not even counted.
-
-        Parameters
-        ----------
-        time_ns : int64 array, shape (n,)
-            Arrivals of this message among them, as far as they are known.
-        """
+        """Take that frames until then were not decoded, and the arrivals of this message among them that are known."""
         self._count_frames(time_ns)
         self._skipped_until_ns = max(until_ns, self._skipped_until_ns)
         if self._counter is not None:
@@ -374,7 +360,7 @@ class MessageFlow:
             self.gaps += verdict.gaps
             self._unsure |= not verdict.sure
             if self._counter is None:
-                self._missing += verdict.lacking
+                self.missing += verdict.lacking
             else:
                 self._turns_lost += verdict.lacking
                 self._seemed_still += verdict.stood_still

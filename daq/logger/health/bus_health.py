@@ -69,13 +69,7 @@ class ErrorFrames:
             self._counters = (int(data[last, 6]), int(data[last, 7]))
 
     def reasons(self, bus: str, now_ns: int, last_data_ns: int | None) -> list[Reason]:
-        """Return what the last seconds' error frames mean.
-
-        Parameters
-        ----------
-        last_data_ns : int or None
-            When the last data frame came: a bus that carries some is not off any more.
-        """
+        """Return what the last seconds' error frames mean; a bus with a later data frame is not off any more."""
         found = self._state_reasons(bus, now_ns, last_data_ns)
         recent = {name: self._recent[name].take(now_ns, self._classes[name]) for name in self._recent}
         if recent["overflow"]:
@@ -103,8 +97,8 @@ class ErrorFrames:
         if state in ("passive", "warning") and now_ns - since_ns < _STATE_HOLDS_NS:
             sent, received = self._counters
             counted = f" (error counters: {sent} sending, {received} receiving)" if sent or received else ""
-            said = "is error passive" if state == "passive" else "warns of many errors"
-            return [reason(f"bus_error_{state}", Level.AMBER, bus, f"the controller {said}{counted}")]
+            text = "is error passive" if state == "passive" else "warns of many errors"
+            return [reason(f"bus_error_{state}", Level.AMBER, bus, f"the controller {text}{counted}")]
         return []
 
 
@@ -131,14 +125,7 @@ def bits_on_wire(frames: FrameArray) -> FloatArray:
     count, a CRC of 17 or 21 with a fixed stuff bit for every 4, and 13. To the stuffed ones comes a bit for every 30,
     as random content has it. All zeros would have one for every 4: the load may be up to a fifth higher.
 
-    Parameters
-    ----------
-    frames : structured array, shape (n,)
-
-    Returns
-    -------
-    float64 array, shape (n,)
-        NaN for CAN FD frames whose data have a bit rate of their own.
+    Shape (n,); NaN for CAN FD frames whose data have a bit rate of their own.
     """
     flags = frames["flags"]
     data = np.where(flags & FrameFlag.REMOTE, 0, frames["length"].astype(np.float64)) * 8
@@ -170,14 +157,7 @@ class BusTraffic:
         self._past: deque[tuple[int, int, float, int, int, int]] = deque()
 
     def take(self, frames: FrameArray, unknown: FrameArray) -> None:
-        """Take frames of this bus.
-
-        Parameters
-        ----------
-        frames : structured array, shape (n,)
-        unknown : structured array, shape (m,)
-            Data frames that no DBC describes.
-        """
+        """Take frames of this bus, and again those data frames of them that no DBC describes."""
         if not len(frames):
             return
         self.last_ns = max(int(frames["time_ns"].max()), self.last_ns or 0)
@@ -197,9 +177,9 @@ class BusTraffic:
         self._bits += float(bits.sum(where=~unmeasured))
         self._count_unknown(unknown[:_IDS_COUNTED])
 
-    def ids(self, most: int = 5) -> list[str]:
+    def ids(self) -> list[str]:
         """Return the most frequent identifiers that no DBC knows, of those that were counted."""
-        return [f"0x{i:08X}" if extended else f"0x{i:03X}" for (i, extended), _ in self._ids.most_common(most)]
+        return [f"0x{i:08X}" if extended else f"0x{i:03X}" for (i, extended), _ in self._ids.most_common(5)]
 
     def rates(self, now_ns: int) -> tuple[float, float, float]:
         """Return frames per second, bits per second and the share of unknown frames over about the last second."""
@@ -225,6 +205,7 @@ class BusTraffic:
                 self._ids[place] += number
 
 
+_ACTIVE_FOR_NS = 500_000_000
 _SILENT_AFTER_NS, _SILENT_FROM_START_NS = 2_000_000_000, 5_000_000_000
 _UNKNOWN_SHARE = 0.05
 _BEHIND = 0.25
@@ -260,9 +241,9 @@ class BusWatch:
         self._started_ns = self._away_ns = started_ns
         self._kernel, self._queue, self._returns = Recent(), Recent(), Recent()
 
-    def active(self, now_ns: int, age_ns: int = 500_000_000) -> bool:
+    def active(self, now_ns: int) -> bool:
         """Whether it is carrying frames, so that a missing message is a matter of its own."""
-        return self.traffic.last_ns is not None and now_ns - self.traffic.last_ns < age_ns
+        return self.traffic.last_ns is not None and now_ns - self.traffic.last_ns < _ACTIVE_FOR_NS
 
     def fits(self, now_ns: int) -> bool:
         """Whether a message of its DBCs has come; True while it is too early to decide."""

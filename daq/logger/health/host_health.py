@@ -7,7 +7,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from daq.arrays import BoolArray
 from daq.can.roles import SignalRef
 from daq.channels import Channel
 from daq.clock import ClockFit, GnssClock
@@ -71,21 +70,9 @@ _DRIFT_PPM = 100.0
 _DRIFT_SIGMAS = 3.0
 _NULL_ISLAND_RAD = 1e-6
 
-GnssResult = tuple[GnssHealth, list[Reason]]
-
 
 class Gnss:
-    """Follows the receiver.
-
-    Parameters
-    ----------
-    roles : mapping role -> SignalRef
-
-    Attributes
-    ----------
-    roles : dict
-        Those of the receiver.
-    """
+    """Follows the receiver, by those of the roles that are its own."""
 
     def __init__(self, roles: Mapping[str, SignalRef], started_ns: int) -> None:
         self.roles = {role: roles[role] for role in GNSS_ROLES if role in roles}
@@ -113,7 +100,11 @@ class Gnss:
 
     def _take_fix(self, role: str, channel: Channel) -> None:
         known = np.isfinite(channel.values)
-        valid = known & (channel.values != 0) if role == "ground_speed_valid" else known & ~_nowhere(channel)
+        valid = (
+            known & (channel.values != 0)
+            if role == "ground_speed_valid"
+            else known & (np.abs(channel.values) >= _NULL_ISLAND_RAD)
+        )
         rows = np.flatnonzero(valid)
         if len(rows):
             self._fixed_ns = int(channel.time_ns[rows[-1]])
@@ -131,7 +122,7 @@ class Gnss:
 
     def health(
         self, now_ns: int, values: Mapping[str, float], period_s: float, *, bus_active: bool
-    ) -> GnssResult | None:
+    ) -> tuple[GnssHealth, list[Reason]] | None:
         """Return the state of the receiver and what is wrong with it; None without GNSS roles.
 
         Parameters
@@ -180,7 +171,3 @@ class Gnss:
             what = f"the host's clock drifts by {fit.drift_ppm:.0f} ppm ({0.06 * fit.drift_ppm:.1f} ms a minute)"
             found.append(reason("gnss_clock_drift", Level.AMBER, "gnss", what))
         return found
-
-
-def _nowhere(channel: Channel) -> BoolArray:
-    return np.asarray(np.abs(channel.values) < _NULL_ISLAND_RAD)

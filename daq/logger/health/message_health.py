@@ -27,13 +27,7 @@ _TOGETHER_NAMED_MOST = 8
 def message_health(
     one: WatchedMessage, now_ns: int, health: HealthSection, *, started_ns: int, bus_active: bool
 ) -> tuple[MessageHealth, list[Reason]]:
-    """Return the state of a message and what is wrong with it.
-
-    Parameters
-    ----------
-    bus_active : bool
-        Whether its bus is carrying other frames: else the bus is to blame.
-    """
+    """Return the state of a message and what is wrong with it; silence is not its fault where the bus is not active."""
     flow = one.flow
     silent_ok = one.listed(health.may_be_silent)
     found = [] if silent_ok or not bus_active else _silence(one, now_ns, started_ns)
@@ -129,10 +123,7 @@ _PLAUSIBLE_RADIUS_M = 0.5
 class Motion:
     """Follows the speeds from report to report.
 
-    Parameters
-    ----------
-    radius_m : float or None
-        Of the wheel; a usual value where vehicle.toml has none, which is accurate enough to detect walking pace.
+    Without a radius of the wheel it takes a usual one, which is accurate enough to detect walking pace.
     """
 
     def __init__(self, radius_m: float | None) -> None:
@@ -160,13 +151,7 @@ class Motion:
                 self.moved_s[role] += elapsed_s
 
     def reasons(self, now_ns: int, where: Mapping[str, str]) -> list[Reason]:
-        """Return the contradictions.
-
-        Parameters
-        ----------
-        where : mapping role -> str
-            The signals, as people read them.
-        """
+        """Return the contradictions; `where` has the signal of each role, as people read it."""
         found = []
         stands = self.rim_mps == 0 and abs(self.ground_mps) > _CONTRADICTED_MPS
         if self._since.held_s("wheel", now_ns, stands) > _STANDING_S:
@@ -188,18 +173,13 @@ _OF_GNSS = ("ground_speed", "latitude", "longitude", "course")
 
 @dataclass(frozen=True)
 class Scene:
-    """What the signals are judged by.
-
-    Attributes
-    ----------
-    has_fix : bool
-        False where the receiver flags its own values as not valid.
-    """
+    """What the signals are judged by."""
 
     now_ns: int
     health: HealthSection
     motion: Motion
     has_fix: bool
+    """False where the receiver flags its own values as not valid."""
 
 
 def role_values(watched: list[WatchedMessage]) -> dict[str, float]:
@@ -272,13 +252,13 @@ def _role_reasons(
     found = []
     if role == "transducer_status":
         if value != 0:
-            said = f"{value:g}, {label!r}" if label else f"{value:g}"
-            found.append(reason("transducer_status", Level.AMBER, where, f"the transducer says {said}, not 0"))
+            shown = f"{value:g}, {label!r}" if label else f"{value:g}"
+            found.append(reason("transducer_status", Level.AMBER, where, f"the transducer says {shown}, not 0"))
         return found
     if math.isnan(_in_si(reference, value)):
         if role not in _OF_GNSS or scene.has_fix:
-            said = f" ({label})" if label else ""
-            found.append(reason("signal_not_available", Level.AMBER, where, f"the sender has no value{said}"))
+            meaning = f" ({label})" if label else ""
+            found.append(reason("signal_not_available", Level.AMBER, where, f"the sender has no value{meaning}"))
         return found
     if stuck_s:
         usual_s = float(values.longest_ns[row]) * 1e-9

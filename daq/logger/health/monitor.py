@@ -137,14 +137,11 @@ class HealthMonitor:
         self._gnss.skip(until_ns)
 
     def losses(self) -> dict[str, int]:
-        """Return what was lost since the start.
+        """Return the counts of lost frames since the start that are not 0.
 
-        Returns
-        -------
-        dict
-            ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>`` and ``missing.<bus>.<message>``, where they
-            are not 0. A message with a rolling counter has no ``missing``. Frames lost by
-            the kernel or given up by the logger are counted for their bus and, where a message notices them, there too.
+        They are ``kernel.<bus>``, ``queue.<bus>``, ``counter.<bus>.<message>`` and ``missing.<bus>.<message>``. A
+        message with a rolling counter has no ``missing``. Frames lost by the kernel or given up by the logger are
+        counted for their bus and, where a message notices them, there too.
         """
         lost: dict[str, int] = {}
         for bus in self._buses.values():
@@ -158,10 +155,8 @@ class HealthMonitor:
     def report(self, now_ns: int, host: HostStatus) -> HealthReport:
         """Return the state of everything.
 
-        Parameters
-        ----------
-        now_ns : int
-            On the time base of the frames; all frames that came before have been taken or skipped, or are in the queue.
+        `now_ns` is on the time base of the frames; all frames that came before have been taken or skipped, or are in
+        the queue.
         """
         found = [*self._always, *self._host.reasons(now_ns, host)]
         buses = self._report_buses(now_ns, host, found)
@@ -194,9 +189,11 @@ class HealthMonitor:
         for number, bus in enumerate(batch.buses):
             if bus not in self._buses:
                 continue
-            rows = None if single else np.flatnonzero(batch.frames["bus"] == number)
-            frames: FrameArray = batch.frames if rows is None else batch.frames.take(rows)
-            unknown = (codes if rows is None else codes[rows]) == UNKNOWN
+            frames: FrameArray = batch.frames
+            unknown = codes == UNKNOWN
+            if not single:
+                rows = np.flatnonzero(batch.frames["bus"] == number)
+                frames, unknown = frames.take(rows), unknown[rows]
             if np.bitwise_or.reduce(frames["flags"], initial=0) & _NO_DATA:
                 unknown &= (frames["flags"] & _NO_DATA) == 0
             self._buses[bus].traffic.take(frames, frames.take(np.flatnonzero(unknown)))
@@ -245,18 +242,23 @@ class HealthMonitor:
         return result[0]
 
 
+_OF_MESSAGE = ("rate_hz", "usual_rate_hz", "age_s", "frames", "gaps", "missing", "counter_jumps")
+_OF_SIGNAL = ("role", "value", "unit", "stuck_s", "out_of_range", "saturated")
+
+
 def statuses(report: HealthReport) -> list[DiagnosticStatus]:
     """Return a status for everything that is worth one.
 
-    Returns
-    -------
-    list of DiagnosticStatus
-        Names are ``can0``, ``can0/WFT_Forces``, ``can0/WFT_Forces.Fz``, ``gnss`` and ``host``. A reason stands at the
-        bus where its place has no status of its own, and else at the host. What is not known is left out.
+    Names are ``can0``, ``can0/WFT_Forces``, ``can0/WFT_Forces.Fz``, ``gnss`` and ``host``. A reason is listed at
+    the bus where its place has no status of its own, and else at the host. Values that are not known are omitted.
     """
     known = {bus.name: _bus(bus) for bus in report.buses}
-    known |= {f"{one.bus}/{one.name}": _message(one) for one in report.messages if one.frames or one.level}
-    known |= {f"{one.bus}/{one.name}": _signal(one) for one in report.signals if one.role}
+    for message in report.messages:
+        if message.frames or message.level:
+            known[f"{message.bus}/{message.name}"] = {key: getattr(message, key) for key in _OF_MESSAGE}
+    for signal in report.signals:
+        if signal.role:
+            known[f"{signal.bus}/{signal.name}"] = {key: getattr(signal, key) for key in _OF_SIGNAL}
     if report.gnss is not None:
         known["gnss"] = _gnss(report.gnss)
     known["host"] = _host(report.host)
@@ -290,29 +292,6 @@ def _bus(bus: BusHealth) -> dict[str, float | str]:
         "queue_drops": status.queue_drops,
         "error_frames": bus.error_frames,
         "unknown_frames": bus.unknown_frames,
-    }
-
-
-def _message(one: MessageHealth) -> dict[str, float | str]:
-    return {
-        "rate_hz": one.rate_hz,
-        "usual_rate_hz": one.usual_rate_hz,
-        "age_s": one.age_s,
-        "frames": one.frames,
-        "gaps": one.gaps,
-        "missing": one.missing,
-        "counter_jumps": one.counter_jumps,
-    }
-
-
-def _signal(one: SignalHealth) -> dict[str, float | str]:
-    return {
-        "role": one.role,
-        "value": one.value,
-        "unit": one.unit,
-        "stuck_s": one.stuck_s,
-        "out_of_range": one.out_of_range,
-        "saturated": one.saturated,
     }
 
 

@@ -137,7 +137,7 @@ class SignalValues:
     def _count_beyond_limits(self, rows: slice, time_ns: IntArray, values: FloatArray) -> None:
         beyond = (values < self._low[rows]) | (values > self._high[rows])
         if beyond.any():
-            self._leave_out_labelled(rows, values, beyond)
+            self._exclude_labelled(rows, values, beyond)
             self.out_of_range[rows] += np.count_nonzero(beyond, axis=1)
             self.beyond_ns[rows] = np.maximum(self.beyond_ns[rows], np.where(beyond, time_ns, 0).max(axis=1))
         at_end = (values <= self._bottom[rows]) | (values >= self._top[rows])
@@ -150,7 +150,7 @@ class SignalValues:
             self.saturated[rows] += np.count_nonzero(run, axis=1)
             self.saturated_ns[rows] = np.maximum(self.saturated_ns[rows], np.where(run, time_ns, 0).max(axis=1))
 
-    def _leave_out_labelled(self, rows: slice, values: FloatArray, beyond: BoolArray) -> None:
+    def _exclude_labelled(self, rows: slice, values: FloatArray, beyond: BoolArray) -> None:
         """Do not count values with a label of their own as out of range."""
         first = rows.start or 0
         for row, value in self._labelled:
