@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from daq import DataError, Fault, FloatArray, IntArray
+from daq import DataError, Fault, FloatArray, IndexArray, IntArray
 
 LATE_NS = 100_000_000
 """A stamp this much behind its predecessor is a step of the clock or a rogue, not a frame that queued."""
@@ -17,10 +17,10 @@ def seconds_since(time_ns: IntArray, origin_ns: int) -> FloatArray:
     return np.asarray((time_ns - origin_ns) * 1e-9, np.float64)
 
 
-def in_order(time_ns: IntArray, late_ns: int = LATE_NS) -> IntArray:
+def in_order(time_ns: IntArray) -> IntArray:
     """Return the indices of the samples to keep, in time order.
 
-    Frames that queued (at most `late_ns` late) are put in their place. Where stamps run back further, the smaller
+    Frames that queued (at most `LATE_NS` late) are put in their place. Where stamps run back further, the smaller
     group is left out: a single rogue stamp, ahead or behind, or what came after a backward step of the clock.
 
     Parameters
@@ -37,16 +37,16 @@ def in_order(time_ns: IntArray, late_ns: int = LATE_NS) -> IntArray:
     for _ in range(_MAX_STEPS):
         stamps = time_ns[keep]
         peak = np.maximum.accumulate(stamps)
-        behind = np.flatnonzero(stamps < peak - late_ns)
+        behind = np.flatnonzero(stamps < peak - LATE_NS)
         if not len(behind):
             break
         first = behind[0]
         behind = behind[peak[behind] == peak[first]]
-        ahead = np.flatnonzero(stamps[:first] > stamps[first] + late_ns)
+        ahead = np.flatnonzero(stamps[:first] > stamps[first] + LATE_NS)
         keep = np.delete(keep, ahead if len(ahead) < len(behind) else behind)
     else:
         stamps = time_ns[keep]
-        keep = keep[stamps >= np.maximum.accumulate(stamps) - late_ns]
+        keep = keep[stamps >= np.maximum.accumulate(stamps) - LATE_NS]
     return keep[np.argsort(time_ns[keep], kind="stable")]
 
 
@@ -87,6 +87,13 @@ def stretch_of(at_s: FloatArray, time_s: FloatArray, pairs: IntArray) -> IntArra
     which = np.searchsorted(first, at_s, side="right") - 1
     inside = (which >= 0) & (at_s <= last[np.maximum(which, 0)])
     return np.where(inside, which, -1)
+
+
+def nearest(at: FloatArray | IntArray, stamps: FloatArray | IntArray) -> IndexArray:
+    """Return the index of the stamp that is nearest to each instant, the later of two; there must be a stamp."""
+    after = np.clip(np.searchsorted(stamps, at), 0, len(stamps) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(at - stamps[before] < stamps[after] - at, before, after)
 
 
 def as_of(at_ns: IntArray, source_ns: IntArray, tolerance_ns: int) -> IntArray:

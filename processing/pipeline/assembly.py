@@ -14,11 +14,10 @@ from processing.notes import RunCode
 from processing.options import SLIP_ROLES, ProcessOptions
 from processing.pipeline.filters import standstill_sigma
 from processing.pipeline.inputs import MODEL_ROLES
+from processing.pipeline.kinematics import runs_of, segment, slip_of, slip_sigma
 from processing.pipeline.latency import SpeedComparison, compare_speeds
 from processing.pipeline.quality import combine_reasons, run_notes, sensor_notes, shares_of, speed_notes
 from processing.pipeline.resampling import OnBase
-from processing.pipeline.segments import runs_of, segment
-from processing.pipeline.slip import slip_of, slip_sigma
 from processing.processed_run import ProcessedRun, QualityReport, Reason, Segment, Standstill
 from processing.robust import robust_spread
 

@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 
 from daq import FloatArray, IntArray
 from processing.pipeline.collection import Samples
-from processing.pipeline.segments import runs_of
+from processing.pipeline.kinematics import runs_of
 from processing.processed_run import Segment
 from processing.robust import robust_spread
 from processing.timebase import stretch_of, stretches

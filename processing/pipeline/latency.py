@@ -16,10 +16,10 @@ from math import hypot, isfinite, nan, sqrt
 
 import numpy as np
 
-from daq import BoolArray, FloatArray, IntArray
-from processing.pipeline.slip import LEAST_SPEED_MPS, rolls_freely, speed_scale
+from daq import BoolArray, FloatArray, IndexArray, IntArray
 from processing.robust import RobustFit, block_covariance, robust_linear
 
+LEAST_SPEED_MPS = 1.0
 SCAN_S = (-0.5, 1.5)
 _SCAN_STEP_S = 0.05
 _SCAN_ROWS = 600
@@ -170,6 +170,59 @@ def _low_slip(signals: SpeedSignals, limit: float) -> BoolArray:
     return np.asarray(moving & (np.abs(np.interp(traction, centres, curve)) < limit))
 
 
+_FREE_SHARE = 0.06
+_LEAST_SAMPLES = 20
+_MOST_SIGMA = 0.02
+"""Relative one-sigma of a radius beyond which it is none: a wheel that rolls freely keeps its radius to a percent."""
+
+
+def rolls_freely(
+    rim_speed_mps: FloatArray,
+    torque_nm: FloatArray,
+    load_n: FloatArray,
+    drawbar_pull_n: FloatArray,
+    radius_m: float,
+) -> BoolArray:
+    """Return the moving samples on which the wheel hardly slips.
+
+    Chosen without looking at ground speed: a choice by measured slip would confirm whatever error the speeds have.
+    Where torque and drawbar pull are measured, neither |T|/r nor |Dp| may exceed 6 % of the load: on soft soil no
+    sample passes, since a wheel without torque is dragged there and skids. Where neither is measured every moving
+    sample passes (a road vehicle); where one of them is not, none: nobody can tell then.
+
+    Parameters
+    ----------
+    rim_speed_mps, torque_nm, load_n, drawbar_pull_n : float64 arrays, shape (n,)
+        All NaN where not measured.
+    """
+    moving = rim_speed_mps > LEAST_SPEED_MPS
+    measured = [bool(np.isfinite(force).any()) for force in (torque_nm, drawbar_pull_n)]
+    if not all(measured):
+        return moving & (not any(measured))
+    force = np.maximum(np.abs(torque_nm) / radius_m, np.abs(drawbar_pull_n))
+    known = moving & np.isfinite(force)
+    load = load_n[known & (load_n > 0)]
+    scale = float(np.median(load) if len(load) else force[known].max(initial=0.0))
+    return np.asarray(known & (force <= _FREE_SHARE * scale))
+
+
+def speed_scale(ground_speed_mps: FloatArray, rim_speed_mps: FloatArray) -> tuple[float, float]:
+    """Return ground speed over rim speed and its one-sigma; NaN below 20 samples, or where the wheel slips after all.
+
+    Parameters
+    ----------
+    ground_speed_mps, rim_speed_mps : float64 arrays, shape (n,)
+        Latency removed; NaN is left out.
+    """
+    rows = np.isfinite(ground_speed_mps) & np.isfinite(rim_speed_mps)
+    if rows.sum() < _LEAST_SAMPLES:
+        return nan, nan
+    matrix, y = rim_speed_mps[rows, None], ground_speed_mps[rows]
+    fit = robust_linear(matrix, y)
+    scale, sigma = float(fit.coefficients[0]), sqrt(block_covariance(matrix, y, fit.weights)[0, 0])
+    return (scale, sigma) if sigma <= _MOST_SIGMA * abs(scale) else (nan, nan)
+
+
 _ROWS = 10_000
 
 
@@ -210,7 +263,7 @@ def compare_speeds(
     return SpeedComparison(latency, sigma, *speed_scale(ground, rim_speed_mps[free]))
 
 
-def _later(values: FloatArray, rows: np.ndarray[tuple[int], np.dtype[np.int64]], lag: float) -> FloatArray:
+def _later(values: FloatArray, rows: IndexArray, lag: float) -> FloatArray:
     """Return the values `lag` samples after the rows, interpolated; NaN beyond the ends."""
     low = np.floor(rows + lag).astype(np.int64)
     share = rows + lag - low

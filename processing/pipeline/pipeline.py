@@ -28,6 +28,7 @@ from processing.pipeline.collection import Samples, collect
 from processing.pipeline.filters import kernel_sigma_s
 from processing.pipeline.inputs import (
     MODEL_ROLES,
+    StatusGate,
     fit_gnss_clock,
     latency_ns,
     ready,
@@ -43,7 +44,6 @@ from processing.pipeline.resampling import (
     put_on_base,
     received_span_ns,
 )
-from processing.pipeline.transducer_status import StatusGate
 from processing.pipeline.wheel_frames import at_soil, not_carried, to_vehicle_axes
 from processing.processed_run import ProcessedRun
 from processing.timebase import make_time_base

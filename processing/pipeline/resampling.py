@@ -14,7 +14,7 @@ from processing.options import HIGHEST_AUTOMATIC_CUTOFF_HZ, ProcessOptions
 from processing.pipeline.collection import Samples, rethin
 from processing.pipeline.filters import CUTOFF_PER_RATE, Smoothed, filtered_sigma, kernel_sigma_s, smooth
 from processing.processed_run import Reason, SensorFacts
-from processing.timebase import interpolate, seconds_since, stretches
+from processing.timebase import interpolate, nearest, seconds_since, stretches
 
 _OWN_INTERVALS = 1.75
 _RETHIN_PER_SIGMA = 1 / 6
@@ -139,10 +139,7 @@ def _near(at_s: FloatArray, stamps_s: FloatArray, limit_s: float) -> BoolArray:
     """Return which instants have a stamp within the limit."""
     if not len(stamps_s):
         return np.zeros(len(at_s), np.bool_)
-    after = np.clip(np.searchsorted(stamps_s, at_s), 0, len(stamps_s) - 1)
-    before = np.maximum(after - 1, 0)
-    apart = np.minimum(np.abs(stamps_s[after] - at_s), np.abs(at_s - stamps_s[before]))
-    return np.asarray(apart <= limit_s)
+    return np.asarray(np.abs(stamps_s[nearest(at_s, stamps_s)] - at_s) <= limit_s)
 
 
 def _facts(

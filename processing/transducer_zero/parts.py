@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 
 from daq import BoolArray, FloatArray
-from processing.pipeline.segments import runs_of
+from processing.pipeline.kinematics import runs_of
 from processing.robust import robust_linear, robust_spread
 
 _BLOCK_S = 1.0
