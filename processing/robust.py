@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from daq import FloatArray
+from daq import FloatArray, IntArray
 
 _TUKEY = 4.685
 _MAD_TO_SIGMA = 1.4826
@@ -37,32 +38,30 @@ def robust_linear(
 ) -> RobustFit:
     """Fit y = A p with Tukey's bisquare weights, starting from `start` or from nearly least absolute deviations.
 
-    Parameters
-    ----------
-    matrix : float64 array, shape (n, k)
-    y : float64 array, shape (n,)
-    start : float64 array, shape (k,), optional
+    `matrix` has shape (n, k), `y` shape (n,), `start` shape (k,).
     """
     unit, norm = _unit_columns(matrix)
-    weights = np.ones(len(y)) if start is None else _bisquare(y - matrix @ start)
+    weights = np.ones(len(y)) if start is None else bisquare(y - matrix @ start)
     for step in range(iterations):
         p = _solve(*_normal(unit, y, weights)) / norm
         residual = y - matrix @ p
         if start is None and step < _ABSOLUTE_STEPS:
             weights = 1.0 / np.maximum(np.abs(residual), 1e-3 * robust_spread(residual) + 1e-12)
         else:
-            weights = _bisquare(residual)
+            weights = bisquare(residual)
     return RobustFit(p, weights, robust_spread(residual))
 
 
-def block_covariance(matrix: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
+def block_covariance(
+    matrix: FloatArray, y: FloatArray, weights: FloatArray, blocks: Sequence[IntArray] | None = None
+) -> FloatArray:
     """Return the jackknife covariance (k, k) of the coefficients.
 
-    Samples in time order are correlated; what counts is how much the answer changes when a twelfth of the time is left
-    out. The weights are kept.
+    Samples in time order are correlated; what counts is how much the answer changes when a block of rows is left out,
+    by default a twelfth of the samples. The weights are kept.
     """
     unit, norm = _unit_columns(matrix)
-    blocks = np.array_split(np.arange(len(y)), min(_BLOCKS, len(y)))
+    blocks = blocks or np.array_split(np.arange(len(y)), min(_BLOCKS, len(y)))
     parts = [_normal(unit[block], y[block], weights[block]) for block in blocks]
     gram = np.sum([part[0] for part in parts], axis=0)
     right = np.sum([part[1] for part in parts], axis=0)
@@ -76,8 +75,9 @@ def robust_spread(residual: FloatArray) -> float:
     return _MAD_TO_SIGMA * float(np.median(np.abs(residual)))
 
 
-def _bisquare(residual: FloatArray) -> FloatArray:
-    reach = _TUKEY * max(robust_spread(residual), 1e-12)
+def bisquare(residual: FloatArray, least_spread: float = 1e-12) -> FloatArray:
+    """Return Tukey's bisquare weights, 0 to 1; `least_spread` is the smallest standard deviation to weigh by."""
+    reach = _TUKEY * max(robust_spread(residual), least_spread)
     return np.asarray(np.clip(1.0 - (residual / reach) ** 2, 0.0, None) ** 2)
 
 

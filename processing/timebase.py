@@ -22,14 +22,6 @@ def in_order(time_ns: IntArray) -> IntArray:
 
     Frames that queued (at most `LATE_NS` late) are put in their place. Where stamps run back further, the smaller
     group is left out: a single rogue stamp, ahead or behind, or what came after a backward step of the clock.
-
-    Parameters
-    ----------
-    time_ns : int64 array, shape (n,)
-
-    Returns
-    -------
-    int64 array, shape (m,), m <= n
     """
     if not np.any(np.diff(time_ns) < 0):
         return np.arange(len(time_ns))
@@ -62,14 +54,8 @@ def merge_equal_stamps(time_ns: IntArray, values: FloatArray) -> tuple[IntArray,
 def stretches(time_s: FloatArray, max_gap_s: float, least: int = 1) -> IntArray:
     """Return the gap-free stretches as (start, stop) index pairs, shape (k, 2).
 
-    Parameters
-    ----------
-    time_s : float64 array, shape (n,)
-        Non-decreasing.
-    max_gap_s : float
-        A longer interval ends a stretch.
-    least : int
-        Stretches of fewer samples are left out.
+    Stamps must not decrease; an interval longer than `max_gap_s` ends a stretch, and one of fewer than `least` samples
+    is left out.
     """
     if not len(time_s):
         return np.zeros((0, 2), np.int64)
@@ -116,10 +102,7 @@ def interpolate(at_s: FloatArray, time_s: FloatArray, values: FloatArray, max_ga
 def make_time_base(spans_ns: dict[str, tuple[int, int]], rate_hz: float) -> tuple[int, FloatArray]:
     """Lay one time base over everything that was received.
 
-    Parameters
-    ----------
-    spans_ns : mapping role -> (first, last)
-        First and last stamp of each channel that a sample needs, latency removed.
+    `spans_ns` has the first and last stamp of each role that a sample needs, latency removed.
 
     Returns
     -------

@@ -41,22 +41,16 @@ def ready(
 ) -> Iterator[dict[str, Channel]]:
     """Take each role's declared latency off its stamps and drop roles that processing has no use for.
 
-    Parameters
-    ----------
-    chunks : iterable of mapping role -> Channel
-    seen : set of str
-        Gets every role that came.
-    with_angle : bool
-        Whether the wheel angle is of use.
+    `seen` gets every role that came; `with_angle` is whether the wheel angle is of use.
     """
     roles = (*(channel.role for channel in ON_TIME_BASE), *_AIDS, *(("wheel_angle",) if with_angle else ()))
     for chunk in chunks:
         seen |= set(chunk)
-        yield {role: _on_time(role, chunk[role], vehicle) for role in roles if role in chunk}
-
-
-def _on_time(role: str, channel: Channel, vehicle: VehicleConfig) -> Channel:
-    return Channel(role, channel.unit, channel.time_ns - latency_ns(vehicle, role), channel.values)
+        yield {
+            role: Channel(role, chunk[role].unit, chunk[role].time_ns - latency_ns(vehicle, role), chunk[role].values)
+            for role in roles
+            if role in chunk
+        }
 
 
 def latency_ns(vehicle: VehicleConfig, role: str) -> int:
@@ -89,14 +83,7 @@ def without_jitter(speed: Samples, gnss_time: Samples, clock: ClockFit, lag_ns: 
     """Move each speed's stamp by what the GNSS time of the same fix says it came too late.
 
     Done only where GNSS time is steadier than the arrival stamps, and only for stamps that have the GNSS time of their
-    own epoch within half an interval.
-
-    Parameters
-    ----------
-    clock : ClockFit
-        Of `gnss_time`.
-    lag_ns : int
-        Latency taken off the stamps of `speed` less that of `gnss_time`.
+    own epoch within half an interval. `lag_ns` is the latency taken off the stamps of `speed` less that of `gnss_time`.
     """
     fresh = np.diff(gnss_time.values, prepend=np.nan) != 0
     host_ns, gnss_s = gnss_time.time_ns[fresh], gnss_time.values[fresh]
@@ -136,19 +123,8 @@ def _scatter(values: FloatArray) -> float:
 def status_at(time_ns: IntArray, stamps_ns: IntArray, values: FloatArray, intervals_ns: IntArray) -> FloatArray:
     """Return the status that is nearest to each instant, minus infinity where none is near enough.
 
-    A status holds for five of its median intervals, and 0.1 s at the least, for frames may arrive late.
-
-    Parameters
-    ----------
-    time_ns : int64 array, shape (n,)
-    stamps_ns, values : int64 and float64 arrays, shape (k,)
-        The status, in order of time.
-    intervals_ns : int64 array
-        Between its stamps.
-
-    Returns
-    -------
-    float64 array, shape (n,)
+    A status holds for five of its median intervals, and 0.1 s at the least, for frames may arrive late. Its stamps and
+    values, shape (k,), are in order of time.
     """
     if not len(stamps_ns):
         return np.full(len(time_ns), -np.inf)

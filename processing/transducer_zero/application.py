@@ -26,9 +26,9 @@ from daq import (
 )
 from processing.notes import RunCode
 from processing.pipeline.resampling import OnBase
-from processing.pipeline.wheel_frames import interpolate_angle, merged_angle
+from processing.pipeline.wheel_frames import appended, interpolate_angle, merged_angle
 from processing.processed_run import AppliedZero
-from processing.timebase import in_order, seconds_since
+from processing.timebase import seconds_since
 
 _OLD_S = 86_400.0
 _WARMER_K = 10.0
@@ -185,7 +185,7 @@ class ZeroRemoval:
             angle = passed.get("wheel_angle")
             if angle is not None:
                 self._angle_comes = True
-                self._take_angle(angle)
+                self._angle = appended(self._angle, angle)
                 if self._vehicle.transducer.frame == "vehicle":
                     del passed["wheel_angle"]
             for role, zero in self._chosen.items():
@@ -265,13 +265,6 @@ class ZeroRemoval:
             self._started = True
             self._span_ns = (min(starts), min(starts))
             self._chosen = _choose(self._zeros.determinations, self._vehicle, min(starts))
-
-    def _take_angle(self, angle: Channel) -> None:
-        known = np.isfinite(angle.values)
-        time_ns = np.concatenate([self._angle[0], angle.time_ns[known]])
-        values = np.concatenate([self._angle[1], angle.values[known]])
-        keep = in_order(time_ns)
-        self._angle = (time_ns[keep], values[keep])
 
     def _forget(self) -> None:
         """Drop the angles that no held force needs any more, but for the last before them."""

@@ -22,11 +22,10 @@ import numpy as np
 
 from daq import BoolArray, FloatArray
 from processing.pipeline.kinematics import runs_of
-from processing.robust import robust_linear, robust_spread
+from processing.robust import bisquare, block_covariance, robust_linear, robust_spread
 
 _BLOCK_S = 1.0
 _FEWEST_BLOCKS, _MOST_BLOCKS = 4, 16
-_TUKEY = 4.685
 _REFINEMENTS = 4
 
 
@@ -50,21 +49,19 @@ class Harmonics:
 
 
 def fit_harmonics(time_s: FloatArray, y: FloatArray, angle_rad: FloatArray | None, resolution: float) -> Harmonics:
-    """Fit one signal.
+    """Fit one signal whose samples are finite and in order of time.
 
     Parameters
     ----------
-    time_s, y : float64 arrays, shape (n,)
-        In order of time, finite.
-    angle_rad : float64 array, shape (n,), or None
-        psi; None: the offset alone.
+    time_s, y, angle_rad : float64 arrays, shape (n,)
+        Without the angle psi the offset alone is fitted.
     resolution : float
         Step of the signal in its unit.
     """
     matrix = _design(len(y), angle_rad)
     p = robust_linear(matrix, y).coefficients
     for _ in range(_REFINEMENTS):  # a signal that hardly moves has no spread to weigh by: half a step is the least
-        weights = _bisquare(y - matrix @ p, max(resolution / 2, 1e-12))
+        weights = bisquare(y - matrix @ p, max(resolution / 2, 1e-12))
         p = _solve(matrix, y, weights)
     residual = y - matrix @ p
     spread = robust_spread(residual)
@@ -80,11 +77,6 @@ def _design(count: int, angle_rad: FloatArray | None) -> FloatArray:
     return np.column_stack([one, np.cos(angle_rad), np.sin(angle_rad), np.cos(2 * angle_rad), np.sin(2 * angle_rad)])
 
 
-def _bisquare(residual: FloatArray, least_spread: float) -> FloatArray:
-    reach = _TUKEY * max(robust_spread(residual), least_spread)
-    return np.asarray(np.clip(1.0 - (residual / reach) ** 2, 0.0, None) ** 2)
-
-
 def _solve(matrix: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.lstsq((matrix * weights[:, None]).T @ matrix, matrix.T @ (weights * y), rcond=None)[0])
 
@@ -94,21 +86,13 @@ def _sigmas(time_s: FloatArray, matrix: FloatArray, y: FloatArray, weights: Floa
     span_s = float(time_s[-1] - time_s[0])
     most = int(np.clip(span_s / _BLOCK_S, _FEWEST_BLOCKS, _MOST_BLOCKS))
     place = (time_s - time_s[0]) / max(span_s, 1e-9)
-    weighted = matrix * weights[:, None]
-    return np.maximum(*(_jackknife(place, weighted, matrix, y, count) for count in (most, max(most // 2, 3))))
-
-
-def _jackknife(place: FloatArray, weighted: FloatArray, matrix: FloatArray, y: FloatArray, count: int) -> FloatArray:
-    """Return what the coefficients change when one of `count` blocks is left out, as one-sigma; `place` is 0 to 1."""
-    block = np.minimum((place * count).astype(np.int64), count - 1)
-    grams = np.array([weighted[block == k].T @ matrix[block == k] for k in range(count)])
-    rights = np.array([weighted[block == k].T @ y[block == k] for k in range(count)])
-    gram, right = grams.sum(axis=0), rights.sum(axis=0)
-    without = np.array(
-        [np.linalg.lstsq(gram - g, right - r, rcond=None)[0] for g, r in zip(grams, rights, strict=True)]
-    )
-    variance = (count - 1) / count * np.sum((without - without.mean(axis=0)) ** 2, axis=0)
-    return np.asarray(_student(count - 1) * np.sqrt(variance))
+    sigmas = []
+    for count in (most, max(most // 2, 3)):
+        block = np.minimum((place * count).astype(np.int64), count - 1)
+        blocks = [np.flatnonzero(block == number) for number in range(count)]
+        variance = np.diag(block_covariance(matrix, y, weights, blocks))
+        sigmas.append(_student(count - 1) * np.sqrt(variance))
+    return np.maximum(*sigmas)
 
 
 def _student(freedom: int) -> float:
@@ -165,7 +149,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Motion:
-    """Load in vehicle axes and motion of the wheel; each with stamps of its own in s, SI.
+    """Load in vehicle axes, unwrapped angle and speed of the wheel; each with stamps of its own in s, SI.
 
     `angle` and `speed` are None where the recording has no such signal.
     """
@@ -178,12 +162,7 @@ class Motion:
 def find_spin(motion: Motion, lifted_below_n: float) -> Part | None:
     """Return the longest steady spin of a lifted wheel by whole revolutions, two at the least; None without one.
 
-    Parameters
-    ----------
-    motion : Motion
-        The angle unwrapped.
-    lifted_below_n : float
-        Largest mean load of a revolution, either sign.
+    The mean load of every revolution is below `lifted_below_n`, either sign.
     """
     if motion.angle is None or len(motion.angle[0]) < 2:
         return None
