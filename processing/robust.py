@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from daq import FloatArray, IntArray
+from daq import FloatArray
 
 _TUKEY = 4.685
 _MAD_TO_SIGMA = 1.4826
@@ -52,16 +51,14 @@ def robust_linear(
     return RobustFit(p, weights, robust_spread(residual))
 
 
-def block_covariance(
-    matrix: FloatArray, y: FloatArray, weights: FloatArray, blocks: Sequence[IntArray] | None = None
-) -> FloatArray:
+def block_covariance(matrix: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
     """Return the jackknife covariance (k, k) of the coefficients.
 
-    Samples in time order are correlated; what counts is how much the answer changes when a block of rows is left out,
-    by default a twelfth of the samples. The weights are kept.
+    Samples in time order are correlated; what counts is how much the answer changes when a twelfth of the time is left
+    out. The weights are kept.
     """
     unit, norm = _unit_columns(matrix)
-    blocks = blocks or np.array_split(np.arange(len(y)), min(_BLOCKS, len(y)))
+    blocks = np.array_split(np.arange(len(y)), min(_BLOCKS, len(y)))
     parts = [_normal(unit[block], y[block], weights[block]) for block in blocks]
     gram = np.sum([part[0] for part in parts], axis=0)
     right = np.sum([part[1] for part in parts], axis=0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import isfinite, nan, sqrt
 
 import numpy as np
@@ -25,17 +25,10 @@ from processing.robust import robust_spread
 def standstills(
     time_s: FloatArray, segments: NDArray[np.uint8], channels: Mapping[str, FloatArray], cutoff_hz: float
 ) -> tuple[Standstill, ...]:
-    """Return one `Standstill` per standing period.
+    """Return one `Standstill` per standing period; arrays of shape (n,).
 
-    Parameters
-    ----------
-    time_s : float64 array, shape (n,)
-    segments : uint8 array, shape (n,)
-        See `Segment`.
-    channels : mapping role -> float64 array, shape (n,)
-        NaN is left out; a channel without values in a period is not named there.
-    cutoff_hz : float
-        Of the filter: a second holds about 2.5 times as many independent samples.
+    A channel without values in a period is not named there. A second holds about 2.5 times `cutoff_hz` of the filter
+    independent samples.
     """
     found = []
     for start, stop in runs_of(segments):
@@ -56,19 +49,10 @@ def standstills(
 
 
 def distance_of(time_s: FloatArray, ground_speed_mps: FloatArray) -> tuple[FloatArray, float]:
-    """Integrate ground speed by the trapezium rule.
+    """Integrate ground speed by the trapezium rule; arrays of shape (n,), the distance 0 at the first known speed.
 
     Inside a gap the distance is NaN. Behind it the distance goes on as if the mean of the speeds at its ends had held:
     that is an offset of what follows, not a sample, and the second value says how much of it there is.
-
-    Parameters
-    ----------
-    time_s, ground_speed_mps : float64 arrays, shape (n,)
-
-    Returns
-    -------
-    distance_m : float64 array, shape (n,)
-        0 at the first known speed.
     """
     known = np.flatnonzero(np.isfinite(ground_speed_mps))
     distance = np.full(len(time_s), np.nan)
@@ -84,15 +68,7 @@ def distance_of(time_s: FloatArray, ground_speed_mps: FloatArray) -> tuple[Float
 class Material:
     """Everything on one time base; arrays of shape (n,), NaN where not known.
 
-    Attributes
-    ----------
-    start_ns, time_s, cutoff_hz
-        As in `ProcessedRun`.
-    roles : mapping role -> OnBase
-        Those that the run carries, one of them at least.
-    latitude_deg, longitude_deg : float64 arrays
-    missing : mapping role -> Note
-        See `QualityReport`.
+    `roles` has those that the run carries, one of them at least; `missing` is that of `QualityReport`.
     """
 
     start_ns: int
@@ -103,7 +79,7 @@ class Material:
     longitude_deg: FloatArray
     clock: ClockFit | None
     notes: tuple[Note, ...]
-    missing: dict[str, Note] = field(default_factory=dict)
+    missing: dict[str, Note]
 
     def values(self, role: str) -> FloatArray:
         """Return a role's values, NaN where the run does not carry it."""
@@ -131,26 +107,15 @@ class Material:
 
 
 def assemble(material: Material, radius_m: float, run: RunInfo, options: ProcessOptions) -> ProcessedRun:
-    """Form slip, segments and reasons.
-
-    Parameters
-    ----------
-    radius_m : float
-        Nominal radius of the wheel, as in Eq. 6.
-    """
+    """Form slip, with the nominal radius of the wheel as in Eq. 6, segments and reasons."""
     ground, rim = material.values("ground_speed"), radius_m * material.values("wheel_speed")
+    rim_sigma, ground_sigma = radius_m * material.sigma("wheel_speed"), material.sigma("ground_speed")
     slip = slip_of(rim, ground, options.min_speed_mps)
-    sigma = slip_sigma(
-        rim,
-        ground,
-        radius_m * material.sigma("wheel_speed"),
-        material.sigma("ground_speed"),
-        options.min_speed_mps,
-    )
+    sigma = slip_sigma(rim, ground, rim_sigma, ground_sigma, options.min_speed_mps)
     acceleration = material.slope("ground_speed")
     torque, load = material.values("driving_torque"), material.values("vertical_load")
     segments = segment(rim, ground, acceleration, slip, torque / radius_m, load, options.rate_hz)
-    material = with_standstill_noise(material, segments, options.rate_hz)
+    material = _with_standstill_noise(material, segments, options.rate_hz)
     reason = combine_reasons(material.reasons().values(), segments, slip, load, slip_is_measured=material.has_slip)
     distance, bridged_m = distance_of(material.time_s, ground)
     notes = [Note(RunCode.DISTANCE_BRIDGED, values={"length_m": bridged_m})] * (bridged_m > 0)
@@ -185,7 +150,7 @@ def _columns(material: Material, channels: Iterable[ChannelDefinition]) -> dict[
     return found
 
 
-def with_standstill_noise(material: Material, segments: NDArray[np.uint8], rate_hz: float) -> Material:
+def _with_standstill_noise(material: Material, segments: NDArray[np.uint8], rate_hz: float) -> Material:
     """Raise the estimated sigma of each force to what it does at standstill, see `processing.pipeline.filters`."""
     roles = dict(material.roles)
     for role in TRANSDUCER_ROLES:

@@ -15,14 +15,8 @@ _BLOCK = 1 << 16
 def slip_of(rim_speed_mps: FloatArray, ground_speed_mps: FloatArray, min_speed_mps: float) -> FloatArray:
     """Return the slip: (r omega - V)/(r omega) driving (Eq. 6), (r omega - V)/V braking.
 
-    Both are (r omega - V) over the larger speed, so that exchanging the speeds changes the sign only.
-
-    Parameters
-    ----------
-    rim_speed_mps, ground_speed_mps : float64 arrays, shape (n,)
-        r omega and V.
-    min_speed_mps : float
-        NaN where the larger speed is below this.
+    Both are (r omega - V) over the larger speed, so that exchanging the speeds changes the sign only. The arrays have
+    shape (n,); NaN where the larger speed is below `min_speed_mps`.
     """
     larger = np.maximum(rim_speed_mps, ground_speed_mps)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -39,11 +33,7 @@ def slip_sigma(
 ) -> FloatArray:
     """Return the one-sigma of the slip to first order: 1 - |s| = smaller/larger, the two speeds being independent.
 
-    Parameters
-    ----------
-    rim_speed_mps, ground_speed_mps, rim_sigma_mps, ground_sigma_mps : float64 arrays, shape (n,)
-    min_speed_mps : float
-        NaN where the larger speed is below this.
+    All arrays have shape (n,); NaN where the larger speed is below `min_speed_mps`.
     """
     sigma = np.empty(len(rim_speed_mps))
     for start in range(0, len(sigma), _BLOCK):

@@ -35,11 +35,7 @@ _CURVE_BINS = 25
 class SpeedSignals:
     """What the estimate looks at; arrays of shape (n,) on the time base, NaN where not to be used or not measured.
 
-    Attributes
-    ----------
-    ground_speed_mps, rim_speed_mps : float64 arrays
-    traction : float64 array
-        T / (r W), or T / r where the load is not measured; all NaN without torque.
+    The traction is T / (r W), or T / r where the load is not measured; all NaN without torque.
     """
 
     ground_speed_mps: FloatArray
@@ -188,12 +184,8 @@ def rolls_freely(
     Chosen without looking at ground speed: a choice by measured slip would confirm whatever error the speeds have.
     Where torque and drawbar pull are measured, neither |T|/r nor |Dp| may exceed 6 % of the load: on soft soil no
     sample passes, since a wheel without torque is dragged there and skids. Where neither is measured every moving
-    sample passes (a road vehicle); where one of them is not, none: nobody can tell then.
-
-    Parameters
-    ----------
-    rim_speed_mps, torque_nm, load_n, drawbar_pull_n : float64 arrays, shape (n,)
-        All NaN where not measured.
+    sample passes (a road vehicle); where one of them is not, none: nobody can tell then. Arrays of shape (n,), all NaN
+    where not measured.
     """
     moving = rim_speed_mps > LEAST_SPEED_MPS
     measured = [bool(np.isfinite(force).any()) for force in (torque_nm, drawbar_pull_n)]
@@ -209,10 +201,7 @@ def rolls_freely(
 def speed_scale(ground_speed_mps: FloatArray, rim_speed_mps: FloatArray) -> tuple[float, float]:
     """Return ground speed over rim speed and its one-sigma; NaN below 20 samples, or where the wheel slips after all.
 
-    Parameters
-    ----------
-    ground_speed_mps, rim_speed_mps : float64 arrays, shape (n,)
-        Latency removed; NaN is left out.
+    Latency is removed from both, shape (n,); NaN is left out.
     """
     rows = np.isfinite(ground_speed_mps) & np.isfinite(rim_speed_mps)
     if rows.sum() < _LEAST_SAMPLES:
@@ -247,10 +236,8 @@ def compare_speeds(
 ) -> SpeedComparison:
     """Estimate the residual latency on low slip, and the scale where the wheel rolls freely.
 
-    Parameters
-    ----------
-    ground_speed_mps, rim_speed_mps, torque_nm, load_n, drawbar_pull_n : float64 arrays, shape (n,)
-        On the time base; NaN where not to be used or not measured. Where torque is not, slip goes by drawbar pull.
+    Arrays of shape (n,) on the time base, NaN where not to be used or not measured. Where torque is not, slip goes by
+    drawbar pull.
     """
     measured = np.isfinite(torque_nm).any()
     traction = torque_nm / radius_m if measured else drawbar_pull_n

@@ -42,11 +42,8 @@ def combine_reasons(
     ----------
     channels : iterable of uint8 arrays
         Reasons of each channel that a used sample must have.
-    segments : uint8 array
     slip : float64 array
         NaN where both speeds are too small (or unknown, which the channels' reasons say).
-    vertical_load_n : float64 array
-        All NaN where not measured.
     slip_is_measured : bool
         Whether the run carries both speeds.
     """
@@ -80,14 +77,7 @@ def keep_only(run: ProcessedRun, keep: Sequence[Interval], where: str = "") -> P
     """Return the run with what lies outside `keep` left out by hand.
 
     A used sample outside becomes `Reason.BY_HAND`; one that was left out anyway keeps its reason. A standstill counts
-    only where it lies inside as a whole.
-
-    Parameters
-    ----------
-    keep : sequence of (from, to)
-        Seconds since the time base begins; both ends belong to it.
-    where : str
-        Who asks for it, for messages.
+    only where it lies inside as a whole. Both ends of an interval belong to it; `where` says who asks, for messages.
 
     Raises
     ------

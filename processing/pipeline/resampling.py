@@ -39,13 +39,7 @@ class OnBase:
 
 
 def choose_cutoff(samples: dict[str, Samples], options: ProcessOptions) -> tuple[float, list[Note]]:
-    """Return the cut-off in Hz that every given channel can bear, and a note if that is not what was asked.
-
-    Parameters
-    ----------
-    samples : mapping role -> Samples
-        Of the channels that the model compares.
-    """
+    """Return the cut-off in Hz that every given channel can bear, and a note if that is not what was asked."""
     intervals = {role: s.interval_s for role, s in samples.items() if isfinite(s.interval_s)}
     asked = options.cutoff_hz or min(HIGHEST_AUTOMATIC_CUTOFF_HZ, options.rate_hz / 10)
     if not intervals:
@@ -81,19 +75,9 @@ def put_on_base(
     options: ProcessOptions,
     declared: tuple[float, float | None],
     *,
-    keep_slope: bool = True,
+    keep_slope: bool,
 ) -> OnBase:
-    """Filter one role onto the time base.
-
-    Parameters
-    ----------
-    start_ns, time_s : int, float64 array (n,)
-        The time base.
-    declared : (latency_s, sigma)
-        Of the sensor; sigma may be None.
-    keep_slope : bool
-        Whether anybody needs the derivative.
-    """
+    """Filter one role onto the time base; `declared` is latency (s) and sigma of the sensor."""
     kernel_s = kernel_sigma_s(cutoff_hz)
     limit_s = gap_limit_s(samples, kernel_s, options)
     samples = rethin(samples, kernel_s * _RETHIN_PER_SIGMA)

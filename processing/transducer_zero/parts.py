@@ -22,7 +22,7 @@ import numpy as np
 
 from daq import BoolArray, FloatArray
 from processing.pipeline.kinematics import runs_of
-from processing.robust import bisquare, block_covariance, robust_linear, robust_spread
+from processing.robust import bisquare, robust_linear, robust_spread
 
 _BLOCK_S = 1.0
 _FEWEST_BLOCKS, _MOST_BLOCKS = 4, 16
@@ -86,13 +86,19 @@ def _sigmas(time_s: FloatArray, matrix: FloatArray, y: FloatArray, weights: Floa
     span_s = float(time_s[-1] - time_s[0])
     most = int(np.clip(span_s / _BLOCK_S, _FEWEST_BLOCKS, _MOST_BLOCKS))
     place = (time_s - time_s[0]) / max(span_s, 1e-9)
-    sigmas = []
-    for count in (most, max(most // 2, 3)):
-        block = np.minimum((place * count).astype(np.int64), count - 1)
-        blocks = [np.flatnonzero(block == number) for number in range(count)]
-        variance = np.diag(block_covariance(matrix, y, weights, blocks))
-        sigmas.append(_student(count - 1) * np.sqrt(variance))
-    return np.maximum(*sigmas)
+    weighted = matrix * weights[:, None]
+    return np.maximum(*(_jackknife(place, weighted, matrix, y, count) for count in (most, max(most // 2, 3))))
+
+
+def _jackknife(place: FloatArray, weighted: FloatArray, matrix: FloatArray, y: FloatArray, count: int) -> FloatArray:
+    """Return what the coefficients change when one of `count` blocks is left out, as one-sigma; `place` is 0 to 1."""
+    block = np.minimum((place * count).astype(np.int64), count - 1)
+    blocks = [block == number for number in range(count)]
+    parts = [(weighted[rows].T @ matrix[rows], weighted[rows].T @ y[rows]) for rows in blocks]
+    gram, right = (np.sum(part, axis=0) for part in zip(*parts, strict=True))
+    without = np.array([np.linalg.lstsq(gram - g, right - r, rcond=None)[0] for g, r in parts])
+    variance = (count - 1) / count * np.sum((without - without.mean(axis=0)) ** 2, axis=0)
+    return np.asarray(_student(count - 1) * np.sqrt(variance))
 
 
 def _student(freedom: int) -> float:
