@@ -19,6 +19,14 @@ from processing.timebase import LATE_NS, in_order, merge_equal_stamps
 
 _FIRST_ROOM = 1 << 14
 _GROWTH = 8
+_FLUSH = 1 << 14
+_LOOK = 1 << 12
+"""So many samples of a piece are looked at for resolution and roughness."""
+_LONG_AGO_NS = -(2**62)
+_ROGUE_NS = 60_000_000_000
+"""A last stamp this far from the one before may be rogue: what follows is not held against it."""
+_THIN_BELOW = 0.5
+"""Thin where the sampling interval is less than this share of a node."""
 
 
 class GrowingSeries:
@@ -48,16 +56,6 @@ class GrowingSeries:
     def _resize(self, room: int) -> None:
         self._time_ns.resize(room, refcheck=False)
         self._values.resize(room, refcheck=False)
-
-
-_FLUSH = 1 << 14
-_LOOK = 1 << 12
-"""So many samples of a piece are looked at for resolution and roughness."""
-_LONG_AGO_NS = -(2**62)
-_ROGUE_NS = 60_000_000_000
-"""A last stamp this far from the one before may be rogue: what follows is not held against it."""
-_THIN_BELOW = 0.5
-"""Thin where the sampling interval is less than this share of a node."""
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,9 @@ CUTOFF_PER_RATE = 0.2
 _REACH = 4.0
 _EDGE = 2.0
 _BLOCK = 1 << 16
+_LEAST_STANDSTILL_SAMPLES = 10
+_LEAST_SAMPLES = 20
+_MARGIN = 1.2
 
 
 def kernel_sigma_s(cutoff_hz: float) -> float:
@@ -150,11 +153,6 @@ def _line_under_kernel(
     determinant = s0 * s2 - s1 * s1
     determinant[determinant <= 1e-6 * s0 * s0] = np.nan  # all weight on one instant: no line to draw
     return np.stack([s2 * m0 - s1 * m1, (s0 * m1 - s1 * m0) / sigma_s]) / determinant
-
-
-_LEAST_STANDSTILL_SAMPLES = 10
-_LEAST_SAMPLES = 20
-_MARGIN = 1.2
 
 
 def filtered_sigma(

@@ -10,6 +10,13 @@ from processing.processed_run import Segment
 
 _BLOCK = 1 << 16
 """Rows at once: a long run's temporaries stay small."""
+_REST_MPS = 0.15
+_MOVING_MPS = 0.3
+_REST_SECONDS = 0.5
+_SHORTEST_SECONDS = 0.3
+_LOW_TRACTION = 0.03
+_DRIVE_MPS2, _BRAKE_MPS2 = 0.2, 0.5
+_SLIP = 0.05
 
 
 def slip_of(rim_speed_mps: FloatArray, ground_speed_mps: FloatArray, min_speed_mps: float) -> FloatArray:
@@ -51,15 +58,6 @@ def _sigma(speeds: FloatArray, sigmas: FloatArray, min_speed_mps: float) -> Floa
     with np.errstate(divide="ignore", invalid="ignore"):
         sigma = np.hypot(sigma_smaller, smaller / larger * sigma_larger) / larger
     return np.where(larger >= min_speed_mps, sigma, np.nan)
-
-
-_REST_MPS = 0.15
-_MOVING_MPS = 0.3
-_REST_SECONDS = 0.5
-_SHORTEST_SECONDS = 0.3
-_LOW_TRACTION = 0.03
-_DRIVE_MPS2, _BRAKE_MPS2 = 0.2, 0.5
-_SLIP = 0.05
 
 
 def segment(

@@ -29,6 +29,11 @@ _LARGEST_SIGMA_S = 0.25
 _FIRST_CHOICE = (3, 0.3)
 _OTHER_CHOICES = ((2, 0.2), (5, 0.4))
 _CURVE_BINS = 25
+_FREE_SHARE = 0.06
+_LEAST_SAMPLES = 20
+_MOST_SIGMA = 0.02
+"""Relative one-sigma of a radius beyond which it is none: a wheel that rolls freely keeps its radius to a percent."""
+_SCALE_ROWS = 10_000
 
 
 @dataclass(frozen=True)
@@ -166,12 +171,6 @@ def _low_slip(signals: SpeedSignals, limit: float) -> BoolArray:
     return np.asarray(moving & (np.abs(np.interp(traction, centres, curve)) < limit))
 
 
-_FREE_SHARE = 0.06
-_LEAST_SAMPLES = 20
-_MOST_SIGMA = 0.02
-"""Relative one-sigma of a radius beyond which it is none: a wheel that rolls freely keeps its radius to a percent."""
-
-
 def rolls_freely(
     rim_speed_mps: FloatArray,
     torque_nm: FloatArray,
@@ -212,9 +211,6 @@ def speed_scale(ground_speed_mps: FloatArray, rim_speed_mps: FloatArray) -> tupl
     return (scale, sigma) if sigma <= _MOST_SIGMA * abs(scale) else (nan, nan)
 
 
-_ROWS = 10_000
-
-
 @dataclass(frozen=True)
 class SpeedComparison:
     """Delay of ground speed (positive: late) in s, ground speed over rim speed, and their sigmas; NaN where unknown."""
@@ -245,7 +241,7 @@ def compare_speeds(
         traction = np.where(load_n > 0, traction / np.where(load_n > 0, load_n, 1.0), nan)
     latency, sigma = residual_latency(SpeedSignals(ground_speed_mps, rim_speed_mps, traction, rate_hz))
     free = np.flatnonzero(rolls_freely(rim_speed_mps, torque_nm, load_n, drawbar_pull_n, radius_m))
-    free = free[:: max(1, -(-len(free) // _ROWS))]
+    free = free[:: max(1, -(-len(free) // _SCALE_ROWS))]
     ground = _later(ground_speed_mps, free, (latency if isfinite(latency) else 0.0) * rate_hz)
     return SpeedComparison(latency, sigma, *speed_scale(ground, rim_speed_mps[free]))
 

@@ -23,7 +23,7 @@ from daq import (
 )
 from processing.notes import RunCode
 from processing.options import FORCE_ROLES, LOOK, NEEDED_ROLES, SLIP_ROLES, ProcessOptions, require_roles
-from processing.pipeline.assembly import Material, assemble
+from processing.pipeline.assembly import FilteredRun, assemble
 from processing.pipeline.collection import Samples, collect
 from processing.pipeline.filters import kernel_sigma_s
 from processing.pipeline.inputs import (
@@ -191,8 +191,8 @@ def process_stream(
     notes += left
     latitude, longitude = _position(samples, base)
     notes += lowered + gate.notes() + removal.notes()
-    material = Material(*base, cutoff_hz, roles, latitude, longitude, clock, tuple(notes), missing)
-    processed = assemble(material, wheel.radius_m, run or RunInfo(), options)
+    filtered = FilteredRun(*base, cutoff_hz, roles, latitude, longitude, clock, tuple(notes), missing)
+    processed = assemble(filtered, wheel.radius_m, run or RunInfo(), options)
     quality = replace(processed.quality, zeros=removal.applied(), transducer_status=gate.words)
     return replace(processed, quality=quality)
 

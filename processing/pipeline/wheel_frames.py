@@ -37,6 +37,14 @@ from processing.pipeline.resampling import OnBase
 from processing.timebase import in_order, interpolate, merge_equal_stamps, seconds_since
 
 STANDARD_GRAVITY_MPS2 = 9.80665
+_ROTATING = ("drawbar_pull", "vertical_load", "wheel_angle")
+_USUAL_INTERVALS = 1.75
+_LONGEST_TURN_S = 0.05
+_QUARTER_RAD = np.pi / 2
+_JOIN_FORCE_S = 0.02
+"""Longest hole, at the least, that F_z' is joined across; at 10 rad/s a line is wrong by 0.5 % of the force."""
+_PATIENCE_NS = 5_000_000_000
+"""How long one of the three channels may be away before the others stop waiting for it."""
 
 
 def at_soil(
@@ -75,16 +83,6 @@ def at_soil(
         load = roles["vertical_load"]
         moved["vertical_load"] = replace(load, values=load.values + wheel.outboard_mass_kg * STANDARD_GRAVITY_MPS2)
     return moved, notes
-
-
-_ROTATING = ("drawbar_pull", "vertical_load", "wheel_angle")
-_USUAL_INTERVALS = 1.75
-_LONGEST_TURN_S = 0.05
-_QUARTER_RAD = np.pi / 2
-_JOIN_FORCE_S = 0.02
-"""Longest hole, at the least, that F_z' is joined across; at 10 rad/s a line is wrong by 0.5 % of the force."""
-_PATIENCE_NS = 5_000_000_000
-"""How long one of the three channels may be away before the others stop waiting for it."""
 
 
 def rotate(

@@ -27,6 +27,17 @@ from processing.robust import bisquare, robust_linear, robust_spread
 _BLOCK_S = 1.0
 _FEWEST_BLOCKS, _MOST_BLOCKS = 4, 16
 _REFINEMENTS = 4
+_FEWEST_REVOLUTIONS = 2
+_LONGEST_REVOLUTION_S = 30.0
+_EVEN = 1.6
+"""Slowest over quickest quarter of a revolution, at the most."""
+_STEADY = ((0.04, 5), (0.25, _FEWEST_REVOLUTIONS))
+"""Change from one revolution to the next, as a share, and how many such revolutions are enough: the steadier first."""
+_BIN_S = 0.25
+_EDGE_BINS = 2
+_SHORTEST_STANDSTILL_S = 1.0
+_STILL_RAD = 0.02
+_STILL_RADPS = 0.05
 
 
 @dataclass(frozen=True)
@@ -104,19 +115,6 @@ def _jackknife(place: FloatArray, weighted: FloatArray, matrix: FloatArray, y: F
 def _student(freedom: int) -> float:
     """Return the quantile of Student's t that one sigma of a normal distribution has (Cornish and Fisher's series)."""
     return 1 + 1 / (2 * freedom) + 1 / (4 * freedom**2)
-
-
-_FEWEST_REVOLUTIONS = 2
-_LONGEST_REVOLUTION_S = 30.0
-_EVEN = 1.6
-"""Slowest over quickest quarter of a revolution, at the most."""
-_STEADY = ((0.04, 5), (0.25, _FEWEST_REVOLUTIONS))
-"""Change from one revolution to the next, as a share, and how many such revolutions are enough: the steadier first."""
-_BIN_S = 0.25
-_EDGE_BINS = 2
-_SHORTEST_STANDSTILL_S = 1.0
-_STILL_RAD = 0.02
-_STILL_RADPS = 0.05
 
 
 @dataclass(frozen=True)
