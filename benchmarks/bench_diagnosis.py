@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import statistics
-import sys
 import tempfile
 from pathlib import Path
 
+from benchmarks.recovery import processed_campaign
 from benchmarks.table import Row, at_most, judged, times
-from benchmarks.timing import CommandCost, command_cost, median_cpu_seconds
+from benchmarks.timing import median_cpu_seconds, wheelsoil_cost
 from model.diagnosis import Campaign, DiagnosisOptions
 from model.diagnosis.time_series import look
 from model.effects import EFFECTS
 from model.wheel_soil import prior_of
-from processing.pipeline import process
-from wheelsoil.simulation import SimulationOptions, parse_effect, simulated_roles
+from wheelsoil.simulation import SimulationOptions, parse_effect
 
 EFFECT = "vasilev:H_m=0.02"
 ALL = DiagnosisOptions(effects=tuple(key for key, effect in EFFECTS.items() if effect.reading == "any"))
@@ -29,9 +28,8 @@ def _campaign(runs: int, duration_s: float) -> Campaign:
     options = SimulationOptions(
         soil="clay", runs=runs, duration_s=duration_s, seed=1, draw_soil=True, effects=dict([parse_effect(EFFECT)])
     )
-    processed = tuple(process(*simulated_roles(options, index)) for index in range(runs))
     soil = options.laboratory_soil
-    return Campaign("clay", processed, options.wheel, soil, prior_of(soil, options.terrain))
+    return Campaign("clay", processed_campaign(options), options.wheel, soil, prior_of(soil, options.terrain))
 
 
 def _evidence() -> Row:
@@ -45,16 +43,14 @@ def _evidence() -> Row:
 def _whole_command() -> Row:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "clay"
-        _run("simulate", "--soil", "clay", "--runs", "6", "--duration", "40", "--effect", EFFECT, "-o", str(folder))
-        took = [_run("diagnose", str(folder), "--json", cores={0}) for _ in range(3)]
+        wheelsoil_cost(
+            "simulate", "--soil", "clay", "--runs", "6", "--duration", "40", "--effect", EFFECT, "-o", str(folder)
+        )
+        took = [wheelsoil_cost("diagnose", str(folder), "--json", cores={0}) for _ in range(3)]
     seconds = statistics.median(cost.cpu_s for cost in took)
     wall_s = statistics.median(cost.wall_s for cost in took)
     what = "wheelsoil diagnose, recordings to verdict, on one core"
     return judged(what, f"{seconds:.1f} s (wall {wall_s:.1f} s)", seconds, at_most(15, "s"))
-
-
-def _run(*arguments: str, cores: set[int] | None = None) -> CommandCost:
-    return command_cost([str(Path(sys.executable).with_name("wheelsoil")), *arguments], cores=cores)
 
 
 def _long_runs() -> Row:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from pathlib import Path
 
 from benchmarks.table import Row, at_most, judged
-from benchmarks.timing import CommandCost, command_cost
+from benchmarks.timing import CommandCost, wheelsoil_cost
 
 RUNS, LENGTH_S = 20, 60
 EFFECT = "lyasko:m1=0.6,m2=0.03"
@@ -18,9 +17,9 @@ def rows() -> list[Row]:
     with tempfile.TemporaryDirectory() as name:
         folder, page = Path(name) / "sandy", Path(name) / "report.html"
         campaign = ["--soil", "sandy", "--effect", EFFECT, "--runs", str(RUNS), "--duration", str(LENGTH_S)]
-        _cost("simulate", *campaign, "-o", str(folder))
-        fitted = _cost("report", str(folder), "-o", str(page), "--no-diagnosis")
-        diagnosed = _cost("report", str(folder), "-o", str(page), "--force")
+        wheelsoil_cost("simulate", *campaign, "-o", str(folder))
+        fitted = wheelsoil_cost("report", str(folder), "-o", str(page), "--no-diagnosis")
+        diagnosed = wheelsoil_cost("report", str(folder), "-o", str(page), "--force")
         size_mb = page.stat().st_size / 1e6
     what = f"wheelsoil report, {RUNS} runs of {LENGTH_S} s"
     return [
@@ -30,10 +29,6 @@ def rows() -> list[Row]:
         Row(f"{what}, with diagnosis: peak memory", f"{diagnosed.peak_mb:.0f} MB"),
         judged(f"{what}, with diagnosis: size of the page", f"{size_mb:.1f} MB", size_mb, at_most(12, "MB")),
     ]
-
-
-def _cost(*arguments: str) -> CommandCost:
-    return command_cost([str(Path(sys.executable).with_name("wheelsoil")), *arguments])
 
 
 def _seconds(cost: CommandCost) -> str:

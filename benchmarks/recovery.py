@@ -15,8 +15,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from scipy.special import betaincinv
-
 from model.fit import FitOptions, fit_models
 from model.wheel_soil import SOILS
 from processing import ProcessedRun
@@ -50,15 +48,15 @@ class Coverage:
 
 def clopper_pearson(hits: int, n: int, confidence: float = 0.95) -> tuple[float, float]:
     """Return the exact bounds of a frequency."""
-    tail = 0.5 * (1.0 - confidence)
-    low = float(betaincinv(hits, n - hits + 1, tail)) if hits else 0.0
-    high = float(betaincinv(hits + 1, n - hits, 1.0 - tail)) if hits < n else 1.0
-    return low, high
+    from scipy.stats import binomtest
+
+    bounds = binomtest(hits, n).proportion_ci(confidence, method="exact")
+    return float(bounds.low), float(bounds.high)
 
 
-def processed_campaign(options: SimulationOptions) -> list[ProcessedRun]:
+def processed_campaign(options: SimulationOptions) -> tuple[ProcessedRun, ...]:
     """Simulate, encode, decode and process every run of a campaign."""
-    return [process(*simulated_roles(options, index)) for index in range(options.runs)]
+    return tuple(process(*simulated_roles(options, index)) for index in range(options.runs))
 
 
 def one(soil: str, law: str, seed: int) -> tuple[bool, float]:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import statistics
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 
 def cpu_seconds(function: Callable[[], object]) -> float:
@@ -63,3 +65,8 @@ def command_cost(command: Sequence[str], *, cores: set[int] | None = None) -> Co
     if process.returncode:
         raise subprocess.CalledProcessError(process.returncode, command)
     return CommandCost(usage.ru_utime + usage.ru_stime, wall_s, usage.ru_maxrss / 1024)
+
+
+def wheelsoil_cost(*arguments: str, cores: set[int] | None = None) -> CommandCost:
+    """Run a command of wheelsoil to its end, see `command_cost`."""
+    return command_cost([str(Path(sys.executable).with_name("wheelsoil")), *arguments], cores=cores)

@@ -1,13 +1,13 @@
-from .manual_selection import Interval as Interval
-from .manual_selection import check_within as check_within
-from .manual_selection import keep_only as keep_only
-from .manual_selection import with_by_hand as with_by_hand
 from .notes import RunCode as RunCode
 from .notes import ZeroCode as ZeroCode
 from .options import LOOK as LOOK
 from .options import SLIP_ROLES as SLIP_ROLES
 from .options import ProcessOptions as ProcessOptions
 from .options import require_roles as require_roles
+from .pipeline.quality import Interval as Interval
+from .pipeline.quality import check_within as check_within
+from .pipeline.quality import keep_only as keep_only
+from .pipeline.quality import with_by_hand as with_by_hand
 from .processed_run import ProcessedRun as ProcessedRun
 from .processed_run import QualityReport as QualityReport
 from .processed_run import Reason as Reason

@@ -28,7 +28,7 @@ HIGHEST_AUTOMATIC_CUTOFF_HZ = 5.0
 
 @dataclass(frozen=True)
 class ProcessOptions:
-    """Choices for `processing.pipeline.pipeline.process`.
+    """Choices for `processing.pipeline.process`.
 
     Attributes
     ----------
@@ -53,10 +53,11 @@ class ProcessOptions:
     purpose: str = "process"
 
     def __post_init__(self) -> None:
+        numbers = {name: getattr(self, name) for name in ("rate_hz", "cutoff_hz", "min_speed_mps", "max_gap_s")}
         faults = [
             Fault(f"{name} must be a positive number", found=str(value))
-            for name, value in self._numbers()
-            if not (isfinite(value) and value > 0)
+            for name, value in numbers.items()
+            if value is not None and not (isfinite(value) and value > 0)
         ]
         if not faults and not 1 <= self.rate_hz <= 10_000:
             faults.append(Fault("rate_hz is out of range", found=f"{self.rate_hz:g}", expected="1 to 10000"))
@@ -75,27 +76,11 @@ class ProcessOptions:
         if faults:
             raise ConfigError(*faults)
 
-    def _numbers(self) -> list[tuple[str, float]]:
-        named = {
-            "rate_hz": self.rate_hz,
-            "cutoff_hz": self.cutoff_hz,
-            "min_speed_mps": self.min_speed_mps,
-            "max_gap_s": self.max_gap_s,
-        }
-        return [(name, value) for name, value in named.items() if value is not None]
-
 
 def require_roles(available: Iterable[str], purpose: str, *, rotating: bool = False, where: str = "[signals]") -> None:
-    """Check that every role a purpose needs is there.
+    """Check that every role a purpose (key of `NEEDED_ROLES`) needs is there.
 
-    Parameters
-    ----------
-    purpose : str
-        Key of `NEEDED_ROLES`.
-    rotating : bool
-        The transducer reports in wheel axes: forces need each other and the wheel angle.
-    where : str
-        For the message.
+    If the transducer is `rotating`, it reports in wheel axes: forces need each other and the wheel angle.
 
     Raises
     ------

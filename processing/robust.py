@@ -37,21 +37,17 @@ def robust_linear(
 ) -> RobustFit:
     """Fit y = A p with Tukey's bisquare weights, starting from `start` or from nearly least absolute deviations.
 
-    Parameters
-    ----------
-    matrix : float64 array, shape (n, k)
-    y : float64 array, shape (n,)
-    start : float64 array, shape (k,), optional
+    `matrix` has shape (n, k), `y` shape (n,), `start` shape (k,).
     """
     unit, norm = _unit_columns(matrix)
-    weights = np.ones(len(y)) if start is None else _bisquare(y - matrix @ start)
+    weights = np.ones(len(y)) if start is None else bisquare(y - matrix @ start)
     for step in range(iterations):
         p = _solve(*_normal(unit, y, weights)) / norm
         residual = y - matrix @ p
         if start is None and step < _ABSOLUTE_STEPS:
             weights = 1.0 / np.maximum(np.abs(residual), 1e-3 * robust_spread(residual) + 1e-12)
         else:
-            weights = _bisquare(residual)
+            weights = bisquare(residual)
     return RobustFit(p, weights, robust_spread(residual))
 
 
@@ -76,8 +72,9 @@ def robust_spread(residual: FloatArray) -> float:
     return _MAD_TO_SIGMA * float(np.median(np.abs(residual)))
 
 
-def _bisquare(residual: FloatArray) -> FloatArray:
-    reach = _TUKEY * max(robust_spread(residual), 1e-12)
+def bisquare(residual: FloatArray, least_spread: float = 1e-12) -> FloatArray:
+    """Return Tukey's bisquare weights, 0 to 1; `least_spread` is the smallest standard deviation to weigh by."""
+    reach = _TUKEY * max(robust_spread(residual), least_spread)
     return np.asarray(np.clip(1.0 - (residual / reach) ** 2, 0.0, None) ** 2)
 
 

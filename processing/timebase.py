@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from daq import DataError, Fault, FloatArray, IntArray
+from daq import DataError, Fault, FloatArray, IndexArray, IntArray
 
 LATE_NS = 100_000_000
 """A stamp this much behind its predecessor is a step of the clock or a rogue, not a frame that queued."""
@@ -17,19 +17,11 @@ def seconds_since(time_ns: IntArray, origin_ns: int) -> FloatArray:
     return np.asarray((time_ns - origin_ns) * 1e-9, np.float64)
 
 
-def in_order(time_ns: IntArray, late_ns: int = LATE_NS) -> IntArray:
+def in_order(time_ns: IntArray) -> IntArray:
     """Return the indices of the samples to keep, in time order.
 
-    Frames that queued (at most `late_ns` late) are put in their place. Where stamps run back further, the smaller
+    Frames that queued (at most `LATE_NS` late) are put in their place. Where stamps run back further, the smaller
     group is left out: a single rogue stamp, ahead or behind, or what came after a backward step of the clock.
-
-    Parameters
-    ----------
-    time_ns : int64 array, shape (n,)
-
-    Returns
-    -------
-    int64 array, shape (m,), m <= n
     """
     if not np.any(np.diff(time_ns) < 0):
         return np.arange(len(time_ns))
@@ -37,16 +29,16 @@ def in_order(time_ns: IntArray, late_ns: int = LATE_NS) -> IntArray:
     for _ in range(_MAX_STEPS):
         stamps = time_ns[keep]
         peak = np.maximum.accumulate(stamps)
-        behind = np.flatnonzero(stamps < peak - late_ns)
+        behind = np.flatnonzero(stamps < peak - LATE_NS)
         if not len(behind):
             break
         first = behind[0]
         behind = behind[peak[behind] == peak[first]]
-        ahead = np.flatnonzero(stamps[:first] > stamps[first] + late_ns)
+        ahead = np.flatnonzero(stamps[:first] > stamps[first] + LATE_NS)
         keep = np.delete(keep, ahead if len(ahead) < len(behind) else behind)
     else:
         stamps = time_ns[keep]
-        keep = keep[stamps >= np.maximum.accumulate(stamps) - late_ns]
+        keep = keep[stamps >= np.maximum.accumulate(stamps) - LATE_NS]
     return keep[np.argsort(time_ns[keep], kind="stable")]
 
 
@@ -62,14 +54,8 @@ def merge_equal_stamps(time_ns: IntArray, values: FloatArray) -> tuple[IntArray,
 def stretches(time_s: FloatArray, max_gap_s: float, least: int = 1) -> IntArray:
     """Return the gap-free stretches as (start, stop) index pairs, shape (k, 2).
 
-    Parameters
-    ----------
-    time_s : float64 array, shape (n,)
-        Non-decreasing.
-    max_gap_s : float
-        A longer interval ends a stretch.
-    least : int
-        Stretches of fewer samples are left out.
+    Stamps must not decrease; an interval longer than `max_gap_s` ends a stretch, and one of fewer than `least` samples
+    is left out.
     """
     if not len(time_s):
         return np.zeros((0, 2), np.int64)
@@ -87,6 +73,13 @@ def stretch_of(at_s: FloatArray, time_s: FloatArray, pairs: IntArray) -> IntArra
     which = np.searchsorted(first, at_s, side="right") - 1
     inside = (which >= 0) & (at_s <= last[np.maximum(which, 0)])
     return np.where(inside, which, -1)
+
+
+def nearest(at: FloatArray | IntArray, stamps: FloatArray | IntArray) -> IndexArray:
+    """Return the index of the stamp that is nearest to each instant, the later of two; there must be a stamp."""
+    after = np.clip(np.searchsorted(stamps, at), 0, len(stamps) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(at - stamps[before] < stamps[after] - at, before, after)
 
 
 def as_of(at_ns: IntArray, source_ns: IntArray, tolerance_ns: int) -> IntArray:
@@ -109,10 +102,7 @@ def interpolate(at_s: FloatArray, time_s: FloatArray, values: FloatArray, max_ga
 def make_time_base(spans_ns: dict[str, tuple[int, int]], rate_hz: float) -> tuple[int, FloatArray]:
     """Lay one time base over everything that was received.
 
-    Parameters
-    ----------
-    spans_ns : mapping role -> (first, last)
-        First and last stamp of each channel that a sample needs, latency removed.
+    `spans_ns` has the first and last stamp of each role that a sample needs, latency removed.
 
     Returns
     -------

@@ -7,14 +7,14 @@ from functools import lru_cache
 
 import numpy as np
 
+from benchmarks.recovery import processed_campaign
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.time_series.linearise import Linear, Point, Simulation, linearise, soil_space
 from model.diagnosis.time_series.samples import Samples, samples_of
 from model.simulation import VirtualSetup
 from model.simulation.transducer import coloured_noise
 from model.wheel_soil.soils import prior_of
-from processing.pipeline.pipeline import process
-from wheelsoil.simulation.campaign import simulated_roles, simulated_run
+from wheelsoil.simulation.campaign import simulated_run
 from wheelsoil.simulation.options import SimulationOptions, parse_effect
 
 
@@ -24,9 +24,10 @@ def simulated_campaign(soil: str = "clay", seed: int = 0, runs: int = 6, effect:
     options = SimulationOptions(
         soil=soil, seed=seed, runs=runs, draw_soil=True, effects=dict([parse_effect(effect)] if effect else [])
     )
-    processed = tuple(process(*simulated_roles(options, index)) for index in range(runs))
     laboratory = options.laboratory_soil
-    return Campaign(f"{soil} {seed}", processed, options.wheel, laboratory, prior_of(laboratory, options.terrain))
+    return Campaign(
+        f"{soil} {seed}", processed_campaign(options), options.wheel, laboratory, prior_of(laboratory, options.terrain)
+    )
 
 
 def linearised(runs: int) -> tuple[Simulation, Samples, Linear]:

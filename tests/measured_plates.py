@@ -10,27 +10,19 @@ from typing import Any
 import numpy as np
 from support import data_dir
 
+from studies.real_data.study import plate_tests
+
 TESTBED = ("cmu-terramech-testbed", "pressure_sinkage")
-CLOCKS_S = 18_000  # the kinematics are stamped in local time
 
 
 def measured_plates(folder: Path, *, whole: bool) -> list[Path]:
-    """Join each plate's kinematics and forces to a table; in the authors' window and from their zero, or all of it."""
-    source = data_dir(*TESTBED)
+    """Write each plate's sinkage and force to a table; in the authors' window and from their zero, or all of it."""
+    data_dir(*TESTBED)
     written = []
-    with (source / "index.csv").open(encoding="utf-8") as file:
-        rows = [row for row in csv.DictReader(file) if row["body"].startswith("circular plate")]
-    for row in rows:
-        kinematics = np.loadtxt(source / f"{row['run']}.txt", delimiter=",")
-        t_s, force = np.loadtxt(source / f"{row['run']}_ft.csv", delimiter=",", skiprows=1, usecols=(0, 3)).T
-        time, down = kinematics[:, 6] + CLOCKS_S - float(row["bag_start_unix"]), -kinematics[:, 4] * 1e-3
-        start, end = (t_s[0], t_s[-1]) if whole else (float(row["window_start_s"]), float(row["window_end_s"]))
-        kept = (time >= start) & (time <= end)
-        load = -np.interp(time[kept], t_s, force) - (0.0 if whole else float(row["Fz_offset_N"]))
-        sinkage = down[kept] + (0.0 if whole else float(row["z_zero_mm"]) * 1e-3)
-        radius = np.full(sinkage.size, float(row["body"].split()[2]) / 2e3)
-        written.append(folder / f"{row['run']}.csv")
-        write_table(written[-1], ["sinkage_m", "force_n", "radius_m"], [sinkage, load, radius])
+    for run, sinkage_m, force_n, radius_m in plate_tests(whole=whole):
+        written.append(folder / f"{run}.csv")
+        columns = [sinkage_m, force_n, np.full(sinkage_m.size, radius_m)]
+        write_table(written[-1], ["sinkage_m", "force_n", "radius_m"], columns)
     return written
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from functools import lru_cache
 
+from benchmarks.recovery import processed_campaign
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
 from model.diagnosis.time_series.noise import Noise, beliefs
 from model.diagnosis.time_series.samples import samples_of
 from model.wheel_soil.soils import prior_of
-from processing.pipeline.pipeline import process
-from wheelsoil.simulation.campaign import simulated_roles
 from wheelsoil.simulation.options import SimulationOptions, parse_effect
 
 
@@ -19,8 +18,9 @@ def driven(effect: str = "", soil: str = "clay", runs: int = 4, seed: int = 3) -
     """Return runs of 20 s at three loads, every second one back, with an effect as ``--effect`` takes it."""
     effects = dict([parse_effect(effect)] if effect else [])
     options = SimulationOptions(soil=soil, runs=runs, duration_s=20.0, seed=seed, effects=effects)
-    processed = tuple(process(*simulated_roles(options, index)) for index in range(runs))
-    return Campaign(soil, processed, options.wheel, options.laboratory_soil, prior_of(options.laboratory_soil))
+    return Campaign(
+        soil, processed_campaign(options), options.wheel, options.laboratory_soil, prior_of(options.laboratory_soil)
+    )
 
 
 def noise_of(campaign: Campaign) -> Noise:

@@ -1,10 +1,10 @@
 from .filters import kernel_sigma_s as kernel_sigma_s
 from .inputs import latency_ns as latency_ns
+from .inputs import status_at as status_at
+from .kinematics import runs_of as runs_of
+from .kinematics import slip_of as slip_of
 from .pipeline import process as process
 from .pipeline import process_stream as process_stream
 from .quality import shares_of as shares_of
-from .segments import runs_of as runs_of
-from .slip import slip_of as slip_of
-from .transducer_status import status_at as status_at
 from .wheel_frames import STANDARD_GRAVITY_MPS2 as STANDARD_GRAVITY_MPS2
 from .wheel_frames import wheel_angle as wheel_angle

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import isfinite, nan, sqrt
 
 import numpy as np
@@ -14,11 +14,10 @@ from processing.notes import RunCode
 from processing.options import SLIP_ROLES, ProcessOptions
 from processing.pipeline.filters import standstill_sigma
 from processing.pipeline.inputs import MODEL_ROLES
+from processing.pipeline.kinematics import runs_of, segment, slip_of, slip_sigma
 from processing.pipeline.latency import SpeedComparison, compare_speeds
 from processing.pipeline.quality import combine_reasons, run_notes, sensor_notes, shares_of, speed_notes
 from processing.pipeline.resampling import OnBase
-from processing.pipeline.segments import runs_of, segment
-from processing.pipeline.slip import slip_of, slip_sigma
 from processing.processed_run import ProcessedRun, QualityReport, Reason, Segment, Standstill
 from processing.robust import robust_spread
 
@@ -26,17 +25,10 @@ from processing.robust import robust_spread
 def standstills(
     time_s: FloatArray, segments: NDArray[np.uint8], channels: Mapping[str, FloatArray], cutoff_hz: float
 ) -> tuple[Standstill, ...]:
-    """Return one `Standstill` per standing period.
+    """Return one `Standstill` per standing period; arrays of shape (n,).
 
-    Parameters
-    ----------
-    time_s : float64 array, shape (n,)
-    segments : uint8 array, shape (n,)
-        See `Segment`.
-    channels : mapping role -> float64 array, shape (n,)
-        NaN is left out; a channel without values in a period is not named there.
-    cutoff_hz : float
-        Of the filter: a second holds about 2.5 times as many independent samples.
+    A channel without values in a period is not named there. A second holds about 2.5 times `cutoff_hz` of the filter
+    independent samples.
     """
     found = []
     for start, stop in runs_of(segments):
@@ -57,19 +49,10 @@ def standstills(
 
 
 def distance_of(time_s: FloatArray, ground_speed_mps: FloatArray) -> tuple[FloatArray, float]:
-    """Integrate ground speed by the trapezium rule.
+    """Integrate ground speed by the trapezium rule; arrays of shape (n,), the distance 0 at the first known speed.
 
     Inside a gap the distance is NaN. Behind it the distance goes on as if the mean of the speeds at its ends had held:
     that is an offset of what follows, not a sample, and the second value says how much of it there is.
-
-    Parameters
-    ----------
-    time_s, ground_speed_mps : float64 arrays, shape (n,)
-
-    Returns
-    -------
-    distance_m : float64 array, shape (n,)
-        0 at the first known speed.
     """
     known = np.flatnonzero(np.isfinite(ground_speed_mps))
     distance = np.full(len(time_s), np.nan)
@@ -82,18 +65,10 @@ def distance_of(time_s: FloatArray, ground_speed_mps: FloatArray) -> tuple[Float
 
 
 @dataclass(frozen=True)
-class Material:
+class FilteredRun:
     """Everything on one time base; arrays of shape (n,), NaN where not known.
 
-    Attributes
-    ----------
-    start_ns, time_s, cutoff_hz
-        As in `ProcessedRun`.
-    roles : mapping role -> OnBase
-        Those that the run carries, one of them at least.
-    latitude_deg, longitude_deg : float64 arrays
-    missing : mapping role -> Note
-        See `QualityReport`.
+    `roles` has those that the run carries, one of them at least; `missing` is that of `QualityReport`.
     """
 
     start_ns: int
@@ -104,7 +79,7 @@ class Material:
     longitude_deg: FloatArray
     clock: ClockFit | None
     notes: tuple[Note, ...]
-    missing: dict[str, Note] = field(default_factory=dict)
+    missing: dict[str, Note]
 
     def values(self, role: str) -> FloatArray:
         """Return a role's values, NaN where the run does not carry it."""
@@ -131,76 +106,65 @@ class Material:
         return np.broadcast_to(np.float64(value), self.time_s.shape)
 
 
-def assemble(material: Material, radius_m: float, run: RunInfo, options: ProcessOptions) -> ProcessedRun:
-    """Form slip, segments and reasons.
-
-    Parameters
-    ----------
-    radius_m : float
-        Nominal radius of the wheel, as in Eq. 6.
-    """
-    ground, rim = material.values("ground_speed"), radius_m * material.values("wheel_speed")
+def assemble(filtered: FilteredRun, radius_m: float, run: RunInfo, options: ProcessOptions) -> ProcessedRun:
+    """Form slip, with the nominal radius of the wheel as in Eq. 6, segments and reasons."""
+    ground, rim = filtered.values("ground_speed"), radius_m * filtered.values("wheel_speed")
+    rim_sigma, ground_sigma = radius_m * filtered.sigma("wheel_speed"), filtered.sigma("ground_speed")
     slip = slip_of(rim, ground, options.min_speed_mps)
-    sigma = slip_sigma(
-        rim,
-        ground,
-        radius_m * material.sigma("wheel_speed"),
-        material.sigma("ground_speed"),
-        options.min_speed_mps,
-    )
-    acceleration = material.slope("ground_speed")
-    torque, load = material.values("driving_torque"), material.values("vertical_load")
+    sigma = slip_sigma(rim, ground, rim_sigma, ground_sigma, options.min_speed_mps)
+    acceleration = filtered.slope("ground_speed")
+    torque, load = filtered.values("driving_torque"), filtered.values("vertical_load")
     segments = segment(rim, ground, acceleration, slip, torque / radius_m, load, options.rate_hz)
-    material = with_standstill_noise(material, segments, options.rate_hz)
-    reason = combine_reasons(material.reasons().values(), segments, slip, load, slip_is_measured=material.has_slip)
-    distance, bridged_m = distance_of(material.time_s, ground)
+    filtered = _with_standstill_noise(filtered, segments, options.rate_hz)
+    reason = combine_reasons(filtered.reasons().values(), segments, slip, load, slip_is_measured=filtered.has_slip)
+    distance, bridged_m = distance_of(filtered.time_s, ground)
     notes = [Note(RunCode.DISTANCE_BRIDGED, values={"length_m": bridged_m})] * (bridged_m > 0)
     return ProcessedRun(
         run=run,
         rate_hz=options.rate_hz,
-        cutoff_hz=material.cutoff_hz,
+        cutoff_hz=filtered.cutoff_hz,
         wheel_radius_m=radius_m,
-        start_ns=material.start_ns,
-        time_s=material.time_s,
+        start_ns=filtered.start_ns,
+        time_s=filtered.time_s,
         slip=slip,
         slip_sigma=sigma,
-        **_columns(material, (channel for channel in ON_TIME_BASE if channel.use is not Use.EXTRA)),
-        extras=_columns(material, (c for c in ON_TIME_BASE if c.use is Use.EXTRA and c.role in material.roles)),
+        **_columns(filtered, (channel for channel in ON_TIME_BASE if channel.use is not Use.EXTRA)),
+        extras=_columns(filtered, (c for c in ON_TIME_BASE if c.use is Use.EXTRA and c.role in filtered.roles)),
         ground_acceleration_mps2=acceleration,
-        wheel_acceleration_radps2=material.slope("wheel_speed"),
+        wheel_acceleration_radps2=filtered.slope("wheel_speed"),
         distance_m=distance,
-        latitude_deg=material.latitude_deg,
-        longitude_deg=material.longitude_deg,
+        latitude_deg=filtered.latitude_deg,
+        longitude_deg=filtered.longitude_deg,
         segment=segments,
         reason=reason,
-        quality=_quality(material, slip, segments, reason, radius_m, options, notes),
+        quality=_quality(filtered, slip, segments, reason, radius_m, options, notes),
     )
 
 
-def _columns(material: Material, channels: Iterable[ChannelDefinition]) -> dict[str, FloatArray]:
+def _columns(filtered: FilteredRun, channels: Iterable[ChannelDefinition]) -> dict[str, FloatArray]:
     """Return values and one-sigma of some channels by the names of their columns."""
     found = {}
     for channel in channels:
-        found[channel.field] = material.values(channel.role)
-        found[channel.sigma_field] = material.sigma(channel.role)
+        found[channel.field] = filtered.values(channel.role)
+        found[channel.sigma_field] = filtered.sigma(channel.role)
     return found
 
 
-def with_standstill_noise(material: Material, segments: NDArray[np.uint8], rate_hz: float) -> Material:
+def _with_standstill_noise(filtered: FilteredRun, segments: NDArray[np.uint8], rate_hz: float) -> FilteredRun:
     """Raise the estimated sigma of each force to what it does at standstill, see `processing.pipeline.filters`."""
-    roles = dict(material.roles)
+    roles = dict(filtered.roles)
     for role in TRANSDUCER_ROLES:
         if role not in roles or roles[role].facts.sigma_source == "declared":
             continue
-        sigma = standstill_sigma(roles[role].values, segments, rate_hz, material.cutoff_hz)
+        sigma = standstill_sigma(roles[role].values, segments, rate_hz, filtered.cutoff_hz)
         if not sigma <= roles[role].facts.sigma and isfinite(sigma):
             facts = replace(roles[role].facts, sigma=sigma, sigma_source="standstill")
             roles[role] = replace(roles[role], facts=facts)
-    return replace(material, roles=roles)
+    return replace(filtered, roles=roles)
 
 
 def _quality(
-    material: Material,
+    filtered: FilteredRun,
     slip: FloatArray,
     segments: NDArray[np.uint8],
     reason: NDArray[np.uint8],
@@ -208,15 +172,15 @@ def _quality(
     options: ProcessOptions,
     notes: list[Note],
 ) -> QualityReport:
-    speeds = _compare(material, radius_m, options.rate_hz)
+    speeds = _compare(filtered, radius_m, options.rate_hz)
     standing = standstills(
-        material.time_s,
+        filtered.time_s,
         segments,
-        {role: material.values(role) for role in (*TRANSDUCER_ROLES, "ground_speed") if role in material.roles},
-        material.cutoff_hz,
+        {role: filtered.values(role) for role in (*TRANSDUCER_ROLES, "ground_speed") if role in filtered.roles},
+        filtered.cutoff_hz,
     )
-    sensors = {role: on_base.facts for role, on_base in material.roles.items()}
-    clock = material.clock
+    sensors = {role: on_base.facts for role, on_base in filtered.roles.items()}
+    clock = filtered.clock
     return QualityReport(
         shares=shares_of(reason),
         residual_latency_s=speeds.latency_s,
@@ -227,38 +191,38 @@ def _quality(
         if clock
         else {},
         notes=(
-            *material.notes,
+            *filtered.notes,
             *notes,
             *sensor_notes(sensors),
             *speed_notes(speeds, sensors),
             *run_notes(
                 reason,
-                material.reasons(),
+                filtered.reasons(),
                 standing,
-                material.values("driving_torque"),
-                material.values("drawbar_pull"),
+                filtered.values("driving_torque"),
+                filtered.values("drawbar_pull"),
                 slip,
-                material.slope("ground_speed"),
-                material.values("vertical_load"),
+                filtered.slope("ground_speed"),
+                filtered.values("vertical_load"),
             ),
         ),
         sensors=sensors,
         standstills=standing,
-        missing=material.missing,
+        missing=filtered.missing,
     )
 
 
-def _compare(material: Material, radius_m: float, rate_hz: float) -> SpeedComparison:
+def _compare(filtered: FilteredRun, radius_m: float, rate_hz: float) -> SpeedComparison:
     """Compare the speeds where both went through the whole filter."""
-    if not material.has_slip:
+    if not filtered.has_slip:
         return SpeedComparison()
-    sound = {role: material.roles[role].reason == Reason.USED for role in SLIP_ROLES}
+    sound = {role: filtered.roles[role].reason == Reason.USED for role in SLIP_ROLES}
     return compare_speeds(
-        np.where(sound["ground_speed"], material.values("ground_speed"), nan),
-        np.where(sound["wheel_speed"], radius_m * material.values("wheel_speed"), nan),
-        material.values("driving_torque"),
-        material.values("vertical_load"),
-        material.values("drawbar_pull"),
+        np.where(sound["ground_speed"], filtered.values("ground_speed"), nan),
+        np.where(sound["wheel_speed"], radius_m * filtered.values("wheel_speed"), nan),
+        filtered.values("driving_torque"),
+        filtered.values("vertical_load"),
+        filtered.values("drawbar_pull"),
         radius_m,
         rate_hz,
     )

@@ -19,6 +19,14 @@ from processing.timebase import LATE_NS, in_order, merge_equal_stamps
 
 _FIRST_ROOM = 1 << 14
 _GROWTH = 8
+_FLUSH = 1 << 14
+_LOOK = 1 << 12
+"""So many samples of a piece are looked at for resolution and roughness."""
+_LONG_AGO_NS = -(2**62)
+_ROGUE_NS = 60_000_000_000
+"""A last stamp this far from the one before may be rogue: what follows is not held against it."""
+_THIN_BELOW = 0.5
+"""Thin where the sampling interval is less than this share of a node."""
 
 
 class GrowingSeries:
@@ -48,16 +56,6 @@ class GrowingSeries:
     def _resize(self, room: int) -> None:
         self._time_ns.resize(room, refcheck=False)
         self._values.resize(room, refcheck=False)
-
-
-_FLUSH = 1 << 14
-_LOOK = 1 << 12
-"""So many samples of a piece are looked at for resolution and roughness."""
-_LONG_AGO_NS = -(2**62)
-_ROGUE_NS = 60_000_000_000
-"""A last stamp this far from the one before may be rogue: what follows is not held against it."""
-_THIN_BELOW = 0.5
-"""Thin where the sampling interval is less than this share of a node."""
 
 
 @dataclass(frozen=True)
@@ -142,14 +140,7 @@ class Nodes:
 
 
 def thin(time_ns: IntArray, values: FloatArray, node_ns: int) -> Nodes:
-    """Share each sample between the two nearest nodes; stamps must not decrease.
-
-    Parameters
-    ----------
-    time_ns, values : arrays, shape (n,), n > 0
-    node_ns : int
-        The grid.
-    """
+    """Share each sample, one at least, between the two nearest nodes of a grid; stamps must not decrease."""
     interval, remainder = np.divmod(time_ns, node_ns)
     share = remainder / node_ns
     first = np.flatnonzero(np.diff(interval, prepend=interval[0] - 1))
@@ -219,7 +210,8 @@ class Collector:
     def _flush(self) -> None:
         if not self._waiting:
             return
-        time_ns, values = self._ordered(*_joined(self._waiting))
+        stamps, pieces = zip(*self._waiting, strict=True)
+        time_ns, values = self._ordered(np.concatenate(stamps), np.concatenate(pieces))
         self._waiting = []
         self._count += len(values)
         self._steps.append(resolution(values[:_LOOK]))
@@ -287,24 +279,9 @@ def resolution(values: FloatArray) -> float:
 
 
 def collect(chunks: Iterable[Mapping[str, Channel]], node_ns: int) -> dict[str, Samples]:
-    """Collect every role of a stream of chunks.
-
-    Parameters
-    ----------
-    chunks : iterable of mapping role -> Channel
-        Consecutive in time; a role may be absent from a chunk.
-    node_ns : int
-        Grid to thin fast channels to: the interval of the time base.
-    """
+    """Collect every role of a stream of chunks, fast channels thinned to the interval of the time base, `node_ns`."""
     collectors: dict[str, Collector] = {}
     for chunk in chunks:
         for role, channel in chunk.items():
             collectors.setdefault(role, Collector(node_ns)).add(channel.time_ns, channel.values)
     return {role: collectors.pop(role).finish() for role in list(collectors)}
-
-
-def _joined(pieces: list[tuple[IntArray, FloatArray]]) -> tuple[IntArray, FloatArray]:
-    if len(pieces) == 1:
-        return pieces[0]
-    times = np.concatenate([np.zeros(0, np.int64), *(time for time, _ in pieces)])
-    return times, np.concatenate([np.zeros(0), *(values for _, values in pieces)])

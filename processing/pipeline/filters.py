@@ -36,9 +36,9 @@ from math import isfinite, log, nan, pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import FloatArray, IntArray
+from daq import BoolArray, FloatArray, IntArray
 from processing.pipeline.collection import Samples
-from processing.pipeline.segments import runs_of
+from processing.pipeline.kinematics import runs_of
 from processing.processed_run import Segment
 from processing.robust import robust_spread
 from processing.timebase import stretch_of, stretches
@@ -48,6 +48,9 @@ CUTOFF_PER_RATE = 0.2
 _REACH = 4.0
 _EDGE = 2.0
 _BLOCK = 1 << 16
+_LEAST_STANDSTILL_SAMPLES = 10
+_LEAST_SAMPLES = 20
+_MARGIN = 1.2
 
 
 def kernel_sigma_s(cutoff_hz: float) -> float:
@@ -62,12 +65,12 @@ def white_noise_bandwidth(sigma_s: float) -> float:
 
 @dataclass(frozen=True)
 class Smoothed:
-    """A filtered channel on the time base; arrays of shape (n,).
+    """A filtered channel on the time base; arrays of shape (n,), NaN in gaps.
 
     Attributes
     ----------
-    values, slope : float64 arrays
-        NaN in gaps; `slope` per second.
+    slope : float64 array
+        Per second.
     covered : bool array
         Inside a gap-free stretch.
     edge : bool array
@@ -76,8 +79,8 @@ class Smoothed:
 
     values: FloatArray
     slope: FloatArray
-    covered: np.ndarray[tuple[int], np.dtype[np.bool_]]
-    edge: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    covered: BoolArray
+    edge: BoolArray
 
 
 def smooth(
@@ -95,11 +98,9 @@ def smooth(
     at_s : float64 array, shape (n,)
         Time base, ascending.
     time_s, values : float64 arrays, shape (m,)
-        Samples, stamps strictly ascending, values finite.
+        Samples, stamps strictly ascending, values finite; an interval longer than `max_gap_s` is a gap.
     sigma_s : float
         Of the kernel, see `kernel_sigma_s`.
-    max_gap_s : float
-        A longer interval between samples is a gap.
     spread_s2 : float
         Variance in s^2 of the instants that one sample already averages (`processing.pipeline.collection.thin`); the
         kernel is narrowed by as much, so that the whole transfer function stays the same.
@@ -154,29 +155,13 @@ def _line_under_kernel(
     return np.stack([s2 * m0 - s1 * m1, (s0 * m1 - s1 * m0) / sigma_s]) / determinant
 
 
-_LEAST_STANDSTILL_SAMPLES = 10
-_LEAST_SAMPLES = 20
-_MARGIN = 1.2
-
-
 def filtered_sigma(
     samples: Samples, residuals: FloatArray, kernel_sigma_s: float, declared: float | None
 ) -> tuple[float, str]:
-    """Return the one-sigma of one filtered sample and where it is from.
+    """Return the one-sigma of one filtered sample, and ``"declared"`` or ``"estimated"``.
 
-    Parameters
-    ----------
-    residuals : float64 array
-        Samples (thinned as they are) less the filtered signal at their instants; NaN is left out.
-    declared : float or None
-        One-sigma of one raw sample.
-
-    Returns
-    -------
-    sigma : float
-        NaN where nothing is declared and there are too few samples.
-    source : str
-        ``"declared"`` or ``"estimated"``.
+    `residuals` are the samples (thinned as they are) less the filtered signal at their instants, NaN left out;
+    `declared` is the one-sigma of one raw sample. NaN where nothing is declared and there are too few samples.
     """
     source = "estimated" if declared is None else "declared"
     interval_s = samples.interval_s
@@ -199,15 +184,8 @@ def filtered_sigma(
 def standstill_sigma(values: FloatArray, segments: NDArray[np.uint8], rate_hz: float, cutoff_hz: float) -> float:
     """Return the robust spread of a filtered signal about its median of each standstill; NaN with too few samples.
 
-    Robust, because torque builds up before the wheel moves and fades after it has stopped.
-
-    Parameters
-    ----------
-    values : float64 array, shape (n,)
-    segments : uint8 array, shape (n,)
-        See `Segment`.
-    rate_hz, cutoff_hz : float
-        The filter leaves about 2.5 cutoff_hz independent samples a second.
+    Robust, because torque builds up before the wheel moves and fades after it has stopped. Arrays of shape (n,); the
+    filter leaves about 2.5 cutoff_hz independent samples a second.
     """
     parts = [values[start:stop] for start, stop in runs_of(segments) if segments[start] == Segment.STANDSTILL]
     parts = [part[np.isfinite(part)] for part in parts]

@@ -16,10 +16,10 @@ from math import hypot, isfinite, nan, sqrt
 
 import numpy as np
 
-from daq import BoolArray, FloatArray, IntArray
-from processing.pipeline.slip import LEAST_SPEED_MPS, rolls_freely, speed_scale
+from daq import BoolArray, FloatArray, IndexArray, IntArray
 from processing.robust import RobustFit, block_covariance, robust_linear
 
+LEAST_SPEED_MPS = 1.0
 SCAN_S = (-0.5, 1.5)
 _SCAN_STEP_S = 0.05
 _SCAN_ROWS = 600
@@ -29,17 +29,18 @@ _LARGEST_SIGMA_S = 0.25
 _FIRST_CHOICE = (3, 0.3)
 _OTHER_CHOICES = ((2, 0.2), (5, 0.4))
 _CURVE_BINS = 25
+_FREE_SHARE = 0.06
+_LEAST_SAMPLES = 20
+_MOST_SIGMA = 0.02
+"""Relative one-sigma of a radius beyond which it is none: a wheel that rolls freely keeps its radius to a percent."""
+_SCALE_ROWS = 10_000
 
 
 @dataclass(frozen=True)
 class SpeedSignals:
     """What the estimate looks at; arrays of shape (n,) on the time base, NaN where not to be used or not measured.
 
-    Attributes
-    ----------
-    ground_speed_mps, rim_speed_mps : float64 arrays
-    traction : float64 array
-        T / (r W), or T / r where the load is not measured; all NaN without torque.
+    The traction is T / (r W), or T / r where the load is not measured; all NaN without torque.
     """
 
     ground_speed_mps: FloatArray
@@ -170,7 +171,44 @@ def _low_slip(signals: SpeedSignals, limit: float) -> BoolArray:
     return np.asarray(moving & (np.abs(np.interp(traction, centres, curve)) < limit))
 
 
-_ROWS = 10_000
+def rolls_freely(
+    rim_speed_mps: FloatArray,
+    torque_nm: FloatArray,
+    load_n: FloatArray,
+    drawbar_pull_n: FloatArray,
+    radius_m: float,
+) -> BoolArray:
+    """Return the moving samples on which the wheel hardly slips.
+
+    Chosen without looking at ground speed: a choice by measured slip would confirm whatever error the speeds have.
+    Where torque and drawbar pull are measured, neither |T|/r nor |Dp| may exceed 6 % of the load: on soft soil no
+    sample passes, since a wheel without torque is dragged there and skids. Where neither is measured every moving
+    sample passes (a road vehicle); where one of them is not, none: nobody can tell then. Arrays of shape (n,), all NaN
+    where not measured.
+    """
+    moving = rim_speed_mps > LEAST_SPEED_MPS
+    measured = [bool(np.isfinite(force).any()) for force in (torque_nm, drawbar_pull_n)]
+    if not all(measured):
+        return moving & (not any(measured))
+    force = np.maximum(np.abs(torque_nm) / radius_m, np.abs(drawbar_pull_n))
+    known = moving & np.isfinite(force)
+    load = load_n[known & (load_n > 0)]
+    scale = float(np.median(load) if len(load) else force[known].max(initial=0.0))
+    return np.asarray(known & (force <= _FREE_SHARE * scale))
+
+
+def speed_scale(ground_speed_mps: FloatArray, rim_speed_mps: FloatArray) -> tuple[float, float]:
+    """Return ground speed over rim speed and its one-sigma; NaN below 20 samples, or where the wheel slips after all.
+
+    Latency is removed from both, shape (n,); NaN is left out.
+    """
+    rows = np.isfinite(ground_speed_mps) & np.isfinite(rim_speed_mps)
+    if rows.sum() < _LEAST_SAMPLES:
+        return nan, nan
+    matrix, y = rim_speed_mps[rows, None], ground_speed_mps[rows]
+    fit = robust_linear(matrix, y)
+    scale, sigma = float(fit.coefficients[0]), sqrt(block_covariance(matrix, y, fit.weights)[0, 0])
+    return (scale, sigma) if sigma <= _MOST_SIGMA * abs(scale) else (nan, nan)
 
 
 @dataclass(frozen=True)
@@ -194,10 +232,8 @@ def compare_speeds(
 ) -> SpeedComparison:
     """Estimate the residual latency on low slip, and the scale where the wheel rolls freely.
 
-    Parameters
-    ----------
-    ground_speed_mps, rim_speed_mps, torque_nm, load_n, drawbar_pull_n : float64 arrays, shape (n,)
-        On the time base; NaN where not to be used or not measured. Where torque is not, slip goes by drawbar pull.
+    Arrays of shape (n,) on the time base, NaN where not to be used or not measured. Where torque is not, slip goes by
+    drawbar pull.
     """
     measured = np.isfinite(torque_nm).any()
     traction = torque_nm / radius_m if measured else drawbar_pull_n
@@ -205,12 +241,12 @@ def compare_speeds(
         traction = np.where(load_n > 0, traction / np.where(load_n > 0, load_n, 1.0), nan)
     latency, sigma = residual_latency(SpeedSignals(ground_speed_mps, rim_speed_mps, traction, rate_hz))
     free = np.flatnonzero(rolls_freely(rim_speed_mps, torque_nm, load_n, drawbar_pull_n, radius_m))
-    free = free[:: max(1, -(-len(free) // _ROWS))]
+    free = free[:: max(1, -(-len(free) // _SCALE_ROWS))]
     ground = _later(ground_speed_mps, free, (latency if isfinite(latency) else 0.0) * rate_hz)
     return SpeedComparison(latency, sigma, *speed_scale(ground, rim_speed_mps[free]))
 
 
-def _later(values: FloatArray, rows: np.ndarray[tuple[int], np.dtype[np.int64]], lag: float) -> FloatArray:
+def _later(values: FloatArray, rows: IndexArray, lag: float) -> FloatArray:
     """Return the values `lag` samples after the rows, interpolated; NaN beyond the ends."""
     low = np.floor(rows + lag).astype(np.int64)
     share = rows + lag - low

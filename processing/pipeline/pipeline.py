@@ -23,11 +23,12 @@ from daq import (
 )
 from processing.notes import RunCode
 from processing.options import FORCE_ROLES, LOOK, NEEDED_ROLES, SLIP_ROLES, ProcessOptions, require_roles
-from processing.pipeline.assembly import Material, assemble
+from processing.pipeline.assembly import FilteredRun, assemble
 from processing.pipeline.collection import Samples, collect
 from processing.pipeline.filters import kernel_sigma_s
 from processing.pipeline.inputs import (
     MODEL_ROLES,
+    StatusGate,
     fit_gnss_clock,
     latency_ns,
     ready,
@@ -43,8 +44,7 @@ from processing.pipeline.resampling import (
     put_on_base,
     received_span_ns,
 )
-from processing.pipeline.transducer_status import StatusGate
-from processing.pipeline.wheel_frames import at_soil, not_carried, to_vehicle_axes
+from processing.pipeline.wheel_frames import at_soil, to_vehicle_axes
 from processing.processed_run import ProcessedRun
 from processing.timebase import make_time_base
 from processing.transducer_zero.application import RunZeros, ZeroRemoval
@@ -52,28 +52,15 @@ from processing.transducer_zero.application import RunZeros, ZeroRemoval
 _ROTATING = (*FORCE_ROLES, "wheel_angle")
 
 
-def noting(chunks: Iterable[Mapping[str, Channel]], came: set[str]) -> Iterator[Mapping[str, Channel]]:
+def _noting(chunks: Iterable[Mapping[str, Channel]], came: set[str]) -> Iterator[Mapping[str, Channel]]:
     """Pass chunks through; `came` gets every role of which there is a sample."""
     for chunk in chunks:
         came |= {role for role, channel in chunk.items() if len(channel)}
         yield chunk
 
 
-def require_any(seen: Collection[str], came: Collection[str], vehicle: VehicleConfig) -> None:
-    """Check that there is something to look at.
-
-    Parameters
-    ----------
-    seen, came : collection of str
-        Roles that have a signal, and those of which a sample came.
-
-    Raises
-    ------
-    ConfigError
-        No signal has a role that can be shown.
-    DataError
-        None of those that have one holds a sample.
-    """
+def _require_any(seen: Collection[str], came: Collection[str], vehicle: VehicleConfig) -> None:
+    """Check that there is something to look at: roles that have a signal (`seen`) and of which a sample came."""
     named = [role for role in MODEL_ROLES if role in seen]
     if not named:
         raise ConfigError(
@@ -86,11 +73,10 @@ def require_any(seen: Collection[str], came: Collection[str], vehicle: VehicleCo
             )
         )
     if not any(role in came for role in named):
-        raise DataError(*(nothing_received(role, vehicle) for role in named))
+        raise DataError(*(_nothing_received(role, vehicle) for role in named))
 
 
-def nothing_received(role: str, vehicle: VehicleConfig) -> Fault:
-    """Return the fault of a role without samples."""
+def _nothing_received(role: str, vehicle: VehicleConfig) -> Fault:
     return Fault(
         f"the run holds no sample of {role}",
         where=vehicle.signals.get(role, ""),
@@ -98,30 +84,16 @@ def nothing_received(role: str, vehicle: VehicleConfig) -> Fault:
     )
 
 
-def why_missing(
+def _why_missing(
     roles: Collection[str], seen: Collection[str], came: Collection[str], vehicle: VehicleConfig
 ) -> dict[str, Note]:
-    """Return a note for each speed and force that a slip and a fit need and the run does not carry.
-
-    Parameters
-    ----------
-    roles : collection of str
-        Those that can be used.
-    seen, came : collection of str
-        As in `require_any`.
-
-    Raises
-    ------
-    DataError
-        Nothing of all that has a signal can be used; says why of each.
-    """
+    """Return a note for each speed and force that is not among the usable `roles`; it is an error if none is."""
     if not any(role in roles for role in MODEL_ROLES):
         raise DataError(*(_fault(_missing(role, seen, came, vehicle)) for role in MODEL_ROLES if role in seen))
     return {role: _missing(role, seen, came, vehicle) for role in (*SLIP_ROLES, *FORCE_ROLES) if role not in roles}
 
 
 def _fault(note: Note) -> Fault:
-    """Return a role that is missing as a fault."""
     role, lacking, signal = (note.values[name] for name in ("role", "lacking", "signal"))
     turns = "" if lacking == role else ", which turns it into vehicle axes"
     found, step = {
@@ -197,8 +169,6 @@ def process_stream(
     ----------
     chunks : iterable of mapping role -> Channel
         Consecutive in time; a role may be absent from a chunk.
-    vehicle, run, options, zeros
-        As in `process`.
     """
     options = options or ProcessOptions()
     wheel = _wheel(vehicle)
@@ -206,23 +176,23 @@ def process_stream(
     removal = ZeroRemoval(zeros or RunZeros(), vehicle)
     seen: set[str] = set()
     came: set[str] = set()
-    samples = _collect(noting(chunks, came), vehicle, options, removal, gate, seen)
+    samples = _collect(_noting(chunks, came), vehicle, options, removal, gate, seen)
     if options.purpose == LOOK:
-        require_any(seen, came, vehicle)
+        _require_any(seen, came, vehicle)
     clock, notes = _settle_gnss(samples, vehicle)
     dead = _drop_dead(samples, options)
-    missing = why_missing(samples, seen, came, vehicle) if options.purpose == LOOK else {}
+    missing = _why_missing(samples, seen, came, vehicle) if options.purpose == LOOK else {}
     notes += [Note(RunCode.NOT_MEASURED, Severity.DOUBT, {"role": role}) for role in dead if role not in missing]
     notes += missing.values()
     cutoff_hz, lowered = choose_cutoff({role: samples[role] for role in MODEL_ROLES if role in samples}, options)
     base = _time_base(samples, cutoff_hz, options)
     roles = gate.with_counts(removal.with_sigma(_put_all(samples, base, cutoff_hz, options, vehicle)))
-    roles = at_soil(roles, vehicle, kernel_sigma_s(cutoff_hz), removal.zero_of_load())
-    notes += not_carried(roles, vehicle)
+    roles, left = at_soil(roles, wheel, kernel_sigma_s(cutoff_hz), removal.zero_of_load())
+    notes += left
     latitude, longitude = _position(samples, base)
     notes += lowered + gate.notes() + removal.notes()
-    material = Material(*base, cutoff_hz, roles, latitude, longitude, clock, tuple(notes), missing)
-    processed = assemble(material, wheel.radius_m, run or RunInfo(), options)
+    filtered = FilteredRun(*base, cutoff_hz, roles, latitude, longitude, clock, tuple(notes), missing)
+    processed = assemble(filtered, wheel.radius_m, run or RunInfo(), options)
     quality = replace(processed.quality, zeros=removal.applied(), transducer_status=gate.words)
     return replace(processed, quality=quality)
 
@@ -258,7 +228,7 @@ def _collect(
     needed = NEEDED_ROLES[options.purpose]
     empty = [role for role in needed if role not in samples or not len(samples[role].received_ns())]
     if empty:
-        raise DataError(*(nothing_received(role, vehicle) for role in empty))
+        raise DataError(*(_nothing_received(role, vehicle) for role in empty))
     return samples
 
 

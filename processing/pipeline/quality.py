@@ -1,17 +1,18 @@
-"""Why samples are left out, in which shares, and what is to be noted of the run."""
+"""Why samples are excluded, by hand too, in which shares, and what is to be noted of the run."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from math import hypot
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import REACTIONS, BoolArray, FloatArray, Note, Severity
+from daq import REACTIONS, BoolArray, ConfigError, Fault, FloatArray, Note, Severity
 from processing.notes import RunCode
 from processing.pipeline.latency import SpeedComparison
-from processing.processed_run import Reason, Segment, SensorFacts, Standstill
+from processing.processed_run import ProcessedRun, Reason, Segment, SensorFacts, Standstill
 
 _SIGN_SAMPLES = 50
 _OPPOSED = 0.3
@@ -20,6 +21,11 @@ _RING_DELAY_S = 0.015
 """One-sigma of what the estimate owes to a toothed ring, which at low speed is later than its declared delay."""
 _NOTABLE_SCALE = 0.02
 _NOTABLE_GAP_SHARE = 0.1
+
+Interval = tuple[float, float]
+"""First and last second, since the time base of the run begins."""
+_ROUNDED_S = 1.0
+"""People round a run's end up."""
 
 
 def combine_reasons(
@@ -36,11 +42,8 @@ def combine_reasons(
     ----------
     channels : iterable of uint8 arrays
         Reasons of each channel that a used sample must have.
-    segments : uint8 array
     slip : float64 array
         NaN where both speeds are too small (or unknown, which the channels' reasons say).
-    vertical_load_n : float64 array
-        All NaN where not measured.
     slip_is_measured : bool
         Whether the run carries both speeds.
     """
@@ -68,6 +71,59 @@ def shares_of(reason: NDArray[np.uint8]) -> dict[str, float]:
     """Return the share of samples per `Reason` name, those that occur and USED; they sum to 1."""
     counts = np.bincount(reason, minlength=len(Reason))
     return {why.name: float(counts[why] / len(reason)) for why in Reason if counts[why] or why is Reason.USED}
+
+
+def keep_only(run: ProcessedRun, keep: Sequence[Interval], where: str = "") -> ProcessedRun:
+    """Return the run with what lies outside `keep` left out by hand.
+
+    A used sample outside becomes `Reason.BY_HAND`; one that was left out anyway keeps its reason. A standstill counts
+    only where it lies inside as a whole. Both ends of an interval belong to it; `where` says who asks, for messages.
+
+    Raises
+    ------
+    ConfigError
+        Intervals that reach beyond the run.
+    """
+    check_within(keep, float(run.time_s[-1]), where)
+    reason = with_by_hand(run.reason, run.time_s, keep)
+    standstills = tuple(
+        stand
+        for stand in run.quality.standstills
+        if any(first <= stand.start_s and stand.start_s + stand.duration_s <= last for first, last in keep)
+    )
+    quality = replace(run.quality, shares=shares_of(reason), standstills=standstills)
+    return replace(run, reason=reason, quality=quality)
+
+
+def check_within(keep: Sequence[Interval], end_s: float, where: str = "") -> None:
+    """See that intervals lie within a run whose time base ends at `end_s`, but for a rounded last end.
+
+    Raises
+    ------
+    ConfigError
+        Those that do not.
+    """
+    beyond = [(first, last) for first, last in keep if first < 0 or first > end_s or last > end_s + _ROUNDED_S]
+    if beyond:
+        raise ConfigError(*(_beyond(interval, end_s, where) for interval in beyond))
+
+
+def with_by_hand(reason: NDArray[np.uint8], time_s: FloatArray, keep: Sequence[Interval]) -> NDArray[np.uint8]:
+    """Return the reasons, shape (n,), with used samples outside `keep` left out by hand."""
+    inside = np.zeros(len(time_s), np.bool_)
+    for first, last in keep:
+        inside |= (time_s >= first) & (time_s <= last)
+    return np.where((reason == Reason.USED) & ~inside, np.uint8(Reason.BY_HAND), reason)
+
+
+def _beyond(interval: Interval, end_s: float, where: str) -> Fault:
+    return Fault(
+        "what is to be kept reaches beyond the run",
+        where,
+        found=f"{interval[0]:g} to {interval[1]:g} s",
+        expected=f"within 0 to {end_s:.2f} s",
+        next_step="mend keep; the seconds count from the first sample of the run's time base",
+    )
 
 
 def sensor_notes(sensors: dict[str, SensorFacts]) -> list[Note]:

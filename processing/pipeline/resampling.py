@@ -14,7 +14,7 @@ from processing.options import HIGHEST_AUTOMATIC_CUTOFF_HZ, ProcessOptions
 from processing.pipeline.collection import Samples, rethin
 from processing.pipeline.filters import CUTOFF_PER_RATE, Smoothed, filtered_sigma, kernel_sigma_s, smooth
 from processing.processed_run import Reason, SensorFacts
-from processing.timebase import interpolate, seconds_since, stretches
+from processing.timebase import interpolate, nearest, seconds_since, stretches
 
 _OWN_INTERVALS = 1.75
 _RETHIN_PER_SIGMA = 1 / 6
@@ -39,13 +39,7 @@ class OnBase:
 
 
 def choose_cutoff(samples: dict[str, Samples], options: ProcessOptions) -> tuple[float, list[Note]]:
-    """Return the cut-off in Hz that every given channel can bear, and a note if that is not what was asked.
-
-    Parameters
-    ----------
-    samples : mapping role -> Samples
-        Of the channels that the model compares.
-    """
+    """Return the cut-off in Hz that every given channel can bear, and a note if that is not what was asked."""
     intervals = {role: s.interval_s for role, s in samples.items() if isfinite(s.interval_s)}
     asked = options.cutoff_hz or min(HIGHEST_AUTOMATIC_CUTOFF_HZ, options.rate_hz / 10)
     if not intervals:
@@ -81,19 +75,9 @@ def put_on_base(
     options: ProcessOptions,
     declared: tuple[float, float | None],
     *,
-    keep_slope: bool = True,
+    keep_slope: bool,
 ) -> OnBase:
-    """Filter one role onto the time base.
-
-    Parameters
-    ----------
-    start_ns, time_s : int, float64 array (n,)
-        The time base.
-    declared : (latency_s, sigma)
-        Of the sensor; sigma may be None.
-    keep_slope : bool
-        Whether anybody needs the derivative.
-    """
+    """Filter one role onto the time base; `declared` is latency (s) and sigma of the sensor."""
     kernel_s = kernel_sigma_s(cutoff_hz)
     limit_s = gap_limit_s(samples, kernel_s, options)
     samples = rethin(samples, kernel_s * _RETHIN_PER_SIGMA)
@@ -139,10 +123,7 @@ def _near(at_s: FloatArray, stamps_s: FloatArray, limit_s: float) -> BoolArray:
     """Return which instants have a stamp within the limit."""
     if not len(stamps_s):
         return np.zeros(len(at_s), np.bool_)
-    after = np.clip(np.searchsorted(stamps_s, at_s), 0, len(stamps_s) - 1)
-    before = np.maximum(after - 1, 0)
-    apart = np.minimum(np.abs(stamps_s[after] - at_s), np.abs(at_s - stamps_s[before]))
-    return np.asarray(apart <= limit_s)
+    return np.asarray(np.abs(stamps_s[nearest(at_s, stamps_s)] - at_s) <= limit_s)
 
 
 def _facts(

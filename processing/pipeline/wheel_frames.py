@@ -24,71 +24,19 @@ small.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from math import hypot, sqrt
 from typing import Literal
 
 import numpy as np
 
-from daq import Channel, FloatArray, IntArray, Note, TransducerSection, VehicleConfig
+from daq import Channel, FloatArray, IntArray, Note, TransducerSection, WheelSection
 from processing.notes import RunCode
 from processing.pipeline.resampling import OnBase
 from processing.timebase import in_order, interpolate, merge_equal_stamps, seconds_since
 
 STANDARD_GRAVITY_MPS2 = 9.80665
-
-
-def at_soil(
-    roles: dict[str, OnBase], vehicle: VehicleConfig, kernel_s: float, zero: Literal["lifted", "spin", "none"]
-) -> dict[str, OnBase]:
-    """Return the roles with drawbar pull, torque and load carried from the transducer to the soil.
-
-    Parameters
-    ----------
-    roles : mapping role -> OnBase
-        The slopes of ``ground_speed`` and ``wheel_speed`` are the accelerations; a force without the one that it needs
-        stays as it is.
-    vehicle : VehicleConfig
-        Its declared outboard mass and inertia.
-    kernel_s : float
-        Standard deviation of the filter's kernel: the noise of a derivative is that of the value over sqrt(2) kernel_s.
-    zero : "lifted", "spin" or "none"
-        What the zero of the vertical load holds: only after "spin" the outboard weight is missing from it.
-    """
-    wheel = vehicle.wheel
-    if wheel is None:
-        return roles
-    moved = dict(roles)
-    for role, factor, speed in (
-        ("drawbar_pull", wheel.outboard_mass_kg, roles.get("ground_speed")),
-        ("driving_torque", -wheel.outboard_inertia_kgm2, roles.get("wheel_speed")),
-    ):
-        if role in roles and factor and speed is not None:
-            noise = abs(factor) * speed.facts.sigma / (sqrt(2.0) * kernel_s)
-            facts = replace(roles[role].facts, sigma=hypot(roles[role].facts.sigma, noise))
-            moved[role] = replace(roles[role], values=roles[role].values + factor * speed.slope, facts=facts)
-    if "vertical_load" in roles and zero == "spin":
-        load = roles["vertical_load"]
-        moved["vertical_load"] = replace(load, values=load.values + wheel.outboard_mass_kg * STANDARD_GRAVITY_MPS2)
-    return moved
-
-
-def not_carried(roles: Collection[str], vehicle: VehicleConfig) -> list[Note]:
-    """Return notes on forces that `at_soil` leaves as the transducer feels them, for their speed is missing."""
-    wheel = vehicle.wheel
-    if wheel is None:
-        return []
-    return [
-        Note(RunCode.INERTIA_LEFT, values={"role": role, "speed": speed})
-        for role, declared, speed in (
-            ("drawbar_pull", wheel.outboard_mass_kg, "ground_speed"),
-            ("driving_torque", wheel.outboard_inertia_kgm2, "wheel_speed"),
-        )
-        if declared and role in roles and speed not in roles
-    ]
-
-
 _ROTATING = ("drawbar_pull", "vertical_load", "wheel_angle")
 _USUAL_INTERVALS = 1.75
 _LONGEST_TURN_S = 0.05
@@ -99,6 +47,44 @@ _PATIENCE_NS = 5_000_000_000
 """How long one of the three channels may be away before the others stop waiting for it."""
 
 
+def at_soil(
+    roles: dict[str, OnBase], wheel: WheelSection, kernel_s: float, zero: Literal["lifted", "spin", "none"]
+) -> tuple[dict[str, OnBase], list[Note]]:
+    """Return the roles with drawbar pull, torque and load carried from the transducer to the soil.
+
+    A force without the speed that it needs stays as the transducer feels it, and a note says so.
+
+    Parameters
+    ----------
+    roles : mapping role -> OnBase
+        The slopes of ``ground_speed`` and ``wheel_speed`` are the accelerations.
+    wheel : WheelSection
+        Its declared outboard mass and inertia.
+    kernel_s : float
+        Standard deviation of the filter's kernel: the noise of a derivative is that of the value over sqrt(2) kernel_s.
+    zero : "lifted", "spin" or "none"
+        What the zero of the vertical load holds: only after "spin" the outboard weight is missing from it.
+    """
+    moved, notes = dict(roles), []
+    for role, factor, speed_role in (
+        ("drawbar_pull", wheel.outboard_mass_kg, "ground_speed"),
+        ("driving_torque", -wheel.outboard_inertia_kgm2, "wheel_speed"),
+    ):
+        if role not in roles or not factor:
+            continue
+        if speed_role not in roles:
+            notes.append(Note(RunCode.INERTIA_LEFT, values={"role": role, "speed": speed_role}))
+            continue
+        speed = roles[speed_role]
+        noise = abs(factor) * speed.facts.sigma / (sqrt(2.0) * kernel_s)
+        facts = replace(roles[role].facts, sigma=hypot(roles[role].facts.sigma, noise))
+        moved[role] = replace(roles[role], values=roles[role].values + factor * speed.slope, facts=facts)
+    if "vertical_load" in roles and zero == "spin":
+        load = roles["vertical_load"]
+        moved["vertical_load"] = replace(load, values=load.values + wheel.outboard_mass_kg * STANDARD_GRAVITY_MPS2)
+    return moved, notes
+
+
 def rotate(
     force_x: FloatArray, force_z: FloatArray, angle_rad: FloatArray, transducer: TransducerSection
 ) -> tuple[FloatArray, FloatArray]:
@@ -106,10 +92,8 @@ def rotate(
 
     Parameters
     ----------
-    force_x, force_z : float64 arrays, shape (n,)
-        F_x', F_z' in N as the transducer gives them.
-    angle_rad : float64 array, shape (n,)
-        The encoder's reading.
+    force_x, force_z, angle_rad : float64 arrays, shape (n,)
+        F_x', F_z' in N as the transducer gives them, and the encoder's reading.
     transducer : TransducerSection
         Side, angle offset (the reading at psi = 0) and direction (1: the reading grows when rolling forward).
 
@@ -138,16 +122,7 @@ def interpolate_angle(at_s: FloatArray, time_s: FloatArray, angle_rad: FloatArra
     that arrive late, in bursts, so make no holes; lost ones do. Between two readings the wheel must turn less than
     half a revolution, and less than three quarters within 50 ms (94 rad/s): more is not distinguishable from less.
 
-    Parameters
-    ----------
-    at_s : float64 array, shape (n,)
-    time_s, angle_rad : float64 arrays, shape (k,)
-        Readings; stamps must increase.
-
-    Returns
-    -------
-    float64 array, shape (n,)
-        Unwrapped.
+    The readings have shape (k,) and increasing stamps; the result has the shape of `at_s` and is unwrapped.
     """
     if not len(time_s):
         return np.full(len(at_s), np.nan)
@@ -180,7 +155,7 @@ def to_vehicle_axes(
         passed = {role: channel for role, channel in chunk.items() if role not in _ROTATING}
         for role in _ROTATING:
             if role in chunk:
-                held[role] = _appended(held[role], chunk[role])
+                held[role] = appended(held[role], chunk[role])
         if "driving_torque" in passed and transducer.side == "right":
             torque = passed["driving_torque"]
             passed["driving_torque"] = Channel(torque.name, torque.unit, torque.time_ns, -torque.values)
@@ -218,7 +193,8 @@ def _join_gap_s(time_s: FloatArray) -> float:
     return max(_USUAL_INTERVALS * usual, _JOIN_FORCE_S)
 
 
-def _appended(held: tuple[IntArray, FloatArray], channel: Channel) -> tuple[IntArray, FloatArray]:
+def appended(held: tuple[IntArray, FloatArray], channel: Channel) -> tuple[IntArray, FloatArray]:
+    """Return stamps and values with the finite samples of a chunk added, in order."""
     finite = np.isfinite(channel.values)
     time_ns = np.concatenate([held[0], channel.time_ns[finite]])
     values = np.concatenate([held[1], channel.values[finite]])

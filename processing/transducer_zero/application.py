@@ -1,9 +1,10 @@
-"""Subtraction of the zero from a stream of channels, at the transducer's own rate, before rotation and filter."""
+"""Choice of the determinations a run is zeroed with, and subtraction at the transducer's own rate, before rotation."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from math import hypot, nan
 from typing import Literal
 
 import numpy as np
@@ -13,6 +14,7 @@ from daq import (
     TRANSDUCER_ROLES,
     ZERO_FILE,
     Channel,
+    ChannelZero,
     ConfigError,
     Determination,
     Fault,
@@ -20,92 +22,95 @@ from daq import (
     IntArray,
     Note,
     VehicleConfig,
+    find_unit,
 )
 from processing.notes import RunCode
 from processing.pipeline.resampling import OnBase
-from processing.pipeline.wheel_frames import interpolate_angle, merged_angle
+from processing.pipeline.wheel_frames import appended, interpolate_angle, merged_angle
 from processing.processed_run import AppliedZero
-from processing.timebase import in_order, seconds_since
-from processing.transducer_zero.choice import RoleZero, choose, systematic_sigma
+from processing.timebase import seconds_since
 
 _OLD_S = 86_400.0
 _WARMER_K = 10.0
 _SIGNIFICANT_SIGMAS = 3.0
-
-
-def zero_notes(
-    chosen: Mapping[str, RoleZero],
-    roles: Sequence[str],
-    span_ns: tuple[int, int],
-    source: str,
-    temperature_degc: float | None,
-    without_angle: tuple[int, int] | None,
-) -> list[Note]:
-    """Return notes on the zero of a run.
-
-    Parameters
-    ----------
-    chosen : mapping role -> RoleZero
-    roles : sequence of str
-        Roles of the transducer that the run has.
-    span_ns : (first, last)
-        Of the run.
-    source : str
-        Where the determinations were read.
-    temperature_degc : float or None
-        Of the transducer during the run.
-    without_angle : (count, total) or None
-        Samples of which only the stationary part was taken off, and of how many; None where they are too few to tell.
-    """
-    notes = []
-    roles_by_use: dict[tuple[tuple[str, float], ...], list[str]] = {}
-    for role, zero in chosen.items():
-        use = tuple((str(one.of.method), _age_s(one.of, span_ns)) for one in zero.used)
-        roles_by_use.setdefault(use, []).append(role)
-    for use, those in roles_by_use.items():
-        methods, ages_s = zip(*use, strict=True)
-        facts = {"roles": tuple(those), "source": source, "methods": methods, "ages_s": ages_s}
-        notes.append(Note(RunCode.ZERO_TAKEN_OFF, values=facts))
-    for one in (one.of for zero in chosen.values() for one in zero.used):
-        notes += [doubt for doubt in _doubts(one, span_ns, temperature_degc) if doubt not in notes]
-    for role, zero in chosen.items():
-        change, sigma = zero.drift()
-        if abs(change) > _SIGNIFICANT_SIGMAS * sigma:
-            notes.append(Note(RunCode.ZERO_MOVED, values={"role": role, "change": change, "sigma": sigma}))
-    missing = tuple(role for role in roles if role not in chosen)
-    if missing:
-        notes.append(Note(RunCode.ZERO_LACKING, values={"roles": missing, "source": source}))
-    if without_angle:
-        count, total = without_angle
-        notes.append(Note(RunCode.ZERO_WITHOUT_ANGLE, values={"count": count, "total": total}))
-    return notes
-
-
-def _doubts(one: Determination, span_ns: tuple[int, int], temperature_degc: float | None) -> list[Note]:
-    doubts = []
-    age_s, there = _age_s(one, span_ns), one.temperature_degc
-    if abs(age_s) > _OLD_S:
-        doubts.append(Note(RunCode.ZERO_OLD, values={"age_s": age_s}))
-    if there is not None and temperature_degc is not None and abs(there - temperature_degc) > _WARMER_K:
-        doubts.append(Note(RunCode.ZERO_TEMPERATURE, values={"zero_degc": there, "run_degc": temperature_degc}))
-    if one.method == "standstill":
-        code = RunCode.ZERO_WEIGHT_DECLARED if one.frame == "wheel" else RunCode.ZERO_NOT_TURNED
-        doubts.append(Note(code))
-    return doubts
-
-
-def _age_s(one: Determination, span_ns: tuple[int, int]) -> float:
-    """Return how long before the run (negative: after its end) a zero was taken."""
-    if one.time_ns > span_ns[1]:
-        return (span_ns[1] - one.time_ns) * 1e-9
-    return max(span_ns[0] - one.time_ns, 0) * 1e-9
-
-
 _OVERLAP_NS = 1_000_000_000
 """Angles are kept so long, for forces that come a little later."""
 _NOTABLE_SHARE = 0.001
 _PATIENCE_NS = 5_000_000_000
 """How long the wheel angle may be away before forces stop waiting for it."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What one determination says of one role, in SI and in the sense of the role."""
+
+    of: Determination
+    channel: ChannelZero
+    si_factor: float
+
+    @property
+    def coefficients(self) -> FloatArray:
+        """Offset, cos and sin, shape (3,)."""
+        zero = self.channel
+        return self.si_factor * np.array([zero.offset, zero.cos or 0.0, zero.sin or 0.0])
+
+    @property
+    def sigmas(self) -> FloatArray:
+        """One-sigma of the coefficients; NaN where the rotating part was not seen."""
+        zero = self.channel
+        turning = np.nan if zero.rotating_sigma is None else zero.rotating_sigma
+        return abs(self.si_factor) * np.array([zero.offset_sigma, turning, turning])
+
+
+@dataclass(frozen=True)
+class RoleZero:
+    """The zero of one role over a run: linear in time between two determinations, or that of one.
+
+    Attributes
+    ----------
+    second : Found or None
+        Later than `first`.
+    """
+
+    first: Found
+    second: Found | None = None
+
+    @property
+    def turns(self) -> bool:
+        """Whether it has a rotating part."""
+        return self.first.channel.cos is not None
+
+    @property
+    def used(self) -> tuple[Found, ...]:
+        """The determinations behind it."""
+        return (self.first,) if self.second is None else (self.first, self.second)
+
+    def at(self, time_ns: IntArray) -> FloatArray:
+        """Return the coefficients at some instants, shape (3, n)."""
+        one = self.first.coefficients[:, None]
+        if self.second is None:
+            return np.broadcast_to(one, (3, len(time_ns)))
+        share = self._share(time_ns)
+        return np.asarray(one + share * (self.second.coefficients[:, None] - one))
+
+    def sigmas_at(self, time_ns: int) -> FloatArray:
+        """Return the one-sigma of the coefficients at an instant, shape (3,)."""
+        if self.second is None:
+            return self.first.sigmas
+        share = float(self._share(np.array([time_ns]))[0])
+        return np.asarray(np.hypot((1 - share) * self.first.sigmas, share * self.second.sigmas))
+
+    def drift(self) -> tuple[float, float]:
+        """Return the change of the offset from the first to the second, and its one-sigma; zeros with one only."""
+        if self.second is None:
+            return 0.0, 0.0
+        change = self.second.coefficients[0] - self.first.coefficients[0]
+        return float(change), hypot(self.second.sigmas[0], self.first.sigmas[0])
+
+    def _share(self, time_ns: IntArray) -> FloatArray:
+        assert self.second is not None
+        start, stop = self.first.of.time_ns, self.second.of.time_ns
+        return np.clip((time_ns - start) / max(stop - start, 1), 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -152,7 +157,8 @@ class ZeroRemoval:
             )
         self._zeros = zeros
         self._vehicle = vehicle
-        self._chosen: dict[str, RoleZero] | None = None
+        self._chosen: dict[str, RoleZero] = {}
+        self._started = False
         self._span_ns = (0, 0)
         self._held: dict[str, tuple[IntArray, FloatArray]] = {}
         self._angle: tuple[IntArray, FloatArray] = (np.zeros(0, np.int64), np.zeros(0))
@@ -179,10 +185,10 @@ class ZeroRemoval:
             angle = passed.get("wheel_angle")
             if angle is not None:
                 self._angle_comes = True
-                self._take_angle(angle)
+                self._angle = appended(self._angle, angle)
                 if self._vehicle.transducer.frame == "vehicle":
                     del passed["wheel_angle"]
-            for role, zero in (self._chosen or {}).items():
+            for role, zero in self._chosen.items():
                 if role in passed and len(passed[role]):
                     self._span_ns = (self._span_ns[0], int(passed[role].time_ns[-1]))
                     passed[role] = self._taken(passed[role], zero)
@@ -194,12 +200,12 @@ class ZeroRemoval:
         """Return what was taken off each role."""
         middle_ns = sum(self._span_ns) // 2
         found = {}
-        for role, zero in (self._chosen or {}).items():
+        for role, zero in self._chosen.items():
             offset, cos, sin = zero.at(np.array([middle_ns]))[:, 0]
             found[role] = AppliedZero(
                 offset=float(offset),
-                rotating=float(np.hypot(cos, sin)) if zero.turns else float("nan"),
-                systematic_sigma=systematic_sigma(role, self._chosen or {}, self._vehicle.transducer.frame, middle_ns),
+                rotating=float(np.hypot(cos, sin)) if zero.turns else nan,
+                systematic_sigma=_systematic_sigma(role, self._chosen, self._vehicle.transducer.frame, middle_ns),
                 methods=tuple(one.of.method for one in zero.used),
                 recordings=tuple(one.of.recording for one in zero.used),
                 ages_s=tuple((self._span_ns[0] - one.of.time_ns) * 1e-9 for one in zero.used),
@@ -217,7 +223,7 @@ class ZeroRemoval:
 
     def zero_of_load(self) -> Literal["lifted", "spin", "none"]:
         """Return what the zero of the vertical load means now, in the words of ``transducer.zero``."""
-        load = (self._chosen or {}).get("vertical_load")
+        load = self._chosen.get("vertical_load")
         if load is None:
             return self._vehicle.transducer.zero
         return "lifted" if load.first.of.holds_outboard_weight else "spin"
@@ -226,29 +232,39 @@ class ZeroRemoval:
         """Return notes on what was taken off and how far it can be trusted."""
         if not self._zeros.determinations:
             return []
-        return zero_notes(
-            self._chosen or {},
-            [role for role in TRANSDUCER_ROLES if role in self._vehicle.signals],
-            self._span_ns,
-            self._zeros.source,
-            self._zeros.temperature_degc,
-            (self._without_angle, self._turning) if self._without_angle > _NOTABLE_SHARE * self._turning else None,
-        )
+        chosen, source = self._chosen, self._zeros.source
+        notes = []
+        roles_by_use: dict[tuple[tuple[str, float], ...], list[str]] = {}
+        for role, zero in chosen.items():
+            use = tuple((str(one.of.method), _age_s(one.of, self._span_ns)) for one in zero.used)
+            roles_by_use.setdefault(use, []).append(role)
+        for use, roles in roles_by_use.items():
+            methods, ages_s = zip(*use, strict=True)
+            facts = {"roles": tuple(roles), "source": source, "methods": methods, "ages_s": ages_s}
+            notes.append(Note(RunCode.ZERO_TAKEN_OFF, values=facts))
+        for one in (one.of for zero in chosen.values() for one in zero.used):
+            doubts = _doubts(one, self._span_ns, self._zeros.temperature_degc)
+            notes += [doubt for doubt in doubts if doubt not in notes]
+        for role, zero in chosen.items():
+            change, sigma = zero.drift()
+            if abs(change) > _SIGNIFICANT_SIGMAS * sigma:
+                notes.append(Note(RunCode.ZERO_MOVED, values={"role": role, "change": change, "sigma": sigma}))
+        missing = tuple(role for role in TRANSDUCER_ROLES if role in self._vehicle.signals and role not in chosen)
+        if missing:
+            notes.append(Note(RunCode.ZERO_LACKING, values={"roles": missing, "source": source}))
+        if self._without_angle > _NOTABLE_SHARE * self._turning:
+            counts = {"count": self._without_angle, "total": self._turning}
+            notes.append(Note(RunCode.ZERO_WITHOUT_ANGLE, values=counts))
+        return notes
 
     def _begin(self, chunk: dict[str, Channel]) -> None:
-        if self._chosen is not None:
+        if self._started:
             return
         starts = [int(chunk[role].time_ns[0]) for role in TRANSDUCER_ROLES if role in chunk and len(chunk[role])]
         if starts:
+            self._started = True
             self._span_ns = (min(starts), min(starts))
-            self._chosen = choose(self._zeros.determinations, self._vehicle, min(starts))
-
-    def _take_angle(self, angle: Channel) -> None:
-        known = np.isfinite(angle.values)
-        time_ns = np.concatenate([self._angle[0], angle.time_ns[known]])
-        values = np.concatenate([self._angle[1], angle.values[known]])
-        keep = in_order(time_ns)
-        self._angle = (time_ns[keep], values[keep])
+            self._chosen = _choose(self._zeros.determinations, self._vehicle, min(starts))
 
     def _forget(self) -> None:
         """Drop the angles that no held force needs any more, but for the last before them."""
@@ -272,7 +288,7 @@ class ZeroRemoval:
         ready = time_ns <= until_ns
         self._held[role] = (time_ns[~ready], values[~ready])
         time_ns, values = time_ns[ready], values[ready]
-        zero = (self._chosen or {})[role]
+        zero = self._chosen[role]
         offset, cos, sin = zero.at(time_ns)
         taken = offset
         if zero.turns and len(time_ns):
@@ -290,3 +306,72 @@ class ZeroRemoval:
         origin_ns = int(stamps_ns[0])
         angle = interpolate_angle(seconds_since(time_ns, origin_ns), seconds_since(stamps_ns, origin_ns), reading)
         return np.asarray(one.angle_direction * (angle - np.radians(one.angle_offset_deg)))
+
+
+def _choose(determinations: tuple[Determination, ...], vehicle: VehicleConfig, start_ns: int) -> dict[str, RoleZero]:
+    """Return the zero of every role: between two determinations of one kind around the start, else the nearer one."""
+    chosen = {}
+    for role in TRANSDUCER_ROLES:
+        found = [one for one in (_find(d, role, vehicle) for d in determinations) if one is not None]
+        before = max((f for f in found if f.of.time_ns <= start_ns), key=lambda f: f.of.time_ns, default=None)
+        after = min((f for f in found if f.of.time_ns > start_ns), key=lambda f: f.of.time_ns, default=None)
+        if (
+            before
+            and after
+            and before.of.kind == after.of.kind
+            and (before.channel.cos is None) == (after.channel.cos is None)
+        ):
+            chosen[role] = RoleZero(before, after)
+        elif before or after:
+            chosen[role] = RoleZero(min((f for f in (before, after) if f), key=lambda f: abs(f.of.time_ns - start_ns)))
+    return chosen
+
+
+def _systematic_sigma(role: str, zeros: dict[str, RoleZero], frame: str, time_ns: int) -> float:
+    """Return what the zero leaves uncertain of a role's mean over whole revolutions, in vehicle axes, SI.
+
+    In wheel axes a stationary error turns away, and what stays is the rotating one: both forces share it,
+    delta F_x = (delta b_x + delta c_z) / 2. NaN of a force whose zero is of a standstill: in vehicle axes its mean is
+    wrong by the rotating zero at that wheel angle, in wheel axes by what the declared weight is; neither is known.
+    """
+    sigmas = zeros[role].sigmas_at(time_ns)
+    if role == "driving_torque":
+        return float(sigmas[0])
+    if frame == "vehicle":
+        return float(sigmas[0]) if zeros[role].turns else nan
+    if "drawbar_pull" not in zeros or "vertical_load" not in zeros:
+        return nan
+    turning = [zeros[one].sigmas_at(time_ns)[1] for one in ("drawbar_pull", "vertical_load")]
+    return hypot(*turning) / 2
+
+
+def _find(determination: Determination, role: str, vehicle: VehicleConfig) -> Found | None:
+    text = vehicle.signals.get(role, "")
+    plain = text.removeprefix("-")
+    channel = determination.channels.get(plain) or determination.channels.get(plain.rpartition(":")[2])
+    if channel is None:
+        return None
+    unit = find_unit(channel.unit, ROLES[role].quantities)
+    if unit is None:
+        return None
+    return Found(determination, channel, (-1.0 if text.startswith("-") else 1.0) * unit.factor)
+
+
+def _doubts(one: Determination, span_ns: tuple[int, int], temperature_degc: float | None) -> list[Note]:
+    doubts = []
+    age_s, there = _age_s(one, span_ns), one.temperature_degc
+    if abs(age_s) > _OLD_S:
+        doubts.append(Note(RunCode.ZERO_OLD, values={"age_s": age_s}))
+    if there is not None and temperature_degc is not None and abs(there - temperature_degc) > _WARMER_K:
+        doubts.append(Note(RunCode.ZERO_TEMPERATURE, values={"zero_degc": there, "run_degc": temperature_degc}))
+    if one.method == "standstill":
+        code = RunCode.ZERO_WEIGHT_DECLARED if one.frame == "wheel" else RunCode.ZERO_NOT_TURNED
+        doubts.append(Note(code))
+    return doubts
+
+
+def _age_s(one: Determination, span_ns: tuple[int, int]) -> float:
+    """Return how long before the run (negative: after its end) a zero was taken."""
+    if one.time_ns > span_ns[1]:
+        return (span_ns[1] - one.time_ns) * 1e-9
+    return max(span_ns[0] - one.time_ns, 0) * 1e-9

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import atan2, degrees, hypot
+from math import atan2, degrees, hypot, nan
+from typing import Literal
 
 from daq import ChannelZero, Determination, Note, VehicleConfig
 from processing.notes import ZeroCode
@@ -15,6 +16,7 @@ _GAIN = 0.01
 _LEAST_MASS_SIGMAS = 5.0
 _NOTABLE_SIGMAS = 3.0
 _LEAST_ANGLE_DEG = 0.1
+_SAME_ANGLE_DEG = 5.0
 
 
 @dataclass(frozen=True)
@@ -36,18 +38,10 @@ class WeightCheck:
 
 
 def check_weight(forces: Mapping[str, tuple[ChannelZero, float]], vehicle: VehicleConfig) -> WeightCheck | None:
-    """Compare the weight that a spin shows with the declared one.
+    """Compare the weight that a spin shows with the declared one; `forces` has zero and SI factor of each role.
 
-    Parameters
-    ----------
-    forces : mapping role -> (zero, si_factor)
-        Of ``drawbar_pull`` and ``vertical_load``.
-
-    Returns
-    -------
-    WeightCheck or None
-        None without both forces, without a rotating part, or where a transducer in vehicle axes was zeroed with the
-        wheel lifted: it does not feel the weight.
+    None without both forces, without a rotating part, or where a transducer in vehicle axes was zeroed with the wheel
+    lifted: it does not feel the weight.
     """
     transducer = vehicle.transducer
     if not {"drawbar_pull", "vertical_load"} <= set(forces) or any(zero.cos is None for zero, _ in forces.values()):
@@ -68,8 +62,8 @@ def check_weight(forces: Mapping[str, tuple[ChannelZero, float]], vehicle: Vehic
     weight = hypot(down, across)
     mass, mass_sigma = weight / STANDARD_GRAVITY_MPS2, sigma_down / STANDARD_GRAVITY_MPS2
     seen = weight > _LEAST_MASS_SIGMAS * hypot(sigma_down, sigma_across)
-    angle = degrees(atan2(across, down)) if seen else float("nan")
-    angle_sigma = degrees(sigma_across / weight) if seen else float("nan")
+    angle = degrees(atan2(across, down)) if seen else nan
+    angle_sigma = degrees(sigma_across / weight) if seen else nan
     declared = vehicle.wheel.outboard_mass_kg if vehicle.wheel else 0.0
     if down < 0:
         mass = -mass
@@ -92,30 +86,20 @@ def _remarks(vehicle: VehicleConfig, masses: tuple[float, float, float], angles:
     return remarks
 
 
-_SIGNIFICANT_SIGMAS = 3.0
-_SAME_ANGLE_DEG = 5.0
-
-
 @dataclass(frozen=True)
 class Drift:
-    """The change of one part of one channel, in its unit.
-
-    Attributes
-    ----------
-    part : str
-        "offset", "cos" or "sin".
-    """
+    """The change of one part of one channel, in its unit."""
 
     channel: str
     unit: str
-    part: str
+    part: Literal["offset", "cos", "sin"]
     change: float
     sigma: float
 
     @property
     def significant(self) -> bool:
         """Whether it is more than 3 sigma."""
-        return abs(self.change) > _SIGNIFICANT_SIGMAS * self.sigma
+        return abs(self.change) > _NOTABLE_SIGMAS * self.sigma
 
 
 def drift_between(before: Determination, after: Determination) -> tuple[list[Drift], list[Note]]:
@@ -146,11 +130,9 @@ def _of_channel(name: str, old: ChannelZero, new: ChannelZero) -> list[Drift]:
     if old.cos is None or new.cos is None or old.sin is None or new.sin is None:
         return rows
     sigma = hypot(old.rotating_sigma or 0.0, new.rotating_sigma or 0.0)
-    return [
-        *rows,
-        Drift(name, old.unit, "cos", new.cos - old.cos, sigma),
-        Drift(name, old.unit, "sin", new.sin - old.sin, sigma),
-    ]
+    rows.append(Drift(name, old.unit, "cos", new.cos - old.cos, sigma))
+    rows.append(Drift(name, old.unit, "sin", new.sin - old.sin, sigma))
+    return rows
 
 
 def _kind(one: Determination) -> dict[str, object]:

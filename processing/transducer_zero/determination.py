@@ -29,12 +29,8 @@ class TransducerSignal:
 
     Attributes
     ----------
-    name : str
-        As zero.toml calls it.
-    role : str
-        Empty where it has none.
-    unit : str
-        As the DBC writes it.
+    name, role, unit : str
+        As zero.toml calls it; empty where it has none; as the DBC writes it.
     si_factor : float
         SI value in the sense of the role = value * `si_factor`.
     resolution : float
@@ -58,9 +54,6 @@ class Lifted:
 
     Attributes
     ----------
-    part : Part
-        With its method.
-    channels : mapping str -> ChannelZero
     outliers : mapping str -> int
         Samples of each channel that did not count.
     """
@@ -86,7 +79,7 @@ def determine(
     signals : sequence of TransducerSignal
         With the role ``vertical_load``, and ``drawbar_pull`` for a transducer in wheel axes.
     angle : (time_s, psi), or None
-        Unwrapped psi in rad, see `processing.pipeline.wheel_frames.wheel_angle`.
+        Unwrapped psi in rad, see `processing.pipeline.wheel_angle`.
     speed : (time_s, omega), or None
         Wheel speed in rad/s.
     on_ground : bool
@@ -97,7 +90,7 @@ def determine(
     DataError
         The wheel carries the vehicle, or nothing of the recording can be used.
     """
-    limit_n = lifted_limit_n(vehicle)
+    limit_n = _lifted_limit_n(vehicle)
     _check_there(signals, angle, vehicle)
     motion = Motion(_load(signals, angle, vehicle), angle, speed)
     if on_ground:
@@ -118,7 +111,7 @@ def determine(
     return Lifted(part, channels, outliers, tuple(_remarks(part, motion, vehicle, on_ground=on_ground)))
 
 
-def lifted_limit_n(vehicle: VehicleConfig) -> float:
+def _lifted_limit_n(vehicle: VehicleConfig) -> float:
     """Return the mean vertical load below which, either sign, a wheel is taken to be lifted."""
     mass = vehicle.vehicle.mass_kg
     least = 2 * STANDARD_GRAVITY_MPS2 * vehicle.wheel.outboard_mass_kg if vehicle.wheel else 0.0

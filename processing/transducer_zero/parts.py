@@ -21,13 +21,23 @@ from typing import Literal
 import numpy as np
 
 from daq import BoolArray, FloatArray
-from processing.pipeline.segments import runs_of
-from processing.robust import robust_linear, robust_spread
+from processing.pipeline.kinematics import runs_of
+from processing.robust import bisquare, robust_linear, robust_spread
 
 _BLOCK_S = 1.0
 _FEWEST_BLOCKS, _MOST_BLOCKS = 4, 16
-_TUKEY = 4.685
 _REFINEMENTS = 4
+_FEWEST_REVOLUTIONS = 2
+_LONGEST_REVOLUTION_S = 30.0
+_EVEN = 1.6
+"""Slowest over quickest quarter of a revolution, at the most."""
+_STEADY = ((0.04, 5), (0.25, _FEWEST_REVOLUTIONS))
+"""Change from one revolution to the next, as a share, and how many such revolutions are enough: the steadier first."""
+_BIN_S = 0.25
+_EDGE_BINS = 2
+_SHORTEST_STANDSTILL_S = 1.0
+_STILL_RAD = 0.02
+_STILL_RADPS = 0.05
 
 
 @dataclass(frozen=True)
@@ -50,21 +60,19 @@ class Harmonics:
 
 
 def fit_harmonics(time_s: FloatArray, y: FloatArray, angle_rad: FloatArray | None, resolution: float) -> Harmonics:
-    """Fit one signal.
+    """Fit one signal whose samples are finite and in order of time.
 
     Parameters
     ----------
-    time_s, y : float64 arrays, shape (n,)
-        In order of time, finite.
-    angle_rad : float64 array, shape (n,), or None
-        psi; None: the offset alone.
+    time_s, y, angle_rad : float64 arrays, shape (n,)
+        Without the angle psi the offset alone is fitted.
     resolution : float
         Step of the signal in its unit.
     """
     matrix = _design(len(y), angle_rad)
     p = robust_linear(matrix, y).coefficients
     for _ in range(_REFINEMENTS):  # a signal that hardly moves has no spread to weigh by: half a step is the least
-        weights = _bisquare(y - matrix @ p, max(resolution / 2, 1e-12))
+        weights = bisquare(y - matrix @ p, max(resolution / 2, 1e-12))
         p = _solve(matrix, y, weights)
     residual = y - matrix @ p
     spread = robust_spread(residual)
@@ -78,11 +86,6 @@ def _design(count: int, angle_rad: FloatArray | None) -> FloatArray:
         return np.ones((count, 1))
     one = np.ones(count)
     return np.column_stack([one, np.cos(angle_rad), np.sin(angle_rad), np.cos(2 * angle_rad), np.sin(2 * angle_rad)])
-
-
-def _bisquare(residual: FloatArray, least_spread: float) -> FloatArray:
-    reach = _TUKEY * max(robust_spread(residual), least_spread)
-    return np.asarray(np.clip(1.0 - (residual / reach) ** 2, 0.0, None) ** 2)
 
 
 def _solve(matrix: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
@@ -101,12 +104,10 @@ def _sigmas(time_s: FloatArray, matrix: FloatArray, y: FloatArray, weights: Floa
 def _jackknife(place: FloatArray, weighted: FloatArray, matrix: FloatArray, y: FloatArray, count: int) -> FloatArray:
     """Return what the coefficients change when one of `count` blocks is left out, as one-sigma; `place` is 0 to 1."""
     block = np.minimum((place * count).astype(np.int64), count - 1)
-    grams = np.array([weighted[block == k].T @ matrix[block == k] for k in range(count)])
-    rights = np.array([weighted[block == k].T @ y[block == k] for k in range(count)])
-    gram, right = grams.sum(axis=0), rights.sum(axis=0)
-    without = np.array(
-        [np.linalg.lstsq(gram - g, right - r, rcond=None)[0] for g, r in zip(grams, rights, strict=True)]
-    )
+    blocks = [block == number for number in range(count)]
+    parts = [(weighted[rows].T @ matrix[rows], weighted[rows].T @ y[rows]) for rows in blocks]
+    gram, right = (np.sum(part, axis=0) for part in zip(*parts, strict=True))
+    without = np.array([np.linalg.lstsq(gram - g, right - r, rcond=None)[0] for g, r in parts])
     variance = (count - 1) / count * np.sum((without - without.mean(axis=0)) ** 2, axis=0)
     return np.asarray(_student(count - 1) * np.sqrt(variance))
 
@@ -114,19 +115,6 @@ def _jackknife(place: FloatArray, weighted: FloatArray, matrix: FloatArray, y: F
 def _student(freedom: int) -> float:
     """Return the quantile of Student's t that one sigma of a normal distribution has (Cornish and Fisher's series)."""
     return 1 + 1 / (2 * freedom) + 1 / (4 * freedom**2)
-
-
-_FEWEST_REVOLUTIONS = 2
-_LONGEST_REVOLUTION_S = 30.0
-_EVEN = 1.6
-"""Slowest over quickest quarter of a revolution, at the most."""
-_STEADY = ((0.04, 5), (0.25, _FEWEST_REVOLUTIONS))
-"""Change from one revolution to the next, as a share, and how many such revolutions are enough: the steadier first."""
-_BIN_S = 0.25
-_EDGE_BINS = 2
-_SHORTEST_STANDSTILL_S = 1.0
-_STILL_RAD = 0.02
-_STILL_RADPS = 0.05
 
 
 @dataclass(frozen=True)
@@ -165,7 +153,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Motion:
-    """Load in vehicle axes and motion of the wheel; each with stamps of its own in s, SI.
+    """Load in vehicle axes, unwrapped angle and speed of the wheel; each with stamps of its own in s, SI.
 
     `angle` and `speed` are None where the recording has no such signal.
     """
@@ -178,12 +166,7 @@ class Motion:
 def find_spin(motion: Motion, lifted_below_n: float) -> Part | None:
     """Return the longest steady spin of a lifted wheel by whole revolutions, two at the least; None without one.
 
-    Parameters
-    ----------
-    motion : Motion
-        The angle unwrapped.
-    lifted_below_n : float
-        Largest mean load of a revolution, either sign.
+    The mean load of every revolution is below `lifted_below_n`, either sign.
     """
     if motion.angle is None or len(motion.angle[0]) < 2:
         return None

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import os
 import shutil
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +14,7 @@ from plotly.subplots import make_subplots
 from daq import FloatArray
 from model.diagnosis import DiagnosisOptions, PlotData, diagnose_bench
 from model.diagnosis.single_wheel import Weighed, Weighing, driven_rows, skid_law
-from studies.real_data.study import CHANNELS, HERE, bench, weighed
+from studies.real_data.study import CHANNELS, HERE, bench, plate_tests, weighed
 from studies.real_data.transfer import transfer
 
 IMAGES = HERE.parents[1] / "docs" / "images"
@@ -196,7 +193,8 @@ def skids_and_plates() -> go.Figure:
         y = 1e3 * (law.static_sinkage_m + law.H2_m * x**2)
         figure.add_scatter(x=x, y=y, mode="lines", line={"color": colour, "width": 2}, showlegend=False, row=1, col=1)
     shown = set()
-    for size, depth, pressure in sorted(plates(), key=lambda plate: plate[0]):
+    for _, depth, force, radius_m in sorted(plate_tests(), key=lambda plate: plate[3]):
+        size, pressure = round(2e3 * radius_m), force / (np.pi * radius_m**2)
         colour = {60: "#009E73", 80: "#CC79A7", 100: "#111111"}[size]
         figure.add_scatter(
             x=1e3 * depth,
@@ -214,24 +212,6 @@ def skids_and_plates() -> go.Figure:
     figure.update_xaxes(title_text="sinkage, mm", range=[0, 32], row=1, col=2)
     figure.update_yaxes(range=[0, 62], row=1, col=2)
     return figure
-
-
-def plates() -> list[tuple[int, FloatArray, FloatArray]]:
-    """Return diameter in mm, sinkage in m and pressure in Pa of every plate test."""
-    source = Path(os.environ["WHEELSOIL_DATA"], "cmu-terramech-testbed", "pressure_sinkage")
-    with (source / "index.csv").open(encoding="utf-8") as file:
-        rows = [row for row in csv.DictReader(file) if row["body"].startswith("circular plate")]
-    found = []
-    for row in rows:
-        kinematics = np.loadtxt(source / f"{row['run']}.txt", delimiter=",")
-        t_s, force = np.loadtxt(source / f"{row['run']}_ft.csv", delimiter=",", skiprows=1, usecols=(0, 3)).T
-        time = kinematics[:, 6] + 18_000 - float(row["bag_start_unix"])
-        kept = (time >= float(row["window_start_s"])) & (time <= float(row["window_end_s"]))
-        size = int(row["body"].split()[2])
-        depth = -kinematics[kept, 4] * 1e-3 + float(row["z_zero_mm"]) * 1e-3
-        load = -np.interp(time[kept], t_s, force) - float(row["Fz_offset_N"])
-        found.append((size, depth, load / (np.pi * (size / 2e3) ** 2)))
-    return found
 
 
 def main() -> None:

@@ -5,6 +5,7 @@ Writes studies/real_data/numbers.json; with a Chromium also the figures in docs/
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from daq import FloatArray
 from model.diagnosis import Bench, Diagnosis, DiagnosisOptions, diagnose_bench
 from model.diagnosis.core import rms
 from model.diagnosis.single_wheel import (
@@ -31,6 +33,7 @@ from model.diagnosis.single_wheel import (
 from model.diagnosis.single_wheel import noise as bench_noise
 from studies.real_data.transfer import OWN, Transfer, transfer
 from wheelsoil.wording.diagnosis_json import diagnosis_json
+from wheelsoil.wording.to_json import to_json
 from wheelsoil.workflows import bench_of, read_bench
 
 HERE = Path(__file__).parent
@@ -41,6 +44,8 @@ RENAME = (
     "sinkage_m=sinkage_mm*0.001",
     "group=Vry_nominal_mm_s",
 )
+LOCAL_TIME_S = 18_000
+"""The kinematics are stamped in local time, the forces in UTC."""
 WHEELS = {"smooth": ("smooth", "smooth.toml"), "grousered": ("grouser", "grousered.toml")}
 CHANNELS = {"dp": ("dp",), "dp,z": ("dp", "z")}
 SETS = (
@@ -69,6 +74,27 @@ def bench(wheel: str, name: str = "") -> Bench:
         where=(f"wheel={kind}", "beta_deg=0"),
     )
     return replace(bench_of(files), name=name or wheel)
+
+
+def plate_tests(*, whole: bool = False) -> list[tuple[str, FloatArray, FloatArray, float]]:
+    """Return run, sinkage in m, force in N and radius in m of every plate test.
+
+    In the authors' window and from their zeros, or the whole recording as it is.
+    """
+    source = Path(os.environ["WHEELSOIL_DATA"], "cmu-terramech-testbed", "pressure_sinkage")
+    with (source / "index.csv").open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["body"].startswith("circular plate")]
+    found = []
+    for row in rows:
+        kinematics = np.loadtxt(source / f"{row['run']}.txt", delimiter=",")
+        t_s, force = np.loadtxt(source / f"{row['run']}_ft.csv", delimiter=",", skiprows=1, usecols=(0, 3)).T
+        time = kinematics[:, 6] + LOCAL_TIME_S - float(row["bag_start_unix"])
+        start, end = (t_s[0], t_s[-1]) if whole else (float(row["window_start_s"]), float(row["window_end_s"]))
+        kept = (time >= start) & (time <= end)
+        load = -np.interp(time[kept], t_s, force) - (0.0 if whole else float(row["Fz_offset_N"]))
+        sinkage = -kinematics[kept, 4] * 1e-3 + (0.0 if whole else float(row["z_zero_mm"]) * 1e-3)
+        found.append((row["run"], sinkage, load, float(row["body"].split()[2]) / 2e3))
+    return found
 
 
 def weighed(one: Bench, channels: Sequence[str], effects: Sequence[str] = (), most: int = 2, seed: int = 0) -> Weighing:
@@ -209,21 +235,9 @@ def study() -> tuple[dict[str, Any], dict[str, Diagnosis], dict[str, Transfer]]:
     return numbers, diagnoses, transfers
 
 
-def plain(value: Any) -> Any:
-    """Return numpy values as JSON takes them."""
-    if isinstance(value, np.ndarray):
-        return [plain(x) for x in value.tolist()]
-    if isinstance(value, np.floating | float):
-        return float(f"{value:.4g}") if np.isfinite(value) else None
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    return value
-
-
 if __name__ == "__main__":
     found, *_ = study()
     for one in found["diagnoses"].values():
         one.pop("stages_s")
-    (HERE / "numbers.json").write_text(json.dumps(plain(found), indent=1) + "\n", encoding="utf-8")
+    rounded = json.loads(to_json(found), parse_float=lambda text: float(f"{float(text):.4g}"))
+    (HERE / "numbers.json").write_text(json.dumps(rounded, indent=1) + "\n", encoding="utf-8")

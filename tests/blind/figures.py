@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import beta
+from scipy.stats import binomtest
 
 Line = dict[str, Any]
 """Truth and answer of one case, joined."""
@@ -21,9 +21,8 @@ def clopper_pearson(hits: int, n: int) -> tuple[float, float]:
     """Return the two-sided 95 % bounds of a share."""
     if not n:
         return 0.0, 1.0
-    low = float(beta.ppf(0.025, hits, n - hits + 1)) if hits else 0.0
-    high = float(beta.ppf(0.975, hits + 1, n - hits)) if hits < n else 1.0
-    return low, high
+    bounds = binomtest(hits, n).proportion_ci(0.95, method="exact")
+    return float(bounds.low), float(bounds.high)
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from synthetic_run import forces, speeds, vehicle
 
 from daq.errors import ConfigError
-from processing.manual_selection import keep_only
 from processing.pipeline.pipeline import process
+from processing.pipeline.quality import keep_only
 from processing.processed_run import ProcessedRun, Reason
 from wheelsoil.wording.run_summary import summary_table
 

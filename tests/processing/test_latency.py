@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from synthetic_run import RADIUS_M, channel, driven_speed, speeds, stamps, vehicle
 
 from daq.channels import Channel
-from processing.pipeline.latency import SpeedSignals, residual_latency
+from processing.pipeline.latency import SpeedSignals, residual_latency, rolls_freely, speed_scale
 from processing.pipeline.pipeline import process
-from processing.pipeline.slip import rolls_freely, speed_scale
 from processing.processed_run import ProcessedRun
 
 

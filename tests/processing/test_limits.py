@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from processing.pipeline.collection import Collector
+from processing.pipeline.kinematics import segment, slip_sigma
 from processing.pipeline.quality import combine_reasons
-from processing.pipeline.segments import segment
-from processing.pipeline.slip import slip_sigma
 from processing.processed_run import Reason, Segment
 from processing.robust import robust_linear
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from processing.pipeline.latency import compare_speeds
-from processing.pipeline.slip import rolls_freely, speed_scale
+from processing.pipeline.latency import compare_speeds, rolls_freely, speed_scale
 
 RADIUS_M = 0.47
 LOAD_N = 8000.0

@@ -9,8 +9,8 @@ import pytest
 
 from daq.runs.open import open_runs
 from processing.options import ProcessOptions
+from processing.pipeline.latency import rolls_freely
 from processing.pipeline.pipeline import process_stream
-from processing.pipeline.slip import rolls_freely
 from processing.processed_run import QualityReport
 from wheelsoil.wording.notes import texts_of
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from view_client import View, taken_from
 
-from processing.manual_selection import keep_only
 from processing.options import ProcessOptions
+from processing.pipeline.quality import keep_only
 from processing.processed_run import ProcessedRun, Reason
 from wheelsoil.workflows.report import report_of
 from wheelsoil.workflows.runs import open_and_process

@@ -1,4 +1,4 @@
-"""Standstill, drive, coast and brake, from what the channels tell."""
+"""Slip ratio of Eq. 6 and its braking counterpart, with propagated uncertainty; standstill, drive, coast and brake."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from daq import BoolArray, FloatArray, IntArray
 from processing.processed_run import Segment
 
+_BLOCK = 1 << 16
+"""Rows at once: a long run's temporaries stay small."""
 _REST_MPS = 0.15
 _MOVING_MPS = 0.3
 _REST_SECONDS = 0.5
@@ -15,6 +17,47 @@ _SHORTEST_SECONDS = 0.3
 _LOW_TRACTION = 0.03
 _DRIVE_MPS2, _BRAKE_MPS2 = 0.2, 0.5
 _SLIP = 0.05
+
+
+def slip_of(rim_speed_mps: FloatArray, ground_speed_mps: FloatArray, min_speed_mps: float) -> FloatArray:
+    """Return the slip: (r omega - V)/(r omega) driving (Eq. 6), (r omega - V)/V braking.
+
+    Both are (r omega - V) over the larger speed, so that exchanging the speeds changes the sign only. The arrays have
+    shape (n,); NaN where the larger speed is below `min_speed_mps`.
+    """
+    larger = np.maximum(rim_speed_mps, ground_speed_mps)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slip = (rim_speed_mps - ground_speed_mps) / larger
+    return np.where(larger >= min_speed_mps, slip, np.nan)
+
+
+def slip_sigma(
+    rim_speed_mps: FloatArray,
+    ground_speed_mps: FloatArray,
+    rim_sigma_mps: FloatArray,
+    ground_sigma_mps: FloatArray,
+    min_speed_mps: float,
+) -> FloatArray:
+    """Return the one-sigma of the slip to first order: 1 - |s| = smaller/larger, the two speeds being independent.
+
+    All arrays have shape (n,); NaN where the larger speed is below `min_speed_mps`.
+    """
+    sigma = np.empty(len(rim_speed_mps))
+    for start in range(0, len(sigma), _BLOCK):
+        rows = slice(start, start + _BLOCK)
+        speeds = np.stack([rim_speed_mps[rows], ground_speed_mps[rows]])
+        sigmas = np.stack([rim_sigma_mps[rows], ground_sigma_mps[rows]])
+        sigma[rows] = _sigma(speeds, sigmas, min_speed_mps)
+    return sigma
+
+
+def _sigma(speeds: FloatArray, sigmas: FloatArray, min_speed_mps: float) -> FloatArray:
+    """Return `slip_sigma` of a block; rim and ground are the rows."""
+    driving = speeds[0] >= speeds[1]
+    (larger, smaller), (sigma_larger, sigma_smaller) = (np.where(driving, x, x[::-1]) for x in (speeds, sigmas))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sigma = np.hypot(sigma_smaller, smaller / larger * sigma_larger) / larger
+    return np.where(larger >= min_speed_mps, sigma, np.nan)
 
 
 def segment(
