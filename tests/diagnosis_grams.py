@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from model.diagnosis.time_series.grams import CauseColumn, Grams
+from model.diagnosis.time_series.columns import CauseColumn, Grams
 
 Columns = dict[str, tuple[str, bool]]
 """Key -> (family, one-sided); a key "family.parameter" shares the effect with others of that beginning."""

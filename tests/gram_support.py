@@ -8,7 +8,7 @@ import numpy as np
 
 from daq import FloatArray
 from model.diagnosis.core.shapes import Shape
-from model.diagnosis.time_series.grams import CauseColumn, Grams
+from model.diagnosis.time_series.columns import CauseColumn, Grams
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign
 
-from model.diagnosis.core.campaign import DiagnosisOptions
-from model.diagnosis.core.coverage import considered
+from model.diagnosis.core.campaign import DiagnosisOptions, considered
 from model.diagnosis.time_series.linearise import (
     SECANT_SHARE,
     Linear,

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign
 
-from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.coverage import considered
+from model.diagnosis.core.campaign import Campaign, DiagnosisOptions, considered
 from model.diagnosis.time_series import hyper as noise_blocks
 from model.diagnosis.time_series.columns import Columns, columns_of
 from model.diagnosis.time_series.hyper import (

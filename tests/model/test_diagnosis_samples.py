@@ -11,8 +11,7 @@ from diagnosis_support import simulated_campaign
 from daq.config import RunInfo
 from daq.errors import DataError
 from daq.notes import Note
-from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.coverage import cannot_tell, considered
+from model.diagnosis.core.campaign import Campaign, DiagnosisOptions, cannot_tell, considered
 from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 from model.diagnosis.time_series.samples import STENCIL, coverage_of, samples_of
 from model.notes import DiagnosisCode, LackCode

@@ -14,8 +14,15 @@ from daq.config import RunInfo, VehicleConfig
 from daq.errors import ConfigError, DataError
 from model.diagnosis.core.campaign import DiagnosisOptions
 from model.diagnosis.findings.isolability import isolability
-from model.diagnosis.planning.plan import Plan, plan_from_linearised, plan_of
-from model.diagnosis.planning.planned_runs import CampaignPlan, plan_for, planned_campaign, usual_runs
+from model.diagnosis.planning.plan import (
+    CampaignPlan,
+    Plan,
+    plan_for,
+    plan_from_linearised,
+    plan_of,
+    planned_campaign,
+    usual_runs,
+)
 from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import SOILS

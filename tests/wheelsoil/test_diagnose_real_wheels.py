@@ -24,7 +24,7 @@ from model.diagnosis.core.gain import rms
 from model.diagnosis.core.result import ParameterEstimate
 from model.diagnosis.single_wheel.diagnose import diagnose_bench
 from model.diagnosis.single_wheel.findings import parameter_draws
-from model.diagnosis.single_wheel.held_out import predict_held_out
+from model.diagnosis.single_wheel.predictions import predict_held_out
 from model.diagnosis.single_wheel.problem import CauseUse
 from model.diagnosis.single_wheel.sets import skid_law
 from model.diagnosis.single_wheel.weighing import Weighing

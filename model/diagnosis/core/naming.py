@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daq import Note
-from model.diagnosis.core.posterior import Posterior, short_set
+from model.diagnosis.core.hypotheses import Posterior, short_set
 from model.diagnosis.core.result import Adequacy, Cause, Gain, Verdict
 from model.effects.catalogue import EFFECTS
 from model.notes import LackCode

@@ -1,13 +1,11 @@
-"""What a diagnosis says.
-
-A diagnosis as small HTML tables, for a notebook; `wheelsoil diagnose` and the report say more.
-
-The contract that other programs read (``wheelsoil/diagnosis/1``).
-"""
+"""Result of a diagnosis: the contract that other programs read (``wheelsoil/diagnosis/1``), and its tables."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from time import perf_counter
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -396,3 +394,17 @@ def undecided(
         notes=notes,
         stages_s=stages_s or {},
     )
+
+
+@dataclass
+class Clock:
+    """Seconds by stage."""
+
+    stages_s: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Count the time inside for a stage."""
+        start = perf_counter()
+        yield
+        self.stages_s[name] = self.stages_s.get(name, 0.0) + perf_counter() - start

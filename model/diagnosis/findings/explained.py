@@ -14,13 +14,13 @@ from typing import Literal
 import numpy as np
 
 from daq import FloatArray
+from model.diagnosis.core.hypotheses import Posterior, cause_of, most_probable_form
 from model.diagnosis.core.naming import Judgement
-from model.diagnosis.core.posterior import Posterior, cause_of, most_probable_form
 from model.diagnosis.core.result import Cause, ParameterEstimate, PlotData, SoilEstimate
 from model.diagnosis.findings.isolability import isolability
 from model.diagnosis.findings.set_fit import SetFit, fit_set, parameters_of, soils_of, spread_of
+from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import estimate
-from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.diagnosis.time_series.noise import constants, loading, processes, white_variance

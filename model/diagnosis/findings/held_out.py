@@ -28,10 +28,11 @@ import numpy as np
 from daq import OUTPUTS, Note
 from model.diagnosis.core.campaign import DiagnosisOptions
 from model.diagnosis.core.gain import HeldOutPrediction, gain_of
-from model.diagnosis.core.posterior import Posterior, probabilities
+from model.diagnosis.core.hypotheses import Posterior, probabilities
 from model.diagnosis.core.result import Gain
 from model.diagnosis.findings.adequacy import excess
 from model.diagnosis.findings.set_fit import SetFit, fit_set
+from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import (
     estimate,
     log_likelihood_of_run,
@@ -40,7 +41,6 @@ from model.diagnosis.time_series.evidence import (
     weighed,
     without_soil,
 )
-from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.fit.fit import default_slip_threshold

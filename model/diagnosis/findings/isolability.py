@@ -18,16 +18,16 @@ from itertools import combinations
 import numpy as np
 
 from daq import BoolArray, FloatArray
-from model.diagnosis.core.detectable import Direction, minimum_detectable
+from model.diagnosis.core.bayes_factors import Direction, minimum_detectable
 from model.diagnosis.core.result import Detectable
+from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import hypotheses, without_soil
-from model.diagnosis.time_series.grams import Grams
 
 
 def detectable_in_runs(
     grams: Grams, excluded: frozenset[str] = frozenset(), name_at: float = 0.9, excess: float = 1.0
 ) -> dict[str, Detectable]:
-    """Return the smallest size of every effect that these runs show; see `model.diagnosis.core.detectable`.
+    """Return the smallest size of every effect that these runs show; see `model.diagnosis.core.bayes_factors`.
 
     Parameters
     ----------

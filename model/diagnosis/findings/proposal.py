@@ -17,14 +17,13 @@ from math import comb
 import numpy as np
 
 from daq import OUTPUTS, FloatArray
-from model.diagnosis.core.prior import SIZE_PRIOR
+from model.diagnosis.core.hypotheses import SIZE_PRIOR
 from model.diagnosis.core.result import Proposal
 from model.diagnosis.findings.set_fit import SetFit
 from model.diagnosis.findings.set_problem import Part
 from model.diagnosis.time_series.basis import amplitude_of
-from model.diagnosis.time_series.columns import Columns
+from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams
 from model.diagnosis.time_series.evidence import estimate, log_likelihood_of_run, others, without_soil
-from model.diagnosis.time_series.grams import CauseColumn, Grams
 from model.diagnosis.time_series.whitening import joined, run_grams
 from model.wheel_soil.conditions import Conditions
 

@@ -29,8 +29,8 @@ import numpy as np
 from daq import BoolArray, FloatArray
 from model.diagnosis.core.result import ParameterEstimate, SoilEstimate
 from model.diagnosis.findings.set_problem import SetProblem, set_problem
+from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import estimate, posterior
-from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.effects.catalogue import EFFECTS
 from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton

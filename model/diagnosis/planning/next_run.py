@@ -36,18 +36,16 @@ from math import exp
 import numpy as np
 
 from daq import FloatArray
-from model.diagnosis.core.next_test import WORTH_SAYING, best_first, comes_apart, expected_nats
+from model.diagnosis.core.bayes_factors import WORTH_SAYING, best_first, comes_apart, expected_nats
 from model.diagnosis.core.result import NextRun
 from model.diagnosis.findings.isolability import Projected, least_left, own_columns
 from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 from model.diagnosis.planning.manoeuvres import LIKE_OTHERS, Manoeuvre, manoeuvres, typical_run, with_standstills
-from model.diagnosis.time_series.columns import columns_of
-from model.diagnosis.time_series.grams import Grams
+from model.diagnosis.time_series.columns import Grams, columns_of
 from model.diagnosis.time_series.linearise import Point, Simulation, at_rest, linearise
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.diagnosis.time_series.noise import Noise, beliefs, rest_variance
-from model.diagnosis.time_series.samples import Samples
-from model.diagnosis.time_series.standstills import AT_REST
+from model.diagnosis.time_series.samples import AT_REST, Samples
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import joined, run_grams
 from model.wheel_soil.conditions import Conditions

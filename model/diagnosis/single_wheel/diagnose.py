@@ -9,24 +9,23 @@ import numpy as np
 
 from daq import OUTPUTS, DataError, Fault, FloatArray, Note, Severity
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
-from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
+from model.diagnosis.core.hypotheses import candidates, cause_of, likely_sets, most_probable_form
 from model.diagnosis.core.naming import confirmed, judgement
-from model.diagnosis.core.posterior import candidates, cause_of, likely_sets, most_probable_form
-from model.diagnosis.core.result import Adequacy, Cause, Diagnosis, Gain, Grounds, Verdict, undecided
+from model.diagnosis.core.result import Adequacy, Cause, Clock, Diagnosis, Gain, Grounds, Verdict, undecided
 from model.diagnosis.single_wheel.findings import (
     detectable_in_rows,
     estimates_of,
     findings_of,
     mean_of,
+    mixed_repeats,
     noise_of,
+    notes_of,
     plot_data_of,
     soils_of,
     with_posterior,
 )
-from model.diagnosis.single_wheel.held_out import held_out
-from model.diagnosis.single_wheel.next_tests import next_tests
-from model.diagnosis.single_wheel.notes import mixed_repeats, notes_of
+from model.diagnosis.single_wheel.predictions import held_out, next_tests
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
 from model.diagnosis.single_wheel.sets import NO_SLIP, Library, library, skid_law
 from model.diagnosis.single_wheel.weighing import Weighed, Weighing, weigh

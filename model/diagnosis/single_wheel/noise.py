@@ -107,11 +107,6 @@ class ChannelNoise:
         """Shape (nodes, m)."""
         return 1.0 / (self.scatter[:, None] ** 2 + self.carried)
 
-    @cached_property
-    def _group_precision(self) -> FloatArray:
-        """Sum over a group's rows, shape (nodes, g)."""
-        return self._row_precision @ self.members
-
     def log_likelihoods(self, error: FloatArray, rows: FloatArray | None = None) -> FloatArray:
         """Return ln p of measured minus model for every node.
 

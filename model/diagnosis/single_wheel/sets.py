@@ -14,9 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import OUTPUTS, BoolArray, FloatArray, Note
-from model.diagnosis.core.campaign import Bench, DiagnosisOptions
-from model.diagnosis.core.coverage import ONE_LOAD, Coverage, cannot_tell, considered, ruled_out
-from model.diagnosis.core.prior import Hypotheses, listed_sets
+from model.diagnosis.core.campaign import (
+    ONE_LOAD,
+    Bench,
+    Coverage,
+    DiagnosisOptions,
+    cannot_tell,
+    considered,
+    ruled_out,
+)
+from model.diagnosis.core.hypotheses import Hypotheses, listed_sets
 from model.diagnosis.single_wheel.noise import groups_of_rows
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
 from model.effects.catalogue import EFFECTS

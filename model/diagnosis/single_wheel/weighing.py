@@ -22,8 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from daq import DataError, Fault, FloatArray
-from model.diagnosis.core.posterior import Posterior, probabilities
-from model.diagnosis.core.prior import listed_sets, with_triples
+from model.diagnosis.core.hypotheses import Posterior, listed_sets, probabilities, with_triples
 from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
 from model.diagnosis.single_wheel.noise import ChannelNoise, scatter_of_repeats
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis

@@ -13,13 +13,13 @@ import numpy as np
 
 from daq import Fault, Note, Severity
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
+from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets
 from model.diagnosis.core.naming import Judgement, confirmed, judgement
-from model.diagnosis.core.posterior import Posterior, candidates, likely_sets
 from model.diagnosis.core.result import (
     Adequacy,
     Cause,
+    Clock,
     Detectable,
     Diagnosis,
     Finding,
@@ -28,14 +28,13 @@ from model.diagnosis.core.result import (
     NextRun,
     undecided,
 )
-from model.diagnosis.findings.adequacy import adequacy, excess, two_soils
-from model.diagnosis.findings.agreement import disagreement_notes, disagreements, other_forms, runs_of
+from model.diagnosis.findings.adequacy import adequacy, excess, findings
+from model.diagnosis.findings.agreement import disagreement_notes, disagreements, other_forms, runs_of, two_soils
 from model.diagnosis.findings.explained import Explained, Fits, LookAlike, explain, imitating, look_alikes, plot_data_of
 from model.diagnosis.findings.held_out import bagged, held_out
 from model.diagnosis.findings.isolability import detectable_in_runs
 from model.diagnosis.findings.proposal import propose_for
 from model.diagnosis.findings.set_fit import parameters_of
-from model.diagnosis.findings.where_wrong import findings
 from model.diagnosis.planning.next_run import members_of, next_runs, plausible_grams
 from model.diagnosis.time_series.evidence import posterior
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns

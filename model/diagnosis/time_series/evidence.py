@@ -1,4 +1,4 @@
-r"""How likely a run is, given other runs: exact for the linear model of `model.diagnosis.time_series.grams`.
+r"""How likely a run is, given other runs: exact for the linear model of `model.diagnosis.time_series.columns`.
 
 The evidence of a set M of causes in runs A is the probability density of their data with soil and sizes integrated
 out. The prediction of another run b from the runs A is therefore a difference,
@@ -41,9 +41,8 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from daq import FloatArray, IntArray
-from model.diagnosis.core.posterior import Posterior, probabilities
-from model.diagnosis.core.prior import Hypotheses, listed_sets, with_triples
-from model.diagnosis.time_series.grams import CauseColumn, Grams
+from model.diagnosis.core.hypotheses import Hypotheses, Posterior, listed_sets, probabilities, with_triples
+from model.diagnosis.time_series.columns import CauseColumn, Grams
 from model.fit.linear_step import bounded_least_squares
 
 _LOG_SQRT_2PI = 0.5 * float(np.log(2.0 * np.pi))

@@ -37,8 +37,7 @@ from model.diagnosis.time_series.noise import (
     rest_variance,
     second_order_variance,
 )
-from model.diagnosis.time_series.samples import Samples
-from model.diagnosis.time_series.standstills import AT_REST
+from model.diagnosis.time_series.samples import AT_REST, Samples
 
 LONGEST = 200
 """Samples whose covariance is formed at once."""

@@ -36,10 +36,9 @@ import numpy as np
 
 from daq import FloatArray, Note
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.clock import Clock
-from model.diagnosis.time_series.columns import columns_of
+from model.diagnosis.core.result import Clock
+from model.diagnosis.time_series.columns import Grams, columns_of
 from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate, log_evidence
-from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.hyper import blocks_of, estimated
 from model.diagnosis.time_series.linearise import Point, linearise
 from model.diagnosis.time_series.noise import Noise, beliefs, noise_notes

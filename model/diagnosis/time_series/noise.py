@@ -27,8 +27,7 @@ import numpy as np
 
 from daq import OUTPUTS, FloatArray, Note
 from model.diagnosis.time_series.linearise import Linear
-from model.diagnosis.time_series.samples import Samples
-from model.diagnosis.time_series.standstills import AT_REST
+from model.diagnosis.time_series.samples import AT_REST, Samples
 from model.notes import DiagnosisCode
 
 _LEAST_RADPS = 0.3

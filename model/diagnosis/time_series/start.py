@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daq import REACTIONS, DataError, Fault, FloatArray, Note
-from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.coverage import cannot_tell, considered
+from model.diagnosis.core.campaign import Campaign, DiagnosisOptions, cannot_tell, considered
 from model.diagnosis.time_series.columns import Columns
 from model.diagnosis.time_series.linearise import Linear, Simulation, soil_space
 from model.diagnosis.time_series.noise import Noise

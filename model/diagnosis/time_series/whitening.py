@@ -26,8 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import BoolArray, FloatArray, IndexArray
-from model.diagnosis.time_series.columns import Columns
-from model.diagnosis.time_series.grams import CauseColumn, Grams
+from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.noise import loading, processes, rest_variance, white_variance
 from model.diagnosis.time_series.samples import Places, Samples, places_of, steps_of
