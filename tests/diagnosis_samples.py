@@ -105,13 +105,13 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
             "speed_bias": Detectable("offset_mps", 0.02, "m/s"),
         },
         next_run=(NextRun("one run with 500 kg more", ("slip_sinkage", "bulldozing"), 6.3), NextRun("brake", (), 1.2)),
-        cannot_tell={"slope": Note(LackCode.ONE_DIRECTION), "speed_bias": Note(LackCode.ONE_DIRECTION)},
+        not_identifiable={"slope": Note(LackCode.ONE_DIRECTION), "speed_bias": Note(LackCode.ONE_DIRECTION)},
         notes=(Note(DiagnosisCode.SOIL_SIGMA_ASSUMED, values={"campaigns": ("clay",)}),),
         noise={"dp_n": 35.0, "speed_mps": 0.04, "run_scatter": float("nan")},
         soils=(
             SoilEstimate("clay", {"cohesion_pa": 4100.0, "tan_phi": 0.22}, {"cohesion_pa": 300.0, "tan_phi": 0.01}),
         ),
-        seen=(seen(),),
+        plot_data=(seen(),),
         stages_s={"look": 0.8, "evidence": 0.2},
         sets=(CauseSet(("slip_sinkage",), 0.9), CauseSet(("slip_sinkage", "bulldozing"), 0.06)),
     )

@@ -28,7 +28,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "proposal": None if found.proposal is None else vars(found.proposal),
         "minimum_detectable": {key: vars(size) for key, size in found.minimum_detectable.items()},
         "next_run": [{**vars(run), "separates": list(run.separates)} for run in found.next_run],
-        "cannot_tell": {family: note_text(why) for family, why in found.cannot_tell.items()},
+        "cannot_tell": {family: note_text(why) for family, why in found.not_identifiable.items()},
         "notes": texts_of(found.notes),
         "noise": found.noise,
         "soils": [vars(soil) for soil in found.soils],

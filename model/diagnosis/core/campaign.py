@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from daq import OUTPUTS, Note
@@ -70,7 +70,7 @@ class Bench:
 
 @dataclass(frozen=True)
 class DiagnosisOptions:
-    """How to look.
+    """Options of a diagnosis.
 
     Attributes
     ----------
@@ -132,13 +132,13 @@ class Coverage:
     tyre: str
 
 
-def considered(coverage: Coverage, options: DiagnosisOptions) -> tuple[type[Effect], ...]:
-    """Return the effects of the options that can be there at all, and whose inputs are known."""
-    effects = [EFFECTS[key] for key in options.effects if key in EFFECTS]
-    return tuple(e for e in effects if e.reading in ("any", options.reading) and not ruled_out(e.needs, coverage))
+def considered(coverage: Coverage, keys: Sequence[str], reading: Reading) -> tuple[type[Effect], ...]:
+    """Return the effects of these keys that can be there at all, and whose inputs are known."""
+    effects = [EFFECTS[key] for key in keys if key in EFFECTS]
+    return tuple(e for e in effects if e.reading in ("any", reading) and not ruled_out(e.needs, coverage))
 
 
-def cannot_tell(coverage: Coverage) -> dict[str, Note]:
+def not_identifiable(coverage: Coverage) -> dict[str, Note]:
     """Return, for families of which no form can be identified, a note on why."""
     reasons: dict[str, list[Note | None]] = {}
     for effect in EFFECTS.values():

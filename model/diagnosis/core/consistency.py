@@ -31,6 +31,7 @@ from model.sinkage_from_forces.sinkage import shear_share
 from processing import ProcessedRun
 
 SIGMAS = 4.0
+"""One-sigmas by which a row may be over the bound."""
 RADIUS_SIGMA = 0.01
 """Relative one-sigma of the wheel's radius."""
 _STEEPEST = 1.0
@@ -39,7 +40,7 @@ _SCALE_OFF = 0.05
 """Share by which the rim's speed of a hardly slipping wheel must be off for its radius to be suspected."""
 _HIGHEST_LUG = 0.1
 """In radii."""
-_LOOKED_AT = 500
+_MOST_SUSPECTS = 500
 """Rows, the worst ones, from which changes are computed."""
 
 
@@ -138,26 +139,21 @@ _SIGMA_OF = {channel.field: channel.sigma_field for channel in (INPUTS["w"], *OU
 _MEASURED = (*_SIGMA_OF, *_SIGMA_OF.values())
 
 
-def inconsistent(rows: BoundRows, sigmas: float = SIGMAS) -> tuple[Inconsistent, ...]:
+def inconsistent(rows: BoundRows) -> tuple[Inconsistent, ...]:
     """Return what breaks the bound by more than noise: nothing, or one entry that names the channel to suspect.
 
     Torque, if its reading at standstill is large enough to explain it. Torque or radius, if the forces by themselves
     ask for more friction than soil has: the radius, if the rim's speed is off too. Else the sinkage: the forces agree
     with each other, but not with it.
-
-    Parameters
-    ----------
-    sigmas : float
-        How many one-sigmas a row may be over the bound.
     """
-    over = rows.excess_n - sigmas * rows.sigma_n
+    over = rows.excess_n - SIGMAS * rows.sigma_n
     broken = int((over > 0.0).sum())
     if not broken:
         return ()
-    worst = np.argsort(-over)[: min(broken, _LOOKED_AT)]
-    seen = rows[worst]
-    change = _Change(seen)
-    channel, because = _suspect(seen, change)
+    worst = np.argsort(-over)[: min(broken, _MOST_SUSPECTS)]
+    suspects = rows[worst]
+    change = _Change(suspects)
+    channel, because = _suspect(suspects, change)
     says = (
         f"T/r - Dp is above W tan(theta_1), which no soil can do, in {broken} of {len(rows)} driven rows, by up to "
         f"{rows.excess_n[worst[0]]:.3g} N ({rows.excess_n[worst[0]] / max(rows.sigma_n[worst[0]], 1e-9):.3g} sigma); "

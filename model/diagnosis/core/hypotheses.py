@@ -191,10 +191,9 @@ class Posterior:
         shares = inclusion / total if total > 0 else np.full(own.size, 1.0 / own.size)
         return {h.effects[own[i]]: float(shares[i]) for i in np.argsort(-shares, kind="stable")}
 
-    def best(self, least: int = 0) -> tuple[str, ...]:
-        """Return the most probable set with `least` causes or more; with none where there are no such."""
-        enough = (self.hypotheses.members >= 0).sum(axis=1) >= least
-        return self.hypotheses.keys_of(int(np.argmax(np.where(enough, self.probability, -1.0))))
+    def best(self) -> tuple[str, ...]:
+        """Return the most probable set."""
+        return self.hypotheses.keys_of(int(np.argmax(self.probability)))
 
 
 def probabilities(log_evidence: FloatArray, log_prior: FloatArray) -> FloatArray:

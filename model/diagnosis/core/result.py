@@ -81,7 +81,7 @@ class Finding:
     size : float
         N, N m, m or m/s. Of recorded runs the height of the shape of misfit there, once soil and the stronger findings
         were taken out, where the shape is largest; of rows the mean of measured less simulated. Of an input
-        the error, measured less true, that would look like this misfit.
+        the error, measured less true, that would give this misfit.
     statistic : float
         Over its standard deviation (signed).
     """
@@ -109,7 +109,7 @@ class Scores:
 
 @dataclass(frozen=True)
 class Gain:
-    """What the extension is worth on runs that neither the choice nor the fit has seen.
+    """Gain of the extension on runs that neither the choice nor the fit has used.
 
     Attributes
     ----------
@@ -177,7 +177,7 @@ class NextRun:
 
 @dataclass(frozen=True)
 class PlotData:
-    """The samples that were looked at, for figures; arrays of shape (n,).
+    """Samples of a campaign or rows of a table, for figures; arrays of shape (n,).
 
     Attributes
     ----------
@@ -192,9 +192,9 @@ class PlotData:
     signatures : mapping effect key -> mapping channel -> array
         What each candidate changes at its estimated size, less what the soil can imitate.
     implied : mapping effect key -> mapping channel -> array
-        What each candidate says as if it were the one, of channels that were not looked at too.
-    unseen : tuple of str
-        Channels that were measured and not looked at: nothing was chosen or fitted by them.
+        What each candidate says as if it were the one, of channels that were not used too.
+    unused_channels : tuple of str
+        Channels that were measured and not used: nothing was chosen or fitted by them.
     """
 
     campaign: str
@@ -211,7 +211,7 @@ class PlotData:
     base_sigma: dict[str, FloatArray]
     signatures: dict[str, dict[str, FloatArray]]
     implied: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
-    unseen: tuple[str, ...] = ()
+    unused_channels: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -235,8 +235,8 @@ class Grounds:
         Why a family that is likely enough is not named.
     beside : tuple of str
         Families of which one more probably acts beside the named ones.
-    look_alikes : tuple of str
-        Families whose signatures are almost those of the named ones or of the set.
+    confounded : tuple of str
+        Families confounded with the named ones or of the set.
     most_probable : tuple of str
         Families of the most probable set.
     terrains : two tuples of str, optional
@@ -250,7 +250,7 @@ class Grounds:
     undecided: Note | None = None
     barred: Note | None = None
     beside: tuple[str, ...] = ()
-    look_alikes: tuple[str, ...] = ()
+    confounded: tuple[str, ...] = ()
     most_probable: tuple[str, ...] = ()
     terrains: tuple[tuple[str, ...], tuple[str, ...]] | None = None
     cautions: tuple[Note, ...] = ()
@@ -272,7 +272,7 @@ class Diagnosis:
     gain : Gain or None
         None where it cannot be measured (one run).
     minimum_detectable : mapping effect key -> Detectable
-    cannot_tell : mapping family -> why
+    not_identifiable : mapping family -> why
         What the data do not allow to decide, for want of what.
     noise : mapping str -> float
         Hyper-parameters of the noise model, with unit suffix.
@@ -289,11 +289,11 @@ class Diagnosis:
     proposal: Proposal | None
     minimum_detectable: dict[str, Detectable]
     next_run: tuple[NextRun, ...]
-    cannot_tell: dict[str, Note] = field(default_factory=dict)
+    not_identifiable: dict[str, Note] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
     noise: dict[str, float] = field(default_factory=dict)
     soils: tuple[SoilEstimate, ...] = ()
-    seen: tuple[PlotData, ...] = ()
+    plot_data: tuple[PlotData, ...] = ()
     stages_s: dict[str, float] = field(default_factory=dict)
     sets: tuple[CauseSet, ...] = ()
     grounds: Grounds = field(default_factory=Grounds)
@@ -315,16 +315,16 @@ class Diagnosis:
         Returns
         -------
         float
-            In the channel's unit; NaN where the shape is none over slip or has no samples to be seen.
+            In the channel's unit; NaN where the shape is none over slip or has no samples.
         """
         slips, campaign = found.place.slips, found.place.campaign
         if slips is None:
             return float("nan")
         (low, high), channel = slips, ROLES[found.channel].key
         left = [
-            (seen.measured[channel] - seen.base[channel])[(seen.slip >= low) & (seen.slip <= high)]
-            for seen in self.seen
-            if channel in seen.base and campaign in ("", seen.campaign)
+            (one.measured[channel] - one.base[channel])[(one.slip >= low) & (one.slip <= high)]
+            for one in self.plot_data
+            if channel in one.base and campaign in ("", one.campaign)
         ]
         known = np.concatenate([*left, np.zeros(0)])
         known = known[np.isfinite(known)]
@@ -375,7 +375,7 @@ def _frames(found: Diagnosis) -> dict[str, pd.DataFrame]:
 
 
 def undecided(
-    why: Note, cannot_tell: dict[str, Note], notes: tuple[Note, ...], stages_s: dict[str, float] | None = None
+    why: Note, not_identifiable: dict[str, Note], notes: tuple[Note, ...], stages_s: dict[str, float] | None = None
 ) -> Diagnosis:
     """Return a diagnosis that decides nothing and says for want of what; see `Diagnosis`."""
     return Diagnosis(
@@ -390,7 +390,7 @@ def undecided(
         proposal=None,
         minimum_detectable={},
         next_run=(),
-        cannot_tell=cannot_tell,
+        not_identifiable=not_identifiable,
         notes=notes,
         stages_s=stages_s or {},
     )

@@ -156,13 +156,13 @@ def _kind(information: FloatArray, shapes: IndexArray) -> _Kind:
 LEAST = 3.5
 """Size of a statistic from which on a shape is said: one of 140 shapes exceeds it by chance in one of 15 campaigns."""
 MOST = 8
-_SEEN = 0.05
+_LEAST_SHARE_LEFT = 0.05
 """Share of a shape's information that soil and earlier findings must have left."""
 
 
 def findings(
     grams: Grams,
-    views: tuple[CampaignData, ...],
+    campaigns: tuple[CampaignData, ...],
     keys: tuple[str, ...] = (),
     excess: float = 1.0,
     *,
@@ -172,7 +172,7 @@ def findings(
 
     Parameters
     ----------
-    views : tuple of CampaignData
+    campaigns : tuple of CampaignData
         For the shapes' heights.
     keys : tuple of str
         Causes that the simulation has.
@@ -182,7 +182,7 @@ def findings(
         Ask for errors of ground speed and load, too. What a missing cause leaves looks like many of them: where there
         is a name for it, they are not asked for.
     """
-    heights = np.concatenate([view.columns.heights for view in views])
+    heights = np.concatenate([data.columns.heights for data in campaigns])
     asked = [i for i, shape in enumerate(grams.basis) if inputs or shape.channel not in INPUTS]
     left = left_over(grams, keys)
     left = LeftOver(left.misfit, left.score[asked], left.information[np.ix_(asked, asked)])
@@ -204,7 +204,7 @@ def found_in(left: LeftOver, shapes: tuple[Shape, ...], height: FloatArray, exce
     found: list[Finding] = []
     for _ in range(min(MOST, len(shapes))):
         own = np.diag(information)
-        known = own > _SEEN * whole
+        known = own > _LEAST_SHARE_LEFT * whole
         z = np.where(known, score / np.sqrt(np.where(known, own * excess, 1.0)), 0.0)
         worst = int(np.argmax(np.abs(z)))
         if abs(z[worst]) < LEAST:

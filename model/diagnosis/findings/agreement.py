@@ -41,7 +41,7 @@ AT = 0.01
 """Probability of a larger Q by chance, below which campaigns are said to disagree."""
 OTHER_FORM = 3.0
 """Nats by which a campaign must prefer another form: 20 to 1."""
-_SEEN = 1e-6
+_LEAST_SHARE_LEFT = 1e-6
 """Share of a combination that a campaign may leave open and still estimate it."""
 
 
@@ -132,9 +132,9 @@ def other_forms(
     return found
 
 
-def runs_of(look: LinearisedCampaign) -> dict[str, int]:
-    """Return how many runs each campaign of a look has, in their order."""
-    return {view.campaign.name: len(view.grams.matrices) for view in look.views}
+def runs_of(linearised: LinearisedCampaign) -> dict[str, int]:
+    """Return how many runs each campaign has, in their order."""
+    return {data.campaign.name: len(data.grams.matrices) for data in linearised.campaigns}
 
 
 def _by_campaign(grams: Grams, runs: dict[str, int]) -> Iterator[tuple[str, Grams]]:
@@ -164,7 +164,7 @@ def _along(information: FloatArray, direction: FloatArray) -> float:
     """Return the variance of a combination; infinite where the data leave it open."""
     inverse = np.linalg.pinv(information, rcond=1e-9, hermitian=True)
     left = direction - information @ (inverse @ direction)
-    if float(left @ left) > _SEEN * float(direction @ direction):
+    if float(left @ left) > _LEAST_SHARE_LEFT * float(direction @ direction):
         return float("inf")
     return float(direction @ inverse @ direction)
 

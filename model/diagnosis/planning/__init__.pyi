@@ -1,4 +1,3 @@
-from .plan import ALIKE as ALIKE
 from .plan import Plan as Plan
 from .plan import plan_for as plan_for
 from .plan import plan_of as plan_of

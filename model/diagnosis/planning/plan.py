@@ -15,11 +15,11 @@ import numpy as np
 from daq import OUTPUTS, REACTIONS, BoolArray, ConfigError, DataError, Fault, FloatArray, Note, RunInfo, VehicleConfig
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.result import Detectable, NextRun
-from model.diagnosis.findings.isolability import SEEN, Isolability, detectable_in_runs, isolability
+from model.diagnosis.findings.isolability import DETECTABLE_D, Isolability, detectable_in_runs, isolability
 from model.diagnosis.planning.next_run import Member, next_runs
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
-from model.diagnosis.time_series.noise import Noise, beliefs
+from model.diagnosis.time_series.noise import Noise, hyper_priors
 from model.diagnosis.time_series.samples import samples_of
 from model.one_thread import one_thread
 from model.simulation import DrivingStyle, VehicleSetup
@@ -59,8 +59,6 @@ class CampaignPlan:
         Of each run.
     vehicle : VehicleSetup
         Loads and how they move.
-    style : DrivingStyle
-        Slips and speeds.
     channels : of "dp", "t", "z"
         What will be measured.
     sigmas : mapping of "dp", "t", "z", "speed", "load" -> float
@@ -77,24 +75,18 @@ class CampaignPlan:
     name: str = "plan"
     duration_s: float = 40.0
     vehicle: VehicleSetup = field(default_factory=VehicleSetup)
-    style: DrivingStyle = field(default_factory=DrivingStyle)
     channels: tuple[str, ...] = tuple(REACTIONS)
     sigmas: dict[str, float] = field(default_factory=dict)
     seed: int = 0
 
 
-def usual_runs(
-    count: int = 6,
-    added_load_kg: tuple[float, ...] = ADDED_LOAD_KG,
-    inflation_kpa: tuple[float | None, ...] = (None,),
-) -> tuple[RunInfo, ...]:
-    """Return runs that take turns in direction, load and pressure."""
+def usual_runs(count: int = 6, added_load_kg: tuple[float, ...] = ADDED_LOAD_KG) -> tuple[RunInfo, ...]:
+    """Return runs that take turns in direction and load."""
     return tuple(
         RunInfo(
             id=f"run-{i + 1}",
             direction="back" if i % 2 else "out",
             added_load_kg=added_load_kg[i % len(added_load_kg)],
-            inflation_kpa=inflation_kpa[i % len(inflation_kpa)],
         )
         for i in range(count)
     )
@@ -106,7 +98,6 @@ def plan_for(
     soil_prior: SoilPrior | None = None,
     runs: tuple[RunInfo, ...] = (),
     *,
-    static_load_n: float | None = None,
     duration_s: float = 40.0,
     name: str = "plan",
     seed: int = 0,
@@ -119,9 +110,6 @@ def plan_for(
         Its wheel, its mass, and which of drawbar pull, torque and sinkage it measures.
     runs : tuple of RunInfo, optional
         As runs.toml has them; `usual_runs` where there are none, added loads in proportion to the mass.
-    static_load_n : float, optional
-        On the instrumented wheel of the empty vehicle; the share of its mass that the paper's vehicle has there,
-        where it is not given.
     duration_s, name, seed
         See `CampaignPlan`.
 
@@ -137,7 +125,6 @@ def plan_for(
     usual = VehicleSetup()
     mass = vehicle.vehicle.mass_kg or usual.mass_kg
     share = mass / usual.mass_kg
-    load = static_load_n or usual.static_load_n * share
     default = usual_runs(added_load_kg=tuple(share * added for added in ADDED_LOAD_KG))
     measured = tuple(key for key, channel in OUTPUTS.items() if channel.role in vehicle.signals)
     return CampaignPlan(
@@ -148,7 +135,7 @@ def plan_for(
         tyre=vehicle.wheel.tyre or "",
         name=name,
         duration_s=duration_s,
-        vehicle=replace(usual, mass_kg=mass, static_load_n=load),
+        vehicle=replace(usual, mass_kg=mass, static_load_n=usual.static_load_n * share),
         channels=measured or tuple(REACTIONS),
         seed=seed,
     )
@@ -180,7 +167,9 @@ def _run(
     pressure = info.inflation_kpa or plan.vehicle.inflation_kpa
     here = Circumstances(info, pressure, 0.0, plan.duration_s, (0.0, 1.0))
     coast = free_rolling_slip(model, {}, static_load_n(plan.vehicle, info.added_load_kg), here)
-    motion = drive(plan.duration_s, plan.wheel.radius_m, driving, rate_hz=_RATE_HZ, coast_slip=coast, style=plan.style)
+    motion = drive(
+        plan.duration_s, plan.wheel.radius_m, driving, rate_hz=_RATE_HZ, coast_slip=coast, style=DrivingStyle()
+    )
     load = _load(plan, info, motion, road)
     said = model.predict(Conditions(motion.slip, load))
     lost = ~np.isfinite(said.drawbar_pull_n)
@@ -275,13 +264,11 @@ def _standstills(still: BoolArray, load: FloatArray) -> tuple[Standstill, ...]:
 
 
 SCHEMA = "wheelsoil/plan/1"
-ALIKE = 0.95
-"""Cosine from which on causes count as confounded."""
 
 
 @dataclass(frozen=True)
 class Advice:
-    """Causes that look alike, and what would part them, best first."""
+    """Confounded causes, and the runs that would separate them, best first."""
 
     families: tuple[str, ...]
     next_runs: tuple[NextRun, ...]
@@ -289,7 +276,7 @@ class Advice:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a campaign can tell.
+    """Detectable and separable causes of a campaign.
 
     Attributes
     ----------
@@ -299,14 +286,14 @@ class Plan:
         That something is there.
     minimum_separable : mapping effect key -> Detectable
         That it is this and no other family.
-    cannot_tell : mapping family -> why
+    not_identifiable : mapping family -> why
     """
 
     isolability: Isolability
-    look_alikes: tuple[Advice, ...]
+    confounded: tuple[Advice, ...]
     minimum_detectable: dict[str, Detectable]
     minimum_separable: dict[str, Detectable]
-    cannot_tell: dict[str, Note] = field(default_factory=dict)
+    not_identifiable: dict[str, Note] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
@@ -341,9 +328,9 @@ class Plan:
                     "families": list(advice.families),
                     "next_run": [{**vars(run), "separates": list(run.separates)} for run in advice.next_runs],
                 }
-                for advice in self.look_alikes
+                for advice in self.confounded
             ],
-            "cannot_tell": self.cannot_tell,
+            "cannot_tell": self.not_identifiable,
             "notes": list(self.notes),
         }
 
@@ -352,16 +339,13 @@ class Plan:
 def plan_of(
     campaigns: Sequence[Campaign],
     options: DiagnosisOptions | None = None,
-    sizes: Mapping[str, Sequence[float]] | None = None,
     *,
     advise: bool = True,
 ) -> Plan:
-    """Say what campaigns can tell apart: planned ones (`model.diagnosis.planning.plan`) or driven ones.
+    """Return which causes campaigns can separate: planned ones (`model.diagnosis.planning.plan`) or driven ones.
 
     Parameters
     ----------
-    sizes : mapping key -> coefficients, optional
-        In units of the prior scale; see `isolability`.
     advise : bool
         List for confounded causes the runs that would separate them.
 
@@ -371,52 +355,57 @@ def plan_of(
         As `linearise_campaigns`.
     """
     chosen = options or DiagnosisOptions()
-    seen = linearise_campaigns(campaigns, chosen, [_thought_of(campaign, chosen) for campaign in campaigns])
-    return plan_from_linearised(seen, chosen, sizes, advise=advise)
+    linearised = linearise_campaigns(
+        campaigns, chosen, [_prior_noise(campaign, chosen.channels) for campaign in campaigns]
+    )
+    return plan_from_linearised(linearised, chosen.name_at, advise=advise)
 
 
 @one_thread
 def plan_from_linearised(
-    seen: LinearisedCampaign,
-    options: DiagnosisOptions | None = None,
+    linearised: LinearisedCampaign,
+    name_at: float,
     sizes: Mapping[str, Sequence[float]] | None = None,
     *,
     advise: bool = True,
 ) -> Plan:
-    """Say what runs that were looked at can tell apart, with the noise that they have.
+    """Return which causes linearised runs can separate, with the noise that they have.
 
     Parameters
     ----------
-    options, sizes, advise
+    name_at : float
+        Probability from which on a family is named.
+    sizes : mapping key -> coefficients, optional
+        In units of the prior scale; see `isolability`.
+    advise : bool
         As for `plan_of`.
     """
-    chosen = options or DiagnosisOptions()
-    found = isolability(seen.grams, sizes)
-    groups = found.look_alikes(ALIKE)
-    detectable = detectable_in_runs(seen.grams, name_at=chosen.name_at)
+    found = isolability(linearised.grams, sizes)
+    groups = found.confounded()
+    detectable = detectable_in_runs(linearised.grams, name_at=name_at)
     return Plan(
         isolability=found,
-        look_alikes=tuple(Advice(g, _advice(seen, found, g) if advise else ()) for g in groups),
+        confounded=tuple(Advice(g, _advice(linearised, found, g) if advise else ()) for g in groups),
         minimum_detectable=detectable,
-        minimum_separable={key: _separable(seen.grams, found, i) for i, key in enumerate(found.keys)},
-        cannot_tell=seen.cannot_tell,
-        notes=seen.notes,
+        minimum_separable={key: _separable(linearised.grams, found, i) for i, key in enumerate(found.keys)},
+        not_identifiable=linearised.not_identifiable,
+        notes=linearised.notes,
     )
 
 
-def _thought_of(campaign: Campaign, options: DiagnosisOptions) -> Noise:
-    return Noise({name: b.centre for name, b in beliefs(samples_of(campaign, options.channels)).items()})
+def _prior_noise(campaign: Campaign, channels: tuple[str, ...]) -> Noise:
+    return Noise({name: b.centre for name, b in hyper_priors(samples_of(campaign, channels)).items()})
 
 
-def _advice(seen: LinearisedCampaign, found: Isolability, group: tuple[str, ...]) -> tuple[NextRun, ...]:
+def _advice(linearised: LinearisedCampaign, found: Isolability, group: tuple[str, ...]) -> tuple[NextRun, ...]:
     """Return what would part a group of families, each by its first form, at twice the size that is seen."""
     members = []
     for family in group:
         i = found.families.index(family)
         if found.deviation[i] > 0:
             key = found.keys[i]
-            members.append(Member(key, found.sizes[key] * 2.0 * SEEN / float(found.deviation[i])))
-    return next_runs(seen, tuple(members), most=3)
+            members.append(Member(key, found.sizes[key] * 2.0 * DETECTABLE_D / float(found.deviation[i])))
+    return next_runs(linearised, tuple(members), most=3)
 
 
 def _separable(grams: Grams, found: Isolability, i: int) -> Detectable:
@@ -424,5 +413,5 @@ def _separable(grams: Grams, found: Isolability, i: int) -> Detectable:
     key = found.keys[i]
     cause = next(c for c in grams.causes if c.key == key)
     apart = float(found.separation[i])
-    share = SEEN / apart if apart > 0 else float("inf")
+    share = DETECTABLE_D / apart if apart > 0 else float("inf")
     return Detectable(cause.parameter, cause.neutral + share * float(found.sizes[key][0]) * cause.scale, cause.unit)

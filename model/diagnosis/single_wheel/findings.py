@@ -65,7 +65,7 @@ def plot_data_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tu
                     for key, said in members.items()
                 },
                 implied={key: {c: said[c][rows] for c in OUTPUTS} for key, said in members.items()},
-                unseen=tuple(c for c in channels if c not in problem.channels),
+                unused_channels=tuple(c for c in channels if c not in problem.channels),
             )
         )
     return tuple(found)
@@ -263,7 +263,7 @@ def mixed_repeats(problem: BenchProblem) -> tuple[Note, ...]:
 
 
 def notes_of(
-    problem: BenchProblem, seen: Sequence[PlotData], skids: Mapping[str, SkidLaw], weighing: Weighing
+    problem: BenchProblem, plot_data: Sequence[PlotData], skids: Mapping[str, SkidLaw], weighing: Weighing
 ) -> list[Note]:
     """Return what a reader must know."""
     load_n = problem.typical_load_n
@@ -273,7 +273,7 @@ def notes_of(
         facts = {"channel": noise.channel, "scatter": scatter, "form_scale": noise.form_scale}
         notes.append(Note(DiagnosisCode.REPEATS_SCATTER, values=facts))
     laws = [Note(DiagnosisCode.SKID_LAW, values={"table": name, **asdict(law)}) for name, law in skids.items()]
-    return [*notes, *_likeliest(weighing), *_unseen(seen), *laws]
+    return [*notes, *_likeliest(weighing), *_unused_channels(plot_data), *laws]
 
 
 def _likeliest(weighing: Weighing) -> list[Note]:
@@ -289,11 +289,11 @@ def _likeliest(weighing: Weighing) -> list[Note]:
     ]
 
 
-def _unseen(seen: Sequence[PlotData]) -> list[Note]:
+def _unused_channels(plot_data: Sequence[PlotData]) -> list[Note]:
     """Return how far each candidate is from channels that it has not seen."""
     notes = []
-    for table in seen:
-        for channel in table.unseen:
+    for table in plot_data:
+        for channel in table.unused_channels:
             errors = {
                 key: float(np.sqrt(np.nanmean((said[channel] - table.measured[channel]) ** 2)))
                 for key, said in table.implied.items()

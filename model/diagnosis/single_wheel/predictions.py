@@ -144,7 +144,7 @@ def next_tests(weighing: Weighing, rng: np.random.Generator) -> tuple[NextRun, .
     found = []
     for design in _designs(weighing.problem) if len(rivals) > 1 else []:
         said = [_prediction_of_design(design, weighed, rng) for _, weighed in rivals]
-        known = [foretold for foretold in said if foretold is not None]
+        known = [prediction for prediction in said if prediction is not None]
         if len(known) < len(said):
             continue
         nats = np.array([[_divergence(a, b) for b in known] for a in known])

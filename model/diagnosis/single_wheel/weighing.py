@@ -60,11 +60,11 @@ def threshold(problem: BenchProblem, rng: np.random.Generator, rows: FloatArray 
         size = noise.members.T @ counted
         size = size[size > 0]
         variance, freedom = _scatter(noise) ** 2, int((size - 1).sum())
-        seen = variance * (
+        estimated = variance * (
             rng.chisquare(freedom, _SIMULATIONS) / freedom if freedom and len(noise.scatter) > 1 else 1.0
         )
         true = variance / size + noise.form_scale**2
-        said = np.reshape(seen, (-1, 1)) / size + noise.form_scale**2
+        said = np.reshape(estimated, (-1, 1)) / size + noise.form_scale**2
         total += (rng.standard_normal((_SIMULATIONS, len(size))) ** 2 * true / said).sum(axis=1)
     return float(np.quantile(total, _LEVEL))
 

@@ -29,7 +29,6 @@ class CauseColumn:
     ----------
     key : str
         Of the effect in the library.
-    family, form, kind : of the effect
     scale : float
         Prior one-sigma; a coefficient of 1 is this size. Negative where only values below neutral are plausible
         (`Parameter.towards`), so that the coefficient of a one-sided parameter is never negative.
@@ -41,8 +40,6 @@ class CauseColumn:
 
     key: str
     family: str
-    form: str
-    kind: str
     parameter: str
     unit: str
     scale: float
@@ -100,9 +97,9 @@ class Grams:
         start = self.cause_columns.start
         return tuple(start + i for i, column in enumerate(self.causes) if column.key == key)
 
-    def total(self, weights: FloatArray | None = None) -> FloatArray:
-        """Return the sum over runs, shape (m, m), each run counted `weights` times."""
-        return np.asarray(self.matrices.sum(axis=0) if weights is None else np.tensordot(weights, self.matrices, 1))
+    def total(self) -> FloatArray:
+        """Return the sum over runs, shape (m, m)."""
+        return np.asarray(self.matrices.sum(axis=0))
 
     def chosen(self, runs: BoolArray) -> Grams:
         """Return the Grams of some runs only."""
@@ -165,8 +162,6 @@ def cause_columns(simulation: Simulation, causes: dict[str, float]) -> tuple[Cau
             CauseColumn(
                 key=effect.key(),
                 family=effect.name,
-                form=effect.form,
-                kind=effect.kind,
                 parameter=p.name,
                 unit=p.unit,
                 scale=p.towards(simulation.wheel),

@@ -1,8 +1,6 @@
-r"""Several campaigns looked at together: shared causes, a soil and a catch-all of its own for each.
+r"""Whitening of many columns at once by a Kalman filter, linear in the number of samples; Gram matrices, run by run.
 
-Whitening of many columns at once by a Kalman filter, linear in the number of samples.
-
-The noise of a run is a sum of independent first-order Markov processes seen through known loadings, and white noise:
+The noise of a run is a sum of independent first-order Markov processes with known loadings, and white noise:
 
 .. math:: y_{ic} = \sum_s h_{ics} x_{is} + w_{ic}, \qquad
           x_{is} = a_{is} x_{i-1,s} + \sqrt{1 - a_{is}^2}\, \sigma_s u_{is},
@@ -14,8 +12,6 @@ Runs are a leading axis. Runs of different length are padded; what is not there 
 zeros in every column, and so counts for nothing.
 
 Source: Durbin & Koopman (2012), Time Series Analysis by State Space Methods, 4.3, 4.4 and 6.4.
-
-Columns of a campaign to whitened Gram matrices, run by run.
 """
 
 from __future__ import annotations
@@ -84,12 +80,12 @@ def whiten(space: StateSpace, columns: FloatArray) -> Whitened:
             covariance = _ahead(covariance, stationary, a)
         for c in range(channels):
             h = space.loadings[:, i, c]
-            seen = (covariance @ h[:, :, None])[..., 0]
-            variance = (seen * h).sum(axis=-1) + space.white[:, i, c]
-            gain = seen / variance[:, None]
+            loaded = (covariance @ h[:, :, None])[..., 0]
+            variance = (loaded * h).sum(axis=-1) + space.white[:, i, c]
+            gain = loaded / variance[:, None]
             innovation = columns[:, i, c] - (h[:, None, :] @ state)[:, 0]
             state = state + gain[:, :, None] * innovation[:, None, :]
-            covariance = covariance - gain[:, :, None] * seen[:, None, :]
+            covariance = covariance - gain[:, :, None] * loaded[:, None, :]
             out[:, i, c] = innovation / np.sqrt(variance)[:, None]
             log_determinants += np.log(variance)
     return Whitened(out.reshape(runs, count * channels, width), log_determinants)
@@ -123,10 +119,10 @@ def smoothed(space: StateSpace, data: FloatArray) -> tuple[FloatArray, FloatArra
             covariance = _ahead(covariance, stationary, space.decay[:, i])
         for c in range(channels):
             h = space.loadings[:, i, c]
-            seen = (covariance @ h[:, :, None])[..., 0]
-            gain = seen / ((seen * h).sum(axis=-1) + space.white[:, i, c])[:, None]
+            loaded = (covariance @ h[:, :, None])[..., 0]
+            gain = loaded / ((loaded * h).sum(axis=-1) + space.white[:, i, c])[:, None]
             mean = mean + gain * (data[:, i, c] - (h * mean).sum(axis=-1))[:, None]
-            covariance = covariance - gain[:, :, None] * seen[:, None, :]
+            covariance = covariance - gain[:, :, None] * loaded[:, None, :]
         means[i], covariances[i] = mean, covariance
     for i in range(count - 2, -1, -1):
         a = space.decay[:, i + 1]

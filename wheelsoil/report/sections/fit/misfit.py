@@ -54,10 +54,10 @@ def build(material: ReportInputs) -> Section:
         "median_there": [found.median_there(one) for one in found.what_is_wrong],
         "inconsistent": found.inconsistent,
     }
-    names = [seen.campaign for seen in found.seen]
-    channels = [c for c in OUTPUTS if any(c in seen.base for seen in found.seen)]
+    names = [seen.campaign for seen in found.plot_data]
+    channels = [c for c in OUTPUTS if any(c in seen.base for seen in found.plot_data)]
     for channel in channels:
-        figures, shown = _panels(found.seen, channel)
+        figures, shown = _panels(found.plot_data, channel)
         blocks.append(Panels(figures, _READING, names))
         numbers[channel] = shown
     return Section(KEY, TITLE, blocks, numbers)
