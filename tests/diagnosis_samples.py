@@ -30,6 +30,23 @@ from model.diagnosis.core.shapes import Kind, Shape
 from model.notes import DiagnosisCode, LackCode
 from wheelsoil.wording.verdict import sentence_of
 
+ABOVE_BOUND = Note(
+    DiagnosisCode.ABOVE_BOUND,
+    values={
+        "part": "",
+        "rows": 14,
+        "checked": 20,
+        "excess_n": 310.0,
+        "sigmas": 6.0,
+        "suspicion": "torque",
+        "shear_share": 1.4,
+        "torque_nm": 146.0,
+        "sinkage_m": 0.012,
+        "radius_share": 0.1,
+        "pull_n": 310.0,
+    },
+)
+
 
 def seen(campaign: str = "clay", runs: tuple[str, ...] = ("run-1", "run-2"), samples: int = 120) -> PlotData:
     """Return samples of runs whose drawbar pull lacks what grows with slip."""
@@ -92,9 +109,7 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
             log_likelihood_gain=211.0,
             chosen=(("vasilev",), ()),
         ),
-        inconsistent=(
-            Inconsistent("driving_torque", 14, "T/r - Dp exceeds W tan(theta_1): suspect the torque's gain"),
-        ),
+        inconsistent=(Inconsistent("driving_torque", 14, ABOVE_BOUND),),
         adequacy=Adequacy(2.4 if verdict == "unexplained" else 1.03, 1.77, verdict != "unexplained"),
         proposal=Proposal("dp = -130 N s^2", 12.0) if verdict == "unexplained" else None,
         minimum_detectable={

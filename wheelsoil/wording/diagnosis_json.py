@@ -23,7 +23,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "sets": [{"causes": list(one.causes), "probability": one.probability} for one in found.sets],
         "what_is_wrong": [_finding(one, found.median_there(one)) for one in found.what_is_wrong],
         "gain": None if found.gain is None else _gain_json(found.gain),
-        "inconsistent": [vars(item) for item in found.inconsistent],
+        "inconsistent": [{**vars(item), "why": note_text(item.why)} for item in found.inconsistent],
         "adequacy": None if found.adequacy is None else vars(found.adequacy),
         "proposal": None if found.proposal is None else vars(found.proposal),
         "minimum_detectable": {key: vars(size) for key, size in found.minimum_detectable.items()},

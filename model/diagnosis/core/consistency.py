@@ -1,6 +1,4 @@
-r"""The check that comes before any fit: rows that break a bound that no soil can break.
-
-A bound that no soil can break: T/r - Dp <= W tan(theta_1), checked before any fit.
+r"""Rows that break a bound that no soil can break, T/r - Dp <= W tan(theta_1); checked before any fit.
 
 With normal stress :math:`\sigma` and shear stress :math:`\tau` on the rim, :math:`T/r - D_p = rb\int\sigma\sin\theta +
 \tau(1-\cos\theta)\,d\theta` and :math:`W = rb\int\sigma\cos\theta + \tau\sin\theta\,d\theta`. Between the bottom and
@@ -21,11 +19,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import INPUTS, OUTPUTS, FloatArray, IndexArray
+from daq import INPUTS, OUTPUTS, FloatArray, IndexArray, Note, Severity
 from daq.series import WheelTable
 from model.diagnosis.core.campaign import Bench, Campaign
 from model.diagnosis.core.result import Inconsistent
 from model.fit.observations import Observations
+from model.notes import DiagnosisCode
 from model.sinkage_from_forces.force_cells import driven_samples
 from model.sinkage_from_forces.sinkage import shear_share
 from processing import ProcessedRun
@@ -151,15 +150,19 @@ def inconsistent(rows: BoundRows) -> tuple[Inconsistent, ...]:
     if not broken:
         return ()
     worst = np.argsort(-over)[: min(broken, _MOST_SUSPECTS)]
-    suspects = rows[worst]
-    change = _Change(suspects)
-    channel, because = _suspect(suspects, change)
-    says = (
-        f"T/r - Dp is above W tan(theta_1), which no soil can do, in {broken} of {len(rows)} driven rows, by up to "
-        f"{rows.excess_n[worst[0]]:.3g} N ({rows.excess_n[worst[0]] / max(rows.sigma_n[worst[0]], 1e-9):.3g} sigma); "
-        f"{because}. What would mend it: {change.says}"
-    )
-    return (Inconsistent(channel, broken, says),)
+    change = _Change(rows[worst])
+    channel, suspicion = _suspect(rows[worst], change)
+    excess_n = float(rows.excess_n[worst[0]])
+    facts = {
+        "part": "",
+        "rows": broken,
+        "checked": len(rows),
+        "excess_n": excess_n,
+        "sigmas": excess_n / max(float(rows.sigma_n[worst[0]]), 1e-9),
+        **suspicion,
+        **vars(change),
+    }
+    return (Inconsistent(channel, broken, Note(DiagnosisCode.ABOVE_BOUND, Severity.FAULT, facts)),)
 
 
 class _Change:
@@ -169,7 +172,7 @@ class _Change:
     ----------
     torque_nm, pull_n, sinkage_m : float
         Torque less, drawbar pull more, sinkage more.
-    radius : float
+    radius_share : float
         Wheel larger by this share, or smaller; infinite where no size helps.
     """
 
@@ -183,31 +186,20 @@ class _Change:
         arms = radii * (1.0 + _HIGHEST_LUG * rows.lugged)
         resistance = rows.driving_torque_nm / arms - rows.drawbar_pull_n
         fine = (resistance - rows.vertical_load_n * _tangent(rows.sinkage_m, radii) <= 0.0).all(axis=1)
-        self.radius = float(min(shares[fine], key=abs)) if fine.any() else np.inf
-
-    @property
-    def says(self) -> str:
-        """All of them, for people."""
-        size = f"{100 * abs(self.radius):.2g} % {'larger' if self.radius > 0 else 'smaller'}"
-        wheel = f"a wheel {size}" if np.isfinite(self.radius) else "no other radius"
-        return (
-            f"{self.torque_nm:.3g} N m less torque, {1e3 * self.sinkage_m:.3g} mm more sinkage, {wheel}, "
-            f"or {self.pull_n:.3g} N more drawbar pull"
-        )
+        self.radius_share = float(min(shares[fine], key=abs)) if fine.any() else np.inf
 
 
-def _suspect(rows: BoundRows, change: _Change) -> tuple[str, str]:
-    """Return the channel to suspect, and why."""
+def _suspect(rows: BoundRows, change: _Change) -> tuple[str, dict[str, str | float]]:
+    """Return the channel to suspect, and the values that say why."""
     rest = float(np.nan_to_num(rows.torque_at_rest_nm).max())
     if rest > 0.5 * change.torque_nm:
-        return "driving_torque", f"suspect the torque: it reads {rest:.3g} N m at standstill"
+        return "driving_torque", {"suspicion": "standstill", "torque_at_rest_nm": rest}
     friction = float(np.median(_friction(rows)))
     if friction <= _STEEPEST:
-        return "sinkage", "suspect the sinkage: load, drawbar pull and torque agree with each other, but not with it"
-    more = f"the forces ask for a shear stress of {friction:.2g} times the normal one"
+        return "sinkage", {"suspicion": "sinkage"}
     if abs(rows.speed_scale - 1.0) > _SCALE_OFF:
-        return "wheel_radius", f"suspect the radius: {more}, and ground over rim speed is {rows.speed_scale:.3g}"
-    return "driving_torque", f"suspect the torque: {more}"
+        return "wheel_radius", {"suspicion": "radius", "shear_share": friction, "speed_scale": rows.speed_scale}
+    return "driving_torque", {"suspicion": "torque", "shear_share": friction}
 
 
 def _friction(rows: BoundRows) -> FloatArray:
@@ -237,7 +229,7 @@ def inconsistencies(parts: Sequence[Campaign | Bench]) -> tuple[Inconsistent, ..
     found = [(part.name, item) for part in parts for item in inconsistent(_rows(part))]
     if len(parts) == 1:
         return tuple(item for _, item in found)
-    return tuple(replace(item, why=f"{name}: {item.why}") for name, item in found)
+    return tuple(replace(item, why=replace(item.why, values={**item.why.values, "part": name})) for name, item in found)
 
 
 def _rows(part: Campaign | Bench) -> BoundRows:

@@ -9,8 +9,8 @@
 4. Else `one_of`: the shortest set of families of which one acts with 95 % probability, given that any cause acts.
 
 A name needs three runs or more (of a table: three conditions), since its probability must be calibrated and its gain
-be measured, and data that identify the family: what stands in ``not_identifiable`` is never named, however probable, but
-may be a member of a set. What is named must have a value that bears the name, see `confirmed`.
+be measured, and data that identify the family: what stands in ``not_identifiable`` is never named, however probable,
+but may be a member of a set. What is named must have a value that bears the name, see `confirmed`.
 """
 
 from __future__ import annotations

@@ -137,7 +137,7 @@ class Inconsistent:
 
     channel: str
     rows: int
-    why: str
+    why: Note
 
 
 @dataclass(frozen=True)
