@@ -38,7 +38,7 @@ def innovations(seen: LinearisedCampaign) -> tuple[np.ndarray, np.ndarray]:
     shared = np.concatenate([[1.0], -seen.best.soil, -seen.best.coefficients, np.zeros(len(view.columns.basis))])
     by_run = view.grams.constants @ shared
     each = np.concatenate([np.tile(shared, (len(by_run), 1)), -by_run], axis=1)
-    at = places_of(view.samples)
+    at = places_of(view.samples.run, view.samples.runs)
     left = np.einsum("rkm,rm->rk", rows, each)[:, : at.longest * len(view.linear.channels)]
     present = at.padded(view.columns.present.astype(float)) > 0
     return left.reshape(present.shape), present

@@ -55,7 +55,6 @@ def minimum_detectable(
     ----------
     listed : Hypotheses
         With every effect alone, for the prior.
-    directions : mapping effect -> sequence of Direction
     name_at : float
         Probability asked for.
     """

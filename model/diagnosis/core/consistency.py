@@ -220,12 +220,7 @@ def _tangent(sinkage_m: FloatArray, radius_m: float | FloatArray) -> FloatArray:
 
 
 def inconsistencies(parts: Sequence[Campaign | Bench]) -> tuple[Inconsistent, ...]:
-    """Return what breaks T/r - Dp <= W tan(theta_1), per campaign or table; nothing where torque or sinkage is missing.
-
-    Parameters
-    ----------
-    parts : sequence of Campaign or Bench
-    """
+    """Return what breaks the bound, per campaign or table; nothing where torque or sinkage is missing."""
     found = [(part.name, item) for part in parts for item in inconsistent(_rows(part))]
     if len(parts) == 1:
         return tuple(item for _, item in found)
@@ -238,7 +233,7 @@ def _rows(part: Campaign | Bench) -> BoundRows:
         return bound_rows_of_runs(part.runs, lugged=lugged)
     rows = bound_rows_of_table(part.rows, part.wheel.radius_m, lugged=lugged)
 
-    def sigma(channel: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    def sigma(channel: str) -> FloatArray:
         return np.full(len(rows), part.sigmas.get(channel, 0.0))
 
     return replace(

@@ -38,7 +38,6 @@ class Judgement:
 
     Attributes
     ----------
-    verdict : see `Verdict`
     families : tuple of str
         The named ones; under "one_of" the set.
     beside : tuple of str
@@ -72,7 +71,6 @@ def judgement(
         Of the most probable set.
     gain : Gain or None
         On left-out runs, the causes chosen anew in each fold.
-    not_identifiable : mapping family -> why
     converged : bool
         Whether the linearisation converged.
     error_must_fall : bool

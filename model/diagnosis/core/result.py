@@ -183,8 +183,6 @@ class PlotData:
     ----------
     runs : tuple of str
         Names; ``run`` indexes them.
-    run : int array
-    time_s, slip, ground_speed_mps, vertical_load_n, line_position : float arrays
     measured, base, extended : mapping channel -> array
         What was measured; what the simulation says with its re-calibrated soil; what the extended model says.
     base_sigma : mapping channel -> array
@@ -263,7 +261,6 @@ class Diagnosis:
 
     Attributes
     ----------
-    verdict : see `Verdict`
     causes : the named ones; under "one_of" the set
     candidates : every family, most probable first; "none" among them
     sets : tuple of CauseSet
@@ -276,19 +273,18 @@ class Diagnosis:
         What the data do not allow to decide, for want of what.
     noise : mapping str -> float
         Hyper-parameters of the noise model, with unit suffix.
-    stages_s : mapping stage -> seconds
     """
 
     verdict: Verdict
-    causes: tuple[Cause, ...]
-    candidates: tuple[Candidate, ...]
-    what_is_wrong: tuple[Finding, ...]
-    gain: Gain | None
-    inconsistent: tuple[Inconsistent, ...]
-    adequacy: Adequacy | None
-    proposal: Proposal | None
-    minimum_detectable: dict[str, Detectable]
-    next_run: tuple[NextRun, ...]
+    causes: tuple[Cause, ...] = ()
+    candidates: tuple[Candidate, ...] = ()
+    what_is_wrong: tuple[Finding, ...] = ()
+    gain: Gain | None = None
+    inconsistent: tuple[Inconsistent, ...] = ()
+    adequacy: Adequacy | None = None
+    proposal: Proposal | None = None
+    minimum_detectable: dict[str, Detectable] = field(default_factory=dict)
+    next_run: tuple[NextRun, ...] = ()
     not_identifiable: dict[str, Note] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
     noise: dict[str, float] = field(default_factory=dict)
@@ -381,15 +377,6 @@ def undecided(
     return Diagnosis(
         verdict="nothing_detectable",
         grounds=Grounds(undecided=why),
-        causes=(),
-        candidates=(),
-        what_is_wrong=(),
-        gain=None,
-        inconsistent=(),
-        adequacy=None,
-        proposal=None,
-        minimum_detectable={},
-        next_run=(),
         not_identifiable=not_identifiable,
         notes=notes,
         stages_s=stages_s or {},

@@ -162,7 +162,6 @@ class Fits:
     ----------
     starts : "one" or "several"
         "one" where nothing explains the data, so that no size is more than a place to look from.
-    known : mapping keys -> SetFit
     """
 
     def __init__(self, linearised: LinearisedCampaign, starts: Literal["one", "several"] = "several") -> None:
@@ -174,10 +173,6 @@ class Fits:
         if keys not in self.known:
             self.known[keys] = fit_set(self.linearised, keys, starts=self.starts)
         return self.known[keys]
-
-    def of(self, *sets: Keys) -> dict[Keys, SetFit]:
-        """Return the fits of several sets."""
-        return {keys: self[keys] for keys in sets}
 
 
 def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:

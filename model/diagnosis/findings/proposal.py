@@ -143,15 +143,15 @@ def propose_for(fit: SetFit) -> Proposal | None:
     parts = []
     for part in fit.problem.parts:
         data = part.data
-        own = _with_terms(part, fit, columns)
+        own = _with_terms(part, columns)
         matrices = run_grams(data.samples, part.frozen, own, data.noise.values, data.speed_variance)
         parts.append((data.campaign.name, data.samples.run_names, own, matrices))
     return propose(_terms_as_causes(joined(parts), columns), columns)
 
 
-def _with_terms(part: Part, fit: SetFit, columns: dict[str, TermColumn]) -> Columns:
+def _with_terms(part: Part, columns: dict[str, TermColumn]) -> Columns:
     """Return a campaign's columns with the terms behind the causes; terms that are new are added to `columns`."""
-    plain = fit.problem.columns(part)
+    plain = part.columns(part.frozen)
     samples, linear = part.data.samples, part.frozen
     values = {**part.simulation.space.values(linear.point.soil), **linear.point.causes}
     sinkage = part.simulation.model(linear.point.causes).predict(linear.conditions, values).sinkage_m
@@ -201,7 +201,6 @@ def propose(grams: Grams, terms: dict[str, TermColumn]) -> Proposal | None:
     ----------
     grams : Grams
         With terms in the place of causes, by their keys; what else is uncertain stands among the soil's columns.
-    terms : mapping key -> TermColumn
 
     Returns
     -------

@@ -48,6 +48,10 @@ class Part:
     causes: tuple[int, ...]
     stretch: FloatArray
 
+    def columns(self, linear: Linear) -> Columns:
+        """Return the columns about a point, without catch-all."""
+        return columns_of(self.simulation, self.data.samples, linear, catch_all=False)
+
     def moved(self, point: Point) -> Linear:
         """Return the model at another point, with the slopes that whiten as they are."""
         samples, frozen = self.data.samples, self.frozen
@@ -119,14 +123,10 @@ class SetProblem:
         found = []
         for part in self.parts:
             data = part.data
-            columns = self.columns(part)
+            columns = part.columns(part.frozen)
             matrices = run_grams(data.samples, part.frozen, columns, data.noise.values, data.speed_variance)
             found.append((data.campaign.name, data.samples.run_names, columns, matrices))
         return joined(found)
-
-    def columns(self, part: Part) -> Columns:
-        """Return the columns of a campaign about the point whose slopes whiten, without catch-all."""
-        return self._columns(part, part.frozen)
 
     def _point(self, part: Part, x: FloatArray) -> Point:
         moved = {}
@@ -138,14 +138,10 @@ class SetProblem:
                 moved[key] = cause.neutral + size * cause.scale
         return Point(x[part.soil], moved, part.data.linear.point.speed_mps)
 
-    @staticmethod
-    def _columns(part: Part, linear: Linear) -> Columns:
-        return columns_of(part.simulation, part.data.samples, linear, catch_all=False)
-
     def _rows(self, part: Part, x: FloatArray) -> list[FloatArray]:
         """Return residual and derivatives of each run of a campaign, in the layout of x."""
         linear = part.moved(self._point(part, x))
-        rows = self._whitened(part, self._columns(part, linear), x, part.data.noise.values)
+        rows = self._whitened(part, part.columns(linear), x, part.data.noise.values)
         answered = not np.any(part.frozen.usable & ~linear.usable)
         return rows if answered else [np.full_like(run, np.nan) for run in rows]
 
@@ -163,7 +159,7 @@ class SetProblem:
         """Return by how much J'r changes when each hyper-parameter grows by its own one-sigma, shape (h, p)."""
         found = []
         for part in self.parts:
-            columns = self._columns(part, part.moved(self._point(part, x)))
+            columns = part.columns(part.moved(self._point(part, x)))
             noise = part.data.noise
             plain = _score(self._whitened(part, columns, x, noise.values))
             for name, sigma in noise.log_sigmas.items():

@@ -286,7 +286,6 @@ class Plan:
         That something is there.
     minimum_separable : mapping effect key -> Detectable
         That it is this and no other family.
-    not_identifiable : mapping family -> why
     """
 
     isolability: Isolability

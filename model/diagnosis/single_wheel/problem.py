@@ -187,7 +187,6 @@ class BenchProblem:
         One for each channel that is used.
     rows : tuple of int arrays
         Rows of each channel.
-    reading : "balanced" or "literal"
     """
 
     benches: tuple[Bench, ...]

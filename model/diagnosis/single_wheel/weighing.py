@@ -252,7 +252,6 @@ def weighed(found: Optima, log_prior: Mapping[Hypothesis, float], rng: np.random
     ----------
     found : Optima
         With every set of `log_prior`.
-    log_prior : mapping Hypothesis -> float
     """
     sets = tuple(Weighed(h, p, found.best(h).log_evidence, found.ranked(h), np.inf) for h, p in log_prior.items())
     return _corrected(_gated(Weighing(found.problem, sets, threshold(found.problem, rng))), rng)

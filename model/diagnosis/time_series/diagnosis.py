@@ -194,7 +194,9 @@ def _weighed(
     remarks: tuple[Note, ...] = (Note(DiagnosisCode.NOTHING_TO_TEST),)
     if judged.ok:
         with clock.stage("held_out"):
-            gain, remarks = held_out(linearised, np.random.default_rng(seed), fits.of((), linearised.best.keys))
+            gain, remarks = held_out(
+                linearised, np.random.default_rng(seed), {keys: fits[keys] for keys in ((), linearised.best.keys)}
+            )
     verdict = judgement(found, judged, gain, linearised.not_identifiable, name_at, linearised.converged)
     with clock.stage("where"):
         unnamed = verdict.verdict == "unexplained"

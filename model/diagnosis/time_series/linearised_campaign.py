@@ -30,7 +30,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -46,10 +45,6 @@ from model.diagnosis.time_series.samples import Samples, places_of, samples_of, 
 from model.diagnosis.time_series.start import CampaignData, Start, begin, first_causes, not_identifiable_in_any
 from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed, smoothed_speed
 from model.one_thread import one_thread
-
-if TYPE_CHECKING:
-    from model.diagnosis.time_series.start import CampaignData
-
 
 _LEAST_SHARE = 0.1
 """Of the measured variance, that is taken for movement whatever the noise."""
@@ -83,7 +78,7 @@ def with_likely_load(samples: Samples, values: Mapping[str, float]) -> Samples:
     moving = max(total - noise, _LEAST_SHARE * total)
     kept = (float(np.mean(swing[near] * swing[near - 1])) - noise * memory) / moving
     kept = float(np.clip(kept, 0.01, 0.99))
-    at = places_of(samples)
+    at = places_of(samples.run, samples.runs)
     decay = np.stack([kept ** (step_s / samples.block_s), memory ** (step_s / samples.block_s)], axis=-1)
     present = at.padded(np.ones((1, len(samples))))
     space = StateSpace(
@@ -325,7 +320,6 @@ class LinearisedCampaign:
         Linearisations.
     converged : bool
         Whether the last one changed nothing.
-    stages_s : mapping stage -> seconds
     """
 
     grams: Grams

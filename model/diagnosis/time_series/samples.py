@@ -39,7 +39,6 @@ class Standstills:
 
     Attributes
     ----------
-    run : int array
     conditions : Conditions
         Load, direction, time and place; slip and speeds are 0.
     measured : mapping "dp", "t" -> array
@@ -449,12 +448,11 @@ class Places:
         return np.asarray(x[self.run, self.place])
 
 
-def places_of(samples: Samples) -> Places:
-    """Return the places of a campaign's samples."""
-    counts = np.bincount(samples.run, minlength=samples.runs)
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]]) if samples.runs else np.zeros(0, np.intp)
-    place = np.arange(len(samples)) - first[samples.run]
-    return Places(samples.run, place, samples.runs, int(counts.max(initial=0)))
+def places_of(run: IndexArray, runs: int) -> Places:
+    """Return the places of samples that stand run after run, by the index of their run."""
+    counts = np.bincount(run, minlength=runs)
+    first = np.cumsum(counts) - counts
+    return Places(run, np.arange(len(run)) - first[run], runs, int(counts.max(initial=0)))
 
 
 def steps_of(x: FloatArray, run: IndexArray) -> FloatArray:

@@ -25,7 +25,7 @@ from daq import BoolArray, FloatArray, IndexArray
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.noise import loading, processes, rest_variance, white_variance
-from model.diagnosis.time_series.samples import Places, Samples, places_of, steps_of
+from model.diagnosis.time_series.samples import Samples, places_of, steps_of
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def state_space(
     speed_variance : array, shape (n,)
         Variance of the ground speed's error about the point.
     """
-    at = places_of(samples)
+    at = places_of(samples.run, samples.runs)
     listed = processes(linear.channels)
     loadings = np.stack([loading(linear, samples, p.loading) for p in listed], axis=-1)
     loadings = np.where(present[..., None], loadings, 0.0)
@@ -200,7 +200,7 @@ def whitened_rows(
 
     Standstills come last. Constants of a run are columns still, scaled to one-sigma 1.
     """
-    at = places_of(samples)
+    at = places_of(samples.run, samples.runs)
     space = state_space(samples, linear, columns.present, values, speed_variance)
     found = whiten(space, at.padded(columns.rows))
     rests, log_determinants = _rests(samples, linear, columns, values)
@@ -216,9 +216,7 @@ def _rests(
     variance = rest_variance(linear, samples, values)
     variance = np.where(columns.rests_present, variance, 1.0)
     run = samples.rests.run
-    counts = np.bincount(run, minlength=samples.runs)
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    at = Places(run, np.arange(len(run)) - first[run], samples.runs, int(counts.max(initial=0)))
+    at = places_of(run, samples.runs)
     rows = at.padded(columns.rests / np.sqrt(variance)[..., None])
     log_determinants = np.zeros(samples.runs)
     np.add.at(log_determinants, run, np.log(variance).sum(axis=0))
@@ -256,7 +254,7 @@ def smoothed_speed(
     coefficients : array, shape (runs, 1 + q + k + b + l)
         Of the columns: 1 for the residual, minus the estimate for the others.
     """
-    at = places_of(samples)
+    at = places_of(samples.run, samples.runs)
     space = state_space(samples, linear, columns.present, values, speed_variance)
     left = np.einsum("cnm,nm->cn", columns.rows, coefficients[samples.run])
     means, covariances = smoothed(space, at.padded(left))
