@@ -10,7 +10,7 @@ from benchmarks.recovery import processed_campaign
 from benchmarks.table import Row, at_most, judged, times
 from benchmarks.timing import median_cpu_seconds, wheelsoil_cost
 from model.diagnosis import Campaign, DiagnosisOptions
-from model.diagnosis.time_series import look
+from model.diagnosis.time_series import linearise_campaigns
 from model.effects import EFFECTS
 from model.wheel_soil import prior_of
 from wheelsoil.simulation import SimulationOptions, parse_effect
@@ -34,8 +34,8 @@ def _campaign(runs: int, duration_s: float) -> Campaign:
 
 def _evidence() -> Row:
     campaign = _campaign(6, 40.0)
-    noises = look([campaign], ALL).noises
-    seconds = median_cpu_seconds(lambda: look([campaign], ALL, noises))
+    noises = linearise_campaigns([campaign], ALL).noises
+    seconds = median_cpu_seconds(lambda: linearise_campaigns([campaign], ALL, noises))
     what = "evidence of every set of causes, 6 runs of 40 s, noise given"
     return judged(what, f"{seconds:.2f} s", seconds, at_most(1, "s"))
 
@@ -63,6 +63,6 @@ def _long_runs() -> Row:
 
 def _round_s(campaign: Campaign) -> float:
     """Return the processor time of a round of linearisation and evidence; how many there are depends on the data."""
-    noises = look([campaign], ALL).noises
-    rounds = look([campaign], ALL, noises).rounds
-    return median_cpu_seconds(lambda: look([campaign], ALL, noises), 3) / rounds
+    noises = linearise_campaigns([campaign], ALL).noises
+    rounds = linearise_campaigns([campaign], ALL, noises).rounds
+    return median_cpu_seconds(lambda: linearise_campaigns([campaign], ALL, noises), 3) / rounds

@@ -63,6 +63,10 @@ class DiagnosisCode(StrEnum):
     BRAKED_ROWS_EXCLUDED = "braked_rows_excluded"
     """table, rows"""
     BRAKED_ROWS_ONLY = "braked_rows_only"
+    ABOVE_BOUND = "above_bound"
+    """part (empty for the only one), rows, checked, excess_n, sigmas; suspicion ("standstill" with torque_at_rest_nm,
+    "sinkage", "radius" with shear_share and speed_scale, "torque" with shear_share); torque_nm, sinkage_m, radius_share
+    (infinite: none) and pull_n that would correct it"""
     PRIOR_SCALED = "prior_scaled"
     """share, load_n"""
     REPEATS_SCATTER = "repeats_scatter"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from model.diagnosis.time_series.grams import CauseColumn, Grams
+from model.diagnosis.time_series.columns import CauseColumn, Grams
 
 Columns = dict[str, tuple[str, bool]]
 """Key -> (family, one-sided); a key "family.parameter" shares the effect with others of that beginning."""
@@ -19,9 +19,7 @@ FOUR: Columns = {
 
 def cause(key: str, family: str, one_sided: bool) -> CauseColumn:
     lower = 0.0 if one_sided else -np.inf
-    return CauseColumn(
-        key, family, "", "physical", "size", "1", 0.5, 0.0, 0.0, lower, np.inf, one_sided
-    )  # a coefficient of 1 is 0.5
+    return CauseColumn(key, family, "size", "1", 0.5, 0.0, 0.0, lower, np.inf, one_sided)  # a coefficient of 1 is 0.5
 
 
 def columns_of_runs(

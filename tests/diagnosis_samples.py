@@ -30,6 +30,23 @@ from model.diagnosis.core.shapes import Kind, Shape
 from model.notes import DiagnosisCode, LackCode
 from wheelsoil.wording.verdict import sentence_of
 
+ABOVE_BOUND = Note(
+    DiagnosisCode.ABOVE_BOUND,
+    values={
+        "part": "",
+        "rows": 14,
+        "checked": 20,
+        "excess_n": 310.0,
+        "sigmas": 6.0,
+        "suspicion": "torque",
+        "shear_share": 1.4,
+        "torque_nm": 146.0,
+        "sinkage_m": 0.012,
+        "radius_share": 0.1,
+        "pull_n": 310.0,
+    },
+)
+
 
 def seen(campaign: str = "clay", runs: tuple[str, ...] = ("run-1", "run-2"), samples: int = 120) -> PlotData:
     """Return samples of runs whose drawbar pull lacks what grows with slip."""
@@ -92,9 +109,7 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
             log_likelihood_gain=211.0,
             chosen=(("vasilev",), ()),
         ),
-        inconsistent=(
-            Inconsistent("driving_torque", 14, "T/r - Dp exceeds W tan(theta_1): suspect the torque's gain"),
-        ),
+        inconsistent=(Inconsistent("driving_torque", 14, ABOVE_BOUND),),
         adequacy=Adequacy(2.4 if verdict == "unexplained" else 1.03, 1.77, verdict != "unexplained"),
         proposal=Proposal("dp = -130 N s^2", 12.0) if verdict == "unexplained" else None,
         minimum_detectable={
@@ -105,13 +120,13 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
             "speed_bias": Detectable("offset_mps", 0.02, "m/s"),
         },
         next_run=(NextRun("one run with 500 kg more", ("slip_sinkage", "bulldozing"), 6.3), NextRun("brake", (), 1.2)),
-        cannot_tell={"slope": Note(LackCode.ONE_DIRECTION), "speed_bias": Note(LackCode.ONE_DIRECTION)},
+        not_identifiable={"slope": Note(LackCode.ONE_DIRECTION), "speed_bias": Note(LackCode.ONE_DIRECTION)},
         notes=(Note(DiagnosisCode.SOIL_SIGMA_ASSUMED, values={"campaigns": ("clay",)}),),
         noise={"dp_n": 35.0, "speed_mps": 0.04, "run_scatter": float("nan")},
         soils=(
             SoilEstimate("clay", {"cohesion_pa": 4100.0, "tan_phi": 0.22}, {"cohesion_pa": 300.0, "tan_phi": 0.01}),
         ),
-        seen=(seen(),),
+        plot_data=(seen(),),
         stages_s={"look": 0.8, "evidence": 0.2},
         sets=(CauseSet(("slip_sinkage",), 0.9), CauseSet(("slip_sinkage", "bulldozing"), 0.06)),
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from daq import FloatArray
 from model.diagnosis.core.shapes import Shape
-from model.diagnosis.time_series.grams import CauseColumn, Grams
+from model.diagnosis.time_series.columns import CauseColumn, Grams
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class World:
 def column(family: str, form: str = "", parameter: str = "a", **other: object) -> CauseColumn:
     given = {"scale": 0.1, "centre": 0.0, "neutral": 0.0, "lower": -10.0, "upper": 10.0, "one_sided": False}
     key = form or family
-    return CauseColumn(key, family, form, "physical", parameter, "m", **{**given, **other})  # type: ignore[arg-type]
+    return CauseColumn(key, family, parameter, "m", **{**given, **other})  # type: ignore[arg-type]
 
 
 def library(families: int = 24) -> tuple[CauseColumn, ...]:

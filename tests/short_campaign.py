@@ -7,7 +7,7 @@ from functools import lru_cache
 from benchmarks.recovery import processed_campaign
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
-from model.diagnosis.time_series.noise import Noise, beliefs
+from model.diagnosis.time_series.noise import Noise, hyper_priors
 from model.diagnosis.time_series.samples import samples_of
 from model.wheel_soil.soils import prior_of
 from wheelsoil.simulation.options import SimulationOptions, parse_effect
@@ -25,7 +25,7 @@ def driven(effect: str = "", soil: str = "clay", runs: int = 4, seed: int = 3) -
 
 def noise_of(campaign: Campaign) -> Noise:
     """Return the noise as it is thought of beforehand."""
-    found = beliefs(samples_of(campaign))
+    found = hyper_priors(samples_of(campaign))
     return Noise({n: b.centre for n, b in found.items()}, {n: 0.3 * b.log_sigma for n, b in found.items()})
 
 

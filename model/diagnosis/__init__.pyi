@@ -21,11 +21,11 @@ from .core import Shape as Shape
 from .core import SoilEstimate as SoilEstimate
 from .core import bound_rows_of_runs as bound_rows_of_runs
 from .core import bound_rows_of_table as bound_rows_of_table
-from .core import cannot_tell as cannot_tell
 from .core import considered as considered
 from .core import inconsistent as inconsistent
-from .findings import SEEN as SEEN
-from .planning import ALIKE as ALIKE
+from .core import not_identifiable as not_identifiable
+from .findings import CONFOUNDED_COSINE as CONFOUNDED_COSINE
+from .findings import DETECTABLE_D as DETECTABLE_D
 from .planning import Plan as Plan
 from .planning import plan_for as plan_for
 from .planning import plan_of as plan_of

@@ -217,7 +217,7 @@ def skids_and_plates() -> go.Figure:
 def main() -> None:
     """Draw all figures."""
     smooth = bench("smooth")
-    blind = diagnose_bench([smooth], DiagnosisOptions(channels=CHANNELS["dp"], most_causes=1)).seen[0]
+    blind = diagnose_bench([smooth], DiagnosisOptions(channels=CHANNELS["dp"], most_causes=1)).plot_data[0]
     seen = weighed(smooth, CHANNELS["dp,z"])
     figures = {
         "real_data_drawbar_pull_only": members(

@@ -31,6 +31,7 @@ from model.diagnosis.single_wheel import (
     weigh,
 )
 from model.diagnosis.single_wheel import noise as bench_noise
+from model.effects.catalogue import EFFECTS
 from studies.real_data.transfer import OWN, Transfer, transfer
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.to_json import to_json
@@ -99,10 +100,8 @@ def plate_tests(*, whole: bool = False) -> list[tuple[str, FloatArray, FloatArra
 
 def weighed(one: Bench, channels: Sequence[str], effects: Sequence[str] = (), most: int = 2, seed: int = 0) -> Weighing:
     """Weigh the sets of causes of a driven wheel."""
-    options = DiagnosisOptions(channels=tuple(channels), most_causes=most)
-    options = replace(options, effects=tuple(effects)) if effects else options
-    problem = BenchProblem.of([driven_rows(one)], options)
-    return weigh(problem, library(problem, options).uses, most, np.random.default_rng(seed))
+    problem = BenchProblem.of([driven_rows(one)], channels)
+    return weigh(problem, library(problem, effects or tuple(EFFECTS)).uses, most, np.random.default_rng(seed))
 
 
 def sets_table(weighing: Weighing) -> dict[str, dict[str, float]]:

@@ -170,6 +170,6 @@ def readings(physics: Physics, ground: Ground, moments: Moments, care: Care = FU
 def simulated(ground: Ground, moments: Moments, reading: Reading, care: Care = FULL) -> tuple[FloatArray, FloatArray]:
     """Return drawbar pull and torque that Wong's wheel would have at what the sensors say of speed and load."""
     load = np.maximum(reading.load, 200.0)
-    believed = replace(moments, speed=reading.speed, omega=reading.omega, load=load)
-    pull, torque, _ = soil_forces(Physics(), ground, believed, care)
+    priors = replace(moments, speed=reading.speed, omega=reading.omega, load=load)
+    pull, torque, _ = soil_forces(Physics(), ground, priors, care)
     return pull * moments.rolls, torque * moments.rolls

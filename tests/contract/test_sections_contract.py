@@ -85,7 +85,7 @@ def test_it_is_built_or_left_out_with_a_reason(module, whole):
     ]
     poor = (
         replace(whole, runs=tuple(bare), campaign=None, no_fit="nothing to fit", diagnosed=None, no_diagnosis="no"),
-        replace(whole, diagnosed=replace(diagnosis("nothing_detectable"), seen=(), gain=None, candidates=())),
+        replace(whole, diagnosed=replace(diagnosis("nothing_detectable"), plot_data=(), gain=None, candidates=())),
         replace(whole, diagnosed=diagnosis("unexplained")),
     )
     for material in poor:

@@ -91,8 +91,8 @@ def topics(request, recording):
 
 def test_every_topic_is_there(topics):
     raw = {f"/can/{bus}/{kind}" for bus in ("can0", "x_2nd_bus") for kind in ("raw", "raw_fd")}
-    views = {"/can/can0/wft_force", "/can/can0/raw_2", "/can/can0/position"}
-    assert topics.keys() == {*raw, *views, "/events", "/diagnostics", "/clock/host"}
+    campaigns = {"/can/can0/wft_force", "/can/can0/raw_2", "/can/can0/position"}
+    assert topics.keys() == {*raw, *campaigns, "/events", "/diagnostics", "/clock/host"}
 
 
 @pytest.mark.parametrize("fd", [False, True])

@@ -10,7 +10,7 @@ from gram_support import column, world
 
 from model.diagnosis.core.result import Cause, ParameterEstimate
 from model.diagnosis.findings.agreement import disagreements, other_forms
-from model.diagnosis.time_series.grams import Grams
+from model.diagnosis.time_series.columns import Grams
 
 RUNS = {"clay": 3, "sand": 3}
 COLUMNS = (column("a"), column("b"), column("c", "c1"), column("c", "c2"))

@@ -63,14 +63,14 @@ def test_a_hidden_cause_is_named(key: str, values: dict[str, float], family: str
     for parameter in found.causes[0].parameters:
         low, high = parameter.interval95
         assert low - parameter.sigma <= values[parameter.name] <= high + parameter.sigma
-    seen = found.seen[0]
+    seen = found.plot_data[0]
     assert np.sqrt(np.mean((seen.measured["z"] - seen.extended["z"]) ** 2)) < 1.5e-3
 
 
 def test_a_channel_that_is_not_used_is_predicted() -> None:
     found = diagnose_bench([bench(np.random.default_rng(3), {"vasilev": {"H_m": 0.02}})], _options("dp", effects=TWO))
-    seen = found.seen[0]
-    assert seen.unseen == ("z",)
+    seen = found.plot_data[0]
+    assert seen.unused_channels == ("z",)
     assert set(seen.implied) >= {"vasilev", "interface_friction"}
     assert np.isfinite(seen.implied["vasilev"]["z"]).all()
     assert any("which it has not seen" in note for note in texts_of(found.notes))
@@ -101,7 +101,7 @@ def test_two_benches_share_causes() -> None:
     assert found.causes[0].name == "slip_sinkage"
     assert [soil.campaign for soil in found.soils] == ["bench", "other"]
     assert found.soils[0].values["frictional_modulus"] > found.soils[1].values["frictional_modulus"]
-    assert [seen.campaign for seen in found.seen] == ["bench", "other"]
+    assert [seen.campaign for seen in found.plot_data] == ["bench", "other"]
 
 
 def test_carrying_over_to_a_like_wheel_and_to_an_unlike_one() -> None:
@@ -141,7 +141,7 @@ def test_too_few_conditions(slips: tuple[float, ...]) -> None:
     found = diagnose_bench([bench(np.random.default_rng(0), slips=slips)], _options())
     assert found.verdict == "nothing_detectable"
     assert "decide nothing" in sentence_of(found)
-    assert "slip_sinkage" in found.cannot_tell
+    assert "slip_sinkage" in found.not_identifiable
 
 
 def test_a_channel_that_was_not_measured() -> None:

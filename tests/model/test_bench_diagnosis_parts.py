@@ -13,7 +13,6 @@ from scipy.special import ndtr
 from scipy.stats import multivariate_normal
 
 from daq.notes import Note
-from model.diagnosis.core.campaign import DiagnosisOptions
 from model.diagnosis.single_wheel.coordinates import CauseCoordinate, SoilCoordinates, cut_off
 from model.diagnosis.single_wheel.evidence import posterior_of
 from model.diagnosis.single_wheel.noise import ChannelNoise, groups_of_rows, scatter_of_repeats
@@ -24,7 +23,7 @@ from model.diagnosis.single_wheel.weighing import misfits, threshold
 from model.effects.catalogue import EFFECTS
 from model.notes import LackCode
 
-BOTH = DiagnosisOptions(channels=("dp", "z"))
+BOTH = ("dp", "z")
 
 
 # --- coordinates -----------------------------------------------------------------------------------------------------
@@ -81,7 +80,7 @@ def test_a_barely_known_soil_stays_a_soil() -> None:
 
 def test_slopes_are_those_of_the_model() -> None:
     problem = BenchProblem.of([bench(np.random.default_rng(0))], BOTH)
-    known = library(problem, BOTH)
+    known = library(problem)
     hypotheses: list[Hypothesis] = [(), *((use,) for use in known.uses), known.uses[:1] + known.uses[4:5]]
     widest = max(problem.size(h) for h in hypotheses)
     standard = -0.6 + 0.1 * np.random.default_rng(2).standard_normal((len(hypotheses), widest))
@@ -205,7 +204,7 @@ def test_evidence_is_that_of_quadrature(key: str, value: dict[str, float], chann
     """One soil parameter and one cause: the integral over both on a grid."""
     rng = np.random.default_rng(7)
     few = bench(rng, {key: value} if value else {}, spread={"frictional_modulus": 2e6})
-    problem = BenchProblem.of([few], DiagnosisOptions(channels=channels))
+    problem = BenchProblem.of([few], channels)
     hypothesis: Hypothesis = (CauseUse(key),)
     assert problem.size(hypothesis) == 2
     optima = search(problem, [hypothesis] * 2, [np.zeros(2), np.ones(2)])
@@ -271,7 +270,7 @@ def test_the_gate_lets_the_truth_pass_and_stops_what_is_wrong() -> None:
 
 def test_the_published_prior() -> None:
     problem = BenchProblem.of([bench(np.random.default_rng(0))], BOTH)
-    known = library(problem, BOTH)
+    known = library(problem)
     p = {h: np.exp(x) for h, x in sets_of(known.uses, listed_uses(known.uses, 2)).items()}
     total = [sum(x for h, x in p.items() if len(h) == size) for size in range(3)]
     assert total == pytest.approx([0.5 / 0.97, 0.35 / 0.97, 0.12 / 0.97])
@@ -284,10 +283,9 @@ def test_the_published_prior() -> None:
 
 
 def test_what_a_table_cannot_tell_is_said() -> None:
-    options = DiagnosisOptions(channels=("dp",))
-    known = library(BenchProblem.of([bench(np.random.default_rng(0))], options), options)
-    assert {"speed_latency", "track_drift", "torque_zero", "skid_sinkage"} <= set(known.cannot_tell)
-    assert known.cannot_tell["grouser"] == Note(LackCode.SMOOTH_TYRE)
+    known = library(BenchProblem.of([bench(np.random.default_rng(0))], ("dp",)))
+    assert {"speed_latency", "track_drift", "torque_zero", "skid_sinkage"} <= set(known.not_identifiable)
+    assert known.not_identifiable["grouser"] == Note(LackCode.SMOOTH_TYRE)
     assert "interface_friction" in known.families
 
 
@@ -296,9 +294,8 @@ def test_what_a_table_cannot_tell_is_said() -> None:
 
 def test_laws_of_a_driven_wheel_do_not_act_on_a_braked_one() -> None:
     braked = bench(np.random.default_rng(0), slips=(-0.9, -0.6, -0.3))
-    options = DiagnosisOptions(channels=("z",))
-    known = library(BenchProblem.of([braked], options), options)
-    assert "slip_sinkage" in known.cannot_tell
+    known = library(BenchProblem.of([braked], ("z",)))
+    assert "slip_sinkage" in known.not_identifiable
     assert "skid_sinkage" in known.families
 
 

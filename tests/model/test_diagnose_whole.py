@@ -14,7 +14,7 @@ from daq.notes import Note
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.result import Diagnosis
 from model.diagnosis.time_series.diagnosis import diagnose
-from model.diagnosis.time_series.noise import Noise, beliefs
+from model.diagnosis.time_series.noise import Noise, hyper_priors
 from model.diagnosis.time_series.samples import samples_of
 from model.notes import DiagnosisCode
 from processing.processed_run import ProcessedRun, Reason
@@ -40,7 +40,7 @@ RUNS = 4
 def diagnosed(*campaigns: Campaign, options: DiagnosisOptions = FEW) -> Diagnosis:
     """Diagnose with the noise model that the sensors' sigmas suggest."""
     noises = [
-        Noise({name: b.centre for name, b in beliefs(samples_of(c)).items()}) if c.runs else Noise({})
+        Noise({name: b.centre for name, b in hyper_priors(samples_of(c)).items()}) if c.runs else Noise({})
         for c in campaigns
     ]
     found = diagnose(campaigns, options, noises)
@@ -83,7 +83,7 @@ def test_slip_sinkage_is_named_with_its_size(digging: Campaign) -> None:
         assert "slip_sinkage" in found.next_run[0].separates
     assert found.sets[0].causes == ("slip_sinkage",)
     assert {"linearise", "whitening", "bagging", "held_out", "final"} <= set(found.stages_s)
-    [seen] = found.seen
+    [seen] = found.plot_data
     for channel in ("dp", "t"):  # medians: near zero slip the measured slip's own error is larger than any cause
         better = np.nanmedian(np.abs(seen.measured[channel] - seen.extended[channel]))
         assert better < 0.8 * np.nanmedian(np.abs(seen.measured[channel] - seen.base[channel]))
@@ -157,7 +157,7 @@ def test_too_little_is_a_verdict_that_says_so(digging: Campaign, few: str) -> No
     assert found.verdict == "nothing_detectable"
     assert sentence_of(found).startswith("Nothing can be decided: ")
     assert "Next: " in sentence_of(found)
-    assert set(found.cannot_tell) == {"slip_sinkage", "stress_peak_shift", "bulldozing", "torque_zero"} | {
+    assert set(found.not_identifiable) == {"slip_sinkage", "stress_peak_shift", "bulldozing", "torque_zero"} | {
         "drawbar_pull_zero",
         "slope",
     }

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign
 
-from model.diagnosis.core.campaign import DiagnosisOptions
-from model.diagnosis.core.coverage import considered
+from model.diagnosis.core.campaign import considered
 from model.diagnosis.time_series.linearise import (
     SECANT_SHARE,
     Linear,
@@ -18,6 +17,7 @@ from model.diagnosis.time_series.linearise import (
     soil_space,
 )
 from model.diagnosis.time_series.samples import Samples, coverage_of, samples_of
+from model.effects.catalogue import EFFECTS
 from model.wheel_soil.soils import SoilPrior
 
 CAUSES = {"H_m": 0.02, "crosstalk.coefficient": 0.01, "torque_gain.relative": 0.03, "wheel_radius.relative": 0.01}
@@ -32,7 +32,7 @@ def about() -> tuple[Simulation, Samples, Linear]:
         campaign.wheel,
         campaign.soil,
         soil_space(campaign.soil_prior),
-        considered(coverage_of(campaign, samples), DiagnosisOptions()),
+        considered(coverage_of(campaign, samples), tuple(EFFECTS), "balanced"),
         "balanced",
     )
     point = Point(np.linspace(-0.5, 0.5, 6), dict(CAUSES), np.full(len(samples), 0.01))

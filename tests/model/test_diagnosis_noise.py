@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign
 
-from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.coverage import considered
+from model.diagnosis.core.campaign import Campaign, considered
 from model.diagnosis.time_series import hyper as noise_blocks
 from model.diagnosis.time_series.columns import Columns, columns_of
 from model.diagnosis.time_series.hyper import (
@@ -23,9 +22,10 @@ from model.diagnosis.time_series.hyper import (
     likelihood,
 )
 from model.diagnosis.time_series.linearise import Linear, Point, Simulation, linearise, soil_space
-from model.diagnosis.time_series.noise import beliefs, constants, loading, processes
+from model.diagnosis.time_series.noise import constants, hyper_priors, loading, processes
 from model.diagnosis.time_series.samples import Samples, coverage_of, samples_of
 from model.diagnosis.time_series.whitening import run_grams
+from model.effects.catalogue import EFFECTS
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def seen_of(campaign: Campaign, samples: Samples) -> tuple[Samples, Linear, Colu
         campaign.wheel,
         campaign.soil,
         soil_space(campaign.soil_prior),
-        considered(coverage_of(campaign, samples), DiagnosisOptions()),
+        considered(coverage_of(campaign, samples), tuple(EFFECTS), "balanced"),
         "balanced",
     )
     linear = linearise(simulation, samples, Point(np.zeros(6), {}, np.zeros(len(samples))))
@@ -48,7 +48,7 @@ def seen_of(campaign: Campaign, samples: Samples) -> tuple[Samples, Linear, Colu
 
 def test_blocks_and_the_filter_agree(seen: tuple[Samples, Linear, Columns]) -> None:
     samples, linear, columns = seen
-    values = {name: b.centre for name, b in beliefs(samples).items()}
+    values = {name: b.centre for name, b in hyper_priors(samples).items()}
     variance = np.full(len(samples), 9e-4)
     found = likelihood(blocks_of(samples, linear, columns, variance, values), values, list(values))
     grams = run_grams(samples, linear, columns, values, variance)
@@ -61,7 +61,7 @@ def test_blocks_and_the_filter_agree(seen: tuple[Samples, Linear, Columns]) -> N
 
 def test_the_gradient_is_that_of_the_likelihood(seen: tuple[Samples, Linear, Columns]) -> None:
     samples, linear, columns = seen
-    values = {name: b.centre for name, b in beliefs(samples).items()}
+    values = {name: b.centre for name, b in hyper_priors(samples).items()}
     blocks = blocks_of(samples, linear, columns, np.full(len(samples), 9e-4), values)[:1]
     names = list(values)
     found = likelihood(blocks, values, names)
@@ -74,22 +74,22 @@ def test_the_gradient_is_that_of_the_likelihood(seen: tuple[Samples, Linear, Col
 def test_hyper_parameters_are_found_again(seen: tuple[Samples, Linear, Columns]) -> None:
     """Noise drawn three times from the model itself, with hyper-parameters that are not what the prior states."""
     samples, linear, columns = seen
-    belief = beliefs(samples)
-    names = list(belief)
+    prior = hyper_priors(samples)
+    names = list(prior)
     off = []
     for seed in range(5, 8):
         rng = np.random.default_rng(seed)
-        truth = {name: b.centre * np.exp(0.7 * b.log_sigma * rng.standard_normal()) for name, b in belief.items()}
+        truth = {name: b.centre * np.exp(0.7 * b.log_sigma * rng.standard_normal()) for name, b in prior.items()}
         blocks = blocks_of(samples, linear, columns, np.zeros(len(samples)), truth)
         drawn = []
         for block in blocks:
             root = np.linalg.cholesky(derivatives(block, truth)[0])
             residual = root @ rng.standard_normal(len(root))
             drawn.append(replace(block, columns=np.concatenate([residual[:, None], block.columns[:, 1:]], axis=1)))
-        found = estimated(drawn, belief)
+        found = estimated(drawn, prior)
         likeliest = {n: x * np.exp(-(found.log_sigmas[n] ** 2) * n.endswith(OF_FEW)) for n, x in found.values.items()}
         off += [np.log(likeliest[name] / truth[name]) / found.log_sigmas[name] for name in names]
-        sharp = [name for name in names if found.log_sigmas[name] < 0.5 * belief[name].log_sigma]
+        sharp = [name for name in names if found.log_sigmas[name] < 0.5 * prior[name].log_sigma]
         assert len(sharp) >= 5, sharp
     assert np.mean(np.square(off)) < 1.6
     assert np.mean(np.abs(off) > 3.0) < 0.03
@@ -101,7 +101,7 @@ def test_every_hyper_parameter_is_used(seen: tuple[Samples, Linear, Columns]) ->
     used = (
         {p.deviation for p in listed} | {p.time for p in listed if p.time} | {n for n, _ in constants(linear.channels)}
     )
-    left = set(beliefs(samples)) - used
+    left = set(hyper_priors(samples)) - used
     assert all("white" in name or "at_rest" in name for name in left)
     assert all(loading(linear, samples, p.loading).shape == linear.value.shape for p in listed)
 
@@ -116,7 +116,7 @@ def test_what_short_runs_cannot_tell_a_long_one_does(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(noise_blocks, "MOST", 120)
     monkeypatch.setattr(noise_blocks, "LONGEST", 30)
     monkeypatch.setattr(noise_blocks, "_SHORTEST", 15)
-    values = {name: b.centre for name, b in beliefs(samples).items()}
+    values = {name: b.centre for name, b in hyper_priors(samples).items()}
     blocks = blocks_of(samples, linear, columns, np.zeros(len(samples)), values)
     assert 90 <= sum(len(block.seconds) for block in blocks) <= 180
 

@@ -11,10 +11,10 @@ from diagnosis_support import simulated_campaign
 from daq.config import RunInfo
 from daq.errors import DataError
 from daq.notes import Note
-from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.coverage import cannot_tell, considered
+from model.diagnosis.core.campaign import Campaign, considered, not_identifiable
 from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 from model.diagnosis.time_series.samples import STENCIL, coverage_of, samples_of
+from model.effects.catalogue import EFFECTS
 from model.notes import DiagnosisCode, LackCode
 from model.wheel_soil.run_conditions import campaign_times, line_positions
 from processing.processed_run import ProcessedRun, Reason
@@ -108,20 +108,20 @@ def test_the_campaigns_clock_runs_from_minus_to_plus_a_half(campaign: Campaign) 
 
 def test_what_one_kind_of_run_cannot_tell_is_said(campaign: Campaign) -> None:
     one_way = with_info(campaign, RunInfo(direction="out"), RunInfo(direction="out"))
-    said = cannot_tell(coverage_of(one_way, samples_of(one_way)))
+    said = not_identifiable(coverage_of(one_way, samples_of(one_way)))
     assert said["slope"].code == LackCode.ONE_DIRECTION
     assert said["multi_pass"].code == LackCode.SAME_PASS
     silent = changed(campaign, driving_torque_nm=np.nan)
     samples = samples_of(silent)
     assert set(samples.measured) == {"dp"}
-    silence = cannot_tell(coverage_of(silent, samples))["torque_zero"]
+    silence = not_identifiable(coverage_of(silent, samples))["torque_zero"]
     assert silence == Note(LackCode.CHANNEL_MISSING, values={"role": "driving_torque"})
     smooth = replace(campaign, tyre="smooth")
     covered = coverage_of(smooth, samples_of(smooth))
-    assert "grouser" not in {effect.name for effect in considered(covered, DiagnosisOptions())}
-    assert cannot_tell(covered)["grouser"].code == LackCode.SMOOTH_TYRE
+    assert "grouser" not in {effect.name for effect in considered(covered, tuple(EFFECTS), "balanced")}
+    assert not_identifiable(covered)["grouser"].code == LackCode.SMOOTH_TYRE
     only_one = replace(campaign, runs=campaign.runs[:1])
-    said = cannot_tell(coverage_of(only_one, samples_of(only_one)))
+    said = not_identifiable(coverage_of(only_one, samples_of(only_one)))
     assert said["crosstalk"].code == LackCode.ONE_LOAD
     assert said["zero_drift"].code == LackCode.ONE_RUN_NO_DRIFT
 

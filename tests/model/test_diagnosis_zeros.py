@@ -11,7 +11,7 @@ from diagnosis_support import simulated_campaign, with_sinkage
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.time_series.diagnosis import diagnose
 from model.diagnosis.time_series.linearised_campaign import linearise_campaigns, with_likely_load
-from model.diagnosis.time_series.noise import beliefs
+from model.diagnosis.time_series.noise import hyper_priors
 from model.diagnosis.time_series.samples import samples_of
 
 
@@ -28,8 +28,8 @@ def taken_anew(campaign: Campaign, pull_n: float, torque_nm: float) -> Campaign:
 def test_zeros_taken_anew_are_seen_as_such_and_not_named() -> None:
     campaign = taken_anew(simulated_campaign("clay", 3), 40.0, 20.0)
     seen = linearise_campaigns([campaign])
-    assert 15.0 < seen.views[0].noise.values["drawbar_pull_of_run_n"] < 100.0
-    assert 7.0 < seen.views[0].noise.values["driving_torque_of_run_nm"] < 50.0
+    assert 15.0 < seen.campaigns[0].noise.values["drawbar_pull_of_run_n"] < 100.0
+    assert 7.0 < seen.campaigns[0].noise.values["driving_torque_of_run_nm"] < 50.0
     found = diagnose([campaign], noises=seen.noises)
     assert found.verdict != "named"
 
@@ -46,7 +46,7 @@ def test_a_load_that_never_moves_is_taken_as_it_is() -> None:
     samples = samples_of(simulated_campaign("clay", 0, runs=2))
     still = np.where(samples.run == 0, 8e3, 11e3)
     samples = replace(samples, conditions=replace(samples.conditions, vertical_load_n=still))
-    values = {name: b.centre for name, b in beliefs(samples).items()}
+    values = {name: b.centre for name, b in hyper_priors(samples).items()}
     assert with_likely_load(samples, values) is samples
 
 

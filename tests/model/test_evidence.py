@@ -10,7 +10,8 @@ import pytest
 from gram_support import World, column, library, world
 from scipy.stats import multivariate_normal, norm
 
-from model.diagnosis.core.prior import SIZE_PRIOR
+from model.diagnosis.core.hypotheses import SIZE_PRIOR
+from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import (
     Posterior,
     best_set,
@@ -21,7 +22,6 @@ from model.diagnosis.time_series.evidence import (
     weighed,
     without_soil,
 )
-from model.diagnosis.time_series.grams import Grams
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,17 @@ import pytest
 from gram_support import World, column, library, world
 
 from model.diagnosis.core.shapes import Kind, Shape
-from model.diagnosis.findings.adequacy import MOST_EXCESS, SLACK, _kinds, adequacy, excess, left_over, two_soils
+from model.diagnosis.findings.adequacy import (
+    MOST_EXCESS,
+    SLACK,
+    _kinds,
+    adequacy,
+    excess,
+    found_in,
+    left_over,
+)
+from model.diagnosis.findings.agreement import two_soils
 from model.diagnosis.findings.isolability import detectable_in_runs
-from model.diagnosis.findings.where_wrong import found_in
 from model.diagnosis.time_series.evidence import hypotheses, posterior
 
 UNITS_AND_CHANNELS = ((0.0, "dp", "m/s"), (1.0, "t", ""), (2.0, "dp", "any text"))

@@ -10,8 +10,8 @@ from gram_support import World, column, library, world
 
 from model.diagnosis.findings.adequacy import excess
 from model.diagnosis.findings.held_out import bagged
+from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import Posterior, posterior
-from model.diagnosis.time_series.grams import Grams
 
 RUNS = 6
 

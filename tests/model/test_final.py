@@ -18,7 +18,7 @@ from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 @pytest.mark.parametrize("keys", [("vasilev",), ("lyasko", "torque_zero"), ("speed_latency",)])
 def test_derivatives_belong_to_the_residual(keys: tuple[str, ...]) -> None:
     seen = looked(driven("vasilev:H_m=0.04"), "vasilev", "lyasko", "torque_zero", "speed_latency")
-    problem = set_problem(seen.views, seen.grams, keys)
+    problem = set_problem(seen.campaigns, seen.grams, keys)
     rng = np.random.default_rng(0)
     x = np.concatenate([0.3 * rng.normal(size=len(problem.soil)), np.full(len(problem.causes), 0.2)])
     _, jacobian = problem.residual_and_jacobian(x)
@@ -32,7 +32,7 @@ def test_derivatives_belong_to_the_residual(keys: tuple[str, ...]) -> None:
 def test_about_its_own_point_the_problem_is_the_grams() -> None:
     """Its residual squared, without priors, is that of the Gram matrices with the same coefficients."""
     seen = looked(driven("vasilev:H_m=0.04"), "vasilev", "torque_zero")
-    problem = set_problem(seen.views, seen.grams, seen.best.keys)
+    problem = set_problem(seen.campaigns, seen.grams, seen.best.keys)
     x = np.concatenate([seen.best.soil, seen.best.coefficients[list(seen.best.columns)]])
     problem = problem.refrozen(x)
     grams = problem.grams()

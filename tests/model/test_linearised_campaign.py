@@ -33,12 +33,12 @@ def found(seen: LinearisedCampaign) -> dict[str, tuple[float, float]]:
 
 def innovations(seen: LinearisedCampaign) -> tuple[np.ndarray, np.ndarray]:
     """Return whitened residuals of the best set, shape (runs, samples, channels), and where there are any."""
-    view = seen.views[0]
+    view = seen.campaigns[0]
     rows, _ = whitened_rows(view.samples, view.linear, view.columns, view.noise.values, view.speed_variance)
     shared = np.concatenate([[1.0], -seen.best.soil, -seen.best.coefficients, np.zeros(len(view.columns.basis))])
     by_run = view.grams.constants @ shared
     each = np.concatenate([np.tile(shared, (len(by_run), 1)), -by_run], axis=1)
-    at = places_of(view.samples)
+    at = places_of(view.samples.run, view.samples.runs)
     left = np.einsum("rkm,rm->rk", rows, each)[:, : at.longest * len(view.linear.channels)]
     present = at.padded(view.columns.present.astype(float)) > 0
     return left.reshape(present.shape), present
@@ -52,7 +52,7 @@ def test_a_campaign_without_a_cause_leaves_white_noise(null: LinearisedCampaign)
         own = left[..., c]
         assert np.sum(own**2) / present[..., c].sum() == pytest.approx(1.0, abs=0.2)
         assert abs(np.sum(own[:, 1:] * own[:, :-1]) / np.sum(own**2)) < 0.15
-    values = null.views[0].noise.values
+    values = null.campaigns[0].noise.values
     assert 0.018 < values["speed_noise_mps"] < 0.045  # 0.03 were put in
     assert 20.0 < values["drawbar_pull_noise_n"] < 50.0  # 46, of which 35 are left of means over a fifth of a second
     assert any("once a turn of the wheel" in note for note in texts_of(null.notes))
@@ -60,7 +60,7 @@ def test_a_campaign_without_a_cause_leaves_white_noise(null: LinearisedCampaign)
 
 
 def test_a_given_noise_model_is_taken_at_its_word(null: LinearisedCampaign) -> None:
-    again = linearise_campaigns([null.views[0].campaign], noises=null.noises)
+    again = linearise_campaigns([null.campaigns[0].campaign], noises=null.noises)
     assert "noise" not in again.stages_s
     assert again.noises == null.noises
     assert again.best.keys == null.best.keys
@@ -69,7 +69,7 @@ def test_a_given_noise_model_is_taken_at_its_word(null: LinearisedCampaign) -> N
 
 def test_effects_without_a_trace_are_left_out(null: LinearisedCampaign) -> None:
     assert "multi_pass" in null.excluded
-    assert "multi_pass" in null.cannot_tell
+    assert "multi_pass" in null.not_identifiable
 
 
 @pytest.mark.parametrize(
@@ -90,10 +90,10 @@ def test_it_settles_at_a_hidden_cause(effect: str, parameter: str, truth: float)
 def test_measured_sinkage_is_a_channel_like_the_others() -> None:
     campaign = with_sinkage(simulated_campaign(runs=RUNS, effect="vasilev:H_m=0.03"), "vasilev:H_m=0.03")
     seen = linearise_campaigns([campaign], DiagnosisOptions(effects=FEW))
-    assert seen.views[0].linear.channels == ("dp", "t", "z")
+    assert seen.campaigns[0].linear.channels == ("dp", "t", "z")
     assert any(shape.channel == "z" for shape in seen.grams.basis)
     assert found(seen)["vasilev.H_m"][0] == pytest.approx(0.03, rel=0.1)
-    assert 0.001 < seen.views[0].noise.values["sinkage_noise_m"] < 0.006
+    assert 0.001 < seen.campaigns[0].noise.values["sinkage_noise_m"] < 0.006
 
 
 def test_campaigns_share_their_causes_and_not_their_soils() -> None:
@@ -117,10 +117,10 @@ def silenced(campaign: Campaign, field: str) -> Campaign:
 def test_one_channel_is_enough_for_an_answer(field: str) -> None:
     effects = ("torque_zero", "drawbar_pull_zero", "wheel_radius")
     seen = linearise_campaigns([silenced(simulated_campaign(runs=RUNS), field)], DiagnosisOptions(effects=effects))
-    assert len(seen.views[0].linear.channels) == 1
+    assert len(seen.campaigns[0].linear.channels) == 1
     assert np.isfinite(seen.grams.matrices).all()
     family = "torque_zero" if field == "driving_torque_nm" else "drawbar_pull_zero"
-    assert family in seen.cannot_tell
+    assert family in seen.not_identifiable
     assert family in seen.excluded
 
 
@@ -135,4 +135,4 @@ def test_one_run_and_pieces_of_it_are_enough_for_an_answer() -> None:
     )
     seen = linearise_campaigns([replace(campaign, runs=(torn,))], DiagnosisOptions(effects=FEW))
     assert np.isfinite(seen.grams.matrices).all()
-    assert seen.grams.samples[0] < 1.6 * len(seen.views[0].samples)
+    assert seen.grams.samples[0] < 1.6 * len(seen.campaigns[0].samples)

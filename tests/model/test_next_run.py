@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from short_campaign import driven, noise_of
 
+from model.diagnosis.core.bayes_factors import against_rest
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.next_test import against_rest
 from model.diagnosis.findings.isolability import least_left, own_columns
 from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 from model.diagnosis.planning.manoeuvres import (

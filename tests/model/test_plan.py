@@ -14,8 +14,15 @@ from daq.config import RunInfo, VehicleConfig
 from daq.errors import ConfigError, DataError
 from model.diagnosis.core.campaign import DiagnosisOptions
 from model.diagnosis.findings.isolability import isolability
-from model.diagnosis.planning.plan import Plan, plan_from_linearised, plan_of
-from model.diagnosis.planning.planned_runs import CampaignPlan, plan_for, planned_campaign, usual_runs
+from model.diagnosis.planning.plan import (
+    CampaignPlan,
+    Plan,
+    plan_for,
+    plan_from_linearised,
+    plan_of,
+    planned_campaign,
+    usual_runs,
+)
 from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import SOILS
@@ -40,14 +47,14 @@ def test_what_is_planned_is_what_the_driven_runs_then_tell() -> None:
     after = isolability(looked(driven(), *EFFECTS).grams)
     np.testing.assert_allclose(before.deviation, after.deviation, rtol=0.4)
     np.testing.assert_allclose(before.separation, after.separation, rtol=0.4)
-    assert before.look_alikes(0.9) == after.look_alikes(0.9)
+    assert before.confounded(0.9) == after.confounded(0.9)
 
 
 def test_one_direction_hides_a_slope_behind_a_zero() -> None:
     both, one = planned(), planned(one_way=True)
     slope = both.isolability.keys.index("slope")
     assert one.isolability.separation[slope] < 0.3 * both.isolability.separation[slope]
-    assert "slope" in one.cannot_tell and "slope" not in both.cannot_tell
+    assert "slope" in one.not_identifiable and "slope" not in both.not_identifiable
     assert one.minimum_separable["slope"].value > 3 * both.minimum_separable["slope"].value
 
 
@@ -60,7 +67,7 @@ def test_more_runs_tell_smaller_effects() -> None:
 
 def test_look_alikes_come_with_what_would_part_them() -> None:
     told = planned(one_way=True, advise=True)
-    groups = {frozenset(a.families): a.next_runs for a in told.look_alikes}
+    groups = {frozenset(a.families): a.next_runs for a in told.confounded}
     group = next(g for g in groups if "drawbar_pull_zero" in g and "crosstalk" in g)
     assert "wheel lifted" in groups[group][0].change
     read = json.loads(to_json(told.as_json()))
@@ -70,8 +77,8 @@ def test_look_alikes_come_with_what_would_part_them() -> None:
 
 def test_driven_runs_can_be_asked_the_same() -> None:
     seen = looked(driven(), *EFFECTS)
-    told = plan_from_linearised(seen, OPTIONS, {"vasilev": [0.2]}, advise=False)
-    double = plan_from_linearised(seen, OPTIONS, {"vasilev": [0.4]}, advise=False)
+    told = plan_from_linearised(seen, OPTIONS.name_at, {"vasilev": [0.2]}, advise=False)
+    double = plan_from_linearised(seen, OPTIONS.name_at, {"vasilev": [0.4]}, advise=False)
     assert double.isolability.deviation[0] == pytest.approx(2 * told.isolability.deviation[0])
     assert double.minimum_separable["vasilev"].value == pytest.approx(told.minimum_separable["vasilev"].value)
 

@@ -55,9 +55,9 @@ def test_d_and_d_sep_follow_their_definitions(seed: int, size: float) -> None:
 
 def test_a_look_alike_is_found_and_leaves_nothing() -> None:
     found = isolability(made(1, alike=0.98)[1])
-    assert found.look_alikes() == (("slip_sinkage", "slope"),)
+    assert found.confounded() == (("slip_sinkage", "slope"),)
     assert found.separation[0] < 0.1 * found.deviation[0] and found.rivals[0] == "slope"
-    assert not isolability(made(1)[1]).look_alikes()
+    assert not isolability(made(1)[1]).confounded()
 
 
 def test_what_the_soil_can_imitate_is_mostly_gone() -> None:

@@ -9,11 +9,11 @@ import pytest
 from gram_support import column, world
 
 from daq.notes import Note
+from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, short_set
 from model.diagnosis.core.naming import Judgement, judgement
-from model.diagnosis.core.posterior import Posterior, candidates, likely_sets, short_set
 from model.diagnosis.core.result import Adequacy, CauseSet, Gain, Scores
+from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import hypotheses
-from model.diagnosis.time_series.grams import Grams
 from model.notes import LackCode
 
 FINE = Adequacy(1.0, 1.8, ok=True)

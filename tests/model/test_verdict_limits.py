@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from gram_support import column, world
 
+from model.diagnosis.core.hypotheses import Posterior
 from model.diagnosis.core.naming import judgement
-from model.diagnosis.core.posterior import Posterior
 from model.diagnosis.core.result import Adequacy, Gain
+from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import hypotheses
-from model.diagnosis.time_series.grams import Grams
 
 FINE = Adequacy(0.9, 1.8, ok=True)
 

@@ -24,7 +24,7 @@ from model.diagnosis.core.gain import rms
 from model.diagnosis.core.result import ParameterEstimate
 from model.diagnosis.single_wheel.diagnose import diagnose_bench
 from model.diagnosis.single_wheel.findings import parameter_draws
-from model.diagnosis.single_wheel.held_out import predict_held_out
+from model.diagnosis.single_wheel.predictions import predict_held_out
 from model.diagnosis.single_wheel.problem import CauseUse
 from model.diagnosis.single_wheel.sets import skid_law
 from model.diagnosis.single_wheel.weighing import Weighing
@@ -204,6 +204,6 @@ def test_only_braked_rows(smooth: Bench) -> None:
     """No law of a driven wheel is asked for rows with s < 0."""
     braked = replace(smooth, rows=smooth.rows[smooth.rows.slip < -0.1])
     found = diagnose_bench([braked], DiagnosisOptions(most_causes=1))
-    assert "slip_sinkage" in found.cannot_tell
+    assert "slip_sinkage" in found.not_identifiable
     assert all(candidate.name != "slip_sinkage" for candidate in found.candidates)
     assert found.candidates[0].name == "skid_sinkage"

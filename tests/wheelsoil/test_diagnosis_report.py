@@ -106,13 +106,13 @@ def test_without_a_torque_channel_there_are_no_empty_panels(plain_material):
         return replace(one, **{name: {"dp": getattr(one, name)["dp"]} for name in fields})
 
     found = diagnosis()
-    report = built(plain_material, replace(found, seen=tuple(map(pull_only, found.seen))))
+    report = built(plain_material, replace(found, plot_data=tuple(map(pull_only, found.plot_data))))
     keys = [figure.key for name in ("misfit", "evidence") for figure in figures(report, name)]
     assert keys and not [key for key in keys if key.endswith("-t") or "-t-" in key]
 
 
 def test_several_campaigns_are_a_choice(plain_material):
-    found = replace(diagnosis(), seen=(seen("clay"), seen("sand")))
+    found = replace(diagnosis(), plot_data=(seen("clay"), seen("sand")))
     for key in ("misfit", "evidence"):
         for block in section(built(plain_material, found), key).blocks:
             if isinstance(block, Panels):
@@ -125,7 +125,7 @@ def test_what_cannot_be_shown_is_said(plain_material):
     assert "No cause of the library" in text(unexplained, "evidence")
     assert "not a named cause" in text(unexplained, "candidates")
     assert "so do not rely on the probabilities" in text(unexplained, "candidates")
-    nothing = built(plain_material, replace(diagnosis("nothing_detectable"), gain=None, next_run=(), seen=()))
+    nothing = built(plain_material, replace(diagnosis("nothing_detectable"), gain=None, next_run=(), plot_data=()))
     assert "No cause can be seen" in text(nothing, "evidence")
     assert "at least two runs" in text(nothing, "gain")
     assert "asks for no further run" in text(nothing, "next_run")
@@ -142,7 +142,7 @@ def test_where_no_cause_was_chosen_there_is_nothing_to_gain(plain_material):
 
 
 def test_a_few_samples_do_not_break_a_figure(plain_material):
-    found = replace(diagnosis(), seen=(seen(runs=("one",), samples=2),))
+    found = replace(diagnosis(), plot_data=(seen(runs=("one",), samples=2),))
     built(plain_material, found).html("x.json")
 
 
@@ -170,9 +170,9 @@ def test_names_stay_data(plain_material):
     found = replace(
         diagnosis("one_of"),
         candidates=(Candidate(EVIL, 0.5),),
-        cannot_tell={EVIL: Note(LackCode.ONE_DIRECTION)},
+        not_identifiable={EVIL: Note(LackCode.ONE_DIRECTION)},
         notes=(Note(DiagnosisCode.CAMPAIGN_EXCLUDED, values={"fault": Fault(EVIL)}),),
-        seen=(seen(campaign=EVIL, runs=(EVIL, "b")),),
+        plot_data=(seen(campaign=EVIL, runs=(EVIL, "b")),),
     )
     page = built(plain_material, found).html("x.json")
     assert "<img" not in page

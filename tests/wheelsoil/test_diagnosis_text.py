@@ -119,7 +119,7 @@ def test_what_is_not_there_is_not_spoken_of():
         what_is_wrong=(),
         inconsistent=(),
         next_run=(),
-        cannot_tell={},
+        not_identifiable={},
         notes=(),
         minimum_detectable={},
         candidates=(),

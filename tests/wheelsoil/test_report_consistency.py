@@ -95,10 +95,10 @@ def test_a_finding_says_what_its_size_is(material):
 
 def test_a_table_tells_what_its_panel_shows(material):
     found = diagnosis("named")
-    [one] = found.seen
+    [one] = found.plot_data
     there = (one.slip >= 0.4) & (one.slip <= 0.9)
     raised = replace(one, measured=one.measured | {"dp": one.base["dp"] + np.where(there, 250.0, -80.0)})
-    section = misfit.build(replace(material, diagnosed=replace(found, seen=(raised,))))
+    section = misfit.build(replace(material, diagnosed=replace(found, plot_data=(raised,))))
     assert found.what_is_wrong[0].size == -122.0
     assert "250 N" in text(section) and "−122 N" in text(section)
     assert section.numbers["median_there"][0] == pytest.approx(250.0)
@@ -107,9 +107,9 @@ def test_a_table_tells_what_its_panel_shows(material):
 
 def test_a_median_far_beyond_the_noise_stays_in_its_panel(material):
     found = diagnosis("named")
-    [one] = found.seen
+    [one] = found.plot_data
     far = one.base["dp"] + 40.0 * one.base_sigma["dp"]
-    spread = replace(found, seen=(replace(one, measured=one.measured | {"dp": far}),))
+    spread = replace(found, plot_data=(replace(one, measured=one.measured | {"dp": far}),))
     panels = [b for b in misfit.build(replace(material, diagnosed=spread)).blocks if isinstance(b, Panels)]
     for figure in (f for f in panels[0].figures if f.key != "misfit-dp-slip"):
         assert figure.layout["yaxis"]["range"][1] > 40, figure.key
@@ -117,9 +117,9 @@ def test_a_median_far_beyond_the_noise_stays_in_its_panel(material):
 
 def test_a_driven_wheel_keeps_its_dots_beside_wild_braking(material):
     found = diagnosis("named")
-    [one] = found.seen
+    [one] = found.plot_data
     wild = one.measured["dp"] + np.where(one.slip < 0, 50_000.0 * one.slip, 0.0)
-    spread = replace(found, seen=(replace(one, measured=one.measured | {"dp": wild}),))
+    spread = replace(found, plot_data=(replace(one, measured=one.measured | {"dp": wild}),))
 
     def dots(found) -> int:
         panels = [b for b in misfit.build(replace(material, diagnosed=found)).blocks if isinstance(b, Panels)]

@@ -87,8 +87,8 @@ def test_growth_is_not_said_of_every_shape_where_one_leaves_it_open():
 
 
 def test_one_sentence_leads_and_the_others_are_below(material):
-    alike = Grounds(look_alikes=("grouser",))
-    found = replace(diagnosis("named"), grounds=alike, next_run=(NextRun("a run", (), 5.0),), cannot_tell={})
+    alike = Grounds(confounded=("grouser",))
+    found = replace(diagnosis("named"), grounds=alike, next_run=(NextRun("a run", (), 5.0),), not_identifiable={})
     report = build_report(replace(material, diagnosed=found))
     blocks = section_of(report, "glance").blocks
     texts = {block.kind: block.text for block in blocks if isinstance(block, Text)}

@@ -43,7 +43,9 @@ CAUSE = Cause("slip_sinkage", "vasilev", "physical", "vasilev", 0.97, 0.7, (SIZE
 CHANCES = {"slip_sinkage": 0.97, "slope": 0.4, "bulldozing": 0.5, "grouser": 0.01}
 ONE_WAY = Note(LackCode.ONE_DIRECTION)
 DRIFT = Note(LackCode.ONE_RUN_NO_DRIFT)
-BARE = replace(diagnosis("named"), causes=(CAUSE,), gain=None, next_run=(), sets=(), cannot_tell={}, grounds=Grounds())
+BARE = replace(
+    diagnosis("named"), causes=(CAUSE,), gain=None, next_run=(), sets=(), not_identifiable={}, grounds=Grounds()
+)
 
 
 def gain(reduction_percent: float = 20.0) -> Gain:
@@ -68,7 +70,7 @@ def test_a_look_alike_comes_with_the_run_that_would_split_it() -> None:
     size = ParameterEstimate("p", "1", 0.615, (0.58, 0.64), 0.02)
     cause = Cause("slip_sinkage", "lyasko", "physical", "lyasko", 0.99, 0.9, (size,))
     runs = (NextRun("a run with more load", ("slip_sinkage", "grouser"), 9.0),)
-    alike = replace(BARE, causes=(cause,), next_run=runs, grounds=Grounds(look_alikes=("grouser",)))
+    alike = replace(BARE, causes=(cause,), next_run=runs, grounds=Grounds(confounded=("grouser",)))
     said = named_words(alike, CHANCES)
     assert said.endswith("Next: a run with more load.")
     assert "p = m1 + m2 = 0.615 (0.58 to 0.64)" in said
@@ -101,7 +103,7 @@ def test_a_name_is_said_with_size_gain_and_what_is_beside_it() -> None:
     assert "drawbar pull falls by 20 (10 to 30) % and of driving torque by 50 %" in named
     assert "A further cause acts: one of slope (40 %), bulldozing (50 %)" in named
     unsure = replace(CAUSE, parameters=(replace(SIZE, interval95=(nan, nan)),))
-    alone = named_words(replace(BARE, causes=(unsure,), grounds=Grounds(look_alikes=("grouser",))), CHANCES)
+    alone = named_words(replace(BARE, causes=(unsure,), grounds=Grounds(confounded=("grouser",))), CHANCES)
     assert "H_m = 0.031 m" in alone
     assert "Grouser would fit almost as well" in alone
 
@@ -111,7 +113,7 @@ def test_a_set_is_said_with_what_bars_a_name_and_what_to_drive() -> None:
     one_of = one_of_words(replace(BARE, causes=causes("slope", "bulldozing"), next_run=runs), CHANCES, 0.04)
     assert one_of.startswith("A cause acts (with probability 96 %): one of slope (40 %), bulldozing (50 %).")
     assert one_of.endswith("Next: a run with more load.")
-    grounds = Grounds(barred=ONE_WAY, look_alikes=("grouser",))
+    grounds = Grounds(barred=ONE_WAY, confounded=("grouser",))
     barred = one_of_words(replace(BARE, causes=causes("slope"), grounds=grounds), CHANCES, 0.0)
     assert "Slope is not named: all runs go one way: drive some back" in barred
     assert "Grouser would fit almost as well" in barred

@@ -10,6 +10,7 @@ import typer
 from daq import ConfigError, Fault, number
 from wheelsoil.cli.console import print_json, print_table, say, say_wrong_signs
 from wheelsoil.cli.options import Json, LenientDbc, MinSpeed, Rename, RunsFile, Vehicle, Where, ZeroFile, chosen
+from wheelsoil.wording.notes import note_text
 
 if TYPE_CHECKING:
     from wheelsoil.workflows.sinkage import SinkageFacts
@@ -128,4 +129,4 @@ def print_sinkage(facts: SinkageFacts) -> None:
 def _bound(facts: SinkageFacts) -> str:
     if not facts.inconsistent:
         return f"satisfied in all {facts.checked} driven rows with measured sinkage"
-    return "; ".join(f"violated, suspect {item.channel}: {item.why}" for item in facts.inconsistent)
+    return "; ".join(f"violated, suspect {item.channel}: {note_text(item.why)}" for item in facts.inconsistent)

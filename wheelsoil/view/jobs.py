@@ -143,14 +143,14 @@ def diagnose_members(
 
 def not_identifiable(members: Sequence[Member], paths: Sequence[Path], soil: str | None) -> dict[str, str]:
     """Return the families of effects that these runs cannot identify, each with a sentence that gives the reason."""
-    from model.diagnosis import cannot_tell, samples_of
+    from model.diagnosis import not_identifiable, samples_of
     from model.diagnosis.time_series import coverage_of
 
     taken = _taken(members, "diagnose")
     if not taken:
         raise DataError("no run is used")
     [campaign] = campaigns_of(paths, taken, soil)
-    lacking = cannot_tell(coverage_of(campaign, samples_of(campaign)))
+    lacking = not_identifiable(coverage_of(campaign, samples_of(campaign)))
     return {family: note_text(why) for family, why in lacking.items()}
 
 

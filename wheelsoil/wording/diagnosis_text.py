@@ -48,18 +48,18 @@ NOT_IDENTIFIABLE = "Detectable, not identifiable"
 NOT_DETECTABLE = "Not detectable"
 
 
-def not_named(cannot_tell: Mapping[str, Note], sizes: Mapping[str, Detectable]) -> dict[str, dict[str, str]]:
+def not_named(not_identifiable: Mapping[str, Note], sizes: Mapping[str, Detectable]) -> dict[str, dict[str, str]]:
     """Return the families that cannot be named with the reason, by `NOT_IDENTIFIABLE` and `NOT_DETECTABLE`.
 
     Parameters
     ----------
-    cannot_tell : mapping family -> why
+    not_identifiable : mapping family -> why
     sizes : mapping effect key -> Detectable
         Smallest detectable sizes.
     """
     seen = {family_of(key) for key, least in sizes.items() if isfinite(least.value)}
     by_title: dict[str, dict[str, str]] = {NOT_IDENTIFIABLE: {}, NOT_DETECTABLE: {}}
-    for family, why in cannot_tell.items():
+    for family, why in not_identifiable.items():
         by_title[NOT_IDENTIFIABLE if family in seen else NOT_DETECTABLE][family] = note_text(why)
     return {title: texts for title, texts in by_title.items() if texts}
 
@@ -260,7 +260,7 @@ def _inconsistent(diagnosis: Diagnosis, width: int) -> list[str]:
     lines = [
         line
         for item in diagnosis.inconsistent
-        for line in wrapped(f"{plain_name(item.channel)}: {item.rows} rows: {item.why}", width, "  ", "    ")
+        for line in wrapped(f"{plain_name(item.channel)}: {item.rows} rows: {note_text(item.why)}", width, "  ", "    ")
     ]
     return ["Inconsistent: possible with no soil", *lines] if lines else []
 
@@ -287,13 +287,13 @@ def notes_by_text(title: str, texts: dict[str, str], width: int) -> list[str]:
 
 
 def _not_named(diagnosis: Diagnosis, width: int) -> list[list[str]]:
-    parts = not_named(diagnosis.cannot_tell, diagnosis.minimum_detectable)
+    parts = not_named(diagnosis.not_identifiable, diagnosis.minimum_detectable)
     return [notes_by_text(f"{title} ({len(texts)})", texts, width) for title, texts in parts.items()]
 
 
 def _detectable(diagnosis: Diagnosis, width: int) -> list[str]:
     found = diagnosis.minimum_detectable
-    never_named = [key for key in found if family_of(key) in diagnosis.cannot_tell]
+    never_named = [key for key in found if family_of(key) in diagnosis.not_identifiable]
     cells = [
         f"{effect_name(key)}{' *' if key in never_named else ''}  {least.parameter} {number(least.value, 2)} "
         f"{'' if least.unit == '1' else least.unit}"

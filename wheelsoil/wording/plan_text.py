@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from math import isfinite
 
 from daq import FloatArray, number, table_lines
-from model.diagnosis import ALIKE, SEEN, Detectable, Plan
+from model.diagnosis import CONFOUNDED_COSINE, DETECTABLE_D, Detectable, Plan
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE, limited, not_named, notes_by_text, wrapped
 from wheelsoil.wording.names import effect_name, plain_name
 
@@ -23,7 +23,7 @@ def plan_lines(plan: Plan, width: int = 96) -> list[str]:
         _matrix(plan, width),
         *(
             notes_by_text(f"{title} ({len(texts)})", texts, width)
-            for title, texts in not_named(plan.cannot_tell, plan.minimum_detectable).items()
+            for title, texts in not_named(plan.not_identifiable, plan.minimum_detectable).items()
         ),
     )
     return [line for i, part in enumerate(filter(None, parts)) for line in (("", *part) if i else part)]
@@ -32,9 +32,11 @@ def plan_lines(plan: Plan, width: int = 96) -> list[str]:
 def _sentence(plan: Plan) -> str:
     found = plan.isolability
     families = dict.fromkeys(found.families)
-    seen = dict.fromkeys(f for f, d in zip(found.families, found.deviation, strict=True) if d >= SEEN)
+    seen = dict.fromkeys(f for f, d in zip(found.families, found.deviation, strict=True) if d >= DETECTABLE_D)
     apart = dict.fromkeys(
-        f for f, d in zip(found.families, found.separation, strict=True) if d >= SEEN and f not in plan.cannot_tell
+        f
+        for f, d in zip(found.families, found.separation, strict=True)
+        if d >= DETECTABLE_D and f not in plan.not_identifiable
     )
     return (
         f"Of {len(families)} families, {len(seen)} are detectable in these runs at a plausible size; {len(apart)} of "
@@ -52,7 +54,7 @@ def _effects(plan: Plan, width: int) -> list[str]:
             number(apart, 2),
             effect_name(rival) if rival else "-",
             _size(plan.minimum_detectable[key]),
-            "not named" if family in plan.cannot_tell else _size(plan.minimum_separable[key]),
+            "not named" if family in plan.not_identifiable else _size(plan.minimum_separable[key]),
         ]
         for key, family, left, d, apart, rival in zip(
             found.keys, found.families, found.left, found.deviation, found.separation, found.rivals, strict=True
@@ -70,7 +72,7 @@ def _effects(plan: Plan, width: int) -> list[str]:
 
 def _footnote(plan: Plan, width: int) -> list[str]:
     text = "detectable: smallest size found in half of such campaigns; separable: d_sep is 5, noise changes it by 1"
-    if any(title == NOT_IDENTIFIABLE for title in not_named(plan.cannot_tell, plan.minimum_detectable)):
+    if any(title == NOT_IDENTIFIABLE for title in not_named(plan.not_identifiable, plan.minimum_detectable)):
         text += ". Not named: detectable, not identifiable, or not detectable, see below"
     return wrapped(f"{text}.", width, "  ")
 
@@ -88,17 +90,17 @@ def _size(found: Detectable) -> str:
 
 def _alike(plan: Plan, width: int) -> list[str]:
     lines = []
-    for advice in plan.look_alikes:
+    for advice in plan.confounded:
         names = ", ".join(map(plain_name, advice.families))
         lines += wrapped(names, width, "  ", "    ")
         for run in advice.next_runs:
             text = f"{run.change}: expected ln Bayes factor {number(run.expected_log_bayes_factor, 3)}"
             lines += wrapped(text, width, "    separated by ", "      ")
-    return [f"Confounded causes (|cos| from {ALIKE:g} on)", *lines] if lines else []
+    return [f"Confounded causes (|cos| from {CONFOUNDED_COSINE:g} on)", *lines] if lines else []
 
 
 def _matrix(plan: Plan, width: int) -> list[str]:
-    """Return |cos| of every pair as one digit: tenths, = from `ALIKE` on, a dot where it is faint."""
+    """Return |cos| of every pair as one digit: tenths, = from `CONFOUNDED_COSINE` on, a dot where it is faint."""
     found = plan.isolability
     names = [effect_name(key) for key in found.keys]
     longest = max(map(len, names), default=0)
@@ -110,7 +112,7 @@ def _matrix(plan: Plan, width: int) -> list[str]:
 
 def _digits(row: FloatArray) -> Iterable[str]:
     *others, _ = row.tolist()
-    return [*("=" if c >= ALIKE else "." if c < _FAINT else str(int(10 * c)) for c in others), "+"]
+    return [*("=" if c >= CONFOUNDED_COSINE else "." if c < _FAINT else str(int(10 * c)) for c in others), "+"]
 
 
 def matrix_csv(plan: Plan) -> str:

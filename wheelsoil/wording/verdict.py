@@ -50,7 +50,7 @@ def _of_runs(found: Diagnosis) -> str:
         said = unexplained_words(found.adequacy, found.what_is_wrong, grounds.most_probable, grounds.terrains)
     else:
         said = nothing_words(chances, none, _by_family(found.minimum_detectable), found.what_is_wrong)
-    return said + want_words(found.cannot_tell)
+    return said + want_words(found.not_identifiable)
 
 
 def _by_family(sizes: Mapping[str, Detectable]) -> dict[str, Detectable]:
@@ -89,7 +89,7 @@ def _of_table(found: Diagnosis) -> str:
 
 def named_words(found: Diagnosis, chances: Mapping[str, float]) -> str:
     """Return the sentence of "named"."""
-    alike = found.grounds.look_alikes
+    alike = found.grounds.confounded
     said = [" and ".join(_cause(cause) for cause in found.causes)]
     if worth := gain_words(found.gain):
         said.append(f"On held-out runs {worth}")
@@ -122,7 +122,7 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
         said.append(f"Several may act together: {'; '.join(pairs)}")
     if barred is not None:
         said.append(f"{plain_name(families[0]).capitalize()} is not named: {note_text(barred)}")
-    others = [family for family in found.grounds.look_alikes if family not in families]
+    others = [family for family in found.grounds.confounded if family not in families]
     if others:
         said.append(f"{_listed([plain_name(f) for f in others]).capitalize()} would fit almost as well")
     if found.next_run:
@@ -181,10 +181,10 @@ def nothing_words(
     return _sentences(said)
 
 
-def want_words(cannot_tell: Mapping[str, Note]) -> str:
+def want_words(not_identifiable: Mapping[str, Note]) -> str:
     """Return the causes that are not identifiable, with the reason; empty where only the usual reasons apply."""
     by_reason: dict[str, list[str]] = {}
-    for family, why in cannot_tell.items():
+    for family, why in not_identifiable.items():
         if why.code not in _USUAL:
             by_reason.setdefault(note_text(why), []).append(plain_name(family))
     said = [f"{_listed(families)} ({why})" for why, families in by_reason.items()]

@@ -234,7 +234,7 @@ def sinkage_as_json(facts: SinkageFacts) -> dict[str, Any]:
             },
             "reason": growth.reason,
         },
-        "bound": {"rows": facts.checked, "inconsistent": [vars(item) for item in facts.inconsistent]},
+        "bound": {"rows": facts.checked, "inconsistent": list(facts.inconsistent)},
         "band": vars(ShapeRanges()),
         "notes": facts.notes,
     }

@@ -1,13 +1,13 @@
 from .campaign import Bench as Bench
 from .campaign import Campaign as Campaign
+from .campaign import Coverage as Coverage
 from .campaign import DiagnosisOptions as DiagnosisOptions
+from .campaign import considered as considered
+from .campaign import not_identifiable as not_identifiable
 from .consistency import BoundRows as BoundRows
 from .consistency import bound_rows_of_runs as bound_rows_of_runs
 from .consistency import bound_rows_of_table as bound_rows_of_table
 from .consistency import inconsistent as inconsistent
-from .coverage import Coverage as Coverage
-from .coverage import cannot_tell as cannot_tell
-from .coverage import considered as considered
 from .gain import rms as rms
 from .result import Adequacy as Adequacy
 from .result import Candidate as Candidate

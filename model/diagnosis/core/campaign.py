@@ -1,19 +1,19 @@
-"""Campaign: the measured runs on one terrain with one wheel, and the prior knowledge of them."""
+"""Campaigns and single-wheel tables, the options of their diagnosis, and which effects their data can identify."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from daq import OUTPUTS
+from daq import OUTPUTS, Note
+from model.effects.base import Effect, Needs
 from model.effects.catalogue import EFFECTS
 from model.fit.observations import Observations
+from model.notes import LackCode
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import Soil, SoilPrior
 from model.wheel_soil.wheel_soil_model import Reading
 from processing import ProcessedRun
-
-FAMILIES = tuple(dict.fromkeys(effect.name for effect in EFFECTS.values()))
-"""Families of causes that the library knows."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Bench:
 
 @dataclass(frozen=True)
 class DiagnosisOptions:
-    """How to look.
+    """Options of a diagnosis.
 
     Attributes
     ----------
@@ -97,3 +97,86 @@ class DiagnosisOptions:
     name_at: float = 0.9
     seed: int = 0
     next_run: bool = False
+
+
+ONE_LOAD = 0.08
+"""Spread of loads, over their mean, below which they are one load."""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """What some data hold, as `model.effects.base.Needs` asks for it.
+
+    Attributes
+    ----------
+    conditions : set of str
+        Fields of `Conditions` that are known in every row.
+    channels, unused_channels : set of str
+        Measured forces ("drawbar_pull", "driving_torque") that are used; that were measured and are not used.
+    tyre : "smooth", "lugged" or ""
+        As declared.
+    """
+
+    conditions: frozenset[str]
+    channels: frozenset[str]
+    unused_channels: frozenset[str]
+    several_loads: bool
+    both_directions: bool
+    several_passes: bool
+    several_runs: bool
+    pressures: bool
+    standstill: bool
+    driven: bool
+    braked: bool
+    largest_slip: float
+    tyre: str
+
+
+def considered(coverage: Coverage, keys: Sequence[str], reading: Reading) -> tuple[type[Effect], ...]:
+    """Return the effects of these keys that can be there at all, and whose inputs are known."""
+    effects = [EFFECTS[key] for key in keys if key in EFFECTS]
+    return tuple(e for e in effects if e.reading in ("any", reading) and not ruled_out(e.needs, coverage))
+
+
+def not_identifiable(coverage: Coverage) -> dict[str, Note]:
+    """Return, for families of which no form can be identified, a note on why."""
+    reasons: dict[str, list[Note | None]] = {}
+    for effect in EFFECTS.values():
+        why = ruled_out(effect.needs, coverage) or next(_unmet(effect.needs, coverage), None)
+        reasons.setdefault(effect.name, []).append(why if effect.reading == "any" else None)
+    return {family: each[0] for family, each in reasons.items() if each[0] is not None and None not in each}
+
+
+def ruled_out(needs: Needs, coverage: Coverage) -> Note | None:
+    """Return why an effect is not considered; None where it is."""
+    missing = tuple(name for name in needs.conditions if name not in coverage.conditions)
+    if missing:
+        return Note(LackCode.INPUT_UNKNOWN, values={"conditions": missing})
+    return Note(LackCode.SMOOTH_TYRE) if needs.lugs and coverage.tyre == "smooth" else None
+
+
+def _unmet(needs: Needs, coverage: Coverage) -> Iterator[Note]:
+    """Yield why an effect that is considered is never named."""
+    if needs.both_directions and not coverage.both_directions:
+        yield Note(LackCode.ONE_DIRECTION)
+    if needs.several_passes and not coverage.several_passes:
+        yield Note(LackCode.SAME_PASS)
+    if needs.pressures and not coverage.pressures:
+        yield Note(LackCode.PRESSURE_UNKNOWN)
+    if needs.two_loads and not coverage.several_loads:
+        yield Note(LackCode.ONE_LOAD)
+    if needs.several_runs and not coverage.several_runs:
+        yield Note(LackCode.ONE_RUN_NO_DRIFT)
+    if needs.braking and not coverage.braked:
+        yield Note(LackCode.HARDLY_BRAKED)
+    if needs.largest_slip and not coverage.driven:
+        yield Note(LackCode.HARDLY_DRIVEN)
+    if needs.largest_slip and coverage.largest_slip < needs.largest_slip:
+        yield Note(LackCode.LOW_SLIP, values={"slip": needs.largest_slip})
+    for channel in needs.channels:
+        if channel in coverage.unused_channels:
+            yield Note(LackCode.CHANNEL_UNUSED, values={"role": channel})
+        elif channel not in coverage.channels:
+            yield Note(LackCode.CHANNEL_MISSING, values={"role": channel})
+    if needs.standstill and not coverage.standstill:
+        yield Note(LackCode.NOT_AT_STANDSTILL)

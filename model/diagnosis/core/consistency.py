@@ -1,6 +1,4 @@
-r"""The check that comes before any fit: rows that break a bound that no soil can break.
-
-A bound that no soil can break: T/r - Dp <= W tan(theta_1), checked before any fit.
+r"""Rows that break a bound that no soil can break, T/r - Dp <= W tan(theta_1); checked before any fit.
 
 With normal stress :math:`\sigma` and shear stress :math:`\tau` on the rim, :math:`T/r - D_p = rb\int\sigma\sin\theta +
 \tau(1-\cos\theta)\,d\theta` and :math:`W = rb\int\sigma\cos\theta + \tau\sin\theta\,d\theta`. Between the bottom and
@@ -21,16 +19,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import INPUTS, OUTPUTS, FloatArray, IndexArray
+from daq import INPUTS, OUTPUTS, FloatArray, IndexArray, Note, Severity
 from daq.series import WheelTable
 from model.diagnosis.core.campaign import Bench, Campaign
 from model.diagnosis.core.result import Inconsistent
 from model.fit.observations import Observations
+from model.notes import DiagnosisCode
 from model.sinkage_from_forces.force_cells import driven_samples
 from model.sinkage_from_forces.sinkage import shear_share
 from processing import ProcessedRun
 
 SIGMAS = 4.0
+"""One-sigmas by which a row may be over the bound."""
 RADIUS_SIGMA = 0.01
 """Relative one-sigma of the wheel's radius."""
 _STEEPEST = 1.0
@@ -39,7 +39,7 @@ _SCALE_OFF = 0.05
 """Share by which the rim's speed of a hardly slipping wheel must be off for its radius to be suspected."""
 _HIGHEST_LUG = 0.1
 """In radii."""
-_LOOKED_AT = 500
+_MOST_SUSPECTS = 500
 """Rows, the worst ones, from which changes are computed."""
 
 
@@ -138,32 +138,31 @@ _SIGMA_OF = {channel.field: channel.sigma_field for channel in (INPUTS["w"], *OU
 _MEASURED = (*_SIGMA_OF, *_SIGMA_OF.values())
 
 
-def inconsistent(rows: BoundRows, sigmas: float = SIGMAS) -> tuple[Inconsistent, ...]:
+def inconsistent(rows: BoundRows) -> tuple[Inconsistent, ...]:
     """Return what breaks the bound by more than noise: nothing, or one entry that names the channel to suspect.
 
     Torque, if its reading at standstill is large enough to explain it. Torque or radius, if the forces by themselves
     ask for more friction than soil has: the radius, if the rim's speed is off too. Else the sinkage: the forces agree
     with each other, but not with it.
-
-    Parameters
-    ----------
-    sigmas : float
-        How many one-sigmas a row may be over the bound.
     """
-    over = rows.excess_n - sigmas * rows.sigma_n
+    over = rows.excess_n - SIGMAS * rows.sigma_n
     broken = int((over > 0.0).sum())
     if not broken:
         return ()
-    worst = np.argsort(-over)[: min(broken, _LOOKED_AT)]
-    seen = rows[worst]
-    change = _Change(seen)
-    channel, because = _suspect(seen, change)
-    says = (
-        f"T/r - Dp is above W tan(theta_1), which no soil can do, in {broken} of {len(rows)} driven rows, by up to "
-        f"{rows.excess_n[worst[0]]:.3g} N ({rows.excess_n[worst[0]] / max(rows.sigma_n[worst[0]], 1e-9):.3g} sigma); "
-        f"{because}. What would mend it: {change.says}"
-    )
-    return (Inconsistent(channel, broken, says),)
+    worst = np.argsort(-over)[: min(broken, _MOST_SUSPECTS)]
+    change = _Change(rows[worst])
+    channel, suspicion = _suspect(rows[worst], change)
+    excess_n = float(rows.excess_n[worst[0]])
+    facts = {
+        "part": "",
+        "rows": broken,
+        "checked": len(rows),
+        "excess_n": excess_n,
+        "sigmas": excess_n / max(float(rows.sigma_n[worst[0]]), 1e-9),
+        **suspicion,
+        **vars(change),
+    }
+    return (Inconsistent(channel, broken, Note(DiagnosisCode.ABOVE_BOUND, Severity.FAULT, facts)),)
 
 
 class _Change:
@@ -173,7 +172,7 @@ class _Change:
     ----------
     torque_nm, pull_n, sinkage_m : float
         Torque less, drawbar pull more, sinkage more.
-    radius : float
+    radius_share : float
         Wheel larger by this share, or smaller; infinite where no size helps.
     """
 
@@ -187,31 +186,20 @@ class _Change:
         arms = radii * (1.0 + _HIGHEST_LUG * rows.lugged)
         resistance = rows.driving_torque_nm / arms - rows.drawbar_pull_n
         fine = (resistance - rows.vertical_load_n * _tangent(rows.sinkage_m, radii) <= 0.0).all(axis=1)
-        self.radius = float(min(shares[fine], key=abs)) if fine.any() else np.inf
-
-    @property
-    def says(self) -> str:
-        """All of them, for people."""
-        size = f"{100 * abs(self.radius):.2g} % {'larger' if self.radius > 0 else 'smaller'}"
-        wheel = f"a wheel {size}" if np.isfinite(self.radius) else "no other radius"
-        return (
-            f"{self.torque_nm:.3g} N m less torque, {1e3 * self.sinkage_m:.3g} mm more sinkage, {wheel}, "
-            f"or {self.pull_n:.3g} N more drawbar pull"
-        )
+        self.radius_share = float(min(shares[fine], key=abs)) if fine.any() else np.inf
 
 
-def _suspect(rows: BoundRows, change: _Change) -> tuple[str, str]:
-    """Return the channel to suspect, and why."""
+def _suspect(rows: BoundRows, change: _Change) -> tuple[str, dict[str, str | float]]:
+    """Return the channel to suspect, and the values that say why."""
     rest = float(np.nan_to_num(rows.torque_at_rest_nm).max())
     if rest > 0.5 * change.torque_nm:
-        return "driving_torque", f"suspect the torque: it reads {rest:.3g} N m at standstill"
+        return "driving_torque", {"suspicion": "standstill", "torque_at_rest_nm": rest}
     friction = float(np.median(_friction(rows)))
     if friction <= _STEEPEST:
-        return "sinkage", "suspect the sinkage: load, drawbar pull and torque agree with each other, but not with it"
-    more = f"the forces ask for a shear stress of {friction:.2g} times the normal one"
+        return "sinkage", {"suspicion": "sinkage"}
     if abs(rows.speed_scale - 1.0) > _SCALE_OFF:
-        return "wheel_radius", f"suspect the radius: {more}, and ground over rim speed is {rows.speed_scale:.3g}"
-    return "driving_torque", f"suspect the torque: {more}"
+        return "wheel_radius", {"suspicion": "radius", "shear_share": friction, "speed_scale": rows.speed_scale}
+    return "driving_torque", {"suspicion": "torque", "shear_share": friction}
 
 
 def _friction(rows: BoundRows) -> FloatArray:
@@ -232,16 +220,11 @@ def _tangent(sinkage_m: FloatArray, radius_m: float | FloatArray) -> FloatArray:
 
 
 def inconsistencies(parts: Sequence[Campaign | Bench]) -> tuple[Inconsistent, ...]:
-    """Return what breaks T/r - Dp <= W tan(theta_1), per campaign or table; nothing where torque or sinkage is missing.
-
-    Parameters
-    ----------
-    parts : sequence of Campaign or Bench
-    """
+    """Return what breaks the bound, per campaign or table; nothing where torque or sinkage is missing."""
     found = [(part.name, item) for part in parts for item in inconsistent(_rows(part))]
     if len(parts) == 1:
         return tuple(item for _, item in found)
-    return tuple(replace(item, why=f"{name}: {item.why}") for name, item in found)
+    return tuple(replace(item, why=replace(item.why, values={**item.why.values, "part": name})) for name, item in found)
 
 
 def _rows(part: Campaign | Bench) -> BoundRows:
@@ -250,7 +233,7 @@ def _rows(part: Campaign | Bench) -> BoundRows:
         return bound_rows_of_runs(part.runs, lugged=lugged)
     rows = bound_rows_of_table(part.rows, part.wheel.radius_m, lugged=lugged)
 
-    def sigma(channel: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    def sigma(channel: str) -> FloatArray:
         return np.full(len(rows), part.sigmas.get(channel, 0.0))
 
     return replace(

@@ -9,8 +9,8 @@
 4. Else `one_of`: the shortest set of families of which one acts with 95 % probability, given that any cause acts.
 
 A name needs three runs or more (of a table: three conditions), since its probability must be calibrated and its gain
-be measured, and data that can tell the family: what stands in ``cannot_tell`` is never named, however likely, but may
-be a member of a set. What is named must have a value that bears the name, see `confirmed`.
+be measured, and data that identify the family: what stands in ``not_identifiable`` is never named, however probable,
+but may be a member of a set. What is named must have a value that bears the name, see `confirmed`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daq import Note
-from model.diagnosis.core.posterior import Posterior, short_set
+from model.diagnosis.core.hypotheses import Posterior, short_set
 from model.diagnosis.core.result import Adequacy, Cause, Gain, Verdict
 from model.effects.catalogue import EFFECTS
 from model.notes import LackCode
@@ -38,7 +38,6 @@ class Judgement:
 
     Attributes
     ----------
-    verdict : see `Verdict`
     families : tuple of str
         The named ones; under "one_of" the set.
     beside : tuple of str
@@ -57,7 +56,7 @@ def judgement(
     found: Posterior,
     judged: Adequacy,
     gain: Gain | None,
-    cannot_tell: Mapping[str, Note] | None = None,
+    not_identifiable: Mapping[str, Note] | None = None,
     name_at: float = 0.9,
     converged: bool = True,
     error_must_fall: bool = False,
@@ -72,7 +71,6 @@ def judgement(
         Of the most probable set.
     gain : Gain or None
         On left-out runs, the causes chosen anew in each fold.
-    cannot_tell : mapping family -> why
     converged : bool
         Whether the linearisation converged.
     error_must_fall : bool
@@ -86,10 +84,10 @@ def judgement(
     sure = [family for family, p in found.families().items() if p > name_at]
     barred = _barred(found, gain, error_must_fall) or (None if converged else Note(LackCode.NOT_SETTLED))
     if sure and not barred:
-        named = tuple(family for family in sure if family not in (cannot_tell or {}))
+        named = tuple(family for family in sure if family not in (not_identifiable or {}))
         if named:
             return Judgement("named", named, short_set(found, named))
-        barred = (cannot_tell or {})[sure[0]]
+        barred = (not_identifiable or {})[sure[0]]
     return Judgement("one_of", short_set(found), barred=barred if sure else None)
 
 

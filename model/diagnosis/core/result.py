@@ -1,13 +1,11 @@
-"""What a diagnosis says.
-
-A diagnosis as small HTML tables, for a notebook; `wheelsoil diagnose` and the report say more.
-
-The contract that other programs read (``wheelsoil/diagnosis/1``).
-"""
+"""Result of a diagnosis: the contract that other programs read (``wheelsoil/diagnosis/1``), and its tables."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from time import perf_counter
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -83,7 +81,7 @@ class Finding:
     size : float
         N, N m, m or m/s. Of recorded runs the height of the shape of misfit there, once soil and the stronger findings
         were taken out, where the shape is largest; of rows the mean of measured less simulated. Of an input
-        the error, measured less true, that would look like this misfit.
+        the error, measured less true, that would give this misfit.
     statistic : float
         Over its standard deviation (signed).
     """
@@ -111,7 +109,7 @@ class Scores:
 
 @dataclass(frozen=True)
 class Gain:
-    """What the extension is worth on runs that neither the choice nor the fit has seen.
+    """Gain of the extension on runs that neither the choice nor the fit has used.
 
     Attributes
     ----------
@@ -139,7 +137,7 @@ class Inconsistent:
 
     channel: str
     rows: int
-    why: str
+    why: Note
 
 
 @dataclass(frozen=True)
@@ -179,14 +177,12 @@ class NextRun:
 
 @dataclass(frozen=True)
 class PlotData:
-    """The samples that were looked at, for figures; arrays of shape (n,).
+    """Samples of a campaign or rows of a table, for figures; arrays of shape (n,).
 
     Attributes
     ----------
     runs : tuple of str
         Names; ``run`` indexes them.
-    run : int array
-    time_s, slip, ground_speed_mps, vertical_load_n, line_position : float arrays
     measured, base, extended : mapping channel -> array
         What was measured; what the simulation says with its re-calibrated soil; what the extended model says.
     base_sigma : mapping channel -> array
@@ -194,9 +190,9 @@ class PlotData:
     signatures : mapping effect key -> mapping channel -> array
         What each candidate changes at its estimated size, less what the soil can imitate.
     implied : mapping effect key -> mapping channel -> array
-        What each candidate says as if it were the one, of channels that were not looked at too.
-    unseen : tuple of str
-        Channels that were measured and not looked at: nothing was chosen or fitted by them.
+        What each candidate says as if it were the one, of channels that were not used too.
+    unused_channels : tuple of str
+        Channels that were measured and not used: nothing was chosen or fitted by them.
     """
 
     campaign: str
@@ -213,7 +209,7 @@ class PlotData:
     base_sigma: dict[str, FloatArray]
     signatures: dict[str, dict[str, FloatArray]]
     implied: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
-    unseen: tuple[str, ...] = ()
+    unused_channels: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -237,8 +233,8 @@ class Grounds:
         Why a family that is likely enough is not named.
     beside : tuple of str
         Families of which one more probably acts beside the named ones.
-    look_alikes : tuple of str
-        Families whose signatures are almost those of the named ones or of the set.
+    confounded : tuple of str
+        Families confounded with the named ones or of the set.
     most_probable : tuple of str
         Families of the most probable set.
     terrains : two tuples of str, optional
@@ -252,7 +248,7 @@ class Grounds:
     undecided: Note | None = None
     barred: Note | None = None
     beside: tuple[str, ...] = ()
-    look_alikes: tuple[str, ...] = ()
+    confounded: tuple[str, ...] = ()
     most_probable: tuple[str, ...] = ()
     terrains: tuple[tuple[str, ...], tuple[str, ...]] | None = None
     cautions: tuple[Note, ...] = ()
@@ -265,7 +261,6 @@ class Diagnosis:
 
     Attributes
     ----------
-    verdict : see `Verdict`
     causes : the named ones; under "one_of" the set
     candidates : every family, most probable first; "none" among them
     sets : tuple of CauseSet
@@ -274,28 +269,27 @@ class Diagnosis:
     gain : Gain or None
         None where it cannot be measured (one run).
     minimum_detectable : mapping effect key -> Detectable
-    cannot_tell : mapping family -> why
+    not_identifiable : mapping family -> why
         What the data do not allow to decide, for want of what.
     noise : mapping str -> float
         Hyper-parameters of the noise model, with unit suffix.
-    stages_s : mapping stage -> seconds
     """
 
     verdict: Verdict
-    causes: tuple[Cause, ...]
-    candidates: tuple[Candidate, ...]
-    what_is_wrong: tuple[Finding, ...]
-    gain: Gain | None
-    inconsistent: tuple[Inconsistent, ...]
-    adequacy: Adequacy | None
-    proposal: Proposal | None
-    minimum_detectable: dict[str, Detectable]
-    next_run: tuple[NextRun, ...]
-    cannot_tell: dict[str, Note] = field(default_factory=dict)
+    causes: tuple[Cause, ...] = ()
+    candidates: tuple[Candidate, ...] = ()
+    what_is_wrong: tuple[Finding, ...] = ()
+    gain: Gain | None = None
+    inconsistent: tuple[Inconsistent, ...] = ()
+    adequacy: Adequacy | None = None
+    proposal: Proposal | None = None
+    minimum_detectable: dict[str, Detectable] = field(default_factory=dict)
+    next_run: tuple[NextRun, ...] = ()
+    not_identifiable: dict[str, Note] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
     noise: dict[str, float] = field(default_factory=dict)
     soils: tuple[SoilEstimate, ...] = ()
-    seen: tuple[PlotData, ...] = ()
+    plot_data: tuple[PlotData, ...] = ()
     stages_s: dict[str, float] = field(default_factory=dict)
     sets: tuple[CauseSet, ...] = ()
     grounds: Grounds = field(default_factory=Grounds)
@@ -317,16 +311,16 @@ class Diagnosis:
         Returns
         -------
         float
-            In the channel's unit; NaN where the shape is none over slip or has no samples to be seen.
+            In the channel's unit; NaN where the shape is none over slip or has no samples.
         """
         slips, campaign = found.place.slips, found.place.campaign
         if slips is None:
             return float("nan")
         (low, high), channel = slips, ROLES[found.channel].key
         left = [
-            (seen.measured[channel] - seen.base[channel])[(seen.slip >= low) & (seen.slip <= high)]
-            for seen in self.seen
-            if channel in seen.base and campaign in ("", seen.campaign)
+            (one.measured[channel] - one.base[channel])[(one.slip >= low) & (one.slip <= high)]
+            for one in self.plot_data
+            if channel in one.base and campaign in ("", one.campaign)
         ]
         known = np.concatenate([*left, np.zeros(0)])
         known = known[np.isfinite(known)]
@@ -377,22 +371,27 @@ def _frames(found: Diagnosis) -> dict[str, pd.DataFrame]:
 
 
 def undecided(
-    why: Note, cannot_tell: dict[str, Note], notes: tuple[Note, ...], stages_s: dict[str, float] | None = None
+    why: Note, not_identifiable: dict[str, Note], notes: tuple[Note, ...], stages_s: dict[str, float] | None = None
 ) -> Diagnosis:
     """Return a diagnosis that decides nothing and says for want of what; see `Diagnosis`."""
     return Diagnosis(
         verdict="nothing_detectable",
         grounds=Grounds(undecided=why),
-        causes=(),
-        candidates=(),
-        what_is_wrong=(),
-        gain=None,
-        inconsistent=(),
-        adequacy=None,
-        proposal=None,
-        minimum_detectable={},
-        next_run=(),
-        cannot_tell=cannot_tell,
+        not_identifiable=not_identifiable,
         notes=notes,
         stages_s=stages_s or {},
     )
+
+
+@dataclass
+class Clock:
+    """Seconds by stage."""
+
+    stages_s: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Count the time inside for a stage."""
+        start = perf_counter()
+        yield
+        self.stages_s[name] = self.stages_s.get(name, 0.0) + perf_counter() - start

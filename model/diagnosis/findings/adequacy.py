@@ -1,5 +1,6 @@
-r"""Whether soil and causes leave more than noise: what the catch-all shapes still explain, all together and by kind.
+r"""Lack of fit: whether soil and causes leave more than noise, and where the simulation is off.
 
+**Whether**: what the catch-all's shapes still explain, all together and by kind.
 With soil and the set's causes integrated out, shapes of one kind (over slip, load, speed, place, time, direction,
 rate, an error of an input) have score v and information K, and
 
@@ -13,79 +14,25 @@ that share of what the causes take off each T is no lack of fit.
 
 `SLACK` is from campaigns of a generator that shares no numerics with this engine: see docs/diagnosis.md.
 
-Whether the runs of a campaign were driven on one soil: a campaign of two terrains explains nothing well.
-
-The evidence of two groups of runs, each with a soil of its own from the laboratory's prior, against one soil for all.
-Every pair of groups is asked where there are few runs, else they are parted one run at a time.
+**Where**: residuals by channel, slip, load, speed, place, time and direction. The catch-all's shapes are tested one
+after the other: the one that stands out most is reported and taken out, and the rest are tested again, so that one
+misfit is not reported five times. A size is the regression height of the shape: its coefficient, the soil re-calibrated
+and the shapes found before taken out, times the largest value of the shape. It is not the mean of measured less
+simulated there. A statistic is that height over its one-sigma by the noise model.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from scipy.special import gammaincinv
 
-from daq import BoolArray, FloatArray, IndexArray
-from model.diagnosis.core.result import Adequacy
+from daq import INPUTS, OUTPUTS, FloatArray, IndexArray
+from model.diagnosis.core.result import Adequacy, Finding
 from model.diagnosis.core.shapes import Shape
-from model.diagnosis.time_series.grams import Grams
-
-LEAST = 20.0
-"""Nats by which two soils must be likelier than one."""
-_FEW = 8
-
-
-def two_soils(grams: Grams) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
-    """Return the runs of the one soil and of the other, the smaller group first; None where one soil will do.
-
-    Parameters
-    ----------
-    grams : Grams
-        Of one campaign.
-    """
-    count = len(grams.run_names)
-    if count < 2 or not grams.soil:
-        return None
-    together = _evidence(grams, np.ones(count, bool))
-    best, group = max(((_gain(grams, own) - together, own.tolist()) for own in _groups(grams, count)), key=_first)
-    if best < LEAST:
-        return None
-    names = np.array(grams.run_names)
-    one, other = names[group], names[~np.array(group)]
-    return tuple(one.tolist()), tuple(other.tolist())
-
-
-def _first(pair: tuple[float, list[bool]]) -> float:
-    return pair[0]
-
-
-def _gain(grams: Grams, own: BoolArray) -> float:
-    return _evidence(grams, own) + _evidence(grams, ~own)
-
-
-def _groups(grams: Grams, count: int) -> list[BoolArray]:
-    """Return the groups to ask: all of up to half of the runs, or what parting one run at a time goes through."""
-    if count <= _FEW:
-        sizes = range(1, count // 2 + 1)
-        return [np.isin(np.arange(count), own) for size in sizes for own in combinations(range(count), size)]
-    groups = [np.zeros(count, bool)]
-    for _ in range(count // 2):
-        larger = [groups[-1] | (np.arange(count) == run) for run in np.flatnonzero(~groups[-1])]
-        groups.append(max(larger, key=lambda own: _gain(grams, own)))
-    return groups[1:]
-
-
-def _evidence(grams: Grams, own: BoolArray) -> float:
-    """Return the log evidence of some runs with a soil of their own, up to a constant."""
-    total = grams.matrices[own].sum(axis=0)
-    soil = grams.soil_columns
-    inner = np.eye(len(grams.soil)) + total[soil, soil]
-    side = total[soil, 0]
-    explained = float(side @ np.linalg.solve(inner, side))
-    return 0.5 * (explained - float(total[0, 0])) - 0.5 * float(np.linalg.slogdet(inner)[1])
-
+from model.diagnosis.time_series.columns import Grams
+from model.diagnosis.time_series.start import CampaignData
 
 LEVEL = 0.995
 """Quantile of the statistic where the noise model is exact."""
@@ -204,3 +151,68 @@ def _kind(information: FloatArray, shapes: IndexArray) -> _Kind:
     shape = mean**2 / max(variance, 1e-12)
     far = variance / max(mean, 1e-12) * float(gammaincinv(shape, _FAR)) if mean > 0 else np.inf
     return _Kind(shapes, inverse, far if far > 0 else np.inf)
+
+
+LEAST = 3.5
+"""Size of a statistic from which on a shape is said: one of 140 shapes exceeds it by chance in one of 15 campaigns."""
+MOST = 8
+_LEAST_SHARE_LEFT = 0.05
+"""Share of a shape's information that soil and earlier findings must have left."""
+
+
+def findings(
+    grams: Grams,
+    campaigns: tuple[CampaignData, ...],
+    keys: tuple[str, ...] = (),
+    excess: float = 1.0,
+    *,
+    inputs: bool = False,
+) -> list[Finding]:
+    """Return where the simulation with a set of causes is off, worst first.
+
+    Parameters
+    ----------
+    campaigns : tuple of CampaignData
+        For the shapes' heights.
+    keys : tuple of str
+        Causes that the simulation has.
+    excess : float
+        Factor on the noise's variance.
+    inputs : bool
+        Ask for errors of ground speed and load, too. What a missing cause leaves looks like many of them: where there
+        is a name for it, they are not asked for.
+    """
+    heights = np.concatenate([data.columns.heights for data in campaigns])
+    asked = [i for i, shape in enumerate(grams.basis) if inputs or shape.channel not in INPUTS]
+    left = left_over(grams, keys)
+    left = LeftOver(left.misfit, left.score[asked], left.information[np.ix_(asked, asked)])
+    return found_in(left, tuple(grams.basis[i] for i in asked), heights[asked], excess)
+
+
+def found_in(left: LeftOver, shapes: tuple[Shape, ...], height: FloatArray, excess: float = 1.0) -> list[Finding]:
+    """Return the shapes that stand out, one after the other.
+
+    Parameters
+    ----------
+    height : array, shape (b,)
+        Of each shape with a coefficient of 1, in the unit of its channel or input.
+    excess : float
+        Factor on the noise's variance.
+    """
+    score, information = left.score.copy(), left.information.copy()
+    whole = np.maximum(np.diag(information), 1e-12)
+    found: list[Finding] = []
+    for _ in range(min(MOST, len(shapes))):
+        own = np.diag(information)
+        known = own > _LEAST_SHARE_LEFT * whole
+        z = np.where(known, score / np.sqrt(np.where(known, own * excess, 1.0)), 0.0)
+        worst = int(np.argmax(np.abs(z)))
+        if abs(z[worst]) < LEAST:
+            break
+        shape = shapes[worst]
+        size = float(score[worst] / own[worst] * height[worst])
+        found.append(Finding({**INPUTS, **OUTPUTS}[shape.channel].role, shape, size, float(z[worst])))
+        column = information[:, worst] / own[worst]
+        score = score - column * score[worst]
+        information = information - np.outer(column, information[worst])
+    return sorted(found, key=lambda f: -abs(f.statistic))

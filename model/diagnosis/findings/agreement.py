@@ -1,4 +1,6 @@
-r"""Whether campaigns that share a cause agree about it: Cochran's Q on each campaign's own estimate.
+r"""Agreement of campaigns about a shared cause, and of the runs of a campaign about one soil.
+
+**Campaigns**: Cochran's Q on each campaign's own estimate.
 
 A joint diagnosis takes one size of a cause for all campaigns, and one form of it. Each campaign's own size
 :math:`x_c` with variance :math:`v_c`, its soil integrated out, is from its own cross products alone. If the size is
@@ -11,22 +13,27 @@ The variances are widened as the final interval of the shared size was (`model.d
 asked in the same way: by how many nats a campaign of its own prefers another one.
 
 Source: Cochran (1954), Biometrics 10:101.
+
+**Runs**: the evidence of two groups of runs, each with a soil of its own from the laboratory's prior, against one soil
+for all. Every pair of groups is tested where there are few runs, else one run after the other is separated. A campaign
+of two terrains explains nothing well.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.special import gammaincc
 
-from daq import FloatArray, Note, Severity
+from daq import BoolArray, FloatArray, Note, Severity
 from model.diagnosis.core.result import Cause, ParameterEstimate
 from model.diagnosis.findings.isolability import own_columns
 from model.diagnosis.findings.isolability import projected_without_soil as without_soil
+from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import log_evidence
-from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.notes import DiagnosisCode
 
@@ -34,7 +41,7 @@ AT = 0.01
 """Probability of a larger Q by chance, below which campaigns are said to disagree."""
 OTHER_FORM = 3.0
 """Nats by which a campaign must prefer another form: 20 to 1."""
-_SEEN = 1e-6
+_LEAST_SHARE_LEFT = 1e-6
 """Share of a combination that a campaign may leave open and still estimate it."""
 
 
@@ -125,9 +132,9 @@ def other_forms(
     return found
 
 
-def runs_of(look: LinearisedCampaign) -> dict[str, int]:
-    """Return how many runs each campaign of a look has, in their order."""
-    return {view.campaign.name: len(view.grams.matrices) for view in look.views}
+def runs_of(linearised: LinearisedCampaign) -> dict[str, int]:
+    """Return how many runs each campaign has, in their order."""
+    return {data.campaign.name: len(data.grams.matrices) for data in linearised.campaigns}
 
 
 def _by_campaign(grams: Grams, runs: dict[str, int]) -> Iterator[tuple[str, Grams]]:
@@ -157,7 +164,7 @@ def _along(information: FloatArray, direction: FloatArray) -> float:
     """Return the variance of a combination; infinite where the data leave it open."""
     inverse = np.linalg.pinv(information, rcond=1e-9, hermitian=True)
     left = direction - information @ (inverse @ direction)
-    if float(left @ left) > _SEEN * float(direction @ direction):
+    if float(left @ left) > _LEAST_SHARE_LEFT * float(direction @ direction):
         return float("inf")
     return float(direction @ inverse @ direction)
 
@@ -200,3 +207,56 @@ def disagreement_notes(
         *(Note(DiagnosisCode.DISAGREEMENT, Severity.FAULT, facts) for facts in sizes),
         *(Note(DiagnosisCode.OTHER_FORM, Severity.DOUBT, facts) for facts in others),
     )
+
+
+LEAST = 20.0
+"""Nats by which two soils must be likelier than one."""
+
+
+_FEW = 8
+
+
+def two_soils(grams: Grams) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
+    """Return the runs of the one soil and of the other, the smaller group first; None where one soil will do.
+
+    Parameters
+    ----------
+    grams : Grams
+        Of one campaign.
+    """
+    count = len(grams.run_names)
+    if count < 2 or not grams.soil:
+        return None
+    together = _evidence(grams, np.ones(count, bool))
+    own = max(_groups(grams, count), key=lambda group: _gain(grams, group))
+    if _gain(grams, own) - together < LEAST:
+        return None
+    names = np.array(grams.run_names)
+    one, other = names[own], names[~own]
+    return tuple(one.tolist()), tuple(other.tolist())
+
+
+def _gain(grams: Grams, own: BoolArray) -> float:
+    return _evidence(grams, own) + _evidence(grams, ~own)
+
+
+def _groups(grams: Grams, count: int) -> list[BoolArray]:
+    """Return the groups to ask: all of up to half of the runs, or what parting one run at a time goes through."""
+    if count <= _FEW:
+        sizes = range(1, count // 2 + 1)
+        return [np.isin(np.arange(count), own) for size in sizes for own in combinations(range(count), size)]
+    groups = [np.zeros(count, bool)]
+    for _ in range(count // 2):
+        larger = [groups[-1] | (np.arange(count) == run) for run in np.flatnonzero(~groups[-1])]
+        groups.append(max(larger, key=lambda own: _gain(grams, own)))
+    return groups[1:]
+
+
+def _evidence(grams: Grams, own: BoolArray) -> float:
+    """Return the log evidence of some runs with a soil of their own, up to a constant."""
+    total = grams.matrices[own].sum(axis=0)
+    soil = grams.soil_columns
+    inner = np.eye(len(grams.soil)) + total[soil, soil]
+    side = total[soil, 0]
+    explained = float(side @ np.linalg.solve(inner, side))
+    return 0.5 * (explained - float(total[0, 0])) - 0.5 * float(np.linalg.slogdet(inner)[1])

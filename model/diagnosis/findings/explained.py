@@ -14,13 +14,13 @@ from typing import Literal
 import numpy as np
 
 from daq import FloatArray
+from model.diagnosis.core.hypotheses import Posterior, cause_of, most_probable_form
 from model.diagnosis.core.naming import Judgement
-from model.diagnosis.core.posterior import Posterior, cause_of, most_probable_form
 from model.diagnosis.core.result import Cause, ParameterEstimate, PlotData, SoilEstimate
-from model.diagnosis.findings.isolability import isolability
+from model.diagnosis.findings.isolability import CONFOUNDED_COSINE, isolability
 from model.diagnosis.findings.set_fit import SetFit, fit_set, parameters_of, soils_of, spread_of
+from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import estimate
-from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.diagnosis.time_series.noise import constants, loading, processes, white_variance
@@ -31,7 +31,7 @@ Sizes = Mapping[str, FloatArray]
 
 
 def plot_data_of(
-    look: LinearisedCampaign, base: SetFit, extended: SetFit, shown: Sizes, alone: Mapping[str, SetFit]
+    linearised: LinearisedCampaign, base: SetFit, extended: SetFit, shown: Sizes, alone: Mapping[str, SetFit]
 ) -> tuple[PlotData, ...]:
     """Return the data of each campaign for figures.
 
@@ -47,20 +47,27 @@ def plot_data_of(
         Those of them that were fitted each by itself: what they change is then what the whole model says, with the
         soil fitted anew, and not what the linearised one does.
     """
-    return tuple(_plot_data(look, index, base, extended, shown, alone) for index in range(len(look.views)))
+    return tuple(
+        _plot_data(linearised, index, base, extended, shown, alone) for index in range(len(linearised.campaigns))
+    )
 
 
 def _plot_data(
-    look: LinearisedCampaign, index: int, base: SetFit, extended: SetFit, shown: Sizes, alone: Mapping[str, SetFit]
+    linearised: LinearisedCampaign,
+    index: int,
+    base: SetFit,
+    extended: SetFit,
+    shown: Sizes,
+    alone: Mapping[str, SetFit],
 ) -> PlotData:
-    view = look.views[index]
-    samples, at = view.samples, view.samples.conditions
-    channels = view.linear.channels
+    data = linearised.campaigns[index]
+    samples, at = data.samples, data.samples.conditions
+    channels = data.linear.channels
     without = _said(base, index)
     fitted = {key: _said(fit, index) for key, fit in alone.items() if key in shown}
     changes = {key: {c: x - without[c] for c, x in said.items()} for key, said in fitted.items()}
     return PlotData(
-        campaign=view.campaign.name,
+        campaign=data.campaign.name,
         runs=samples.run_names,
         run=samples.run,
         time_s=samples.time_s,
@@ -71,9 +78,9 @@ def _plot_data(
         measured={c: samples.measured[c] for c in channels},
         base=without,
         extended=_said(extended, index),
-        base_sigma=dict(zip(channels, spread(view), strict=True)),
+        base_sigma=dict(zip(channels, spread(data), strict=True)),
         signatures={
-            key: changes.get(key) or dict(zip(channels, _signature(look, index, key, size), strict=True))
+            key: changes.get(key) or dict(zip(channels, _signature(linearised, index, key, size), strict=True))
             for key, size in shown.items()
         },
     )
@@ -82,15 +89,15 @@ def _plot_data(
 def _said(fit: SetFit, index: int) -> dict[str, FloatArray]:
     """Return what a fitted model says at the measured slip."""
     part, point = fit.problem.parts[index], fit.problem.points(fit.estimate)[index]
-    samples = part.view.samples
+    samples = part.data.samples
     said = simulated(part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples))))
     return dict(zip(part.frozen.channels, said, strict=True))
 
 
-def spread(view: CampaignData) -> FloatArray:
+def spread(data: CampaignData) -> FloatArray:
     """Return the one-sigma of measured less simulated by the noise model, shape (c, n)."""
-    values, linear, samples = view.noise.values, view.linear, view.samples
-    variance = white_variance(linear, values, view.speed_variance)
+    values, linear, samples = data.noise.values, data.linear, data.samples
+    variance = white_variance(linear, values, data.speed_variance)
     for process in processes(linear.channels):
         variance = variance + (values[process.deviation] * loading(linear, samples, process.loading)) ** 2
     for deviation, how in constants(linear.channels):
@@ -98,24 +105,24 @@ def spread(view: CampaignData) -> FloatArray:
     return np.asarray(np.sqrt(variance))
 
 
-def _signature(look: LinearisedCampaign, index: int, key: str, size: FloatArray) -> FloatArray:
+def _signature(linearised: LinearisedCampaign, index: int, key: str, size: FloatArray) -> FloatArray:
     """Return what a cause changes in a campaign, less what the re-calibrated soil can imitate, shape (c, n)."""
-    grams: Grams = look.grams
-    view = look.views[index]
+    grams: Grams = linearised.grams
+    data = linearised.campaigns[index]
     own = list(grams.columns_of(key))
     total = grams.total()
     soil = grams.soil_columns
     imitated = np.linalg.solve(np.eye(len(grams.soil)) + total[soil, soil], total[soil, own] @ size)
-    first = sum(len(v.columns.soil) for v in look.views[:index])
-    mine = imitated[first : first + len(view.columns.soil)]
-    changed = np.zeros(view.linear.value.shape)
+    first = sum(len(v.columns.soil) for v in linearised.campaigns[:index])
+    mine = imitated[first : first + len(data.columns.soil)]
+    changed = np.zeros(data.linear.value.shape)
     units = {(grams.causes[c - grams.cause_columns.start].parameter): (c, s) for c, s in zip(own, size, strict=True)}
-    for i, cause in enumerate(view.columns.causes):
+    for i, cause in enumerate(data.columns.causes):
         if cause.key == key:
             column, coefficient = units[cause.parameter]
             scale = grams.causes[column - grams.cause_columns.start].scale
-            changed += view.linear.causes[..., i] * scale * coefficient
-    return np.asarray(changed - view.linear.soil @ mine)
+            changed += data.linear.causes[..., i] * scale * coefficient
+    return np.asarray(changed - data.linear.soil @ mine)
 
 
 Keys = tuple[str, ...]
@@ -155,56 +162,51 @@ class Fits:
     ----------
     starts : "one" or "several"
         "one" where nothing explains the data, so that no size is more than a place to look from.
-    known : mapping keys -> SetFit
     """
 
-    def __init__(self, look: LinearisedCampaign, starts: Literal["one", "several"] = "several") -> None:
-        self.look = look
+    def __init__(self, linearised: LinearisedCampaign, starts: Literal["one", "several"] = "several") -> None:
+        self.linearised = linearised
         self.starts = starts
         self.known: dict[Keys, SetFit] = {}
 
     def __getitem__(self, keys: Keys) -> SetFit:
         if keys not in self.known:
-            self.known[keys] = fit_set(self.look, keys, starts=self.starts)
+            self.known[keys] = fit_set(self.linearised, keys, starts=self.starts)
         return self.known[keys]
-
-    def of(self, *sets: Keys) -> dict[Keys, SetFit]:
-        """Return the fits of several sets."""
-        return {keys: self[keys] for keys in sets}
 
 
 def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
     """Fit what a verdict is about."""
-    look = fits.look
+    linearised = fits.linearised
     keys = tuple(most_probable_form(found, family) for family in verdict.families)
-    extended = _extended(look, verdict, keys)
+    extended = _extended(linearised, verdict, keys)
     whole = fits[extended]
-    spread = spread_of(whole.problem, whole.estimate, look, extended)
+    spread = spread_of(whole.problem, whole.estimate, linearised, extended)
     values: dict[str, tuple[ParameterEstimate, ...]] = {}
     sizes: dict[str, FloatArray] = {}
     if verdict.verdict == "named":
-        values, sizes = parameters_of(whole, look, spread), dict(whole.sizes)
+        values, sizes = parameters_of(whole, linearised, spread), dict(whole.sizes)
     else:
         for key in keys[:_MOST_FITTED]:
             fit = fits[(key,)]
-            values |= parameters_of(fit, look, spread if extended == (key,) else None)
+            values |= parameters_of(fit, linearised, spread if extended == (key,) else None)
             sizes |= fit.sizes
     causes = tuple(
         cause_of(found, family, key, values.get(key, ())) for family, key in zip(verdict.families, keys, strict=True)
     )
-    return Explained(causes, extended, sizes | _others(look, found, sizes), soils_of(whole, look, spread))
+    return Explained(causes, extended, sizes | _others(linearised, found, sizes), soils_of(whole, linearised, spread))
 
 
-def _extended(look: LinearisedCampaign, verdict: Judgement, keys: Keys) -> Keys:
+def _extended(linearised: LinearisedCampaign, verdict: Judgement, keys: Keys) -> Keys:
     if verdict.verdict == "named":
-        order = [c.key for c in look.grams.causes]
+        order = [c.key for c in linearised.grams.causes]
         return tuple(sorted(keys, key=order.index))
     if verdict.verdict == "one_of":
         return keys[:1]
-    return look.best.keys if verdict.verdict == "unexplained" else ()
+    return linearised.best.keys if verdict.verdict == "unexplained" else ()
 
 
-def _others(look: LinearisedCampaign, found: Posterior, known: dict[str, FloatArray]) -> dict[str, FloatArray]:
+def _others(linearised: LinearisedCampaign, found: Posterior, known: dict[str, FloatArray]) -> dict[str, FloatArray]:
     """Return the linear sizes of the most probable families that were not fitted."""
     sizes: dict[str, FloatArray] = {}
     for family in found.families():
@@ -212,17 +214,13 @@ def _others(look: LinearisedCampaign, found: Posterior, known: dict[str, FloatAr
             break
         key = most_probable_form(found, family)
         if key not in known:
-            alone = estimate(look.grams, (key,))
+            alone = estimate(linearised.grams, (key,))
             sizes[key] = alone.coefficients[list(alone.columns)]
     return sizes
 
 
-ALIKE = 0.95
-"""Cosine of two signatures, the soil projected out, from which on they look almost the same."""
-
-
 @dataclass(frozen=True)
-class LookAlike:
+class Confounded:
     """A family that would look almost as one of the verdict's does.
 
     Attributes
@@ -239,26 +237,26 @@ class LookAlike:
     cosine: float
 
 
-def look_alikes(grams: Grams, found: Posterior, verdict: Judgement) -> tuple[LookAlike, ...]:
+def confounded_causes(grams: Grams, found: Posterior, verdict: Judgement) -> tuple[Confounded, ...]:
     """Return the families confounded with the named causes, or with a set's most probable member, closest first."""
     own = verdict.families if verdict.verdict == "named" else verdict.families[:1]
     apart = isolability(grams)
-    alike = []
+    confounded = []
     for family in own:
         key = most_probable_form(found, family)
         across = apart.cosine[apart.keys.index(key)]
-        alike += [
-            LookAlike(other, apart.keys[j], key, float(across[j]))
+        confounded += [
+            Confounded(other, apart.keys[j], key, float(across[j]))
             for j, other in enumerate(apart.families)
-            if other not in verdict.families and across[j] > ALIKE
+            if other not in verdict.families and across[j] > CONFOUNDED_COSINE
         ]
-    first: dict[str, LookAlike] = {}
-    for one in sorted(alike, key=lambda one: -one.cosine):
+    first: dict[str, Confounded] = {}
+    for one in sorted(confounded, key=lambda one: -one.cosine):
         first.setdefault(one.family, one)
     return tuple(first.values())
 
 
-def imitating(grams: Grams, named: Sequence[str], one: LookAlike) -> FloatArray:
+def coefficients_in_place_of(grams: Grams, named: Sequence[str], one: Confounded) -> FloatArray:
     """Return the coefficients that a confounded cause would have in place of the named one, the others kept.
 
     Parameters
@@ -267,5 +265,5 @@ def imitating(grams: Grams, named: Sequence[str], one: LookAlike) -> FloatArray:
         Keys of the named causes.
     """
     keys = (*(key for key in named if key != one.of), one.key)
-    told = estimate(grams, keys)
-    return np.array([told.coefficients[i] for i in told.columns if grams.causes[i].key == one.key])
+    refitted = estimate(grams, keys)
+    return np.array([refitted.coefficients[i] for i in refitted.columns if grams.causes[i].key == one.key])

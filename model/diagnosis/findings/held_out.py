@@ -26,12 +26,12 @@ from dataclasses import replace
 import numpy as np
 
 from daq import OUTPUTS, Note
-from model.diagnosis.core.campaign import DiagnosisOptions
 from model.diagnosis.core.gain import HeldOutPrediction, gain_of
-from model.diagnosis.core.posterior import Posterior, probabilities
+from model.diagnosis.core.hypotheses import Posterior, probabilities
 from model.diagnosis.core.result import Gain
 from model.diagnosis.findings.adequacy import excess
 from model.diagnosis.findings.set_fit import SetFit, fit_set
+from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import (
     estimate,
     log_likelihood_of_run,
@@ -40,7 +40,6 @@ from model.diagnosis.time_series.evidence import (
     weighed,
     without_soil,
 )
-from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.fit.fit import default_slip_threshold
@@ -97,18 +96,16 @@ Keys = tuple[str, ...]
 
 
 def held_out(
-    look: LinearisedCampaign,
-    options: DiagnosisOptions | None = None,
-    *,
-    given: Keys | None = None,
+    linearised: LinearisedCampaign,
+    rng: np.random.Generator,
     fits: Mapping[Keys, SetFit] | None = None,
 ) -> tuple[Gain | None, tuple[Note, ...]]:
     """Measure the gain of the extension by leaving out one run at a time.
 
     Parameters
     ----------
-    given : tuple of str, optional
-        Causes to take in every fold instead of choosing: what a choice can be compared with.
+    rng : Generator
+        For the interval of the gain.
     fits : mapping, optional
         Sets that are fitted already.
 
@@ -119,34 +116,36 @@ def held_out(
     notes : tuple of Note
         What few runs do to it.
     """
-    options = options or DiagnosisOptions()
-    count = len(look.grams.run_names)
+    count = len(linearised.grams.run_names)
     if count < 2:
         return None, (Note(DiagnosisCode.ONE_RUN),)
     known = dict(fits or {})
-    chosen = tuple(_chosen(look, run, options) if given is None else given for run in range(count))
+    chosen = tuple(_chosen(linearised, run) for run in range(count))
     for keys in ((), *chosen):
         if keys not in known:
-            known[keys] = fit_set(look, keys, starts="one")
+            known[keys] = fit_set(linearised, keys, starts="one")
     grams = {keys: known[keys].grams() for keys in {(), *chosen}}
-    base = [predict_held_out(look, known[()], run, grams[()]) for run in range(count)]
+    base = [predict_held_out(linearised, known[()], run, grams[()]) for run in range(count)]
     extended = [
-        predict_held_out(look, known[keys], run, grams[keys]) if keys else base[run] for run, keys in enumerate(chosen)
+        predict_held_out(linearised, known[keys], run, grams[keys]) if keys else base[run]
+        for run, keys in enumerate(chosen)
     ]
     channel = next(c for c in OUTPUTS if any(c in run.measured for run in base))
-    gain = gain_of(base, extended, chosen, channel, np.random.default_rng(options.seed))
+    gain = gain_of(base, extended, chosen, channel, rng)
     return gain, (Note(DiagnosisCode.TWO_RUNS),) * (count == 2)
 
 
-def _chosen(look: LinearisedCampaign, run: int, options: DiagnosisOptions) -> Keys:
+def _chosen(linearised: LinearisedCampaign, run: int) -> Keys:
     """Return the causes that all runs but one ask for."""
-    known = others(look.grams, run)
-    first = posterior(known, look.excluded, options.most_causes).best()
+    known = others(linearised.grams, run)
+    first = posterior(known, linearised.excluded, linearised.most_causes).best()
     wider = replace(known, matrices=known.matrices / excess(known, first))
-    return posterior(wider, look.excluded, options.most_causes).best()
+    return posterior(wider, linearised.excluded, linearised.most_causes).best()
 
 
-def predict_held_out(look: LinearisedCampaign, fit: SetFit, run: int, grams: Grams | None = None) -> HeldOutPrediction:
+def predict_held_out(
+    linearised: LinearisedCampaign, fit: SetFit, run: int, grams: Grams | None = None
+) -> HeldOutPrediction:
     """Predict a run from all others by a set of causes.
 
     Parameters
@@ -159,11 +158,11 @@ def predict_held_out(look: LinearisedCampaign, fit: SetFit, run: int, grams: Gra
         Of the fit, where they are known already.
     """
     grams = grams or fit.grams()
-    first = np.cumsum([0, *(view.samples.runs for view in look.views)])
+    first = np.cumsum([0, *(data.samples.runs for data in linearised.campaigns)])
     at = int(np.searchsorted(first, run, side="right")) - 1
     found = estimate(others(grams, run), fit.keys)
     point = fit.problem.points(np.r_[found.soil, found.coefficients[list(found.columns)]])[at]
-    samples = look.views[at].samples
+    samples = linearised.campaigns[at].samples
     samples = samples[samples.run == run - first[at]]
     part = fit.problem.parts[at]
     values = simulated(part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples))))
@@ -172,5 +171,5 @@ def predict_held_out(look: LinearisedCampaign, fit: SetFit, run: int, grams: Gra
         numbers=int(grams.samples[run]),
         measured={c: samples.measured[c] for c in part.frozen.channels},
         predicted=dict(zip(part.frozen.channels, values, strict=True)),
-        judged=np.asarray(samples.conditions.slip) >= default_slip_threshold(look.views[at].campaign.soil),
+        judged=np.asarray(samples.conditions.slip) >= default_slip_threshold(linearised.campaigns[at].campaign.soil),
     )

@@ -18,16 +18,16 @@ from itertools import combinations
 import numpy as np
 
 from daq import BoolArray, FloatArray
-from model.diagnosis.core.detectable import Direction, minimum_detectable
+from model.diagnosis.core.bayes_factors import Direction, minimum_detectable
 from model.diagnosis.core.result import Detectable
+from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import hypotheses, without_soil
-from model.diagnosis.time_series.grams import Grams
 
 
 def detectable_in_runs(
     grams: Grams, excluded: frozenset[str] = frozenset(), name_at: float = 0.9, excess: float = 1.0
 ) -> dict[str, Detectable]:
-    """Return the smallest size of every effect that these runs show; see `model.diagnosis.core.detectable`.
+    """Return the smallest size of every effect that these runs show; see `model.diagnosis.core.bayes_factors`.
 
     Parameters
     ----------
@@ -53,7 +53,9 @@ def detectable_in_runs(
     return minimum_detectable(listed, directions, name_at)
 
 
-SEEN = 5.0
+CONFOUNDED_COSINE = 0.95
+"""Cosine of two signatures, the soil projected out, from which on causes count as confounded."""
+DETECTABLE_D = 5.0
 """d from which on an effect is detectable, and d_sep from which on it is separable from its rivals."""
 _NOTHING = 1e-12
 
@@ -70,14 +72,11 @@ class Projected:
         X'X: the same before the soil is re-calibrated.
     score : array, shape (k,)
         X'Pr.
-    misfit : float
-        r'Pr.
     """
 
     information: FloatArray
     raw: FloatArray
     score: FloatArray
-    misfit: float
 
 
 def projected_without_soil(grams: Grams, matrix: FloatArray | None = None) -> Projected:
@@ -99,7 +98,7 @@ def projected_without_soil(grams: Grams, matrix: FloatArray | None = None) -> Pr
     if cross.size:
         left = left - cross.T @ np.linalg.solve(np.eye(len(cross)) + total[soil, soil], cross)
     left = 0.5 * (left + left.T)
-    return Projected(left[1:, 1:], total[causes, causes], left[1:, 0], float(left[0, 0]))
+    return Projected(left[1:, 1:], total[causes, causes], left[1:, 0])
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,7 @@ class Isolability:
     separation: FloatArray
     rivals: tuple[str, ...]
 
-    def look_alikes(self, at: float = 0.95) -> tuple[tuple[str, ...], ...]:
+    def confounded(self, at: float = CONFOUNDED_COSINE) -> tuple[tuple[str, ...], ...]:
         """Return groups of families that are linked by |cos| of `at` or more, largest first; loners are left out."""
         group = {family: {family} for family in self.families}
         for i, j in combinations(range(len(self.keys)), 2):
@@ -147,19 +146,15 @@ class Isolability:
         )
 
 
-def isolability(
-    grams: Grams, sizes: Mapping[str, Sequence[float]] | None = None, matrix: FloatArray | None = None
-) -> Isolability:
+def isolability(grams: Grams, sizes: Mapping[str, Sequence[float]] | None = None) -> Isolability:
     """Say which causes the runs behind `grams` can tell apart.
 
     Parameters
     ----------
     sizes : mapping key -> coefficients, optional
         In units of the prior scale; the default is one prior one-sigma for each parameter.
-    matrix : array, shape (m, m), optional
-        Another sum over runs than that of all.
     """
-    projected = projected_without_soil(grams, matrix)
+    projected = projected_without_soil(grams)
     keys = tuple(dict.fromkeys(column.key for column in grams.causes))
     where = {key: own_columns(grams, key) for key in keys}
     families = tuple(grams.causes[where[key][0]].family for key in keys)

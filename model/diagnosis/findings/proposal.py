@@ -17,14 +17,13 @@ from math import comb
 import numpy as np
 
 from daq import OUTPUTS, FloatArray
-from model.diagnosis.core.prior import SIZE_PRIOR
+from model.diagnosis.core.hypotheses import SIZE_PRIOR
 from model.diagnosis.core.result import Proposal
 from model.diagnosis.findings.set_fit import SetFit
 from model.diagnosis.findings.set_problem import Part
 from model.diagnosis.time_series.basis import amplitude_of
-from model.diagnosis.time_series.columns import Columns
+from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams
 from model.diagnosis.time_series.evidence import estimate, log_likelihood_of_run, others, without_soil
-from model.diagnosis.time_series.grams import CauseColumn, Grams
 from model.diagnosis.time_series.whitening import joined, run_grams
 from model.wheel_soil.conditions import Conditions
 
@@ -127,15 +126,13 @@ class TermColumn:
     scale: float
 
 
-def propose_for(fit: SetFit, most: int = MOST_TERMS) -> Proposal | None:
+def propose_for(fit: SetFit) -> Proposal | None:
     """Search for a formula of what a set of causes, or the soil alone, leaves.
 
     Parameters
     ----------
     fit : SetFit
         What the formula stands beside; its soil and causes stay uncertain.
-    most : int
-        Terms in the longest formula.
 
     Returns
     -------
@@ -145,17 +142,17 @@ def propose_for(fit: SetFit, most: int = MOST_TERMS) -> Proposal | None:
     columns: dict[str, TermColumn] = {}
     parts = []
     for part in fit.problem.parts:
-        view = part.view
-        own = _with_terms(part, fit, columns)
-        matrices = run_grams(view.samples, part.frozen, own, view.noise.values, view.speed_variance)
-        parts.append((view.campaign.name, view.samples.run_names, own, matrices))
-    return propose(_terms_as_causes(joined(parts), columns), columns, most)
+        data = part.data
+        own = _with_terms(part, columns)
+        matrices = run_grams(data.samples, part.frozen, own, data.noise.values, data.speed_variance)
+        parts.append((data.campaign.name, data.samples.run_names, own, matrices))
+    return propose(_terms_as_causes(joined(parts), columns), columns)
 
 
-def _with_terms(part: Part, fit: SetFit, columns: dict[str, TermColumn]) -> Columns:
+def _with_terms(part: Part, columns: dict[str, TermColumn]) -> Columns:
     """Return a campaign's columns with the terms behind the causes; terms that are new are added to `columns`."""
-    plain = fit.problem.columns(part)
-    samples, linear = part.view.samples, part.frozen
+    plain = part.columns(part.frozen)
+    samples, linear = part.data.samples, part.frozen
     values = {**part.simulation.space.values(linear.point.soil), **linear.point.causes}
     sinkage = part.simulation.model(linear.point.causes).predict(linear.conditions, values).sinkage_m
     found, causes = [], []
@@ -178,7 +175,7 @@ def _with_terms(part: Part, fit: SetFit, columns: dict[str, TermColumn]) -> Colu
 
 def _column(key: str, scale: float) -> CauseColumn:
     free = float("inf")
-    return CauseColumn(key, key, "", "physical", "coefficient", "", scale, 0.0, 0.0, -free, free, one_sided=False)
+    return CauseColumn(key, key, "coefficient", "", scale, 0.0, 0.0, -free, free, one_sided=False)
 
 
 def _terms_as_causes(grams: Grams, columns: Mapping[str, TermColumn]) -> Grams:
@@ -197,16 +194,13 @@ def _terms_as_causes(grams: Grams, columns: Mapping[str, TermColumn]) -> Grams:
     )
 
 
-def propose(grams: Grams, terms: dict[str, TermColumn], most: int = MOST_TERMS) -> Proposal | None:
+def propose(grams: Grams, terms: dict[str, TermColumn]) -> Proposal | None:
     """Search for a formula of what is left.
 
     Parameters
     ----------
     grams : Grams
         With terms in the place of causes, by their keys; what else is uncertain stands among the soil's columns.
-    terms : mapping key -> TermColumn
-    most : int
-        Terms in the longest formula.
 
     Returns
     -------
@@ -215,21 +209,21 @@ def propose(grams: Grams, terms: dict[str, TermColumn], most: int = MOST_TERMS) 
     """
     if len(grams.run_names) < _FEWEST_RUNS:
         return None
-    keys = chosen_terms(grams, most)
-    gain = sum(_gain_of(grams, run, most) for run in range(len(grams.run_names)))
+    keys = chosen_terms(grams)
+    gain = sum(_gain_of(grams, run) for run in range(len(grams.run_names)))
     if not keys or not gain > 0:
         return None
     return Proposal(_formula(grams, terms, keys), float(gain))
 
 
-def chosen_terms(grams: Grams, most: int = MOST_TERMS) -> tuple[str, ...]:
+def chosen_terms(grams: Grams) -> tuple[str, ...]:
     """Return the most probable set of terms, found by adding one at a time to the best few; empty if none helps."""
     reduced = without_soil(grams, grams.total())
     count = len(grams.causes)
     precision, side = np.eye(count) + reduced[1 : 1 + count, 1 : 1 + count], reduced[1 : 1 + count, 0]
     beam: list[tuple[float, tuple[int, ...]]] = [(0.0, ())]
     best: tuple[float, tuple[int, ...]] = (float(np.log(SIZE_PRIOR[0])), ())
-    for size in range(1, min(most, count, len(SIZE_PRIOR) - 1) + 1):
+    for size in range(1, min(MOST_TERMS, count, len(SIZE_PRIOR) - 1) + 1):
         grown = {}
         for value, members in beam:
             gained = _added(precision, side, members)
@@ -253,9 +247,9 @@ def _added(precision: FloatArray, side: FloatArray, members: tuple[int, ...]) ->
     return np.asarray(gained)
 
 
-def _gain_of(grams: Grams, run: int, most: int) -> float:
+def _gain_of(grams: Grams, run: int) -> float:
     """Return what the terms that the other runs choose are worth on a run, nats."""
-    chosen = chosen_terms(others(grams, run), most)
+    chosen = chosen_terms(others(grams, run))
     if not chosen:
         return 0.0
     return log_likelihood_of_run(grams, run, chosen) - log_likelihood_of_run(grams, run)

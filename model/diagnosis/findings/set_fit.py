@@ -29,8 +29,8 @@ import numpy as np
 from daq import BoolArray, FloatArray
 from model.diagnosis.core.result import ParameterEstimate, SoilEstimate
 from model.diagnosis.findings.set_problem import SetProblem, set_problem
+from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import estimate, posterior
-from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.effects.catalogue import EFFECTS
 from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
@@ -87,7 +87,7 @@ class Spread:
         return float(np.sqrt(variance)), float(np.sqrt(naive)), float(self.degrees[weight].min())
 
 
-def spread_of(problem: SetProblem, x: FloatArray, look: LinearisedCampaign, keys: tuple[str, ...]) -> Spread:
+def spread_of(problem: SetProblem, x: FloatArray, linearised: LinearisedCampaign, keys: tuple[str, ...]) -> Spread:
     """Return the spread of a fitted set.
 
     Parameters
@@ -113,7 +113,7 @@ def spread_of(problem: SetProblem, x: FloatArray, look: LinearisedCampaign, keys
     both = (1.0 - share) * found.naive + share * found.covariance
     widening = np.maximum(np.sqrt(np.diag(both) / np.diag(found.naive)), 1.0)
     by_noise = ((problem.score_changes(x) @ found.naive) ** 2).sum(axis=0)
-    by_choice = _by_choice(look, keys, count)
+    by_choice = _by_choice(linearised, keys, count)
     combined = found.naive * np.outer(widening, widening)
     extra = np.sqrt(1.0 + (by_noise + by_choice) / np.diag(combined))
     return Spread(
@@ -134,20 +134,20 @@ def interval(value: float, sigma: float, degrees: float) -> tuple[float, float]:
     return value - reach, value + reach
 
 
-def _by_choice(look: LinearisedCampaign, keys: tuple[str, ...], count: int) -> FloatArray:
+def _by_choice(linearised: LinearisedCampaign, keys: tuple[str, ...], count: int) -> FloatArray:
     """Return the variance of the set's coefficients between the sets that hold it, shape (p,); 0 for the soil."""
     total = np.zeros(count)
     if not keys:
         return total
-    weighed = posterior(look.grams, look.excluded, look.most_causes)
+    weighed = posterior(linearised.grams, linearised.excluded, linearised.most_causes)
     listed = weighed.hypotheses
     own = [listed.effects.index(key) for key in keys if key in listed.effects]
     holding = np.flatnonzero(listed.has_effect[:, own].all(axis=1))
     order = holding[np.argsort(-weighed.probability[holding])][:_MOST_SETS]
     order = order[weighed.probability[order] > _LEAST_SHARE * weighed.probability[order[0]]]
-    alone = estimate(look.grams, keys)
+    alone = estimate(linearised.grams, keys)
     columns = list(alone.columns)
-    sizes = np.array([estimate(look.grams, listed.keys_of(int(i))).coefficients[columns] for i in order])
+    sizes = np.array([estimate(linearised.grams, listed.keys_of(int(i))).coefficients[columns] for i in order])
     weights = weighed.probability[order] / weighed.probability[order].sum()
     total[count - len(columns) :] = weights @ (sizes - alone.coefficients[columns]) ** 2
     return total
@@ -190,13 +190,6 @@ class SetFit:
     estimate: FloatArray
     at_bound: BoolArray
     cost: float
-    stop_reason: str
-    evaluations: int
-
-    @property
-    def soil(self) -> FloatArray:
-        """Coordinates of the soils, shape (q,)."""
-        return self.estimate[: len(self.problem.soil)]
 
     @property
     def sizes(self) -> dict[str, FloatArray]:
@@ -222,7 +215,7 @@ class SetFit:
 
 @one_thread
 def fit_set(
-    look: LinearisedCampaign, keys: tuple[str, ...], *, starts: Literal["one", "several"] = "several"
+    linearised: LinearisedCampaign, keys: tuple[str, ...], *, starts: Literal["one", "several"] = "several"
 ) -> SetFit:
     """Fit a set of causes with the whole model.
 
@@ -237,21 +230,19 @@ def fit_set(
     starts : "one" or "several"
         "one": at the linear estimate only, where a point to linearise about is all that is asked for.
     """
-    linear = estimate(look.grams, keys)
-    problem = set_problem(look.views, look.grams, keys)
+    linear = estimate(linearised.grams, keys)
+    problem = set_problem(linearised.campaigns, linearised.grams, keys)
     lower, upper = problem.bounds
     start = np.clip(np.r_[linear.soil, linear.coefficients[list(linear.columns)]], lower, upper)
-    if set(keys) != set(look.best.keys):
+    if set(keys) != set(linearised.best.keys):
         problem = problem.refrozen(start)
     if not start.size:
-        return SetFit(keys, problem.refrozen(start), start, np.zeros(0, bool), float("nan"), "nothing to fit", 0)
-    tried = [_solved(problem, start)]
-    found = tried[0]
+        return SetFit(keys, problem.refrozen(start), start, np.zeros(0, bool), float("nan"))
+    found = _solved(problem, start)
     for other in _others(problem, start) if starts == "several" else ():
-        tried.append(_solved(problem, other, _GLANCE))
-        if tried[-1].cost < found.cost + _PROMISING:
-            tried.append(_solved(problem, tried[-1].estimate))
-            found = min(found, tried[-1], key=lambda result: result.cost)
+        tried = _solved(problem, other, _GLANCE)
+        if tried.cost < found.cost + _PROMISING:
+            found = min(found, _solved(problem, tried.estimate), key=lambda result: result.cost)
     problem = problem.refrozen(found.estimate)
     last = _solved(problem, found.estimate)
     return SetFit(
@@ -260,8 +251,6 @@ def fit_set(
         estimate=last.estimate,
         at_bound=last.at_bound,
         cost=last.cost,
-        stop_reason=str(last.stop_reason),
-        evaluations=sum(result.iterations + 1 for result in [*tried, last]),
     )
 
 
@@ -291,7 +280,7 @@ def _others(problem: SetProblem, start: FloatArray) -> Iterator[FloatArray]:
 
 
 def parameters_of(
-    fit: SetFit, look: LinearisedCampaign, spread: Spread | None = None
+    fit: SetFit, linearised: LinearisedCampaign, spread: Spread | None = None
 ) -> dict[str, tuple[ParameterEstimate, ...]]:
     """Return the parameters of every effect of a set, with 95 % intervals.
 
@@ -303,7 +292,7 @@ def parameters_of(
     spread : Spread, optional
         Of the fit, where it is known already.
     """
-    spread = spread or spread_of(fit.problem, fit.estimate, look, fit.keys)
+    spread = spread or spread_of(fit.problem, fit.estimate, linearised, fit.keys)
     found: dict[str, tuple[ParameterEstimate, ...]] = {}
     offset = len(fit.problem.soil)
     for key in fit.keys:
@@ -344,7 +333,7 @@ def _sum(fit: SetFit, spread: Spread, pair: tuple[int, int], name: str) -> Param
     return ParameterEstimate(name, cause.unit, centre * scale, (low * scale, high * scale), sigma * scale)
 
 
-def soils_of(fit: SetFit, look: LinearisedCampaign, spread: Spread | None = None) -> tuple[SoilEstimate, ...]:
+def soils_of(fit: SetFit, linearised: LinearisedCampaign, spread: Spread | None = None) -> tuple[SoilEstimate, ...]:
     """Return the soil of every campaign, with the set of causes in the model.
 
     Parameters
@@ -352,16 +341,16 @@ def soils_of(fit: SetFit, look: LinearisedCampaign, spread: Spread | None = None
     fit, look, spread
         As for `parameters_of`.
     """
-    spread = spread or spread_of(fit.problem, fit.estimate, look, fit.keys)
+    spread = spread or spread_of(fit.problem, fit.estimate, linearised, fit.keys)
     found = []
-    for part, view in zip(fit.problem.parts, look.views, strict=True):
+    for part, data in zip(fit.problem.parts, linearised.campaigns, strict=True):
         space = part.simulation.space
         u = fit.estimate[part.soil]
         jacobian = space.jacobian(u)
         sigmas = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, spread.covariance[part.soil, part.soil], jacobian))
         found.append(
             SoilEstimate(
-                view.campaign.name,
+                data.campaign.name,
                 space.values(u),
                 {name: float(s) for name, s in zip(SOIL_PARAMETERS, sigmas, strict=True)},
             )

@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import FloatArray
-from model.diagnosis.time_series.columns import Columns, columns_of
+from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, columns_of
 from model.diagnosis.time_series.evidence import box
-from model.diagnosis.time_series.grams import CauseColumn, Grams
 from model.diagnosis.time_series.linearise import Linear, Point, Simulation, at_rest, at_speed, derivatives, linearise
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import joined, run_grams, whitened_rows
@@ -42,16 +41,20 @@ class Part:
         Coefficient in this campaign over the shared one: scales may go with the wheel.
     """
 
-    view: CampaignData
+    data: CampaignData
     simulation: Simulation
     frozen: Linear
     soil: slice
     causes: tuple[int, ...]
     stretch: FloatArray
 
+    def columns(self, linear: Linear) -> Columns:
+        """Return the columns about a point, without catch-all."""
+        return columns_of(self.simulation, self.data.samples, linear, catch_all=False)
+
     def moved(self, point: Point) -> Linear:
         """Return the model at another point, with the slopes that whiten as they are."""
-        samples, frozen = self.view.samples, self.frozen
+        samples, frozen = self.data.samples, self.frozen
         soil = self.simulation.space.values(point.soil)
         values: Mapping[str, float] = {**soil, **point.causes}
         found = derivatives(self.simulation, samples, at_speed(samples, point.speed_mps), values, frozen.channels)
@@ -110,7 +113,7 @@ class SetProblem:
     def refrozen(self, x: FloatArray) -> SetProblem:
         """Return the problem with the whitening of another point."""
         parts = [
-            replace(part, frozen=linearise(part.simulation, part.view.samples, self._point(part, x)))
+            replace(part, frozen=linearise(part.simulation, part.data.samples, self._point(part, x)))
             for part in self.parts
         ]
         return replace(self, parts=tuple(parts))
@@ -119,15 +122,11 @@ class SetProblem:
         """Return the Gram matrices about the point whose slopes whiten, without catch-all."""
         found = []
         for part in self.parts:
-            view = part.view
-            columns = self.columns(part)
-            matrices = run_grams(view.samples, part.frozen, columns, view.noise.values, view.speed_variance)
-            found.append((view.campaign.name, view.samples.run_names, columns, matrices))
+            data = part.data
+            columns = part.columns(part.frozen)
+            matrices = run_grams(data.samples, part.frozen, columns, data.noise.values, data.speed_variance)
+            found.append((data.campaign.name, data.samples.run_names, columns, matrices))
         return joined(found)
-
-    def columns(self, part: Part) -> Columns:
-        """Return the columns of a campaign about the point whose slopes whiten, without catch-all."""
-        return self._columns(part, part.frozen)
 
     def _point(self, part: Part, x: FloatArray) -> Point:
         moved = {}
@@ -137,21 +136,17 @@ class SetProblem:
                 size = max(size, _NEAR_NEUTRAL)
             if size != 0.0:
                 moved[key] = cause.neutral + size * cause.scale
-        return Point(x[part.soil], moved, part.view.linear.point.speed_mps)
-
-    @staticmethod
-    def _columns(part: Part, linear: Linear) -> Columns:
-        return columns_of(part.simulation, part.view.samples, linear, catch_all=False)
+        return Point(x[part.soil], moved, part.data.linear.point.speed_mps)
 
     def _rows(self, part: Part, x: FloatArray) -> list[FloatArray]:
         """Return residual and derivatives of each run of a campaign, in the layout of x."""
         linear = part.moved(self._point(part, x))
-        rows = self._whitened(part, self._columns(part, linear), x, part.view.noise.values)
+        rows = self._whitened(part, part.columns(linear), x, part.data.noise.values)
         answered = not np.any(part.frozen.usable & ~linear.usable)
         return rows if answered else [np.full_like(run, np.nan) for run in rows]
 
     def _whitened(self, part: Part, columns: Columns, x: FloatArray, values: Mapping[str, float]) -> list[FloatArray]:
-        whitened, _ = whitened_rows(part.view.samples, part.frozen, columns, values, part.view.speed_variance)
+        whitened, _ = whitened_rows(part.data.samples, part.frozen, columns, values, part.data.speed_variance)
         own = _without_constants(whitened, columns.shared)
         q = len(columns.soil)
         out = np.zeros((*own.shape[:2], 1 + len(x)))
@@ -164,8 +159,8 @@ class SetProblem:
         """Return by how much J'r changes when each hyper-parameter grows by its own one-sigma, shape (h, p)."""
         found = []
         for part in self.parts:
-            columns = self._columns(part, part.moved(self._point(part, x)))
-            noise = part.view.noise
+            columns = part.columns(part.moved(self._point(part, x)))
+            noise = part.data.noise
             plain = _score(self._whitened(part, columns, x, noise.values))
             for name, sigma in noise.log_sigmas.items():
                 moved = {**noise.values, name: noise.values[name] * float(np.exp(sigma))}
@@ -185,27 +180,27 @@ def _without_constants(rows: FloatArray, keep: int) -> FloatArray:
     return np.asarray(shared - left @ (share[..., None] * (left.swapaxes(-1, -2) @ shared)))
 
 
-def set_problem(views: Sequence[CampaignData], grams: Grams, keys: tuple[str, ...]) -> SetProblem:
-    """Return the problem of a set of causes, whitened as at the last look.
+def set_problem(campaigns: Sequence[CampaignData], grams: Grams, keys: tuple[str, ...]) -> SetProblem:
+    """Return the problem of a set of causes, whitened as at the last linearisation.
 
     Parameters
     ----------
     grams : Grams
-        Of the same look.
+        Of the same linearisation.
     keys : tuple of str
         Effects of the set.
     """
     causes = tuple(c for key in keys for c in grams.causes if c.key == key)
     names = [(c.key, c.parameter) for c in causes]
     parts, start = [], 0
-    for view in views:
-        effects = {e.key(): e for e in view.simulation.effects}
-        simulation = replace(view.simulation, effects=tuple(effects[key] for key in keys if key in effects))
+    for data in campaigns:
+        effects = {e.key(): e for e in data.simulation.effects}
+        simulation = replace(data.simulation, effects=tuple(effects[key] for key in keys if key in effects))
         own = [(e.key(), e.parameters[i]) for e, i, _ in simulation.parameters]
         positions = tuple(names.index((key, p.name)) for key, p in own)
         scales = np.array([p.towards(simulation.wheel) for _, p in own])
         stretch = np.array([causes[i].scale for i in positions]) / scales
         soil = slice(start, start + len(simulation.space))
         start = soil.stop
-        parts.append(Part(view, simulation, view.linear, soil, positions, stretch))
+        parts.append(Part(data, simulation, data.linear, soil, positions, stretch))
     return SetProblem(tuple(parts), grams.soil, causes)

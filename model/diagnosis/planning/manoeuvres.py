@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import BoolArray, FloatArray
-from model.diagnosis.time_series.samples import Instants, Samples
-from model.diagnosis.time_series.standstills import Standstills
+from model.diagnosis.time_series.samples import Instants, Samples, Standstills
 from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.stresses import slip_of_ratio
 from processing.pipeline import STANDARD_GRAVITY_MPS2

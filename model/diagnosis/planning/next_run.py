@@ -36,18 +36,16 @@ from math import exp
 import numpy as np
 
 from daq import FloatArray
-from model.diagnosis.core.next_test import WORTH_SAYING, best_first, comes_apart, expected_nats
+from model.diagnosis.core.bayes_factors import WORTH_SAYING, best_first, comes_apart, expected_nats
 from model.diagnosis.core.result import NextRun
 from model.diagnosis.findings.isolability import Projected, least_left, own_columns
 from model.diagnosis.findings.isolability import projected_without_soil as without_soil
 from model.diagnosis.planning.manoeuvres import LIKE_OTHERS, Manoeuvre, manoeuvres, typical_run, with_standstills
-from model.diagnosis.time_series.columns import columns_of
-from model.diagnosis.time_series.grams import Grams
+from model.diagnosis.time_series.columns import Grams, columns_of
 from model.diagnosis.time_series.linearise import Point, Simulation, at_rest, linearise
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
-from model.diagnosis.time_series.noise import Noise, beliefs, rest_variance
-from model.diagnosis.time_series.samples import Samples
-from model.diagnosis.time_series.standstills import AT_REST
+from model.diagnosis.time_series.noise import Noise, hyper_priors, rest_variance
+from model.diagnosis.time_series.samples import AT_REST, Samples
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import joined, run_grams
 from model.wheel_soil.conditions import Conditions
@@ -63,32 +61,32 @@ _SPEED = ("speed_noise_mps", "speed_white_mps")
 _OTHERS = ("wheel_speed_delay_s", "wheel_edge_delay_rad", "stiffness_in_run", "friction_in_run")
 
 
-def plausible_grams(look: LinearisedCampaign) -> Grams:
-    """Return the Gram matrices under a speed error that the sensor can have; those of the look where it has."""
-    noises = [_plausible(view) for view in look.views]
-    if all(noise is view.noise for noise, view in zip(noises, look.views, strict=True)):
-        return look.grams
+def plausible_grams(linearised: LinearisedCampaign) -> Grams:
+    """Return the Gram matrices under a speed error that the sensor can have; those of the campaigns where it has."""
+    noises = [_plausible(data) for data in linearised.campaigns]
+    if all(noise is data.noise for noise, data in zip(noises, linearised.campaigns, strict=True)):
+        return linearised.grams
     return joined(
         [
             (
-                view.campaign.name,
-                view.samples.run_names,
-                view.columns,
-                run_grams(view.samples, view.linear, view.columns, noise.values, view.speed_variance),
+                data.campaign.name,
+                data.samples.run_names,
+                data.columns,
+                run_grams(data.samples, data.linear, data.columns, noise.values, data.speed_variance),
             )
-            for noise, view in zip(noises, look.views, strict=True)
+            for noise, data in zip(noises, linearised.campaigns, strict=True)
         ]
     )
 
 
-def _plausible(view: CampaignData) -> Noise:
-    believed = beliefs(view.samples)
-    most = {name: max(MARGIN * believed[name].centre, USUAL_MPS) for name in _SPEED}
+def _plausible(data: CampaignData) -> Noise:
+    priors = hyper_priors(data.samples)
+    most = {name: max(MARGIN * priors[name].centre, USUAL_MPS) for name in _SPEED}
     for name in _OTHERS:
-        most[name] = believed[name].centre * exp(LOG_SIGMAS * believed[name].log_sigma)
-    if all(view.noise.values.get(name, 0.0) <= largest for name, largest in most.items()):
-        return view.noise
-    return replace(view.noise, values={k: min(x, most.get(k, x)) for k, x in view.noise.values.items()})
+        most[name] = priors[name].centre * exp(LOG_SIGMAS * priors[name].log_sigma)
+    if all(data.noise.values.get(name, 0.0) <= largest for name, largest in most.items()):
+        return data.noise
+    return replace(data.noise, values={k: min(x, most.get(k, x)) for k, x in data.noise.values.items()})
 
 
 COASTED_S = 120.0
@@ -97,12 +95,12 @@ _ROLLING_RADIUS_SHARE = 0.005
 """By how much a tyre's rolling radius on hard ground may differ from that on soil."""
 
 
-def lifted_wheel(view: CampaignData, simulation: Simulation, run: Samples) -> FloatArray:
+def lifted_wheel(data: CampaignData, simulation: Simulation, run: Samples) -> FloatArray:
     """Return cross products of the causes, shape (k, k), when the unloaded channels are read for some seconds.
 
     Parameters
     ----------
-    view : CampaignData
+    data : CampaignData
         For its noise.
     run : Samples
         A run that was driven.
@@ -110,15 +108,15 @@ def lifted_wheel(view: CampaignData, simulation: Simulation, run: Samples) -> Fl
     standing = with_standstills(run)
     conditions = replace(standing.rests.conditions, vertical_load_n=np.full(len(standing.rests), 1e-9))
     lifted = replace(standing, rests=replace(standing.rests, conditions=conditions))
-    _, by_cause = at_rest(simulation, lifted, _known(view, simulation))
-    variance = rest_variance(view.linear, lifted, view.noise.values)
-    present = np.array([c in view.linear.channels for c in AT_REST])
+    _, by_cause = at_rest(simulation, lifted, _known(data, simulation))
+    variance = rest_variance(data.linear, lifted, data.noise.values)
+    present = np.array([c in data.linear.channels for c in AT_REST])
     rows = (by_cause / np.sqrt(variance)[..., None])[present].reshape(-1, by_cause.shape[-1])
-    by_load = _by_inputs(simulation, conditions, "vertical_load_n") / view.noise.values["load_noise_n"]
+    by_load = _by_inputs(simulation, conditions, "vertical_load_n") / data.noise.values["load_noise_n"]
     return _products(np.concatenate([rows, by_load]), simulation)
 
 
-def hard_ground(view: CampaignData, simulation: Simulation, run: Samples) -> FloatArray:
+def hard_ground(data: CampaignData, simulation: Simulation, run: Samples) -> FloatArray:
     """Return cross products of the causes, shape (k, k), of coasting for `COASTED_S`: there is no slip.
 
     Parameters
@@ -126,7 +124,7 @@ def hard_ground(view: CampaignData, simulation: Simulation, run: Samples) -> Flo
     view, simulation, run
         As for `lifted_wheel`; the run is repeated at the same ground speed.
     """
-    values = view.noise.values
+    values = data.noise.values
     apart = max(1, round(values["speed_noise_time_s"] / run.block_s))
     thinned = run[np.arange(len(run)) % apart == 0]
     speed = np.asarray(thinned.conditions.ground_speed_mps)
@@ -170,9 +168,9 @@ def _products(rows: FloatArray, simulation: Simulation) -> FloatArray:
     return np.asarray(own.T @ own)
 
 
-def _known(view: CampaignData, simulation: Simulation) -> dict[str, float]:
+def _known(data: CampaignData, simulation: Simulation) -> dict[str, float]:
     names = {key for _, _, key in simulation.parameters}
-    return {key: value for key, value in view.linear.point.causes.items() if key in names}
+    return {key: value for key, value in data.linear.point.causes.items() if key in names}
 
 
 @dataclass(frozen=True)
@@ -211,7 +209,7 @@ class Split:
     parted: tuple[str, ...]
 
 
-def split(grams: Grams, added: FloatArray, members: tuple[Member, ...], now: FloatArray | None = None) -> Split:
+def split(grams: Grams, added: FloatArray, members: tuple[Member, ...]) -> Split:
     """Say what more data would do to a set of causes.
 
     Parameters
@@ -220,10 +218,8 @@ def split(grams: Grams, added: FloatArray, members: tuple[Member, ...], now: Flo
         Names the columns; its sum over runs is what is known now.
     added : array, shape (m, m)
         Cross products of the data to be added.
-    now : array, shape (m, m), optional
-        Another sum than that of all runs.
     """
-    total = grams.total() if now is None else now
+    total = grams.total()
     before = _pairwise(grams, without_soil(grams, total), members)
     nats = np.maximum(_pairwise(grams, without_soil(grams, total + added), members) - before, 0.0)
     parted = tuple(member.key for member, apart in zip(members, comes_apart(nats), strict=True) if apart)
@@ -254,7 +250,7 @@ _BETTER = 1.05
 """Times what one more run like the others would give: less is no reason to drive another way."""
 
 
-def next_runs(look: LinearisedCampaign, members: tuple[Member, ...], most: int = MOST) -> tuple[NextRun, ...]:
+def next_runs(linearised: LinearisedCampaign, members: tuple[Member, ...], most: int = MOST) -> tuple[NextRun, ...]:
     """Rank manoeuvres by what one more run of them does to a set of causes.
 
     Parameters
@@ -270,14 +266,14 @@ def next_runs(look: LinearisedCampaign, members: tuple[Member, ...], most: int =
         Best first; what does no better than one more run like the others is left out. What a run separates are
         families. Empty where there is but one member.
     """
-    known = {c.key: c.family for c in look.grams.causes}
+    known = {c.key: c.family for c in linearised.grams.causes}
     own = tuple(member for member in members if member.key in known)
     if len(own) < 2:
         return ()
-    keys = tuple(dict.fromkeys((*(member.key for member in own), *look.best.keys)))
+    keys = tuple(dict.fromkeys((*(member.key for member in own), *linearised.best.keys)))
     found: dict[str, NextRun] = {}
-    for change, added in _candidates(look, keys):
-        result = split(look.grams, added, own)
+    for change, added in _candidates(linearised, keys):
+        result = split(linearised.grams, added, own)
         families = tuple(dict.fromkeys(known[key] for key in result.parted))
         said = NextRun(change, families, result.expected_log_bayes_factor)
         if change not in found or found[change].expected_log_bayes_factor < said.expected_log_bayes_factor:
@@ -288,53 +284,56 @@ def next_runs(look: LinearisedCampaign, members: tuple[Member, ...], most: int =
     return tuple(r for r in ranked if r.expected_log_bayes_factor > least or r.change.endswith(LIKE_OTHERS))[:most]
 
 
-def _candidates(look: LinearisedCampaign, keys: tuple[str, ...]) -> Iterator[tuple[str, FloatArray]]:
+def _candidates(linearised: LinearisedCampaign, keys: tuple[str, ...]) -> Iterator[tuple[str, FloatArray]]:
     """Yield what could be done and the cross products that it would give."""
-    for index, view in enumerate(look.views):
-        if not len(view.samples):
+    for index, data in enumerate(linearised.campaigns):
+        if not len(data.samples):
             continue
-        several = f"{view.campaign.name}: " if len(look.views) > 1 else ""
-        effects = tuple(e for e in view.simulation.effects if e.key() in keys)
-        simulation = replace(view.simulation, effects=effects)
-        for manoeuvre in manoeuvres(view.samples):
-            yield several + manoeuvre.change, embedded(look, index, simulation, run_matrix(view, simulation, manoeuvre))
-        typical = typical_run(view.samples)
+        several = f"{data.campaign.name}: " if len(linearised.campaigns) > 1 else ""
+        effects = tuple(e for e in data.simulation.effects if e.key() in keys)
+        simulation = replace(data.simulation, effects=effects)
+        for manoeuvre in manoeuvres(data.samples):
+            yield (
+                several + manoeuvre.change,
+                embedded(linearised, index, simulation, run_matrix(data, simulation, manoeuvre)),
+            )
+        typical = typical_run(data.samples)
         for change, causes in (
-            ("the zero with the wheel lifted, at standstill", lifted_wheel(view, simulation, typical)),
-            (COASTING, hard_ground(view, simulation, typical)),
+            ("the zero with the wheel lifted, at standstill", lifted_wheel(data, simulation, typical)),
+            (COASTING, hard_ground(data, simulation, typical)),
         ):
             q = len(simulation.space)
             matrix = np.zeros((1 + q + len(causes), 1 + q + len(causes)))
             matrix[1 + q :, 1 + q :] = causes
-            yield several + change, embedded(look, index, simulation, matrix)
+            yield several + change, embedded(linearised, index, simulation, matrix)
 
 
-def run_matrix(view: CampaignData, simulation: Simulation, manoeuvre: Manoeuvre) -> FloatArray:
+def run_matrix(data: CampaignData, simulation: Simulation, manoeuvre: Manoeuvre) -> FloatArray:
     """Return the cross products of a run that was not driven: residual (void), soil, causes.
 
     Parameters
     ----------
-    view : CampaignData
+    data : CampaignData
         Of the campaign it would belong to.
     simulation : Simulation
         Its own, perhaps with fewer effects.
     """
     samples = manoeuvre.samples
-    linear = linearise(simulation, samples, _point(view, simulation, samples))
+    linear = linearise(simulation, samples, _point(data, simulation, samples))
     columns = columns_of(simulation, samples, linear)
-    values = {name: belief.centre for name, belief in beliefs(samples).items()} | view.noise.values
-    variance = np.full(len(samples), float(np.median(view.speed_variance)))
+    values = {name: prior.centre for name, prior in hyper_priors(samples).items()} | data.noise.values
+    variance = np.full(len(samples), float(np.median(data.speed_variance)))
     keep = 1 + len(columns.soil) + len(columns.causes)
     return run_grams(samples, linear, columns, values, variance).matrices[0, :keep, :keep]
 
 
-def _point(view: CampaignData, simulation: Simulation, samples: Samples) -> Point:
+def _point(data: CampaignData, simulation: Simulation, samples: Samples) -> Point:
     known = {key for _, _, key in simulation.parameters}
-    causes = {key: value for key, value in view.linear.point.causes.items() if key in known}
-    return Point(view.linear.point.soil, causes, np.zeros(len(samples)))
+    causes = {key: value for key, value in data.linear.point.causes.items() if key in known}
+    return Point(data.linear.point.soil, causes, np.zeros(len(samples)))
 
 
-def embedded(look: LinearisedCampaign, index: int, simulation: Simulation, matrix: FloatArray) -> FloatArray:
+def embedded(linearised: LinearisedCampaign, index: int, simulation: Simulation, matrix: FloatArray) -> FloatArray:
     """Return cross products of one campaign in the layout of all campaigns' Grams, shape (m, m); the rest is zero.
 
     Parameters
@@ -345,9 +344,9 @@ def embedded(look: LinearisedCampaign, index: int, simulation: Simulation, matri
         Whose effects are the causes in `matrix`.
     matrix : array, shape (1 + q + k, 1 + q + k)
     """
-    grams: Grams = look.grams
+    grams: Grams = linearised.grams
     q = len(simulation.space)
-    before = sum(len(view.simulation.space) for view in look.views[:index])
+    before = sum(len(data.simulation.space) for data in linearised.campaigns[:index])
     turn = np.zeros((len(matrix), grams.matrices.shape[1]))
     turn[np.arange(1, 1 + q), 1 + before + np.arange(q)] = 1.0
     shared: Mapping[tuple[str, str], int] = {(c.key, c.parameter): i for i, c in enumerate(grams.causes)}

@@ -2,8 +2,8 @@ from .coordinates import SoilCoordinates as SoilCoordinates
 from .diagnose import diagnose_bench as diagnose_bench
 from .findings import noise_of as noise_of
 from .findings import parameter_draws as parameter_draws
-from .held_out import predict_held_out as predict_held_out
 from .noise import scatter_of_repeats as scatter_of_repeats
+from .predictions import predict_held_out as predict_held_out
 from .problem import BenchProblem as BenchProblem
 from .problem import CauseUse as CauseUse
 from .problem import Hypothesis as Hypothesis

@@ -9,24 +9,23 @@ import numpy as np
 
 from daq import OUTPUTS, DataError, Fault, FloatArray, Note, Severity
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
-from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
+from model.diagnosis.core.hypotheses import candidates, cause_of, likely_sets, most_probable_form
 from model.diagnosis.core.naming import confirmed, judgement
-from model.diagnosis.core.posterior import candidates, cause_of, likely_sets, most_probable_form
-from model.diagnosis.core.result import Adequacy, Cause, Diagnosis, Gain, Grounds, Verdict, undecided
+from model.diagnosis.core.result import Adequacy, Cause, Clock, Diagnosis, Gain, Grounds, Verdict, undecided
 from model.diagnosis.single_wheel.findings import (
     detectable_in_rows,
     estimates_of,
     findings_of,
     mean_of,
+    mixed_repeats,
     noise_of,
+    notes_of,
     plot_data_of,
     soils_of,
     with_posterior,
 )
-from model.diagnosis.single_wheel.held_out import held_out
-from model.diagnosis.single_wheel.next_tests import next_tests
-from model.diagnosis.single_wheel.notes import mixed_repeats, notes_of
+from model.diagnosis.single_wheel.predictions import held_out, next_tests
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
 from model.diagnosis.single_wheel.sets import NO_SLIP, Library, library, skid_law
 from model.diagnosis.single_wheel.weighing import Weighed, Weighing, weigh
@@ -56,12 +55,12 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
         raise DataError(Fault("the table has no rows to diagnose", ", ".join(b.name for b in benches)))
     clock = Clock()
     with clock.stage("rows"):
-        chosen, channels, remarks = _rows(benches, options)
-        problem = BenchProblem.of(chosen, replace(options, channels=channels))
-        known = library(problem, options)
+        chosen, channels, remarks = _rows(benches, options.channels)
+        problem = BenchProblem.of(chosen, channels, options.reading)
+        known = library(problem, options.effects)
     few = _too_few(problem)
     if few:
-        lacking = {**known.cannot_tell, **dict.fromkeys(known.families, few)}
+        lacking = {**known.not_identifiable, **dict.fromkeys(known.families, few)}
         return undecided(few, lacking, tuple(remarks), clock.stages_s)
     rng = np.random.default_rng(options.seed)
     with clock.stage("evidence"):
@@ -72,7 +71,7 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
         return _diagnosis(benches, weighing, known, gain, remarks, options, clock, rng)
 
 
-def _rows(benches: Sequence[Bench], options: DiagnosisOptions) -> tuple[list[Bench], tuple[str, ...], list[Note]]:
+def _rows(benches: Sequence[Bench], channels: tuple[str, ...]) -> tuple[list[Bench], tuple[str, ...], list[Note]]:
     """Return the rows to diagnose, the channels to use, and what is to be noted of the choice."""
     driven = [bench.rows.slip > -NO_SLIP for bench in benches]
     braked = not any(int(np.count_nonzero(bench.rows.slip > NO_SLIP)) for bench in benches)
@@ -88,8 +87,8 @@ def _rows(benches: Sequence[Bench], options: DiagnosisOptions) -> tuple[list[Ben
         kept.append(replace(bench, rows=replace(part, slip=slip)))
     if braked:
         remarks.append(Note(DiagnosisCode.BRAKED_ROWS_ONLY))
-        return kept, tuple(c for c in options.channels if c == "z"), remarks
-    return kept, options.channels, remarks
+        return kept, tuple(c for c in channels if c == "z"), remarks
+    return kept, channels, remarks
 
 
 def _too_few(problem: BenchProblem) -> Note | None:
@@ -116,14 +115,14 @@ def _diagnosis(
     problem = weighing.problem
     found = weighing.posterior
     judged = Adequacy(_least_misfit(weighing), weighing.threshold, weighing.any_adequate)
-    verdict = judgement(found, judged, gain, known.cannot_tell, options.name_at, error_must_fall=True)
+    verdict = judgement(found, judged, gain, known.not_identifiable, options.name_at, error_must_fall=True)
     causes = _causes(weighing, verdict.families, rng)
     if (after := confirmed(verdict, found, causes)) != verdict:
         verdict = after
         causes = _causes(weighing, verdict.families, rng)
     best = with_posterior(weighing, _extension(weighing, verdict.verdict, causes), rng)
     shown = _shown(weighing, causes)
-    seen = plot_data_of(weighing, best, shown)
+    plot_data = plot_data_of(weighing, best, shown)
     runs = next_tests(weighing, rng) if verdict.verdict == "one_of" or options.next_run else ()
     skids = {bench.name: law for bench in benches if (law := skid_law(bench)) is not None}
     null = weighing.of_set(())
@@ -138,8 +137,8 @@ def _diagnosis(
         proposal=None,
         minimum_detectable=detectable_in_rows(problem, known, null.optima[0], options.name_at),
         next_run=runs,
-        cannot_tell=known.cannot_tell,
-        notes=(*remarks, *notes_of(problem, seen, skids, weighing)),
+        not_identifiable=known.not_identifiable,
+        notes=(*remarks, *notes_of(problem, plot_data, skids, weighing)),
         grounds=Grounds(
             barred=verdict.barred,
             beside=verdict.beside,
@@ -148,7 +147,7 @@ def _diagnosis(
         ),
         noise=_noise(problem, mean_of(weighing.sets[0].posterior)),
         soils=soils_of(weighing, best),
-        seen=seen,
+        plot_data=plot_data,
         stages_s=clock.stages_s,
         sets=likely_sets(found),
     )

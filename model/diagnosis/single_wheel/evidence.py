@@ -106,18 +106,18 @@ def posterior_of(
     hypothesis = modes[0].hypothesis
     proposals, counts = _around(modes)
     draws = np.concatenate([p.draw(n, rng) for p, n in zip(proposals, counts, strict=True)])
-    said, seen = _evaluated(problem, hypothesis, draws, rows)
+    said, likelihood = _evaluated(problem, hypothesis, draws, rows)
     for done in range(_ROUNDS[1]):
-        weight = _log_weight(draws, proposals, counts) + seen
+        weight = _log_weight(draws, proposals, counts) + likelihood
         if done >= _ROUNDS[0] and _effective(weight) > _ENOUGH:
             break
         wide = _widened(draws, weight)
         new = wide.draw(_ROUND, rng)
-        said_new, seen_new = _evaluated(problem, hypothesis, new, rows)
-        draws, seen = np.concatenate([draws, new]), np.concatenate([seen, seen_new])
+        said_new, likelihood_new = _evaluated(problem, hypothesis, new, rows)
+        draws, likelihood = np.concatenate([draws, new]), np.concatenate([likelihood, likelihood_new])
         said = {channel: np.concatenate([said[channel], said_new[channel]]) for channel in said}
         proposals, counts = [*proposals, wide], [*counts, _ROUND]
-    return _summed(hypothesis, draws, _log_weight(draws, proposals, counts), said, seen)
+    return _summed(hypothesis, draws, _log_weight(draws, proposals, counts), said, likelihood)
 
 
 def _around(modes: Sequence[Optimum]) -> tuple[list[_Proposal], list[int]]:
@@ -178,15 +178,15 @@ def _summed(
     draws: FloatArray,
     log_weight: FloatArray,
     said: dict[str, FloatArray],
-    seen: FloatArray,
+    likelihood: FloatArray,
 ) -> SetPosterior:
-    said = {channel: np.where(np.isfinite(seen)[:, None], values, 0.0) for channel, values in said.items()}
-    each = log_weight + seen
+    said = {channel: np.where(np.isfinite(likelihood)[:, None], values, 0.0) for channel, values in said.items()}
+    each = log_weight + likelihood
     top = float(each.max())
     share = np.exp(each - top)
     mean = float(share.mean())
     error = float(share.std() / np.sqrt(len(share)) / mean)
-    return SetPosterior(hypothesis, top + log(mean), error, draws, log_weight, said, seen)
+    return SetPosterior(hypothesis, top + log(mean), error, draws, log_weight, said, likelihood)
 
 
 def _shares(log_weight: FloatArray) -> FloatArray:

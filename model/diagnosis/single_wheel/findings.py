@@ -1,27 +1,27 @@
-"""Values of causes and of the soil, as the posterior of all sets that hold them gives them.
+"""Findings in single-wheel tables: parameters and soils by the posterior of all sets that hold them, residuals, notes.
 
-The rows that were looked at, for figures and for saying where the simulation is off.
-
-The smallest size of every cause that a bench's rows would have shown, linearised at the laboratory's soil.
+Detectable sizes are those that the rows show, linearised at the laboratory's soil.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from daq import OUTPUTS, FloatArray, IndexArray
-from model.diagnosis.core.detectable import Direction, minimum_detectable
+from daq import OUTPUTS, FloatArray, IndexArray, Note, Severity
+from model.diagnosis.core.bayes_factors import Direction, minimum_detectable
 from model.diagnosis.core.result import Detectable, Finding, ParameterEstimate, PlotData, SoilEstimate
 from model.diagnosis.core.shapes import Rows
 from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
+from model.diagnosis.single_wheel.noise import scatter_of_repeats
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
 from model.diagnosis.single_wheel.search import Optimum
-from model.diagnosis.single_wheel.sets import Library, listed_uses
+from model.diagnosis.single_wheel.sets import Library, SkidLaw, listed_uses
 from model.diagnosis.single_wheel.weighing import Weighed, Weighing, with_usual_form
 from model.effects.catalogue import EFFECTS
+from model.notes import DiagnosisCode
 
 _SIGNIFICANT = 2.5
 
@@ -65,7 +65,7 @@ def plot_data_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tu
                     for key, said in members.items()
                 },
                 implied={key: {c: said[c][rows] for c in OUTPUTS} for key, said in members.items()},
-                unseen=tuple(c for c in channels if c not in problem.channels),
+                unused_channels=tuple(c for c in channels if c not in problem.channels),
             )
         )
     return tuple(found)
@@ -122,7 +122,7 @@ def noise_of(problem: BenchProblem, said: dict[str, FloatArray]) -> dict[str, tu
 
 
 def detectable_in_rows(problem: BenchProblem, library: Library, null: Optimum, name_at: float) -> dict[str, Detectable]:
-    """Return the smallest size of every cause that these rows show; see `model.diagnosis.core.detectable`.
+    """Return the smallest size of every cause that these rows show; see `model.diagnosis.core.bayes_factors`.
 
     Parameters
     ----------
@@ -245,3 +245,61 @@ def soils_of(weighing: Weighing, weighed: Weighed) -> tuple[SoilEstimate, ...]:
             )
         )
     return tuple(found)
+
+
+MUCH_SCATTER = 0.05
+"""Of the load, from which on repeats are hardly repeats."""
+_USUAL_LOAD_N = 10_000.0
+
+
+def mixed_repeats(problem: BenchProblem) -> tuple[Note, ...]:
+    """Return a note where repeats of one test differ as different tests do; else nothing."""
+    for noise in problem.noises:
+        share = scatter_of_repeats(noise.measured, noise.groups) / problem.size_of(noise.channel)
+        if noise.channel != "z" and share > MUCH_SCATTER:
+            facts = {"channel": noise.channel, "share": share}
+            return (Note(DiagnosisCode.REPEATS_MIXED, Severity.FAULT, facts),)
+    return ()
+
+
+def notes_of(
+    problem: BenchProblem, plot_data: Sequence[PlotData], skids: Mapping[str, SkidLaw], weighing: Weighing
+) -> list[Note]:
+    """Return what a reader must know."""
+    load_n = problem.typical_load_n
+    notes = [Note(DiagnosisCode.PRIOR_SCALED, values={"share": load_n / _USUAL_LOAD_N, "load_n": load_n})]
+    for noise in problem.noises:
+        scatter = scatter_of_repeats(noise.measured, noise.groups)
+        facts = {"channel": noise.channel, "scatter": scatter, "form_scale": noise.form_scale}
+        notes.append(Note(DiagnosisCode.REPEATS_SCATTER, values=facts))
+    laws = [Note(DiagnosisCode.SKID_LAW, values={"table": name, **asdict(law)}) for name, law in skids.items()]
+    return [*notes, *_likeliest(weighing), *_unused_channels(plot_data), *laws]
+
+
+def _likeliest(weighing: Weighing) -> list[Note]:
+    """Return the most probable set, and how probable its families are without the gate of adequacy."""
+    best = weighing.sets[0]
+    if not weighing.any_adequate or not best.families:
+        return []
+    keys = tuple(use.key for use in best.hypothesis)
+    ungated = {family: weighing.of_family(family, weighing.ungated) for family in sorted(best.families)}
+    return [
+        Note(DiagnosisCode.LIKELIEST_SET, values={"keys": keys, "probability": float(weighing.probabilities[0])}),
+        Note(DiagnosisCode.WITHOUT_GATE, values={"families": ungated}),
+    ]
+
+
+def _unused_channels(plot_data: Sequence[PlotData]) -> list[Note]:
+    """Return how far each candidate is from channels that it has not seen."""
+    notes = []
+    for table in plot_data:
+        for channel in table.unused_channels:
+            errors = {
+                key: float(np.sqrt(np.nanmean((said[channel] - table.measured[channel]) ** 2)))
+                for key, said in table.implied.items()
+            }
+            known = {key: error for key, error in errors.items() if np.isfinite(error)}
+            if known:
+                facts = {"table": table.campaign, "channel": channel, "errors": known}
+                notes.append(Note(DiagnosisCode.UNSEEN_CHANNEL, values=facts))
+    return notes

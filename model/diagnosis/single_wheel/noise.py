@@ -73,8 +73,8 @@ class ChannelNoise:
         if sigma is not None:
             scatter, scatter_weight = np.array([sigma]), np.ones(1)
         else:
-            seen = scatter_of_repeats(measured, groups)
-            middle = seen if seen > 0 else form_scale / 3
+            pooled = scatter_of_repeats(measured, groups)
+            middle = pooled if pooled > 0 else form_scale / 3
             scatter = middle * np.geomspace(0.4, 4.0, _SCATTER_NODES)
             scatter_weight = np.full(_SCATTER_NODES, 1.0 / _SCATTER_NODES)
         form = form_scale * np.geomspace(0.03, 100.0, _FORM_NODES)
@@ -106,11 +106,6 @@ class ChannelNoise:
     def _row_precision(self) -> FloatArray:
         """Shape (nodes, m)."""
         return 1.0 / (self.scatter[:, None] ** 2 + self.carried)
-
-    @cached_property
-    def _group_precision(self) -> FloatArray:
-        """Sum over a group's rows, shape (nodes, g)."""
-        return self._row_precision @ self.members
 
     def log_likelihoods(self, error: FloatArray, rows: FloatArray | None = None) -> FloatArray:
         """Return ln p of measured minus model for every node.

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from daq import OUTPUTS, FloatArray, IndexArray
-from model.diagnosis.core.campaign import Bench, DiagnosisOptions
+from model.diagnosis.core.campaign import Bench
 from model.diagnosis.single_wheel.coordinates import CauseCoordinate, SoilCoordinates
 from model.diagnosis.single_wheel.noise import ChannelNoise, groups_of_rows
 from model.effects.catalogue import EFFECTS
@@ -187,7 +187,6 @@ class BenchProblem:
         One for each channel that is used.
     rows : tuple of int arrays
         Rows of each channel.
-    reading : "balanced" or "literal"
     """
 
     benches: tuple[Bench, ...]
@@ -202,8 +201,15 @@ class BenchProblem:
     reading: Reading
 
     @staticmethod
-    def of(benches: Sequence[Bench], options: DiagnosisOptions) -> BenchProblem:
+    def of(
+        benches: Sequence[Bench], channels: Sequence[str] = tuple(OUTPUTS), reading: Reading = "balanced"
+    ) -> BenchProblem:
         """Return the problem; benches with the same laboratory soil stand on one soil.
+
+        Parameters
+        ----------
+        channels : of "dp", "t", "z"
+            To use where they were measured.
 
         Raises
         ------
@@ -233,9 +239,9 @@ class BenchProblem:
             np.concatenate(groups),
             (),
             (),
-            options.reading,
+            reading,
         )
-        return problem._with_noise(options.channels)
+        return problem._with_noise(channels)
 
     def _with_noise(self, channels: Sequence[str]) -> BenchProblem:
         noises, rows = [], []

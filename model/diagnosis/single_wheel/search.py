@@ -124,7 +124,7 @@ def _search(
         step = -np.linalg.solve(
             state.information[todo] + state.damping[todo, None, None] * eye, state.gradient[todo][..., None]
         )[..., 0]
-        foretold = -np.einsum("bp,bp->b", state.gradient[todo], step) / 2
+        expected = -np.einsum("bp,bp->b", state.gradient[todo], step) / 2
         trial = _linearised(problem, [hypotheses[i] for i in todo.tolist()], state.standard[todo] + step, rows)
         better = trial.objective < state.objective[todo]
         kept = todo[better]
@@ -134,7 +134,7 @@ def _search(
             state.said[channel][kept] = trial.said[channel][better]
             state.slopes[channel][kept] = trial.slopes[channel][better]
         state.damping[todo] = np.where(better, state.damping[todo] * 0.2, np.maximum(state.damping[todo], 0.02) * 6.0)
-        ended = (foretold < _ENOUGH) | (state.damping[todo] > 1e7)
+        ended = (expected < _ENOUGH) | (state.damping[todo] > 1e7)
         todo = todo[~ended]
     return [_optimum(problem, state, member, hypothesis) for member, hypothesis in enumerate(hypotheses)]
 

@@ -14,9 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import OUTPUTS, BoolArray, FloatArray, Note
-from model.diagnosis.core.campaign import Bench, DiagnosisOptions
-from model.diagnosis.core.coverage import ONE_LOAD, Coverage, cannot_tell, considered, ruled_out
-from model.diagnosis.core.prior import Hypotheses, listed_sets
+from model.diagnosis.core.campaign import (
+    ONE_LOAD,
+    Bench,
+    Coverage,
+    considered,
+    not_identifiable,
+    ruled_out,
+)
+from model.diagnosis.core.hypotheses import Hypotheses, listed_sets
 from model.diagnosis.single_wheel.noise import groups_of_rows
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
 from model.effects.catalogue import EFFECTS
@@ -77,7 +83,7 @@ def _left_out(design: FloatArray, sinkage: FloatArray, rows: BoolArray) -> Float
 
 _KNOWN = frozenset({"slip", "vertical_load_n", "unit_weight_n_m3"})
 """What of `Conditions` a table gives."""
-_UNSEEN = 1e-6
+_TRACELESS = 1e-6
 """Share of the error of form below which a cause of its prior's size changes nothing that was measured."""
 
 
@@ -89,12 +95,12 @@ class Library:
     ----------
     uses : tuple of CauseUse
         Candidates, as they act.
-    cannot_tell : mapping family -> why
+    not_identifiable : mapping family -> why
         Families that are left out, or never named, for want of something.
     """
 
     uses: tuple[CauseUse, ...]
-    cannot_tell: dict[str, Note]
+    not_identifiable: dict[str, Note]
 
     @property
     def families(self) -> tuple[str, ...]:
@@ -107,24 +113,26 @@ def family_of(use: CauseUse) -> str:
     return EFFECTS[use.key].name
 
 
-def library(problem: BenchProblem, options: DiagnosisOptions, bench: int | None = None) -> Library:
-    """Return the causes that the rows can tell of.
+def library(problem: BenchProblem, keys: Sequence[str] = tuple(EFFECTS), bench: int | None = None) -> Library:
+    """Return the causes that the rows can identify.
 
     Parameters
     ----------
+    keys : sequence of str
+        Of the effects to consider.
     bench : int, optional
         Causes of this bench only, with values of their own; else causes of all.
     """
     coverage = coverage_of(problem, bench)
-    effects = [e for e in map(EFFECTS.__getitem__, options.effects) if e.reading in ("any", options.reading)]
+    effects = [e for e in map(EFFECTS.__getitem__, keys) if e.reading in ("any", problem.reading)]
     lacking = {e.name: why for e in effects if (why := ruled_out(e.needs, coverage))}
-    uses = [CauseUse(e.key(), bench) for e in considered(coverage, options)]
-    told = _seen(problem, uses)
-    left = {family_of(use) for use in told}
+    uses = [CauseUse(e.key(), bench) for e in considered(coverage, keys, problem.reading)]
+    traced = _traced(problem, uses)
+    left = {family_of(use) for use in traced}
     braked = not (problem.slip > 0).any()
     traceless = Note(LackCode.NO_TRACE, values={"channels": problem.channels, "braked": braked})
-    unseen = {family_of(use): traceless for use in uses if family_of(use) not in left}
-    return Library(told, {**cannot_tell(coverage), **lacking, **unseen})
+    unused_channels = {family_of(use): traceless for use in uses if family_of(use) not in left}
+    return Library(traced, {**not_identifiable(coverage), **lacking, **unused_channels})
 
 
 def coverage_of(problem: BenchProblem, bench: int | None = None) -> Coverage:
@@ -154,7 +162,7 @@ def coverage_of(problem: BenchProblem, bench: int | None = None) -> Coverage:
     )
 
 
-def _seen(problem: BenchProblem, uses: Sequence[CauseUse]) -> tuple[CauseUse, ...]:
+def _traced(problem: BenchProblem, uses: Sequence[CauseUse]) -> tuple[CauseUse, ...]:
     """Return the causes that change something that was measured."""
     hypotheses: list[Hypothesis] = [(use,) for use in uses]
     if not hypotheses:
@@ -168,7 +176,7 @@ def _seen(problem: BenchProblem, uses: Sequence[CauseUse]) -> tuple[CauseUse, ..
     for noise, rows in zip(problem.noises, problem.rows, strict=True):
         size = np.abs(said[noise.channel][1:, rows] - said[noise.channel][0, rows]) / noise.form_scale
         change = np.maximum(change, np.nan_to_num(size, nan=1.0).max(axis=1))
-    return tuple(use for use, size in zip(uses, change, strict=True) if size > _UNSEEN)
+    return tuple(use for use, size in zip(uses, change, strict=True) if size > _TRACELESS)
 
 
 def sets_of(uses: Sequence[CauseUse], listed: Hypotheses) -> dict[Hypothesis, float]:

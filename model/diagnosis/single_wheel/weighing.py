@@ -22,8 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from daq import DataError, Fault, FloatArray
-from model.diagnosis.core.posterior import Posterior, probabilities
-from model.diagnosis.core.prior import listed_sets, with_triples
+from model.diagnosis.core.hypotheses import Posterior, listed_sets, probabilities, with_triples
 from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
 from model.diagnosis.single_wheel.noise import ChannelNoise, scatter_of_repeats
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
@@ -61,11 +60,11 @@ def threshold(problem: BenchProblem, rng: np.random.Generator, rows: FloatArray 
         size = noise.members.T @ counted
         size = size[size > 0]
         variance, freedom = _scatter(noise) ** 2, int((size - 1).sum())
-        seen = variance * (
+        estimated = variance * (
             rng.chisquare(freedom, _SIMULATIONS) / freedom if freedom and len(noise.scatter) > 1 else 1.0
         )
         true = variance / size + noise.form_scale**2
-        said = np.reshape(seen, (-1, 1)) / size + noise.form_scale**2
+        said = np.reshape(estimated, (-1, 1)) / size + noise.form_scale**2
         total += (rng.standard_normal((_SIMULATIONS, len(size))) ** 2 * true / said).sum(axis=1)
     return float(np.quantile(total, _LEVEL))
 
@@ -253,7 +252,6 @@ def weighed(found: Optima, log_prior: Mapping[Hypothesis, float], rng: np.random
     ----------
     found : Optima
         With every set of `log_prior`.
-    log_prior : mapping Hypothesis -> float
     """
     sets = tuple(Weighed(h, p, found.best(h).log_evidence, found.ranked(h), np.inf) for h, p in log_prior.items())
     return _corrected(_gated(Weighing(found.problem, sets, threshold(found.problem, rng))), rng)

@@ -30,9 +30,13 @@ import numpy as np
 from daq import BoolArray, FloatArray
 from model.diagnosis.core.shapes import Kind, Shape
 from model.diagnosis.time_series.linearise import Linear
-from model.diagnosis.time_series.samples import Samples
-from model.diagnosis.time_series.standstills import AT_REST, growing_with_load, several_loads
+from model.diagnosis.time_series.samples import AT_REST, Samples
+from model.wheel_soil.conditions import Conditions
 
+LOAD_SPREAD = 0.15
+"""Departure from the mean load, as a share of it, at which a shape that grows with load is 1."""
+_SAME_LOAD = 1e-6
+"""Share of the mean by which loads must differ to be two."""
 _LEAST_SPEED_MPS = 0.1
 _OF_SPEED = (0.02, 0.35, 0.65, 0.98)
 """Quantiles of the logarithm of the ground speed at which a hat stands."""
@@ -270,3 +274,23 @@ def _of_channels(samples: Samples, linear: Linear) -> Iterator[tuple[Shape, Floa
         x = x / max(float(np.std(x[known])), 1e-9)
         yield Shape(square), x * np.abs(x) / 2.0
         yield Shape(drift), np.nan_to_num(samples.conditions.campaign_time) * x
+
+
+def growing_with_load(at: Conditions, drive: Conditions) -> FloatArray:
+    """Return a shape that grows with the load, shape (n,): 1 where the load is `LOAD_SPREAD` above its mean.
+
+    Parameters
+    ----------
+    at : Conditions
+        Of samples or standstills.
+    drive : Conditions
+        Of the samples: their mean load is what a load is counted from.
+    """
+    mean = float(np.mean(np.asarray(drive.vertical_load_n)))
+    return (np.asarray(at.vertical_load_n) / mean - 1.0) / LOAD_SPREAD
+
+
+def several_loads(drive: Conditions) -> bool:
+    """Return whether there is more than one load."""
+    load = np.asarray(drive.vertical_load_n)
+    return bool(np.ptp(load) > _SAME_LOAD * load.mean())

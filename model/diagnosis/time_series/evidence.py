@@ -1,4 +1,4 @@
-r"""How likely a run is, given other runs: exact for the linear model of `model.diagnosis.time_series.grams`.
+r"""How likely a run is, given other runs: exact for the linear model of `model.diagnosis.time_series.columns`.
 
 The evidence of a set M of causes in runs A is the probability density of their data with soil and sizes integrated
 out. The prediction of another run b from the runs A is therefore a difference,
@@ -41,9 +41,8 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from daq import FloatArray, IntArray
-from model.diagnosis.core.posterior import Posterior, probabilities
-from model.diagnosis.core.prior import Hypotheses, listed_sets, with_triples
-from model.diagnosis.time_series.grams import CauseColumn, Grams
+from model.diagnosis.core.hypotheses import Hypotheses, Posterior, listed_sets, probabilities, with_triples
+from model.diagnosis.time_series.columns import CauseColumn, Grams
 from model.fit.linear_step import bounded_least_squares
 
 _LOG_SQRT_2PI = 0.5 * float(np.log(2.0 * np.pi))
@@ -272,7 +271,6 @@ def posterior(
     grams: Grams,
     excluded: frozenset[str] = frozenset(),
     most: int = 3,
-    weights: FloatArray | None = None,
     beam: int | None = None,
 ) -> Posterior:
     """Return the probabilities of all sets of causes, the noise model taken at its word.
@@ -283,20 +281,19 @@ def posterior(
         Families or keys that the data do not allow to tell.
     most : int
         Causes in the largest set.
-    weights : array, shape (runs,), optional
     beam : int or None
         See `weighed`.
     """
-    listed, found = weighed(grams, without_soil(grams, grams.total(weights)), excluded, most, beam)
+    listed, found = weighed(grams, without_soil(grams, grams.total()), excluded, most, beam)
     return Posterior(listed, found, probabilities(found, listed.log_prior))
 
 
-def estimate(grams: Grams, keys: tuple[str, ...], weights: FloatArray | None = None) -> SetEstimate:
+def estimate(grams: Grams, keys: tuple[str, ...]) -> SetEstimate:
     """Return the most probable soil and parameters under one set of causes, within bounds."""
     start, soils = grams.cause_columns.start, len(grams.soil)
     own = tuple(position - start for key in keys for position in grams.columns_of(key))
     at = np.r_[grams.soil_columns, [start + c for c in own]].astype(np.intp)
-    total = grams.total(weights)
+    total = grams.total()
     precision = total[np.ix_(at, at)] + np.eye(at.size)
     lower, upper = (x[list(own)] for x in box(grams.causes))
     free = np.full(soils, np.inf)

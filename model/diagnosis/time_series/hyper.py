@@ -8,7 +8,7 @@ noise, X the columns, :math:`A = I + \sum_{runs} X'V^{-1}X`, :math:`P = V^{-1} -
           \frac{\partial}{\partial\theta}(-2 \ln L) = \mathrm{tr}(P \dot V) - r'P \dot V P r.
 
 Maximised by scoring with the average information :math:`\tfrac12 r'P\dot V_i P \dot V_j P r`, in logarithms, with
-log-normal beliefs (docs/decisions/one-newton.md). Covariances are formed in blocks of a run, so that the cost is linear
+log-normal priors (docs/decisions/one-newton.md). Covariances are formed in blocks of a run, so that the cost is linear
 in its length.
 
 Source: Patterson & Thompson (1971), Biometrika 58:545; Gilmour, Thompson & Cullis (1995), Biometrics 51:1440.
@@ -27,7 +27,7 @@ from daq import BoolArray, FloatArray, IndexArray
 from model.diagnosis.time_series.columns import Columns
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.noise import (
-    Belief,
+    HyperPrior,
     Noise,
     Process,
     constants,
@@ -37,8 +37,7 @@ from model.diagnosis.time_series.noise import (
     rest_variance,
     second_order_variance,
 )
-from model.diagnosis.time_series.samples import Samples
-from model.diagnosis.time_series.standstills import AT_REST
+from model.diagnosis.time_series.samples import AT_REST, Samples
 
 LONGEST = 200
 """Samples whose covariance is formed at once."""
@@ -187,8 +186,8 @@ def derivatives(block: Block, values: Mapping[str, float]) -> tuple[FloatArray, 
     """Return the covariance, shape (m, m), and its derivatives."""
     covariance = np.diag(block.fixed)
     slopes: list[Slope] = []
-    for process, seen in block.processes:
-        rows = np.flatnonzero(seen)
+    for process, loads in block.processes:
+        rows = np.flatnonzero(loads)
         at = block.sample[rows]
         lag: FloatArray | None = None
         if process.time is None:
@@ -197,7 +196,7 @@ def derivatives(block: Block, values: Mapping[str, float]) -> tuple[FloatArray, 
             lag = (block.metres if process.over_distance else block.seconds).take(at, 0).take(at, 1)
             lag /= values[process.time]
             part = np.exp(-lag)
-        scaled = values[process.deviation] * seen[rows]
+        scaled = values[process.deviation] * loads[rows]
         part *= scaled
         part *= scaled[:, None]
         covariance[np.ix_(rows, rows)] += part
@@ -206,9 +205,9 @@ def derivatives(block: Block, values: Mapping[str, float]) -> tuple[FloatArray, 
             slopes.append(Slope(process.time, rows, lag))
         part *= 2.0
         slopes.append(Slope(process.deviation, rows, part))
-    for name, seen in block.constants:
-        rows = np.flatnonzero(seen)
-        scaled = values[name] * seen[rows]
+    for name, loads in block.constants:
+        rows = np.flatnonzero(loads)
+        scaled = values[name] * loads[rows]
         covariance[np.ix_(rows, rows)] += np.outer(scaled, scaled)
         slopes.append(Slope(name, rows, np.sqrt(2.0) * scaled, outer=True))
     for name, chosen in block.white:
@@ -230,7 +229,7 @@ _ENOUGH = 0.05
 
 
 @dataclass(frozen=True)
-class Found:
+class Objective:
     """Minus the log posterior, its gradient and information by the logarithms of the hyper-parameters."""
 
     value: float
@@ -239,20 +238,20 @@ class Found:
 
 
 def estimated(
-    blocks: Sequence[Block], beliefs: Mapping[str, Belief], start: Mapping[str, float] | None = None
+    blocks: Sequence[Block], hyper_priors: Mapping[str, HyperPrior], start: Mapping[str, float] | None = None
 ) -> Noise:
     """Return the most probable hyper-parameters; of those in `OF_FEW` the root mean square.
 
     Parameters
     ----------
-    beliefs : mapping name -> Belief
+    hyper_priors : mapping name -> Belief
         Of every hyper-parameter.
     start : mapping, optional
-        Where to start; the beliefs' centres by default.
+        Where to start; the priors' centres by default.
     """
-    names = list(beliefs)
-    centre = np.log([beliefs[name].centre for name in names])
-    weight = np.array([beliefs[name].log_sigma for name in names]) ** -2.0
+    names = list(hyper_priors)
+    centre = np.log([hyper_priors[name].centre for name in names])
+    weight = np.array([hyper_priors[name].log_sigma for name in names]) ** -2.0
     at = np.log([start[name] for name in names]) if start else centre
     found = _posterior(blocks, names, at, centre, weight)
     damping = 0.0
@@ -277,18 +276,18 @@ def estimated(
 
 def _posterior(
     blocks: Sequence[Block], names: list[str], at: FloatArray, centre: FloatArray, weight: FloatArray
-) -> Found:
+) -> Objective:
     values = {name: float(np.exp(x)) for name, x in zip(names, at, strict=True)}
     data = likelihood(blocks, values, names)
     off = at - centre
-    return Found(
+    return Objective(
         data.value + 0.5 * float(weight @ off**2),
         data.gradient + weight * off,
         data.information + np.diag(weight),
     )
 
 
-def likelihood(blocks: Sequence[Block], values: Mapping[str, float], names: list[str]) -> Found:
+def likelihood(blocks: Sequence[Block], values: Mapping[str, float], names: list[str]) -> Objective:
     """Return minus the log marginal likelihood, and its gradient and information by the logarithms of `names`."""
     width = blocks[0].columns.shape[1] if blocks else 1
     inner = np.eye(width - 1)
@@ -323,7 +322,7 @@ def likelihood(blocks: Sequence[Block], values: Mapping[str, float], names: list
             gradient[place[slope.name]] += 0.5 * slope.trace_with(inverse)
     information -= 0.5 * across.T @ np.linalg.solve(inner, across)
     value = 0.5 * (log_determinant + 2.0 * float(np.log(np.diag(root)).sum()) + square - float(side @ best))
-    return Found(value, gradient, information)
+    return Objective(value, gradient, information)
 
 
 def _inverse(covariance: FloatArray) -> tuple[FloatArray, float]:

@@ -100,12 +100,7 @@ SECANT_SHARE = 0.25
 
 @dataclass(frozen=True)
 class Simulation:
-    """The simulation under test with every cause that is considered.
-
-    Attributes
-    ----------
-    effects : tuple of Effect classes
-    """
+    """The simulation under test with every cause that is considered."""
 
     wheel: Wheel
     soil: Soil

@@ -30,27 +30,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from daq import FloatArray, Note
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.clock import Clock
-from model.diagnosis.time_series.columns import columns_of
+from model.diagnosis.core.result import Clock
+from model.diagnosis.time_series.columns import Grams, columns_of
 from model.diagnosis.time_series.evidence import SetEstimate, best_set, estimate, log_evidence
-from model.diagnosis.time_series.grams import Grams
 from model.diagnosis.time_series.hyper import blocks_of, estimated
 from model.diagnosis.time_series.linearise import Point, linearise
-from model.diagnosis.time_series.noise import Noise, beliefs, noise_notes
-from model.diagnosis.time_series.samples import Samples, places_of, steps_of
-from model.diagnosis.time_series.start import CampaignData, Start, begin, first_causes, never_told
+from model.diagnosis.time_series.noise import Noise, hyper_priors, noise_notes
+from model.diagnosis.time_series.samples import Samples, places_of, samples_of, steps_of
+from model.diagnosis.time_series.start import CampaignData, Start, begin, first_causes, not_identifiable_in_any
 from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed, smoothed_speed
 from model.one_thread import one_thread
-
-if TYPE_CHECKING:
-    from model.diagnosis.time_series.start import CampaignData
-
 
 _LEAST_SHARE = 0.1
 """Of the measured variance, that is taken for movement whatever the noise."""
@@ -84,7 +78,7 @@ def with_likely_load(samples: Samples, values: Mapping[str, float]) -> Samples:
     moving = max(total - noise, _LEAST_SHARE * total)
     kept = (float(np.mean(swing[near] * swing[near - 1])) - noise * memory) / moving
     kept = float(np.clip(kept, 0.01, 0.99))
-    at = places_of(samples)
+    at = places_of(samples.run, samples.runs)
     decay = np.stack([kept ** (step_s / samples.block_s), memory ** (step_s / samples.block_s)], axis=-1)
     present = at.padded(np.ones((1, len(samples))))
     space = StateSpace(
@@ -120,47 +114,49 @@ class LinearisationPoint:
 def first_point(start: Start, causes: dict[str, float]) -> LinearisationPoint:
     """Return the laboratory's soil with the given causes, and the noise of the prior."""
     samples = start.samples
-    noise = start.noise or Noise({name: b.centre for name, b in beliefs(samples).items()})
+    noise = start.noise or Noise({name: b.centre for name, b in hyper_priors(samples).items()})
     variance = noise.values["speed_noise_mps"] ** 2 + noise.values["speed_white_mps"] ** 2
     point = Point(np.zeros(len(start.simulation.space)), causes, np.zeros(len(samples)))
     return LinearisationPoint(point, noise, np.full(len(samples), variance))
 
 
-def linearisation_points(views: Sequence[CampaignData], grams: Grams, best: SetEstimate) -> list[LinearisationPoint]:
+def linearisation_points(
+    campaigns: Sequence[CampaignData], grams: Grams, best: SetEstimate
+) -> list[LinearisationPoint]:
     """Return the next points of linearisation: the best soil and causes, and the ground speed that goes with them."""
     found = []
     soil_at = 0
-    for view in views:
-        own = len(view.columns.soil)
+    for data in campaigns:
+        own = len(data.columns.soil)
         soil = best.soil[soil_at : soil_at + own]
         soil_at += own
         coefficient = {
             (c.key, c.parameter): float(x) for c, x in zip(grams.causes, best.coefficients, strict=True) if x != 0.0
         }
         scale = {(c.key, c.parameter): c.scale for c in grams.causes}
-        causes, at = {}, np.zeros(len(view.columns.causes))
-        for i, ((_, _, name), c) in enumerate(zip(view.simulation.parameters, view.columns.causes, strict=True)):
+        causes, at = {}, np.zeros(len(data.columns.causes))
+        for i, ((_, _, name), c) in enumerate(zip(data.simulation.parameters, data.columns.causes, strict=True)):
             size = coefficient.get((c.key, c.parameter), 0.0) * scale[c.key, c.parameter]
             if size != 0.0:
                 causes[name] = float(np.clip(c.neutral + size, c.lower, c.upper))
                 at[i] = size / c.scale
-        soil = view.linear.point.soil + np.clip(soil - view.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
-        speed, variance = _speed(view, soil, at)
-        noise = view.noise.values
+        soil = data.linear.point.soil + np.clip(soil - data.linear.point.soil, -_LONGEST_STEP, _LONGEST_STEP)
+        speed, variance = _speed(data, soil, at)
+        noise = data.noise.values
         farthest = _FARTHEST * float(np.hypot(noise["speed_noise_mps"], noise["speed_white_mps"]))
         speed = np.clip(speed, -farthest, farthest)
-        found.append(LinearisationPoint(Point(soil, causes, speed), view.noise, variance))
+        found.append(LinearisationPoint(Point(soil, causes, speed), data.noise, variance))
     return found
 
 
-def _speed(view: CampaignData, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _speed(data: CampaignData, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the smoothed error of the ground speed under a soil and causes, and its variance."""
-    columns = view.columns
+    columns = data.columns
     shared = np.concatenate([[1.0], -soil, -causes, np.zeros(len(columns.basis))])
-    by_run = view.grams.constants @ shared
-    scale = np.array([view.noise.values[name] for name in columns.constants])
+    by_run = data.grams.constants @ shared
+    scale = np.array([data.noise.values[name] for name in columns.constants])
     coefficients = np.concatenate([np.tile(shared, (len(by_run), 1)), -by_run * scale], axis=1)
-    return smoothed_speed(view.samples, view.linear, columns, view.noise.values, view.speed_variance, coefficients)
+    return smoothed_speed(data.samples, data.linear, columns, data.noise.values, data.speed_variance, coefficients)
 
 
 MOST_ROUNDS = 6
@@ -179,15 +175,15 @@ class Relinearised:
         Chosen from `grams`.
     converged : bool
         Whether the last iteration changed nothing.
-    seemed : tuple of sets of causes
+    chosen_sets : tuple of sets of causes
         The best of each iteration.
     """
 
     grams: Grams
-    views: tuple[CampaignData, ...]
+    campaigns: tuple[CampaignData, ...]
     best: SetEstimate
     converged: bool
-    seemed: tuple[tuple[str, ...], ...]
+    chosen_sets: tuple[tuple[str, ...], ...]
 
 
 def relinearise(
@@ -196,7 +192,7 @@ def relinearise(
     choose: Callable[[Grams, SetEstimate | None], SetEstimate],
     clock: Clock,
     *,
-    believe: bool = False,
+    keep_noise: bool = False,
     most: int = MOST_ROUNDS,
 ) -> Relinearised:
     """Iterate the linearisation about the explanation until it converges.
@@ -207,26 +203,26 @@ def relinearise(
         Where to begin.
     choose : callable
         Picks the explanation from cross products, given the one before.
-    believe : bool
+    keep_noise : bool
         Take the noise of the first iteration as it is; otherwise it is estimated from the second one on.
     most : int
         Iterations.
     """
     best: SetEstimate | None = None
-    seemed: list[tuple[str, ...]] = []
+    chosen_sets: list[tuple[str, ...]] = []
     while True:
-        fixed = believe or not seemed
-        views = [campaign_data(s, at, clock, fixed=fixed) for s, at in zip(starts, points, strict=True)]
-        grams = joined([(v.campaign.name, v.samples.run_names, v.columns, v.grams) for v in views])
+        fixed = keep_noise or not chosen_sets
+        campaigns = [campaign_data(s, at, clock, fixed=fixed) for s, at in zip(starts, points, strict=True)]
+        grams = joined([(v.campaign.name, v.samples.run_names, v.columns, v.grams) for v in campaigns])
         with clock.stage("evidence"):
             found = choose(grams, best)
         converged = best is not None and _same(best, found)
         best = found
-        seemed.append(best.keys)
-        if converged or len(seemed) == most:
-            return Relinearised(grams, tuple(views), best, converged, tuple(seemed))
+        chosen_sets.append(best.keys)
+        if converged or len(chosen_sets) == most:
+            return Relinearised(grams, tuple(campaigns), best, converged, tuple(chosen_sets))
         with clock.stage("smoothing"):
-            points = linearisation_points(views, grams, best)
+            points = linearisation_points(campaigns, grams, best)
 
 
 def campaign_data(start: Start, at: LinearisationPoint, clock: Clock, *, fixed: bool) -> CampaignData:
@@ -246,7 +242,7 @@ def campaign_data(start: Start, at: LinearisationPoint, clock: Clock, *, fixed: 
     if start.noise is None and not fixed:
         with clock.stage("noise"):
             blocks = blocks_of(samples, linear, columns, variance, noise.values)
-            noise = estimated(blocks, beliefs(samples), noise.values)
+            noise = estimated(blocks, hyper_priors(samples), noise.values)
     with clock.stage("whitening"):
         grams = run_grams(samples, linear, columns, noise.values, variance)
     return CampaignData(start.campaign, samples, start.simulation, linear, columns, noise, grams, variance)
@@ -291,12 +287,12 @@ def converged_alternative(
         def hold(grams: Grams, _: SetEstimate | None, keys: tuple[str, ...] = keys) -> SetEstimate:
             return estimate(grams, keys)
 
-        points = linearisation_points(moving.views, moving.grams, estimate(moving.grams, keys))
-        about = relinearise(starts, points, hold, clock, believe=True, most=_ROUNDS)
-        points = linearisation_points(about.views, about.grams, about.best)
+        points = linearisation_points(moving.campaigns, moving.grams, estimate(moving.grams, keys))
+        about = relinearise(starts, points, hold, clock, keep_noise=True, most=_ROUNDS)
+        points = linearisation_points(about.campaigns, about.grams, about.best)
         found = relinearise(starts, points, choose, clock, most=_ROUNDS)
         if found.converged:
-            return replace(found, seemed=(*moving.seemed, *found.seemed))
+            return replace(found, chosen_sets=(*moving.chosen_sets, *found.chosen_sets))
     return moving
 
 
@@ -311,11 +307,11 @@ class LinearisedCampaign:
     ----------
     grams : Grams
         Of all runs of all campaigns, about the last point.
-    views : tuple of CampaignData
+    campaigns : tuple of CampaignData
         One for each campaign, in their order; runs follow each other in `grams` likewise.
     best : SetEstimate
         The most probable set of causes, about which was linearised.
-    cannot_tell : mapping family -> why
+    not_identifiable : mapping family -> why
     excluded : set of str
         Effects (by key) that leave no trace in these data whatever their size; see `best_set`.
     most_causes : int
@@ -324,13 +320,12 @@ class LinearisedCampaign:
         Linearisations.
     converged : bool
         Whether the last one changed nothing.
-    stages_s : mapping stage -> seconds
     """
 
     grams: Grams
-    views: tuple[CampaignData, ...]
+    campaigns: tuple[CampaignData, ...]
     best: SetEstimate
-    cannot_tell: dict[str, Note]
+    not_identifiable: dict[str, Note]
     excluded: frozenset[str]
     most_causes: int
     rounds: int
@@ -341,7 +336,7 @@ class LinearisedCampaign:
     @property
     def noises(self) -> tuple[Noise, ...]:
         """The noise model of each campaign."""
-        return tuple(view.noise for view in self.views)
+        return tuple(data.noise for data in self.campaigns)
 
 
 @one_thread
@@ -367,41 +362,41 @@ def linearise_campaigns(
     options = options or DiagnosisOptions()
     clock = Clock()
     with clock.stage("samples"):
-        starts = [begin(c, options, noises[i] if noises else None) for i, c in enumerate(campaigns)]
-    found = [_first(starts, causes, options, clock) for causes in first_causes(starts)]
+        starts = [
+            begin(c, samples_of(c, options.channels), options.effects, options.reading, noises[i] if noises else None)
+            for i, c in enumerate(campaigns)
+        ]
+    choose = _choice(options.most_causes)
+    found = [
+        relinearise(starts, [first_point(s, causes) for s in starts], choose, clock) for causes in first_causes(starts)
+    ]
     best_found = max(found, key=lambda f: log_evidence(f.grams, f.best.keys))
     if not best_found.converged:
-        seemed = tuple(dict.fromkeys(keys for f in found for keys in f.seemed))
-        best_found = converged_alternative(starts, best_found, seemed, _choice(options), clock)
+        chosen_sets = tuple(dict.fromkeys(keys for f in found for keys in f.chosen_sets))
+        best_found = converged_alternative(starts, best_found, chosen_sets, choose, clock)
     return LinearisedCampaign(
         grams=best_found.grams,
-        views=best_found.views,
+        campaigns=best_found.campaigns,
         best=best_found.best,
-        cannot_tell=never_told(starts),
+        not_identifiable=not_identifiable_in_any(starts),
         excluded=_traceless(best_found.grams),
         most_causes=options.most_causes,
-        rounds=len(best_found.seemed),
+        rounds=len(best_found.chosen_sets),
         converged=best_found.converged,
-        notes=tuple(note for view in best_found.views for note in _notes(view)),
+        notes=tuple(note for data in best_found.campaigns for note in _notes(data)),
         stages_s=clock.stages_s,
     )
 
 
-def _first(starts: Sequence[Start], causes: dict[str, float], options: DiagnosisOptions, clock: Clock) -> Relinearised:
-    """Iterate to the most probable explanation, from the laboratory's soil and the given causes."""
-    points = [first_point(s, causes) for s in starts]
-    return relinearise(starts, points, _choice(options), clock)
+def _notes(data: CampaignData) -> tuple[Note, ...]:
+    return (*data.samples.notes, *noise_notes(data.noise, hyper_priors(data.samples), data.linear.channels))
 
 
-def _notes(view: CampaignData) -> tuple[Note, ...]:
-    return (*view.samples.notes, *noise_notes(view.noise, beliefs(view.samples), view.linear.channels))
-
-
-def _choice(options: DiagnosisOptions) -> Callable[[Grams, SetEstimate | None], SetEstimate]:
+def _choice(most_causes: int) -> Callable[[Grams, SetEstimate | None], SetEstimate]:
     """Return how the set is chosen about which is linearised."""
 
     def choose(grams: Grams, before: SetEstimate | None) -> SetEstimate:
-        return best_set(grams, _traceless(grams), options.most_causes, before.keys if before else None)
+        return best_set(grams, _traceless(grams), most_causes, before.keys if before else None)
 
     return choose
 
@@ -409,5 +404,5 @@ def _choice(options: DiagnosisOptions) -> Callable[[Grams, SetEstimate | None], 
 def _traceless(grams: Grams) -> frozenset[str]:
     """Return the effects whose columns are zero in every run."""
     power = np.einsum("rii->i", grams.matrices)[grams.cause_columns]
-    seen = {c.key for c, x in zip(grams.causes, power, strict=True) if x > _NOTHING}
-    return frozenset(c.key for c in grams.causes) - seen
+    traced = {c.key for c, x in zip(grams.causes, power, strict=True) if x > _NOTHING}
+    return frozenset(c.key for c in grams.causes) - traced

@@ -27,8 +27,7 @@ import numpy as np
 
 from daq import OUTPUTS, FloatArray, Note
 from model.diagnosis.time_series.linearise import Linear
-from model.diagnosis.time_series.samples import Samples
-from model.diagnosis.time_series.standstills import AT_REST
+from model.diagnosis.time_series.samples import AT_REST, Samples
 from model.notes import DiagnosisCode
 
 _LEAST_RADPS = 0.3
@@ -45,8 +44,8 @@ class Process:
 
 
 @dataclass(frozen=True)
-class Belief:
-    """What is thought of a positive hyper-parameter before any data: log-normal."""
+class HyperPrior:
+    """Prior of a positive hyper-parameter: log-normal."""
 
     centre: float
     log_sigma: float
@@ -61,7 +60,7 @@ class Noise:
     values : mapping name -> float
         With their unit at the end of the name.
     log_sigmas : mapping name -> float
-        One-sigma of the logarithm of each, data and belief together.
+        One-sigma of the logarithm of each, data and prior together.
     """
 
     values: dict[str, float]
@@ -98,37 +97,39 @@ def constants(channels: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     )
 
 
-def beliefs(samples: Samples) -> dict[str, Belief]:
+def hyper_priors(samples: Samples) -> dict[str, HyperPrior]:
     """Return the prior of every hyper-parameter, from the sensors' declared or estimated sigmas."""
     load = float(np.median(samples.conditions.vertical_load_n)) if len(samples) else 1e4
     typical = {"dp": 4e-3 * load, "t": 4e-3 * load * samples.wheel_radius_m, "z": 2e-3}
-    found: dict[str, Belief] = {}
+    found: dict[str, HyperPrior] = {}
     for c in samples.measured:
         sigma = _positive(samples.sigma[c], typical[c])
         found |= {
-            named(c, "noise"): Belief(0.7 * sigma, 0.7),
-            f"{OUTPUTS[c].role}_noise_time_s": Belief(0.15, 0.7),
-            named(c, "white"): Belief(0.3 * sigma, 0.8),
-            named(c, "of_run"): Belief(0.01 * samples.wheel_radius_m, 1.0) if c == "z" else Belief(0.15 * sigma, 0.8),
+            named(c, "noise"): HyperPrior(0.7 * sigma, 0.7),
+            f"{OUTPUTS[c].role}_noise_time_s": HyperPrior(0.15, 0.7),
+            named(c, "white"): HyperPrior(0.3 * sigma, 0.8),
+            named(c, "of_run"): HyperPrior(0.01 * samples.wheel_radius_m, 1.0)
+            if c == "z"
+            else HyperPrior(0.15 * sigma, 0.8),
         }
         if c != "z":
-            found[named(c, "wheel_order")] = Belief(0.3 * sigma, 0.8)
-            found[named(c, "at_rest")] = Belief(0.2 * sigma, 0.8)
+            found[named(c, "wheel_order")] = HyperPrior(0.3 * sigma, 0.8)
+            found[named(c, "at_rest")] = HyperPrior(0.2 * sigma, 0.8)
     speed, weight = _positive(samples.speed_sigma_mps, 0.04), _positive(samples.load_sigma_n, 6e-3 * load)
     return found | {
-        "speed_noise_mps": Belief(0.9 * speed, 0.5),
-        "speed_noise_time_s": Belief(1.0, 0.8),
-        "speed_white_mps": Belief(0.3 * speed, 0.7),
-        "load_noise_n": Belief(0.7 * weight, 0.5),
-        "load_noise_time_s": Belief(0.15, 0.7),
-        "stiffness_in_run": Belief(0.02, 0.5),
-        "friction_in_run": Belief(0.01, 0.5),
-        "soil_length_m": Belief(3.0, 0.7),
-        "stiffness_run_to_run": Belief(0.025, 0.6),
-        "friction_run_to_run": Belief(0.012, 0.6),
-        "cohesion_run_to_run": Belief(0.025, 0.6),
-        "wheel_speed_delay_s": Belief(0.005, 0.7),
-        "wheel_edge_delay_rad": Belief(0.03, 0.8),
+        "speed_noise_mps": HyperPrior(0.9 * speed, 0.5),
+        "speed_noise_time_s": HyperPrior(1.0, 0.8),
+        "speed_white_mps": HyperPrior(0.3 * speed, 0.7),
+        "load_noise_n": HyperPrior(0.7 * weight, 0.5),
+        "load_noise_time_s": HyperPrior(0.15, 0.7),
+        "stiffness_in_run": HyperPrior(0.02, 0.5),
+        "friction_in_run": HyperPrior(0.01, 0.5),
+        "soil_length_m": HyperPrior(3.0, 0.7),
+        "stiffness_run_to_run": HyperPrior(0.025, 0.6),
+        "friction_run_to_run": HyperPrior(0.012, 0.6),
+        "cohesion_run_to_run": HyperPrior(0.025, 0.6),
+        "wheel_speed_delay_s": HyperPrior(0.005, 0.7),
+        "wheel_edge_delay_rad": HyperPrior(0.03, 0.8),
     }
 
 
@@ -198,34 +199,34 @@ def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float])
     return found
 
 
-_TOLD = 0.4
+_DETERMINED = 0.4
 """One-sigma of a logarithm below which the data determine it, not the prior."""
 _NOTABLE_SWING = 0.5
 """Of what turns with the wheel, over the channel's noise."""
 _NOTABLE_ZERO = 5.0
-"""Of the zeros that differ from run to run, over what is believed."""
+"""Of the zeros that differ from run to run, over their prior."""
 
 
-def noise_notes(noise: Noise, believed: Mapping[str, Belief], channels: tuple[str, ...]) -> tuple[Note, ...]:
+def noise_notes(noise: Noise, priors: Mapping[str, HyperPrior], channels: tuple[str, ...]) -> tuple[Note, ...]:
     """Return what the noise of one campaign tells of its sensors.
 
     Parameters
     ----------
-    believed : mapping name -> Belief
-        See `model.diagnosis.time_series.noise.beliefs`.
+    priors : mapping name -> Belief
+        See `model.diagnosis.time_series.noise.hyper_priors`.
     """
-    return tuple(note for channel in channels for note in (*_swing(noise, channel), *_zeros(noise, believed, channel)))
+    return tuple(note for channel in channels for note in (*_swing(noise, channel), *_zeros(noise, priors, channel)))
 
 
 def _swing(noise: Noise, channel: str) -> Iterator[Note]:
     name = named(channel, "wheel_order")
     size, unsure = noise.values.get(name, 0.0) * np.sqrt(2.0), noise.log_sigmas.get(name, np.inf)
-    if unsure < _TOLD and size > _NOTABLE_SWING * noise.values[named(channel, "noise")]:
+    if unsure < _DETERMINED and size > _NOTABLE_SWING * noise.values[named(channel, "noise")]:
         yield Note(DiagnosisCode.WHEEL_ORDER, values={"channel": channel, "size": float(size)})
 
 
-def _zeros(noise: Noise, believed: Mapping[str, Belief], channel: str) -> Iterator[Note]:
+def _zeros(noise: Noise, priors: Mapping[str, HyperPrior], channel: str) -> Iterator[Note]:
     name = named(channel, "of_run")
-    size, usual = noise.values.get(name, 0.0), believed[name].centre
+    size, usual = noise.values.get(name, 0.0), priors[name].centre
     if size > _NOTABLE_ZERO * usual:
         yield Note(DiagnosisCode.ZEROS_DIFFER, values={"channel": channel, "size": size, "usual": usual})

@@ -1,7 +1,4 @@
-"""What a look starts from: samples, the simulation under test, and why a campaign may be unfit.
-
-One campaign as it is looked at.
-"""
+"""Start and result of the linearisation of one campaign, and why a campaign may be unfit."""
 
 from __future__ import annotations
 
@@ -11,18 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from daq import REACTIONS, DataError, Fault, FloatArray, Note
-from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
-from model.diagnosis.core.coverage import cannot_tell, considered
+from model.diagnosis.core.campaign import Campaign, considered, not_identifiable
 from model.diagnosis.time_series.columns import Columns
 from model.diagnosis.time_series.linearise import Linear, Simulation, soil_space
 from model.diagnosis.time_series.noise import Noise
-from model.diagnosis.time_series.samples import FEWEST, Samples, coverage_of, samples_of
+from model.diagnosis.time_series.samples import FEWEST, Samples, coverage_of
 from model.diagnosis.time_series.whitening import RunGrams
+from model.wheel_soil.wheel_soil_model import Reading
 
 
 @dataclass(frozen=True)
 class CampaignData:
-    """One campaign as it was looked at.
+    """Linearised and whitened data of one campaign.
 
     Attributes
     ----------
@@ -48,7 +45,7 @@ class CampaignData:
 
 @dataclass(frozen=True)
 class Start:
-    """A campaign before it was looked at."""
+    """A campaign before it is linearised."""
 
     campaign: Campaign
     samples: Samples
@@ -56,9 +53,19 @@ class Start:
     noise: Noise | None
 
 
-def begin(campaign: Campaign, options: DiagnosisOptions, noise: Noise | None) -> Start:
-    """Collect the samples that the laboratory's soil has an answer for."""
-    samples = samples_of(campaign, options.channels)
+def begin(campaign: Campaign, samples: Samples, effects: Sequence[str], reading: Reading, noise: Noise | None) -> Start:
+    """Return what the linearisation of a campaign starts from.
+
+    Parameters
+    ----------
+    effects : sequence of str
+        Keys of those to consider.
+
+    Raises
+    ------
+    DataError
+        The samples do not suffice, see `unfit`.
+    """
     fault = unfit(campaign, samples)
     if fault:
         raise DataError(fault)
@@ -66,14 +73,14 @@ def begin(campaign: Campaign, options: DiagnosisOptions, noise: Noise | None) ->
         campaign.wheel,
         campaign.soil,
         soil_space(campaign.soil_prior),
-        considered(coverage_of(campaign, samples), options),
-        options.reading,
+        considered(coverage_of(campaign, samples), effects, reading),
+        reading,
     )
     return Start(campaign, samples, simulation, noise)
 
 
 def unfit(campaign: Campaign, samples: Samples) -> Fault | None:
-    """Return why a campaign cannot be looked at; None where it can.
+    """Return why a campaign cannot be diagnosed; None where it can.
 
     Parameters
     ----------
@@ -123,16 +130,16 @@ def first_causes(starts: Sequence[Start]) -> tuple[dict[str, float], ...]:
     for effect in starts[0].simulation.effects if starts else ():
         if effect.first_estimate is None or not all(effect in s.simulation.effects for s in starts):
             continue
-        seen = [getattr(run.quality, effect.first_estimate.quality) for s in starts for run in s.campaign.runs]
-        known = [value for value in seen if np.isfinite(value)]
+        estimates = [getattr(run.quality, effect.first_estimate.quality) for s in starts for run in s.campaign.runs]
+        known = [value for value in estimates if np.isfinite(value)]
         middle = float(np.median(known)) if known else 0.0
         if abs(middle) > effect.first_estimate.notable:
             found.append(effect.keyed({effect.parameters[0].name: middle}))
     return tuple(found)
 
 
-def never_told(starts: Sequence[Start]) -> dict[str, Note]:
-    """Return what no campaign can tell."""
-    each = [cannot_tell(coverage_of(s.campaign, s.samples)) for s in starts]
+def not_identifiable_in_any(starts: Sequence[Start]) -> dict[str, Note]:
+    """Return what is not identifiable in any campaign."""
+    each = [not_identifiable(coverage_of(s.campaign, s.samples)) for s in starts]
     shared = set.intersection(*(set(found) for found in each)) if each else set()
     return {family: why for family, why in each[0].items() if family in shared} if each else {}

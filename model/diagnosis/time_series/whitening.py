@@ -1,8 +1,6 @@
-r"""Several campaigns looked at together: shared causes, a soil and a catch-all of its own for each.
+r"""Whitening of many columns at once by a Kalman filter, linear in the number of samples; Gram matrices, run by run.
 
-Whitening of many columns at once by a Kalman filter, linear in the number of samples.
-
-The noise of a run is a sum of independent first-order Markov processes seen through known loadings, and white noise:
+The noise of a run is a sum of independent first-order Markov processes with known loadings, and white noise:
 
 .. math:: y_{ic} = \sum_s h_{ics} x_{is} + w_{ic}, \qquad
           x_{is} = a_{is} x_{i-1,s} + \sqrt{1 - a_{is}^2}\, \sigma_s u_{is},
@@ -14,8 +12,6 @@ Runs are a leading axis. Runs of different length are padded; what is not there 
 zeros in every column, and so counts for nothing.
 
 Source: Durbin & Koopman (2012), Time Series Analysis by State Space Methods, 4.3, 4.4 and 6.4.
-
-Columns of a campaign to whitened Gram matrices, run by run.
 """
 
 from __future__ import annotations
@@ -26,11 +22,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import BoolArray, FloatArray, IndexArray
-from model.diagnosis.time_series.columns import Columns
-from model.diagnosis.time_series.grams import CauseColumn, Grams
+from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.noise import loading, processes, rest_variance, white_variance
-from model.diagnosis.time_series.samples import Places, Samples, places_of, steps_of
+from model.diagnosis.time_series.samples import Samples, places_of, steps_of
 
 
 @dataclass(frozen=True)
@@ -85,12 +80,12 @@ def whiten(space: StateSpace, columns: FloatArray) -> Whitened:
             covariance = _ahead(covariance, stationary, a)
         for c in range(channels):
             h = space.loadings[:, i, c]
-            seen = (covariance @ h[:, :, None])[..., 0]
-            variance = (seen * h).sum(axis=-1) + space.white[:, i, c]
-            gain = seen / variance[:, None]
+            loaded = (covariance @ h[:, :, None])[..., 0]
+            variance = (loaded * h).sum(axis=-1) + space.white[:, i, c]
+            gain = loaded / variance[:, None]
             innovation = columns[:, i, c] - (h[:, None, :] @ state)[:, 0]
             state = state + gain[:, :, None] * innovation[:, None, :]
-            covariance = covariance - gain[:, :, None] * seen[:, None, :]
+            covariance = covariance - gain[:, :, None] * loaded[:, None, :]
             out[:, i, c] = innovation / np.sqrt(variance)[:, None]
             log_determinants += np.log(variance)
     return Whitened(out.reshape(runs, count * channels, width), log_determinants)
@@ -124,10 +119,10 @@ def smoothed(space: StateSpace, data: FloatArray) -> tuple[FloatArray, FloatArra
             covariance = _ahead(covariance, stationary, space.decay[:, i])
         for c in range(channels):
             h = space.loadings[:, i, c]
-            seen = (covariance @ h[:, :, None])[..., 0]
-            gain = seen / ((seen * h).sum(axis=-1) + space.white[:, i, c])[:, None]
+            loaded = (covariance @ h[:, :, None])[..., 0]
+            gain = loaded / ((loaded * h).sum(axis=-1) + space.white[:, i, c])[:, None]
             mean = mean + gain * (data[:, i, c] - (h * mean).sum(axis=-1))[:, None]
-            covariance = covariance - gain[:, :, None] * seen[:, None, :]
+            covariance = covariance - gain[:, :, None] * loaded[:, None, :]
         means[i], covariances[i] = mean, covariance
     for i in range(count - 2, -1, -1):
         a = space.decay[:, i + 1]
@@ -160,7 +155,7 @@ def state_space(
     speed_variance : array, shape (n,)
         Variance of the ground speed's error about the point.
     """
-    at = places_of(samples)
+    at = places_of(samples.run, samples.runs)
     listed = processes(linear.channels)
     loadings = np.stack([loading(linear, samples, p.loading) for p in listed], axis=-1)
     loadings = np.where(present[..., None], loadings, 0.0)
@@ -205,7 +200,7 @@ def whitened_rows(
 
     Standstills come last. Constants of a run are columns still, scaled to one-sigma 1.
     """
-    at = places_of(samples)
+    at = places_of(samples.run, samples.runs)
     space = state_space(samples, linear, columns.present, values, speed_variance)
     found = whiten(space, at.padded(columns.rows))
     rests, log_determinants = _rests(samples, linear, columns, values)
@@ -221,9 +216,7 @@ def _rests(
     variance = rest_variance(linear, samples, values)
     variance = np.where(columns.rests_present, variance, 1.0)
     run = samples.rests.run
-    counts = np.bincount(run, minlength=samples.runs)
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    at = Places(run, np.arange(len(run)) - first[run], samples.runs, int(counts.max(initial=0)))
+    at = places_of(run, samples.runs)
     rows = at.padded(columns.rests / np.sqrt(variance)[..., None])
     log_determinants = np.zeros(samples.runs)
     np.add.at(log_determinants, run, np.log(variance).sum(axis=0))
@@ -261,7 +254,7 @@ def smoothed_speed(
     coefficients : array, shape (runs, 1 + q + k + b + l)
         Of the columns: 1 for the residual, minus the estimate for the others.
     """
-    at = places_of(samples)
+    at = places_of(samples.run, samples.runs)
     space = state_space(samples, linear, columns.present, values, speed_variance)
     left = np.einsum("cnm,nm->cn", columns.rows, coefficients[samples.run])
     means, covariances = smoothed(space, at.padded(left))

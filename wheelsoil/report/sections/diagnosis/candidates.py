@@ -37,7 +37,7 @@ def build(material: ReportInputs) -> Section:
     if found.causes:
         blocks += [_table(found), *(Text(text) for text in dict.fromkeys(map(_meaning, found.causes)))]
     blocks += _adequacy(found)
-    for heading, texts in not_named(found.cannot_tell, found.minimum_detectable).items():
+    for heading, texts in not_named(found.not_identifiable, found.minimum_detectable).items():
         rows = [[plain_name(name), why] for name, why in texts.items()]
         blocks.append(Table(heading, ["cause", "for want of"], rows, left=2))
     numbers = {
@@ -47,7 +47,7 @@ def build(material: ReportInputs) -> Section:
         "sets": found.sets,
         "adequacy": found.adequacy,
         "proposal": found.proposal,
-        "cannot_tell": found.cannot_tell,
+        "cannot_tell": found.not_identifiable,
     }
     return Section(KEY, TITLE, blocks, numbers)
 

@@ -32,7 +32,7 @@ def build(material: ReportInputs) -> Section:
     shares = {key: abs(least.value) / plausible[key] for key, least in found.items() if plausible[key] > 0}
     rows = [
         [
-            form_name(effect_name(key)) + (" *" if family_of(key) in material.diagnosis.cannot_tell else ""),
+            form_name(effect_name(key)) + (" *" if family_of(key) in material.diagnosis.not_identifiable else ""),
             letter(least.parameter),
             number(least.value) if isfinite(least.value) else "at no size",
             number(plausible[key]),

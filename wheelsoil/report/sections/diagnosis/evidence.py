@@ -70,12 +70,12 @@ def build(material: ReportInputs) -> Section:
     kinds = [(_shapes, _SHAPES), (_diagonal, _DIAGONAL)]
     if found.verdict == "named":
         kinds.insert(0, (_pair, _AFTER))
-    shown = {channel: _of_channel(found.seen, channel, keys) for channel in OUTPUTS}
+    shown = {channel: _of_channel(found.plot_data, channel, keys) for channel in OUTPUTS}
     shown = {channel: views for channel, views in shown.items() if views}
     blocks: list[Block] = [Text(f"Shown: {listed([form_name(effect_name(key)) for key in keys])}.")]
     for draw, reading in kinds:
         figures = [draw(channel, views) for channel, views in shown.items()]
-        blocks.append(Panels(figures, reading, [seen.campaign for seen in found.seen]))
+        blocks.append(Panels(figures, reading, [seen.campaign for seen in found.plot_data]))
     numbers = {channel: {view.campaign: _numbers(view) for view in views} for channel, views in shown.items()}
     return Section(KEY, TITLE, blocks, {"members": keys, **numbers})
 
@@ -102,7 +102,7 @@ def _numbers(view: _Shown) -> dict[str, Bins]:
 
 def _members(found: Diagnosis) -> list[str]:
     """Return the effects to show: the causes, as far as their signatures are known."""
-    known = {key for seen in found.seen for key in seen.signatures}
+    known = {key for seen in found.plot_data for key in seen.signatures}
     return [key for key in dict.fromkeys(cause.key for cause in found.causes) if key in known][:_MEMBERS]
 
 

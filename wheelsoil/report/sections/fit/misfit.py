@@ -30,6 +30,7 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import number, signed
 from wheelsoil.wording.diagnosis_text import FINDING_NOTE, finding_note
 from wheelsoil.wording.names import place_text, plain_name
+from wheelsoil.wording.notes import note_text
 
 KEY = "misfit"
 TITLE = "What is wrong, and where"
@@ -54,10 +55,10 @@ def build(material: ReportInputs) -> Section:
         "median_there": [found.median_there(one) for one in found.what_is_wrong],
         "inconsistent": found.inconsistent,
     }
-    names = [seen.campaign for seen in found.seen]
-    channels = [c for c in OUTPUTS if any(c in seen.base for seen in found.seen)]
+    names = [seen.campaign for seen in found.plot_data]
+    channels = [c for c in OUTPUTS if any(c in seen.base for seen in found.plot_data)]
     for channel in channels:
-        figures, shown = _panels(found.seen, channel)
+        figures, shown = _panels(found.plot_data, channel)
         blocks.append(Panels(figures, _READING, names))
         numbers[channel] = shown
     return Section(KEY, TITLE, blocks, numbers)
@@ -101,7 +102,7 @@ def _with_unit(value: float, channel: str) -> str:
 
 def _inconsistent(found: Diagnosis) -> list[Block]:
     return [
-        Text(f"Inconsistent, {plain_name(one.channel)}, {one.rows} rows: {one.why}.", "warning")
+        Text(f"Inconsistent, {plain_name(one.channel)}, {one.rows} rows: {note_text(one.why)}.", "warning")
         for one in found.inconsistent
     ]
 

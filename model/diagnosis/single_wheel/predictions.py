@@ -1,0 +1,227 @@
+"""Predictions of the weighed sets: of held-out conditions, and of further tests that would separate the sets.
+
+**Held-out conditions.** Gain of an extension on one group at a time, which neither the choice nor the fit has used. A
+group is one condition (one speed) with its repeats, so that nothing is predicted from its own repeats. In every fold
+the causes are chosen anew by probability and gate on the rows that are left. The sets that are tried there are the
+most probable ones on those rows at the estimates from all rows, and sets of three grow from pairs of all rows: to this
+extent a fold has used its own group.
+
+**Further tests.** Every design is predicted by both sets, with what each has left unknown; the expected log Bayes
+factor is the divergence of the two predictions from each other, taken as normal, after three repeats at every slip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from daq import OUTPUTS, BoolArray, FloatArray
+from model.diagnosis.core.bayes_factors import WORTH_SAYING, best_first, expected_nats
+from model.diagnosis.core.gain import HeldOutPrediction, gain_of
+from model.diagnosis.core.result import Gain, NextRun
+from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
+from model.diagnosis.single_wheel.noise import FORM_SHARE
+from model.diagnosis.single_wheel.problem import BenchProblem
+from model.diagnosis.single_wheel.search import Optimum, log_likelihood, search
+from model.diagnosis.single_wheel.sets import family_of
+from model.diagnosis.single_wheel.weighing import Weighed, Weighing, misfits, threshold
+
+_MOST = 30
+"""Candidates of a fold: the sets that are most probable on the rows that are kept, before they are searched there."""
+_GATED = 8
+"""Most probable sets of a fold that are put to the gate; the first is taken where none of them passes."""
+_LEAST_GROUPS = 3
+
+
+def predict_held_out(
+    problem: BenchProblem, optima: Sequence[Optimum], rng: np.random.Generator
+) -> tuple[HeldOutPrediction, ...]:
+    """Predict every group from the others under one hypothesis.
+
+    Parameters
+    ----------
+    optima : sequence of Optimum
+        Of the hypothesis, on all rows.
+    """
+    return tuple(_predicted(problem, _Fold.of(problem, group), optima, rng) for group in np.unique(problem.group))
+
+
+def held_out(weighing: Weighing, rng: np.random.Generator) -> Gain | None:
+    """Return the held-out gain of the extension; None with fewer than three groups."""
+    problem = weighing.problem
+    groups = np.unique(problem.group)
+    if len(groups) < _LEAST_GROUPS:
+        return None
+    base, extended, chosen = [], [], []
+    for group in groups:
+        fold = _Fold.of(problem, group)
+        best = _best_in(weighing, fold, rng)
+        base.append(_predicted(problem, fold, weighing.of_set(()).optima, rng))
+        extended.append(_predicted(problem, fold, best, rng) if best[0].hypothesis else base[-1])
+        chosen.append(tuple(use.key for use in best[0].hypothesis))
+    return gain_of(base, extended, chosen, problem.channels[0], rng)
+
+
+@dataclass(frozen=True)
+class _Fold:
+    left_out: BoolArray
+    kept: FloatArray
+
+    @staticmethod
+    def of(problem: BenchProblem, group: int) -> _Fold:
+        left_out = problem.group == group
+        return _Fold(left_out, np.where(left_out, 0.0, 1.0))
+
+
+def _best_in(weighing: Weighing, fold: _Fold, rng: np.random.Generator) -> tuple[Optimum, ...]:
+    """Return the optima of the set that is chosen on the rows that are kept."""
+    counted = _candidates(weighing, fold)
+    problem = weighing.problem
+    found = search(problem, [w.hypothesis for w in counted], [w.optima[0].standard for w in counted], fold.kept)
+    score = np.array([o.log_evidence + w.log_prior for o, w in zip(found, counted, strict=True)])
+    ranked = [found[i] for i in np.argsort(-score)]
+    adequate = misfits(problem, ranked[:_GATED], fold.kept) <= threshold(problem, rng, fold.kept)
+    return (ranked[int(np.argmax(adequate))],)
+
+
+def _candidates(weighing: Weighing, fold: _Fold) -> list[Weighed]:
+    """Return the sets that are worth a search on the rows that are kept; no cause at all is always one."""
+    said = {c: np.stack([w.optima[0].said[c] for w in weighing.sets]) for c in weighing.sets[0].optima[0].said}
+    kept = log_likelihood(weighing.problem, said, fold.kept)
+    whole = np.array([w.optima[0].log_likelihood for w in weighing.sets])
+    possible = np.isfinite(kept) & np.isfinite(whole)
+    score = np.full(len(kept), -np.inf)
+    score[possible] = np.array([w.score for w in weighing.sets])[possible] + kept[possible] - whole[possible]
+    found = [weighing.sets[i] for i in np.argsort(-score)[:_MOST].tolist() if np.isfinite(score[i])]
+    return found if any(not w.hypothesis for w in found) else [*found, weighing.of_set(())]
+
+
+def _predicted(
+    problem: BenchProblem, fold: _Fold, optima: Sequence[Optimum], rng: np.random.Generator
+) -> HeldOutPrediction:
+    hypothesis = optima[0].hypothesis
+    again = search(problem, [hypothesis] * len(optima), [o.standard for o in optima], fold.kept)
+    posterior = posterior_of(problem, again, rng, fold.kept)
+    weights = posterior.weights
+    measured = {channel: problem.measured(channel) for channel in posterior.said}
+    there = [channel for channel, values in measured.items() if np.isfinite(values).any()]
+    return HeldOutPrediction(
+        log_likelihood=_log_predictive(problem, posterior),
+        measured={channel: measured[channel][fold.left_out] for channel in there},
+        predicted={channel: weights @ posterior.said[channel][:, fold.left_out] for channel in there},
+        judged=np.ones(int(fold.left_out.sum()), bool),
+        numbers=int(sum(fold.left_out[rows].sum() for rows in problem.rows)),
+    )
+
+
+def _log_predictive(problem: BenchProblem, posterior: SetPosterior) -> float:
+    """Return ln p of the rows that were left out, given those that were kept."""
+    possible = np.isfinite(posterior.log_likelihood)
+    everything = log_likelihood(problem, {c: values[possible] for c, values in posterior.said.items()})
+    ratio = everything - posterior.log_likelihood[possible]
+    top = float(ratio.max())
+    return top + float(np.log(posterior.weights[possible] @ np.exp(ratio - top)))
+
+
+_LOADS = ((0.5, "half the load"), (2.0, "twice the load"))
+_DRAWS = 160
+_SETS = 5
+_REPEATS = 3
+
+
+@dataclass(frozen=True)
+class _Design:
+    words: str
+    problem: BenchProblem
+    channels: tuple[str, ...]
+
+
+def next_tests(weighing: Weighing, rng: np.random.Generator) -> tuple[NextRun, ...]:
+    """Return designs, best first."""
+    rivals = _rivals(weighing)
+    found = []
+    for design in _designs(weighing.problem) if len(rivals) > 1 else []:
+        said = [_prediction_of_design(design, weighed, rng) for _, weighed in rivals]
+        known = [prediction for prediction in said if prediction is not None]
+        if len(known) < len(said):
+            continue
+        nats = np.array([[_divergence(a, b) for b in known] for a in known])
+        expected = expected_nats(nats, [p for p, _ in rivals])
+        if expected > WORTH_SAYING:
+            found.append(NextRun(design.words, _parted(rivals, nats), expected))
+    return tuple(best_first(found))
+
+
+def _parted(rivals: Sequence[tuple[float, Weighed]], nats: FloatArray) -> tuple[str, str]:
+    """Return in what the two sets differ that come apart most, as likely as they are."""
+    p = np.array([probability for probability, _ in rivals])
+    i, j = divmod(int(np.argmax(np.outer(p, p) * (nats + nats.T))), len(rivals))
+    return _name(rivals[i][1], rivals[j][1]), _name(rivals[j][1], rivals[i][1])
+
+
+def _rivals(weighing: Weighing) -> list[tuple[float, Weighed]]:
+    """Return the most probable sets, one for each combination of families."""
+    found: dict[frozenset[str], tuple[float, Weighed]] = {}
+    for p, weighed in zip(weighing.probabilities, weighing.sets, strict=True):
+        if weighed.posterior is not None and p > 0:
+            found.setdefault(weighed.families, (float(p), weighed))
+    return sorted(found.values(), key=lambda pair: -pair[0])[:_SETS]
+
+
+def _name(weighed: Weighed, other: Weighed) -> str:
+    own = [family_of(use) for use in weighed.hypothesis]
+    return " and ".join([family for family in own if family not in other.families] or own) or "nothing more"
+
+
+def _designs(problem: BenchProblem) -> list[_Design]:
+    groups = np.unique(problem.group)
+    first = np.array([np.flatnonzero(problem.group == g)[0] for g in groups])
+    slip, load = (np.array([x[problem.group == g].mean() for g in groups]) for x in (problem.slip, problem.load_n))
+    at_centres = replace(problem, slip=slip, load_n=load, bench=problem.bench[first], group=np.arange(len(groups)))
+    used = problem.channels
+    missing = [channel for channel in OUTPUTS if channel not in used]
+    designs = [_Design(f"measure the {OUTPUTS[c].name} too", at_centres, (*used, c)) for c in missing]
+    for factor, words in _LOADS:
+        designs.append(_Design(words, replace(at_centres, load_n=load * factor), used))
+    if missing:
+        more = tuple(dict.fromkeys((*used, *missing)))
+        for factor, words in _LOADS:
+            together = f"{words}, with {' and '.join(OUTPUTS[c].name for c in missing)} measured"
+            designs.append(_Design(together, replace(at_centres, load_n=load * factor), more))
+    return designs
+
+
+def _prediction_of_design(
+    design: _Design, weighed: Weighed, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return mean and covariance of what a set foretells of a design; None where the model has no answer."""
+    posterior = weighed.posterior
+    assert posterior is not None
+    drawn = rng.choice(len(posterior.weights), _DRAWS, p=posterior.weights)
+    said, _ = design.problem.evaluate([weighed.hypothesis] * _DRAWS, posterior.standard[drawn])
+    values = np.concatenate([said[channel] for channel in design.channels], axis=1)
+    possible = np.isfinite(values).all(axis=1)
+    if possible.mean() < 0.9:
+        return None
+    noise = np.concatenate([_variance(design, channel) for channel in design.channels])
+    return values[possible].mean(axis=0), np.atleast_2d(np.cov(values[possible].T)) + np.diag(noise)
+
+
+def _variance(design: _Design, channel: str) -> FloatArray:
+    problem = design.problem
+    known = {noise.channel: noise for noise in problem.noises}
+    if channel in known:
+        form, scatter = known[channel].form_scale, float(np.median(known[channel].scatter))
+    else:
+        form = scatter = FORM_SHARE * problem.size_of(channel)
+    return np.full(len(problem.slip), form**2 + scatter**2 / _REPEATS)
+
+
+def _divergence(a: tuple[FloatArray, FloatArray], b: tuple[FloatArray, FloatArray]) -> float:
+    """Return the expected log Bayes factor for a over b if a is true."""
+    gap = a[0] - b[0]
+    inverse = np.linalg.inv(b[1])
+    determinants = float(np.linalg.slogdet(b[1])[1] - np.linalg.slogdet(a[1])[1])
+    return 0.5 * (float(np.trace(inverse @ a[1])) - len(gap) + float(gap @ inverse @ gap) + determinants)
