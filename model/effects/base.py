@@ -1,4 +1,4 @@
-"""What an effect (a hypothesis about the measured wheel) is: one file, its parameters and the hooks it needs."""
+"""What an effect (a hypothesis about the measured wheel) is: its parameters, what the data must hold, and its hooks."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
+from daq import FloatArray
 from model.wheel_soil.dual import Dual, Number
 
 if TYPE_CHECKING:
-    from model.effects.signals import Signals
     from model.wheel_soil.conditions import Conditions, Reaction, Wheel, WheelState
     from model.wheel_soil.contact import Patch
     from model.wheel_soil.soils import SoilState
@@ -114,6 +114,30 @@ class Parameter:
     def towards(self, wheel: Wheel) -> float:
         """Return the scale with the sign of the plausible side: a coefficient of 1 in `CauseColumn`."""
         return self.scale(wheel) * (self.side or 1)
+
+
+@dataclass(frozen=True)
+class Signals:
+    """What the sensors of a virtual test get to see of one run, on one regular time base, shape (n,) each; SI.
+
+    Attributes
+    ----------
+    time_s : since the start of the run
+    drawbar_pull_n, driving_torque_nm, vertical_load_n : at the transducer
+    ground_speed_mps : for the ground-speed sensor only
+    wheel_speed_radps : for the wheel-speed sensor only
+    campaign_time : float array, from -1/2 to 1/2 over the campaign's clock
+    direction : 1 "out", -1 "back"
+    """
+
+    time_s: FloatArray
+    drawbar_pull_n: FloatArray
+    driving_torque_nm: FloatArray
+    vertical_load_n: FloatArray
+    ground_speed_mps: FloatArray
+    wheel_speed_radps: FloatArray
+    campaign_time: FloatArray
+    direction: float
 
 
 Values = Mapping[str, Number]

@@ -9,8 +9,7 @@ from math import atan, tan
 import numpy as np
 
 from daq import Channel, ConfigError, Fault, FloatArray, RunInfo, nearest
-from model.effects.base import Effect
-from model.effects.signals import Signals
+from model.effects.base import Effect, Signals
 from model.simulation.motion import (
     DrivingStyle,
     Motion,
