@@ -27,8 +27,24 @@ from model.diagnosis.core.result import (
     Verdict,
 )
 from model.diagnosis.core.shapes import Kind, Shape
-from model.notes import DiagnosisCode, LackCode
+from model.notes import DiagnosisCode, LackCode, SinkageCode
 from wheelsoil.wording.verdict import sentence_of
+
+BROKEN_BOUND = Note(
+    SinkageCode.TORQUE_SUSPECT,
+    values={
+        "campaign": "",
+        "broken": 14,
+        "rows": 20,
+        "excess_n": 240.0,
+        "sigmas": 6.1,
+        "friction": 1.2,
+        "less_torque_nm": 110.0,
+        "more_sinkage_m": 0.02,
+        "larger_radius": 0.1,
+        "more_pull_n": 240.0,
+    },
+)
 
 
 def seen(campaign: str = "clay", runs: tuple[str, ...] = ("run-1", "run-2"), samples: int = 120) -> PlotData:
@@ -92,9 +108,7 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
             log_likelihood_gain=211.0,
             chosen=(("vasilev",), ()),
         ),
-        inconsistent=(
-            Inconsistent("driving_torque", 14, "T/r - Dp exceeds W tan(theta_1): suspect the torque's gain"),
-        ),
+        inconsistent=(Inconsistent("driving_torque", 14, BROKEN_BOUND),),
         adequacy=Adequacy(2.4 if verdict == "unexplained" else 1.03, 1.77, verdict != "unexplained"),
         proposal=Proposal("dp = -130 N s^2", 12.0) if verdict == "unexplained" else None,
         minimum_detectable={

@@ -49,9 +49,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from daq import BoolArray, ConfigError, Fault, FloatArray
+from daq import BoolArray, ConfigError, Fault, FloatArray, Note
 from model.fit.covariance import Covariance, covariance
 from model.fit.linear_step import BoundedProblem, LinearProblem, Point, ResidualAndJacobian
+from model.notes import FitCode
 
 _KEPT_GAIN = 1e-4  # share of the predicted gain that a step must bring to be kept
 
@@ -166,7 +167,7 @@ class GaussNewtonResult:
         Parameters that ended on a bound (a parameter with equal bounds included).
     condition_number : float
         Of the sensitivities with columns of unit length.
-    warnings : tuple of str
+    warnings : tuple of Note
         What cannot be separated, and what else a reader must know.
     """
 
@@ -180,7 +181,7 @@ class GaussNewtonResult:
     stop_reason: StopReason
     at_bound: BoolArray
     condition_number: float
-    warnings: tuple[str, ...]
+    warnings: tuple[Note, ...]
     history: tuple[IterationRecord, ...]
 
     @property
@@ -312,8 +313,8 @@ def _result(
             reason = StopReason.SINGULAR
         elif held.any():
             reason = StopReason.AT_BOUNDS
-    names = np.array(problem.names)[held]
-    warnings += [f"{name}: ended at its bound {x:.6g}" for name, x in zip(names, point.x[held], strict=True)]
+    ended = [(problem.names[i], float(point.x[i])) for i in np.flatnonzero(held)]
+    warnings += [Note(FitCode.AT_BOUND, values={"names": (name,), "value": value}) for name, value in ended]
     return GaussNewtonResult(
         estimate=point.x,
         covariance=spread.matrix,
@@ -332,19 +333,19 @@ def _result(
 
 def _spread(
     problem: BoundedProblem, point: Point, at_bound: BoolArray, options: GaussNewtonOptions
-) -> tuple[Covariance, list[str]]:
+) -> tuple[Covariance, list[Note]]:
     count = point.x.size
     if not point.finite:
         nothing = np.full((count, count), np.nan)
-        words = "the residual or its sensitivities are not finite at the start"
-        return Covariance(nothing, nothing, np.nan, 0), [words]
+        return Covariance(nothing, nothing, np.nan, 0), [Note(FitCode.NOT_FINITE)]
     warnings = []
     variance = 1.0
     if options.noise == "estimated":
         freedom = point.residual.size - covariance(point.jacobian, held=at_bound).rank
         variance = point.cost / freedom if freedom > 0 else np.nan
         if freedom <= 0:
-            warnings.append(f"{point.residual.size} residuals for {count} parameters: their noise cannot be estimated")
+            values = {"residuals": point.residual.size, "parameters": count}
+            warnings.append(Note(FitCode.NOISE_UNKNOWN, values=values))
     spread = covariance(point.jacobian, variance, names=problem.names, held=at_bound)
     return spread, [*spread.warnings, *warnings]
 

@@ -15,6 +15,7 @@ from model.wheel_soil.soils import SOILS, prior_of
 from processing.pipeline.pipeline import process
 from wheelsoil.simulation.campaign import simulated_roles
 from wheelsoil.simulation.options import SimulationOptions
+from wheelsoil.wording.notes import note_text
 
 SLIP = np.linspace(0.1, 0.9, 9)
 WHEEL = Wheel(0.47, 0.3)
@@ -62,8 +63,8 @@ def test_without_sinkage_or_torque_nothing_is_said() -> None:
 def test_each_part_says_its_own() -> None:
     (alone,) = inconsistencies([bench("a", 0.02)])
     assert (alone.channel, alone.rows) == ("sinkage", 9)
-    assert alone.why.startswith("T/r - Dp")
+    assert note_text(alone.why).startswith("T/r - Dp")
     first, second = inconsistencies([bench("a", 0.02), bench("b"), campaign(0.001)])
-    assert first.why == f"a: {alone.why}"
-    assert second.why.startswith("field: ")
+    assert note_text(first.why) == f"a: {note_text(alone.why)}"
+    assert note_text(second.why).startswith("field: ")
     assert second.rows > 100

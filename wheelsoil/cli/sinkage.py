@@ -126,6 +126,8 @@ def print_sinkage(facts: SinkageFacts) -> None:
 
 
 def _bound(facts: SinkageFacts) -> str:
+    from wheelsoil.wording.notes import note_text
+
     if not facts.inconsistent:
         return f"satisfied in all {facts.checked} driven rows with measured sinkage"
-    return "; ".join(f"violated, suspect {item.channel}: {item.why}" for item in facts.inconsistent)
+    return "; ".join(f"violated, suspect {item.channel}: {note_text(item.why)}" for item in facts.inconsistent)

@@ -260,7 +260,7 @@ def _inconsistent(diagnosis: Diagnosis, width: int) -> list[str]:
     lines = [
         line
         for item in diagnosis.inconsistent
-        for line in wrapped(f"{plain_name(item.channel)}: {item.rows} rows: {item.why}", width, "  ", "    ")
+        for line in wrapped(f"{plain_name(item.channel)}: {item.rows} rows: {note_text(item.why)}", width, "  ", "    ")
     ]
     return ["Inconsistent: possible with no soil", *lines] if lines else []
 

@@ -21,11 +21,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import INPUTS, OUTPUTS, FloatArray, IndexArray
+from daq import INPUTS, OUTPUTS, FloatArray, IndexArray, Note
 from daq.series import WheelTable
 from model.diagnosis.core.campaign import Bench, Campaign
 from model.diagnosis.core.result import Inconsistent
 from model.fit.observations import Observations
+from model.notes import SinkageCode
 from model.sinkage_from_forces.force_cells import driven_samples
 from model.sinkage_from_forces.sinkage import shear_share
 from processing import ProcessedRun
@@ -156,62 +157,49 @@ def inconsistent(rows: BoundRows, sigmas: float = SIGMAS) -> tuple[Inconsistent,
         return ()
     worst = np.argsort(-over)[: min(broken, _LOOKED_AT)]
     seen = rows[worst]
-    change = _Change(seen)
-    channel, because = _suspect(seen, change)
-    says = (
-        f"T/r - Dp is above W tan(theta_1), which no soil can do, in {broken} of {len(rows)} driven rows, by up to "
-        f"{rows.excess_n[worst[0]]:.3g} N ({rows.excess_n[worst[0]] / max(rows.sigma_n[worst[0]], 1e-9):.3g} sigma); "
-        f"{because}. What would mend it: {change.says}"
-    )
-    return (Inconsistent(channel, broken, says),)
+    change = _change(seen)
+    channel, code, found = _suspect(seen, change["less_torque_nm"])
+    excess = float(rows.excess_n[worst[0]])
+    values = {
+        "campaign": "",
+        "broken": broken,
+        "rows": len(rows),
+        "excess_n": excess,
+        "sigmas": excess / max(float(rows.sigma_n[worst[0]]), 1e-9),
+    }
+    return (Inconsistent(channel, broken, Note(code, values={**values, **found, **change})),)
 
 
-class _Change:
-    """The least change of each channel, alike in all rows, that brings rows back under the bound.
-
-    Attributes
-    ----------
-    torque_nm, pull_n, sinkage_m : float
-        Torque less, drawbar pull more, sinkage more.
-    radius : float
-        Wheel larger by this share, or smaller; infinite where no size helps.
-    """
-
-    def __init__(self, rows: BoundRows) -> None:
-        self.pull_n = float(rows.excess_n.max())
-        self.torque_nm = self.pull_n * rows.radius_m
-        tangent = rows.excess_n / rows.vertical_load_n + _tangent(rows.sinkage_m, rows.radius_m)
-        self.sinkage_m = float((rows.radius_m * (1.0 - np.cos(np.arctan(tangent))) - rows.sinkage_m).max())
-        shares = np.linspace(-0.6, 2.0, 521)
-        radii = rows.radius_m * (1.0 + shares[:, None])
-        arms = radii * (1.0 + _HIGHEST_LUG * rows.lugged)
-        resistance = rows.driving_torque_nm / arms - rows.drawbar_pull_n
-        fine = (resistance - rows.vertical_load_n * _tangent(rows.sinkage_m, radii) <= 0.0).all(axis=1)
-        self.radius = float(min(shares[fine], key=abs)) if fine.any() else np.inf
-
-    @property
-    def says(self) -> str:
-        """All of them, for people."""
-        size = f"{100 * abs(self.radius):.2g} % {'larger' if self.radius > 0 else 'smaller'}"
-        wheel = f"a wheel {size}" if np.isfinite(self.radius) else "no other radius"
-        return (
-            f"{self.torque_nm:.3g} N m less torque, {1e3 * self.sinkage_m:.3g} mm more sinkage, {wheel}, "
-            f"or {self.pull_n:.3g} N more drawbar pull"
-        )
+def _change(rows: BoundRows) -> dict[str, float]:
+    """Return the least change of each channel, alike in all rows, that brings rows back under the bound."""
+    pull_n = float(rows.excess_n.max())
+    tangent = rows.excess_n / rows.vertical_load_n + _tangent(rows.sinkage_m, rows.radius_m)
+    sinkage_m = float((rows.radius_m * (1.0 - np.cos(np.arctan(tangent))) - rows.sinkage_m).max())
+    shares = np.linspace(-0.6, 2.0, 521)
+    radii = rows.radius_m * (1.0 + shares[:, None])
+    arms = radii * (1.0 + _HIGHEST_LUG * rows.lugged)
+    resistance = rows.driving_torque_nm / arms - rows.drawbar_pull_n
+    fine = (resistance - rows.vertical_load_n * _tangent(rows.sinkage_m, radii) <= 0.0).all(axis=1)
+    return {
+        "less_torque_nm": pull_n * rows.radius_m,
+        "more_sinkage_m": sinkage_m,
+        "larger_radius": float(min(shares[fine], key=abs)) if fine.any() else np.inf,
+        "more_pull_n": pull_n,
+    }
 
 
-def _suspect(rows: BoundRows, change: _Change) -> tuple[str, str]:
-    """Return the channel to suspect, and why."""
+def _suspect(rows: BoundRows, less_torque_nm: float) -> tuple[str, SinkageCode, dict[str, float]]:
+    """Return the channel to suspect, and why, with the values of the note."""
     rest = float(np.nan_to_num(rows.torque_at_rest_nm).max())
-    if rest > 0.5 * change.torque_nm:
-        return "driving_torque", f"suspect the torque: it reads {rest:.3g} N m at standstill"
+    if rest > 0.5 * less_torque_nm:
+        return "driving_torque", SinkageCode.TORQUE_AT_REST, {"rest_nm": rest}
     friction = float(np.median(_friction(rows)))
     if friction <= _STEEPEST:
-        return "sinkage", "suspect the sinkage: load, drawbar pull and torque agree with each other, but not with it"
-    more = f"the forces ask for a shear stress of {friction:.2g} times the normal one"
+        return "sinkage", SinkageCode.SINKAGE_SUSPECT, {}
     if abs(rows.speed_scale - 1.0) > _SCALE_OFF:
-        return "wheel_radius", f"suspect the radius: {more}, and ground over rim speed is {rows.speed_scale:.3g}"
-    return "driving_torque", f"suspect the torque: {more}"
+        scale = {"friction": friction, "speed_scale": float(rows.speed_scale)}
+        return "wheel_radius", SinkageCode.RADIUS_SUSPECT, scale
+    return "driving_torque", SinkageCode.TORQUE_SUSPECT, {"friction": friction}
 
 
 def _friction(rows: BoundRows) -> FloatArray:
@@ -241,7 +229,9 @@ def inconsistencies(parts: Sequence[Campaign | Bench]) -> tuple[Inconsistent, ..
     found = [(part.name, item) for part in parts for item in inconsistent(_rows(part))]
     if len(parts) == 1:
         return tuple(item for _, item in found)
-    return tuple(replace(item, why=f"{name}: {item.why}") for name, item in found)
+    return tuple(
+        replace(item, why=replace(item.why, values={**item.why.values, "campaign": name})) for name, item in found
+    )
 
 
 def _rows(part: Campaign | Bench) -> BoundRows:

@@ -139,7 +139,7 @@ class Inconsistent:
 
     channel: str
     rows: int
-    why: str
+    why: Note
 
 
 @dataclass(frozen=True)

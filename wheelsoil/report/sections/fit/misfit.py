@@ -30,6 +30,7 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import number, signed
 from wheelsoil.wording.diagnosis_text import FINDING_NOTE, finding_note
 from wheelsoil.wording.names import place_text, plain_name
+from wheelsoil.wording.notes import note_text
 
 KEY = "misfit"
 TITLE = "What is wrong, and where"
@@ -101,7 +102,7 @@ def _with_unit(value: float, channel: str) -> str:
 
 def _inconsistent(found: Diagnosis) -> list[Block]:
     return [
-        Text(f"Inconsistent, {plain_name(one.channel)}, {one.rows} rows: {one.why}.", "warning")
+        Text(f"Inconsistent, {plain_name(one.channel)}, {one.rows} rows: {note_text(one.why)}.", "warning")
         for one in found.inconsistent
     ]
 

@@ -12,6 +12,7 @@ from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
 from wheelsoil.report.curves import quantity_figure
 from wheelsoil.report.figures import Trace, band, line, set_axis_range
 from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.wording.notes import note_text
 from wheelsoil.workflows.sinkage import (
     IN_THE_BAND,
     SinkageFacts,
@@ -86,7 +87,7 @@ def _told(facts: SinkageFacts) -> list[Block]:
         ),
     ]
     if facts.inconsistent:
-        blocks += [Text(f"Suspect {item.channel}: {item.why}.", "warning") for item in facts.inconsistent]
+        blocks += [Text(f"Suspect {item.channel}: {note_text(item.why)}.", "warning") for item in facts.inconsistent]
     elif facts.checked:
         blocks.append(
             Text(f"Bound T/r − Dp ≤ W tan θ₁: kept in all {facts.checked} driven rows with measured sinkage.", "good")
