@@ -21,13 +21,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import ConfigError, DataError, Fault, FloatArray, Note
+from daq import ConfigError, Fault, FloatArray, Note
 from daq.series import PlateTest
 from model.bevameter.joint import JointFit, fit_jointly
 from model.bevameter.window import (
     FITTED_ZERO_RANGE,
     Window,
     WindowOptions,
+    each_fitted,
     refuse_unfitted,
     root_mean_square,
     shape_notes,
@@ -213,25 +214,12 @@ def fit_pressure_sinkage(tests: Sequence[PlateTest], options: WindowOptions | No
     options = options or WindowOptions()
     if not options.from_m < options.to_m:
         raise ConfigError(Fault("the window is empty", found=f"from {options.from_m:g} to {options.to_m:g} m"))
-    plates = _each(tests, options)
+    plates = each_fitted(tests, lambda test: fit_plate(test, options))
     reference = float(np.median([plate.reference_sinkage_m for plate in plates]))
     widths = _distinct([plate.width_m for plate in plates])
     joint = _of_several(plates, reference) if len(widths) > 1 else _of_one(plates, reference)
     notes = _sign_notes(joint, widths) if len(widths) > 1 else [_one_width(joint, widths[0])]
     return PressureSinkage(plates, joint, widths, reference, (*notes, *joint.warnings))
-
-
-def _each(tests: Sequence[PlateTest], options: WindowOptions) -> tuple[PlateFit, ...]:
-    plates: list[PlateFit] = []
-    faults: list[Fault] = []
-    for test in tests:
-        try:
-            plates.append(fit_plate(test, options))
-        except DataError as error:
-            faults.extend(error.faults)
-    if faults:
-        raise DataError(*faults)
-    return tuple(plates)
 
 
 def _distinct(widths: Sequence[float]) -> tuple[float, ...]:

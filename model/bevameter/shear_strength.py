@@ -19,7 +19,14 @@ import numpy as np
 from daq import ConfigError, DataError, Fault, FloatArray, Note
 from daq.series import ShearTest
 from model.bevameter.joint import JointFit, fit_jointly
-from model.bevameter.window import MIN_POINTS, refuse_unfitted, root_mean_square, shape_notes, widened_covariance
+from model.bevameter.window import (
+    MIN_POINTS,
+    each_fitted,
+    refuse_unfitted,
+    root_mean_square,
+    shape_notes,
+    widened_covariance,
+)
 from model.fit.gauss_newton import StopReason, gauss_newton
 from model.fit.linear_step import ResidualAndJacobian
 from model.notes import BevameterCode
@@ -206,7 +213,7 @@ def fit_shear_strength(tests: Sequence[ShearTest], *, to_m: float = float("inf")
         raise ConfigError(
             Fault("there is no shear test", next_step="give at least one; two normal stresses part c and phi")
         )
-    shears = _each(tests, to_m)
+    shears = each_fitted(tests, lambda test: fit_shear(test, to_m=to_m))
     stress = np.array([shear.normal_stress_pa for shear in shears])
     if np.ptp(stress) <= _SAME_STRESS * stress.max():
         joint = _fit(shears, None, [_mean_strength(shears)], ("strength_pa",))
@@ -215,19 +222,6 @@ def fit_shear_strength(tests: Sequence[ShearTest], *, to_m: float = float("inf")
     else:
         joint, notes = _of_several(shears, stress)
     return ShearStrength(shears, joint, (float(stress.min()), float(stress.max())), (*notes, *joint.warnings))
-
-
-def _each(tests: Sequence[ShearTest], to_m: float) -> tuple[ShearFit, ...]:
-    shears: list[ShearFit] = []
-    faults: list[Fault] = []
-    for test in tests:
-        try:
-            shears.append(fit_shear(test, to_m=to_m))
-        except DataError as error:
-            faults.extend(error.faults)
-    if faults:
-        raise DataError(*faults)
-    return tuple(shears)
 
 
 def _of_several(shears: Sequence[ShearFit], stress: FloatArray) -> tuple[JointFit, list[Note]]:

@@ -8,8 +8,9 @@ Source: Wong (1980), J. Terramechanics 17(1), on the evaluation of plate tests; 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from daq.series import PlateTest
 from model.fit.gauss_newton import GaussNewtonResult
 from model.notes import BevameterCode
 
+Test = TypeVar("Test")
+Fit = TypeVar("Fit")
 MISFIT_LIMIT = 0.1
 """Root mean square misfit over the largest value, from which on a curve does not have the law's shape."""
 
@@ -34,6 +37,20 @@ def refuse_unfitted(name: str, result: GaussNewtonResult, law: str) -> None:
             next_step="look at the curve; check its zero, its units and the window",
         )
     )
+
+
+def each_fitted(tests: Iterable[Test], fit: Callable[[Test], Fit]) -> tuple[Fit, ...]:
+    """Fit every test; raise DataError with the faults of all that cannot be fitted."""
+    fits: list[Fit] = []
+    faults: list[Fault] = []
+    for test in tests:
+        try:
+            fits.append(fit(test))
+        except DataError as error:
+            faults.extend(error.faults)
+    if faults:
+        raise DataError(*faults)
+    return tuple(fits)
 
 
 def noted(result: GaussNewtonResult) -> str:

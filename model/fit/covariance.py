@@ -24,6 +24,7 @@ import numpy as np
 from daq import BoolArray, FloatArray, Note
 from model.notes import FitCode
 
+_STRONG = 0.99  # size of a correlation from which on there is a warning
 _INVOLVED = 1e-6  # share of a null direction from which on a parameter takes part in it
 
 
@@ -52,11 +53,6 @@ class Covariance:
     rank: int
     warnings: tuple[Note, ...] = ()
 
-    @property
-    def standard_deviations(self) -> FloatArray:
-        """Square roots of the variances, shape (p,)."""
-        return np.sqrt(np.diag(self.matrix))
-
 
 def covariance(
     jacobian: FloatArray,
@@ -64,7 +60,6 @@ def covariance(
     *,
     names: Sequence[str] | None = None,
     held: BoolArray | None = None,
-    correlation_limit: float = 0.99,
 ) -> Covariance:
     """Return the covariance of an estimate from its sensitivities.
 
@@ -78,8 +73,6 @@ def covariance(
         For the warnings; ``x1, x2, ...`` where there are none.
     held : bool, shape (p,), optional
         Parameters that are at a bound: they have no variance (NaN) and do not widen that of the others.
-    correlation_limit : float
-        From which size of a correlation on there is a warning.
 
     Source
     ------
@@ -90,14 +83,14 @@ def covariance(
     labels = tuple(names) if names else tuple(f"x{i}" for i in range(1, count + 1))
     labels = tuple(label for label, is_free in zip(labels, free, strict=True) if is_free)
     matrix = np.full((count, count), np.nan)
-    inner = _of_free(jacobian[:, free], variance, labels, correlation_limit)
+    inner = _of_free(jacobian[:, free], variance, labels)
     matrix[np.ix_(free, free)] = inner.matrix
     correlation = np.full((count, count), np.nan)
     correlation[np.ix_(free, free)] = inner.correlation
     return Covariance(matrix, correlation, inner.condition_number, inner.rank, inner.warnings)
 
 
-def _of_free(jacobian: FloatArray, variance: float, names: tuple[str, ...], limit: float) -> Covariance:
+def _of_free(jacobian: FloatArray, variance: float, names: tuple[str, ...]) -> Covariance:
     count = jacobian.shape[1]
     if count == 0:
         return Covariance(np.zeros((0, 0)), np.zeros((0, 0)), 1.0, 0)
@@ -117,8 +110,8 @@ def _of_free(jacobian: FloatArray, variance: float, names: tuple[str, ...], limi
     condition = singular[0] / singular[-1] if kept.all() else np.inf
     warnings = (
         *(_null_note(direction, names) for direction in vt[~kept]),
-        *_pair_notes(matrix, correlation, names, limit),
-        *_group_notes(correlation, multiple, names, limit, condition),
+        *_pair_notes(matrix, correlation, names),
+        *_group_notes(correlation, multiple, names, condition),
     )
     return Covariance(matrix, correlation, float(condition), int(kept.sum()), warnings)
 
@@ -143,9 +136,9 @@ def _null_note(direction: FloatArray, names: tuple[str, ...]) -> Note:
     return Note(code, values={"names": members})
 
 
-def _pair_notes(matrix: FloatArray, correlation: FloatArray, names: tuple[str, ...], limit: float) -> Iterator[Note]:
+def _pair_notes(matrix: FloatArray, correlation: FloatArray, names: tuple[str, ...]) -> Iterator[Note]:
     """Note which combination two parameters fix; where pairs form a chain, its members and its strongest pairs."""
-    pairs = _strong_pairs(correlation, limit)
+    pairs = _strong_pairs(correlation)
     for chain in _chains(pairs):
         inside = sorted((pair for pair in pairs if pair[0] in chain), key=lambda pair: -abs(correlation[pair]))
         if len(chain) == 2:
@@ -175,8 +168,8 @@ def _of_two(pair: tuple[int, int], matrix: FloatArray, correlation: FloatArray, 
     return Note(FitCode.CORRELATED_PAIR, values=values)
 
 
-def _strong_pairs(correlation: FloatArray, limit: float) -> list[tuple[int, int]]:
-    rows, columns = np.nonzero(np.triu(np.abs(np.nan_to_num(correlation)) > limit, k=1))
+def _strong_pairs(correlation: FloatArray) -> list[tuple[int, int]]:
+    rows, columns = np.nonzero(np.triu(np.abs(np.nan_to_num(correlation)) > _STRONG, k=1))
     return list(zip(rows.tolist(), columns.tolist(), strict=True))
 
 
@@ -191,11 +184,11 @@ def _chains(pairs: list[tuple[int, int]]) -> list[set[int]]:
 
 
 def _group_notes(
-    correlation: FloatArray, multiple: FloatArray, names: tuple[str, ...], limit: float, condition: float
+    correlation: FloatArray, multiple: FloatArray, names: tuple[str, ...], condition: float
 ) -> Iterator[Note]:
     """Note which parameters are a combination of several others although no pair alone shows it."""
-    paired = {index for pair in _strong_pairs(correlation, limit) for index in pair}
-    members = [i for i, value in enumerate(multiple) if value > limit and i not in paired]
+    paired = {index for pair in _strong_pairs(correlation) for index in pair}
+    members = [i for i, value in enumerate(multiple) if value > _STRONG and i not in paired]
     if members:
         values = {
             "names": tuple(names[i] for i in members),

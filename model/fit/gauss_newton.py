@@ -31,12 +31,9 @@ the gain can no longer be seen, steps are kept as long as they halve the predict
 
 Prior knowledge ``x_i ~ (mean, sigma)`` enters as an extra row ``(x_i - mean) / sigma`` of the residual.
 
-Source: Yang et al. (2016), 1.2 and Fig. 2; More (1978), The Levenberg-Marquardt algorithm, Lecture Notes in Math. 630;
-Stark & Parker (1995), Computational Statistics 10; Bates & Watts (1981), Technometrics 23.
-
-How far a damped Gauss-Newton step may go: a radius that learns from the steps tried.
-
-Source: More (1978), The Levenberg-Marquardt algorithm, Lecture Notes in Math. 630, section 4 and 7.
+Source: Yang et al. (2016), 1.2 and Fig. 2; More (1978), The Levenberg-Marquardt algorithm, Lecture Notes in Math. 630
+(of the radius section 4 and 7); Stark & Parker (1995), Computational Statistics 10; Bates & Watts (1981),
+Technometrics 23.
 """
 
 from __future__ import annotations
@@ -60,14 +57,10 @@ _KEPT_GAIN = 1e-4  # share of the predicted gain that a step must bring to be ke
 class TrustRadius:
     """The radius within which the linearised residual is believed, and the unit D it is measured in.
 
-    Parameters
-    ----------
-    initial_radius : float
-        Radius of the first damped step, in units of the scaled start.
+    That of the first damped step is the length of the scaled start.
     """
 
-    def __init__(self, initial_radius: float, problem: BoundedProblem) -> None:
-        self._first_radius = initial_radius
+    def __init__(self, problem: BoundedProblem) -> None:
         self._size = np.maximum(np.abs(problem.start), problem.scale) * problem.free
         self._norms = np.zeros(problem.start.size)
         self._untried = True
@@ -82,7 +75,7 @@ class TrustRadius:
         """Set the radius by the ratio of seen to predicted gain of a step; return whether the step is kept."""
         if self._untried:
             self._untried = False
-            first = self._first_radius * float(np.linalg.norm(self._norms * self._size)) or np.inf
+            first = float(np.linalg.norm(self._norms * self._size)) or np.inf
             if abs(ratio - 1) <= 0.25:
                 self.radius = max(first, length)
                 return True
@@ -122,8 +115,6 @@ class GaussNewtonOptions:
         Predicted gain, relative to the cost, below which it has converged.
     max_iterations : int
         Of evaluations after the first, rejected steps included.
-    initial_radius : float
-        First radius of a damped step, in units of the scaled start.
     noise : "estimated" or "unit"
         Variance of an entry of the residual: cost / (m - rank), or 1 where residuals are divided by their sigma.
     """
@@ -131,7 +122,6 @@ class GaussNewtonOptions:
     epsilon: float = 1e-9
     cost_tolerance: float = 1e-16
     max_iterations: int = 1000
-    initial_radius: float = 1.0
     noise: Literal["estimated", "unit"] = "estimated"
 
 
@@ -189,11 +179,6 @@ class GaussNewtonResult:
         """Whether a minimum (perhaps on a bound) was reached."""
         return self.stop_reason in (StopReason.CONVERGED_STEP, StopReason.CONVERGED_COST, StopReason.AT_BOUNDS)
 
-    @property
-    def standard_deviations(self) -> FloatArray:
-        """Square roots of the variances, shape (p,)."""
-        return np.sqrt(np.diag(self.covariance))
-
 
 def gauss_newton(
     residual_and_jacobian: ResidualAndJacobian,
@@ -239,7 +224,7 @@ def gauss_newton(
     point = problem.evaluate(problem.start)
     if not point.finite:
         return _result(problem, point, StopReason.NOT_FINITE, history, options)
-    trust = TrustRadius(options.initial_radius, problem)
+    trust = TrustRadius(problem)
     rounding = point.residual.size * np.finfo(float).eps ** 2 * point.cost
     reason = None
     while reason is None:
@@ -351,11 +336,7 @@ def _spread(
 
 
 def _check_options(options: GaussNewtonOptions) -> None:
-    positive = {
-        "epsilon": options.epsilon,
-        "initial_radius": options.initial_radius,
-        "max_iterations": options.max_iterations,
-    }
+    positive = {"epsilon": options.epsilon, "max_iterations": options.max_iterations}
     faults = [Fault(f"{name} must be positive", found=str(value)) for name, value in positive.items() if not value > 0]
     if not options.cost_tolerance >= 0:
         faults.append(Fault("cost_tolerance must not be negative", found=str(options.cost_tolerance)))

@@ -66,10 +66,7 @@ class Circumstances:
             wheel_acceleration_radps2=motion.wheel_acceleration_radps2,
             line_position=self.line_position(track_position_m),
             campaign_time=self.campaign_time(motion.time_s),
-            direction=self.direction,
-            pass_number=float(self.info.pass_number),
-            inflation_kpa=self.inflation_kpa,
-            unit_weight_n_m3=model.soil.unit_weight_n_m3,
+            **self._of_run(model),
         )
 
     def usual_conditions(self, model: WheelSoilModel, slip: FloatArray, vertical_load_n: float) -> Conditions:
@@ -84,11 +81,16 @@ class Circumstances:
             wheel_acceleration_radps2=0.0,
             line_position=0.0,
             campaign_time=0.0,
-            direction=self.direction,
-            pass_number=float(self.info.pass_number),
-            inflation_kpa=self.inflation_kpa,
-            unit_weight_n_m3=model.soil.unit_weight_n_m3,
+            **self._of_run(model),
         )
+
+    def _of_run(self, model: WheelSoilModel) -> dict[str, float]:
+        return {
+            "direction": self.direction,
+            "pass_number": float(self.info.pass_number),
+            "inflation_kpa": self.inflation_kpa,
+            "unit_weight_n_m3": model.soil.unit_weight_n_m3,
+        }
 
 
 def campaign_line_m(track_length_m: float, duration_s: float) -> tuple[float, float]:
