@@ -30,8 +30,7 @@ class ExtendedEffect:
 
     Attributes
     ----------
-    key : str
-        Of the effect in the library.
+    key : of the effect in the library
     parameters : tuple of ParameterEstimate
         Every parameter of the effect; sigma and interval are NaN where there is none.
     combinations : tuple of ParameterEstimate
@@ -119,8 +118,7 @@ class ExtendedModel:
 
         Parameters
         ----------
-        where : str
-            Name of the file, for messages.
+        where : name of the file, for messages
 
         Raises
         ------

@@ -104,8 +104,7 @@ def fit_jointly(
     ----------
     estimates : sequence of (shape (2,), shape (2, 2))
         y_i and S_i of (1).
-    common : callable
-        See `Common`.
+    common : see `Common`
     start : shape (p,)
     names : p names
     parameters : (int, int)

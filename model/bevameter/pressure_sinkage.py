@@ -49,18 +49,13 @@ class PlateFit:
 
     Attributes
     ----------
-    width_m : float
-        b.
-    stiffness : float
-        k, Pa/m^n.
-    exponent : float
-        n.
-    reference_sinkage_m, reference_pressure_pa : float
-        The point of the fitted curve that it fixes best.
+    width_m : b
+    stiffness : k, Pa/m^n
+    exponent : n
+    reference_sinkage_m, reference_pressure_pa : the point of the fitted curve that it fixes best
     covariance : shape (2, 2)
         Of (ln reference pressure, n), from the scatter of the points alone.
-    rms_pa : float
-        Misfit.
+    rms_pa : misfit
     window : Window
         Zero and samples that count.
     """
@@ -166,8 +161,7 @@ class PressureSinkage:
         Of `SEPARATE`, or of `TOGETHER` where only one width was tested.
     widths_m : tuple of float
         Tested, each once, increasing.
-    reference_sinkage_m : float
-        z_r, at which ``joint.scatter`` is that of (ln pressure, n).
+    reference_sinkage_m : z_r, at which ``joint.scatter`` is that of (ln pressure, n)
     warnings : tuple of Note
         Of all tests together; each test has its own.
     """

@@ -42,14 +42,11 @@ class ShearFit:
 
     Attributes
     ----------
-    normal_stress_pa, strength_pa, shear_modulus_m : float
-        sigma, tau_max, K.
+    normal_stress_pa, strength_pa, shear_modulus_m : sigma, tau_max, K
     covariance : shape (2, 2)
         Of (ln tau_max, ln K), from the scatter of the points alone.
-    rms_pa : float
-        Misfit.
-    points : int
-        Samples that count: displacement from 0 to `to_m`.
+    rms_pa : misfit
+    points : samples that count: displacement from 0 to `to_m`
     """
 
     name: str
@@ -69,8 +66,7 @@ def fit_shear(test: ShearTest, *, to_m: float = float("inf")) -> ShearFit:
 
     Parameters
     ----------
-    to_m : float
-        Largest displacement that counts.
+    to_m : largest displacement that counts
 
     Raises
     ------
@@ -195,8 +191,7 @@ def fit_shear_strength(tests: Sequence[ShearTest], *, to_m: float = float("inf")
     ----------
     tests : sequence of ShearTest
         At two or more normal stresses; at one only the strength and K are found.
-    to_m : float
-        Largest displacement that counts.
+    to_m : largest displacement that counts
 
     Raises
     ------

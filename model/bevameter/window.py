@@ -105,8 +105,7 @@ class WindowOptions:
     zero : "given", "contact" or "fitted"
         Sinkage 0 and pressure 0 as they are in the table; or where the pressure leaves a flat baseline for good; or a
         fitted parameter a little above that contact.
-    from_m, to_m : float
-        Sinkage, from the zero, between which samples count.
+    from_m, to_m : sinkage, from the zero, between which samples count
     """
 
     zero: Zero = "given"
@@ -121,10 +120,8 @@ class Window:
     Attributes
     ----------
     zero : "given", "contact" or "fitted"
-    zero_m, pressure_offset_pa : float
-        What was taken off the table's sinkage and pressure.
-    from_m, to_m : float
-        Smallest and largest sinkage that counts.
+    zero_m, pressure_offset_pa : what was taken off the table's sinkage and pressure
+    from_m, to_m : smallest and largest sinkage that counts
     points, unloading, outside : int
         Samples that count; that are left out because the plate came back; and because they are not in the window.
     """

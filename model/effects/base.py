@@ -30,16 +30,11 @@ class Needs:
         Fields of `Conditions` beyond slip and load that its formula takes.
     channels : tuple of "drawbar_pull", "driving_torque"
         Measured forces without which nothing of it shows.
-    two_loads, both_directions, several_passes, several_runs : bool
-        What the runs must differ in.
-    pressures : bool
-        The inflation pressure must be stated.
-    standstill, braking : bool
-        The wheel must stand, or be braked, for some time.
-    largest_slip : float
-        The driven wheel must reach more than this slip; 0: it need not be driven.
-    lugs : bool
-        It cannot be on a tyre that is declared smooth.
+    two_loads, both_directions, several_passes, several_runs : what the runs must differ in
+    pressures : the inflation pressure must be stated
+    standstill, braking : the wheel must stand, or be braked, for some time
+    largest_slip : the driven wheel must reach more than this slip; 0: it need not be driven
+    lugs : it cannot be on a tyre that is declared smooth
     """
 
     conditions: tuple[str, ...] = ()
@@ -61,10 +56,8 @@ class FirstEstimate:
 
     Attributes
     ----------
-    quality : str
-        Field of a run's quality.
-    notable : float
-        Size from which on a diagnosis starts from it, too.
+    quality : field of a run's quality
+    notable : size from which on a diagnosis starts from it, too
     """
 
     quality: str
@@ -77,18 +70,13 @@ class Parameter:
 
     Attributes
     ----------
-    neutral : float
-        The value at which the effect is not there.
-    start : float
-        Where an estimate starts.
-    lower, upper : float
-        Bounds of an estimate.
-    prior_scale : float
-        One-sigma of what is plausible before any data; in wheel radii where `in_radii`.
+    neutral : the value at which the effect is not there
+    start : where an estimate starts
+    lower, upper : bounds of an estimate
+    prior_scale : one-sigma of what is plausible before any data; in wheel radii where `in_radii`
     side : 1, -1 or 0
         The only plausible side of neutral (a half-normal prior): above or below it; 0 for both.
-    in_radii : bool
-        The prior scale is a share of the wheel's radius.
+    in_radii : the prior scale is a share of the wheel's radius
     """
 
     name: str
@@ -153,26 +141,20 @@ class Effect:
 
     Attributes
     ----------
-    name, form : str
-        Family and form; ``form`` is empty where the family has one form only.
+    name, form : family and form; ``form`` is empty where the family has one form only
     kind : "physical" or "measurement"
-    summary, source : str
-        What a report says of it, and where the formula is from.
-    own_symbols : bool
-        A model knows its parameters as they are called ("H_m"), not as "wheel_radius.relative".
+    summary, source : what a report says of it, and where the formula is from
+    own_symbols : a model knows its parameters as they are called ("H_m"), not as "wheel_radius.relative"
     shows : tuple of str
         Channels that it changes: "drawbar_pull", "driving_torque", "vertical_load", "ground_speed", "wheel_speed".
         Where drawbar pull and torque differ, a physical effect's wheel speed may too: it is not counted.
     needs : Needs
         What the data must hold.
-    at_standstill : bool
-        Whether it shows when the wheel does not turn.
+    at_standstill : whether it shows when the wheel does not turn
     reading : "any" or "literal"
         "literal": an effect of the paper's literal reading only.
-    total : str
-        What the sum of all parameters is called, where the data determine it better than each of them; else empty.
-    secant : bool
-        The derivative at neutral misleads (the response grows as a root): a secant stands for it.
+    total : what the sum of all parameters is called, where the data determine it better than each of them; else empty
+    secant : the derivative at neutral misleads (the response grows as a root): a secant stands for it
     starts : tuple of float
         Where else a search starts, in prior scales, where wrong values confirm themselves.
     first_estimate : FirstEstimate or None

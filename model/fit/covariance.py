@@ -41,8 +41,7 @@ class Covariance:
     condition_number : float
         Largest over smallest singular value of the sensitivities with columns of unit length; 1 is ideal.
         Its square is the condition number of the correlation matrix.
-    rank : int
-        Number of combinations that the data determine.
+    rank : number of combinations that the data determine
     warnings : tuple of Note
         Parameters that are not separable, with the numbers.
     """
@@ -67,8 +66,7 @@ def covariance(
     ----------
     jacobian : shape (m, p)
         Sensitivities of the residual at the estimate.
-    variance : float
-        Of one entry of the residual; 1 where the residual is already divided by its sigma.
+    variance : of one entry of the residual; 1 where the residual is already divided by its sigma
     names : p names, optional
         For the warnings; ``x1, x2, ...`` where there are none.
     held : bool, shape (p,), optional

@@ -29,16 +29,11 @@ class Criteria:
 
     Attributes
     ----------
-    M0_percent : float
-        Largest relative error; infinite where a measured value is exactly zero.
-    R0_N : float
-        Root mean square error, in the unit of the channel (N; for torque N m).
-    R2 : float
-        Squared correlation, 0 to 1; blind to offset, gain and sign.
-    samples : int
-        Number of samples that count.
-    threshold : float
-        Slip at or above which a sample counts.
+    M0_percent : largest relative error; infinite where a measured value is exactly zero
+    R0_N : root mean square error, in the unit of the channel (N; for torque N m)
+    R2 : squared correlation, 0 to 1; blind to offset, gain and sign
+    samples : number of samples that count
+    threshold : slip at or above which a sample counts
     R0_per_load : float
         R0 over the mean vertical load, a torque's over that of load times radius; NaN where no load was given.
     reason : Note, optional
@@ -68,8 +63,7 @@ def criteria(
     ----------
     actual, predicted, slip : shape (n,)
         Samples where any of the three is NaN are left out.
-    threshold : float
-        Slip at or above which a sample counts; the paper's is 0.2 on clay and 0.1 on sandy soil.
+    threshold : slip at or above which a sample counts; the paper's is 0.2 on clay and 0.1 on sandy soil
     vertical_load_n : shape (n,), optional
         For R0 over the mean load; for a torque load times radius, N m, so that the share is a number.
 

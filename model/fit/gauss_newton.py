@@ -109,12 +109,9 @@ class GaussNewtonOptions:
 
     Attributes
     ----------
-    epsilon : float
-        Step, relative to the parameter, below which the iteration has converged.
-    cost_tolerance : float
-        Predicted gain, relative to the cost, below which it has converged.
-    max_iterations : int
-        Of evaluations after the first, rejected steps included.
+    epsilon : step, relative to the parameter, below which the iteration has converged
+    cost_tolerance : predicted gain, relative to the cost, below which it has converged
+    max_iterations : of evaluations after the first, rejected steps included
     noise : "estimated" or "unit"
         Variance of an entry of the residual: cost / (m - rank), or 1 where residuals are divided by their sigma.
     """
@@ -146,17 +143,14 @@ class GaussNewtonResult:
         Infinite or NaN where the data do not determine a parameter, NaN at a bound; see `model.fit.covariance`.
     residual : shape (m,)
     jacobian : shape (m, p)
-    cost : float
-        Sum of squared residuals.
-    iterations : int
-        Evaluations after the first.
+    cost : sum of squared residuals
+    iterations : evaluations after the first
     stop_reason : StopReason
         ``at_bounds`` is converged too, but at least one parameter is held by its bound; ``singular`` is converged in
         what the data determine, which is not every parameter.
     at_bound : bool, shape (p,)
         Parameters that ended on a bound (a parameter with equal bounds included).
-    condition_number : float
-        Of the sensitivities with columns of unit length.
+    condition_number : of the sensitivities with columns of unit length
     warnings : tuple of Note
         What cannot be separated, and what else a reader must know.
     """

@@ -37,8 +37,7 @@ class FitOptions:
     channels : of "dp" and "t"
     soil_prior : SoilPrior, optional
         Frees the soil's parameters within it; without it the soil is fixed, as in the paper.
-    slip_threshold : float, optional
-        For the criteria only; default 0.2 on clay, else 0.1, as in the paper.
+    slip_threshold : for the criteria only; default 0.2 on clay, else 0.1, as in the paper
     models : of `MODELS`
     confidence : of the intervals
     extended : ExtendedModel, optional

@@ -23,10 +23,8 @@ class Circumstances:
 
     Attributes
     ----------
-    inflation_kpa : float
-        Of the tyre, whether or not the run's owner states it.
-    elapsed_s, campaign_s : float
-        From the start of the campaign to the start of the run, and to the end of the campaign.
+    inflation_kpa : of the tyre, whether or not the run's owner states it
+    elapsed_s, campaign_s : from the start of the campaign to the start of the run, and to the end of the campaign
     line_m : (low, high)
         Where the campaign's line starts and ends, from where "out" starts.
     """
@@ -169,8 +167,7 @@ def soil_reaction(
     ----------
     model : WheelSoilModel
         With its physical effects and its quadrature.
-    values : mapping
-        Parameters of the effects, as the model takes them.
+    values : parameters of the effects, as the model takes them
     vertical_load_n, track_position_m : float64 array, shape (n,)
 
     Raises

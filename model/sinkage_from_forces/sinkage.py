@@ -36,8 +36,7 @@ class ShapeRanges:
     ----------
     peak_at_slip_0 : (low, high)
         c1 of theta_m = (c1 + c2 s) theta_1: published .18 to .43, and .05 more either way, since both ends are soils.
-    peak_with_slip : float
-        c2, the same in every soil.
+    peak_with_slip : c2, the same in every soil
     peak_at_bottom : float
         Probability that the peak stays at the bottom instead (c1 = c2 = 0), as in Yang et al. (2016); wheels whose
         stress was measured have it ahead.
@@ -45,12 +44,9 @@ class ShapeRanges:
         n, of natural soils (`model.wheel_soil.soils.SOILS`, and .47 to 1.15 in Wong and Reece's sands).
     exit : (low, high)
         Angle of exit behind the bottom, as a share of theta_1.
-    no_exit : float
-        Probability that contact ends at the bottom instead, as in both papers.
-    radius_sigma : float
-        Relative one-sigma of the wheel's radius.
-    spread : float
-        Relative one-sigma of the sinkage that the shape of the shear stress leaves open.
+    no_exit : probability that contact ends at the bottom instead, as in both papers
+    radius_sigma : relative one-sigma of the wheel's radius
+    spread : relative one-sigma of the sinkage that the shape of the shear stress leaves open
 
     Notes
     -----
@@ -205,8 +201,7 @@ def sinkage_of_forces(
     slip : float64 array, shape (n,)
     pull_ratio, torque_ratio : float64 arrays that broadcast to (m, n)
         Dp/W and T/(r W) with the declared radius.
-    radius_m : float
-        As declared.
+    radius_m : as declared
     """
     angle = entry_angle_of_forces(
         pull_ratio,

@@ -55,14 +55,11 @@ class SlipBin:
 
     Attributes
     ----------
-    slip, vertical_load_n : float
-        Means.
+    slip, vertical_load_n : means
     sinkage_m : Estimate
         From forces.
-    if_peak_stays_m, if_peak_moves_m : float
-        Medians, given where the stress peaks; see `Growth`.
-    noise_m : float
-        One-sigma from noise of the channels alone.
+    if_peak_stays_m, if_peak_moves_m : medians, given where the stress peaks; see `Growth`
+    noise_m : one-sigma from noise of the channels alone
     """
 
     slip: float
@@ -130,8 +127,7 @@ def sinkage_from_forces(
 
     Parameters
     ----------
-    draws : int
-        Of the shape of the stress; noise and zeros are drawn along.
+    draws : of the shape of the stress; noise and zeros are drawn along
     """
     shapes = draw_shapes(ranges or ShapeRanges(), draws, rng)
     forces = cells.forces
