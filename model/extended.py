@@ -6,7 +6,7 @@ JSON can hold; a number that is not known is left out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from math import atan, inf, isfinite, nan
 from typing import Annotated, Any, Literal
@@ -30,8 +30,7 @@ class ExtendedEffect:
 
     Attributes
     ----------
-    key : str
-        Of the effect in the library.
+    key : of the effect in the library
     parameters : tuple of ParameterEstimate
         Every parameter of the effect; sigma and interval are NaN where there is none.
     combinations : tuple of ParameterEstimate
@@ -119,8 +118,7 @@ class ExtendedModel:
 
         Parameters
         ----------
-        where : str
-            Name of the file, for messages.
+        where : name of the file, for messages
 
         Raises
         ------
@@ -187,13 +185,19 @@ def _soil(name: str, values: Mapping[str, float], unit_weight_n_m3: float, sourc
 
 
 def _extended(cause: Cause) -> ExtendedEffect:
-    stated = {p.name: p for p in cause.parameters}
-    own = EFFECTS[cause.key].parameters
+    own = {p.name for p in EFFECTS[cause.key].parameters}
     return ExtendedEffect(
         cause.key,
-        tuple(stated.get(p.name, ParameterEstimate(p.name, p.unit, p.neutral, (nan, nan), nan)) for p in own),
-        tuple(p for p in cause.parameters if p.name not in {known.name for known in own}),
+        _all_parameters(cause.key, cause.parameters),
+        tuple(p for p in cause.parameters if p.name not in own),
     )
+
+
+def _all_parameters(key: str, stated: Iterable[ParameterEstimate]) -> tuple[ParameterEstimate, ...]:
+    """Return every parameter of an effect; one that is not stated is neutral."""
+    known = {p.name: p for p in stated}
+    neutral = [ParameterEstimate(p.name, p.unit, p.neutral, (nan, nan), nan) for p in EFFECTS[key].parameters]
+    return tuple(known.get(p.name, p) for p in neutral)
 
 
 def _finite(values: Mapping[str, float]) -> dict[str, float]:
@@ -291,11 +295,8 @@ def _effect(section: _EffectSection, where: str, faults: list[Fault]) -> Extende
         elif not low <= given.value <= high:
             expected = f"{low:g} to {high:g}"
             faults.append(Fault(f"{key}: {given.name} is out of bounds", where, f"{given.value:g}", expected))
-    stated = {p.name: p.estimate() for p in section.parameter}
     return ExtendedEffect(
         key,
-        tuple(
-            stated.get(p.name, ParameterEstimate(p.name, p.unit, p.neutral, (nan, nan), nan)) for p in effect.parameters
-        ),
+        _all_parameters(key, (p.estimate() for p in section.parameter)),
         tuple(p.estimate() for p in section.combination),
     )

@@ -1,4 +1,4 @@
-"""Codes of what a diagnosis notes; behind each the values that its note has."""
+"""Codes of what fits, soil tests and diagnoses note; behind each the values that its note has."""
 
 from __future__ import annotations
 
@@ -63,10 +63,6 @@ class DiagnosisCode(StrEnum):
     BRAKED_ROWS_EXCLUDED = "braked_rows_excluded"
     """table, rows"""
     BRAKED_ROWS_ONLY = "braked_rows_only"
-    ABOVE_BOUND = "above_bound"
-    """part (empty for the only one), rows, checked, excess_n, sigmas; suspicion ("standstill" with torque_at_rest_nm,
-    "sinkage", "radius" with shear_share and speed_scale, "torque" with shear_share); torque_nm, sinkage_m, radius_share
-    (infinite: none) and pull_n that would correct it"""
     PRIOR_SCALED = "prior_scaled"
     """share, load_n"""
     REPEATS_SCATTER = "repeats_scatter"
@@ -85,3 +81,91 @@ class DiagnosisCode(StrEnum):
     """campaigns"""
     SEVERAL_TERRAINS = "several_terrains"
     """campaign, share"""
+
+
+class FitCode(StrEnum):
+    """Facts of a fit, of its estimates and of its criteria; `names` are those of parameters."""
+
+    NO_INFLUENCE = "no_influence"
+    """names: one"""
+    ONLY_TOGETHER = "only_together"
+    """names"""
+    CORRELATED_PAIR = "correlated_pair"
+    """names: two, correlation, ratio: of the second in what is determined (1: sum or difference), sigma, singly"""
+    CORRELATED_CHAIN = "correlated_chain"
+    """names, pairs: (name, name, correlation), the strongest first"""
+    COMBINATION = "combination"
+    """names, correlations: multiple, condition_number"""
+    AT_BOUND = "ended_at_its_bound"
+    """names: one, value"""
+    NOISE_UNKNOWN = "residual_noise_unknown"
+    """residuals, parameters"""
+    NOT_FINITE = "not_finite_at_the_start"
+    NOT_CONVERGED = "not_converged"
+    """stop_reason"""
+    HELD_BY_BOUND = "held_by_bound"
+    """names: one, value"""
+    SUM_NEGATIVE = "sum_negative"
+    """value"""
+    LOAD_NOT_CARRIED = "load_not_carried"
+    """samples"""
+    RUNS_LACK_SIGNALS = "runs_lack_signals"
+    """signals: (run, roles) of each"""
+    ROWS_NOT_DRIVEN = "rows_not_driven"
+    """used, rows, excluded"""
+    NO_SAMPLE = "no_sample"
+    NO_SLIP = "no_slip"
+    """threshold, largest"""
+    ONE_SAMPLE = "one_sample"
+    MEASURED_CONSTANT = "measured_constant"
+    PREDICTED_CONSTANT = "predicted_constant"
+
+
+class BevameterCode(StrEnum):
+    """Facts of plate and shear tests."""
+
+    MISFIT = "misfit"
+    """share: of the largest value, law"""
+    CONTACT_TOO_EARLY = "contact_too_early"
+    NO_BASELINE = "no_baseline"
+    ZERO_NOT_FIXED = "zero_not_fixed"
+    HUMP = "hump"
+    """share: of the peak, peak_m"""
+    MODULUS_UNRESOLVED = "modulus_unresolved"
+    """modulus_m, spacing_m"""
+    SHORT_SHEAR = "short_shear"
+    """reach_m, modulus_m"""
+    NO_REPEATS = "no_repeats"
+    """tests, scatter: two"""
+    FEW_REPEATS = "few_repeats"
+    """tests, freedom, widening"""
+    ONE_WIDTH = "one_width"
+    """width_m, stiffness: Pa/m^n"""
+    WIDTHS_ALIKE = "widths_alike"
+    """correlation"""
+    K_C_NEGATIVE = "k_c_negative"
+    """k_c, k_phi, interval95: of k_c, widths_m: smallest and largest"""
+    K_PHI_NEGATIVE = "k_phi_negative"
+    """k_c, k_phi, widths_m"""
+    ONE_STRESS = "one_stress"
+    """stress_pa, strength_pa"""
+    COHESION_NEGATIVE = "cohesion_negative"
+    """cohesion_pa, interval95"""
+
+
+class SinkageCode(StrEnum):
+    """Facts of the sinkage from forces, and of the bound T/r - Dp <= W tan(theta_1).
+
+    A broken bound has campaign (empty where there is one only), broken, rows, excess_n, sigmas, and what would mend it:
+    less_torque_nm, more_sinkage_m, larger_radius (a share, infinite: none), more_pull_n.
+    """
+
+    GROWTH_UNKNOWN = "growth_unknown"
+    """slip_span"""
+    TORQUE_AT_REST = "torque_at_rest"
+    """rest_nm"""
+    SINKAGE_SUSPECT = "sinkage_suspect"
+    RADIUS_SUSPECT = "radius_suspect"
+    """friction, speed_scale"""
+    TORQUE_SUSPECT = "torque_suspect"
+    """friction"""

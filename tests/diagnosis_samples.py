@@ -27,23 +27,22 @@ from model.diagnosis.core.result import (
     Verdict,
 )
 from model.diagnosis.core.shapes import Kind, Shape
-from model.notes import DiagnosisCode, LackCode
+from model.notes import DiagnosisCode, LackCode, SinkageCode
 from wheelsoil.wording.verdict import sentence_of
 
-ABOVE_BOUND = Note(
-    DiagnosisCode.ABOVE_BOUND,
+BROKEN_BOUND = Note(
+    SinkageCode.TORQUE_SUSPECT,
     values={
-        "part": "",
-        "rows": 14,
-        "checked": 20,
-        "excess_n": 310.0,
-        "sigmas": 6.0,
-        "suspicion": "torque",
-        "shear_share": 1.4,
-        "torque_nm": 146.0,
-        "sinkage_m": 0.012,
-        "radius_share": 0.1,
-        "pull_n": 310.0,
+        "campaign": "",
+        "broken": 14,
+        "rows": 20,
+        "excess_n": 240.0,
+        "sigmas": 6.1,
+        "friction": 1.2,
+        "less_torque_nm": 110.0,
+        "more_sinkage_m": 0.02,
+        "larger_radius": 0.1,
+        "more_pull_n": 240.0,
     },
 )
 
@@ -109,7 +108,7 @@ def diagnosis(verdict: Verdict = "named") -> Diagnosis:
             log_likelihood_gain=211.0,
             chosen=(("vasilev",), ()),
         ),
-        inconsistent=(Inconsistent("driving_torque", 14, ABOVE_BOUND),),
+        inconsistent=(Inconsistent("driving_torque", 14, BROKEN_BOUND),),
         adequacy=Adequacy(2.4 if verdict == "unexplained" else 1.03, 1.77, verdict != "unexplained"),
         proposal=Proposal("dp = -130 N s^2", 12.0) if verdict == "unexplained" else None,
         minimum_detectable={

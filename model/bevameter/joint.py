@@ -26,8 +26,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
-from daq import DataError, Fault, FloatArray
+from daq import DataError, Fault, FloatArray, Note
+from model.bevameter.window import noted
 from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
+from model.notes import BevameterCode
 
 Common = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """x, shape (p,) -> what it gives for each test, shape (tests, 2), and its sensitivities, shape (tests, 2, p)."""
@@ -61,7 +63,7 @@ class JointFit:
     scatter: FloatArray
     scatter_source: Literal["repeats", "assumed"]
     tests: int
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Note, ...] = ()
 
     def __getitem__(self, name: str) -> float:
         return float(self.values[self.names.index(name)])
@@ -102,8 +104,7 @@ def fit_jointly(
     ----------
     estimates : sequence of (shape (2,), shape (2, 2))
         y_i and S_i of (1).
-    common : callable
-        See `Common`.
+    common : see `Common`
     start : shape (p,)
     names : p names
     parameters : (int, int)
@@ -159,7 +160,7 @@ def _weighted(
         raise DataError(
             Fault(
                 "the tests cannot be brought under one set of parameters",
-                found=f"stopped: {result.stop_reason}; {'; '.join(result.warnings)}",
+                found=f"stopped: {result.stop_reason}; {noted(result)}",
                 next_step="look at the fits of the single tests; leave out what is not this terrain",
             )
         )
@@ -192,17 +193,10 @@ def _quantile(freedom: FloatArray) -> FloatArray:
     return np.asarray(stdtrit(np.where(np.isinf(freedom), 1e12, freedom), 0.975))
 
 
-def _few_repeats(tests: int, free: float, assumed: tuple[float, float]) -> tuple[str, ...]:
+def _few_repeats(tests: int, free: float, assumed: tuple[float, float]) -> tuple[Note, ...]:
     if free < 1:
-        return (
-            f"{tests} test{'s' * (tests > 1)} without repeats cannot show how much tests scatter: a one-sigma of "
-            f"{assumed[0]:.0%} and {assumed[1]:.2g} between tests is assumed; repeat each test at least three times to "
-            "measure it",
-        )
+        return (Note(BevameterCode.NO_REPEATS, values={"tests": tests, "scatter": assumed}),)
     widening = float(_quantile(np.array([free]))[0] / 1.96)
     if widening < _WIDE:
         return ()
-    return (
-        f"{tests} tests leave {free:.0f} degree{'s' * (free > 1)} of freedom for the scatter between tests: intervals "
-        f"are {widening:.1f} times as wide as with many; repeat the tests",
-    )
+    return (Note(BevameterCode.FEW_REPEATS, values={"tests": tests, "freedom": free, "widening": widening}),)

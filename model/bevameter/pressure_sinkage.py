@@ -21,21 +21,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import ConfigError, DataError, Fault, FloatArray
+from daq import ConfigError, Fault, FloatArray, Note
 from daq.series import PlateTest
 from model.bevameter.joint import JointFit, fit_jointly
 from model.bevameter.window import (
     FITTED_ZERO_RANGE,
     Window,
     WindowOptions,
+    each_fitted,
     refuse_unfitted,
     root_mean_square,
-    shape_words,
+    shape_notes,
     widened_covariance,
     windowed,
 )
 from model.fit.gauss_newton import GaussNewtonResult, StopReason, gauss_newton
 from model.fit.linear_step import ResidualAndJacobian
+from model.notes import BevameterCode
 
 LAW = "p = k z^n"
 _DEEP = 0.7  # reference sinkage over the largest one: where the fit fixes the pressure best
@@ -47,18 +49,13 @@ class PlateFit:
 
     Attributes
     ----------
-    width_m : float
-        b.
-    stiffness : float
-        k, Pa/m^n.
-    exponent : float
-        n.
-    reference_sinkage_m, reference_pressure_pa : float
-        The point of the fitted curve that it fixes best.
+    width_m : b
+    stiffness : k, Pa/m^n
+    exponent : n
+    reference_sinkage_m, reference_pressure_pa : the point of the fitted curve that it fixes best
     covariance : shape (2, 2)
         Of (ln reference pressure, n), from the scatter of the points alone.
-    rms_pa : float
-        Misfit.
+    rms_pa : misfit
     window : Window
         Zero and samples that count.
     """
@@ -73,7 +70,7 @@ class PlateFit:
     rms_pa: float
     window: Window
     stop_reason: StopReason
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Note, ...] = ()
 
     def at(self, sinkage_m: float) -> tuple[FloatArray, FloatArray]:
         """Return (ln pressure at a sinkage, n), shape (2,), and their covariance, shape (2, 2)."""
@@ -121,7 +118,7 @@ def fit_plate(test: PlateTest, options: WindowOptions | None = None) -> PlateFit
         rms_pa=rms,
         window=window,
         stop_reason=result.stop_reason,
-        warnings=(*window.notes, *_zero_words(window, result), *shape_words(rms, highest, LAW)),
+        warnings=(*window.notes, *_zero_notes(window, result), *shape_notes(rms, highest, LAW)),
     )
 
 
@@ -138,10 +135,8 @@ def _power_law(z: FloatArray, p: FloatArray, reference: float) -> ResidualAndJac
     return residual
 
 
-def _zero_words(window: Window, result: GaussNewtonResult) -> list[str]:
-    if window.zero != "fitted" or not result.at_bound[2]:
-        return []
-    return ["the fitted zero ended at the limit of its range: the curve does not fix it; prefer the contact"]
+def _zero_notes(window: Window, result: GaussNewtonResult) -> list[Note]:
+    return [Note(BevameterCode.ZERO_NOT_FIXED)] if window.zero == "fitted" and result.at_bound[2] else []
 
 
 SEPARATE = ("cohesive_modulus", "frictional_modulus", "sinkage_exponent")
@@ -166,15 +161,16 @@ class PressureSinkage:
         Of `SEPARATE`, or of `TOGETHER` where only one width was tested.
     widths_m : tuple of float
         Tested, each once, increasing.
-    reference_sinkage_m : float
-        z_r, at which ``joint.scatter`` is that of (ln pressure, n).
+    reference_sinkage_m : z_r, at which ``joint.scatter`` is that of (ln pressure, n)
+    warnings : tuple of Note
+        Of all tests together; each test has its own.
     """
 
     plates: tuple[PlateFit, ...]
     joint: JointFit
     widths_m: tuple[float, ...]
     reference_sinkage_m: float
-    warnings: tuple[str, ...]
+    warnings: tuple[Note, ...]
 
     @property
     def separate(self) -> bool:
@@ -212,26 +208,12 @@ def fit_pressure_sinkage(tests: Sequence[PlateTest], options: WindowOptions | No
     options = options or WindowOptions()
     if not options.from_m < options.to_m:
         raise ConfigError(Fault("the window is empty", found=f"from {options.from_m:g} to {options.to_m:g} m"))
-    plates = _each(tests, options)
+    plates = each_fitted(tests, lambda test: fit_plate(test, options))
     reference = float(np.median([plate.reference_sinkage_m for plate in plates]))
     widths = _distinct([plate.width_m for plate in plates])
     joint = _of_several(plates, reference) if len(widths) > 1 else _of_one(plates, reference)
-    words = [f"{plate.name}: {text}" for plate in plates for text in plate.warnings]
-    words += _sign_words(joint, widths) if len(widths) > 1 else [_one_width(joint, widths[0])]
-    return PressureSinkage(plates, joint, widths, reference, (*words, *joint.warnings))
-
-
-def _each(tests: Sequence[PlateTest], options: WindowOptions) -> tuple[PlateFit, ...]:
-    plates: list[PlateFit] = []
-    faults: list[Fault] = []
-    for test in tests:
-        try:
-            plates.append(fit_plate(test, options))
-        except DataError as error:
-            faults.extend(error.faults)
-    if faults:
-        raise DataError(*faults)
-    return tuple(plates)
+    notes = _sign_notes(joint, widths) if len(widths) > 1 else [_one_width(joint, widths[0])]
+    return PressureSinkage(plates, joint, widths, reference, (*notes, *joint.warnings))
 
 
 def _distinct(widths: Sequence[float]) -> tuple[float, ...]:
@@ -261,8 +243,8 @@ def _of_several(plates: Sequence[PlateFit], reference: float) -> JointFit:
         assumed_scatter=ASSUMED_SCATTER,
     )
     alike = abs(float(result.correlation[0, 1]))
-    words = (_too_alike(alike),) if alike > _ALIKE else ()
-    return _in_moduli(replace(joint, warnings=(*words, *joint.warnings)), reference)
+    notes = (Note(BevameterCode.WIDTHS_ALIKE, values={"correlation": alike}),) if alike > _ALIKE else ()
+    return _in_moduli(replace(joint, warnings=(*notes, *joint.warnings)), reference)
 
 
 def _start(estimates: Sequence[tuple[FloatArray, FloatArray]], inverse_width: FloatArray) -> FloatArray:
@@ -301,36 +283,17 @@ def _of_one(plates: Sequence[PlateFit], reference: float) -> JointFit:
     return replace(joint, names=TOGETHER, values=np.array([stiffness, n]), covariance=covariance)
 
 
-def _one_width(joint: JointFit, width: float) -> str:
-    return (
-        f"one plate width (b = {width:.4g} m) fixes k = k_c/b + k_phi = {joint['stiffness'] / 1e3:.4g} kPa/m^n at that "
-        "width, not k_c and k_phi singly; test a second plate, at least 1.5 times as wide"
-    )
+def _one_width(joint: JointFit, width: float) -> Note:
+    return Note(BevameterCode.ONE_WIDTH, values={"width_m": width, "stiffness": joint["stiffness"]})
 
 
-def _sign_words(joint: JointFit, widths: Sequence[float]) -> list[str]:
-    tested = f"the tested widths ({widths[0]:.4g} to {widths[-1]:.4g} m)"
+def _sign_notes(joint: JointFit, widths: Sequence[float]) -> list[Note]:
     k_c, k_phi = joint["cohesive_modulus"], joint["frictional_modulus"]
-    words = []
+    common = {"k_c": k_c, "k_phi": k_phi, "widths_m": (widths[0], widths[-1])}
+    notes = []
     if k_c < 0:
-        low, high = joint.interval95[0] / 1e3
-        sure = "" if high < 0 else "; the interval contains 0, so that these plates show no cohesive part"
-        words.append(
-            f"k_c = {k_c / 1e3:.4g} kN/m^(n+1), 95 % interval {low:.4g} to {high:.4g}, is negative: at the same "
-            f"sinkage larger plates carry more pressure, which contradicts k = k_c/b + k_phi{sure}. It is reported as "
-            f"it is; k is positive only for b > {-k_c / k_phi:.3g} m. Use it within {tested}, or take k of the plate "
-            "nearest to the wheel"
-        )
+        values = {**common, "interval95": tuple(joint.interval95[0].tolist())}
+        notes.append(Note(BevameterCode.K_C_NEGATIVE, values=values))
     if k_phi < 0:
-        words.append(
-            f"k_phi = {k_phi / 1e3:.4g} kN/m^(n+2) is negative: k is positive only for b < {-k_c / k_phi:.3g} m. Use "
-            f"it within {tested}, or test wider plates"
-        )
-    return words
-
-
-def _too_alike(correlation: float) -> str:
-    return (
-        f"k_c and k_phi: correlation -{correlation:.4f} at a given n; the plate widths are too alike to part them: "
-        "test one at least 1.5 times as wide"
-    )
+        notes.append(Note(BevameterCode.K_PHI_NEGATIVE, values=common))
+    return notes

@@ -16,12 +16,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import ConfigError, DataError, Fault, FloatArray
+from daq import ConfigError, DataError, Fault, FloatArray, Note
 from daq.series import ShearTest
 from model.bevameter.joint import JointFit, fit_jointly
-from model.bevameter.window import MIN_POINTS, refuse_unfitted, root_mean_square, shape_words, widened_covariance
+from model.bevameter.window import (
+    MIN_POINTS,
+    each_fitted,
+    refuse_unfitted,
+    root_mean_square,
+    shape_notes,
+    widened_covariance,
+)
 from model.fit.gauss_newton import StopReason, gauss_newton
 from model.fit.linear_step import ResidualAndJacobian
+from model.notes import BevameterCode
 
 LAW = "tau = tau_max (1 - exp(-j/K))"
 HUMP_LIMIT = 0.9
@@ -34,14 +42,11 @@ class ShearFit:
 
     Attributes
     ----------
-    normal_stress_pa, strength_pa, shear_modulus_m : float
-        sigma, tau_max, K.
+    normal_stress_pa, strength_pa, shear_modulus_m : sigma, tau_max, K
     covariance : shape (2, 2)
         Of (ln tau_max, ln K), from the scatter of the points alone.
-    rms_pa : float
-        Misfit.
-    points : int
-        Samples that count: displacement from 0 to `to_m`.
+    rms_pa : misfit
+    points : samples that count: displacement from 0 to `to_m`
     """
 
     name: str
@@ -53,7 +58,7 @@ class ShearFit:
     points: int
     to_m: float
     stop_reason: StopReason
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Note, ...] = ()
 
 
 def fit_shear(test: ShearTest, *, to_m: float = float("inf")) -> ShearFit:
@@ -61,8 +66,7 @@ def fit_shear(test: ShearTest, *, to_m: float = float("inf")) -> ShearFit:
 
     Parameters
     ----------
-    to_m : float
-        Largest displacement that counts.
+    to_m : largest displacement that counts
 
     Raises
     ------
@@ -96,7 +100,7 @@ def fit_shear(test: ShearTest, *, to_m: float = float("inf")) -> ShearFit:
         points=j.size,
         to_m=float(j.max()),
         stop_reason=result.stop_reason,
-        warnings=(*shape_words(rms, highest, LAW), *_hump_words(j, tau), *_short_words(j, modulus)),
+        warnings=(*shape_notes(rms, highest, LAW), *_hump_notes(j, tau), *_range_notes(j, modulus)),
     )
 
 
@@ -129,21 +133,20 @@ def _exponential(j: FloatArray, tau: FloatArray) -> ResidualAndJacobian:
     return residual
 
 
-def _hump_words(j: FloatArray, tau: FloatArray) -> list[str]:
+def _hump_notes(j: FloatArray, tau: FloatArray) -> list[Note]:
     last = float(np.mean(tau[-max(1, tau.size // 20) :]) / tau.max())
     if last >= HUMP_LIMIT:
         return []
-    peak = float(j[np.argmax(tau)])
-    return [f"the stress falls to {last:.0%} of its peak at {peak:.3g} m: Janosi-Hanamoto has no hump"]
+    return [Note(BevameterCode.HUMP, values={"share": last, "peak_m": float(j[np.argmax(tau)])})]
 
 
-def _short_words(j: FloatArray, modulus: float) -> list[str]:
+def _range_notes(j: FloatArray, modulus: float) -> list[Note]:
     spacing = float(np.median(np.abs(np.diff(j))))
     if modulus < spacing:
-        return [f"K {modulus:.3g} m is finer than the samples, {spacing:.3g} m apart: K is not resolved"]
+        return [Note(BevameterCode.MODULUS_UNRESOLVED, values={"modulus_m": modulus, "spacing_m": spacing})]
     if j.max() >= 2 * modulus:
         return []
-    return [f"sheared only to {j.max():.3g} m with K {modulus:.3g} m: strength and K are hardly separated"]
+    return [Note(BevameterCode.SHORT_SHEAR, values={"reach_m": float(j.max()), "modulus_m": modulus})]
 
 
 SEPARATE = ("cohesion_pa", "tan_phi", "shear_modulus_m")
@@ -166,12 +169,14 @@ class ShearStrength:
         Of `SEPARATE`, or of `TOGETHER` where there was only one normal stress.
     normal_stresses_pa : (float, float)
         Smallest and largest.
+    warnings : tuple of Note
+        Of all tests together; each test has its own.
     """
 
     shears: tuple[ShearFit, ...]
     joint: JointFit
     normal_stresses_pa: tuple[float, float]
-    warnings: tuple[str, ...]
+    warnings: tuple[Note, ...]
 
     @property
     def separate(self) -> bool:
@@ -186,8 +191,7 @@ def fit_shear_strength(tests: Sequence[ShearTest], *, to_m: float = float("inf")
     ----------
     tests : sequence of ShearTest
         At two or more normal stresses; at one only the strength and K are found.
-    to_m : float
-        Largest displacement that counts.
+    to_m : largest displacement that counts
 
     Raises
     ------
@@ -204,32 +208,18 @@ def fit_shear_strength(tests: Sequence[ShearTest], *, to_m: float = float("inf")
         raise ConfigError(
             Fault("there is no shear test", next_step="give at least one; two normal stresses part c and phi")
         )
-    shears = _each(tests, to_m)
+    shears = each_fitted(tests, lambda test: fit_shear(test, to_m=to_m))
     stress = np.array([shear.normal_stress_pa for shear in shears])
-    words = [f"{shear.name}: {text}" for shear in shears for text in shear.warnings]
     if np.ptp(stress) <= _SAME_STRESS * stress.max():
         joint = _fit(shears, None, [_mean_strength(shears)], ("strength_pa",))
-        words.append(_one_stress(joint, float(stress.mean())))
+        values = {"stress_pa": float(stress.mean()), "strength_pa": joint["strength_pa"]}
+        notes = [Note(BevameterCode.ONE_STRESS, values=values)]
     else:
-        joint, more = _of_several(shears, stress)
-        words += more
-    return ShearStrength(shears, joint, (float(stress.min()), float(stress.max())), (*words, *joint.warnings))
+        joint, notes = _of_several(shears, stress)
+    return ShearStrength(shears, joint, (float(stress.min()), float(stress.max())), (*notes, *joint.warnings))
 
 
-def _each(tests: Sequence[ShearTest], to_m: float) -> tuple[ShearFit, ...]:
-    shears: list[ShearFit] = []
-    faults: list[Fault] = []
-    for test in tests:
-        try:
-            shears.append(fit_shear(test, to_m=to_m))
-        except DataError as error:
-            faults.extend(error.faults)
-    if faults:
-        raise DataError(*faults)
-    return tuple(shears)
-
-
-def _of_several(shears: Sequence[ShearFit], stress: FloatArray) -> tuple[JointFit, list[str]]:
+def _of_several(shears: Sequence[ShearFit], stress: FloatArray) -> tuple[JointFit, list[Note]]:
     lines = np.column_stack([np.ones_like(stress), stress])
     strengths = np.array([shear.strength_pa for shear in shears])
     start, *_ = np.linalg.lstsq(lines / strengths[:, None], np.ones_like(stress))
@@ -248,7 +238,8 @@ def _of_several(shears: Sequence[ShearFit], stress: FloatArray) -> tuple[JointFi
         return joint, []
     without = _fit(shears, lines[:, 1:], [_mean_strength(shears) / float(stress.mean())], SEPARATE[1:2])
     values = np.concatenate([[0.0], without.values])
-    return replace(joint, values=values), [_negative_cohesion(joint)]
+    alone = {"cohesion_pa": joint["cohesion_pa"], "interval95": tuple(joint.interval95[0].tolist())}
+    return replace(joint, values=values), [Note(BevameterCode.COHESION_NEGATIVE, values=alone)]
 
 
 def _fit(shears: Sequence[ShearFit], lines: FloatArray | None, start: list[float], names: tuple[str, ...]) -> JointFit:
@@ -277,19 +268,3 @@ def _fit(shears: Sequence[ShearFit], lines: FloatArray | None, start: list[float
 
 def _mean_strength(shears: Sequence[ShearFit]) -> float:
     return float(np.exp(np.mean([np.log(shear.strength_pa) for shear in shears])))
-
-
-def _one_stress(joint: JointFit, stress: float) -> str:
-    return (
-        f"one normal stress ({stress / 1e3:.4g} kPa) fixes the strength c + sigma tan phi = "
-        f"{joint['strength_pa'] / 1e3:.4g} kPa there, not c and phi singly; test at a second normal stress, at least "
-        "twice as large"
-    )
-
-
-def _negative_cohesion(joint: JointFit) -> str:
-    low, high = joint.interval95[0] / 1e3
-    return (
-        f"the tests alone give a cohesion of {joint['cohesion_pa'] / 1e3:.3g} kPa (95 % interval {low:.3g} to "
-        f"{high:.3g}); it is set to 0, with that uncertainty, and the friction angle fitted again"
-    )

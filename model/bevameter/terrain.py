@@ -31,8 +31,7 @@ def terrain_of(
 
     Parameters
     ----------
-    name : str
-        Of the terrain.
+    name : of the terrain
     pressure, shear : optional
         What the tests gave.
     base : TerrainConfig, optional

@@ -8,15 +8,19 @@ Source: Wong (1980), J. Terramechanics 17(1), on the evaluation of plate tests; 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
-from daq import BoolArray, DataError, Fault, FloatArray
+from daq import BoolArray, DataError, Fault, FloatArray, Note
 from daq.series import PlateTest
 from model.fit.gauss_newton import GaussNewtonResult
+from model.notes import BevameterCode
 
+Test = TypeVar("Test")
+Fit = TypeVar("Fit")
 MISFIT_LIMIT = 0.1
 """Root mean square misfit over the largest value, from which on a curve does not have the law's shape."""
 
@@ -29,10 +33,34 @@ def refuse_unfitted(name: str, result: GaussNewtonResult, law: str) -> None:
         Fault(
             f"the curve does not follow {law}",
             name,
-            found=f"stopped: {result.stop_reason}; {'; '.join(result.warnings) or 'no minimum'}",
+            found=f"stopped: {result.stop_reason}; {noted(result) or 'no minimum'}",
             next_step="look at the curve; check its zero, its units and the window",
         )
     )
+
+
+def each_fitted(tests: Iterable[Test], fit: Callable[[Test], Fit]) -> tuple[Fit, ...]:
+    """Fit every test; raise DataError with the faults of all that cannot be fitted."""
+    fits: list[Fit] = []
+    faults: list[Fault] = []
+    for test in tests:
+        try:
+            fits.append(fit(test))
+        except DataError as error:
+            faults.extend(error.faults)
+    if faults:
+        raise DataError(*faults)
+    return tuple(fits)
+
+
+def noted(result: GaussNewtonResult) -> str:
+    """Return what a fit noted of its parameters, for a fault."""
+    parts = []
+    for note in result.warnings:
+        names = " and ".join(note.values.get("names", ()))
+        value = f" {note.values['value']:.6g}" if "value" in note.values else ""
+        parts.append(f"{names}{': ' if names else ''}{note.code.replace('_', ' ')}{value}")
+    return "; ".join(parts)
 
 
 def widened_covariance(result: GaussNewtonResult) -> FloatArray:
@@ -48,11 +76,11 @@ def root_mean_square(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def shape_words(rms: float, highest: float, law: str) -> list[str]:
-    """Say where a curve does not have the shape of the law."""
+def shape_notes(rms: float, highest: float, law: str) -> list[Note]:
+    """Note where a curve does not have the shape of the law."""
     if rms <= MISFIT_LIMIT * highest:
         return []
-    return [f"misfit {rms / highest:.0%} of the largest value: the curve is not {law}; check zero and window"]
+    return [Note(BevameterCode.MISFIT, values={"share": rms / highest, "law": law})]
 
 
 Zero = Literal["given", "contact", "fitted"]
@@ -77,8 +105,7 @@ class WindowOptions:
     zero : "given", "contact" or "fitted"
         Sinkage 0 and pressure 0 as they are in the table; or where the pressure leaves a flat baseline for good; or a
         fitted parameter a little above that contact.
-    from_m, to_m : float
-        Sinkage, from the zero, between which samples count.
+    from_m, to_m : sinkage, from the zero, between which samples count
     """
 
     zero: Zero = "given"
@@ -93,10 +120,8 @@ class Window:
     Attributes
     ----------
     zero : "given", "contact" or "fitted"
-    zero_m, pressure_offset_pa : float
-        What was taken off the table's sinkage and pressure.
-    from_m, to_m : float
-        Smallest and largest sinkage that counts.
+    zero_m, pressure_offset_pa : what was taken off the table's sinkage and pressure
+    from_m, to_m : smallest and largest sinkage that counts
     points, unloading, outside : int
         Samples that count; that are left out because the plate came back; and because they are not in the window.
     """
@@ -109,7 +134,7 @@ class Window:
     points: int
     unloading: int
     outside: int
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 def windowed(test: PlateTest, options: WindowOptions) -> tuple[FloatArray, FloatArray, Window]:
@@ -164,17 +189,17 @@ def _loading(z: FloatArray) -> BoolArray:
     return np.asarray((np.arange(z.size) <= deepest) & (z >= np.maximum.accumulate(z) - rebound))
 
 
-def _contact(z: FloatArray, p: FloatArray) -> tuple[float, float, tuple[str, ...]]:
+def _contact(z: FloatArray, p: FloatArray) -> tuple[float, float, tuple[Note, ...]]:
     """Return the sinkage at which the pressure leaves its baseline for good, and the baseline."""
     risen = np.flatnonzero(p - np.median(p[:_BASELINE]) > _RISEN * np.ptp(p))
     quiet = int(risen[0]) // 2 if risen.size else 0
     if quiet < _BASELINE:
-        return 0.0, 0.0, ("too few samples before the contact: zero as given",)
+        return 0.0, 0.0, (Note(BevameterCode.CONTACT_TOO_EARLY),)
     baseline = p[:quiet]
     offset = float(np.median(baseline))
     noise = 1.4826 * float(np.median(np.abs(baseline - offset)))
     if _slopes(baseline, max(noise, float(np.std(baseline)))):
-        return 0.0, 0.0, ("the pressure rises from the first sample on: zero as given",)
+        return 0.0, 0.0, (Note(BevameterCode.NO_BASELINE),)
     below = np.flatnonzero(p - offset <= max(_ABOVE_NOISE * noise, 1e-3 * float(np.ptp(p))))
     return float(z[below[-1]]), offset, ()
 

@@ -1,6 +1,6 @@
-"""The library of effects: one hypothesis a file; `EFFECTS` lists them by their short name.
+"""The library of effects, by kind; `EFFECTS` lists them by their short name.
 
-Installed packages add theirs by an entry point (`model.effects.library`).
+Installed packages add theirs by an entry point (`model.effects.catalogue`).
 """
 
 import lazy_loader

@@ -5,4 +5,4 @@ from .base import Values as Values
 from .catalogue import EFFECTS as EFFECTS
 from .catalogue import MEASUREMENT as MEASUREMENT
 from .catalogue import PHYSICAL as PHYSICAL
-from .library import Library as Library
+from .catalogue import Library as Library

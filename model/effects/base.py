@@ -1,4 +1,4 @@
-"""What an effect (a hypothesis about the measured wheel) is: one file, its parameters and the hooks it needs."""
+"""What an effect (a hypothesis about the measured wheel) is: its parameters, what the data must hold, and its hooks."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
+from daq import FloatArray
 from model.wheel_soil.dual import Dual, Number
 
 if TYPE_CHECKING:
-    from model.effects.signals import Signals
     from model.wheel_soil.conditions import Conditions, Reaction, Wheel, WheelState
     from model.wheel_soil.contact import Patch
     from model.wheel_soil.soils import SoilState
@@ -30,16 +30,11 @@ class Needs:
         Fields of `Conditions` beyond slip and load that its formula takes.
     channels : tuple of "drawbar_pull", "driving_torque"
         Measured forces without which nothing of it shows.
-    two_loads, both_directions, several_passes, several_runs : bool
-        What the runs must differ in.
-    pressures : bool
-        The inflation pressure must be stated.
-    standstill, braking : bool
-        The wheel must stand, or be braked, for some time.
-    largest_slip : float
-        The driven wheel must reach more than this slip; 0: it need not be driven.
-    lugs : bool
-        It cannot be on a tyre that is declared smooth.
+    two_loads, both_directions, several_passes, several_runs : what the runs must differ in
+    pressures : the inflation pressure must be stated
+    standstill, braking : the wheel must stand, or be braked, for some time
+    largest_slip : the driven wheel must reach more than this slip; 0: it need not be driven
+    lugs : it cannot be on a tyre that is declared smooth
     """
 
     conditions: tuple[str, ...] = ()
@@ -61,10 +56,8 @@ class FirstEstimate:
 
     Attributes
     ----------
-    quality : str
-        Field of a run's quality.
-    notable : float
-        Size from which on a diagnosis starts from it, too.
+    quality : field of a run's quality
+    notable : size from which on a diagnosis starts from it, too
     """
 
     quality: str
@@ -77,18 +70,13 @@ class Parameter:
 
     Attributes
     ----------
-    neutral : float
-        The value at which the effect is not there.
-    start : float
-        Where an estimate starts.
-    lower, upper : float
-        Bounds of an estimate.
-    prior_scale : float
-        One-sigma of what is plausible before any data; in wheel radii where `in_radii`.
+    neutral : the value at which the effect is not there
+    start : where an estimate starts
+    lower, upper : bounds of an estimate
+    prior_scale : one-sigma of what is plausible before any data; in wheel radii where `in_radii`
     side : 1, -1 or 0
         The only plausible side of neutral (a half-normal prior): above or below it; 0 for both.
-    in_radii : bool
-        The prior scale is a share of the wheel's radius.
+    in_radii : the prior scale is a share of the wheel's radius
     """
 
     name: str
@@ -116,6 +104,30 @@ class Parameter:
         return self.scale(wheel) * (self.side or 1)
 
 
+@dataclass(frozen=True)
+class Signals:
+    """What the sensors of a virtual test get to see of one run, on one regular time base, shape (n,) each; SI.
+
+    Attributes
+    ----------
+    time_s : since the start of the run
+    drawbar_pull_n, driving_torque_nm, vertical_load_n : at the transducer
+    ground_speed_mps : for the ground-speed sensor only
+    wheel_speed_radps : for the wheel-speed sensor only
+    campaign_time : float array, from -1/2 to 1/2 over the campaign's clock
+    direction : 1 "out", -1 "back"
+    """
+
+    time_s: FloatArray
+    drawbar_pull_n: FloatArray
+    driving_torque_nm: FloatArray
+    vertical_load_n: FloatArray
+    ground_speed_mps: FloatArray
+    wheel_speed_radps: FloatArray
+    campaign_time: FloatArray
+    direction: float
+
+
 Values = Mapping[str, Number]
 
 
@@ -129,26 +141,20 @@ class Effect:
 
     Attributes
     ----------
-    name, form : str
-        Family and form; ``form`` is empty where the family has one form only.
+    name, form : family and form; ``form`` is empty where the family has one form only
     kind : "physical" or "measurement"
-    summary, source : str
-        What a report says of it, and where the formula is from.
-    own_symbols : bool
-        A model knows its parameters as they are called ("H_m"), not as "wheel_radius.relative".
+    summary, source : what a report says of it, and where the formula is from
+    own_symbols : a model knows its parameters as they are called ("H_m"), not as "wheel_radius.relative"
     shows : tuple of str
         Channels that it changes: "drawbar_pull", "driving_torque", "vertical_load", "ground_speed", "wheel_speed".
         Where drawbar pull and torque differ, a physical effect's wheel speed may too: it is not counted.
     needs : Needs
         What the data must hold.
-    at_standstill : bool
-        Whether it shows when the wheel does not turn.
+    at_standstill : whether it shows when the wheel does not turn
     reading : "any" or "literal"
         "literal": an effect of the paper's literal reading only.
-    total : str
-        What the sum of all parameters is called, where the data determine it better than each of them; else empty.
-    secant : bool
-        The derivative at neutral misleads (the response grows as a root): a secant stands for it.
+    total : what the sum of all parameters is called, where the data determine it better than each of them; else empty
+    secant : the derivative at neutral misleads (the response grows as a root): a secant stands for it
     starts : tuple of float
         Where else a search starts, in prior scales, where wrong values confirm themselves.
     first_estimate : FirstEstimate or None

@@ -1,38 +1,28 @@
-"""Every effect that ships: `EFFECTS` lists them by their short name, and takes up those of installed packages."""
+"""Every known effect: those that ship, and those of installed packages (docs/effects/README.md)."""
 
 from __future__ import annotations
 
-from model.effects.base import Effect
-from model.effects.library import Library
-from model.effects.slip_sinkage.closed_form_sinkage import ClosedFormSinkage
-from model.effects.slip_sinkage.ding import Ding
-from model.effects.slip_sinkage.lyasko import Lyasko
-from model.effects.slip_sinkage.second_order import SecondOrder
-from model.effects.slip_sinkage.skid_sinkage import SkidSinkage
-from model.effects.slip_sinkage.vasilev import Vasilev
-from model.effects.soil.bulldozing import Bulldozing
-from model.effects.soil.exit_angle import ExitAngle
-from model.effects.soil.grouser import Grouser
-from model.effects.soil.interface_friction import InterfaceFriction
-from model.effects.soil.multi_pass import MultiPass
-from model.effects.soil.rate_stiffness import RateStiffness
-from model.effects.soil.shear_softening import ShearSoftening
-from model.effects.soil.stress_peak_shift import StressPeakShift
-from model.effects.soil.track_drift import TrackDrift
-from model.effects.transducer.crosstalk import Crosstalk
-from model.effects.transducer.drawbar_pull_gain import DrawbarPullGain
-from model.effects.transducer.drawbar_pull_zero import DrawbarPullZero
-from model.effects.transducer.load_gain import LoadGain
-from model.effects.transducer.load_zero import LoadZero
-from model.effects.transducer.torque_gain import TorqueGain
-from model.effects.transducer.torque_zero import TorqueZero
-from model.effects.transducer.zero_drift import ZeroDrift
-from model.effects.vehicle.slope import Slope
-from model.effects.vehicle.speed_bias import SpeedBias
-from model.effects.vehicle.speed_latency import SpeedLatency
-from model.effects.vehicle.tyre_flattening import TyreFlattening
-from model.effects.vehicle.wheel_inertia import WheelInertia
-from model.effects.vehicle.wheel_radius import WheelRadius
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cached_property
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from daq import CHANNELS, ConfigError, Fault
+from model.effects.base import Effect, Needs, Parameter
+from model.effects.contact_patch import (
+    ExitAngle,
+    Grouser,
+    InterfaceFriction,
+    ShearSoftening,
+    StressPeakShift,
+    TyreFlattening,
+)
+from model.effects.slip_sinkage import ClosedFormSinkage, Ding, Lyasko, SecondOrder, SkidSinkage, Vasilev
+from model.effects.soil_stiffness import MultiPass, RateStiffness, TrackDrift
+from model.effects.speed_errors import SpeedBias, SpeedLatency, WheelRadius
+from model.effects.transducer_gains import Crosstalk, DrawbarPullGain, LoadGain, TorqueGain
+from model.effects.transducer_zeros import DrawbarPullZero, LoadZero, TorqueZero, ZeroDrift
+from model.effects.wheel_forces import Bulldozing, Slope, WheelInertia
 
 PHYSICAL: tuple[type[Effect], ...] = (
     Vasilev,
@@ -67,6 +57,124 @@ MEASUREMENT: tuple[type[Effect], ...] = (
     LoadZero,
     ZeroDrift,
 )
+
+GROUP = "wheelsoil.effects"
+_SHOWN_IN = tuple(channel.role for channel in CHANNELS if channel.required)
+"""Where an effect may show."""
+_STATED = ("name", "summary", "source", "parameters")
+
+
+class Library(Mapping[str, type[Effect]]):
+    """Effects by their short name: form where the family has several, else family.
+
+    Installed packages add theirs by entry points of the group ``wheelsoil.effects``. They are read when the first
+    effect is asked for: a package that brings effects imports this one first.
+
+    Parameters
+    ----------
+    own : tuple of Effect classes
+        What is there without any other package; it comes first.
+
+    Raises
+    ------
+    ConfigError
+        On first use: lists every entry point that cannot be loaded, is no effect, lacks something, or takes a name
+        that is taken.
+    """
+
+    def __init__(self, own: tuple[type[Effect], ...]) -> None:
+        self._own = own
+
+    def __getitem__(self, key: str) -> type[Effect]:
+        return self._effects[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._effects)
+
+    def __len__(self) -> int:
+        return len(self._effects)
+
+    @cached_property
+    def _effects(self) -> dict[str, type[Effect]]:
+        known = {effect.key(): effect for effect in self._own}
+        owner = dict.fromkeys(known, "wheelsoil")
+        faults: list[Fault] = []
+        for entry in sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, entry.value)):
+            found, wrong = _loaded(entry)
+            faults += wrong
+            if found is None:
+                continue
+            key = found.key()
+            if key in known:
+                faults.append(_fault(entry, f"takes the name {key!r}", f"{owner[key]} has an effect of that name"))
+            else:
+                known[key], owner[key] = found, _package(entry)
+        if faults:
+            raise ConfigError(*faults)
+        return known
+
+
+def _loaded(entry: EntryPoint) -> tuple[type[Effect] | None, list[Fault]]:
+    """Return the effect of an entry point, or what is wrong with it."""
+    try:
+        found = entry.load()
+    except Exception as error:  # noqa: BLE001 - another package's file may fail in any way when it is imported
+        return None, [_fault(entry, "cannot be loaded", f"{type(error).__name__}: {error}")]
+    if not (isinstance(found, type) and issubclass(found, Effect)):
+        return None, [_fault(entry, "is no effect", repr(found), "a subclass of model.effects.Effect")]
+    missing = [name for name in _STATED if not getattr(found, name, None)]
+    if missing:
+        return None, [_fault(entry, "does not state all that an effect states", f"no {', no '.join(missing)}")]
+    wrong = [_fault(entry, *said) for said in _misfits(found)]
+    return (None, wrong) if wrong else (found, [])
+
+
+def _misfits(effect: type[Effect]) -> Iterable[tuple[str, str, str]]:
+    """Yield what is wrong with an effect's statements: what, found, expected."""
+    if not isinstance(effect.parameters, tuple):
+        yield "has parameters that are no tuple", repr(effect.parameters), "(Parameter(...), ...)"
+        return
+    if not str(effect.key()).isidentifier():
+        yield "has a name that cannot be typed", repr(effect.key()), "letters, digits and underscores"
+    if effect.kind not in ("physical", "measurement"):
+        yield "is of an unknown kind", repr(effect.kind), "physical or measurement"
+    if not isinstance(effect.shows, tuple) or not effect.shows or not set(effect.shows) <= set(_SHOWN_IN):
+        yield "shows where no channel is", repr(effect.shows), f"a tuple of {', '.join(_SHOWN_IN)}"
+    if not isinstance(effect.needs, Needs):
+        yield "does not say in the usual form what it needs", repr(effect.needs), "a model.effects.Needs"
+    for p in effect.parameters:
+        if not isinstance(p, Parameter):
+            yield "has a parameter that is none", repr(p), "a model.effects.Parameter"
+        elif not _in_order(p):
+            yield (
+                f"has a parameter {p.name!r} that is out of order",
+                _numbers(p),
+                "lower <= neutral, start <= upper; scale > 0",
+            )
+
+
+def _in_order(p: Parameter) -> bool:
+    return p.lower <= p.neutral <= p.upper and p.lower <= p.start <= p.upper and p.prior_scale > 0
+
+
+def _numbers(p: Parameter) -> str:
+    return f"lower {p.lower:g}, neutral {p.neutral:g}, start {p.start:g}, upper {p.upper:g}, scale {p.prior_scale:g}"
+
+
+def _fault(entry: EntryPoint, what: str, found: Any, expected: str = "") -> Fault:
+    package = _package(entry)
+    return Fault(
+        f"the effect {entry.name!r} of package {package!r} {what}",
+        where=f"entry point {entry.name} = {entry.value}",
+        found=str(found),
+        expected=expected,
+        next_step=f"mend {package}, or uninstall it",
+    )
+
+
+def _package(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist else "unknown"
+
 
 EFFECTS = Library((*PHYSICAL, *MEASUREMENT))
 """Every known effect: form where the family has several, else family."""

@@ -9,7 +9,7 @@ columns scaled to unit length, ``J = A C``, ``A = U S V'``::
 so that no normal equations are squared and the rank does not depend on the units of the parameters. A singular value
 that is zero to rounding is a combination of parameters that does not move the residual at all: every parameter that
 takes part in it has an infinite variance. Short of that, two parameters with a correlation near 1 in size fix one
-combination only; which one, and how much better, is said in `Covariance.warnings`.
+combination only; which one, and how much better, is noted in `Covariance.warnings`.
 
 Source: Golub & Van Loan, Matrix Computations, 5.5; Bates & Watts (1988), Nonlinear Regression Analysis, 2.2.
 """
@@ -21,8 +21,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq import BoolArray, FloatArray
+from daq import BoolArray, FloatArray, Note
+from model.notes import FitCode
 
+_STRONG = 0.99  # size of a correlation from which on there is a warning
 _INVOLVED = 1e-6  # share of a null direction from which on a parameter takes part in it
 
 
@@ -39,9 +41,8 @@ class Covariance:
     condition_number : float
         Largest over smallest singular value of the sensitivities with columns of unit length; 1 is ideal.
         Its square is the condition number of the correlation matrix.
-    rank : int
-        Number of combinations that the data determine.
-    warnings : tuple of str
+    rank : number of combinations that the data determine
+    warnings : tuple of Note
         Parameters that are not separable, with the numbers.
     """
 
@@ -49,12 +50,7 @@ class Covariance:
     correlation: FloatArray
     condition_number: float
     rank: int
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def standard_deviations(self) -> FloatArray:
-        """Square roots of the variances, shape (p,)."""
-        return np.sqrt(np.diag(self.matrix))
+    warnings: tuple[Note, ...] = ()
 
 
 def covariance(
@@ -63,7 +59,6 @@ def covariance(
     *,
     names: Sequence[str] | None = None,
     held: BoolArray | None = None,
-    correlation_limit: float = 0.99,
 ) -> Covariance:
     """Return the covariance of an estimate from its sensitivities.
 
@@ -71,14 +66,11 @@ def covariance(
     ----------
     jacobian : shape (m, p)
         Sensitivities of the residual at the estimate.
-    variance : float
-        Of one entry of the residual; 1 where the residual is already divided by its sigma.
+    variance : of one entry of the residual; 1 where the residual is already divided by its sigma
     names : p names, optional
         For the warnings; ``x1, x2, ...`` where there are none.
     held : bool, shape (p,), optional
         Parameters that are at a bound: they have no variance (NaN) and do not widen that of the others.
-    correlation_limit : float
-        From which size of a correlation on there is a warning.
 
     Source
     ------
@@ -89,14 +81,14 @@ def covariance(
     labels = tuple(names) if names else tuple(f"x{i}" for i in range(1, count + 1))
     labels = tuple(label for label, is_free in zip(labels, free, strict=True) if is_free)
     matrix = np.full((count, count), np.nan)
-    inner = _of_free(jacobian[:, free], variance, labels, correlation_limit)
+    inner = _of_free(jacobian[:, free], variance, labels)
     matrix[np.ix_(free, free)] = inner.matrix
     correlation = np.full((count, count), np.nan)
     correlation[np.ix_(free, free)] = inner.correlation
     return Covariance(matrix, correlation, inner.condition_number, inner.rank, inner.warnings)
 
 
-def _of_free(jacobian: FloatArray, variance: float, names: tuple[str, ...], limit: float) -> Covariance:
+def _of_free(jacobian: FloatArray, variance: float, names: tuple[str, ...]) -> Covariance:
     count = jacobian.shape[1]
     if count == 0:
         return Covariance(np.zeros((0, 0)), np.zeros((0, 0)), 1.0, 0)
@@ -115,9 +107,9 @@ def _of_free(jacobian: FloatArray, variance: float, names: tuple[str, ...], limi
     multiple[unknown] = np.nan
     condition = singular[0] / singular[-1] if kept.all() else np.inf
     warnings = (
-        *(_null_words(direction, names) for direction in vt[~kept]),
-        *_pair_words(matrix, correlation, names, limit),
-        *_group_words(correlation, multiple, names, limit, condition),
+        *(_null_note(direction, names) for direction in vt[~kept]),
+        *_pair_notes(matrix, correlation, names),
+        *_group_notes(correlation, multiple, names, condition),
     )
     return Covariance(matrix, correlation, float(condition), int(kept.sum()), warnings)
 
@@ -135,47 +127,47 @@ def _correlation(matrix: FloatArray) -> FloatArray:
     return np.asarray(matrix / np.outer(deviation, deviation))
 
 
-def _null_words(direction: FloatArray, names: tuple[str, ...]) -> str:
+def _null_note(direction: FloatArray, names: tuple[str, ...]) -> Note:
     share = np.abs(direction) / np.max(np.abs(direction))
-    members = [name for name, part in zip(names, share, strict=True) if part > _INVOLVED]
-    if len(members) == 1:
-        return f"{members[0]}: has no influence on the residual; any value fits as well"
-    return f"{_listed(members)}: not determined singly; moving them together leaves the residual as it is"
+    members = tuple(name for name, part in zip(names, share, strict=True) if part > _INVOLVED)
+    code = FitCode.NO_INFLUENCE if len(members) == 1 else FitCode.ONLY_TOGETHER
+    return Note(code, values={"names": members})
 
 
-def _pair_words(matrix: FloatArray, correlation: FloatArray, names: tuple[str, ...], limit: float) -> Iterator[str]:
-    """Say which combination two parameters fix; where pairs form a chain, name its members and its worst pairs."""
-    pairs = _strong_pairs(correlation, limit)
+def _pair_notes(matrix: FloatArray, correlation: FloatArray, names: tuple[str, ...]) -> Iterator[Note]:
+    """Note which combination two parameters fix; where pairs form a chain, its members and its strongest pairs."""
+    pairs = _strong_pairs(correlation)
     for chain in _chains(pairs):
         inside = sorted((pair for pair in pairs if pair[0] in chain), key=lambda pair: -abs(correlation[pair]))
         if len(chain) == 2:
             yield _of_two(inside[0], matrix, correlation, names)
         else:
-            worst = ", ".join(f"{names[i]}/{names[j]} {_near_one(correlation[i, j])}" for i, j in inside[:3])
-            members = _listed([names[i] for i in sorted(chain)])
-            yield f"{members}: not determined singly, only together (correlations {worst})"
+            members = tuple(names[i] for i in sorted(chain))
+            strongest = [(names[i], names[j], float(correlation[i, j])) for i, j in inside[:3]]
+            yield Note(FitCode.CORRELATED_CHAIN, values={"names": members, "pairs": strongest})
 
 
-def _of_two(pair: tuple[int, int], matrix: FloatArray, correlation: FloatArray, names: tuple[str, ...]) -> str:
-    """Name ``first -+ ratio second``, the combination in which the two errors cancel, and its standard deviation."""
+def _of_two(pair: tuple[int, int], matrix: FloatArray, correlation: FloatArray, names: tuple[str, ...]) -> Note:
+    """Note ``first -+ ratio second``, the combination in which the two errors cancel, and its standard deviation."""
     i, j = pair
     rho = float(correlation[i, j])
     first, second = float(np.sqrt(matrix[i, i])), float(np.sqrt(matrix[j, j]))
     ratio = first / second
     if 0.8 < ratio < 1.25:
-        combination, ratio = ("their sum" if rho < 0 else "their difference"), 1.0
-    else:
-        digits = int(np.clip(3 - np.log10(max(1 - abs(rho), 1e-12)) / 2, 3, 9))
-        combination = f"{names[i]} {'+' if rho < 0 else '-'} {ratio:.{digits}g} {names[j]}"
+        ratio = 1.0
     left = np.sqrt(max(first**2 + (ratio * second) ** 2 - 2 * abs(rho) * ratio * first * second, 0.0))
-    return (
-        f"{names[i]} and {names[j]}: correlation {_near_one(rho)}; only {combination} is determined "
-        f"(sd {left:.2g}; singly {first:.2g} and {second:.2g})"
-    )
+    values = {
+        "names": (names[i], names[j]),
+        "correlation": rho,
+        "ratio": ratio,
+        "sigma": float(left),
+        "singly": (first, second),
+    }
+    return Note(FitCode.CORRELATED_PAIR, values=values)
 
 
-def _strong_pairs(correlation: FloatArray, limit: float) -> list[tuple[int, int]]:
-    rows, columns = np.nonzero(np.triu(np.abs(np.nan_to_num(correlation)) > limit, k=1))
+def _strong_pairs(correlation: FloatArray) -> list[tuple[int, int]]:
+    rows, columns = np.nonzero(np.triu(np.abs(np.nan_to_num(correlation)) > _STRONG, k=1))
     return list(zip(rows.tolist(), columns.tolist(), strict=True))
 
 
@@ -189,27 +181,16 @@ def _chains(pairs: list[tuple[int, int]]) -> list[set[int]]:
     return chains
 
 
-def _near_one(rho: float) -> str:
-    """Write a correlation with two digits of its distance from 1 (-0.9997, 0.99)."""
-    gap = 1.0 - abs(rho)
-    digits = 2 if gap <= 0 else int(np.clip(np.ceil(-np.log10(gap)), 2, 12))
-    return f"{rho:.{digits}f}"
-
-
-def _group_words(
-    correlation: FloatArray, multiple: FloatArray, names: tuple[str, ...], limit: float, condition: float
-) -> Iterator[str]:
-    """Say which parameters are a combination of several others although no pair alone shows it."""
-    paired = {index for pair in _strong_pairs(correlation, limit) for index in pair}
-    members = [i for i, value in enumerate(multiple) if value > limit and i not in paired]
+def _group_notes(
+    correlation: FloatArray, multiple: FloatArray, names: tuple[str, ...], condition: float
+) -> Iterator[Note]:
+    """Note which parameters are a combination of several others although no pair alone shows it."""
+    paired = {index for pair in _strong_pairs(correlation) for index in pair}
+    members = [i for i, value in enumerate(multiple) if value > _STRONG and i not in paired]
     if members:
-        numbers = ", ".join(_near_one(multiple[i]) for i in members)
-        each = "each nearly" if len(members) > 1 else "nearly"
-        yield (
-            f"{_listed([names[i] for i in members])}: {each} a combination of the others "
-            f"(multiple correlation {numbers}; condition number {condition:.2g})"
-        )
-
-
-def _listed(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+        values = {
+            "names": tuple(names[i] for i in members),
+            "correlations": multiple[members].tolist(),
+            "condition_number": float(condition),
+        }
+        yield Note(FitCode.COMBINATION, values=values)

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from daq import FloatArray
+from daq import FloatArray, Note
+from model.notes import FitCode
 
 
 @dataclass(frozen=True)
@@ -28,20 +29,15 @@ class Criteria:
 
     Attributes
     ----------
-    M0_percent : float
-        Largest relative error; infinite where a measured value is exactly zero.
-    R0_N : float
-        Root mean square error, in the unit of the channel (N; for torque N m).
-    R2 : float
-        Squared correlation, 0 to 1; blind to offset, gain and sign.
-    samples : int
-        Number of samples that count.
-    threshold : float
-        Slip at or above which a sample counts.
+    M0_percent : largest relative error; infinite where a measured value is exactly zero
+    R0_N : root mean square error, in the unit of the channel (N; for torque N m)
+    R2 : squared correlation, 0 to 1; blind to offset, gain and sign
+    samples : number of samples that count
+    threshold : slip at or above which a sample counts
     R0_per_load : float
         R0 over the mean vertical load, a torque's over that of load times radius; NaN where no load was given.
-    reason : str
-        Why a criterion is NaN; empty where none is.
+    reason : Note, optional
+        Why a criterion is NaN.
     """
 
     M0_percent: float
@@ -50,7 +46,7 @@ class Criteria:
     samples: int
     threshold: float
     R0_per_load: float = float("nan")
-    reason: str = ""
+    reason: Note | None = None
 
 
 def criteria(
@@ -67,8 +63,7 @@ def criteria(
     ----------
     actual, predicted, slip : shape (n,)
         Samples where any of the three is NaN are left out.
-    threshold : float
-        Slip at or above which a sample counts; the paper's is 0.2 on clay and 0.1 on sandy soil.
+    threshold : slip at or above which a sample counts; the paper's is 0.2 on clay and 0.1 on sandy soil
     vertical_load_n : shape (n,), optional
         For R0 over the mean load; for a torque load times radius, N m, so that the share is a number.
 
@@ -109,17 +104,17 @@ def criteria(
     )
 
 
-def _squared_correlation(ya: FloatArray, yp: FloatArray) -> tuple[float, str]:
+def _squared_correlation(ya: FloatArray, yp: FloatArray) -> tuple[float, Note | None]:
     if ya.size < 2:
-        return np.nan, "R2 needs at least two samples"
+        return np.nan, Note(FitCode.ONE_SAMPLE)
     a, p = ya - ya.mean(), yp - yp.mean()
     spread_a, spread_p = float(np.linalg.norm(a)), float(np.linalg.norm(p))
     rounding = 8 * np.finfo(float).eps * np.sqrt(ya.size)
     if spread_a <= rounding * np.max(np.abs(ya)):
-        return np.nan, "R2 is not defined: the measured values are all the same"
+        return np.nan, Note(FitCode.MEASURED_CONSTANT)
     if spread_p <= rounding * np.max(np.abs(yp)):
-        return np.nan, "R2 is not defined: the predicted values are all the same"
-    return float(min(((a / spread_a) @ (p / spread_p)) ** 2, 1.0)), ""
+        return np.nan, Note(FitCode.PREDICTED_CONSTANT)
+    return float(min(((a / spread_a) @ (p / spread_p)) ** 2, 1.0)), None
 
 
 def _per_load(r0: float, load: FloatArray) -> float:
@@ -128,7 +123,7 @@ def _per_load(r0: float, load: FloatArray) -> float:
     return r0 / mean if mean > 0 else np.nan
 
 
-def _why_none(slip: FloatArray, threshold: float) -> str:
+def _why_none(slip: FloatArray, threshold: float) -> Note:
     if not slip.size:
-        return "no sample has slip, measured and predicted value"
-    return f"no slip at or above the threshold {threshold:g}: the largest is {np.max(slip):.3g}"
+        return Note(FitCode.NO_SAMPLE)
+    return Note(FitCode.NO_SLIP, values={"threshold": threshold, "largest": float(np.max(slip))})

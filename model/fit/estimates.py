@@ -1,4 +1,4 @@
-"""From a converged fit to what is said of its parameters: intervals, correlations, warnings."""
+"""From a converged fit to its parameters: intervals, correlations, and notes of what is not separable."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from math import sqrt
 import numpy as np
 from scipy.special import stdtrit
 
-from daq import BoolArray, FloatArray
+from daq import BoolArray, FloatArray, Note
 from model.fit.covariance import covariance
 from model.fit.gauss_newton import GaussNewtonResult
 from model.fit.intervals import Blocks, Sandwich, profile_of_sum, sandwich
 from model.fit.problem import FitProblem, Free
 from model.fit.result import Estimate
+from model.notes import FitCode
 
 SUM_OF = ("m1", "m2")
 """Lyasko's coefficients, of which only the sum p is determined."""
@@ -103,25 +104,21 @@ def correlations(names: tuple[str, ...], matrix: FloatArray) -> dict[tuple[str, 
 
 def warnings_of(
     problem: FitProblem, result: GaussNewtonResult, found: Sandwich, estimates: tuple[Estimate, ...]
-) -> tuple[str, ...]:
+) -> tuple[Note, ...]:
     """Return what a reader must know before the numbers, with the numbers that the table shows."""
-    words = []
+    notes = []
     if not result.converged:
-        words.append(f"not converged ({result.stop_reason}): the intervals are not to be relied on")
-    words += [
-        f"{e.name}: held by its bound {e.value:g}; the intervals of the others take it as known"
+        notes.append(Note(FitCode.NOT_CONVERGED, values={"stop_reason": str(result.stop_reason)}))
+    notes += [
+        Note(FitCode.HELD_BY_BOUND, values={"names": (e.name,), "value": e.value})
         for e in estimates
         if e.at_bound and not e.derived
     ]
-    words += [
-        f"p = {e.value:.3g} is below 0: the wheel would rise with slip, so that another cause acts"
-        for e in estimates
-        if e.name == "p" and e.value < 0
-    ]
-    return (*words, *_inseparable(problem.names, result, found.covariance))
+    notes += [Note(FitCode.SUM_NEGATIVE, values={"value": e.value}) for e in estimates if e.name == "p" and e.value < 0]
+    return (*notes, *_inseparable(problem.names, result, found.covariance))
 
 
-def _inseparable(names: tuple[str, ...], result: GaussNewtonResult, matrix: FloatArray) -> tuple[str, ...]:
+def _inseparable(names: tuple[str, ...], result: GaussNewtonResult, matrix: FloatArray) -> tuple[Note, ...]:
     """List the parameters that are not separable, by the covariance that the intervals are from."""
     free = np.isfinite(np.diag(matrix))
     if not free.all() and not result.at_bound.all() and bool((~free & ~result.at_bound).any()):

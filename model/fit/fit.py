@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from daq import OUTPUTS, REACTIONS, BoolArray, ConfigError, DataError, Fault, FloatArray, nearest
+from daq import OUTPUTS, REACTIONS, BoolArray, ConfigError, DataError, Fault, FloatArray, Note, nearest
 from model.effects.base import Effect
 from model.effects.catalogue import EFFECTS
 from model.extended import ExtendedModel
@@ -18,6 +18,7 @@ from model.fit.intervals import Blocks, blocks_of
 from model.fit.observations import Observations, observations_of
 from model.fit.problem import FitProblem, free_parameters
 from model.fit.result import CHOSEN, EXTENDED, MODELS, CampaignFit, FitOptions, LoadRatio, ModelFit
+from model.notes import FitCode
 from model.one_thread import one_thread
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.run_conditions import conditions_of
@@ -221,7 +222,7 @@ def fit_observations(
     predictions = [model.predict(observations.conditions, fit.values) for model, fit in zip(forward, fits, strict=True)]
     predicted = [{key: getattr(p, channel.field) for key, channel in REACTIONS.items()} for p in predictions]
     models = judge_alike(fits, observations, predicted, threshold, wheel.radius_m)
-    notes = (f"{lost} driven samples left out: the soil does not carry their load above the axle",) if lost else ()
+    notes = (Note(FitCode.LOAD_NOT_CARRIED, values={"samples": lost}),) if lost else ()
     return CampaignFit(models, wheel, soil, chosen, threshold, observations, notes)
 
 

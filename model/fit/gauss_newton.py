@@ -31,12 +31,9 @@ the gain can no longer be seen, steps are kept as long as they halve the predict
 
 Prior knowledge ``x_i ~ (mean, sigma)`` enters as an extra row ``(x_i - mean) / sigma`` of the residual.
 
-Source: Yang et al. (2016), 1.2 and Fig. 2; More (1978), The Levenberg-Marquardt algorithm, Lecture Notes in Math. 630;
-Stark & Parker (1995), Computational Statistics 10; Bates & Watts (1981), Technometrics 23.
-
-How far a damped Gauss-Newton step may go: a radius that learns from the steps tried.
-
-Source: More (1978), The Levenberg-Marquardt algorithm, Lecture Notes in Math. 630, section 4 and 7.
+Source: Yang et al. (2016), 1.2 and Fig. 2; More (1978), The Levenberg-Marquardt algorithm, Lecture Notes in Math. 630
+(of the radius section 4 and 7); Stark & Parker (1995), Computational Statistics 10; Bates & Watts (1981),
+Technometrics 23.
 """
 
 from __future__ import annotations
@@ -49,9 +46,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from daq import BoolArray, ConfigError, Fault, FloatArray
+from daq import BoolArray, ConfigError, Fault, FloatArray, Note
 from model.fit.covariance import Covariance, covariance
 from model.fit.linear_step import BoundedProblem, LinearProblem, Point, ResidualAndJacobian
+from model.notes import FitCode
 
 _KEPT_GAIN = 1e-4  # share of the predicted gain that a step must bring to be kept
 
@@ -59,14 +57,10 @@ _KEPT_GAIN = 1e-4  # share of the predicted gain that a step must bring to be ke
 class TrustRadius:
     """The radius within which the linearised residual is believed, and the unit D it is measured in.
 
-    Parameters
-    ----------
-    initial_radius : float
-        Radius of the first damped step, in units of the scaled start.
+    That of the first damped step is the length of the scaled start.
     """
 
-    def __init__(self, initial_radius: float, problem: BoundedProblem) -> None:
-        self._first_radius = initial_radius
+    def __init__(self, problem: BoundedProblem) -> None:
         self._size = np.maximum(np.abs(problem.start), problem.scale) * problem.free
         self._norms = np.zeros(problem.start.size)
         self._untried = True
@@ -81,7 +75,7 @@ class TrustRadius:
         """Set the radius by the ratio of seen to predicted gain of a step; return whether the step is kept."""
         if self._untried:
             self._untried = False
-            first = self._first_radius * float(np.linalg.norm(self._norms * self._size)) or np.inf
+            first = float(np.linalg.norm(self._norms * self._size)) or np.inf
             if abs(ratio - 1) <= 0.25:
                 self.radius = max(first, length)
                 return True
@@ -115,14 +109,9 @@ class GaussNewtonOptions:
 
     Attributes
     ----------
-    epsilon : float
-        Step, relative to the parameter, below which the iteration has converged.
-    cost_tolerance : float
-        Predicted gain, relative to the cost, below which it has converged.
-    max_iterations : int
-        Of evaluations after the first, rejected steps included.
-    initial_radius : float
-        First radius of a damped step, in units of the scaled start.
+    epsilon : step, relative to the parameter, below which the iteration has converged
+    cost_tolerance : predicted gain, relative to the cost, below which it has converged
+    max_iterations : of evaluations after the first, rejected steps included
     noise : "estimated" or "unit"
         Variance of an entry of the residual: cost / (m - rank), or 1 where residuals are divided by their sigma.
     """
@@ -130,7 +119,6 @@ class GaussNewtonOptions:
     epsilon: float = 1e-9
     cost_tolerance: float = 1e-16
     max_iterations: int = 1000
-    initial_radius: float = 1.0
     noise: Literal["estimated", "unit"] = "estimated"
 
 
@@ -155,18 +143,15 @@ class GaussNewtonResult:
         Infinite or NaN where the data do not determine a parameter, NaN at a bound; see `model.fit.covariance`.
     residual : shape (m,)
     jacobian : shape (m, p)
-    cost : float
-        Sum of squared residuals.
-    iterations : int
-        Evaluations after the first.
+    cost : sum of squared residuals
+    iterations : evaluations after the first
     stop_reason : StopReason
         ``at_bounds`` is converged too, but at least one parameter is held by its bound; ``singular`` is converged in
         what the data determine, which is not every parameter.
     at_bound : bool, shape (p,)
         Parameters that ended on a bound (a parameter with equal bounds included).
-    condition_number : float
-        Of the sensitivities with columns of unit length.
-    warnings : tuple of str
+    condition_number : of the sensitivities with columns of unit length
+    warnings : tuple of Note
         What cannot be separated, and what else a reader must know.
     """
 
@@ -180,18 +165,13 @@ class GaussNewtonResult:
     stop_reason: StopReason
     at_bound: BoolArray
     condition_number: float
-    warnings: tuple[str, ...]
+    warnings: tuple[Note, ...]
     history: tuple[IterationRecord, ...]
 
     @property
     def converged(self) -> bool:
         """Whether a minimum (perhaps on a bound) was reached."""
         return self.stop_reason in (StopReason.CONVERGED_STEP, StopReason.CONVERGED_COST, StopReason.AT_BOUNDS)
-
-    @property
-    def standard_deviations(self) -> FloatArray:
-        """Square roots of the variances, shape (p,)."""
-        return np.sqrt(np.diag(self.covariance))
 
 
 def gauss_newton(
@@ -238,7 +218,7 @@ def gauss_newton(
     point = problem.evaluate(problem.start)
     if not point.finite:
         return _result(problem, point, StopReason.NOT_FINITE, history, options)
-    trust = TrustRadius(options.initial_radius, problem)
+    trust = TrustRadius(problem)
     rounding = point.residual.size * np.finfo(float).eps ** 2 * point.cost
     reason = None
     while reason is None:
@@ -312,8 +292,8 @@ def _result(
             reason = StopReason.SINGULAR
         elif held.any():
             reason = StopReason.AT_BOUNDS
-    names = np.array(problem.names)[held]
-    warnings += [f"{name}: ended at its bound {x:.6g}" for name, x in zip(names, point.x[held], strict=True)]
+    ended = [(problem.names[i], float(point.x[i])) for i in np.flatnonzero(held)]
+    warnings += [Note(FitCode.AT_BOUND, values={"names": (name,), "value": value}) for name, value in ended]
     return GaussNewtonResult(
         estimate=point.x,
         covariance=spread.matrix,
@@ -332,29 +312,25 @@ def _result(
 
 def _spread(
     problem: BoundedProblem, point: Point, at_bound: BoolArray, options: GaussNewtonOptions
-) -> tuple[Covariance, list[str]]:
+) -> tuple[Covariance, list[Note]]:
     count = point.x.size
     if not point.finite:
         nothing = np.full((count, count), np.nan)
-        words = "the residual or its sensitivities are not finite at the start"
-        return Covariance(nothing, nothing, np.nan, 0), [words]
+        return Covariance(nothing, nothing, np.nan, 0), [Note(FitCode.NOT_FINITE)]
     warnings = []
     variance = 1.0
     if options.noise == "estimated":
         freedom = point.residual.size - covariance(point.jacobian, held=at_bound).rank
         variance = point.cost / freedom if freedom > 0 else np.nan
         if freedom <= 0:
-            warnings.append(f"{point.residual.size} residuals for {count} parameters: their noise cannot be estimated")
+            values = {"residuals": point.residual.size, "parameters": count}
+            warnings.append(Note(FitCode.NOISE_UNKNOWN, values=values))
     spread = covariance(point.jacobian, variance, names=problem.names, held=at_bound)
     return spread, [*spread.warnings, *warnings]
 
 
 def _check_options(options: GaussNewtonOptions) -> None:
-    positive = {
-        "epsilon": options.epsilon,
-        "initial_radius": options.initial_radius,
-        "max_iterations": options.max_iterations,
-    }
+    positive = {"epsilon": options.epsilon, "max_iterations": options.max_iterations}
     faults = [Fault(f"{name} must be positive", found=str(value)) for name, value in positive.items() if not value > 0]
     if not options.cost_tolerance >= 0:
         faults.append(Fault("cost_tolerance must not be negative", found=str(options.cost_tolerance)))

@@ -71,12 +71,9 @@ def profile_of_sum(
     x : array, shape (p,)
         The minimum.
     pair : (i, j)
-    allowed : float
-        In units of the whitened cost.
-    span : float, optional
-        About how far from the minimum to expect the ends; the default is a quarter of the sum.
-    precision : float
-        Of the distance of an end from the minimum, relative.
+    allowed : in units of the whitened cost
+    span : about how far from the minimum to expect the ends; the default is a quarter of the sum
+    precision : of the distance of an end from the minimum, relative
 
     Returns
     -------
@@ -264,8 +261,7 @@ class Sandwich:
     covariance : array, shape (p, p)
     naive : array, shape (p, p)
         H^-1: what the covariance would be if whitened samples were independent.
-    degrees : float
-        Of freedom, for Student's t.
+    degrees : of freedom, for Student's t
     """
 
     covariance: FloatArray

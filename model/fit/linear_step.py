@@ -201,8 +201,7 @@ class BoundedProblem:
 
     Attributes
     ----------
-    function : callable
-        ``x -> (residual, jacobian)``.
+    function : ``x -> (residual, jacobian)``
     start, lower, upper : shape (p,)
         Infinite where there is no bound.
     scale : shape (p,)

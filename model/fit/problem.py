@@ -79,8 +79,7 @@ class FitProblem:
     channels : of "dp" and "t"
     free : the parameters, p of them
     variance : mapping channel -> array (n,), N^2 or (N m)^2
-    tempering : float
-        Share of the data's information that counts against the prior: 1 / (samples per independent sample).
+    tempering : share of the data's information that counts against the prior: 1 / (samples per independent sample)
     static_sinkage_m : array (n,), optional
         Z0 where no free parameter moves it, so that it is solved for once.
     fixed : mapping name -> value

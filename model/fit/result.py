@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from daq import OUTPUTS, frame_of_rows
+from daq import OUTPUTS, Note, frame_of_rows
 from model.effects.catalogue import EFFECTS
 from model.extended import ExtendedModel
 from model.fit.criteria import Criteria
@@ -37,8 +37,7 @@ class FitOptions:
     channels : of "dp" and "t"
     soil_prior : SoilPrior, optional
         Frees the soil's parameters within it; without it the soil is fixed, as in the paper.
-    slip_threshold : float, optional
-        For the criteria only; default 0.2 on clay, else 0.1, as in the paper.
+    slip_threshold : for the criteria only; default 0.2 on clay, else 0.1, as in the paper
     models : of `MODELS`
     confidence : of the intervals
     extended : ExtendedModel, optional
@@ -124,7 +123,7 @@ class ModelFit:
     effects: tuple[str, ...]
     estimates: tuple[Estimate, ...]
     correlation: dict[tuple[str, str], float]
-    warnings: tuple[str, ...]
+    warnings: tuple[Note, ...]
     stop_reason: str
     iterations: int
     criteria: dict[str, Criteria]
@@ -155,7 +154,7 @@ class CampaignFit:
     options: FitOptions
     slip_threshold: float
     observations: Observations
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     def model(self, name: str) -> ModelFit:
         """Return a model's fit by name."""
@@ -168,7 +167,7 @@ class CampaignFit:
         -------
         dict of pandas.DataFrame
             Values are in the unit of the row's ``unit``; ``lower`` and ``upper`` are the ends of the interval at
-            ``options.confidence``. A parameter that is ``held`` has no interval.
+            ``options.confidence``. A parameter that is ``held`` has no interval. ``reason`` is a code of `FitCode`.
         """
         return {"estimates": _estimates_frame(self), "criteria": _criteria_frame(self)}
 
@@ -189,7 +188,10 @@ def _estimates_frame(fit: CampaignFit) -> pd.DataFrame:
 def _criteria_frame(fit: CampaignFit) -> pd.DataFrame:
     names = ("model", "channel", "unit", "R0", "M0_percent", "R2", "samples", "reason")
     rows = [
-        (model.name, OUTPUTS[key].role, OUTPUTS[key].unit, one.R0_N, one.M0_percent, one.R2, one.samples, one.reason)
+        (
+            *(model.name, OUTPUTS[key].role, OUTPUTS[key].unit, one.R0_N, one.M0_percent, one.R2, one.samples),
+            str(one.reason.code) if one.reason else "",
+        )
         for model in fit.models
         for key, one in model.criteria.items()
     ]

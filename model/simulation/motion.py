@@ -18,18 +18,13 @@ class VehicleSetup:
 
     Attributes
     ----------
-    mass_kg, static_load_n : float
-        Of the empty vehicle, and the share of it on the instrumented wheel.
-    added_load_share : float
-        Share of an added mass that the instrumented wheel carries.
-    outboard_mass_kg, outboard_inertia_kgm2 : float
-        On the soil side of the transducer.
+    mass_kg, static_load_n : of the empty vehicle, and the share of it on the instrumented wheel
+    added_load_share : share of an added mass that the instrumented wheel carries
+    outboard_mass_kg, outboard_inertia_kgm2 : on the soil side of the transducer
     unsprung_mass_kg, body_frequency_hz, damping_ratio, contact_stiffness_n_per_m : float
         Of the quarter vehicle that rides over the road; the stiffness is that of soil and tyre in series.
-    roughness_m3 : float
-        ISO 8608 displacement density at 0.1 cycles/m (class C 256e-6, D 1024e-6).
-    inflation_kpa : float
-        Of the tyre, unless a run states another.
+    roughness_m3 : ISO 8608 displacement density at 0.1 cycles/m (class C 256e-6, D 1024e-6)
+    inflation_kpa : of the tyre, unless a run states another
     """
 
     mass_kg: float = 3600.0
@@ -151,8 +146,7 @@ class DrivingStyle:
         Range of the highest slip of one cycle of the run, and of the others.
     brake_slip : (low, high)
         Range of the strongest braking slip of a cycle (negative).
-    highest_rim_speed_mps : float
-        r omega that the low gear allows: where the slip is high the vehicle is slow.
+    highest_rim_speed_mps : r omega that the low gear allows: where the slip is high the vehicle is slow
     """
 
     peak_slip: tuple[float, float] = (0.86, 0.91)
@@ -181,14 +175,11 @@ def drive(
 
     Parameters
     ----------
-    duration_s : float
-        At least `SHORTEST_RUN_S`.
+    duration_s : at least `SHORTEST_RUN_S`
     rng : numpy.random.Generator
         Draws the number of cycles, their slip, speed and length.
-    rate_hz : float
-        Samples per second of the result.
-    coast_slip : float
-        Slip at which the wheel transmits no torque.
+    rate_hz : samples per second of the result
+    coast_slip : slip at which the wheel transmits no torque
 
     Raises
     ------

@@ -9,8 +9,7 @@ from math import atan, tan
 import numpy as np
 
 from daq import Channel, ConfigError, Fault, FloatArray, RunInfo, nearest
-from model.effects.base import Effect
-from model.effects.signals import Signals
+from model.effects.base import Effect, Signals
 from model.simulation.motion import (
     DrivingStyle,
     Motion,
@@ -89,8 +88,7 @@ class VirtualRun:
 
     Attributes
     ----------
-    start_ns : int
-        UTC of the start of the run.
+    start_ns : UTC of the start of the run
     sensors : mapping str -> mapping str -> Channel
         Per sensor ("transducer", "wheel_speed", "gnss") its channels by quantity, in SI units and radians. Channels
         of one sensor share their time stamps: the host clock's when the message is ready to be sent.
@@ -121,20 +119,16 @@ def virtual_run(
     ----------
     model : WheelSoilModel
         The truth: soil, physical effects, reading, and a quadrature that is not the fitter's (`TRUTH_QUADRATURE`).
-    values : mapping
-        Parameters of the effects, as the model takes them; what is left out is neutral.
+    values : parameters of the effects, as the model takes them; what is left out is neutral
     info : RunInfo
         Direction, added load, pass number and inflation.
-    start_ns : int
-        UTC of the start of the run.
-    elapsed_s : float
-        From the start of the campaign to the start of the run (the host clock drifts).
+    start_ns : UTC of the start of the run
+    elapsed_s : from the start of the campaign to the start of the run (the host clock drifts)
     rng : numpy.random.Generator
         Everything random of this run. Every noise has its own stream: switching one off leaves the others as they are.
     ring : numpy.random.Generator
         Draws the errors of the toothed ring; pass one in the same state for every run of a vehicle.
-    campaign_s : float, optional
-        From the start to the end of the campaign; by default it ends with this run.
+    campaign_s : from the start to the end of the campaign; by default it ends with this run
     faults : sequence of (measurement effect, its parameters)
         What the sensors get wrong, in any order; they follow each other by their `stage`.
 

@@ -20,18 +20,12 @@ class WheelSpeedSetup:
 
     Attributes
     ----------
-    teeth : int
-        Edges per revolution.
-    pitch_error, eccentricity : float
-        Relative: random error of each tooth, and the ring's error once per revolution.
-    timer_s : float
-        Resolution of an edge's time.
-    timeout_s : float
-        Without an edge for this long the wheel stands.
-    transport_s : float
-        From the calculation to the message.
-    typical_radps : float
-        Wheel speed at which `latency_s` holds: a slower wheel waits longer for its edges.
+    teeth : edges per revolution
+    pitch_error, eccentricity : relative: random error of each tooth, and the ring's error once per revolution
+    timer_s : resolution of an edge's time
+    timeout_s : without an edge for this long the wheel stands
+    transport_s : from the calculation to the message
+    typical_radps : wheel speed at which `latency_s` holds: a slower wheel waits longer for its edges
     """
 
     teeth: int = 120
@@ -100,16 +94,11 @@ class GnssSetup:
 
     Attributes
     ----------
-    rate_hz : float
-        Solutions per second, on whole multiples of GNSS time.
-    speed_noise_mps, speed_noise_correlation_s : float
-        Coloured part of the speed's noise.
-    speed_white_noise_mps : float
-        White part per solution.
-    filter_window_s : float
-        The receiver's speed is the mean over this window; it delays by half of it.
-    transport_s : float
-        From a solution's epoch to its message.
+    rate_hz : solutions per second, on whole multiples of GNSS time
+    speed_noise_mps, speed_noise_correlation_s : coloured part of the speed's noise
+    speed_white_noise_mps : white part per solution
+    filter_window_s : the receiver's speed is the mean over this window; it delays by half of it
+    transport_s : from a solution's epoch to its message
     """
 
     rate_hz: float = 20.0
@@ -134,12 +123,9 @@ class Track:
 
     Attributes
     ----------
-    latitude_deg, longitude_deg : float
-        Where "out" starts.
-    bearing_deg : float
-        Of "out", clockwise from north.
-    length_m : float
-        "back" starts at this distance.
+    latitude_deg, longitude_deg : where "out" starts
+    bearing_deg : of "out", clockwise from north
+    length_m : "back" starts at this distance
     """
 
     latitude_deg: float = 32.5

@@ -17,12 +17,9 @@ class HostClock:
 
     Attributes
     ----------
-    offset_s : float
-        Host minus UTC at the start of the campaign; positive: the host is ahead.
-    drift_ppm : float
-        How much faster than UTC the host runs.
-    jitter_s : float
-        Mean of the exponential delay between the end of a measurement's latency and its message.
+    offset_s : host minus UTC at the start of the campaign; positive: the host is ahead
+    drift_ppm : how much faster than UTC the host runs
+    jitter_s : mean of the exponential delay between the end of a measurement's latency and its message
     """
 
     offset_s: float = 0.25
@@ -42,10 +39,8 @@ class HostClock:
         ----------
         time_s : float64 array, shape (n,)
             True time at which each message is ready, since the start of the run.
-        start_ns : int
-            UTC of the start of the run.
-        elapsed_s : float
-            From the start of the campaign to the start of the run.
+        start_ns : UTC of the start of the run
+        elapsed_s : from the start of the campaign to the start of the run
         """
         late = time_s + rng.exponential(self.jitter_s, len(time_s)) if self.jitter_s else time_s
         error = self.offset_s + self.drift_ppm * 1e-6 * (elapsed_s + late)
@@ -58,8 +53,7 @@ def sample_times_s(duration_s: float, rate_hz: float, clock_ppm: float, rng: np.
 
     Parameters
     ----------
-    clock_ppm : float
-        How much faster than true time the sensor's clock runs.
+    clock_ppm : how much faster than true time the sensor's clock runs
     rng : numpy.random.Generator
         Draws the phase.
     """
@@ -76,12 +70,9 @@ def coloured_noise(
 
     Parameters
     ----------
-    count : int
-        Number of samples.
-    rate_hz : float
-        Samples per second.
-    sigma : float
-        Standard deviation, in the unit of the result.
+    count : number of samples
+    rate_hz : samples per second
+    sigma : standard deviation, in the unit of the result
     rng : numpy.random.Generator
         Gives `count` normal numbers, whatever `sigma` is.
     """
@@ -114,8 +105,7 @@ class TransducerSetup:
     ----------
     drawbar_pull_noise_n, load_noise_n, lateral_noise_n, torque_noise_nm : float
         Standard deviation of the coloured noise (soil and sensor).
-    white_noise_n, white_noise_nm : float
-        Standard deviation of white noise per sample, forces and moments.
+    white_noise_n, white_noise_nm : standard deviation of white noise per sample, forces and moments
     zero_offset_n : (x', z')
         Bridge offsets that turn with the wheel: a ripple once per revolution.
     frame : "vehicle" or "wheel"
@@ -126,8 +116,7 @@ class TransducerSetup:
         Wheel angle sent = direction * rolled angle + offset.
     zero : "lifted" or "spin"
         "lifted": the outboard weight was tared away; "spin": it is missing from the vertical force.
-    latency_s : float
-        Whole delay from a force to its message.
+    latency_s : whole delay from a force to its message
     """
 
     drawbar_pull_noise_n: float = 46.0
@@ -182,10 +171,8 @@ def measure_loads(
     ----------
     hub : HubLoads
         Evenly sampled, at a rate that its content needs.
-    wheel_radius_m : float
-        Arm of the lateral force.
-    outboard_mass_kg : float
-        Its weight is missing from the vertical force unless the zero was taken with the wheel lifted.
+    wheel_radius_m : arm of the lateral force
+    outboard_mass_kg : its weight is missing from the vertical force unless the zero was taken with the wheel lifted
     """
     # one stream per noise: switching one off leaves the others as they are
     streams = rng.spawn(6)

@@ -23,10 +23,8 @@ class Circumstances:
 
     Attributes
     ----------
-    inflation_kpa : float
-        Of the tyre, whether or not the run's owner states it.
-    elapsed_s, campaign_s : float
-        From the start of the campaign to the start of the run, and to the end of the campaign.
+    inflation_kpa : of the tyre, whether or not the run's owner states it
+    elapsed_s, campaign_s : from the start of the campaign to the start of the run, and to the end of the campaign
     line_m : (low, high)
         Where the campaign's line starts and ends, from where "out" starts.
     """
@@ -66,10 +64,7 @@ class Circumstances:
             wheel_acceleration_radps2=motion.wheel_acceleration_radps2,
             line_position=self.line_position(track_position_m),
             campaign_time=self.campaign_time(motion.time_s),
-            direction=self.direction,
-            pass_number=float(self.info.pass_number),
-            inflation_kpa=self.inflation_kpa,
-            unit_weight_n_m3=model.soil.unit_weight_n_m3,
+            **self._of_run(model),
         )
 
     def usual_conditions(self, model: WheelSoilModel, slip: FloatArray, vertical_load_n: float) -> Conditions:
@@ -84,11 +79,16 @@ class Circumstances:
             wheel_acceleration_radps2=0.0,
             line_position=0.0,
             campaign_time=0.0,
-            direction=self.direction,
-            pass_number=float(self.info.pass_number),
-            inflation_kpa=self.inflation_kpa,
-            unit_weight_n_m3=model.soil.unit_weight_n_m3,
+            **self._of_run(model),
         )
+
+    def _of_run(self, model: WheelSoilModel) -> dict[str, float]:
+        return {
+            "direction": self.direction,
+            "pass_number": float(self.info.pass_number),
+            "inflation_kpa": self.inflation_kpa,
+            "unit_weight_n_m3": model.soil.unit_weight_n_m3,
+        }
 
 
 def campaign_line_m(track_length_m: float, duration_s: float) -> tuple[float, float]:
@@ -167,8 +167,7 @@ def soil_reaction(
     ----------
     model : WheelSoilModel
         With its physical effects and its quadrature.
-    values : mapping
-        Parameters of the effects, as the model takes them.
+    values : parameters of the effects, as the model takes them
     vertical_load_n, track_position_m : float64 array, shape (n,)
 
     Raises

@@ -14,11 +14,11 @@ stress, a known shape gives the sinkage to .9 % (rms of 800 random wheels, 6 % a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from daq import BoolArray, FloatArray
+from model.wheel_soil.contact import rule
 from model.wheel_soil.stresses import geometry
 
 _NODES, _POWER = 12, 3
@@ -36,8 +36,7 @@ class ShapeRanges:
     ----------
     peak_at_slip_0 : (low, high)
         c1 of theta_m = (c1 + c2 s) theta_1: published .18 to .43, and .05 more either way, since both ends are soils.
-    peak_with_slip : float
-        c2, the same in every soil.
+    peak_with_slip : c2, the same in every soil
     peak_at_bottom : float
         Probability that the peak stays at the bottom instead (c1 = c2 = 0), as in Yang et al. (2016); wheels whose
         stress was measured have it ahead.
@@ -45,12 +44,9 @@ class ShapeRanges:
         n, of natural soils (`model.wheel_soil.soils.SOILS`, and .47 to 1.15 in Wong and Reece's sands).
     exit : (low, high)
         Angle of exit behind the bottom, as a share of theta_1.
-    no_exit : float
-        Probability that contact ends at the bottom instead, as in both papers.
-    radius_sigma : float
-        Relative one-sigma of the wheel's radius.
-    spread : float
-        Relative one-sigma of the sinkage that the shape of the shear stress leaves open.
+    no_exit : probability that contact ends at the bottom instead, as in both papers
+    radius_sigma : relative one-sigma of the wheel's radius
+    spread : relative one-sigma of the sinkage that the shape of the shear stress leaves open
 
     Notes
     -----
@@ -205,8 +201,7 @@ def sinkage_of_forces(
     slip : float64 array, shape (n,)
     pull_ratio, torque_ratio : float64 arrays that broadcast to (m, n)
         Dp/W and T/(r W) with the declared radius.
-    radius_m : float
-        As declared.
+    radius_m : as declared
     """
     angle = entry_angle_of_forces(
         pull_ratio,
@@ -226,7 +221,8 @@ def _integrals(
     In front of the peak and behind it the stress has the same values at the same share of the way from where it
     vanishes, so that both parts take one set of nodes.
     """
-    at, weights = _rule()
+    nodes = rule(_NODES, _POWER, "start")
+    at, weights = nodes.at, nodes.weights
     entry, peak, exponent, exit = (x[..., None] for x in np.broadcast_arrays(entry, peak, exponent, exit))
     front, rear = entry * (1.0 - peak), entry * (peak + exit)
     stress = weights * np.exp(exponent * np.log(geometry(entry, front * at)[0]))
@@ -239,11 +235,3 @@ def _integrals(
 
 
 _ONE = np.ones(1)
-
-
-@lru_cache(maxsize=1)
-def _rule() -> tuple[FloatArray, FloatArray]:
-    """Return nodes and weights on [0, 1] for functions that vanish at 0 like a power, as `model.wheel_soil.contact`."""
-    x, w = np.polynomial.legendre.leggauss(_NODES)
-    u = 0.5 * (x + 1.0)
-    return u**_POWER, 0.5 * w * _POWER * u ** (_POWER - 1)

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq import BoolArray, FloatArray, IndexArray
+from daq import BoolArray, FloatArray, IndexArray, Note
+from model.notes import SinkageCode
 from model.sinkage_from_forces.force_cells import ForceCells
 from model.sinkage_from_forces.sinkage import ShapeRanges, Shapes, draw_shapes, sinkage_of_forces
 
@@ -37,15 +38,15 @@ class Growth:
         less sinkage for the same forces, so that these differ.
     measured : Estimate
         Of the measured sinkage.
-    reason : str
-        Why there is none; empty where there is.
+    reason : Note, optional
+        Why there is none.
     """
 
     from_forces: Estimate
     if_peak_stays: Estimate
     if_peak_moves: Estimate
     measured: Estimate
-    reason: str = ""
+    reason: Note | None = None
 
 
 @dataclass(frozen=True)
@@ -54,14 +55,11 @@ class SlipBin:
 
     Attributes
     ----------
-    slip, vertical_load_n : float
-        Means.
+    slip, vertical_load_n : means
     sinkage_m : Estimate
         From forces.
-    if_peak_stays_m, if_peak_moves_m : float
-        Medians, given where the stress peaks; see `Growth`.
-    noise_m : float
-        One-sigma from noise of the channels alone.
+    if_peak_stays_m, if_peak_moves_m : medians, given where the stress peaks; see `Growth`
+    noise_m : one-sigma from noise of the channels alone
     """
 
     slip: float
@@ -129,8 +127,7 @@ def sinkage_from_forces(
 
     Parameters
     ----------
-    draws : int
-        Of the shape of the stress; noise and zeros are drawn along.
+    draws : of the shape of the stress; noise and zeros are drawn along
     """
     shapes = draw_shapes(ranges or ShapeRanges(), draws, rng)
     forces = cells.forces
@@ -153,15 +150,15 @@ def estimate(draws: FloatArray) -> Estimate:
     return Estimate(middle, (low, high))
 
 
-def _levels(cells: ForceCells) -> tuple[IndexArray, str]:
-    """Return which cells share a level, and why the growth is not identifiable (empty where it is)."""
+def _levels(cells: ForceCells) -> tuple[IndexArray, Note | None]:
+    """Return which cells share a level, and why the growth is not identifiable (None where it is)."""
     slip, group = cells.forces.slip, cells.group
     spans = [np.ptp(slip[group == g]) for g in np.unique(group)]
     if len(slip) > 2 and max(spans) >= _LEAST_SPAN:
-        return group, ""
+        return group, None
     if len(slip) > 2 and np.ptp(slip) >= _LEAST_SPAN:
-        return np.zeros_like(group), ""
-    return group, f"it takes three points over at least {_LEAST_SPAN:g} of slip to see a growth"
+        return np.zeros_like(group), None
+    return group, Note(SinkageCode.GROWTH_UNKNOWN, values={"slip_span": _LEAST_SPAN})
 
 
 def _slopes(cells: ForceCells, levels: IndexArray, values: FloatArray) -> FloatArray:

@@ -21,10 +21,8 @@ class Wheel:
 
     Attributes
     ----------
-    radius_m : float
-        r of Eq. 1.
-    width_m : float
-        b of Eq. 2 and 7: width of the contact patch.
+    radius_m : r of Eq. 1
+    width_m : b of Eq. 2 and 7: width of the contact patch
     """
 
     radius_m: float

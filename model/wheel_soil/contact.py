@@ -97,7 +97,7 @@ class Resultants:
 
 
 @dataclass(frozen=True)
-class _Rule:
+class Rule:
     """Nodes on [0, 1], what is left from them to 1 (exact also at that end), and weights."""
 
     at: FloatArray
@@ -106,14 +106,14 @@ class _Rule:
 
 
 @lru_cache(maxsize=64)
-def _rule(nodes: int, power: int, vanishing: str) -> _Rule:
-    """Nodes and weights on [0, 1]; `vanishing` names the end where the stress is zero: start, end or none."""
+def rule(nodes: int, power: int, vanishing: str) -> Rule:
+    """Return nodes and weights on [0, 1]; `vanishing` names the end where the stress is zero: start, end or none."""
     x, w = np.polynomial.legendre.leggauss(nodes)
     u, w = 0.5 * (x + 1.0), 0.5 * w
     if vanishing == "none":
-        return _Rule(u, 1.0 - u, w)
+        return Rule(u, 1.0 - u, w)
     at, weights = u**power, w * power * u ** (power - 1)
-    return _Rule(at, 1.0 - at, weights) if vanishing == "start" else _Rule(1.0 - at, at, weights)
+    return Rule(at, 1.0 - at, weights) if vanishing == "start" else Rule(1.0 - at, at, weights)
 
 
 def resultants(patch: Patch, quadrature: Quadrature | None = None) -> Resultants:
@@ -133,12 +133,12 @@ def resultants(patch: Patch, quadrature: Quadrature | None = None) -> Resultants
     -----
     Source: Yang et al. (2016), Eq. 7-9; peak and exit angle after Wong & Reece (1967).
     """
-    rule = quadrature or Quadrature()
+    chosen = quadrature or Quadrature()
     own = {name: x for name in patch.__dataclass_fields__ if isinstance(x := getattr(patch, name), Dual)}
     if len({key for x in own.values() for key in x.partials}) <= len(own):
-        return _resultants(patch, rule)
+        return _resultants(patch, chosen)
     seeded = replace(patch, **{name: Dual(x.value, {name: 1.0}) for name, x in own.items()})
-    found = _resultants(seeded, rule)
+    found = _resultants(seeded, chosen)
     return Resultants(*(_chained(getattr(found, name), own) for name in Resultants.__dataclass_fields__))
 
 
@@ -151,20 +151,20 @@ def _chained(x: Number, inner: dict[str, Dual]) -> Number:
     return Dual(x.value, partials)
 
 
-def _resultants(patch: Patch, rule: Quadrature) -> Resultants:
+def _resultants(patch: Patch, quadrature: Quadrature) -> Resultants:
     """Integrate the stresses, with the derivatives that the entries of the patch carry."""
     shape = np.broadcast_shapes(*(np.shape(value_of(getattr(patch, name))) for name in patch.__dataclass_fields__))
     n = shape[0] if shape else 1
     braking = np.broadcast_to(np.reshape(value_of(patch.speed_ratio) > 1.0, (-1,)), (n,))
     if n <= CHUNK and (not braking.any() or braking.all()):
-        return _integrate(patch, rule, bool(braking.any()))
+        return _integrate(patch, quadrature, bool(braking.any()))
     order = np.concatenate([np.flatnonzero(~braking), np.flatnonzero(braking)])
     edge = n - int(braking.sum())
     starts = [*range(0, edge, CHUNK), *range(edge, n, CHUNK)]
     parts = []
     for start, stop in zip(starts, [*starts[1:], n], strict=True):
         chosen: Any = order[start:stop] if braking.any() else slice(start, stop)
-        parts.append(_integrate(patch.map(partial(rows, n=n, index=chosen)), rule, start >= edge))
+        parts.append(_integrate(patch.map(partial(rows, n=n, index=chosen)), quadrature, start >= edge))
     back = np.argsort(order, kind="stable") if braking.any() else slice(None)
     return Resultants(
         *(concatenate_rows([getattr(p, name) for p in parts])[back] for name in Resultants.__dataclass_fields__)
@@ -175,8 +175,8 @@ def _integrate(patch: Patch, quadrature: Quadrature, braking: bool) -> Resultant
     """Sum the panels of samples that all drive or all brake."""
     total: list[Number] | None = None
     for start, stop, vanishing, rear in _panels(patch, braking):
-        rule = _rule(quadrature.nodes * (2 if braking else 1), quadrature.power, vanishing)
-        panel = _panel_sums(patch, start, stop, rule, rear=rear, braking=braking)
+        nodes = rule(quadrature.nodes * (2 if braking else 1), quadrature.power, vanishing)
+        panel = _panel_sums(patch, start, stop, nodes, rear=rear, braking=braking)
         total = panel if total is None else [a + b for a, b in zip(total, panel, strict=True)]
     assert total is not None
     (normal_cos, normal_sin, _), (shear_cos, shear_sin, shear), (cohesive_cos, cohesive_sin, cohesive) = (
@@ -245,7 +245,7 @@ def _braking_cut(patch: Patch, end: Any) -> Any:
 
 
 def _panel_sums(
-    patch: Patch, start: Number | None, stop: Number, rule: _Rule, *, rear: bool, braking: bool
+    patch: Patch, start: Number | None, stop: Number, rule: Rule, *, rear: bool, braking: bool
 ) -> list[Number]:
     """Return nine integrals over one panel: sigma, E sigma and E, each against 1, drop and advance."""
     span = stop if start is None else stop - start

@@ -122,8 +122,7 @@ def conditions_of(runs: Sequence[ProcessedRun], unit_weight_n_m3: float) -> list
 
     Parameters
     ----------
-    unit_weight_n_m3 : float
-        Of the soil.
+    unit_weight_n_m3 : of the soil
     """
     positions, _ = line_positions(runs)
     clocks = campaign_times(runs)

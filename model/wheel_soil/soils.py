@@ -29,18 +29,12 @@ class Soil:
 
     Attributes
     ----------
-    cohesion_pa : float
-        c of Eq. 4.
-    friction_angle_rad : float
-        phi of Eq. 4.
-    shear_modulus_m : float
-        K of Eq. 4.
-    sinkage_exponent : float
-        n of Eq. 2.
-    cohesive_modulus : float
-        k_c of Eq. 2, N/m^(n+1).
-    frictional_modulus : float
-        k_phi of Eq. 2, N/m^(n+2).
+    cohesion_pa : c of Eq. 4
+    friction_angle_rad : phi of Eq. 4
+    shear_modulus_m : K of Eq. 4
+    sinkage_exponent : n of Eq. 2
+    cohesive_modulus : k_c of Eq. 2, N/m^(n+1)
+    frictional_modulus : k_phi of Eq. 2, N/m^(n+2)
     """
 
     name: str

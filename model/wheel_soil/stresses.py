@@ -50,8 +50,7 @@ def mobilisation(displacement: Number, shear_modulus: Number, *, signed: bool) -
 
     Parameters
     ----------
-    signed : bool
-        Whether the displacement may be negative (braking).
+    signed : whether the displacement may be negative (braking)
     """
     rate = -1.0 / shear_modulus
     if not signed:
@@ -71,8 +70,7 @@ def softened(displacement: Number, fraction: Number, *, signed: bool) -> Number:
     ----------
     fraction : 1
         q.
-    signed : bool
-        Whether the displacement may be negative (braking).
+    signed : whether the displacement may be negative (braking)
     """
     size = displacement * np.sign(value_of(displacement)) if signed else displacement
     return 1.0 + fraction * np.expm1(size * (-1.0 / SOFTENING_LENGTH_M))

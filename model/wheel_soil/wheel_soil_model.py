@@ -19,7 +19,6 @@ from model.wheel_soil.soils import SOIL_PARAMETERS, Soil
 Reading = Literal["balanced", "literal"]
 """How the slip-sinkage laws are read (docs/decisions/sinkage-readings.md)."""
 
-WHEEL_PARAMETERS = ("radius_m", "width_m")
 INPUTS = ("slip", "vertical_load_n")
 
 
@@ -104,11 +103,6 @@ class WheelSoilModel:
             },
         }
 
-    @property
-    def parameter_names(self) -> tuple[str, ...]:
-        """Names that `predict` takes: the soil's, the wheel's and the effects'."""
-        return tuple(self._defaults)
-
     def predict(
         self,
         conditions: Conditions,
@@ -123,8 +117,7 @@ class WheelSoilModel:
         ----------
         conditions : Conditions
             Arrays of shape (n,); a sample with NaN, a slip outside -1..1 or a load <= 0 gives NaN.
-        values : mapping, optional
-            Parameters that differ from the soil's, the wheel's or an effect's neutral value.
+        values : parameters that differ from the soil's, the wheel's or an effect's neutral value
         wrt : sequence of str
             Differentiate by these parameters, or by the inputs ``slip`` and ``vertical_load_n``.
         sinkage_m : array, shape (n,), optional
@@ -167,8 +160,7 @@ class WheelSoilModel:
         ----------
         conditions : Conditions
             Columns of shape (n, 1), valid samples only.
-        parameters : mapping
-            A value for every name of `parameter_names`.
+        parameters : a value for every parameter of the soil, the wheel and the effects
         given : column (n, 1), optional
             The total sinkage, where it is not the model's to find.
         static : column (n, 1), optional

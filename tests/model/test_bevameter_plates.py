@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from daq.errors import ConfigError, DataError
 from daq.series.single_wheel_tables import PlateTest
 from model.bevameter import PressureSinkage, WindowOptions, fit_plate, fit_pressure_sinkage
+from wheelsoil.wording.notes import texts_of
 
 Z = np.linspace(0.0005, 0.03, 60)
 
@@ -68,13 +69,13 @@ def test_the_contact_is_found_in_a_record_that_starts_in_the_air(seed: int, n: f
 def test_without_samples_in_the_air_the_zero_stays_as_given_and_it_is_said() -> None:
     fit = fit_plate(_plate(1e6 * Z**1.5), WindowOptions(zero="contact"))
     assert fit.window.zero_m == 0
-    assert any("zero as given" in text for text in fit.warnings)
+    assert any("zero as given" in text for text in texts_of(fit.warnings))
     assert fit.exponent == pytest.approx(1.5, rel=1e-8)
 
 
 def test_a_wrong_shape_is_said() -> None:
     fit = fit_plate(_plate(1e6 * Z + 7e3 * np.sin(400 * Z)))
-    assert any("the curve is not p = k z^n" in text for text in fit.warnings)
+    assert any("the curve is not p = k z^n" in text for text in texts_of(fit.warnings))
 
 
 @pytest.mark.parametrize(
@@ -168,7 +169,7 @@ def test_without_repeats_a_scatter_is_assumed_and_said() -> None:
     assert found.joint.scatter_source == "assumed"
     assert np.isinf(found.joint.freedom).all()
     assert found.joint.sigma[1] > 0.1 * abs(found.joint.values[1])
-    assert any("repeat each test at least three times" in text for text in found.warnings)
+    assert any("repeat each test at least three times" in text for text in texts_of(found.warnings))
 
 
 def test_one_width_is_told_that_it_cannot_part_k_c_from_k_phi() -> None:
@@ -176,30 +177,30 @@ def test_one_width_is_told_that_it_cannot_part_k_c_from_k_phi() -> None:
     assert not found.separate
     assert found.joint["stiffness"] == pytest.approx(13.19e3 / 0.05 + 692.15e3, rel=1e-7)
     assert "cohesive_modulus" not in found.joint
-    assert any("one plate width (b = 0.05 m)" in text and "second plate" in text for text in found.warnings)
+    assert any("one plate width (b = 0.05 m)" in text and "second plate" in text for text in texts_of(found.warnings))
 
 
 def test_widths_that_are_too_alike_are_said() -> None:
     found = fit_pressure_sinkage(plate_tests(np.random.default_rng(0), widths_m=(0.05, 0.052), noise=0.01))
-    assert any("too alike" in text for text in found.warnings)
+    assert any("too alike" in text for text in texts_of(found.warnings))
 
 
 def test_a_negative_k_c_is_reported_not_clipped() -> None:
     tests = plate_tests(np.random.default_rng(3), k_c=-15e3, k_phi=1e6, scatter=(0.03, 0.02), noise=0.01, repeats=4)
     found = fit_pressure_sinkage(tests)
     assert found.joint["cohesive_modulus"] == pytest.approx(-15e3, rel=0.15)
-    (text,) = [text for text in found.warnings if "is negative" in text]
+    (text,) = [text for text in texts_of(found.warnings) if "is negative" in text]
     assert "contradicts k = k_c/b + k_phi" in text
     assert "contains 0" not in text
     weak = fit_pressure_sinkage(plate_tests(np.random.default_rng(4), k_c=-1e2, scatter=(0.1, 0.05), noise=0.01))
     if weak.joint["cohesive_modulus"] < 0:
-        assert any("the interval contains 0" in text for text in weak.warnings)
+        assert any("the interval contains 0" in text for text in texts_of(weak.warnings))
 
 
 def test_a_negative_k_phi_is_reported_too() -> None:
     found = fit_pressure_sinkage(plate_tests(np.random.default_rng(3), k_c=60e3, k_phi=-3e5, noise=0.001))
     assert found.joint["frictional_modulus"] == pytest.approx(-3e5, rel=0.1)
-    assert any("k is positive only for b < 0.2" in text for text in found.warnings)
+    assert any("k is positive only for b < 0.2" in text for text in texts_of(found.warnings))
 
 
 def test_all_plates_that_cannot_be_fitted_are_named_together() -> None:

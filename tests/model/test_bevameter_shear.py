@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from daq.errors import ConfigError, DataError
 from daq.series.single_wheel_tables import ShearTest
 from model.bevameter import fit_shear, fit_shear_strength
+from wheelsoil.wording.notes import texts_of
 
 J = np.linspace(0, 0.08, 60)
 
@@ -23,13 +24,13 @@ def test_an_exact_curve_gives_its_strength_and_k(strength: float, modulus: float
     fit = fit_shear(ShearTest(J, _curve(strength, modulus), 1e4))
     assert fit.strength_pa == pytest.approx(strength, rel=1e-7)
     assert fit.shear_modulus_m == pytest.approx(modulus, rel=1e-7)
-    assert ("hardly separated" in "".join(fit.warnings)) == (modulus > 0.04)
+    assert ("hardly separated" in "".join(texts_of(fit.warnings))) == (modulus > 0.04)
 
 
 def test_the_window_is_kept_and_a_hump_is_said() -> None:
     humped = _curve(1e4, 0.005) * (1 - 0.5 * J / J.max())
     fit = fit_shear(ShearTest(J, humped, 1e4))
-    assert any("Janosi-Hanamoto has no hump" in text for text in fit.warnings)
+    assert any("Janosi-Hanamoto has no hump" in text for text in texts_of(fit.warnings))
     before = fit_shear(ShearTest(J, humped, 1e4), to_m=0.02)
     assert before.warnings == ()
     assert before.to_m <= 0.02
@@ -51,7 +52,7 @@ def test_curves_that_cannot_be_fitted(tau: np.ndarray, words: str) -> None:
 
 def test_a_k_finer_than_the_samples_is_said() -> None:
     fit = fit_shear(ShearTest(J, _curve(1e4, 0.0006), 1e4))
-    assert any("not resolved" in text for text in fit.warnings)
+    assert any("not resolved" in text for text in texts_of(fit.warnings))
 
 
 @given(st.floats(100, 1e5), st.floats(0.05, 1.5), st.floats(0.003, 0.03), st.sampled_from([1, 3]))
@@ -86,7 +87,7 @@ def test_one_normal_stress_is_told_that_it_cannot_part_c_from_phi() -> None:
     found = fit_shear_strength(shear_tests(np.random.default_rng(0), normal_stresses_pa=(20e3,)))
     assert not found.separate
     assert found.joint["strength_pa"] == pytest.approx(4140 + 0.4 * 20e3, rel=1e-7)
-    assert any("second normal stress" in text for text in found.warnings)
+    assert any("second normal stress" in text for text in texts_of(found.warnings))
 
 
 def test_a_negative_cohesion_is_set_to_zero_and_said() -> None:
@@ -95,7 +96,7 @@ def test_a_negative_cohesion_is_set_to_zero_and_said() -> None:
     assert found.joint["cohesion_pa"] == 0
     assert found.joint.sigma[0] > 0
     assert found.joint["tan_phi"] == pytest.approx(0.4 - 900 / 25e3, rel=0.1)
-    assert any("it is set to 0" in text for text in found.warnings)
+    assert any("it is set to 0" in text for text in texts_of(found.warnings))
 
 
 def test_a_strength_that_falls_with_the_normal_stress_is_refused() -> None:

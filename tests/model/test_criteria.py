@@ -7,7 +7,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
+from daq import Note
 from model.fit.criteria import criteria
+from model.notes import FitCode
+from wheelsoil.wording.notes import note_text
 
 numbers = st.floats(-1e4, 1e4, width=32)
 
@@ -26,7 +29,7 @@ def test_the_definitions_by_hand() -> None:
     assert r0 == pytest.approx(np.sqrt((100 + 400 + 100) / 3))
     r2 = found.R2
     assert r2 == pytest.approx(np.corrcoef([100, 200, -50], [110, 180, -40])[0, 1] ** 2)
-    assert (found.samples, found.threshold, found.reason) == (3, 0.2, "")
+    assert (found.samples, found.threshold, found.reason) == (3, 0.2, None)
     assert found.R0_per_load == pytest.approx(found.R0_N / 1e3)
 
 
@@ -68,8 +71,8 @@ def test_samples_below_the_threshold_and_nan_do_not_count(
 def test_nothing_above_the_threshold_is_a_result_with_its_reason() -> None:
     found = criteria([1.0], [1.0], [0.15], 0.2)
     assert found.samples == 0
-    assert found.reason == "no slip at or above the threshold 0.2: the largest is 0.15"
-    assert criteria([np.nan], [1.0], [0.5], 0.2).reason == "no sample has slip, measured and predicted value"
+    assert found.reason and note_text(found.reason) == "no slip at or above the threshold 0.2: the largest is 0.15"
+    assert criteria([np.nan], [1.0], [0.5], 0.2).reason == Note(FitCode.NO_SAMPLE)
     assert criteria([], [], [], 0.2).samples == 0
 
 
@@ -79,13 +82,17 @@ def test_a_measured_zero_makes_m0_infinite_unless_it_is_met() -> None:
 
 
 @pytest.mark.parametrize(
-    ("actual", "predicted", "words"),
-    [([3.0, 3.0], [1.0, 2.0], "measured"), ([1.0, 2.0], [3.1, 3.1], "predicted"), ([1.0], [1.0], "two samples")],
+    ("actual", "predicted", "code"),
+    [
+        ([3.0, 3.0], [1.0, 2.0], FitCode.MEASURED_CONSTANT),
+        ([1.0, 2.0], [3.1, 3.1], FitCode.PREDICTED_CONSTANT),
+        ([1.0], [1.0], FitCode.ONE_SAMPLE),
+    ],
 )
-def test_r2_that_cannot_be_has_a_reason(actual: list[float], predicted: list[float], words: str) -> None:
+def test_r2_that_cannot_be_has_a_reason(actual: list[float], predicted: list[float], code: str) -> None:
     found = criteria(actual, predicted, [1.0] * len(actual), 0.2)
     assert np.isnan(found.R2)
-    assert words in found.reason
+    assert found.reason == Note(code)
     assert np.isfinite(found.R0_N)
 
 

@@ -7,7 +7,7 @@ import pytest
 from effects_support import WHEEL
 
 from model.effects.catalogue import EFFECTS
-from model.effects.vehicle.wheel_inertia import INERTIA_KGM2, MASS_KG
+from model.effects.wheel_forces import INERTIA_KGM2, MASS_KG
 from model.wheel_soil.conditions import Conditions, Reaction, WheelState
 from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS, SoilState
 from model.wheel_soil.wheel_soil_model import WheelSoilModel

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from effects_support import WHEEL
 
-from model.effects.base import Effect
+from model.effects.base import Effect, Signals
 from model.effects.catalogue import EFFECTS, MEASUREMENT
-from model.effects.signals import Signals
 from model.wheel_soil.conditions import Conditions, Reaction, WheelState
 from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS, SoilState
 from model.wheel_soil.stresses import slip_of_ratio

@@ -15,7 +15,7 @@ from model.wheel_soil.conditions import Conditions, Wheel
 from model.wheel_soil.contact import Quadrature
 from model.wheel_soil.pressure_sinkage import closed_form
 from model.wheel_soil.soils import SOIL_PARAMETERS, SOILS
-from model.wheel_soil.wheel_soil_model import INPUTS, WHEEL_PARAMETERS, WheelSoilModel
+from model.wheel_soil.wheel_soil_model import INPUTS, WheelSoilModel
 
 WHEEL = Wheel(0.47, 0.318)
 VALUES = {"vasilev": {"H_m": 0.03}, "lyasko": {"m1": 0.3, "m2": 0.1}, "ding": {"n1": 0.3}}
@@ -33,7 +33,7 @@ def _model(law: str | None, soil: str = "clay", reading: str = "balanced", **kw:
 def test_sensitivities_equal_complex_step(law: str, soil: str, reading: str) -> None:
     model = _model(law, soil, reading, quadrature=Quadrature(48, 4))
     slip, load = SLIP[1:-1], LOAD[1:-1]
-    wrt = (*SOIL_PARAMETERS, *WHEEL_PARAMETERS, *VALUES[law], *INPUTS)
+    wrt = (*SOIL_PARAMETERS, "radius_m", "width_m", *VALUES[law], *INPUTS)
     analytic = model.predict(Conditions(slip, load), VALUES[law], wrt=wrt)
     base = (
         {n: float(getattr(SOILS[soil], n)) for n in SOIL_PARAMETERS}

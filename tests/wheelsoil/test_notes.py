@@ -5,13 +5,13 @@ from __future__ import annotations
 from itertools import chain
 
 from daq.notes import Note, RecordingCode, Severity
-from model.notes import DiagnosisCode, LackCode
+from model.notes import BevameterCode, DiagnosisCode, FitCode, LackCode, SinkageCode
 from processing.notes import RunCode, ZeroCode
-from wheelsoil.wording import diagnosis_notes, run_notes
+from wheelsoil.wording import diagnosis_notes, model_notes, run_notes
 from wheelsoil.wording.notes import note_text, texts_of
 
-CODES = (RecordingCode, RunCode, ZeroCode, LackCode, DiagnosisCode)
-SENTENCES = {**diagnosis_notes.SENTENCES, **run_notes.SENTENCES}
+CODES = (RecordingCode, RunCode, ZeroCode, LackCode, DiagnosisCode, FitCode, BevameterCode, SinkageCode)
+SENTENCES = {**diagnosis_notes.SENTENCES, **model_notes.SENTENCES, **run_notes.SENTENCES}
 
 
 def test_every_code_has_one_sentence_and_every_sentence_a_code() -> None:

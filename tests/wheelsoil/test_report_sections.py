@@ -11,7 +11,9 @@ import pytest
 from diagnosis_samples import diagnosis
 from report_support import material_of, section_of, text_of
 
+from daq import Note
 from daq.recording import Event
+from model import FitCode
 from wheelsoil.cli.runs import print_fit
 from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Table
@@ -102,7 +104,11 @@ def test_what_a_recording_tells_of_itself_is_shown(processed, material):
 def test_intervals_and_bounds_are_laid_out_as_lmfit_does(material):
     lyasko = material.fit.model("lyasko")
     held = replace(lyasko.estimates[0], at_bound=True, sigma=float("nan"))
-    stuck = replace(lyasko, estimates=(held, *lyasko.estimates[1:]), warnings=("m1: held by its bound 20",))
+    stuck = replace(
+        lyasko,
+        estimates=(held, *lyasko.estimates[1:]),
+        warnings=(Note(FitCode.HELD_BY_BOUND, values={"names": ("m1",), "value": 20.0}),),
+    )
     models = tuple(stuck if model.name == "lyasko" else model for model in material.fit.models)
     report = build_report(replace(material, campaign=replace(material.fit, models=models)))
     tables = {block.caption: block for block in section_of(report, "coefficients").blocks if isinstance(block, Table)}

@@ -127,6 +127,7 @@ def print_sinkage(facts: SinkageFacts) -> None:
 
 
 def _bound(facts: SinkageFacts) -> str:
+
     if not facts.inconsistent:
         return f"satisfied in all {facts.checked} driven rows with measured sinkage"
     return "; ".join(f"violated, suspect {item.channel}: {note_text(item.why)}" for item in facts.inconsistent)

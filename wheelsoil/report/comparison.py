@@ -10,6 +10,7 @@ from scipy.special import stdtrit
 from daq import OUTPUTS, FloatArray, IntArray
 from model.fit import ModelFit
 from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.wording.fit_text import reason_text
 
 _MIN_BLOCKS = 6
 _CONFIDENCE = 0.95
@@ -73,7 +74,7 @@ def rank(material: ReportInputs, channel: str = "dp") -> Ranking:
     fit, pool = material.fit, material.pool
     scored = [m for m in fit.models if channel in m.criteria and np.isfinite(m.criteria[channel].R0_N)]
     if not scored:
-        reasons = {m.criteria[channel].reason for m in fit.models if channel in m.criteria}
+        reasons = {reason_text(m.criteria[channel]) for m in fit.models if channel in m.criteria}
         raise DataError("; ".join(sorted(reasons)) or "no model has an R0")
     ordered = sorted(scored, key=lambda model: model.criteria[channel].R0_N)
     measured = pool.measured(channel)

@@ -13,7 +13,9 @@ from daq import ConfigError, Fault, TerrainConfig
 from daq.series import PlateTest, ShearTest
 from model.bevameter import (
     JointFit,
+    PlateFit,
     PressureSinkage,
+    ShearFit,
     ShearStrength,
     WindowOptions,
     fit_pressure_sinkage,
@@ -21,6 +23,7 @@ from model.bevameter import (
     terrain_of,
     terrain_toml,
 )
+from wheelsoil.wording.notes import note_text
 
 Rows = tuple[list[str], list[list[str]]]
 
@@ -58,8 +61,12 @@ class BenchSoil:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a reader must know."""
-        return tuple(text for part in (self.pressure, self.shear) if part for text in part.warnings)
+        """What a reader must know: of each test, then of all plates or shear tests together."""
+        texts: list[str] = []
+        for part, tests in ((self.pressure, _plates(self)), (self.shear, _shears(self))):
+            texts += [f"{test.name}: {note_text(note)}" for test in tests for note in test.warnings]
+            texts += [note_text(note) for note in (part.warnings if part else ())]
+        return tuple(texts)
 
 
 def evaluate(
@@ -87,10 +94,17 @@ def evaluate(
     )
 
 
+def _plates(result: BenchSoil) -> tuple[PlateFit, ...]:
+    return result.pressure.plates if result.pressure else ()
+
+
+def _shears(result: BenchSoil) -> tuple[ShearFit, ...]:
+    return result.shear.shears if result.shear else ()
+
+
 def plate_rows(result: BenchSoil) -> Rows:
     """Return the head and a row for each plate test."""
     head = ["plate test", "b m", "k kPa/m^n", "n", "misfit kPa", "zero mm", "window mm", "points"]
-    plates = result.pressure.plates if result.pressure else ()
     return head, [
         [
             fit.name,
@@ -102,14 +116,13 @@ def plate_rows(result: BenchSoil) -> Rows:
             f"{fit.window.from_m * 1e3:.1f}-{fit.window.to_m * 1e3:.1f}",
             str(fit.window.points),
         ]
-        for fit in plates
+        for fit in _plates(result)
     ]
 
 
 def shear_rows(result: BenchSoil) -> Rows:
     """Return the head and a row for each shear test."""
     head = ["shear test", "sigma kPa", "tau_max kPa", "K mm", "misfit kPa", "window mm", "points"]
-    shears = result.shear.shears if result.shear else ()
     return head, [
         [
             fit.name,
@@ -120,7 +133,7 @@ def shear_rows(result: BenchSoil) -> Rows:
             f"0-{fit.to_m * 1e3:.1f}",
             str(fit.points),
         ]
-        for fit in shears
+        for fit in _shears(result)
     ]
 
 
@@ -157,8 +170,8 @@ def as_json(result: BenchSoil) -> dict[str, Any]:
         "schema": SCHEMA,
         "parameters": _parameters(result),
         "joint": result.joints,
-        "plates": result.pressure.plates if result.pressure else [],
-        "shears": result.shear.shears if result.shear else [],
+        "plates": _plates(result),
+        "shears": _shears(result),
         "reference_sinkage_m": result.pressure.reference_sinkage_m if result.pressure else None,
         "window": result.window,
         "warnings": result.warnings,

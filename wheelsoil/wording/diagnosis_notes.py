@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import isfinite
 from typing import Any
 
 from daq import OUTPUTS, ROLES, Fault
@@ -34,18 +33,6 @@ def _inputs(v: Values) -> str:
 def _no_trace(v: Values) -> str:
     rows = "s < 0" if v["braked"] else "s > 0"
     return f"it changes nothing that was measured ({', '.join(v['channels'])}; rows with {rows} only)"
-
-
-def _above_bound(v: Values) -> str:
-    size = f"{100 * abs(v['radius_share']):.2g} % {'larger' if v['radius_share'] > 0 else 'smaller'}"
-    wheel = f"a wheel {size}" if isfinite(v["radius_share"]) else "no other radius"
-    part = f"{v['part']}: " if v["part"] else ""
-    return (
-        f"{part}T/r - Dp is above W tan(theta_1), which no soil can do, in {v['rows']} of {v['checked']} driven rows, "
-        f"by up to {v['excess_n']:.3g} N ({v['sigmas']:.3g} sigma); {_suspicion(v)}. What would mend it: "
-        f"{v['torque_nm']:.3g} N m less torque, {1e3 * v['sinkage_m']:.3g} mm more sinkage, {wheel}, or "
-        f"{v['pull_n']:.3g} N more drawbar pull"
-    )
 
 
 def _suspicion(v: Values) -> str:
@@ -201,7 +188,6 @@ SENTENCES: dict[str, Sentence] = {
     DiagnosisCode.BRAKED_ROWS_ONLY: (
         "rows of a braked wheel alone are diagnosed by their sinkage: its forces are not those of Eq. 4"
     ),
-    DiagnosisCode.ABOVE_BOUND: _above_bound,
     DiagnosisCode.PRIOR_SCALED: (
         "prior scales in N and N m are stated for a wheel under 10 kN; here {share:.3g} of them (median load "
         "{load_n:.3g} N)"

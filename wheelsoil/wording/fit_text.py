@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from daq import OUTPUTS, number
-from model.fit import CampaignFit, ModelFit
+from model.fit import CampaignFit, Criteria, ModelFit
+from wheelsoil.wording.notes import note_text
 
 Table = tuple[list[str], list[list[str]]]
 """Head and rows."""
@@ -26,8 +29,19 @@ def criteria_table(fit: CampaignFit, channel: str) -> Table:
 def remarks(fit: CampaignFit) -> list[str]:
     """Return remarks on the numbers: soil, interpretation, excluded samples, parameters that are not separable."""
     first = f"soil {fit.soil.name}, {fit.options.reading} reading, criteria at slips from {fit.slip_threshold:g} on"
-    reasons = {m.criteria["dp"].reason for m in fit.models if "dp" in m.criteria and m.criteria["dp"].reason}
-    return [first, *fit.notes, *sorted(reasons), *(f"{m.name}: {w}" for m in fit.models for w in m.warnings)]
+    reasons = {reason_text(m.criteria["dp"]) for m in fit.models if "dp" in m.criteria} - {""}
+    warnings = [f"{m.name}: {note_text(w)}" for m in fit.models for w in m.warnings]
+    return [first, *map(note_text, fit.notes), *sorted(reasons), *warnings]
+
+
+def reason_text(criteria: Criteria) -> str:
+    """Return why a criterion is not known; empty where all are."""
+    return note_text(criteria.reason) if criteria.reason else ""
+
+
+def criteria_json(model: ModelFit) -> dict[str, dict[str, Any]]:
+    """Return the criteria of every channel as plain values."""
+    return {channel: {**vars(one), "reason": reason_text(one)} for channel, one in model.criteria.items()}
 
 
 def _estimates(model: ModelFit) -> list[list[str]]:

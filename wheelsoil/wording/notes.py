@@ -14,12 +14,16 @@ if TYPE_CHECKING:
 
 def note_text(note: Note) -> str:
     """Return the sentence of a note, without a capital letter and a full stop."""
-    sentence = run_notes.SENTENCES.get(note.code) or _of_a_diagnosis(note.code)
+    sentence = run_notes.SENTENCES.get(note.code) or _of_a_model(note.code)
     return sentence.format(**note.values) if isinstance(sentence, str) else sentence(note.values)
 
 
-def _of_a_diagnosis(code: str) -> run_notes.Sentence:
-    """Return the sentence of a code of the diagnosis, whose words need the effects: they take a while to import."""
+def _of_a_model(code: str) -> run_notes.Sentence:
+    """Return the sentence of a code of a model; those of a diagnosis need the effects, which take a while to import."""
+    from wheelsoil.wording import model_notes
+
+    if code in model_notes.SENTENCES:
+        return model_notes.SENTENCES[code]
     from wheelsoil.wording import diagnosis_notes
 
     return diagnosis_notes.SENTENCES[code]

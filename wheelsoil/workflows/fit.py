@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from daq import INPUTS, OUTPUTS, ConfigError, DataError, Fault, TerrainConfig, VehicleConfig, load_toml, nearest
+from daq import INPUTS, OUTPUTS, ConfigError, DataError, Fault, Note, TerrainConfig, VehicleConfig, load_toml, nearest
 from daq.runs import Run
 from daq.series import WheelTable
-from model import ExtendedModel
+from model import ExtendedModel, FitCode
 from model.fit import CampaignFit, FitOptions, ModelFit, Observations
 from model.wheel_soil import SOILS, Reading, Soil, Wheel, prior_of, soil_from_terrain
 from processing import ProcessedRun
+from wheelsoil.wording.fit_text import criteria_json
 from wheelsoil.wording.notes import runs_by_text
 
 SCHEMA = "wheelsoil/fit/1"
@@ -149,10 +150,10 @@ def fit_runs(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices,
     soil = known_soil(soil_name, first.terrain)
     options = choices.options(soil, None if soil_name else first.terrain)
     fit = fit_models(whole_runs(runs), wheel_of(first.vehicle, first.vehicle_source), soil, options)
-    lacking = [f"{run.run.id} ({', '.join(run.quality.missing)})" for run in runs if run.quality.missing]
+    lacking = [(run.run.id, list(run.quality.missing)) for run in runs if run.quality.missing]
     if not lacking:
         return fit
-    return replace(fit, notes=(f"left out of the fit, for want of a signal: {', '.join(lacking)}", *fit.notes))
+    return replace(fit, notes=(Note(FitCode.RUNS_LACK_SIGNALS, values={"signals": lacking}), *fit.notes))
 
 
 def whole_runs(runs: Iterable[ProcessedRun]) -> tuple[ProcessedRun, ...]:
@@ -190,7 +191,7 @@ def fit_table(
     if not left_out:
         return fit
     used = fit.models[0].samples
-    note = f"{used} of {len(table)} rows used: {left_out} with slip <= 0 left out, the models are of a driven wheel"
+    note = Note(FitCode.ROWS_NOT_DRIVEN, values={"used": used, "rows": len(table), "excluded": left_out})
     return replace(fit, notes=(note, *fit.notes))
 
 
@@ -259,7 +260,7 @@ def model_as_json(model: ModelFit) -> dict[str, Any]:
         "samples": model.samples,
         "independent_blocks": model.blocks.count,
         "block_length_s": model.blocks.length_s,
-        "criteria": model.criteria,
+        "criteria": criteria_json(model),
         "load_ratio": model.load_ratio,
         "residual_floor": model.residual_floor,
     }

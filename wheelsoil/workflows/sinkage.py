@@ -24,6 +24,7 @@ from model.sinkage_from_forces import (
     sinkage_from_forces,
 )
 from processing import ProcessedRun
+from wheelsoil.wording.notes import note_text
 
 SCHEMA = "wheelsoil/sinkage/1"
 _SEED = 0
@@ -164,7 +165,7 @@ def _not_driven(runs: Sequence[ProcessedRun]) -> Fault:
 def growth_sentence(growth: Growth) -> str:
     """Say how the sinkage grows with slip."""
     if growth.reason:
-        return f"growth of sinkage with slip: {growth.reason}"
+        return f"growth of sinkage with slip: {note_text(growth.reason)}"
     low, high = growth.from_forces.interval95
     if low <= 0 <= high:
         return "over all shapes of the stress, the sinkage may grow with slip or not"
@@ -232,7 +233,7 @@ def sinkage_as_json(facts: SinkageFacts) -> dict[str, Any]:
                     ("measured", growth.measured),
                 )
             },
-            "reason": growth.reason,
+            "reason": note_text(growth.reason) if growth.reason else "",
         },
         "bound": {"rows": facts.checked, "inconsistent": list(facts.inconsistent)},
         "band": vars(ShapeRanges()),

@@ -19,12 +19,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import INPUTS, OUTPUTS, FloatArray, IndexArray, Note, Severity
+from daq import INPUTS, OUTPUTS, FloatArray, IndexArray, Note
 from daq.series import WheelTable
 from model.diagnosis.core.campaign import Bench, Campaign
 from model.diagnosis.core.result import Inconsistent
 from model.fit.observations import Observations
-from model.notes import DiagnosisCode
+from model.notes import SinkageCode
 from model.sinkage_from_forces.force_cells import driven_samples
 from model.sinkage_from_forces.sinkage import shear_share
 from processing import ProcessedRun
@@ -150,56 +150,50 @@ def inconsistent(rows: BoundRows) -> tuple[Inconsistent, ...]:
     if not broken:
         return ()
     worst = np.argsort(-over)[: min(broken, _MOST_SUSPECTS)]
-    change = _Change(rows[worst])
-    channel, suspicion = _suspect(rows[worst], change)
-    excess_n = float(rows.excess_n[worst[0]])
-    facts = {
-        "part": "",
-        "rows": broken,
-        "checked": len(rows),
-        "excess_n": excess_n,
-        "sigmas": excess_n / max(float(rows.sigma_n[worst[0]]), 1e-9),
-        **suspicion,
-        **vars(change),
+    seen = rows[worst]
+    change = _change(seen)
+    channel, code, found = _suspect(seen, change["less_torque_nm"])
+    excess = float(rows.excess_n[worst[0]])
+    values = {
+        "campaign": "",
+        "broken": broken,
+        "rows": len(rows),
+        "excess_n": excess,
+        "sigmas": excess / max(float(rows.sigma_n[worst[0]]), 1e-9),
     }
-    return (Inconsistent(channel, broken, Note(DiagnosisCode.ABOVE_BOUND, Severity.FAULT, facts)),)
+    return (Inconsistent(channel, broken, Note(code, values={**values, **found, **change})),)
 
 
-class _Change:
-    """The least change of each channel, alike in all rows, that brings rows back under the bound.
-
-    Attributes
-    ----------
-    torque_nm, pull_n, sinkage_m : float
-        Torque less, drawbar pull more, sinkage more.
-    radius_share : float
-        Wheel larger by this share, or smaller; infinite where no size helps.
-    """
-
-    def __init__(self, rows: BoundRows) -> None:
-        self.pull_n = float(rows.excess_n.max())
-        self.torque_nm = self.pull_n * rows.radius_m
-        tangent = rows.excess_n / rows.vertical_load_n + _tangent(rows.sinkage_m, rows.radius_m)
-        self.sinkage_m = float((rows.radius_m * (1.0 - np.cos(np.arctan(tangent))) - rows.sinkage_m).max())
-        shares = np.linspace(-0.6, 2.0, 521)
-        radii = rows.radius_m * (1.0 + shares[:, None])
-        arms = radii * (1.0 + _HIGHEST_LUG * rows.lugged)
-        resistance = rows.driving_torque_nm / arms - rows.drawbar_pull_n
-        fine = (resistance - rows.vertical_load_n * _tangent(rows.sinkage_m, radii) <= 0.0).all(axis=1)
-        self.radius_share = float(min(shares[fine], key=abs)) if fine.any() else np.inf
+def _change(rows: BoundRows) -> dict[str, float]:
+    """Return the least change of each channel, alike in all rows, that brings rows back under the bound."""
+    pull_n = float(rows.excess_n.max())
+    tangent = rows.excess_n / rows.vertical_load_n + _tangent(rows.sinkage_m, rows.radius_m)
+    sinkage_m = float((rows.radius_m * (1.0 - np.cos(np.arctan(tangent))) - rows.sinkage_m).max())
+    shares = np.linspace(-0.6, 2.0, 521)
+    radii = rows.radius_m * (1.0 + shares[:, None])
+    arms = radii * (1.0 + _HIGHEST_LUG * rows.lugged)
+    resistance = rows.driving_torque_nm / arms - rows.drawbar_pull_n
+    fine = (resistance - rows.vertical_load_n * _tangent(rows.sinkage_m, radii) <= 0.0).all(axis=1)
+    return {
+        "less_torque_nm": pull_n * rows.radius_m,
+        "more_sinkage_m": sinkage_m,
+        "larger_radius": float(min(shares[fine], key=abs)) if fine.any() else np.inf,
+        "more_pull_n": pull_n,
+    }
 
 
-def _suspect(rows: BoundRows, change: _Change) -> tuple[str, dict[str, str | float]]:
-    """Return the channel to suspect, and the values that say why."""
+def _suspect(rows: BoundRows, less_torque_nm: float) -> tuple[str, SinkageCode, dict[str, float]]:
+    """Return the channel to suspect, and why, with the values of the note."""
     rest = float(np.nan_to_num(rows.torque_at_rest_nm).max())
-    if rest > 0.5 * change.torque_nm:
-        return "driving_torque", {"suspicion": "standstill", "torque_at_rest_nm": rest}
+    if rest > 0.5 * less_torque_nm:
+        return "driving_torque", SinkageCode.TORQUE_AT_REST, {"rest_nm": rest}
     friction = float(np.median(_friction(rows)))
     if friction <= _STEEPEST:
-        return "sinkage", {"suspicion": "sinkage"}
+        return "sinkage", SinkageCode.SINKAGE_SUSPECT, {}
     if abs(rows.speed_scale - 1.0) > _SCALE_OFF:
-        return "wheel_radius", {"suspicion": "radius", "shear_share": friction, "speed_scale": rows.speed_scale}
-    return "driving_torque", {"suspicion": "torque", "shear_share": friction}
+        scale = {"friction": friction, "speed_scale": float(rows.speed_scale)}
+        return "wheel_radius", SinkageCode.RADIUS_SUSPECT, scale
+    return "driving_torque", SinkageCode.TORQUE_SUSPECT, {"friction": friction}
 
 
 def _friction(rows: BoundRows) -> FloatArray:
@@ -224,7 +218,9 @@ def inconsistencies(parts: Sequence[Campaign | Bench]) -> tuple[Inconsistent, ..
     found = [(part.name, item) for part in parts for item in inconsistent(_rows(part))]
     if len(parts) == 1:
         return tuple(item for _, item in found)
-    return tuple(replace(item, why=replace(item.why, values={**item.why.values, "part": name})) for name, item in found)
+    return tuple(
+        replace(item, why=replace(item.why, values={**item.why.values, "campaign": name})) for name, item in found
+    )
 
 
 def _rows(part: Campaign | Bench) -> BoundRows:

@@ -14,6 +14,7 @@ from wheelsoil.report.comparison import Ranking, rank
 from wheelsoil.report.content import Block, Section, Text
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import listed, number
+from wheelsoil.wording.fit_text import reason_text
 from wheelsoil.wording.model_styles import style
 from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.notes import note_text
@@ -166,7 +167,10 @@ def _trust(concerns: int) -> str:
 def _checks(material: ReportInputs, ranking: Ranking) -> list[Text]:
     return [
         _ended(ranking),
-        *(Text(f"{style(ranking.best.name).label}: {warning}.", "warning") for warning in ranking.best.warnings),
+        *(
+            Text(f"{style(ranking.best.name).label}: {note_text(warning)}.", "warning")
+            for warning in ranking.best.warnings
+        ),
         _load(material, ranking),
         _offset(ranking),
         _follows(ranking),
@@ -174,7 +178,7 @@ def _checks(material: ReportInputs, ranking: Ranking) -> list[Text]:
         _coverage(material),
         _losses(material),
         *_signs(material),
-        *(Text(f"{note}.", "warning") for note in material.fit.notes),
+        *(Text(f"{note_text(note)}.", "warning") for note in material.fit.notes),
     ]
 
 
@@ -213,7 +217,7 @@ def _offset(ranking: Ranking) -> Text:
 def _follows(ranking: Ranking) -> Text:
     r2 = ranking.best.criteria["dp"].R2
     if not np.isfinite(r2):
-        return Text(ranking.best.criteria["dp"].reason, "warning")
+        return Text(reason_text(ranking.best.criteria["dp"]), "warning")
     text = f"The prediction follows the measured drawbar pull with R² = {r2:.3f}"
     if r2 >= _LOW_R2:
         return Text(f"{text}.", "good")

@@ -13,6 +13,7 @@ from wheelsoil.report.content import Block, Section, Table, Text
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import count, letter, listed, measured, number, unit
 from wheelsoil.wording.model_styles import style
+from wheelsoil.wording.notes import note_text
 
 KEY = "coefficients"
 TITLE = "Parameters"
@@ -39,7 +40,7 @@ def build(material: ReportInputs) -> Section:
         *_correlations(fit),
         *(Text(_meaning(model)) for model in fit.models if model.effects),
     ]
-    blocks += [Text(f"{style(m.name).label}: {w}.", "warning") for m in fit.models for w in m.warnings]
+    blocks += [Text(f"{style(m.name).label}: {note_text(w)}.", "warning") for m in fit.models for w in m.warnings]
     return Section(KEY, TITLE, blocks, {m.name: _numbers(fit, m, limits[m.name]) for m in fit.models})
 
 

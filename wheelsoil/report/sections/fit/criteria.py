@@ -9,6 +9,7 @@ from model.fit import CampaignFit
 from wheelsoil.report.content import Section, Table
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import count, interval, letter, measured, number, unit
+from wheelsoil.wording.fit_text import criteria_json, reason_text
 from wheelsoil.wording.model_styles import style
 
 KEY = "criteria"
@@ -23,7 +24,7 @@ def build(material: ReportInputs) -> Section:
     measured = [c for c in _CHANNELS if any(c in m.criteria and m.criteria[c].samples for m in fit.models)]
     numbers = {
         m.name: {
-            "criteria": m.criteria,
+            "criteria": criteria_json(m),
             "load_ratio": m.load_ratio,
             "coefficients": {e.name: e.value for e in m.estimates},
         }
@@ -68,7 +69,7 @@ def _table(fit: CampaignFit, channel: str) -> Table:
     share = "R₀ / load (%)" if channel == "dp" else "R₀ / (load × radius) (%)"
     head = ["model", f"R₀ ({si})", "R²", share, "M₀ (%)", "load of Eq. 7 / measured", "least … most"]
     role = "fitted" if channel in fit.options.channels else "not fitted"
-    reasons = "; ".join(sorted({score.reason for score in scores if score.reason}))
+    reasons = "; ".join(sorted({reason_text(score) for score in scores} - {""}))
     note = (
         "M₀ is the largest relative error: one sample decides it, and it has no limit where the measured value passes "
         "zero. R² sees neither offset nor gain. Load of Eq. 7: what the model's sinkage would carry; 1 is consistent."

@@ -1,1 +1,0 @@
-"""How slip changes the sinkage."""

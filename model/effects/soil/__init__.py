@@ -1,1 +1,0 @@
-"""What the soil does beside Eq. 1-10."""

@@ -1,1 +1,0 @@
-"""What the wheel force transducer gets wrong."""

@@ -1,1 +1,0 @@
-"""What the vehicle, its wheel and its speeds do."""
