@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq import ConfigError, Fault, number
-from wheelsoil.cli.console import check_output, counter, print_json, print_pairs, print_table, progress, say
 from wheelsoil.cli.options import Force, Json, LenientDbc, Runs, RunsFile, Terrain, Vehicle
+from wheelsoil.console import check_output, counter, print_json, print_pairs, print_table, progress, say
 
 if TYPE_CHECKING:
     from wheelsoil.workflows.recording_summary import FileFacts

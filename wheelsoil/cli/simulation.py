@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, Fault
-from wheelsoil.cli.console import print_json, print_pairs, progress, say, terminal_width
-from wheelsoil.cli.options import PRESETS, Force, Json
+from wheelsoil.cli.options import PRESETS, Force, Json, Reading
+from wheelsoil.console import print_json, print_pairs, progress, say, terminal_width
 
 if TYPE_CHECKING:
     from model.diagnosis import Diagnosis
@@ -139,13 +139,6 @@ class Format(StrEnum):
     mcap = "mcap"
     candump = "candump"
     both = "both"
-
-
-class Reading(StrEnum):
-    """Interpretation of the slip-sinkage laws: balanced is load-consistent, literal is as published."""
-
-    balanced = "balanced"
-    literal = "literal"
 
 
 def simulate_command(

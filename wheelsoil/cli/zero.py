@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq import ConfigError, Fault, number
-from wheelsoil.cli.console import print_json, print_pairs, print_table, say
 from wheelsoil.cli.options import Json, LenientDbc, Vehicle
+from wheelsoil.console import print_json, print_pairs, print_table, say
 
 if TYPE_CHECKING:
     from daq import Note, Quantity

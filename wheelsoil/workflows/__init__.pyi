@@ -8,6 +8,7 @@ from .diagnosis import campaigns_of as campaigns_of
 from .diagnosis import diagnose_benches as diagnose_benches
 from .diagnosis import diagnose_campaigns as diagnose_campaigns
 from .diagnosis import diagnosis_options as diagnosis_options
+from .diagnosis import plan_campaigns as plan_campaigns
 from .exporting import export_recording as export_recording
 from .exporting import export_tables as export_tables
 from .fit import FitChoices as FitChoices
@@ -19,14 +20,13 @@ from .fit import wheel_of as wheel_of
 from .model_files import load_model as load_model
 from .model_files import model_toml as model_toml
 from .model_files import models_of as models_of
-from .planning import PlanFiles as PlanFiles
-from .planning import plan_campaigns as plan_campaigns
 from .recording_summary import FileFacts as FileFacts
 from .recording_summary import file_facts as file_facts
 from .report import Diagnosed as Diagnosed
 from .report import report_of as report_of
 from .report import report_of_processed as report_of_processed
 from .runs import BenchFiles as BenchFiles
+from .runs import Files as Files
 from .runs import open_and_process as open_and_process
 from .runs import process_runs as process_runs
 from .runs import read_bench as read_bench
