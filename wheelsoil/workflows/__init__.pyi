@@ -9,8 +9,6 @@ from .diagnosis import diagnose_benches as diagnose_benches
 from .diagnosis import diagnose_campaigns as diagnose_campaigns
 from .diagnosis import diagnosis_options as diagnosis_options
 from .diagnosis import plan_campaigns as plan_campaigns
-from .exporting import export_recording as export_recording
-from .exporting import export_tables as export_tables
 from .fit import FitChoices as FitChoices
 from .fit import fit_as_json as fit_as_json
 from .fit import fit_runs as fit_runs
@@ -20,8 +18,10 @@ from .fit import wheel_of as wheel_of
 from .model_files import load_model as load_model
 from .model_files import model_toml as model_toml
 from .model_files import models_of as models_of
-from .recording_summary import FileFacts as FileFacts
-from .recording_summary import file_facts as file_facts
+from .recordings import FileFacts as FileFacts
+from .recordings import export_recording as export_recording
+from .recordings import export_tables as export_tables
+from .recordings import file_facts as file_facts
 from .report import Diagnosed as Diagnosed
 from .report import report_of as report_of
 from .report import report_of_processed as report_of_processed

@@ -19,7 +19,7 @@ from model.effects import EFFECTS
 from model.wheel_soil import Reading
 from processing import Interval, ProcessOptions
 from wheelsoil.workflows.fit import FitChoices
-from wheelsoil.workflows.recording_summary import sha256_of
+from wheelsoil.workflows.recordings import sha256_of
 
 SCHEMA = "wheelsoil/choice/1"
 CHOICE_FILE = "choice.toml"
@@ -36,7 +36,7 @@ class ChosenRun:
     file, id : str
         Name of the recording without folder, and id of the run; one of them is enough.
     sha256 : str
-        Of the recording (`wheelsoil.workflows.recording_summary.sha256_of`), or empty.
+        Of the recording (`wheelsoil.workflows.recordings.sha256_of`), or empty.
     keep : tuple of (from, to) or None
         Seconds since the run's time base begins, in order; None: all of it.
     """

@@ -46,7 +46,7 @@ from processing.transducer_zero import (
     determine,
     drift_between,
 )
-from wheelsoil.workflows.recording_summary import sha256_of
+from wheelsoil.workflows.recordings import sha256_of
 
 _LOOK_BATCHES = 20
 Key = tuple[str, str]
