@@ -37,13 +37,7 @@ def _html(function: str, value: Any) -> Any:
 
 
 def _check_rooms() -> None:
-    """Refuse to start when a user's own module hides one of our packages.
-
-    Raises
-    ------
-    ImportError
-        Names the file that hides the package and how to get past it.
-    """
+    """Refuse to start when a user's own module hides one of our packages."""
     home = Path(__file__).resolve().parent.parent
     for room in _ROOMS:
         spec = importlib.util.find_spec(room)

@@ -70,13 +70,7 @@ def print_pairs(lines: Iterable[tuple[str, str]]) -> None:
 
 
 def progress(items: Iterable[Item], label: str, total: int | None = None) -> Iterator[Item]:
-    """Yield `items`, with a progress bar when stderr is a terminal.
-
-    Parameters
-    ----------
-    total : int, optional
-        Number of items, where it is known.
-    """
+    """Yield `items`, with a progress bar when stderr is a terminal."""
     if not sys.stderr.isatty():
         yield from items
         return

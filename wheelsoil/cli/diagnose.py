@@ -81,9 +81,9 @@ def diagnose_command(
     by_hand = options.chosen(choice, sinkage=sinkage, min_speed=min_speed)
     settings = diagnosis_options(
         by_hand.fit_choices().reading,
-        effects=_split(effects),
-        without=_split(without),
-        channels=_split([channels]),
+        effects=options.split(effects),
+        without=options.split(without),
+        channels=options.split([channels]),
         most_causes=most_causes,
         seed=seed,
         next_run=next_run,
@@ -130,10 +130,6 @@ def _print_plan(plan: Plan, target: Path | None, *, json: bool) -> None:
     if target:
         target.write_text(matrix_csv(plan), encoding="utf-8")
         say(f"wrote {target}")
-
-
-def _split(texts: list[str] | None) -> list[str]:
-    return [part.strip() for text in texts or () for part in text.split(",") if part.strip()]
 
 
 def _print(diagnosis: Diagnosis, *, json: bool) -> None:

@@ -156,13 +156,7 @@ def log_command(
 
 
 def _check_run_id(run_id: str | None) -> None:
-    """Check that a file can be named after a run.
-
-    Raises
-    ------
-    ConfigError
-        The name has no usable character, or is too long.
-    """
+    """Check that a file can be named after a run."""
     if not run_id:
         return
     if not any(letter.isalnum() for letter in run_id):

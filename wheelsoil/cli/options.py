@@ -69,6 +69,11 @@ def pairs(texts: Iterable[str] | None, option: str, form: str) -> list[tuple[str
     return [(left, right) for left, right in parsed]
 
 
+def split(texts: Iterable[str] | None) -> list[str]:
+    """Return the parts between the commas of a repeated option's values."""
+    return [part.strip() for text in texts or () for part in text.split(",") if part.strip()]
+
+
 def _only_databases(files: Iterable[tuple[str, str]], *, lenient: bool) -> Configuration:
     """Return a vehicle with buses and DBCs only."""
     import tomli_w
@@ -210,11 +215,10 @@ def chosen(
         See `wheelsoil.workflows.choice.load_choice`.
     """
     from wheelsoil.workflows.choice import Choice, load_choice
-    from wheelsoil.workflows.fit import parse_channels
 
     return (load_choice(file) if file else Choice()).but(
         sinkage=sinkage.value if sinkage else None,
-        channels=None if channels is None else parse_channels(channels),
+        channels=None if channels is None else tuple(split([channels])),
         soil_prior=soil_prior,
         slip_threshold=slip_threshold,
         min_speed_mps=min_speed,

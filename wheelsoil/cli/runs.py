@@ -179,18 +179,19 @@ def _sinkages(fit: CampaignFit) -> dict[str, Any] | None:
     """Return the sinkage that each model predicts beside the measured one; None if it was not measured."""
     import numpy as np
 
-    from wheelsoil.workflows.fit import predicted
-
     observed = fit.observations
     if not np.isfinite(observed.sinkage_m).any():
         return None
-    predictions = {model.name: predicted(fit, model)["sinkage_m"] for model in fit.models}
     driven = (observed.slip >= 0) & np.isfinite(observed.sinkage_m)
-    errors = {name: values[driven] - observed.sinkage_m[driven] for name, values in predictions.items()}
+    predictions = {}
+    for model in fit.models:
+        forward = fit.options.forward(fit.wheel, fit.soil, model.name)
+        predictions[model.name] = forward.predict(observed.conditions, model.values).sinkage_m[driven]
+    errors = {name: values - observed.sinkage_m[driven] for name, values in predictions.items()}
     return {
         "slip": observed.slip[driven],
         "measured_m": observed.sinkage_m[driven],
-        "predicted_m": {name: values[driven] for name, values in predictions.items()},
+        "predicted_m": predictions,
         "mean_error_m": {name: float(np.nanmean(error)) for name, error in errors.items()},
         "rms_error_m": {name: float(np.sqrt(np.nanmean(error**2))) for name, error in errors.items()},
     }

@@ -99,13 +99,7 @@ def _to_do(written: Path, folder: Path) -> str:
 
 
 def _limits(text: str | None) -> dict[Quantity, float]:
-    """Return the largest drift of forces and moments, in SI.
-
-    Raises
-    ------
-    ConfigError
-        A part is not UNIT=VALUE, with a unit of force or moment and a positive number.
-    """
+    """Return the largest drift of forces and moments, in SI, from ``UNIT=VALUE,...``."""
     from daq import Quantity, find_unit
 
     limits: dict[Quantity, float] = {}

@@ -47,15 +47,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class SimulatedCampaign:
-    """Files and frame count written by `simulate_campaign`.
-
-    Attributes
-    ----------
-    files : tuple of Path
-        The runs, recordings first.
-    frames : int
-        Number of frames in all runs.
-    """
+    """What `simulate_campaign` has written: the files of the runs, recordings first, and the frames in all of them."""
 
     folder: Path
     files: tuple[Path, ...]
@@ -218,11 +210,6 @@ def campaign_frames(options: SimulationOptions) -> Iterator[tuple[VirtualRun, Fr
 
 def simulated_roles(options: SimulationOptions, index: int) -> tuple[dict[str, Channel], VehicleConfig, RunInfo]:
     """Return one run as input of the processing: encoded into frames and decoded again, without a file.
-
-    Parameters
-    ----------
-    index : int
-        See `simulated_run`.
 
     Returns
     -------

@@ -85,7 +85,8 @@ class SimulationOptions:
             if not (isfinite(value) and good)
         ]
         if self.reading not in get_args(Reading):
-            faults.append(Fault("unknown reading of the sinkage laws", found=self.reading, expected=_either(Reading)))
+            expected = " or ".join(get_args(Reading))
+            faults.append(Fault("unknown reading of the sinkage laws", found=self.reading, expected=expected))
         if not self.added_load_kg:
             faults.append(Fault("no added load is given", next_step="give at least one, e.g. 0"))
         if not self.pass_number:
@@ -224,10 +225,6 @@ def _effect_faults(name: str, values: Mapping[str, float], reading: Reading) -> 
     ]
 
 
-def _either(kind: object) -> str:
-    return " or ".join(get_args(kind))
-
-
 _OF_THE_MODEL = ("soil", "sinkage", "radius", "width")
 
 
@@ -236,8 +233,6 @@ def with_model(options: SimulationOptions, path: Path, given: Collection[str]) -
 
     Parameters
     ----------
-    path : Path
-        Of the model file.
     given : collection of str
         Names of the options that were given on the command line.
 

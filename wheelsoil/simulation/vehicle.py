@@ -126,11 +126,6 @@ _STUFFING = 1.1  # bits on the wire per bit of the frame, about
 def virtual_frames(run: VirtualRun, bus: str = "can0") -> FrameBatch:
     """Encode a run as frames of a bus that transmits one frame at a time.
 
-    Parameters
-    ----------
-    bus : str
-        Name of the bus.
-
     Returns
     -------
     FrameBatch

@@ -192,13 +192,8 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
 def _told_apart(campaigns: Sequence[Campaign]) -> tuple[Campaign, ...]:
     """Give campaigns of one name a number each."""
     names = [campaign.name for campaign in campaigns]
-    seen: dict[str, int] = {}
-    apart = []
-    for campaign in campaigns:
-        seen[campaign.name] = seen.get(campaign.name, 0) + 1
-        number = f" ({seen[campaign.name]})" if names.count(campaign.name) > 1 else ""
-        apart.append(replace(campaign, name=campaign.name + number))
-    return tuple(apart)
+    numbers = [f" ({names[:i].count(name)})" if names.count(name) > 1 else "" for i, name in enumerate(names, 1)]
+    return tuple(replace(one, name=one.name + number) for one, number in zip(campaigns, numbers, strict=True))
 
 
 Given = tuple[Campaign, ...] | tuple[Bench, ...]

@@ -12,7 +12,6 @@ from daq import (
     ConfigError,
     DataError,
     Fault,
-    Note,
     TerrainConfig,
     UncertainTimestamps,
     VehicleConfig,
@@ -75,8 +74,6 @@ def read_bench(
 
     Parameters
     ----------
-    path : Path
-        The table.
     files : Files
         Of these, vehicle.toml with ``[wheel]`` (it is an error to give none), terrain.toml and the preset are taken.
     rename, where : iterable of str, optional
@@ -145,7 +142,9 @@ def process_runs(
                 unsure = UncertainTimestamps()
                 channels = run.channel_batches(watch=unsure.take)
                 one = process_stream(channels, run.vehicle, run.info, options, zeros_for(run, zero))
-                one = _with_notes(one, [*used.warnings, *unsure.notes(), *_gaps(run)])
+                gaps = [gap.note() for gap in run.recording.gaps] if run.recording else []
+                notes = (*used.warnings, *unsure.notes(), *gaps, *one.quality.notes)
+                one = replace(one, quality=replace(one.quality, notes=notes))
                 processed.append((run, one if used.keep is None else keep_only(one, used.keep, chosen.source)))
             except (ConfigError, DataError) as error:
                 raise _explained(run, error) from None
@@ -157,14 +156,6 @@ def process_runs(
                 say("  next: `wheelsoil recover` makes a whole file of what can be read")
     collected.stop_if_any()
     return processed
-
-
-def _with_notes(run: ProcessedRun, notes: Iterable[Note]) -> ProcessedRun:
-    return replace(run, quality=replace(run.quality, notes=(*notes, *run.quality.notes)))
-
-
-def _gaps(run: Run) -> list[Note]:
-    return [gap.note() for gap in run.recording.gaps] if run.recording else []
 
 
 def _check_vehicle(run: Run) -> None:
