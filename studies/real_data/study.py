@@ -35,7 +35,7 @@ from model.effects.catalogue import EFFECTS
 from studies.real_data.transfer import OWN, Transfer, transfer
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.to_json import to_json
-from wheelsoil.workflows import bench_of, read_bench
+from wheelsoil.workflows import Files, bench_of, read_bench
 
 HERE = Path(__file__).parent
 TABLE = ("cmu-terramech-testbed", "wheel_trials.csv")
@@ -69,8 +69,7 @@ def bench(wheel: str, name: str = "") -> Bench:
     kind, vehicle = WHEELS[wheel]
     files = read_bench(
         Path(os.environ["WHEELSOIL_DATA"], *TABLE),
-        vehicle=HERE / vehicle,
-        terrain=HERE / "terrain.toml",
+        Files(vehicle=HERE / vehicle, terrain=HERE / "terrain.toml"),
         rename=RENAME,
         where=(f"wheel={kind}", "beta_deg=0"),
     )

@@ -13,7 +13,7 @@ from wheelsoil.wording.to_json import plain
 from wheelsoil.workflows.choice import Choice, ChosenRun, load_choice
 from wheelsoil.workflows.diagnosis import campaigns_of, diagnose_campaigns, diagnosis_options
 from wheelsoil.workflows.fit import fit_runs
-from wheelsoil.workflows.recording_summary import sha256_of
+from wheelsoil.workflows.recordings import sha256_of
 from wheelsoil.workflows.runs import open_and_process
 
 KEEP = ((3.0, 6.5), (10.0, 13.0))

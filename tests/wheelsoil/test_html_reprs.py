@@ -15,7 +15,8 @@ from model.diagnosis.time_series.diagnosis import diagnose
 from model.fit.fit import fit_models
 from model.fit.result import FitOptions
 from processing.notes import RunCode
-from wheelsoil.jupyter import html_of, register
+from wheelsoil import register
+from wheelsoil.notebook import diagnosis_html, fit_html, processed_run_html, run_html
 from wheelsoil.wording.notes import texts_of
 
 CLAY = Path(__file__).parents[2] / "recordings" / "clay"
@@ -30,7 +31,7 @@ def fit():
 
 
 def test_a_fit(fit):
-    page = html_of(fit)
+    page = fit_html(fit)
     for text in ("vasilev", "H_m", "95 % interval", "chosen", "drawbar pull", "torque", "soil clay", "correlation"):
         assert text in page, text
     assert page.count("<table>") == 3
@@ -39,32 +40,32 @@ def test_a_fit(fit):
 
 def test_a_diagnosis():
     found = diagnose([driven("lyasko:m1=0.1,m2=0.05")], DiagnosisOptions(effects=("lyasko", "wheel_radius")))
-    page = html_of(found)
+    page = diagnosis_html(found)
     assert "slip sinkage" in page and f"verdict: {found.verdict.replace('_', ' ')}" in page
     named = replace(found, causes=tuple(replace(c, name=SCRIPT) for c in found.causes))
-    assert "&lt;script&gt;" in html_of(named) and "<script" not in html_of(named)
+    assert "&lt;script&gt;" in diagnosis_html(named) and "<script" not in diagnosis_html(named)
 
 
 def test_a_processed_run_and_its_notes():
     run = driven().runs[0]
-    page = html_of(run)
+    page = processed_run_html(run)
     assert "drawbar pull kN" in page and all(text.split()[0] in page for text in texts_of(run.quality.notes))
     note = Note(RunCode.NOT_MEASURED, values={"role": SCRIPT})
     strange = replace(run, run=run.run.model_copy(update={"id": SCRIPT}), quality=replace(run.quality, notes=(note,)))
-    assert html_of(strange).count("&lt;script&gt;") == 2 and "<script" not in html_of(strange)
+    assert processed_run_html(strange).count("&lt;script&gt;") == 2 and "<script" not in processed_run_html(strange)
 
 
 def test_a_run():
     (run,) = open_runs([CLAY / "run-1.mcap"])
-    page = html_of(run)
+    page = run_html(run)
     for text in ("run-1.mcap", "virtual test vehicle", "clay", "bus can0", "126,398 frames", "vertical_load"):
         assert text in page, text
-    assert "<script" not in html_of(replace(run, id=SCRIPT, recording=None))
+    assert "<script" not in run_html(replace(run, id=SCRIPT, recording=None))
 
 
 def test_names_in_a_fit_are_escaped(fit):
     strange = replace(fit, soil=replace(fit.soil, name=SCRIPT), notes=(SCRIPT,))
-    assert "<script" not in html_of(strange)
+    assert "<script" not in fit_html(strange)
 
 
 def test_a_notebook_shows_a_run_as_a_table():
@@ -75,7 +76,7 @@ def test_a_notebook_shows_a_run_as_a_table():
         shown, _ = shell.display_formatter.format(run)
     finally:
         InteractiveShell.clear_instance()
-    assert shown["text/html"] == html_of(run)
+    assert shown["text/html"] == run_html(run)
 
 
 def test_without_a_notebook_nothing_is_registered():

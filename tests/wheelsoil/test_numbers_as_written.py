@@ -8,7 +8,7 @@ import pytest
 
 from daq.formatting import probability
 from wheelsoil.report.words import count, interval, measured, named_with_unit, number, signed
-from wheelsoil.workflows.recording_summary import utc
+from wheelsoil.workflows.recordings import utc
 
 NAN, INF = math.nan, math.inf
 

@@ -12,7 +12,7 @@ from report_support import section_of
 
 from model.diagnosis.core.result import Grounds, NextRun, ParameterEstimate
 from model.sinkage_from_forces.sinkage_growth import Estimate, Growth
-from wheelsoil.jupyter import html_of
+from wheelsoil.notebook import diagnosis_html
 from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Table, Text
 from wheelsoil.report.sections.diagnosis import candidates, detectable, glance, next_run
@@ -105,9 +105,9 @@ def test_a_good_run_says_of_what_its_share_is(material):
 def test_a_notebook_shows_gain_next_run_and_no_certainty():
     found = diagnosis("one_of")
     sure = replace(found, causes=tuple(replace(cause, probability=0.99999) for cause in found.causes))
-    page = html_of(sure)
+    page = diagnosis_html(sure)
     assert "&gt;0.999" in page and "1.000" not in page
-    assert "on runs left out" in html_of(diagnosis("named"))
+    assert "on runs left out" in diagnosis_html(diagnosis("named"))
     assert "next run, best first" in page
 
 

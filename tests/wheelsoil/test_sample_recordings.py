@@ -15,8 +15,8 @@ from daq.can.frames import concatenate
 from daq.recording import Recording
 from daq.runs.open import open_runs
 from wheelsoil.simulation.campaign import frames_sha256, simulated_run
-from wheelsoil.simulation.frames import virtual_frames
 from wheelsoil.simulation.options import SimulationOptions
+from wheelsoil.simulation.vehicle import virtual_frames
 
 FOLDER = Path(__file__).parents[2] / "recordings"
 CAMPAIGNS = ("clay", "sandy")

@@ -19,8 +19,8 @@ from model.wheel_soil.soils import SOILS, soil_from_terrain
 from processing.pipeline.pipeline import process
 from wheelsoil.cli.app import run as wheelsoil
 from wheelsoil.simulation.campaign import frames_sha256, simulate_campaign, simulated_roles, simulated_run, true_soil
-from wheelsoil.simulation.frames import virtual_frames
 from wheelsoil.simulation.options import SimulationOptions, parse_effect
+from wheelsoil.simulation.vehicle import virtual_frames
 
 LYASKO = {"lyasko": {"m1": 0.1, "m2": 0.05}}
 

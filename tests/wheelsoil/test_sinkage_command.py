@@ -22,8 +22,8 @@ from processing.pipeline.pipeline import process
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections.fit.sinkage import build
 from wheelsoil.simulation.campaign import simulated_run
-from wheelsoil.simulation.frames import virtual_frames
 from wheelsoil.simulation.options import SimulationOptions
+from wheelsoil.simulation.vehicle import virtual_frames
 from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.runs import process_runs
 

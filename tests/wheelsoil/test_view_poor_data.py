@@ -13,8 +13,9 @@ import pytest
 from cli_support import ok
 from view_client import View, taken_from, viewing
 
-from wheelsoil.view.opening import Files, open_campaigns
+from wheelsoil.view.opening import open_campaigns
 from wheelsoil.workflows.report import report_of
+from wheelsoil.workflows.runs import Files
 
 ROOT = Path(__file__).parents[2]
 CLAY, SANDY = ROOT / "recordings" / "clay", ROOT / "recordings" / "sandy"

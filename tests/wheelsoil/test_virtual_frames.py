@@ -18,7 +18,7 @@ from daq.recording import Recording, RecordingWriter
 from daq.units import Quantity, find_unit
 from model.simulation import TransducerSetup, VirtualSetup
 from wheelsoil.simulation.campaign import frames_sha256
-from wheelsoil.simulation.frames import _LAYOUT, DBC_FILES, virtual_frames
+from wheelsoil.simulation.vehicle import _LAYOUT, DBC_FILES, virtual_frames
 
 SHORT = VirtualSetup(duration_s=20.0)
 DATABASES = tuple(load_database(shipped_dbc(name)) for name in DBC_FILES)

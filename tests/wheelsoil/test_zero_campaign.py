@@ -19,8 +19,8 @@ from daq.recording import Recording, RecordingWriter
 from daq.runs.run import vehicle_from_file
 from model.simulation import TransducerSetup, VirtualRun, VirtualSetup
 from processing.processed_run import ProcessedRun
-from wheelsoil.simulation.files import to_toml, vehicle_config
-from wheelsoil.simulation.frames import DBC_FILES, virtual_frames
+from wheelsoil.simulation.campaign import to_toml
+from wheelsoil.simulation.vehicle import DBC_FILES, vehicle_config, virtual_frames
 from wheelsoil.wording.notes import texts_of
 from wheelsoil.workflows.runs import open_and_process
 

@@ -37,7 +37,7 @@ COMMANDS: dict[str, Entry] = {
     "process": Entry("runs", "Bring a run onto one time base: slip, forces, quality."),
     "soil": Entry("soil", "Determine terrain parameters from plate and shear tests."),
     "fit": Entry("runs", "Fit Wong's model and three slip-sinkage laws."),
-    "sinkage": Entry("sinkage", "Estimate the sinkage of a driven wheel from its forces alone."),
+    "sinkage": Entry("runs", "Estimate the sinkage of a driven wheel from its forces alone."),
     "diagnose": Entry(
         "diagnose", "Identify the cause of the simulation's error, or report why it is not identifiable."
     ),

@@ -8,30 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, Fault
-from wheelsoil.cli.console import check_output, print_json, say, terminal_width
-from wheelsoil.cli.options import (
-    ChoiceFile,
-    Force,
-    Json,
-    LenientDbc,
-    MinSpeed,
-    Rename,
-    RunsFile,
-    Sinkage,
-    SoilPreset,
-    Terrain,
-    Vehicle,
-    Where,
-    ZeroFile,
-    chosen,
-    processed_for,
-)
+from wheelsoil.cli import options
+from wheelsoil.console import check_output, print_json, say, terminal_width
 
 if TYPE_CHECKING:
-    from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions
-    from wheelsoil.workflows.choice import Choice
+    from model.diagnosis import Diagnosis, DiagnosisOptions, Plan
     from wheelsoil.workflows.diagnosis import Given
-    from wheelsoil.workflows.planning import PlanFiles
 
 
 def diagnose_command(
@@ -51,15 +33,15 @@ def diagnose_command(
     table: Annotated[
         Path | None, typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, ...")
     ] = None,
-    rename: Rename = None,
-    where: Where = None,
-    vehicle: Vehicle = None,
-    terrain: Terrain = None,
-    runs_file: RunsFile = None,
-    zero: ZeroFile = None,
-    soil: SoilPreset = None,
-    choice: ChoiceFile = None,
-    sinkage: Sinkage = None,
+    rename: options.Rename = None,
+    where: options.Where = None,
+    vehicle: options.Vehicle = None,
+    terrain: options.Terrain = None,
+    runs_file: options.RunsFile = None,
+    zero: options.ZeroFile = None,
+    soil: options.SoilPreset = None,
+    choice: options.ChoiceFile = None,
+    sinkage: options.Sinkage = None,
     channels: Annotated[
         str, typer.Option("--channels", help="Channels to use if measured: dp (drawbar pull), t (torque), z (sinkage).")
     ] = "dp,t,z",
@@ -79,10 +61,10 @@ def diagnose_command(
     ] = None,
     planned_duration: Annotated[float, typer.Option(metavar="S", help="With --plan: duration of each run.")] = 40.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the resampling of runs.")] = 0,
-    min_speed: MinSpeed = None,
-    lenient_dbc: LenientDbc = False,
-    force: Force = False,
-    json: Json = False,
+    min_speed: options.MinSpeed = None,
+    lenient_dbc: options.LenientDbc = False,
+    force: options.Force = False,
+    json: options.Json = False,
 ) -> None:
     """Report the error of the simulation, its cause, and the gain when the model is extended by that cause.
 
@@ -93,103 +75,61 @@ def diagnose_command(
     With --plan, RUN is a folder with vehicle.toml, terrain.toml and runs.toml (direction, added load, pass, inflation
     of each planned run), or --vehicle, --terrain and --runs name them; no recording is read.
     """
-    from wheelsoil.workflows.diagnosis import diagnosis_options
+    from wheelsoil.workflows.diagnosis import bench_of, campaigns_of, diagnosis_options, plan_campaigns
+    from wheelsoil.workflows.runs import Files, read_bench
 
-    by_hand = chosen(choice, sinkage=sinkage, min_speed=min_speed)
-    options = diagnosis_options(
+    by_hand = options.chosen(choice, sinkage=sinkage, min_speed=min_speed)
+    settings = diagnosis_options(
         by_hand.fit_choices().reading,
-        effects=_split(effects),
-        without=_split(without),
-        channels=_split([channels]),
+        effects=options.split(effects),
+        without=options.split(without),
+        channels=options.split([channels]),
         most_causes=most_causes,
         seed=seed,
         next_run=next_run,
     )
+    files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc)
+    paths = runs or []
     if plan:
         if table or zero or choice:
             raise ConfigError(Fault("--plan reads no measurement", next_step="omit --table, --zero and --choice"))
-        from wheelsoil.workflows.planning import PlanFiles
-
-        _plan(
-            runs or [],
-            PlanFiles(vehicle, terrain, runs_file, soil, planned_runs, planned_duration),
-            options,
-            check_output(output, force=force) if output else None,
-            json=json,
-        )
+        target = check_output(output, force=force) if output else None
+        found = plan_campaigns(paths, files, settings, run_count=planned_runs, duration_s=planned_duration)
+        _print_plan(found, target, json=json)
         return
+    options.refuse_two_sources(paths, table, choice, [*(rename or ()), *(where or ())], "diagnose")
+    given: Given
     if table is not None:
-        if runs or choice:
-            other = "RUN" if runs else "--choice"
-            raise ConfigError(
-                Fault(f"{other} and --table exclude each other", next_step="diagnose one, then the other")
-            )
-        given: Given = _single_wheel_tests(table, rename, where, vehicle, terrain, soil)
+        given = (bench_of(read_bench(table, files, rename=rename, where=where)),)
     else:
-        if rename or where:
-            raise ConfigError(Fault("--rename and --where choose from a table", next_step="give --table FILE.csv"))
-        files = (vehicle, terrain, runs_file, zero)
-        given = _campaigns(runs or [], files, soil, by_hand, lenient_dbc)
-    _diagnose(given, options, output, force=force, json=json)
+        given = campaigns_of(paths, options.processed_for("diagnose", paths, files, by_hand), soil)
+    _diagnose(given, settings, output, force=force, json=json)
 
 
-def _diagnose(given: Given, options: DiagnosisOptions, output: Path | None, *, force: bool, json: bool) -> None:
+def _diagnose(given: Given, settings: DiagnosisOptions, output: Path | None, *, force: bool, json: bool) -> None:
     from wheelsoil.report.inputs import command_line
     from wheelsoil.workflows.diagnosis import diagnose_given
     from wheelsoil.workflows.model_files import model_targets, model_toml, models_of
 
     targets = model_targets(output, [one.name for one in given], force=force) if output else []
-    diagnosis = diagnose_given(given, options)
+    diagnosis = diagnose_given(given, settings)
     _print(diagnosis, json=json)
-    for path, model in zip(targets, models_of(diagnosis, given, options.reading, command_line()), strict=False):
+    for path, model in zip(targets, models_of(diagnosis, given, settings.reading, command_line()), strict=False):
         path.write_text(model_toml(model), encoding="utf-8")
         say(f"wrote {path}" + ("" if model.effects else ": it has no effect, because no cause is named"))
 
 
-def _plan(folders: list[Path], files: PlanFiles, options: DiagnosisOptions, target: Path | None, *, json: bool) -> None:
+def _print_plan(plan: Plan, target: Path | None, *, json: bool) -> None:
     from wheelsoil.wording.plan_text import matrix_csv, plan_lines
-    from wheelsoil.workflows.planning import plan_campaigns
 
-    found = plan_campaigns(folders, files, options)
     if json:
-        print_json(found.as_json())
+        print_json(plan.as_json())
     else:
-        for line in plan_lines(found, terminal_width()):
+        for line in plan_lines(plan, terminal_width()):
             print(line)
     if target:
-        target.write_text(matrix_csv(found), encoding="utf-8")
+        target.write_text(matrix_csv(plan), encoding="utf-8")
         say(f"wrote {target}")
-
-
-def _split(texts: list[str] | None) -> list[str]:
-    return [part.strip() for text in texts or () for part in text.split(",") if part.strip()]
-
-
-def _campaigns(
-    runs: list[Path],
-    files: tuple[Path | None, Path | None, Path | None, Path | None],
-    soil: str | None,
-    by_hand: Choice,
-    lenient_dbc: bool,
-) -> tuple[Campaign, ...]:
-    from wheelsoil.workflows.diagnosis import campaigns_of
-
-    processed = processed_for("diagnose", runs, files, by_hand, lenient_dbc=lenient_dbc)
-    return campaigns_of(runs, processed, soil)
-
-
-def _single_wheel_tests(
-    path: Path,
-    rename: list[str] | None,
-    where: list[str] | None,
-    vehicle: Path | None,
-    terrain: Path | None,
-    soil: str | None,
-) -> tuple[Bench, ...]:
-    from wheelsoil.workflows.diagnosis import bench_of
-    from wheelsoil.workflows.runs import read_bench
-
-    return (bench_of(read_bench(path, vehicle=vehicle, terrain=terrain, soil=soil, rename=rename, where=where)),)
 
 
 def _print(diagnosis: Diagnosis, *, json: bool) -> None:

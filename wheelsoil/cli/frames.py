@@ -9,21 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, Fault
-from wheelsoil.cli.console import check_output, counter, print_json, print_pairs, say
-from wheelsoil.cli.options import (
-    AddedLoad,
-    Direction,
-    DirectionOption,
-    Force,
-    Inflation,
-    Json,
-    LenientDbc,
-    PassNumber,
-    RunId,
-    Terrain,
-    Vehicle,
-    run_info,
-)
+from wheelsoil.cli import options
+from wheelsoil.console import check_output, counter, print_json, print_pairs, say
 
 if TYPE_CHECKING:
     from daq import RunInfo
@@ -48,8 +35,8 @@ def import_command(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Recording to write (default: LOG.mcap here).")
     ] = None,
-    vehicle: Vehicle = None,
-    terrain: Terrain = None,
+    vehicle: options.Vehicle = None,
+    terrain: options.Terrain = None,
     dbc: Annotated[
         list[str] | None,
         typer.Option(metavar="BUS=FILE", help="A DBC of a bus, if there is no vehicle.toml; may be repeated."),
@@ -58,17 +45,17 @@ def import_command(
         list[str] | None,
         typer.Option(metavar="OLD=NEW", help="Rename a bus of the log to its name in vehicle.toml; may be repeated."),
     ] = None,
-    lenient_dbc: LenientDbc = False,
-    run_id: RunId = None,
-    direction: DirectionOption = Direction.out,
-    pass_number: PassNumber = 1,
-    added_load: AddedLoad = 0.0,
-    inflation: Inflation = None,
+    lenient_dbc: options.LenientDbc = False,
+    run_id: options.RunId = None,
+    direction: options.DirectionOption = options.Direction.out,
+    pass_number: options.PassNumber = 1,
+    added_load: options.AddedLoad = 0.0,
+    inflation: options.Inflation = None,
     view_rate: Annotated[
         float, typer.Option(min=0.0, metavar="HZ", help="Rate of the decoded topics; 0: raw frames only.")
     ] = 100.0,
-    force: Force = False,
-    json: Json = False,
+    force: options.Force = False,
+    json: options.Json = False,
 ) -> None:
     """Turn log files of any format into a recording (MCAP) that needs no other file.
 
@@ -77,13 +64,12 @@ def import_command(
     """
     from daq.logs import import_logs
     from daq.runs import known_beside
-    from wheelsoil.cli.options import configuration, pairs
 
-    given = configuration(vehicle, terrain, pairs(dbc, "--dbc", "BUS=FILE"), lenient_dbc=lenient_dbc)
+    given = options.configuration(vehicle, terrain, options.pairs(dbc, "--dbc", "BUS=FILE"), lenient_dbc=lenient_dbc)
     known = known_beside(logs[0], given, lenient_dbc=lenient_dbc)
     name = logs[0].name.partition(".")[0]
     target = check_output(output or Path(f"{name}.mcap"), force=force)
-    info = run_info(target.name, run_id or name, direction, pass_number, added_load, inflation)
+    info = options.run_info(target.name, run_id or name, direction, pass_number, added_load, inflation)
     info = _completed(info, context, known, logs[0].name)
     with counter("importing", "frames") as watch:
         done = import_logs(
@@ -91,7 +77,7 @@ def import_command(
             target,
             known,
             run=info,
-            rename_buses=dict(pairs(bus, "--bus", "OLD=NEW")),
+            rename_buses=dict(options.pairs(bus, "--bus", "OLD=NEW")),
             view_rate_hz=view_rate or None,
             overwrite=force,
             watch=watch,
@@ -154,13 +140,12 @@ def replay_command(
         ),
     ] = "1",
     fd: Annotated[bool, typer.Option("--fd", help="Open the interface for CAN FD.")] = False,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Send the frames of a recording onto buses, with the timing they were recorded with; Ctrl-C stops (130)."""
     from daq.sources import replay
-    from wheelsoil.cli.options import pairs
 
-    channels = dict(pairs(channel, "--channel", "BUS=CHANNEL")) or None
+    channels = dict(options.pairs(channel, "--channel", "BUS=CHANNEL")) or None
     loops = _loops(loop)
     done = replay(
         recording, interface, channels=channels, speed=speed or None, from_s=start, to_s=end, loops=loops, fd=fd

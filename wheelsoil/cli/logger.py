@@ -14,21 +14,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, DataError, Fault, HardwareError
-from wheelsoil.cli.console import print_json, print_pairs, printable_addresses, say
-from wheelsoil.cli.options import (
-    TOKEN_VARIABLE,
-    AddedLoad,
-    Direction,
-    DirectionOption,
-    Inflation,
-    Json,
-    LenientDbc,
-    PassNumber,
-    RunId,
-    Terrain,
-    page_token,
-    run_info,
-)
+from wheelsoil.cli import options
+from wheelsoil.console import print_json, print_pairs, printable_addresses, say
 
 if TYPE_CHECKING:
     from daq import VehicleConfig
@@ -50,7 +37,7 @@ def doctor_command(
     page_port: Annotated[
         int, typer.Option(min=1, max=65535, metavar="N", help="Port of the status page.")
     ] = _PAGE_PORT,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Check whether this machine is ready to log the vehicle; each failed check comes with the next step.
 
@@ -98,13 +85,13 @@ def log_command(
         float | None, typer.Option(min=0.0, metavar="S", help="How long (default: until Ctrl-C).")
     ] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Start no run until the status page does.")] = False,
-    terrain: Terrain = None,
-    run_id: RunId = None,
-    direction: DirectionOption = Direction.out,
-    pass_number: PassNumber = 1,
-    added_load: AddedLoad = 0.0,
-    inflation: Inflation = None,
-    lenient_dbc: LenientDbc = False,
+    terrain: options.Terrain = None,
+    run_id: options.RunId = None,
+    direction: options.DirectionOption = options.Direction.out,
+    pass_number: options.PassNumber = 1,
+    added_load: options.AddedLoad = 0.0,
+    inflation: options.Inflation = None,
+    lenient_dbc: options.LenientDbc = False,
     view: Annotated[bool, typer.Option(help="Write decoded topics beside the raw frames.")] = True,
     page: Annotated[bool, typer.Option(help="Show a status page.")] = True,
     page_host: Annotated[
@@ -114,9 +101,10 @@ def log_command(
         int | None, typer.Option(min=0, max=65535, metavar="N", help=f"Its port (default: {_PAGE_PORT}).")
     ] = None,
     page_token_file: Annotated[
-        Path | None, typer.Option(metavar="FILE", help=f"File with its token (or: environment {TOKEN_VARIABLE}).")
+        Path | None,
+        typer.Option(metavar="FILE", help=f"File with its token (or: environment {options.TOKEN_VARIABLE})."),
     ] = None,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Record the vehicle's buses until the time is up or Ctrl-C; the recording is closed in either case.
 
@@ -130,16 +118,15 @@ def log_command(
     """
     from daq.logger import log
     from daq.runs import LENIENT_KEY
-    from wheelsoil.cli.options import configuration
 
-    known = configuration(vehicle, terrain, lenient_dbc=lenient_dbc)
+    known = options.configuration(vehicle, terrain, lenient_dbc=lenient_dbc)
     assert known.vehicle is not None
     _check_run_id(run_id)
     if wait and out.suffix.lower() == ".mcap":
         step = "give a folder with --out, and the run's name on the page or with --run-id"
         raise ConfigError(Fault("--wait begins between runs, where no file is named", str(out), next_step=step))
-    info = run_info("", run_id or "", direction, pass_number, added_load, inflation)
-    token = page_token(page_token_file)
+    info = options.run_info("", run_id or "", direction, pass_number, added_load, inflation)
+    token = options.page_token(page_token_file)
     zero_file = known.vehicle.transducer.zero_file
     if zero_file and zero_file not in known.attachments:
         say(
@@ -169,13 +156,7 @@ def log_command(
 
 
 def _check_run_id(run_id: str | None) -> None:
-    """Check that a file can be named after a run.
-
-    Raises
-    ------
-    ConfigError
-        The name has no usable character, or is too long.
-    """
+    """Check that a file can be named after a run."""
     if not run_id:
         return
     if not any(letter.isalnum() for letter in run_id):

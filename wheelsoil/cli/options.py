@@ -13,13 +13,14 @@ import typer
 from daq import ConfigError, Fault, VehicleConfig, parse_toml
 from daq.can import Database, load_database, messages_by_bus
 from daq.runs import VEHICLE_FILE, Collected, Configuration, terrain_from_file, vehicle_from_file
-from wheelsoil.cli.console import say_wrong_signs
+from wheelsoil.console import say_folded
 
 if TYPE_CHECKING:
     from daq import RunInfo
     from daq.runs import Run
     from processing import ProcessedRun
     from wheelsoil.workflows.choice import Choice
+    from wheelsoil.workflows.runs import Files
 
 
 def configuration(
@@ -66,6 +67,11 @@ def pairs(texts: Iterable[str] | None, option: str, form: str) -> list[tuple[str
     if faults:
         raise ConfigError(*faults)
     return [(left, right) for left, right in parsed]
+
+
+def split(texts: Iterable[str] | None) -> list[str]:
+    """Return the parts between the commas of a repeated option's values."""
+    return [part.strip() for text in texts or () for part in text.split(",") if part.strip()]
 
 
 def _only_databases(files: Iterable[tuple[str, str]], *, lenient: bool) -> Configuration:
@@ -209,11 +215,10 @@ def chosen(
         See `wheelsoil.workflows.choice.load_choice`.
     """
     from wheelsoil.workflows.choice import Choice, load_choice
-    from wheelsoil.workflows.fit import parse_channels
 
     return (load_choice(file) if file else Choice()).but(
         sinkage=sinkage.value if sinkage else None,
-        channels=None if channels is None else parse_channels(channels),
+        channels=None if channels is None else tuple(split([channels])),
         soil_prior=soil_prior,
         slip_threshold=slip_threshold,
         min_speed_mps=min_speed,
@@ -271,35 +276,42 @@ def page_token(file: Path | None) -> str | None:
     return text
 
 
-def processed_for(
-    purpose: str,
-    runs: Sequence[Path],
-    files: tuple[Path | None, Path | None, Path | None, Path | None],
-    choice: Choice,
-    *,
-    lenient_dbc: bool,
-) -> list[tuple[Run, ProcessedRun]]:
-    """Open and process runs as a choice says, and report forces that seem to have the wrong sign (stderr).
+def refuse_two_sources(
+    runs: Sequence[Path], table: Path | None, choice: Path | None, columns: Sequence[str], verb: str
+) -> None:
+    """Check that a command takes runs, with the choice of some of them, or a table, with a choice of its columns.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        Values of --rename and --where.
+    verb : str
+        What the command does with one of both, for the message.
+
+    Raises
+    ------
+    ConfigError
+        Options of both are given.
+    """
+    if table is not None and (runs or choice):
+        other = "RUN" if runs else "--choice"
+        raise ConfigError(Fault(f"{other} and --table exclude each other", next_step=f"{verb} one, then the other"))
+    if table is None and columns:
+        raise ConfigError(Fault("--rename and --where choose from a table", next_step="give --table FILE.csv"))
+
+
+def processed_for(purpose: str, runs: Sequence[Path], files: Files, choice: Choice) -> list[tuple[Run, ProcessedRun]]:
+    """Open and process runs as a choice says, and print forces that seem to have the wrong sign (stderr).
 
     Parameters
     ----------
     purpose : "fit", "diagnose", ...
         Of the processing: what a run must hold.
-    files : tuple of (vehicle.toml, terrain.toml, runs.toml, zero.toml)
-        In place of those that the runs carry.
     """
+    from wheelsoil.workflows.grading import wrong_signs
     from wheelsoil.workflows.runs import open_and_process
 
-    vehicle, terrain, runs_file, zero = files
-    processed = open_and_process(
-        runs,
-        choice.process_options(purpose),
-        vehicle=vehicle,
-        terrain=terrain,
-        runs_file=runs_file,
-        zero=zero,
-        lenient_dbc=lenient_dbc,
-        choice=choice,
-    )
-    say_wrong_signs(processed)
+    processed = open_and_process(runs, choice.process_options(purpose), files, choice=choice)
+    for text in wrong_signs(run for _, run in processed):
+        say_folded(text)
     return processed

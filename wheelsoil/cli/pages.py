@@ -9,28 +9,8 @@ from typing import Annotated
 import typer
 
 from daq import ConfigError, Fault
-from wheelsoil.cli.console import check_output, print_json, print_pairs, say, say_folded
-from wheelsoil.cli.options import (
-    Channels,
-    ChoiceFile,
-    Force,
-    Json,
-    LenientDbc,
-    MinSpeed,
-    ModelFile,
-    Runs,
-    RunsFile,
-    Sinkage,
-    SlipThreshold,
-    SoilPreset,
-    SoilPrior,
-    Terrain,
-    TokenFile,
-    Vehicle,
-    ZeroFile,
-    chosen,
-    page_token,
-)
+from wheelsoil.cli import options
+from wheelsoil.console import check_output, print_json, print_pairs, say, say_folded
 from wheelsoil.report.build import find_browser
 
 
@@ -42,7 +22,7 @@ class Format(StrEnum):
 
 
 def report_command(
-    runs: Runs,
+    runs: options.Runs,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -59,22 +39,22 @@ def report_command(
             "--format", help="pdf needs an installed Chromium or Chrome. [default: by the suffix of FILE, else html]"
         ),
     ] = None,
-    vehicle: Vehicle = None,
-    terrain: Terrain = None,
-    runs_file: RunsFile = None,
-    zero: ZeroFile = None,
-    soil: SoilPreset = None,
-    choice: ChoiceFile = None,
-    sinkage: Sinkage = None,
-    channels: Channels = None,
-    soil_prior: SoilPrior = None,
-    slip_threshold: SlipThreshold = None,
-    model: ModelFile = None,
+    vehicle: options.Vehicle = None,
+    terrain: options.Terrain = None,
+    runs_file: options.RunsFile = None,
+    zero: options.ZeroFile = None,
+    soil: options.SoilPreset = None,
+    choice: options.ChoiceFile = None,
+    sinkage: options.Sinkage = None,
+    channels: options.Channels = None,
+    soil_prior: options.SoilPrior = None,
+    slip_threshold: options.SlipThreshold = None,
+    model: options.ModelFile = None,
     diagnose: Annotated[bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs.")] = True,
-    min_speed: MinSpeed = None,
-    lenient_dbc: LenientDbc = False,
-    force: Force = False,
-    json: Json = False,
+    min_speed: options.MinSpeed = None,
+    lenient_dbc: options.LenientDbc = False,
+    force: options.Force = False,
+    json: options.Json = False,
 ) -> None:
     """Write the fitted-model report of a terrain's runs: one page that needs no network, and its numbers as JSON.
 
@@ -82,10 +62,11 @@ def report_command(
     """
     from wheelsoil.workflows.model_files import load_model
     from wheelsoil.workflows.report import report_of
+    from wheelsoil.workflows.runs import Files
 
     target, browser = _target(output, form, force=force)
     extended = load_model(model) if model else None
-    by_hand = chosen(
+    by_hand = options.chosen(
         choice,
         sinkage=sinkage,
         channels=channels,
@@ -93,18 +74,8 @@ def report_command(
         slip_threshold=slip_threshold,
         min_speed=min_speed,
     )
-    report = report_of(
-        runs,
-        by_hand,
-        extended=extended,
-        soil=soil,
-        diagnose=diagnose,
-        vehicle=vehicle,
-        terrain=terrain,
-        runs_file=runs_file,
-        zero=zero,
-        lenient_dbc=lenient_dbc,
-    )
+    files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc)
+    report = report_of(runs, by_hand, files, extended=extended, diagnose=diagnose)
     page, numbers = report.print(target, browser) if browser else report.write(target)
     for key, why in report.left_out.items():
         say(f"section {key} omitted: {why}")
@@ -148,20 +119,20 @@ def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[P
 
 
 def view_command(
-    runs: Runs,
-    vehicle: Vehicle = None,
-    terrain: Terrain = None,
-    runs_file: RunsFile = None,
-    zero: ZeroFile = None,
-    soil: SoilPreset = None,
-    lenient_dbc: LenientDbc = False,
+    runs: options.Runs,
+    vehicle: options.Vehicle = None,
+    terrain: options.Terrain = None,
+    runs_file: options.RunsFile = None,
+    zero: options.ZeroFile = None,
+    soil: options.SoilPreset = None,
+    lenient_dbc: options.LenientDbc = False,
     host: Annotated[
         str, typer.Option(metavar="ADDRESS", help="Address of the page; other than loopback it requires a token.")
     ] = "127.0.0.1",
     port: Annotated[
         int | None, typer.Option(min=0, max=65535, metavar="N", help="Its port (default: 8200, or the next free one).")
     ] = None,
-    token_file: TokenFile = None,
+    token_file: options.TokenFile = None,
     browser: Annotated[bool, typer.Option(help="Open a browser if there is a display.")] = True,
 ) -> None:
     """Explore recordings in the browser: select runs and parts of them, adjust parameters, fit, diagnose.
@@ -172,11 +143,11 @@ def view_command(
     Exit codes: 2 usage or configuration; 3 unreadable recording; 4 the port that --port gives is taken, no such
     address; 130 Ctrl-C, 143 SIGTERM.
     """
-    from wheelsoil.view.opening import Files
     from wheelsoil.view.server import serve
     from wheelsoil.workflows.fit import known_soil
+    from wheelsoil.workflows.runs import Files
 
     if soil is not None:
         known_soil(soil, None)
     files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc)
-    serve(runs, files, host=host, port=port, token=page_token(token_file), browser=browser, say=say)
+    serve(runs, files, host=host, port=port, token=options.page_token(token_file), browser=browser, say=say)

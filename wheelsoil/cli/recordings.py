@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq import ConfigError, Fault, number
-from wheelsoil.cli.console import check_output, counter, print_json, print_pairs, print_table, progress, say
 from wheelsoil.cli.options import Force, Json, LenientDbc, Runs, RunsFile, Terrain, Vehicle
+from wheelsoil.console import check_output, counter, print_json, print_pairs, print_table, progress, say
 
 if TYPE_CHECKING:
-    from wheelsoil.workflows.recording_summary import FileFacts
+    from wheelsoil.workflows.recordings import FileFacts
 
 
 class TableFormat(StrEnum):
@@ -47,7 +47,7 @@ def export_command(
     Values are physical, in the unit of the DBC; `process` gives them in SI and on one time base.
     """
     from daq.runs import open_runs
-    from wheelsoil.workflows.exporting import export_recording, export_tables
+    from wheelsoil.workflows.recordings import export_recording, export_tables
 
     if decode and signal:
         raise ConfigError(Fault("--decode writes every signal", next_step="omit --signal"))
@@ -97,7 +97,7 @@ def info_command(
 ) -> None:
     """List the contents of a recording: parts, buses, frames, rates, identifiers, attachments, marks, losses."""
     from daq.runs import open_runs
-    from wheelsoil.workflows.recording_summary import file_facts
+    from wheelsoil.workflows.recordings import file_facts
 
     opened = open_runs(runs, vehicle=vehicle, terrain=terrain, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
     facts = []
@@ -158,7 +158,7 @@ def _print(facts: FileFacts, shown_ids: int | None) -> None:
 
 def _head(facts: FileFacts) -> list[tuple[str, str]]:
     from wheelsoil.wording.notes import note_text
-    from wheelsoil.workflows.recording_summary import utc
+    from wheelsoil.workflows.recordings import utc
 
     info = facts.info
     run = f"{facts.run_id} ({info.direction}, pass {info.pass_number}, {info.added_load_kg:g} kg added"
@@ -230,7 +230,7 @@ def _shortened(text: str) -> str:
 
 
 def _print_parts(facts: FileFacts) -> None:
-    from wheelsoil.workflows.recording_summary import utc
+    from wheelsoil.workflows.recordings import utc
 
     rows = [
         [
@@ -255,7 +255,7 @@ def _print_losses(facts: FileFacts) -> None:
 
 
 def _print_events(facts: FileFacts) -> None:
-    from wheelsoil.workflows.recording_summary import utc
+    from wheelsoil.workflows.recordings import utc
 
     rows = [[utc(event.time_ns), event.name, event.severity, event.text.replace("\n", " ")] for event in facts.events]
     print_table(["time", "event", "severity", "text"], rows, left=4)

@@ -1,4 +1,4 @@
-"""``wheelsoil process`` and ``wheelsoil fit``."""
+"""``wheelsoil process``, ``wheelsoil fit`` and ``wheelsoil sinkage``."""
 
 from __future__ import annotations
 
@@ -9,86 +9,53 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq import REACTIONS, ConfigError, Fault, number
-from wheelsoil.cli.console import check_output, print_json, print_pairs, print_table, say, say_folded
-from wheelsoil.cli.options import (
-    Channels,
-    ChoiceFile,
-    Force,
-    Json,
-    LenientDbc,
-    MinSpeed,
-    ModelFile,
-    Rename,
-    Runs,
-    RunsFile,
-    Sinkage,
-    SlipThreshold,
-    SoilPreset,
-    SoilPrior,
-    Terrain,
-    Vehicle,
-    Where,
-    ZeroFile,
-    chosen,
-    processed_for,
-)
+from wheelsoil.cli import options
+from wheelsoil.console import check_output, print_json, print_pairs, print_table, say, say_folded
 
 if TYPE_CHECKING:
-    from model import ExtendedModel
     from model.fit import CampaignFit
     from processing import ProcessedRun
-    from wheelsoil.workflows.choice import Choice
-    from wheelsoil.workflows.fit import FitChoices
-
+    from wheelsoil.workflows.sinkage import SinkageFacts
 
 _BLOCK_ROWS = 1 << 16
 
 
 def process_command(
-    runs: Runs,
+    runs: options.Runs,
     output: Annotated[
         Path | None,
         typer.Option(
             "--output", "-o", metavar="FILE", help="Write the table: .parquet, .csv or .mat; all runs in one."
         ),
     ] = None,
-    vehicle: Vehicle = None,
-    terrain: Terrain = None,
-    runs_file: RunsFile = None,
-    zero: ZeroFile = None,
-    lenient_dbc: LenientDbc = False,
+    vehicle: options.Vehicle = None,
+    terrain: options.Terrain = None,
+    runs_file: options.RunsFile = None,
+    zero: options.ZeroFile = None,
+    lenient_dbc: options.LenientDbc = False,
     rate: Annotated[float, typer.Option(metavar="HZ", help="Rate of the common time base.")] = 100.0,
     cutoff: Annotated[
         float | None, typer.Option(metavar="HZ", help="Low-pass of every channel (default: by the slowest channel).")
     ] = None,
-    min_speed: MinSpeed = None,
-    choice: ChoiceFile = None,
-    force: Force = False,
-    json: Json = False,
+    min_speed: options.MinSpeed = None,
+    choice: options.ChoiceFile = None,
+    force: options.Force = False,
+    json: options.Json = False,
 ) -> None:
     """Bring each run onto one time base and print a summary: slip, forces, segments, quality."""
-    from wheelsoil.workflows.runs import open_and_process
+    from wheelsoil.wording.notes import texts_of
+    from wheelsoil.wording.run_summary import summary_table
+    from wheelsoil.workflows.runs import Files, open_and_process
 
     target = check_output(output, force=force) if output else None
-    by_hand = chosen(choice, min_speed=min_speed, cutoff=cutoff)
-    processed = open_and_process(
-        runs,
-        by_hand.process_options(rate_hz=rate),
-        vehicle=vehicle,
-        terrain=terrain,
-        runs_file=runs_file,
-        zero=zero,
-        lenient_dbc=lenient_dbc,
-        choice=by_hand,
-    )
+    by_hand = options.chosen(choice, min_speed=min_speed, cutoff=cutoff)
+    files = Files(vehicle, terrain, runs_file, zero, lenient_dbc=lenient_dbc)
+    processed = open_and_process(runs, by_hand.process_options(rate_hz=rate), files, choice=by_hand)
     if target:
         _write(target, [run for _, run in processed])
     if json:
         print_json([_as_json(run) for _, run in processed])
         return
-    from wheelsoil.wording.notes import texts_of
-    from wheelsoil.wording.run_summary import summary_table
-
     for i, (_, run) in enumerate(processed):
         if i:
             print()
@@ -140,36 +107,34 @@ def fit_command(
     table: Annotated[
         Path | None, typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, ...")
     ] = None,
-    rename: Rename = None,
-    where: Where = None,
-    vehicle: Vehicle = None,
-    terrain: Terrain = None,
-    runs_file: RunsFile = None,
-    zero: ZeroFile = None,
-    soil: SoilPreset = None,
-    choice: ChoiceFile = None,
-    sinkage: Sinkage = None,
-    channels: Channels = None,
-    soil_prior: SoilPrior = None,
-    slip_threshold: SlipThreshold = None,
-    model: ModelFile = None,
-    min_speed: MinSpeed = None,
-    lenient_dbc: LenientDbc = False,
-    json: Json = False,
+    rename: options.Rename = None,
+    where: options.Where = None,
+    vehicle: options.Vehicle = None,
+    terrain: options.Terrain = None,
+    runs_file: options.RunsFile = None,
+    zero: options.ZeroFile = None,
+    soil: options.SoilPreset = None,
+    choice: options.ChoiceFile = None,
+    sinkage: options.Sinkage = None,
+    channels: options.Channels = None,
+    soil_prior: options.SoilPrior = None,
+    slip_threshold: options.SlipThreshold = None,
+    model: options.ModelFile = None,
+    min_speed: options.MinSpeed = None,
+    lenient_dbc: options.LenientDbc = False,
+    json: options.Json = False,
 ) -> None:
     """Fit Wong's model and the slip-sinkage laws of Vasil'ev, Lyasko and Ding.
 
     Prints the coefficients with their 95 % intervals, M0, R0 and R2 above the slip threshold, and the load that Eq. 7
     gives for each model's sinkage, relative to the measured one.
     """
-    from wheelsoil.workflows.fit import fit_as_json
+    from wheelsoil.workflows.fit import fit_as_json, fit_runs, fit_table
     from wheelsoil.workflows.model_files import load_model
+    from wheelsoil.workflows.runs import Files, read_bench
 
-    if table is not None and (runs or choice):
-        other = "RUN" if runs else "--choice"
-        raise ConfigError(Fault(f"{other} and --table exclude each other", next_step="fit one, then the other"))
-    extended = load_model(model) if model else None
-    by_hand = chosen(
+    options.refuse_two_sources(runs or (), table, choice, [*(rename or ()), *(where or ())], "fit")
+    by_hand = options.chosen(
         choice,
         sinkage=sinkage,
         channels=channels,
@@ -177,12 +142,13 @@ def fit_command(
         slip_threshold=slip_threshold,
         min_speed=min_speed,
     )
+    choices = by_hand.fit_choices(load_model(model) if model else None)
+    files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc)
     if table is not None:
-        fit = _fit_table(table, rename, where, vehicle, terrain, soil, by_hand.fit_choices(extended))
+        bench = read_bench(table, files, rename=rename, where=where)
+        fit = fit_table(bench.rows, bench.wheel, bench.soil, choices, bench.terrain)
     else:
-        if rename or where:
-            raise ConfigError(Fault("--rename and --where choose from a table", next_step="give --table FILE.csv"))
-        fit = _fit_runs(runs or [], (vehicle, terrain, runs_file, zero), soil, by_hand, extended, lenient_dbc)
+        fit = fit_runs(options.processed_for(choices.purpose, runs or (), files, by_hand), choices, soil)
     comparison = _sinkages(fit) if table is not None else None
     if json:
         print_json(fit_as_json(fit) | ({"sinkage": comparison} if comparison else {}))
@@ -190,37 +156,6 @@ def fit_command(
     print_fit(fit)
     if comparison:
         _print_sinkages(comparison)
-
-
-def _fit_runs(
-    runs: list[Path],
-    files: tuple[Path | None, Path | None, Path | None, Path | None],
-    soil: str | None,
-    by_hand: Choice,
-    extended: ExtendedModel | None,
-    lenient_dbc: bool,
-) -> CampaignFit:
-    from wheelsoil.workflows.fit import fit_runs
-
-    choices = by_hand.fit_choices(extended)
-    processed = processed_for(choices.purpose, runs, files, by_hand, lenient_dbc=lenient_dbc)
-    return fit_runs(processed, choices, soil)
-
-
-def _fit_table(
-    path: Path,
-    rename: list[str] | None,
-    where: list[str] | None,
-    vehicle: Path | None,
-    terrain: Path | None,
-    soil: str | None,
-    choices: FitChoices,
-) -> CampaignFit:
-    from wheelsoil.workflows.fit import fit_table
-    from wheelsoil.workflows.runs import read_bench
-
-    bench = read_bench(path, vehicle=vehicle, terrain=terrain, soil=soil, rename=rename, where=where)
-    return fit_table(bench.rows, bench.wheel, bench.soil, choices, bench.terrain)
 
 
 def print_fit(fit: CampaignFit) -> None:
@@ -244,18 +179,19 @@ def _sinkages(fit: CampaignFit) -> dict[str, Any] | None:
     """Return the sinkage that each model predicts beside the measured one; None if it was not measured."""
     import numpy as np
 
-    from wheelsoil.workflows.fit import predicted
-
     observed = fit.observations
     if not np.isfinite(observed.sinkage_m).any():
         return None
-    predictions = {model.name: predicted(fit, model)["sinkage_m"] for model in fit.models}
     driven = (observed.slip >= 0) & np.isfinite(observed.sinkage_m)
-    errors = {name: values[driven] - observed.sinkage_m[driven] for name, values in predictions.items()}
+    predictions = {}
+    for model in fit.models:
+        forward = fit.options.forward(fit.wheel, fit.soil, model.name)
+        predictions[model.name] = forward.predict(observed.conditions, model.values).sinkage_m[driven]
+    errors = {name: values - observed.sinkage_m[driven] for name, values in predictions.items()}
     return {
         "slip": observed.slip[driven],
         "measured_m": observed.sinkage_m[driven],
-        "predicted_m": {name: values[driven] for name, values in predictions.items()},
+        "predicted_m": predictions,
         "mean_error_m": {name: float(np.nanmean(error)) for name, error in errors.items()},
         "rms_error_m": {name: float(np.sqrt(np.nanmean(error**2))) for name, error in errors.items()},
     }
@@ -270,3 +206,103 @@ def _print_sinkages(comparison: dict[str, Any]) -> None:
     ]
     rows.append(["rms error", "", *(number(1e3 * comparison["rms_error_m"][m]) for m in models)])
     print_table(["sinkage mm at slip", "measured", *models], rows)
+
+
+def sinkage_command(
+    runs: Annotated[
+        list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")
+    ] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, torque."),
+    ] = None,
+    rename: options.Rename = None,
+    where: options.Where = None,
+    vehicle: options.Vehicle = None,
+    runs_file: options.RunsFile = None,
+    zero: options.ZeroFile = None,
+    min_speed: options.MinSpeed = None,
+    lenient_dbc: options.LenientDbc = False,
+    json: options.Json = False,
+) -> None:
+    """Estimate the sinkage of a driven wheel without a sinkage sensor.
+
+    Load, drawbar pull, torque and radius give the sinkage with a 95 % band in bins of slip, and its growth with slip.
+    A measured sinkage is printed beside it, and every driven row is checked against a bound that holds on every soil.
+    """
+    from wheelsoil.workflows.runs import Files
+    from wheelsoil.workflows.sinkage import sinkage_as_json, sinkage_of_runs
+
+    options.refuse_two_sources(runs or (), table, None, [*(rename or ()), *(where or ())], "evaluate")
+    if table is not None:
+        facts = _sinkage_of_table(table, rename, where, vehicle)
+    else:
+        files = Files(vehicle, runs=runs_file, zero=zero, lenient_dbc=lenient_dbc)
+        by_hand = options.chosen(None, min_speed=min_speed)
+        facts = sinkage_of_runs(options.processed_for("sinkage", runs or (), files, by_hand))
+    if json:
+        print_json(sinkage_as_json(facts))
+    else:
+        print_sinkage(facts)
+
+
+def _sinkage_of_table(
+    path: Path, rename: list[str] | None, where: list[str] | None, vehicle: Path | None
+) -> SinkageFacts:
+    from daq import VehicleConfig, load_toml
+    from daq.runs import Collected
+    from daq.series import parse_rename, parse_where, read_wheel_table
+    from wheelsoil.workflows.fit import wheel_of
+    from wheelsoil.workflows.sinkage import sinkage_of_table
+
+    collected = Collected()
+    with collected.catch():
+        if vehicle is None:
+            raise ConfigError(Fault("the wheel is not known", next_step="give --vehicle FILE with [wheel] radius_m"))
+        described = load_toml(vehicle, VehicleConfig)
+        wheel_of(described, str(vehicle))
+    with collected.catch():
+        rows = read_wheel_table(path, rename=parse_rename(rename or ()), where=parse_where(where or ()))
+    collected.stop_if_any()
+    assert described.wheel is not None
+    return sinkage_of_table(rows, described.wheel)
+
+
+def print_sinkage(facts: SinkageFacts) -> None:
+    """Print the table of sinkage against slip, its growth and the bound; notes on stderr."""
+    from wheelsoil.workflows.sinkage import IN_THE_BAND, growth_rows, growth_sentence
+
+    measured = any(one.measured_m == one.measured_m for one in facts.bins)
+    head = ["slip", "load N", "sinkage mm", "95 % band", "noise mm", *(["measured mm"] if measured else []), "samples"]
+    rows = [
+        [
+            f"{one.slip:.2f}",
+            f"{one.vertical_load_n:.0f}" if one.vertical_load_n >= 100 else number(one.vertical_load_n),
+            number(1e3 * one.sinkage_m.value, 3),
+            " .. ".join(number(1e3 * end, 3) for end in one.sinkage_m.interval95),
+            number(1e3 * one.noise_m, 2),
+            *([number(1e3 * one.measured_m, 3)] if measured else []),
+            f"{one.samples}",
+        ]
+        for one in facts.bins
+    ]
+    print_table(head, rows)
+    print()
+    grown = growth_rows(facts.growth)
+    if grown:
+        print_table(["growth from no slip to full slip", "mm", "95 % interval"], grown)
+    print(growth_sentence(facts.growth))
+    if facts.checked:
+        print(f"bound T/r - Dp <= W tan(theta_1): {_bound(facts)}")
+    else:
+        say("no measured sinkage: the bound T/r - Dp <= W tan(theta_1) cannot be checked")
+    for note in (IN_THE_BAND, *facts.notes):
+        say(note)
+
+
+def _bound(facts: SinkageFacts) -> str:
+    from wheelsoil.wording.notes import note_text
+
+    if not facts.inconsistent:
+        return f"satisfied in all {facts.checked} driven rows with measured sinkage"
+    return "; ".join(f"violated, suspect {item.channel}: {note_text(item.why)}" for item in facts.inconsistent)

@@ -15,15 +15,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, Fault
-from wheelsoil.cli.console import print_json, print_pairs, progress, say, terminal_width
-from wheelsoil.cli.options import PRESETS, Force, Json
+from wheelsoil.cli.options import PRESETS, Force, Json, Reading
+from wheelsoil.console import print_json, print_pairs, progress, say, terminal_width
 
 if TYPE_CHECKING:
     from model.diagnosis import Diagnosis
     from wheelsoil.simulation.options import SimulationOptions
 
 _CAMPAIGN = "clay"
-_MANIFEST = "manifest.toml"
 _CAVEAT = (
     "Simulator and diagnosis share their physics: the demo shows that the program works, not that the model is right. "
     "docs/blind_results.md has results with an independent simulator, docs/real_data.md with real measurements."
@@ -122,8 +121,10 @@ def _step(name: str) -> Iterator[None]:
 
 def _check_folder(output: Path) -> None:
     """Reject a folder with a campaign that is not a demo."""
+    from wheelsoil.simulation.campaign import MANIFEST_FILE
+
     campaign = output / _CAMPAIGN
-    if campaign.is_dir() and any(campaign.iterdir()) and not (campaign / _MANIFEST).is_file():
+    if campaign.is_dir() and any(campaign.iterdir()) and not (campaign / MANIFEST_FILE).is_file():
         raise ConfigError(
             Fault(
                 "the folder contains files that are not from a demo",
@@ -139,13 +140,6 @@ class Format(StrEnum):
     mcap = "mcap"
     candump = "candump"
     both = "both"
-
-
-class Reading(StrEnum):
-    """Interpretation of the slip-sinkage laws: balanced is load-consistent, literal is as published."""
-
-    balanced = "balanced"
-    literal = "literal"
 
 
 def simulate_command(

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 import typer.core
 
-from wheelsoil.cli.console import check_output, print_json, print_pairs, print_table, say
 from wheelsoil.cli.options import Force, Json, Rename, Where
+from wheelsoil.console import check_output, print_json, print_pairs, print_table, say
 
 if TYPE_CHECKING:
     from daq.series import PlateTest, SharedOptions, ShearTest

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq import ConfigError, Fault, number
-from wheelsoil.cli.console import print_json, print_pairs, print_table, say
 from wheelsoil.cli.options import Json, LenientDbc, Vehicle
+from wheelsoil.console import print_json, print_pairs, print_table, say
 
 if TYPE_CHECKING:
     from daq import Note, Quantity
@@ -99,13 +99,7 @@ def _to_do(written: Path, folder: Path) -> str:
 
 
 def _limits(text: str | None) -> dict[Quantity, float]:
-    """Return the largest drift of forces and moments, in SI.
-
-    Raises
-    ------
-    ConfigError
-        A part is not UNIT=VALUE, with a unit of force or moment and a positive number.
-    """
+    """Return the largest drift of forces and moments, in SI, from ``UNIT=VALUE,...``."""
     from daq import Quantity, find_unit
 
     limits: dict[Quantity, float] = {}

@@ -25,7 +25,7 @@ from wheelsoil.report.words import listed
 from wheelsoil.wording.notes import note_text
 from wheelsoil.workflows.fit import whole_runs
 from wheelsoil.workflows.grading import Grade, grade_of
-from wheelsoil.workflows.recording_summary import sha256_of
+from wheelsoil.workflows.recordings import sha256_of
 
 _PER_BIN = 4
 """Samples of a run and a bin of slip for which it is worked out: the band is smooth."""

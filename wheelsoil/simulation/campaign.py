@@ -13,16 +13,25 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import tomli_w
+from pydantic import BaseModel, ValidationError
 
-from daq import Channel, ConfigError, Fault, RunInfo, VehicleConfig
+from daq import SOIL_KEYS, Channel, ConfigError, Fault, FloatArray, RunInfo, SoilSection, TerrainConfig, VehicleConfig
 from daq.can import Decoder, FrameBatch, load_database, resolve_roles, shipped_dbc
 from model.effects import EFFECTS
-from model.simulation import TRUTH_QUADRATURE, TRUTH_RATE_HZ, TransducerSetup, VirtualRun, VirtualSetup, virtual_run
-from model.wheel_soil import Soil, WheelSoilModel
+from model.simulation import (
+    TRUTH_QUADRATURE,
+    TRUTH_RATE_HZ,
+    TransducerSetup,
+    VirtualRun,
+    VirtualSetup,
+    drawn_soil,
+    virtual_run,
+)
+from model.wheel_soil import LABORATORY_SPREAD, Soil, WheelSoilModel, soil_from_terrain
 from wheelsoil import __version__
-from wheelsoil.simulation.files import draw_field_soil, runs_toml, to_toml, vehicle_config
-from wheelsoil.simulation.frames import DBC_FILES, virtual_frames
 from wheelsoil.simulation.options import SimulationOptions
+from wheelsoil.simulation.vehicle import DBC_FILES, vehicle_config, virtual_frames
 
 Format = Literal["mcap", "candump", "both"]
 
@@ -31,19 +40,14 @@ MANIFEST_FILE = "manifest.toml"
 _BETWEEN_RUNS_S = 600.0
 _ANGLE_OFFSET_DEG = 40.0
 """Offset of the encoder of a transducer in wheel axes, an arbitrary angle."""
+_TRIES = 1000
+_ROUNDING = 1e-9
+"""Tolerance of a covariance's positive definiteness, relative to the variances."""
 
 
 @dataclass(frozen=True)
 class SimulatedCampaign:
-    """Files and frame count written by `simulate_campaign`.
-
-    Attributes
-    ----------
-    files : tuple of Path
-        The runs, recordings first.
-    frames : int
-        Number of frames in all runs.
-    """
+    """What `simulate_campaign` has written: the files of the runs, recordings first, and the frames in all of them."""
 
     folder: Path
     files: tuple[Path, ...]
@@ -85,12 +89,70 @@ def _quieter(setup: TransducerSetup, factor: float) -> TransducerSetup:
 
 
 def true_soil(options: SimulationOptions) -> Soil:
-    """Return the true soil of the field: the laboratory's, or one drawn from its uncertainty."""
+    """Return the true soil of the field: the laboratory's, or one drawn from its uncertainty.
+
+    Relative one-sigmas are used as in `model.simulation.drawn_soil`; if terrain.toml states no uncertainty, they are
+    `model.wheel_soil.LABORATORY_SPREAD`. With a covariance the soil is normally distributed in the keys and units of
+    ``[soil]``; a draw with a value out of range or without stiffness is repeated.
+
+    Raises
+    ------
+    ConfigError
+        The covariance is not positive semi-definite, or no soil can be drawn from it.
+    """
+    laboratory, terrain, rng = options.laboratory_soil, options.terrain, _stream(options, 0)
+    stated = terrain.uncertainty
     if not options.draw_soil:
-        return options.laboratory_soil
-    return draw_field_soil(
-        options.laboratory_soil, options.terrain, options.wheel.width_m, _stream(options, 0), options.soil
+        return laboratory
+    if stated is None:
+        return drawn_soil(laboratory, rng)
+    if stated.covariance is None:
+        sigmas = [getattr(stated, key) or 0.0 for key in SOIL_KEYS]
+        return drawn_soil(laboratory, rng, dict(zip(LABORATORY_SPREAD, sigmas, strict=True)))
+    root = _root(np.array(stated.covariance), options.soil)
+    mean = np.array([getattr(terrain.soil, key) for key in SOIL_KEYS])
+    for _ in range(_TRIES):
+        soil = _soil(terrain.soil, mean + root @ rng.standard_normal(len(SOIL_KEYS)))
+        if soil and soil.stiffness(options.wheel.width_m) > 0:
+            return soil
+    raise ConfigError(
+        Fault(
+            "no soil can be drawn from the covariance",
+            options.soil,
+            f"{_TRIES} draws, each with a value out of its range",
+            next_step="check the covariance: its rows are " + ", ".join(SOIL_KEYS),
+        )
     )
+
+
+def _root(covariance: FloatArray, where: str) -> FloatArray:
+    """Return the lower Cholesky factor of the covariance."""
+    variances = np.diag(covariance)
+    sigma = np.sqrt(np.where(variances > 0, variances, 0.0))
+    scale = np.where(sigma > 0, sigma, 1.0)
+    correlation = covariance / np.outer(scale, scale)
+    try:
+        if not (np.isfinite(covariance).all() and np.allclose(correlation, correlation.T) and (variances >= 0).all()):
+            raise np.linalg.LinAlgError
+        root = np.linalg.cholesky(correlation + _ROUNDING * np.eye(len(covariance)))
+    except np.linalg.LinAlgError:
+        raise ConfigError(
+            Fault(
+                "the covariance is not positive semi-definite",
+                where,
+                expected="symmetric, no variance or combination of them below zero",
+                next_step="use the covariance that `wheelsoil soil` writes, or relative one-sigmas under [uncertainty]",
+            )
+        ) from None
+    return np.asarray(sigma[:, np.newaxis] * root)
+
+
+def _soil(laboratory: SoilSection, values: FloatArray) -> Soil | None:
+    drawn = laboratory.model_dump() | dict(zip(SOIL_KEYS, values.tolist(), strict=True))
+    try:
+        return soil_from_terrain(TerrainConfig(soil=SoilSection(**drawn)))
+    except ValidationError:
+        return None
 
 
 def simulated_run(options: SimulationOptions, index: int) -> VirtualRun:
@@ -148,11 +210,6 @@ def campaign_frames(options: SimulationOptions) -> Iterator[tuple[VirtualRun, Fr
 
 def simulated_roles(options: SimulationOptions, index: int) -> tuple[dict[str, Channel], VehicleConfig, RunInfo]:
     """Return one run as input of the processing: encoded into frames and decoded again, without a file.
-
-    Parameters
-    ----------
-    index : int
-        See `simulated_run`.
 
     Returns
     -------
@@ -220,6 +277,17 @@ def simulate_campaign(
     return SimulatedCampaign(folder, tuple(files), sum(entry["frames"] for entry in entries))
 
 
+def runs_toml(infos: list[RunInfo]) -> bytes:
+    """Return runs.toml, one ``[[run]]`` table each."""
+    tables = (tomli_w.dumps(info.model_dump(mode="json", exclude_none=True)) for info in infos)
+    return "\n".join(f"[[run]]\n{table}" for table in tables).encode()
+
+
+def to_toml(config: BaseModel) -> bytes:
+    """Return a validated model as TOML, without keys at their default."""
+    return tomli_w.dumps(config.model_dump(mode="json", exclude_none=True, exclude_defaults=True)).encode()
+
+
 def frames_sha256(frames: FrameBatch) -> str:
     """Return the hash of the frames themselves: their records of 24 (FD: 80) bytes, in order, uncompressed."""
     return hashlib.sha256(frames.frames.tobytes()).hexdigest()
@@ -259,8 +327,6 @@ def _write_run(
 
 
 def _manifest(options: SimulationOptions, runs: list[dict[str, Any]]) -> bytes:
-    import tomli_w
-
     soil = true_soil(options)
     manifest = {
         "command": options.command,

@@ -7,16 +7,15 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property
-from math import isfinite
+from math import degrees, isfinite
 from pathlib import Path
 from typing import get_args
 
-from daq import ConfigError, Fault, TerrainConfig, load_toml, nearest
+from daq import ConfigError, Fault, SoilSection, TerrainConfig, UncertaintySection, load_toml, nearest
 from model import ExtendedModel
 from model.effects import EFFECTS
 from model.simulation import SHORTEST_RUN_S
 from model.wheel_soil import LABORATORY_SPREAD, SOILS, Reading, Soil, Wheel, soil_from_terrain
-from wheelsoil.simulation.files import terrain_config
 from wheelsoil.workflows.fit import presets_near
 from wheelsoil.workflows.model_files import load_model
 
@@ -86,7 +85,8 @@ class SimulationOptions:
             if not (isfinite(value) and good)
         ]
         if self.reading not in get_args(Reading):
-            faults.append(Fault("unknown reading of the sinkage laws", found=self.reading, expected=_either(Reading)))
+            expected = " or ".join(get_args(Reading))
+            faults.append(Fault("unknown reading of the sinkage laws", found=self.reading, expected=expected))
         if not self.added_load_kg:
             faults.append(Fault("no added load is given", next_step="give at least one, e.g. 0"))
         if not self.pass_number:
@@ -225,10 +225,6 @@ def _effect_faults(name: str, values: Mapping[str, float], reading: Reading) -> 
     ]
 
 
-def _either(kind: object) -> str:
-    return " or ".join(get_args(kind))
-
-
 _OF_THE_MODEL = ("soil", "sinkage", "radius", "width")
 
 
@@ -237,8 +233,6 @@ def with_model(options: SimulationOptions, path: Path, given: Collection[str]) -
 
     Parameters
     ----------
-    path : Path
-        Of the model file.
     given : collection of str
         Names of the options that were given on the command line.
 
@@ -282,3 +276,38 @@ def terrain_of(model: ExtendedModel) -> TerrainConfig:
 def _relative(sigma: float | None, value: float, usual: float) -> float:
     relative = abs(sigma / value) if sigma is not None and value else usual
     return relative if isfinite(relative) else usual
+
+
+def terrain_config(soil: Soil, spread: Mapping[str, float]) -> TerrainConfig:
+    """Return terrain.toml: the laboratory's values and their uncertainty.
+
+    Parameters
+    ----------
+    spread : mapping
+        Relative one-sigma per parameter, as `model.wheel_soil.LABORATORY_SPREAD`; zero: unknown.
+    """
+    return TerrainConfig(
+        soil=SoilSection(
+            name=soil.name,
+            cohesion_kpa=_rounded(soil.cohesion_pa / 1e3),
+            friction_angle_deg=_rounded(degrees(soil.friction_angle_rad)),
+            shear_modulus_m=_rounded(soil.shear_modulus_m),
+            sinkage_exponent=_rounded(soil.sinkage_exponent),
+            cohesive_modulus_kn=_rounded(soil.cohesive_modulus / 1e3),
+            frictional_modulus_kn=_rounded(soil.frictional_modulus / 1e3),
+            unit_weight_kn_m3=_rounded(soil.unit_weight_n_m3 / 1e3),
+        ),
+        uncertainty=UncertaintySection(
+            cohesion_kpa=spread["cohesion_pa"] or None,
+            friction_angle_deg=spread["tan_phi"] or None,
+            shear_modulus_m=spread["shear_modulus_m"] or None,
+            sinkage_exponent=spread["sinkage_exponent"] or None,
+            cohesive_modulus_kn=spread["cohesive_modulus"] or None,
+            frictional_modulus_kn=spread["frictional_modulus"] or None,
+        ),
+    )
+
+
+def _rounded(value: float) -> float:
+    """Round to 12 digits, which removes the rounding errors of unit conversion."""
+    return float(f"{value:.12g}")

@@ -23,11 +23,12 @@ from wheelsoil.view.curve import checked_values, curve_of, effect_entries, soil_
 from wheelsoil.view.entries import campaign_entry, fault_of_ours
 from wheelsoil.view.helper import Helper, HelperEndedError
 from wheelsoil.view.jobs import Member, PlotData
-from wheelsoil.view.opening import Files, open_campaigns
+from wheelsoil.view.opening import open_campaigns
 from wheelsoil.view.requests import CurveAsked, SelectedAsked
 from wheelsoil.view.saving import saved, selected_of
 from wheelsoil.view.trace import trace_as_json
 from wheelsoil.workflows.choice import SCHEMA, Choice, parse_choice
+from wheelsoil.workflows.runs import Files
 
 _OF_DIAGNOSIS = frozenset({"run", "cutoff_hz", "min_speed_mps", "sinkage"})
 """Keys of a choice that a diagnosis depends on; the others concern the fit only."""

@@ -10,7 +10,7 @@ from typing import Any
 
 from daq import Fault
 from wheelsoil.view.campaigns import ViewedCampaign, ViewedRun
-from wheelsoil.view.opening import Files
+from wheelsoil.workflows.runs import Files
 
 _VERBS = (("fit", ()), ("diagnose", ()), ("report", ("-o", "report.html")))
 

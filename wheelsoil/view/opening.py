@@ -3,27 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from daq import ConfigError, WheelsoilError
-from daq.runs import Collected, Run, campaign_folders, open_runs, readable
+from daq.runs import Collected, Run, campaign_folders, readable
 from wheelsoil.view.campaigns import ViewedCampaign, ViewedRun
 from wheelsoil.wording.notes import texts_of
 from wheelsoil.workflows.choice import CHOICE_FILE, is_called, load_choice, runs_in_use
 from wheelsoil.workflows.diagnosis import Together, together
-
-
-@dataclass(frozen=True)
-class Files:
-    """Files and settings given beside the recordings; see the options of the same names of ``wheelsoil view``."""
-
-    vehicle: Path | None = None
-    terrain: Path | None = None
-    runs: Path | None = None
-    zero: Path | None = None
-    soil: str | None = None
-    lenient_dbc: bool = False
+from wheelsoil.workflows.runs import Files as Files
 
 
 def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCampaign], list[str]]:
@@ -55,7 +44,7 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
     opened: list[Run] = []
     for part in [*([folder] for folder in folders), *([loose] if loose else [])]:
         with collected.catch():
-            opened += _opened(part, files, remarks)
+            opened += files.open_runs(part, remarks.append)
     if not opened:
         collected.stop_if_any()
     faults = dict.fromkeys(fault for error in collected.errors for fault in error.faults)
@@ -67,7 +56,7 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
     loose_groups = [group for shared, group in groups.items() if not shared.folder]
     if len(loose_groups) > 1:
         for group in loose_groups:
-            alone = _opened([viewed.run.path for viewed in group], files, [])
+            alone = files.open_runs([viewed.run.path for viewed in group], left_out=lambda _: None)
             for viewed, run in zip(group, alone, strict=True):
                 viewed.run = run
     campaigns = [
@@ -77,17 +66,6 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
     for campaign in campaigns:
         remarks += _load_choice(campaign)
     return campaigns, remarks
-
-
-def _opened(paths: Sequence[Path], files: Files, remarks: list[str]) -> list[Run]:
-    return open_runs(
-        paths,
-        vehicle=files.vehicle,
-        terrain=files.terrain,
-        runs=files.runs,
-        lenient_dbc=files.lenient_dbc,
-        left_out=remarks.append,
-    )
 
 
 def _campaign(

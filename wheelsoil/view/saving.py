@@ -16,7 +16,7 @@ from processing import ProcessedRun, Reason
 from wheelsoil.view.campaigns import ViewedCampaign
 from wheelsoil.view.requests import SelectedAsked
 from wheelsoil.workflows.choice import SCHEMA, Choice, ChosenRun
-from wheelsoil.workflows.recording_summary import sha256_of
+from wheelsoil.workflows.recordings import sha256_of
 
 _REASONS = {why.name.lower(): why for why in Reason}
 

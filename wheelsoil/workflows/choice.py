@@ -19,7 +19,7 @@ from model.effects import EFFECTS
 from model.wheel_soil import Reading
 from processing import Interval, ProcessOptions
 from wheelsoil.workflows.fit import FitChoices
-from wheelsoil.workflows.recording_summary import sha256_of
+from wheelsoil.workflows.recordings import sha256_of
 
 SCHEMA = "wheelsoil/choice/1"
 CHOICE_FILE = "choice.toml"
@@ -36,7 +36,7 @@ class ChosenRun:
     file, id : str
         Name of the recording without folder, and id of the run; one of them is enough.
     sha256 : str
-        Of the recording (`wheelsoil.workflows.recording_summary.sha256_of`), or empty.
+        Of the recording (`wheelsoil.workflows.recordings.sha256_of`), or empty.
     keep : tuple of (from, to) or None
         Seconds since the run's time base begins, in order; None: all of it.
     """
@@ -110,7 +110,11 @@ class Choice:
         """Return what a TOML or JSON file holds; what was not chosen is left out."""
         named = ("slip_threshold", "cutoff_hz", "min_speed_mps", "sinkage", "channels", "soil_prior", "effects")
         values = {name: getattr(self, name) for name in named}
-        chosen = {name: _plain(value) for name, value in values.items() if value is not None and value != ()}
+        chosen = {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in values.items()
+            if value not in (None, ())
+        }
         runs = {"run": [_run_mapping(run) for run in self.runs]} if self.runs else {}
         return {"schema": SCHEMA, **chosen, **runs}
 
@@ -188,22 +192,20 @@ def _no_twins(values: tuple[str, ...]) -> tuple[str, ...]:
     return values
 
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Second = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 Flag = Annotated[bool, Field(strict=True)]
-Channel = Literal["dp", "t"]
 
 
 class _Head(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     schema_: Literal["wheelsoil/choice/1"] = Field(alias="schema")
-    slip_threshold: Annotated[Number, Field(ge=0, lt=1)] | None = None
+    slip_threshold: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, lt=1)] | None = None
     cutoff_hz: Positive | None = None
     min_speed_mps: Positive | None = None
     sinkage: Reading | None = None
-    channels: Annotated[tuple[Channel, ...], Field(min_length=1), AfterValidator(_no_twins)] | None = None
+    channels: Annotated[tuple[Literal["dp", "t"], ...], Field(min_length=1), AfterValidator(_no_twins)] | None = None
     soil_prior: Flag | None = None
     effects: Annotated[tuple[Annotated[str, AfterValidator(_known_effect)], ...], AfterValidator(_no_twins)] = ()
 
@@ -287,10 +289,6 @@ def _run_mapping(run: ChosenRun) -> dict[str, Any]:
     named = {name: value for name in ("file", "id", "sha256") if (value := getattr(run, name))}
     kept = {} if run.keep is None else {"keep": [list(interval) for interval in run.keep]}
     return {**named, "use": run.use, **kept}
-
-
-def _plain(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""From opened runs, or a bench table, to a diagnosis: what `diagnose`, `report` and `demo` share."""
+"""From opened runs, a bench table or the plan of a campaign to a diagnosis: for `diagnose`, `report` and `demo`."""
 
 from __future__ import annotations
 
@@ -9,15 +9,38 @@ from typing import NamedTuple
 
 import numpy as np
 
-from daq import OUTPUTS, ConfigError, Fault, Note, Severity, SoilSection, WheelSection, nearest
-from daq.runs import Collected, Run
+from daq import (
+    OUTPUTS,
+    ConfigError,
+    Fault,
+    Note,
+    RunInfo,
+    RunsConfig,
+    Severity,
+    SoilSection,
+    VehicleConfig,
+    WheelSection,
+    load_toml,
+    nearest,
+)
+from daq.runs import RUNS_FILE, TERRAIN_FILE, VEHICLE_FILE, Collected, Run
 from model import DiagnosisCode
-from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions
+from model.diagnosis import (
+    Bench,
+    Campaign,
+    Diagnosis,
+    DiagnosisOptions,
+    Plan,
+    plan_for,
+    plan_of,
+    planned_campaign,
+    usual_runs,
+)
 from model.effects import EFFECTS
 from model.wheel_soil import Reading, prior_of
 from processing import ProcessedRun
-from wheelsoil.workflows.fit import known_soil, observations_of_table, wheel_of
-from wheelsoil.workflows.runs import BenchFiles
+from wheelsoil.workflows.fit import known_soil, load_terrain, observations_of_table, wheel_of
+from wheelsoil.workflows.runs import BenchFiles, Files
 
 Processed = Sequence[tuple[Run, ProcessedRun]]
 
@@ -27,6 +50,8 @@ _SURPRISING = 2.0
 """The same in the laboratory's one-sigma."""
 _KINDS = ("physical", "measurement")
 _LOOSE = "runs"
+_SHORTEST_S, _LONGEST_S = 10.0, 600.0
+_MOST_RUNS = 40
 
 
 def diagnosis_options(
@@ -167,13 +192,8 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
 def _told_apart(campaigns: Sequence[Campaign]) -> tuple[Campaign, ...]:
     """Give campaigns of one name a number each."""
     names = [campaign.name for campaign in campaigns]
-    seen: dict[str, int] = {}
-    apart = []
-    for campaign in campaigns:
-        seen[campaign.name] = seen.get(campaign.name, 0) + 1
-        number = f" ({seen[campaign.name]})" if names.count(campaign.name) > 1 else ""
-        apart.append(replace(campaign, name=campaign.name + number))
-    return tuple(apart)
+    numbers = [f" ({names[:i].count(name)})" if names.count(name) > 1 else "" for i, name in enumerate(names, 1)]
+    return tuple(replace(one, name=one.name + number) for one, number in zip(campaigns, numbers, strict=True))
 
 
 Given = tuple[Campaign, ...] | tuple[Bench, ...]
@@ -248,3 +268,87 @@ def _mixed(one: Campaign | Bench, diagnosis: Diagnosis, *, alone: bool) -> list[
     if not scatter > max(_ONE_TERRAIN, _SURPRISING * known):
         return []
     return [Note(DiagnosisCode.SEVERAL_TERRAINS, Severity.FAULT, {"campaign": one.name, "share": scatter})]
+
+
+def plan_campaigns(
+    folders: Sequence[Path],
+    files: Files,
+    options: DiagnosisOptions,
+    *,
+    run_count: int | None = None,
+    duration_s: float = 40.0,
+) -> Plan:
+    """Say what planned campaigns will tell apart: one for each folder, or one where none is given.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+        With vehicle.toml and, where they are there, terrain.toml and runs.toml; recordings are not looked at.
+    files : Files
+        In place of what lies in the folders; a zero file is not taken.
+    run_count : int, optional
+        Runs to drive where no runs.toml lists them.
+    duration_s : float
+        Of each run.
+
+    Raises
+    ------
+    ConfigError
+        Everything that is wrong with the files.
+    DataError
+        The soil cannot carry the wheel.
+    """
+    faults = []
+    if run_count is not None and not 1 <= run_count <= _MOST_RUNS:
+        faults.append(Fault("--planned-runs is out of range", found=str(run_count), expected=f"1 to {_MOST_RUNS}"))
+    if not _SHORTEST_S <= duration_s <= _LONGEST_S:
+        expected = f"{_SHORTEST_S:g} to {_LONGEST_S:g} s"
+        faults.append(Fault("--planned-duration is out of range", found=f"{duration_s:g}", expected=expected))
+    if faults:
+        raise ConfigError(*faults)
+    collected = Collected()
+    campaigns: list[Campaign] = []
+    for folder in folders or (None,):
+        with collected.catch():
+            campaigns.append(_planned(folder, files, run_count, duration_s, options.seed))
+    collected.stop_if_any()
+    return plan_of(campaigns, options)
+
+
+def _planned(folder: Path | None, files: Files, run_count: int | None, duration_s: float, seed: int) -> Campaign:
+    if folder is not None and not folder.is_dir():
+        raise ConfigError(
+            Fault("a plan takes no recording", str(folder), expected="a folder with vehicle.toml and terrain.toml")
+        )
+    vehicle_file = files.vehicle or _in(folder, VEHICLE_FILE)
+    if vehicle_file is None:
+        raise ConfigError(
+            Fault(
+                "the vehicle is not known",
+                str(folder or ""),
+                next_step="give --vehicle FILE with [wheel] and mass_kg, or a folder with vehicle.toml",
+            )
+        )
+    collected = Collected()
+    with collected.catch():
+        vehicle = load_toml(vehicle_file, VehicleConfig)
+        wheel_of(vehicle, str(vehicle_file))
+    with collected.catch():
+        terrain = None if files.soil else load_terrain(files.terrain or _in(folder, TERRAIN_FILE))
+        soil = known_soil(files.soil, terrain)
+    with collected.catch():
+        runs = _listed_runs(folder, files) if run_count is None else usual_runs(run_count)
+    collected.stop_if_any()
+    name = folder.resolve().name if folder else "plan"
+    plan = plan_for(vehicle, soil, prior_of(soil, terrain), runs, duration_s=duration_s, name=name, seed=seed)
+    return planned_campaign(plan)
+
+
+def _in(folder: Path | None, name: str) -> Path | None:
+    return folder / name if folder and (folder / name).is_file() else None
+
+
+def _listed_runs(folder: Path | None, files: Files) -> tuple[RunInfo, ...]:
+    listed = files.runs or _in(folder, RUNS_FILE)
+    found = load_toml(listed, RunsConfig).run if listed else ()
+    return tuple(run if run.id else run.model_copy(update={"id": f"run-{i}"}) for i, run in enumerate(found, 1))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import INPUTS, OUTPUTS, ConfigError, DataError, Fault, Note, TerrainConfig, VehicleConfig, load_toml, nearest
+from daq import ConfigError, DataError, Fault, Note, TerrainConfig, VehicleConfig, load_toml, nearest
 from daq.runs import Run
 from daq.series import WheelTable
 from model import ExtendedModel, FitCode
@@ -57,11 +57,6 @@ class FitChoices:
             raise ConfigError(Fault("--slip-threshold is no slip", found=f"{threshold:g}", expected="0 to 1"))
         prior = prior_of(soil, terrain) if self.soil_prior else None
         return FitOptions(self.reading, self.channels, prior, threshold, extended=self.extended, chosen=self.effects)
-
-
-def parse_channels(text: str) -> tuple[str, ...]:
-    """Return the channels of ``--channels dp,t``; the fit checks their names."""
-    return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
 def wheel_of(vehicle: VehicleConfig, where: str = "vehicle.toml") -> Wheel:
@@ -223,13 +218,6 @@ def load_terrain(path: Path | None) -> TerrainConfig | None:
     return load_toml(path, TerrainConfig) if path else None
 
 
-def predicted(fit: CampaignFit, model: ModelFit) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Return what a fitted model says of each row of the observations: sinkage, load, drawbar pull and torque."""
-    forward = fit.options.forward(fit.wheel, fit.soil, model.name)
-    said = forward.predict(fit.observations.conditions, model.values)
-    return {channel.field: getattr(said, channel.field) for channel in (INPUTS["w"], *OUTPUTS.values())}
-
-
 def fit_as_json(fit: CampaignFit) -> dict[str, Any]:
     """Return a fit as plain values for programs; the contract is `SCHEMA`."""
     return {
@@ -242,13 +230,12 @@ def fit_as_json(fit: CampaignFit) -> dict[str, Any]:
         "confidence": fit.options.confidence,
         "slip_threshold": fit.slip_threshold,
         "notes": fit.notes,
-        "models": {model.name: model_as_json(model) for model in fit.models},
+        "models": {model.name: _model_as_json(model) for model in fit.models},
         "extended": fit.options.extended.to_mapping() if fit.options.extended else None,
     }
 
 
-def model_as_json(model: ModelFit) -> dict[str, Any]:
-    """Return one fitted model as plain values."""
+def _model_as_json(model: ModelFit) -> dict[str, Any]:
     return {
         "estimates": {estimate.name: estimate for estimate in model.estimates},
         "effects": model.effects,

@@ -16,7 +16,7 @@ from model import ExtendedModel, Fact, extended_model
 from model.diagnosis import Bench, Campaign, Diagnosis, ParameterEstimate, SoilEstimate
 from model.wheel_soil import Reading
 from wheelsoil import __version__
-from wheelsoil.cli.console import check_output
+from wheelsoil.console import check_output
 from wheelsoil.wording.names import effect_name, parameter_name
 from wheelsoil.wording.verdict import sentence_of
 
@@ -29,7 +29,7 @@ def model_targets(output: Path, names: Sequence[str], *, force: bool) -> list[Pa
     Raises
     ------
     ConfigError
-        One of them cannot be written, see `wheelsoil.cli.console.check_output`.
+        One of them cannot be written, see `wheelsoil.console.check_output`.
     """
     if len(names) == 1:
         return [check_output(output, force=force)]

@@ -17,7 +17,7 @@ from wheelsoil.report.inputs import ReportInputs, command_line, source_of, versi
 from wheelsoil.workflows.choice import Choice, provenance_of
 from wheelsoil.workflows.diagnosis import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
 from wheelsoil.workflows.fit import FitChoices, fit_runs, nothing_whole, one_terrain
-from wheelsoil.workflows.runs import open_and_process
+from wheelsoil.workflows.runs import Files, open_and_process
 
 
 @dataclass(frozen=True)
@@ -35,15 +35,10 @@ _log = logging.getLogger(__name__)
 def report_of(
     paths: Sequence[Path],
     choice: Choice | None = None,
+    files: Files | None = None,
     *,
     extended: ExtendedModel | None = None,
-    soil: str | None = None,
     diagnose: bool = True,
-    vehicle: Path | None = None,
-    terrain: Path | None = None,
-    runs_file: Path | None = None,
-    zero: Path | None = None,
-    lenient_dbc: bool = False,
 ) -> Report:
     """Open and process runs, fit the models and build the report.
 
@@ -53,14 +48,8 @@ def report_of(
         Runs, parts of them and settings; None: all of it, the defaults.
     extended : ExtendedModel, optional
         See `FitChoices`.
-    soil : str, optional
-        A preset instead of terrain.toml.
     diagnose : bool
         Whether to diagnose the runs, too.
-    vehicle, terrain, runs_file : Path, optional
-        See `daq.runs.open.open_runs`.
-    zero : Path, optional
-        See `wheelsoil.workflows.runs.open_and_process`.
 
     Raises
     ------
@@ -68,20 +57,11 @@ def report_of(
         The runs cannot be opened or processed, or are of different soils. Runs that cannot be fitted give a report
         that says why.
     """
-    choice = choice or Choice()
+    choice, files = choice or Choice(), files or Files()
     choices, options = choice.fit_choices(extended), choice.process_options(LOOK)
-    processed = open_and_process(
-        paths,
-        options,
-        vehicle=vehicle,
-        terrain=terrain,
-        runs_file=runs_file,
-        zero=zero,
-        lenient_dbc=lenient_dbc,
-        choice=choice,
-    )
-    found = diagnosed_runs(paths, processed, choices, soil) if diagnose else NOT_DIAGNOSED
-    return report_of_processed(processed, choices, options, soil=soil, diagnosed=found, choice=choice)
+    processed = open_and_process(paths, options, files, choice=choice)
+    found = diagnosed_runs(paths, processed, choices, files.soil) if diagnose else NOT_DIAGNOSED
+    return report_of_processed(processed, choices, options, soil=files.soil, diagnosed=found, choice=choice)
 
 
 def report_of_processed(

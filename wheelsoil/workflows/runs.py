@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,7 +12,6 @@ from daq import (
     ConfigError,
     DataError,
     Fault,
-    Note,
     TerrainConfig,
     UncertainTimestamps,
     VehicleConfig,
@@ -25,10 +24,36 @@ from daq.runs import VEHICLE_FILE, Collected, Run, open_runs
 from daq.series import WheelTable, parse_rename, parse_where, read_wheel_table
 from model.wheel_soil import Soil, Wheel
 from processing import ProcessedRun, ProcessOptions, keep_only
-from wheelsoil.cli.console import progress, say
+from wheelsoil.console import progress, say
 from wheelsoil.wording.notes import texts_of
 from wheelsoil.workflows.choice import Choice, runs_in_use
 from wheelsoil.workflows.fit import known_soil, load_terrain, wheel_of
+
+
+@dataclass(frozen=True)
+class Files:
+    """Files and settings given beside the recordings: options of the same names.
+
+    `soil` is a preset in place of terrain.toml.
+    """
+
+    vehicle: Path | None = None
+    terrain: Path | None = None
+    runs: Path | None = None
+    zero: Path | None = None
+    soil: str | None = None
+    lenient_dbc: bool = False
+
+    def open_runs(self, paths: Sequence[Path], left_out: Callable[[str], None]) -> list[Run]:
+        """Open runs with these files in place of their own; see `daq.runs.open_runs`."""
+        return open_runs(
+            paths,
+            vehicle=self.vehicle,
+            terrain=self.terrain,
+            runs=self.runs,
+            lenient_dbc=self.lenient_dbc,
+            left_out=left_out,
+        )
 
 
 @dataclass(frozen=True)
@@ -43,24 +68,14 @@ class BenchFiles:
 
 
 def read_bench(
-    path: Path,
-    *,
-    vehicle: Path | None,
-    terrain: Path | None = None,
-    soil: str | None = None,
-    rename: Iterable[str] | None = None,
-    where: Iterable[str] | None = None,
+    path: Path, files: Files, *, rename: Iterable[str] | None = None, where: Iterable[str] | None = None
 ) -> BenchFiles:
     """Read a bench table and its files.
 
     Parameters
     ----------
-    path : Path
-        The table.
-    vehicle : Path, optional
-        A file with ``[wheel]``; it is an error to give none.
-    soil : str, optional
-        A preset instead of it.
+    files : Files
+        Of these, vehicle.toml with ``[wheel]`` (it is an error to give none), terrain.toml and the preset are taken.
     rename, where : iterable of str, optional
         See `daq.series.tables`.
 
@@ -69,17 +84,17 @@ def read_bench(
     ConfigError, DataError
         Everything that is wrong with any of them.
     """
-    if vehicle is None:
+    if files.vehicle is None:
         raise ConfigError(
             Fault("the wheel is not known", next_step="give --vehicle FILE with [wheel] radius_m and width_m")
         )
     collected = Collected()
     with collected.catch():
-        described = load_toml(vehicle, VehicleConfig)
-        wheel = wheel_of(described, str(vehicle))
+        described = load_toml(files.vehicle, VehicleConfig)
+        wheel = wheel_of(described, str(files.vehicle))
     with collected.catch():
-        lab = load_terrain(terrain)
-        ground = known_soil(soil, lab)
+        lab = load_terrain(files.terrain)
+        ground = known_soil(files.soil, lab)
     with collected.catch():
         rows = read_wheel_table(path, rename=parse_rename(rename or ()), where=parse_where(where or ()))
     collected.stop_if_any()
@@ -88,28 +103,21 @@ def read_bench(
 
 
 def open_and_process(
-    paths: Sequence[Path],
-    options: ProcessOptions,
-    *,
-    vehicle: Path | None = None,
-    terrain: Path | None = None,
-    runs_file: Path | None = None,
-    zero: Path | None = None,
-    lenient_dbc: bool = False,
-    choice: Choice | None = None,
+    paths: Sequence[Path], options: ProcessOptions, files: Files | None = None, *, choice: Choice | None = None
 ) -> list[tuple[Run, ProcessedRun]]:
     """Open runs and process each; says on stderr what could not be read of a damaged recording.
 
-    `zero` is a zero file in place of those that the vehicles name (`wheelsoil.workflows.zero.zeros_for`). Of `choice`
-    the runs and what is kept of them are taken; `options` are given by themselves (`Choice.process_options`).
+    Of `files`, the zero file takes the place of those that the vehicles name (`wheelsoil.workflows.zero.zeros_for`).
+    Of `choice`, the runs and what is kept of them are taken; `options` are given by themselves
+    (`Choice.process_options`).
 
     Raises
     ------
     WheelsoilError
         What is wrong with any of the runs, of all of them at once.
     """
-    opened = open_runs(paths, vehicle=vehicle, terrain=terrain, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
-    return process_runs(opened, options, zero=zero, choice=choice)
+    files = files or Files()
+    return process_runs(files.open_runs(paths, say), options, zero=files.zero, choice=choice)
 
 
 def process_runs(
@@ -134,7 +142,9 @@ def process_runs(
                 unsure = UncertainTimestamps()
                 channels = run.channel_batches(watch=unsure.take)
                 one = process_stream(channels, run.vehicle, run.info, options, zeros_for(run, zero))
-                one = _with_notes(one, [*used.warnings, *unsure.notes(), *_gaps(run)])
+                gaps = [gap.note() for gap in run.recording.gaps] if run.recording else []
+                notes = (*used.warnings, *unsure.notes(), *gaps, *one.quality.notes)
+                one = replace(one, quality=replace(one.quality, notes=notes))
                 processed.append((run, one if used.keep is None else keep_only(one, used.keep, chosen.source)))
             except (ConfigError, DataError) as error:
                 raise _explained(run, error) from None
@@ -146,14 +156,6 @@ def process_runs(
                 say("  next: `wheelsoil recover` makes a whole file of what can be read")
     collected.stop_if_any()
     return processed
-
-
-def _with_notes(run: ProcessedRun, notes: Iterable[Note]) -> ProcessedRun:
-    return replace(run, quality=replace(run.quality, notes=(*notes, *run.quality.notes)))
-
-
-def _gaps(run: Run) -> list[Note]:
-    return [gap.note() for gap in run.recording.gaps] if run.recording else []
 
 
 def _check_vehicle(run: Run) -> None:

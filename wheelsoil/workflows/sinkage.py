@@ -78,9 +78,7 @@ def sinkage_of_runs(processed: Sequence[tuple[Run, ProcessedRun]]) -> SinkageFac
                 next_step="take each wheel by itself, or give --vehicle for all",
             )
         )
-    runs = [run for _, run in processed]
-    wheel = first.vehicle.wheel
-    return facts_of_runs(runs, wheel)
+    return facts_of_runs([run for _, run in processed], first.vehicle.wheel)
 
 
 def facts_of_runs(runs: Sequence[ProcessedRun], wheel: WheelSection | None) -> SinkageFacts:

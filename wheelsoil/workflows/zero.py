@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 from math import isfinite
@@ -46,7 +46,8 @@ from processing.transducer_zero import (
     determine,
     drift_between,
 )
-from wheelsoil.workflows.recording_summary import sha256_of
+from wheelsoil.console import check_output
+from wheelsoil.workflows.recordings import sha256_of
 
 _LOOK_BATCHES = 20
 Key = tuple[str, str]
@@ -90,7 +91,7 @@ class TransducerData:
     angle: tuple[FloatArray, FloatArray] | None
     speed: tuple[FloatArray, FloatArray] | None
     temperature_degc: tuple[FloatArray, FloatArray] | None
-    distrusted: int = field(default=0)
+    distrusted: int
 
 
 def sources_of(run: Run, needed: tuple[str, ...] = ()) -> Sources:
@@ -390,10 +391,7 @@ def check_place(path: Path) -> ZeroConfig:
     ConfigError
         It is wrong, is a folder, or its folder does not exist.
     """
-    if path.is_dir():
-        raise ConfigError(Fault("the output is a folder", str(path), next_step="name a file in it"))
-    if not path.parent.is_dir():
-        raise ConfigError(Fault("no such folder", str(path.parent), next_step="create it or choose another output"))
+    check_output(path, force=True)
     return load_zeros(path) if path.exists() else ZeroConfig()
 
 

@@ -1,21 +1,22 @@
-"""Summary of a recording: what `wheelsoil info` prints and the provenance in a report."""
+"""Recordings and logs: a summary of the content (`info`, provenance in a report) and the export of decoded signals."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from daq import RunInfo, UncertainTimestamps
-from daq.can import Coverage, coverage
+from daq import Channel, ConfigError, Fault, RunInfo, UncertainTimestamps, data_frame, file_name
+from daq.can import Coverage, Decoder, coverage
 from daq.logger import is_being_recorded
 from daq.logs import LogReading, lenient_remarks
-from daq.recording import Event, Gap, Recording, RunRecording, Topic
-from daq.runs import Run
+from daq.recording import DecodedWriter, Event, Gap, Recording, RecordingWriter, RunRecording, Topic
+from daq.runs import LENIENT_KEY, Run
+from daq.series import write_frame
 
 
 def utc(time_ns: int) -> str:
@@ -255,3 +256,76 @@ def _tally(run: Run, watch: Callable[[int], None] | None) -> _Tally:
         if watch:
             watch(sum(tally.frames.values()))
     return tally
+
+
+def export_tables(
+    run: Run, folder: Path, suffix: str, signals: Collection[str] | None = None, *, overwrite: bool = False
+) -> list[Path]:
+    """Write a table for each bus and message of a run: ``<run>.<bus>.<message>.<suffix>``.
+
+    The decoded columns of one run are held in memory.
+
+    Parameters
+    ----------
+    suffix : str
+        ``parquet``, ``csv`` or ``mat``.
+    signals : collection of "Message.Signal", optional
+        All by default.
+
+    Raises
+    ------
+    ConfigError
+        A file is there already; a signal is in no DBC.
+    RecordingError, HardwareError
+        The run cannot be read, or a table cannot be written.
+    """
+    decoder = Decoder(run.databases, signals or None)
+    pieces: dict[tuple[str, str], dict[str, list[Channel]]] = {}
+    for batch in run.frame_batches():
+        for (bus, name), channel in decoder.decode(batch).items():
+            message, _, signal = name.rpartition(".")
+            pieces.setdefault((bus, message), {}).setdefault(signal, []).append(channel)
+    targets = {key: folder / f"{file_name(f'{run.id}.{key[0]}.{key[1]}')}.{suffix}" for key in pieces}
+    there = [path for path in targets.values() if path.exists() and not overwrite]
+    if there:
+        raise ConfigError(
+            *(Fault("the output exists already", str(path), next_step="another folder, or --force") for path in there)
+        )
+    return [_write_table(targets[key], columns) for key, columns in pieces.items()]
+
+
+def export_recording(run: Run, folder: Path, *, overwrite: bool = False) -> Path:
+    """Write a recording with the raw frames and every decoded sample as a topic.
+
+    Raises
+    ------
+    RecordingError, HardwareError
+        The run cannot be read, or the recording cannot be written.
+    """
+    target = folder / f"{file_name(run.id)}.mcap"
+    if target.exists() and any(target.samefile(file) for file in run.files):
+        raise ConfigError(Fault("the output is the run itself", str(target), next_step="choose another folder"))
+    writer = RecordingWriter(
+        target,
+        run=run.info.model_copy(update={"file": target.name}),
+        attachments=run.attachments,
+        metadata={"source": run.path.name} | ({LENIENT_KEY: "yes"} if run.lenient else {}),
+        flush_every_s=None,
+        sync_every_s=None,
+        decoded_rate_hz=None,
+        overwrite=overwrite,
+    )
+    with writer:
+        view, decoder = DecodedWriter(writer, run.vehicle, run.databases), Decoder(run.databases)
+        for batch in run.frame_batches():
+            writer.write_frames(batch)
+            view.write(decoder.decode(batch))
+    return target
+
+
+def _write_table(path: Path, columns: dict[str, list[Channel]]) -> Path:
+    first = next(iter(columns.values()))
+    table = {"time_ns": np.concatenate([piece.time_ns for piece in first])}
+    table |= {name: np.concatenate([piece.values for piece in parts]) for name, parts in columns.items()}
+    units = {name: parts[0].unit for name, parts in columns.items()}
+    return write_frame(path, data_frame(table, {"time_ns": "ns", **units}))

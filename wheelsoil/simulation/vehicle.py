@@ -1,19 +1,88 @@
-"""CAN frames of the virtual test: its channels encoded with the shipped DBCs on one bus."""
+"""The vehicle of the virtual test: its vehicle.toml, and its channels as CAN frames, encoded with the shipped DBCs."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import hypot
 
 import numpy as np
 
-from daq import Channel, DataError, Fault, FloatArray, Quantity, find_unit
+from daq import (
+    BusSection,
+    Channel,
+    DataError,
+    Fault,
+    FloatArray,
+    Quantity,
+    SensorSection,
+    TransducerSection,
+    VehicleConfig,
+    VehicleSection,
+    WheelSection,
+    find_unit,
+)
 from daq.can import FrameBatch, Message, Signal, encode, load_database, merge, rolling_counter, shipped_dbc
-from model.simulation import VirtualRun
+from model.simulation import VirtualRun, VirtualSetup
+from model.wheel_soil import Wheel
 
 DBC_FILES = ("wft.dbc", "wheel_speed.dbc", "gnss.dbc")
 BITRATE = 1_000_000
 FRAME_TIME_S = 110e-6
 """Approximate bus time of one frame of the transducer."""
+
+_SIGNALS = {
+    "vertical_load": "WFT_Forces.Fz",
+    "drawbar_pull": "WFT_Forces.Fx",
+    "driving_torque": "WFT_Moments.My",
+    "wheel_angle": "WFT_Wheel.Angle",
+    "wheel_speed": "WheelSpeeds.RearLeft",
+    "ground_speed": "GNSS_2.Speed",
+    "ground_speed_valid": "GNSS_3.SpeedValid",
+    "latitude": "GNSS_1.Latitude",
+    "longitude": "GNSS_2.Longitude",
+    "course": "GNSS_2.Course",
+    "gnss_time": "GNSS_1.TimeOfDay",
+}
+
+
+def vehicle_config(setup: VirtualSetup, wheel: Wheel, bus: str) -> VehicleConfig:
+    """Return vehicle.toml: the known data of the vehicle and the declared ones of its sensors."""
+    vehicle, transducer, gnss = setup.vehicle, setup.transducer, setup.gnss
+    sigmas = {
+        "vertical_load": hypot(transducer.load_noise_n, transducer.white_noise_n),
+        "drawbar_pull": hypot(transducer.drawbar_pull_noise_n, transducer.white_noise_n),
+        "driving_torque": hypot(transducer.torque_noise_nm, transducer.white_noise_nm),
+        "ground_speed": hypot(gnss.speed_noise_mps, gnss.speed_white_noise_mps),
+    }
+    # a sample's three messages follow each other on the bus
+    on_bus = {"vertical_load": 1, "drawbar_pull": 1, "driving_torque": 2, "wheel_angle": 3}
+    delays = {role: transducer.latency_s + place * FRAME_TIME_S for role, place in on_bus.items()}
+    delays |= dict.fromkeys(("gnss_time", "latitude", "longitude"), gnss.transport_s)
+    delays |= {"wheel_speed": setup.wheel_speed.latency_s, "ground_speed": gnss.latency_s, "course": gnss.latency_s}
+    return VehicleConfig(
+        vehicle=VehicleSection(name="virtual test vehicle", mass_kg=vehicle.mass_kg),
+        wheel=WheelSection(
+            radius_m=wheel.radius_m,
+            width_m=wheel.width_m,
+            position=f"rear {transducer.side}",
+            outboard_mass_kg=vehicle.outboard_mass_kg,
+            outboard_inertia_kgm2=vehicle.outboard_inertia_kgm2,
+        ),
+        bus=(BusSection(channel=bus, dbc=DBC_FILES, bitrate=BITRATE),),
+        signals=_SIGNALS,
+        sensors={
+            role: SensorSection(latency_s=round(delay, 5), sigma=round(sigmas[role], 4) if role in sigmas else None)
+            for role, delay in delays.items()
+        },
+        transducer=TransducerSection(
+            frame=transducer.frame,
+            side=transducer.side,
+            angle_offset_deg=transducer.angle_offset_deg,
+            angle_direction=transducer.angle_direction,
+            zero=transducer.zero,
+        ),
+    )
+
 
 _LAYOUT: dict[str, tuple[tuple[str, dict[str, str]], ...]] = {
     "transducer": (
@@ -56,11 +125,6 @@ _STUFFING = 1.1  # bits on the wire per bit of the frame, about
 
 def virtual_frames(run: VirtualRun, bus: str = "can0") -> FrameBatch:
     """Encode a run as frames of a bus that transmits one frame at a time.
-
-    Parameters
-    ----------
-    bus : str
-        Name of the bus.
 
     Returns
     -------

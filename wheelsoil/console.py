@@ -8,14 +8,10 @@ import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from daq import ConfigError, Fault, table_lines
 from wheelsoil.wording.to_json import to_json
-
-if TYPE_CHECKING:
-    from daq.runs import Run
-    from processing import ProcessedRun
 
 _LEAST_WIDTH = 60
 
@@ -31,14 +27,6 @@ def say_folded(text: str) -> None:
     """Print a long message, folded to the width of the terminal (stderr)."""
     for i, line in enumerate(folded(text, terminal_width() - 2)):
         say(f"  {line}" if i else line)
-
-
-def say_wrong_signs(processed: Iterable[tuple[Run, ProcessedRun]]) -> None:
-    """Print which forces seem to have the wrong sign, so that all results are invalid (stderr)."""
-    from wheelsoil.workflows.grading import wrong_signs
-
-    for text in wrong_signs(run for _, run in processed):
-        say_folded(text)
 
 
 def terminal_width() -> int:
@@ -82,13 +70,7 @@ def print_pairs(lines: Iterable[tuple[str, str]]) -> None:
 
 
 def progress(items: Iterable[Item], label: str, total: int | None = None) -> Iterator[Item]:
-    """Yield `items`, with a progress bar when stderr is a terminal.
-
-    Parameters
-    ----------
-    total : int, optional
-        Number of items, where it is known.
-    """
+    """Yield `items`, with a progress bar when stderr is a terminal."""
     if not sys.stderr.isatty():
         yield from items
         return
