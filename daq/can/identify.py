@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from daq.arrays import BoolArray, IndexArray
 from daq.can.bits import Message
-from daq.can.buses import messages_by_bus
-from daq.can.databases import Database
+from daq.can.databases import Database, messages_by_bus
 from daq.can.frames import CLASSIC_DTYPE, FrameArray, FrameBatch, FrameFlag
 
 UNKNOWN = 0

@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from daq.can.buses import no_bus_in_common
-from daq.can.databases import Database
-from daq.can.decoding import Decoder
+from daq.can.codec import Decoder
+from daq.can.databases import Database, no_bus_in_common
 from daq.can.frames import FrameBatch
 from daq.can.identify import Coverage, coverage
 from daq.config import RunInfo, VehicleConfig

@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, BinaryIO
 
-from daq.can.frames import FrameBatch
-from daq.can.messages import frames_from_messages
+from daq.can.frames import FrameBatch, frames_from_messages
 from daq.errors import Fault, RecordingError
 from daq.logs.report import LogReport
 

@@ -1,12 +1,7 @@
-"""Contents of an MCAP file: from its summary or, where that is lost, by reading all records.
+"""Contents of an MCAP file: from its summary or, where that is lost, by reading all records over damaged places.
 
-What an MCAP file holds and where, and the parsing of its small records.
-
-Nothing here trusts the file: a cut or a flipped byte becomes a `DamagedError`, and that a `Loss`.
-
-The summary of an MCAP file, taken only when its checksum holds.
-
-Walking the records of an MCAP file that has no summary, over damaged places.
+Nothing here trusts the file: a summary is taken only when its checksum holds, a cut or a flipped byte becomes a
+`DamagedError`, and that a `Loss`.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
-"""Decoded topics of a recording: physical values beside the raw frames, for people and other tools.
-
-Decoded topics: physical values as fixed-size messages, beside the raw frames they come from.
-
-Writing what lies beside the raw frames: decoded topics, and what the host has to say.
-"""
+"""Decoded topics of a recording: physical values as fixed-size messages beside the raw frames, for people."""
 
 from __future__ import annotations
 
+import json
+import keyword
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,17 +12,100 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.arrays import FloatArray, IndexArray, IntArray
-from daq.can.buses import messages_by_bus
-from daq.can.databases import Database
+from daq.can.databases import Database, messages_by_bus
 from daq.can.frames import joined
 from daq.can.roles import resolve_roles
 from daq.channels import Channel
 from daq.config import VehicleConfig
 from daq.errors import DataError, Fault, nearest
 from daq.recording.events import DiagnosticStatus, Event, HostTopics
-from daq.recording.format import NAVSATFIX_SCHEMA, NAVSATFIX_TEXT, fill_prefix, fixed_message_dtype
+from daq.recording.format import (
+    HEADER_DEFINITIONS,
+    NAVSATFIX_SCHEMA,
+    NAVSATFIX_TEXT,
+    PACKAGE,
+    TopicNames,
+    fill_prefix,
+    fixed_message_dtype,
+    numbered,
+    snake_case,
+)
 from daq.recording.sink import McapSink, MessageGroup, index_entries
-from daq.recording.topics import DecodedLayout, TopicNames, decoded_layout
+
+
+@dataclass(frozen=True)
+class DecodedLayout:
+    """How one DBC message on one bus is written as a topic.
+
+    Attributes
+    ----------
+    metadata : dict str -> str
+        Of the MCAP channel: ``bus``, ``message``, and ``signals``: a JSON object
+        field -> {"name": the DBC's signal name, "unit": its unit}.
+    signals, fields : tuple of str
+        The DBC's names and the field of each.
+    dtype : structured dtype
+        Of a whole MCAP message record.
+    """
+
+    schema_name: str
+    schema_text: str
+    metadata: dict[str, str]
+    signals: tuple[str, ...]
+    fields: tuple[str, ...]
+    dtype: np.dtype[np.void]
+
+    def records(
+        self,
+        channel_id: int,
+        sequence: int,
+        time_ns: IntArray,
+        publish_ns: IntArray,
+        values: Mapping[str, FloatArray],
+    ) -> NDArray[np.void]:
+        """Return whole MCAP message records, one a sample; a signal that `values` lacks is NaN."""
+        records = np.zeros(len(time_ns), self.dtype)
+        fill_prefix(records, channel_id, sequence, time_ns, publish_ns)
+        for signal, name in zip(self.signals, self.fields, strict=True):
+            records[f"field_{name}"] = values.get(signal, np.nan)
+        return records
+
+
+def decoded_layout(type_name: str, bus: str, message: str, units: Mapping[str, str]) -> DecodedLayout:
+    """Lay out a DBC message: a header and one float64 a signal.
+
+    Parameters
+    ----------
+    type_name : str
+        Unique CamelCase name of the ROS 2 type.
+    bus, message : str
+        As in vehicle.toml and the DBC.
+    units : mapping str -> str
+        Unit per signal, in the order of the fields.
+    """
+    signals = tuple(units)
+    fields = tuple(field_names(signals))
+    described = {field: {"name": name, "unit": units[name]} for field, name in zip(fields, signals, strict=True)}
+    padding: list[tuple[str, str]] = [("padding", "<u4")] if fields else []
+    return DecodedLayout(
+        schema_name=f"{PACKAGE}/msg/{type_name}",
+        schema_text="std_msgs/Header header\n" + "".join(f"float64 {f}\n" for f in fields) + HEADER_DEFINITIONS,
+        metadata={"bus": bus, "message": message, "signals": json.dumps(described, ensure_ascii=False)},
+        signals=signals,
+        fields=fields,
+        dtype=fixed_message_dtype([*padding, *((f"field_{f}", "<f8") for f in fields)]),
+    )
+
+
+def field_names(signals: Sequence[str]) -> list[str]:
+    """Return a unique ROS 2 field name for each signal, in order."""
+    names: list[str] = []
+    taken = {"header", *keyword.kwlist, *keyword.softkwlist}
+    for signal in signals:
+        names.append(numbered(snake_case(signal), taken))
+        taken.add(names[-1])
+    return names
+
 
 NAVSATFIX_DTYPE = fixed_message_dtype(
     [
@@ -304,7 +384,7 @@ class DecodedWriter:
         self._position = resolve_roles(vehicle, databases, (), ("latitude", "longitude"))
 
     def write(self, decoded: Mapping[tuple[str, str], Channel]) -> None:
-        """Write what `daq.can.decoding.Decoder` made of a batch of frames."""
+        """Write what `daq.can.codec.Decoder` made of a batch of frames."""
         messages: dict[tuple[str, str], dict[str, Channel]] = {}
         for (bus, name), channel in decoded.items():
             message, _, signal = name.rpartition(".")

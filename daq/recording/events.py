@@ -1,10 +1,7 @@
-"""Events out of a recording's chunks.
+"""Topics of the logger itself: events, diagnostics and the host's clock, in chunks that readers of frames skip.
 
-Events of a recording: marks, clock steps, lost and returned buses; topic ``/events``, rcl_interfaces/msg/Log.
-
-Diagnostics of a recording: topic ``/diagnostics``, diagnostic_msgs/msg/DiagnosticArray, as Foxglove shows them.
-
-Topics of the logger itself: events, diagnostics and the host's clock, in chunks that readers of frames skip.
+Events are marks, clock steps, lost and returned buses: topic ``/events``, rcl_interfaces/msg/Log. Diagnostics are on
+topic ``/diagnostics``, diagnostic_msgs/msg/DiagnosticArray, as Foxglove shows them.
 """
 
 from __future__ import annotations
@@ -29,9 +26,10 @@ from daq.recording.format import (
     PACKAGE,
     RECORD_HEAD_SIZE,
     TIME_DEFINITION,
+    CdrDecoder,
+    CdrEncoder,
 )
 from daq.recording.sink import McapSink, MessageGroup, index_entries
-from daq.recording.topics import CdrDecoder, CdrEncoder
 
 Severity = Literal["info", "warning", "error"]
 

@@ -1,10 +1,6 @@
 """PartWriter: a run in one recording after the other, without losing or doubling a frame between them.
 
-Sums of counts that are kept per bus or per kind.
-
-Losses of a session, as the parts of a run record them.
-
-Which files are the parts of a run: ``R.mcap``, ``R.part2.mcap``, ``R.part3.mcap``, ...
+The files of a run's parts are ``R.mcap``, ``R.part2.mcap``, ``R.part3.mcap``, ...
 """
 
 from __future__ import annotations

@@ -26,12 +26,12 @@ from daq.recording.format import (
     RAW_DTYPES,
     RUN_END,
     RUN_START,
+    TopicNames,
     raw_message_head,
     raw_schema_text,
     with_checksum,
 )
 from daq.recording.sink import INDEX_ENTRY, McapSink, MessageGroup
-from daq.recording.topics import TopicNames
 
 FRAMES_PER_MESSAGE = 4096
 

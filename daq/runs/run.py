@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from daq.can.buses import load_for_vehicle, messages_by_bus
-from daq.can.databases import Database, load_database
-from daq.can.decoding import Decoder
+from daq.can.codec import Decoder
+from daq.can.databases import Database, load_database, load_for_vehicle, messages_by_bus
 from daq.can.frames import FrameBatch
 from daq.can.roles import SignalRef, resolve_roles
 from daq.channels import ROLES, Channel
@@ -73,7 +72,7 @@ class Configuration:
 
 
 def vehicle_from_file(path: Path, *, lenient_dbc: bool = False) -> Configuration:
-    """Read vehicle.toml, the DBCs it names (`daq.can.buses.load_for_vehicle`) and its zero file where there is one."""
+    """Read vehicle.toml, the DBCs it names and its zero file where there is one; raises as `load_for_vehicle`."""
     vehicle = load_toml(path, VehicleConfig)
     databases = load_for_vehicle(vehicle, path.parent, lenient=lenient_dbc)
     attachments = {VEHICLE_FILE: path.read_bytes()} | {

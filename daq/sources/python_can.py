@@ -23,8 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from daq.arrays import IntArray
-from daq.can.frames import FrameArray, FrameBatch, FrameFlag
-from daq.can.messages import frames_from_messages, messages_from_frames
+from daq.can.frames import FrameArray, FrameBatch, FrameFlag, frames_from_messages, messages_from_frames
 from daq.config import BusSection
 from daq.errors import ConfigError, Fault, HardwareError, nearest
 from daq.host_clock import HostClock

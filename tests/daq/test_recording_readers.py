@@ -12,7 +12,8 @@ from recording_support import START_NS, random_frames
 
 from daq.can.frames import FrameBatch, split
 from daq.recording import DiagnosticStatus, Event, Recording, RecordingWriter
-from daq.recording.topics import TopicNames, field_names, snake_case
+from daq.recording.decoded_topics import field_names
+from daq.recording.format import TopicNames, snake_case
 
 # Names as vendors write them: keywords, digits first, doubles once in snake case, words of the formats themselves.
 SIGNALS = ["Fx", "fx", "2ndGear", "class", "header", "Drehmoment°", "µ", "WheelSpeedFL", "uint8", "string", "stamp"]

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from daq.can.bits import Message
-from daq.can.buses import messages_by_bus
-from daq.can.databases import Database
+from daq.can.databases import Database, messages_by_bus
 from daq.can.roles import SignalRef, resolve_roles
 from daq.channels import ROLES
 from daq.config import HealthSection, VehicleConfig
@@ -28,7 +27,7 @@ class Watched:
     Attributes
     ----------
     bus, name : str
-        As `daq.can.buses.messages_by_bus` names it.
+        As `daq.can.databases.messages_by_bus` names it.
     names : tuple of str
         Signals, in the order of the rows of `values`.
     keys : tuple of (bus, "Message.Signal")
