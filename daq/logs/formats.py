@@ -128,10 +128,7 @@ _TEXT: tuple[tuple[re.Pattern[bytes], LogFormat | str], ...] = (
 def chosen_format(path: Path, head: bytes) -> LogFormat:
     """Return the format of a log, by its suffix or else by its content.
 
-    Raises
-    ------
-    RecordingError
-        If its content contradicts its suffix, or is of no known format.
+    Raises RecordingError if its content contradicts its suffix, or is of no known format.
     """
     by_suffix = _by_suffix(path)
     detected = _detected(head)
@@ -159,10 +156,7 @@ def chosen_format(path: Path, head: bytes) -> LogFormat:
 def open_log(path: Path) -> tuple[io.BufferedReader, LogFormat]:
     """Open a log, unpacked where it is gzipped, and find its format.
 
-    Raises
-    ------
-    RecordingError
-        If there is no such file, it is empty, or is no log.
+    Raises RecordingError if there is no such file, it is empty, or is no log.
     """
     try:
         raw: Any = path.open("rb", buffering=0)

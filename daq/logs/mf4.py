@@ -28,10 +28,7 @@ _FLAG_CHANNELS = {
 def read_mf4(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     """Yield the frames of all CAN groups of an MF4 file, merged by time; BusChannel 1 is can1.
 
-    Raises
-    ------
-    ConfigError
-        If asammdf is not installed.
+    Raises ConfigError if asammdf is not installed.
     """
     asammdf = _asammdf(report.path)
     file.close()  # asammdf wants the path

@@ -107,10 +107,7 @@ RecordT = TypeVar("RecordT")
 def parsed(reader: Callable[[ReadDataStream], RecordT], body: bytes) -> RecordT:
     """Parse a record's body with the ``mcap`` package.
 
-    Raises
-    ------
-    DamagedError
-        If the body is not such a record. Bytes behind it are allowed, as MCAP demands.
+    Raises DamagedError if the body is not such a record. Bytes behind it are allowed, as MCAP demands.
     """
     try:
         return reader(_ExactStream(BytesIO(body)))
@@ -126,10 +123,7 @@ def unreadable(path: Path, error: OSError) -> RecordingError:
 def read_record(file: BinaryIO, offset: int, size: int | None, opcode: int) -> bytes:
     """Return the body of the record at `offset`; `size` is that of the whole record where it is known.
 
-    Raises
-    ------
-    DamagedError
-        If another record, or none, is there.
+    Raises DamagedError if another record, or none, is there.
     """
     found, length = RECORD.unpack(read_at(file, offset, 9).ljust(9, b"\0"))
     if found != opcode or (size is not None and length != size - 9):
@@ -328,10 +322,7 @@ def _marked(block: bytes) -> Iterator[int]:
 def read_contents(path: Path) -> Contents:
     """Index the records of an MCAP file, complete or cut off.
 
-    Raises
-    ------
-    RecordingError
-        If there is no such file, or it is no MCAP file.
+    Raises RecordingError if there is no such file, or it is no MCAP file.
     """
     try:
         with path.open("rb") as file:

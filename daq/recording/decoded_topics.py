@@ -325,13 +325,7 @@ class TopicWriter(ABC):
         self.topics.write_if_full(self.topics.host)
 
     def write_diagnostics(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Write the statuses of one moment, topic ``/diagnostics``.
-
-        Raises
-        ------
-        DataError
-            If a level is none of 0 to 3.
-        """
+        """Write the statuses of one moment, topic ``/diagnostics``; DataError if a level is none of 0 to 3."""
         self.topics.host.write_diagnostics(time_ns, statuses)
         self.topics.write_if_full(self.topics.host)
 

@@ -92,10 +92,7 @@ def decode_event(data: bytes, time_ns: int) -> Event:
     time_ns : int
         The message's log time, which does not end in 2038, as the stamp does; 0 for a time before 1970.
 
-    Raises
-    ------
-    DamagedError
-        If the bytes are no such message.
+    Raises DamagedError if the bytes are no such message.
     """
     message = CdrDecoder(data)
     stamp_ns = message.stamp()
@@ -148,13 +145,7 @@ class DiagnosticStatus:
 
 
 def encode_diagnostics(time_ns: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
-    """Return the CDR bytes of a diagnostic_msgs/msg/DiagnosticArray.
-
-    Raises
-    ------
-    DataError
-        If a level is none of 0 to 3.
-    """
+    """Return the CDR bytes of a diagnostic_msgs/msg/DiagnosticArray; DataError if a level is none of 0 to 3."""
     message = CdrEncoder()
     message.stamp(time_ns)
     message.text("")
@@ -266,10 +257,7 @@ def read_events(path: Path, contents: Contents, damaged: Callable[[ChunkEntry, s
     damaged : callable
         Called with each chunk that cannot be read, and the reason.
 
-    Raises
-    ------
-    RecordingError
-        If the file is gone, or the disk fails.
+    Raises RecordingError if the file is gone, or the disk fails.
     """
     channels = {
         channel.id

@@ -186,10 +186,7 @@ def raw_frames(content: bytes, start: int, length: int, dtype: np.dtype[np.void]
         Where the message's CDR bytes lie in `content`.
     dtype : CLASSIC_DTYPE or FD_DTYPE
 
-    Raises
-    ------
-    ValueError
-        If the bytes are not laid out as `raw_message_head` writes them.
+    Raises ValueError if the bytes are not laid out as `raw_message_head` writes them.
     """
     if length < RAW_PREFIX_SIZE:
         raise ValueError(f"a raw message of {length} bytes is too short")

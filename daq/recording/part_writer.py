@@ -107,13 +107,7 @@ def part_number(path: Path) -> tuple[Path, int]:
 
 
 def parts_on_disk(first: Path) -> dict[int, Path]:
-    """Return the parts of a run that are there, by number, in order.
-
-    Raises
-    ------
-    RecordingError
-        If the folder cannot be read.
-    """
+    """Return the parts of a run that are there, by number, in order; RecordingError if the folder cannot be read."""
     try:
         found = [path for path in first.parent.iterdir() if path.name.startswith(first.stem)]
     except FileNotFoundError:
@@ -128,10 +122,7 @@ def parts_on_disk(first: Path) -> dict[int, Path]:
 def next_part(first: Path) -> tuple[Path, int]:
     """Return the file and the number of the part that comes after those that are there.
 
-    Raises
-    ------
-    RecordingError
-        If the folder cannot be read.
+    Raises RecordingError if the folder cannot be read.
     """
     number = max(parts_on_disk(first), default=0) + 1
     return part_path(first, number), number

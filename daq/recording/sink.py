@@ -177,10 +177,7 @@ def _create(path: Path, overwrite: bool) -> FileIO:
 def make_folder(folder: Path) -> None:
     """Make a folder, and those above it that are missing, so that their names survive a power cut.
 
-    Raises
-    ------
-    OSError
-        If it cannot be made.
+    Raises OSError if it cannot be made.
     """
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)

@@ -61,13 +61,7 @@ def readable(path: Path) -> Iterator[None]:
 
 
 def logs_in(folder: Path) -> list[Path]:
-    """Return the recordings and logs of a folder, by name.
-
-    Raises
-    ------
-    OSError
-        The folder cannot be read.
-    """
+    """Return the recordings and logs of a folder, by name; OSError if the folder cannot be read."""
     return sorted(path for path in folder.iterdir() if _log_suffix(path) in RUN_SUFFIXES and path.is_file())
 
 

@@ -32,10 +32,7 @@ _IFREQ = struct.Struct("=16sH22x")
 def listening(channel: str, buffer_bytes: int) -> socket.socket:
     """Return a socket that receives the frames of an interface, and its error frames; see `prepared`.
 
-    Raises
-    ------
-    HardwareError
-        If the kernel has no CAN, or there is no such interface, or it must not be opened.
+    Raises HardwareError if the kernel has no CAN, or there is no such interface, or it must not be opened.
     """
 
     def prepare(made: socket.socket) -> None:
