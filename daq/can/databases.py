@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import re
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -271,16 +272,8 @@ def _parse_strict(text: str, where: str) -> Any:
     bad = bad_lines(text, complaint)
     if not bad:
         raise DatabaseError(Fault("cantools cannot load this DBC", where, complaint, next_step="correct the file"))
-    raise DatabaseError(
-        *(
-            Fault(f"cantools refuses this DBC: {line.why}", where, _line_text(line), next_step=LENIENT_HINT)
-            for line in bad
-        )
-    )
-
-
-def _line_text(line: BadLine) -> str:
-    return f"line {line.number}: {line.text.strip()}"
+    texts = [(f"cantools refuses this DBC: {line.why}", f"line {line.number}: {line.text.strip()}") for line in bad]
+    raise DatabaseError(*(Fault(what, where, found, "", LENIENT_HINT) for what, found in texts))
 
 
 def _parse_lenient(text: str, where: str) -> tuple[Any, list[str]]:
@@ -444,22 +437,15 @@ def _merge(bus: str, files: Sequence[Database], faults: list[Fault]) -> dict[int
         for message in database.messages:
             other, name = owner.setdefault(message.key, (message, database.name))
             if other != message:
-                faults.append(
-                    Fault(
-                        f"two DBCs lay out identifier {message.id_text()} differently",
-                        f"bus {bus}",
-                        f"{other.name} in {name}, {message.name} in {database.name}",
-                        "one layout per identifier on a bus",
-                        "give this bus only one of the two files, or take the message out of one",
-                    )
-                )
+                what = f"two DBCs lay out identifier {message.id_text()} differently"
+                found = f"{other.name} in {name}, {message.name} in {database.name}"
+                step = "give this bus only one of the two files, or take the message out of one"
+                faults.append(Fault(what, f"bus {bus}", found, "one layout per identifier on a bus", step))
     return {key: message for key, (message, _) in owner.items()}
 
 
 def _named(messages: list[Message]) -> dict[str, Message]:
-    count: dict[str, int] = {}
-    for message in messages:
-        count[message.name] = count.get(message.name, 0) + 1
+    count = Counter(message.name for message in messages)
     return {(m.name if count[m.name] == 1 else f"{m.name}@{m.id_text()}"): m for m in messages}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import TYPE_CHECKING, Any
@@ -120,13 +120,13 @@ def concatenate(batches: Sequence[FrameBatch]) -> FrameBatch:
     if not batches:
         return FrameBatch.empty()
     buses = tuple(dict.fromkeys(name for batch in batches for name in batch.buses))
-    fd = any(batch.is_fd for batch in batches)
-    parts = [(batch.widened() if fd else batch) for batch in batches]
-    return FrameBatch(joined([renumbered(part, buses) for part in parts]), buses)
+    return FrameBatch(joined([renumbered(batch, buses) for batch in batches]), buses)
 
 
 def joined(parts: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
-    """Join arrays of one record type."""
+    """Join arrays of one record type; classical frames are widened where others are CAN FD."""
+    if len({part.dtype.itemsize for part in parts}) > 1:
+        parts = [FrameBatch(part, ()).widened().frames for part in parts]
     return np.concatenate([as_bytes(part) for part in parts]).view(parts[0].dtype)
 
 
@@ -143,6 +143,20 @@ def renumbered(batch: FrameBatch, buses: tuple[str, ...]) -> FrameArray:
     frames = batch.frames.copy()
     frames["bus"] = lookup[frames["bus"]]
     return frames
+
+
+def frames_between(batches: Iterable[FrameBatch], start_ns: int | None, end_ns: int | None) -> Iterator[FrameBatch]:
+    """Yield the frames with ``start_ns <= time_ns < end_ns``; None: no limit. No batch may be empty."""
+    low = -(2**63) if start_ns is None else start_ns
+    high = 2**63 if end_ns is None else end_ns
+    for batch in batches:
+        time_ns = batch.frames["time_ns"]
+        if low <= time_ns.min() and time_ns.max() < high:
+            yield batch
+        else:
+            inside = (time_ns >= low) & (time_ns < high)
+            if inside.any():
+                yield batch[inside]
 
 
 def split(batch: FrameBatch, size: int) -> Iterator[FrameBatch]:

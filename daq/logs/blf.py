@@ -204,8 +204,6 @@ _GROUP_BYTES = 1 << 20
 _LARGEST_BYTES = 64 << 20
 _PADDING = 4
 
-Places = IndexArray
-
 
 def read_blf(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     """Yield the frames of a BLF file, a megabyte of objects at a time."""
@@ -311,7 +309,7 @@ def _joined(pieces: list[bytes], room: NDArray[np.uint8]) -> tuple[NDArray[np.ui
     return room[:size], room
 
 
-def _object_starts(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[Places, int]:
+def _object_starts(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[IndexArray, int]:
     """Return where the complete objects start, and up to where the bytes have been used."""
     equal = _equally_long(text)
     used = int(equal[1]) * len(equal) if len(equal) > 1 else 0
@@ -319,7 +317,7 @@ def _object_starts(text: NDArray[np.uint8], done: int, report: LogReport) -> tup
     return np.concatenate((equal if used else equal[:0], others + used)), end + used
 
 
-def _equally_long(text: NDArray[np.uint8]) -> Places:
+def _equally_long(text: NDArray[np.uint8]) -> IndexArray:
     """Return where the objects start that all have the length of the first one, as most logs' have."""
     if len(text) < HEADER.itemsize:
         return np.zeros(0, np.intp)
@@ -332,7 +330,7 @@ def _equally_long(text: NDArray[np.uint8]) -> Places:
     return starts if same.all() else starts[: int(np.argmin(same))]
 
 
-def _search(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[Places, int]:
+def _search(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[IndexArray, int]:
     """Look for the magic bytes that an object starts with; see `_object_starts`."""
     found = np.flatnonzero(text[: max(len(text) - HEADER.itemsize + 1, 0)] == MAGIC[0])
     for offset in range(1, len(MAGIC)):
@@ -350,7 +348,7 @@ def _search(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[Plac
     return found, int(ends[-1])
 
 
-def _walk(found: Places, ends: Places, done: int, report: LogReport) -> tuple[Places, Places]:
+def _walk(found: IndexArray, ends: IndexArray, done: int, report: LogReport) -> tuple[IndexArray, IndexArray]:
     """Go from object to object: a payload may hold the magic bytes, and a damaged object has no right length."""
     chain: list[int] = []
     i, expected = 0, 0

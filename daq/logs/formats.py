@@ -137,7 +137,8 @@ def chosen_format(path: Path, head: bytes) -> LogFormat:
     if isinstance(detected, LogFormat) and by_suffix in (None, detected):
         return detected
     if detected is None:
-        faults = [Fault("neither its suffix nor its content is of a known log format", str(path), _first_bytes(head))]
+        what = "neither its suffix nor its content is of a known log format"
+        faults = [Fault(what, str(path), f"begins with {head[:40]!r}")]
         faults += [Fault(f"it is not {known.name}", expected=" or ".join(known.suffixes)) for known in LOG_FORMATS]
         raise RecordingError(*faults)
     if isinstance(detected, LogFormat):
@@ -167,9 +168,7 @@ def open_log(path: Path) -> tuple[io.BufferedReader, LogFormat]:
             file = io.BufferedReader(raw, _HEAD_BYTES)
         head = file.peek()
     except FileNotFoundError:
-        names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
-        expected = nearest(path.name, names) if names else ""
-        raise RecordingError(Fault("no such file", str(path), expected=expected, next_step="check the path")) from None
+        raise no_such_file(path) from None
     except OSError as error:
         raise RecordingError(Fault("the log cannot be read", str(path), error.strerror or str(error))) from None
     try:
@@ -182,6 +181,13 @@ def open_log(path: Path) -> tuple[io.BufferedReader, LogFormat]:
         file.close()
         raise
     return file, known
+
+
+def no_such_file(path: Path) -> RecordingError:
+    """Return the error of a file that is not there, with names that are."""
+    names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
+    expected = nearest(path.name, names) if names else ""
+    return RecordingError(Fault("no such file", str(path), expected=expected, next_step="check the path"))
 
 
 def _by_suffix(path: Path) -> LogFormat | None:
@@ -202,10 +208,6 @@ def _detected(head: bytes) -> LogFormat | str | None:
         if pattern.search(head[:4096]):
             return meaning
     return None
-
-
-def _first_bytes(head: bytes) -> str:
-    return f"begins with {head[:40]!r}"
 
 
 class LogReading(Iterator[FrameBatch]):

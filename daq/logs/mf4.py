@@ -8,7 +8,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag
+from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag, joined
 from daq.errors import ConfigError, Fault, RecordingError
 from daq.logs.report import LogReport
 
@@ -119,19 +119,12 @@ def merged(streams: list[Iterator[FrameArray]]) -> Iterator[FrameArray]:
         waiting = [heads[key] for key in sorted(heads) if len(heads[key])]
         if not waiting:
             return
-        limit = min((heads[key]["time_ns"][-1] for key in open_streams), default=waiting[0]["time_ns"].max())
-        if not open_streams:
-            limit = max(head["time_ns"].max() for head in waiting)
+        last = max(head["time_ns"].max() for head in waiting)
+        limit = min((heads[key]["time_ns"][-1] for key in open_streams), default=last)
         ready = []
         for key in sorted(heads):
             cut = int(np.searchsorted(heads[key]["time_ns"], limit, side="right"))
             ready.append(heads[key][:cut])
             heads[key] = heads[key][cut:]
-        yield _sorted_together(ready)
-
-
-def _sorted_together(pieces: list[FrameArray]) -> FrameArray:
-    wide = any(piece.dtype == FD_DTYPE for piece in pieces)
-    together = np.concatenate([FrameBatch(piece, ()).widened().frames if wide else piece for piece in pieces])
-    ordered: FrameArray = together[np.argsort(together["time_ns"], kind="stable")]
-    return ordered
+        together = joined(ready)
+        yield together.take(np.argsort(together["time_ns"], kind="stable"))

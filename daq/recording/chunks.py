@@ -18,7 +18,8 @@ Compression = Literal["zstd", "lz4", "none"]
 LARGEST_CHUNK_BYTES = 1 << 30
 """A chunk that claims more than this when unpacked is taken for damaged."""
 
-_RECORD = struct.Struct("<BQ")
+RECORD = struct.Struct("<BQ")
+"""Opcode and length of a record's body."""
 _CHUNK_HEAD = struct.Struct("<BQQQQII")
 _LONGEST_NAME = 32
 _LONGEST_HEAD = _CHUNK_HEAD.size + _LONGEST_NAME + 8
@@ -218,7 +219,7 @@ def content_records(content: bytes) -> Iterator[tuple[int, int, int]]:
     while position < end:
         if position + 9 > end:
             raise DamagedError("a record is cut off")
-        opcode, length = _RECORD.unpack_from(content, position)
+        opcode, length = RECORD.unpack_from(content, position)
         position += 9
         if position + length > end:
             raise DamagedError("a record is cut off")

@@ -7,9 +7,10 @@ Nothing here trusts the file: a summary is taken only when its checksum holds, a
 from __future__ import annotations
 
 import contextlib
+import re
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
@@ -31,11 +32,9 @@ from mcap.records import (
 )
 
 from daq.errors import Fault, RecordingError
-from daq.recording.chunks import ChunkEntry, DamagedError, content_records, message_head, read_at, read_chunk
+from daq.recording.chunks import RECORD, ChunkEntry, DamagedError, content_records, message_head, read_at, read_chunk
 
 MAGIC = b"\x89MCAP0\r\n"
-RECORD = struct.Struct("<BQ")
-"""Opcode and length of a record's body."""
 
 
 @dataclass(frozen=True)
@@ -208,7 +207,7 @@ def _entry(record: ChunkIndex) -> ChunkEntry:
 
 _MESSAGE_INDEX_HEAD = struct.Struct("<HI")
 _SCAN_BLOCK = 1 << 20
-_CHUNK_MARKS = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")
+_CHUNK_MARK = re.compile(rb"\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4")
 _MARK_OFFSET = 9 + 28
 """Where the compression stands in a chunk record."""
 
@@ -295,7 +294,8 @@ def _next_chunk(file: BinaryIO, contents: Contents, position: int) -> int:
     """Return where the next believable chunk begins, or the end of the file."""
     while position < contents.size:
         block = read_at(file, position, _SCAN_BLOCK + _MARK_OFFSET + 8)
-        for start in _marked(block):
+        for mark in _CHUNK_MARK.finditer(block, _MARK_OFFSET):  # the name of its compression
+            start = mark.start() - _MARK_OFFSET
             offset = position + start
             try:
                 opcode, length = RECORD.unpack_from(block, start)
@@ -306,17 +306,6 @@ def _next_chunk(file: BinaryIO, contents: Contents, position: int) -> int:
                 continue
         position += _SCAN_BLOCK
     return contents.size
-
-
-def _marked(block: bytes) -> Iterator[int]:
-    """Yield where in `block` a chunk could begin, by the name of its compression."""
-    found = []
-    for mark in _CHUNK_MARKS:
-        at = block.find(mark, _MARK_OFFSET)
-        while at >= 0:
-            found.append(at - _MARK_OFFSET)
-            at = block.find(mark, at + 1)
-    yield from sorted(found)
 
 
 def read_contents(path: Path) -> Contents:

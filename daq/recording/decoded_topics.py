@@ -60,12 +60,11 @@ class DecodedLayout:
         channel_id: int,
         sequence: int,
         time_ns: IntArray,
-        publish_ns: IntArray,
         values: Mapping[str, FloatArray],
     ) -> NDArray[np.void]:
         """Return whole MCAP message records, one a sample; a signal that `values` lacks is NaN."""
         records = np.zeros(len(time_ns), self.dtype)
-        fill_prefix(records, channel_id, sequence, time_ns, publish_ns)
+        fill_prefix(records, channel_id, sequence, time_ns)
         for signal, name in zip(self.signals, self.fields, strict=True):
             records[f"field_{name}"] = values.get(signal, np.nan)
         return records
@@ -155,7 +154,6 @@ class DecodedTopics:
         time_ns: IntArray,
         signals: Mapping[str, FloatArray],
         units: Mapping[str, str],
-        publish_ns: IntArray,
     ) -> None:
         """Gather samples of a DBC message; see `RecordingWriter.write_decoded`."""
         topic = self._topics.get((bus, message)) or self._new_topic(message, bus, units)
@@ -163,18 +161,9 @@ class DecodedTopics:
         _check(message, topic.layout, time_ns, signals)
         rows = self._thinned(topic, time_ns)
         values = {name: column[rows] for name, column in signals.items()}
-        self._gather(
-            topic, topic.layout.records(topic.channel_id, topic.sequence, time_ns[rows], publish_ns[rows], values)
-        )
+        self._gather(topic, topic.layout.records(topic.channel_id, topic.sequence, time_ns[rows], values))
 
-    def write_position(
-        self,
-        bus: str,
-        time_ns: IntArray,
-        latitude_deg: FloatArray,
-        longitude_deg: FloatArray,
-        altitude_m: FloatArray | None,
-    ) -> None:
+    def write_position(self, bus: str, time_ns: IntArray, latitude_deg: FloatArray, longitude_deg: FloatArray) -> None:
         """Gather positions; see `RecordingWriter.write_position`."""
         topic = self._topics.get((bus, None))
         if topic is None:
@@ -183,9 +172,9 @@ class DecodedTopics:
             topic = self._topics[bus, None] = _Topic(channel_id, None)
         rows = self._thinned(topic, time_ns)
         records = np.zeros(len(rows), NAVSATFIX_DTYPE)
-        fill_prefix(records, topic.channel_id, topic.sequence, time_ns[rows], time_ns[rows])
+        fill_prefix(records, topic.channel_id, topic.sequence, time_ns[rows])
         records["latitude"], records["longitude"] = latitude_deg[rows], longitude_deg[rows]
-        records["altitude"] = np.nan if altitude_m is None else altitude_m[rows]
+        records["altitude"] = np.nan
         found = np.isfinite(records["latitude"]) & np.isfinite(records["longitude"])
         records["status"] = np.where(found, _FIX, _NO_FIX)
         records["service"] = _SERVICE_GPS
@@ -288,8 +277,6 @@ class TopicWriter(ABC):
         time_ns: IntArray,
         signals: Mapping[str, FloatArray],
         units: Mapping[str, str],
-        *,
-        publish_ns: IntArray | None = None,
     ) -> None:
         """Write a DBC message's physical values as a topic of its own.
 
@@ -301,22 +288,13 @@ class TopicWriter(ABC):
             NaN where a frame did not carry the signal.
         units : mapping str -> str
             Unit of every signal of the message; the first call for a message fixes the set of signals.
-        publish_ns : int64 array, shape (n,), optional
-            Best estimate of the measurement time; `time_ns` where there is none.
         """
-        self.topics.decoded.write(message, bus, time_ns, signals, units, time_ns if publish_ns is None else publish_ns)
+        self.topics.decoded.write(message, bus, time_ns, signals, units)
         self.topics.write_if_full(self.topics.decoded)
 
-    def write_position(
-        self,
-        bus: str,
-        time_ns: IntArray,
-        latitude_deg: FloatArray,
-        longitude_deg: FloatArray,
-        altitude_m: FloatArray | None = None,
-    ) -> None:
+    def write_position(self, bus: str, time_ns: IntArray, latitude_deg: FloatArray, longitude_deg: FloatArray) -> None:
         """Write positions as a ROS 2 NavSatFix topic, for map panels; NaN is written as "no fix"."""
-        self.topics.decoded.write_position(bus, time_ns, latitude_deg, longitude_deg, altitude_m)
+        self.topics.decoded.write_position(bus, time_ns, latitude_deg, longitude_deg)
         self.topics.write_if_full(self.topics.decoded)
 
     def write_event(self, event: Event) -> None:

@@ -120,22 +120,15 @@ def fixed_message_dtype(fields: list[tuple[str, str] | tuple[str, str, tuple[int
     return np.dtype([*MESSAGE_PREFIX, *fields])
 
 
-def fill_prefix(
-    records: NDArray[np.void],
-    channel_id: int,
-    sequence: int,
-    log_time_ns: IntArray,
-    stamp_ns: IntArray,
-) -> None:
+def fill_prefix(records: NDArray[np.void], channel_id: int, sequence: int, time_ns: IntArray) -> None:
     """Fill everything before the fields of fixed-size message records, in place."""
     records["opcode"] = MESSAGE_OPCODE
     records["record_length"] = records.dtype.itemsize - RECORD_HEAD_SIZE
     records["channel_id"] = channel_id
     records["sequence"] = (sequence + np.arange(len(records))) & 0xFFFFFFFF
-    records["log_time"] = np.maximum(log_time_ns, 0)
-    records["publish_time"] = np.maximum(stamp_ns, 0)
+    records["log_time"] = records["publish_time"] = np.maximum(time_ns, 0)
     records["encapsulation"] = ENCAPSULATION
-    seconds, nanoseconds = np.divmod(stamp_ns, 1_000_000_000)
+    seconds, nanoseconds = np.divmod(time_ns, 1_000_000_000)
     records["sec"] = np.clip(seconds, -(2**31), 2**31 - 1)
     records["nanosec"] = nanoseconds
     records["frame_id_length"] = len(FRAME_ID)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -24,11 +25,10 @@ from daq.recording.writer import RecordingWriter
 
 def total(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
     """Return the sum of counts, key by key."""
-    summed: dict[str, int] = {}
+    summed = Counter[str]()
     for one in counts:
-        for key, count in one.items():
-            summed[key] = summed.get(key, 0) + count
-    return summed
+        summed.update(one)
+    return dict(summed)
 
 
 def since(now: Mapping[str, int], before: Mapping[str, int]) -> dict[str, int]:

@@ -17,7 +17,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata
 from pydantic import ValidationError
 
-from daq.can.frames import FrameArray, FrameBatch, concatenate, joined
+from daq.can.frames import FrameArray, FrameBatch, concatenate, frames_between, joined
 from daq.config import RunInfo
 from daq.errors import DataError, Fault, RecordingError, nearest
 from daq.recording.chunks import MESSAGE_HEAD_SIZE, ChunkEntry, DamagedError, content_records, message_head, read_chunk
@@ -150,8 +150,6 @@ def _merged(
         streams.append(FrameBatch(frames, buses))
     if len(streams) == 1:
         return streams[0]
-    if any(stream.is_fd for stream in streams):
-        streams = [stream.widened() for stream in streams]
     # A clock that steps back must not reorder the frames of one topic: they are sorted by the latest time so far.
     latest = np.concatenate([np.maximum.accumulate(stream.frames["time_ns"]) for stream in streams])
     order = np.argsort(latest, kind="stable")
@@ -347,7 +345,8 @@ class Recording:
         channels = {i: channel for i, channel in self._raw.items() if bus in (None, channel.bus)}
         low = -(2**63) if start_ns is None else start_ns
         high = 2**63 if end_ns is None else end_ns
-        return _between(self._batches(channels, chunks_between(self.contents.chunks, channels, low, high)), low, high)
+        chunks = chunks_between(self.contents.chunks, channels, low, high)
+        return frames_between(self._batches(channels, chunks), low, high)
 
     def _batches(self, channels: dict[int, RawChannel], chunks: list[ChunkEntry]) -> Iterator[FrameBatch]:
         if self.contents.has_summary:
@@ -380,17 +379,6 @@ class Recording:
                 next_step="`wheelsoil info` shows what it holds; `wheelsoil import` makes recordings of CAN logs",
             )
         )
-
-
-def _between(batches: Iterator[FrameBatch], low: int, high: int) -> Iterator[FrameBatch]:
-    for batch in batches:
-        time_ns = batch.frames["time_ns"]
-        if low <= time_ns.min() and time_ns.max() < high:
-            yield batch
-        else:
-            inside = (time_ns >= low) & (time_ns < high)
-            if inside.any():
-                yield batch[inside]
 
 
 def _attachment(body: bytes) -> Attachment:

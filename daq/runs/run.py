@@ -97,10 +97,7 @@ def runs_from_file(path: Path) -> Configuration:
 def from_recording(recording: RunRecording, beside: Configuration, *, lenient_dbc: bool = False) -> Configuration:
     """Return what a recording carries of vehicle and terrain; what `beside` already has is not read.
 
-    Raises
-    ------
-    ConfigError
-        An attached file is wrong, or a DBC that vehicle.toml names is not attached.
+    Raises ConfigError if an attached file is wrong, or a DBC that vehicle.toml names is not attached.
     """
     carried = recording.attachments
     vehicle, terrain = None, None
@@ -273,17 +270,8 @@ def _attached_databases(
     names = list(dict.fromkeys(name for bus in vehicle.bus for name in bus.dbc))
     missing = [name for name in names if name not in carried]
     if missing:
-        raise DatabaseError(
-            *(
-                Fault(
-                    f"the recording does not carry the DBC {name!r}",
-                    where,
-                    expected=nearest(name, carried),
-                    next_step="give a vehicle.toml with its DBCs beside it: --vehicle",
-                )
-                for name in missing
-            )
-        )
+        what, step = "the recording does not carry the DBC", "give a vehicle.toml with its DBCs beside it: --vehicle"
+        raise DatabaseError(*(Fault(f"{what} {n!r}", where, "", nearest(n, carried), step) for n in missing))
     loaded = {name: _load_attached(carried[name], name, lenient=lenient) for name in names}
     databases = {bus.channel: tuple(loaded[name] for name in _names(vehicle, bus.channel)) for bus in vehicle.bus}
     messages_by_bus(databases)

@@ -313,37 +313,26 @@ def _squared(source: str, rows: list[list[str]], lines: list[int]) -> Table:
     return Table(source, dict(zip(head, zip(*body, strict=True), strict=True)), tuple(lines[1:]), {})
 
 
+def _refuse_unknown(table: Table, columns: Mapping[str, str]) -> None:
+    """Raise ConfigError for columns, by the option that names them, that the table does not have."""
+    faults = [
+        Fault(f"{option}: there is no column {name!r}", table.source, expected=nearest(name, table.columns))
+        for option, name in columns.items()
+        if name not in table
+    ]
+    if faults:
+        raise ConfigError(*faults)
+
+
 def _renamed(table: Table, rename: Mapping[str, Source]) -> Table:
-    unknown = [(new, source) for new, source in rename.items() if source.column not in table.columns]
-    if unknown:
-        raise ConfigError(
-            *(
-                Fault(
-                    f"--rename {new}={source.column}: there is no column {source.column!r}",
-                    table.source,
-                    expected=nearest(source.column, table.columns),
-                )
-                for new, source in unknown
-            )
-        )
+    _refuse_unknown(table, {f"--rename {new}={source.column}": source.column for new, source in rename.items()})
     columns = {name: cells for name, cells in table.columns.items() if name not in rename}
     columns |= {new: table.columns[source.column] for new, source in rename.items()}
     return Table(table.source, columns, table.lines, {new: source.factor for new, source in rename.items()})
 
 
 def _chosen(table: Table, where: Mapping[str, str]) -> Table:
-    unknown = [name for name in where if name not in table.columns]
-    if unknown:
-        raise ConfigError(
-            *(
-                Fault(
-                    f"--where {name}={where[name]}: there is no column {name!r}",
-                    table.source,
-                    expected=nearest(name, table.columns),
-                )
-                for name in unknown
-            )
-        )
+    _refuse_unknown(table, {f"--where {name}={value}": name for name, value in where.items()})
     for name, value in where.items():
         kept = table.kept([_equal(cell, value) for cell in table.columns[name]])
         if not len(kept):

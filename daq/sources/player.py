@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from daq.arrays import FloatArray
-from daq.can.frames import FrameArray, FrameBatch, FrameFlag
+from daq.can.frames import FrameArray, FrameBatch, FrameFlag, frames_between
 from daq.config import BusSection
 from daq.errors import ConfigError, DataError, Fault, nearest
 from daq.logs import read_log
@@ -395,14 +395,7 @@ def _opened(path: Path) -> _Opened:
     for batch in read_log(path):  # a log says only at its end which buses it holds
         buses.update(batch.buses)
         first = int(batch.frames["time_ns"][0]) if first is None else first
-    return _Opened(lambda low, high: _between(read_log(path), low, high), tuple(sorted(buses)), first or 0)
-
-
-def _between(batches: Iterable[FrameBatch], low: int, high: int | None) -> Iterator[FrameBatch]:
-    for batch in batches:
-        time_ns = batch.frames["time_ns"]
-        inside = time_ns >= low if high is None else (time_ns >= low) & (time_ns < high)
-        yield batch[inside]
+    return _Opened(lambda low, high: frames_between(read_log(path), low, high), tuple(sorted(buses)), first or 0)
 
 
 def _on(batches: Iterable[FrameBatch], names: Mapping[str, object]) -> Iterator[FrameBatch]:

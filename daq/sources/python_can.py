@@ -160,14 +160,11 @@ _EXTRAS = {
 }
 """Interfaces and the extra of python-can that brings their Python package."""
 
-
 _DRIVER_ERRORS = (OSError, ValueError, TypeError, AttributeError, IndexError, struct.error)
 """What python-can's drivers raise, beside its own errors, when their adapter is pulled out or sends nonsense."""
 
-
 _NOISY_LOGGERS = ("can.bus", "can.pcan")
 """They warn of a bus that could not be opened, and of a package that stamps do not need; the fault says what counts."""
-
 
 _MULTICAST_ALL = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
 """Linux's IP_MULTICAST_ALL and IPV6_MULTICAST_ALL, which the socket module does not name."""
@@ -237,13 +234,26 @@ def _is_multicast(channel: str) -> bool:
         return False
 
 
-class PythonCanSource:
-    """Frames of a python-can bus; see `daq.sources.can_source.Source`. It does not count what it loses."""
+class _OpenBus:
+    """A python-can bus that is open until `close`."""
 
     def __init__(self, bus: BusSection) -> None:
         self._bus = open_bus(bus)
         self._open = True
         self.name = bus.channel
+
+    def close(self) -> None:
+        """Let go of the interface; a second call does nothing."""
+        if self._open:
+            self._open = False
+            self._bus.shutdown()
+
+
+class PythonCanSource(_OpenBus):
+    """Frames of a python-can bus; see `daq.sources.can_source.Source`. It does not count what it loses."""
+
+    def __init__(self, bus: BusSection) -> None:
+        super().__init__(bus)
         self._clock = AdapterClock(bus.interface or "socketcan")
         self._received = 0
         self._errors = 0
@@ -283,20 +293,9 @@ class PythonCanSource:
         """See `daq.sources.can_source.Source`."""
         return True
 
-    def close(self) -> None:
-        """See `daq.sources.can_source.Source`."""
-        if self._open:
-            self._open = False
-            self._bus.shutdown()
 
-
-class PythonCanSink:
+class PythonCanSink(_OpenBus):
     """A python-can bus to send frames to; see `daq.sources.can_source.Sink`."""
-
-    def __init__(self, bus: BusSection) -> None:
-        self._bus = open_bus(bus)
-        self._open = True
-        self.name = bus.channel
 
     def send(self, frames: FrameArray, timeout_s: float) -> None:
         """See `daq.sources.can_source.Sink`."""
@@ -313,12 +312,6 @@ class PythonCanSink:
                         continue
                     raise HardwareError(_gone(self.name, error)) from None
                 break
-
-    def close(self) -> None:
-        """See `daq.sources.can_source.Sink`."""
-        if self._open:
-            self._open = False
-            self._bus.shutdown()
 
 
 def _gone(name: str, error: Exception) -> Fault:

@@ -123,11 +123,8 @@ class ReconnectingSource:
         except InterfaceDownError as error:
             self._go("down", error.faults[0])
             return FrameBatch.empty((self.name,))
-        except HardwareError as error:
-            self._give_up(error.faults[0])
-            return FrameBatch.empty((self.name,))
         except Exception as error:  # noqa: BLE001 - a bug in a driver must cost no more than a reconnection
-            self._give_up(_driver_fault(self.name, error))
+            self._give_up(_fault_of(self.name, error))
             return FrameBatch.empty((self.name,))
         if self._state != "up" or (len(batch) and bool((batch.frames["flags"] & FrameFlag.ERROR).any())):
             self._judge(batch)
@@ -172,12 +169,8 @@ class ReconnectingSource:
         self.opening = True
         try:
             source = self._opener(self._bus)
-        except (ConfigError, HardwareError) as error:
-            self._fault = error.faults[0]
-            self._retry_at = time.monotonic() + RETRY_S
-            return False
         except Exception as error:  # noqa: BLE001 - as in `read`
-            self._fault = _driver_fault(self.name, error)
+            self._fault = _fault_of(self.name, error)
             self._retry_at = time.monotonic() + RETRY_S
             return False
         finally:
@@ -223,7 +216,9 @@ def _close(source: Source) -> None:
         source.close()
 
 
-def _driver_fault(name: str, error: Exception) -> Fault:
+def _fault_of(name: str, error: Exception) -> Fault:
+    if isinstance(error, ConfigError | HardwareError):
+        return error.faults[0]
     found, step = f"{type(error).__name__}: {error}", "check the adapter and its cable"
     return Fault("the interface's driver failed", f"bus {name}", found, next_step=step)
 

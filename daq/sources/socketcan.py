@@ -311,10 +311,7 @@ class SocketCanSource:
     def _together(self, parts: list[FrameArray]) -> FrameBatch:
         if not parts:
             return FrameBatch.empty((self.name,))
-        frames = parts[0]
-        if len(parts) > 1:
-            wide = any(part.dtype == FD_DTYPE for part in parts)
-            frames = joined([FrameBatch(part, ()).widened().frames if wide else part for part in parts])
+        frames = parts[0] if len(parts) == 1 else joined(parts)
         if not self._received:
             frames["time_ns"] = _not_after_the_next(frames["time_ns"])
         self._received += len(frames)
@@ -363,7 +360,7 @@ class SocketCanSink:
     def _fill(self, frames: FrameArray) -> None:
         raw, flags = self._batch.frames[: len(frames)], frames["flags"]
         can_id = frames["can_id"].copy()
-        for bit, flag in ((_EXTENDED, FrameFlag.EXTENDED), (_REMOTE, FrameFlag.REMOTE), (_ERROR, FrameFlag.ERROR)):
+        for bit, flag in _BITS:
             can_id |= ((flags & flag) != 0) * np.uint32(bit)
         raw["id"] = can_id
         raw["length"] = frames["length"]
