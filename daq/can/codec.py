@@ -75,17 +75,9 @@ class SignalPlan:
     end_byte: int
 
 
-@dataclass(frozen=True)
-class MessagePlan:
-    """A message, compiled: the plans of its signals by name."""
-
-    message: Message
-    signals: dict[str, SignalPlan]
-
-
 @cache
-def compile_plan(message: Message) -> MessagePlan:
-    """Compile a message once; the plan serves decoding and encoding, live and offline."""
+def compile_plan(message: Message) -> dict[str, SignalPlan]:
+    """Compile the signals of a message, by name, once; the plans serve decoding and encoding, live and offline."""
     selections: dict[tuple[str | None, tuple[int, ...]], Selection | None] = {}
     plans = {}
     for signal in message.signals:
@@ -93,7 +85,7 @@ def compile_plan(message: Message) -> MessagePlan:
         if key not in selections:
             selections[key] = _selection(signal, message)
         plans[signal.name] = _signal_plan(signal, selections[key])
-    return MessagePlan(message, plans)
+    return plans
 
 
 def _signal_plan(signal: Signal, selection: Selection | None) -> SignalPlan:
@@ -155,7 +147,7 @@ class Decoder:
         self._targets: list[tuple[str, str, list[SignalPlan]]] = []
         coded = []
         for bus, name, message in named:
-            plans = compile_plan(message).signals.values()
+            plans = compile_plan(message).values()
             chosen = [p for p in plans if wanted is None or f"{name}.{p.signal.name}" in wanted]
             if chosen:
                 self._targets.append((bus, name, chosen))
@@ -272,9 +264,7 @@ def _check_wanted(wanted: Collection[str], named: Sequence[tuple[str, str, Messa
     known = {f"{name}.{signal.name}" for _, name, message in named for signal in message.signals}
     missing = [name for name in wanted if name not in known]
     if missing:
-        raise DatabaseError(
-            *(Fault(f"no DBC has a signal {name!r}", expected=nearest(name, known)) for name in missing)
-        )
+        raise DatabaseError(*(Fault(f"no DBC has a signal {n!r}", expected=nearest(n, known)) for n in missing))
 
 
 _BELOW_2_63 = float(np.nextafter(2.0**63, 0.0))
@@ -314,7 +304,7 @@ def encode(message: Message, values: Mapping[str, ArrayLike], time_ns: ArrayLike
     DatabaseError
         The message has no such signal, or is longer than a frame.
     """
-    plan = compile_plan(message)
+    plans = compile_plan(message)
     _check(message, values)
     times = np.asarray(time_ns, np.int64)
     fd = message.fd or message.length > 8
@@ -326,7 +316,7 @@ def encode(message: Message, values: Mapping[str, ArrayLike], time_ns: ArrayLike
     saturated: dict[str, int] = {}
     missing: dict[str, int] = {}
     data = np.zeros((len(times), frames["data"].shape[1]), np.uint8)
-    for part in _outer_first(plan.signals):
+    for part in _outer_first(plans):
         name = part.signal.name
         if name not in values:
             continue

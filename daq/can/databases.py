@@ -318,15 +318,12 @@ def _without_doubles(messages: list[Message], where: str, *, lenient: bool) -> t
         texts = [(m.id_text(), f"{m.name}, {last[m.key].name}") for m in doubled]
         raise DatabaseError(*(Fault(f"{i} is defined twice", where, names, "", LENIENT_HINT) for i, names in texts))
     notes = [f"left out {m.name}: {last[m.key].name} has the same identifier {m.id_text()}" for m in doubled]
-    for message in last.values():
-        long = [s.name for s in message.signals if s.length_bits > MAX_SIGNAL_BITS]
-        notes += [f"left out {message.name}.{name}: longer than {MAX_SIGNAL_BITS} bits" for name in long]
-    return [_cut(message) for message in last.values()], notes
-
-
-def _cut(message: Message) -> Message:
-    kept = tuple(s for s in message.signals if s.length_bits <= MAX_SIGNAL_BITS)
-    return message if len(kept) == len(message.signals) else replace(message, signals=kept)
+    for key, message in last.items():
+        long = [s for s in message.signals if s.length_bits > MAX_SIGNAL_BITS]
+        notes += [f"left out {message.name}.{s.name}: longer than {MAX_SIGNAL_BITS} bits" for s in long]
+        if long:
+            last[key] = replace(message, signals=tuple(s for s in message.signals if s not in long))
+    return list(last.values()), notes
 
 
 def _message(message: Any, parsed: Any) -> Message:
@@ -370,24 +367,10 @@ def _signal(signal: Any) -> Signal:
 
 
 def load_for_vehicle(vehicle: VehicleConfig, folder: Path, *, lenient: bool = False) -> dict[str, tuple[Database, ...]]:
-    """Load the DBCs of every ``[[bus]]`` of a vehicle and cross-check them.
+    """Load the DBCs of every ``[[bus]]`` of a vehicle, by bus name, and cross-check them; see `load_database`.
 
-    Parameters
-    ----------
-    folder : Path
-        Where relative names start (the folder of vehicle.toml); a bare name that is not there may be a shipped one.
-    lenient : bool
-        See `load_database`.
-
-    Returns
-    -------
-    dict
-        Bus name to its databases; one file on several buses is loaded once.
-
-    Raises
-    ------
-    DatabaseError
-        All faults of all files at once.
+    Relative names start at `folder`, that of vehicle.toml; a bare name that is not there may be a shipped one. One file
+    on several buses is loaded once. Raises DatabaseError with all faults of all files at once.
     """
     loaded: dict[str, Database] = {}
     faults: list[Fault] = []

@@ -173,19 +173,9 @@ _EXTENDED, _REMOTE, _ERROR, _FD, _BITRATE_SWITCH, _ERROR_STATE, _TRANSMITTED, _ 
 def frames_from_messages(
     messages: Sequence[can.Message], time_ns: Sequence[int], bus_of: Callable[[can.Message], int]
 ) -> FrameArray:
-    """Turn python-can messages into frames.
+    """Turn python-can messages into frames, of `FD_DTYPE` when a message is CAN FD, else of `CLASSIC_DTYPE`.
 
-    Parameters
-    ----------
-    time_ns : sequence of int
-        UTC nanoseconds of each.
-    bus_of : callable
-        Position of a message's bus.
-
-    Returns
-    -------
-    structured array, shape (n,)
-        Of `FD_DTYPE` when a message is CAN FD, else of `CLASSIC_DTYPE`.
+    `time_ns` are UTC nanoseconds; `bus_of` gives the position of a message's bus.
     """
     wide = any(message.is_fd for message in messages)
     room = 64 if wide else 8

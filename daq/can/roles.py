@@ -103,12 +103,9 @@ def resolve_roles(
         Lists every fault at once: a needed role without a signal, a signal that no DBC has, an unknown or wrong unit.
     """
     messages = messages_by_bus(databases)
+    where = "vehicle.toml [signals]"
     faults = [
-        Fault(
-            f"role {role!r} is needed and has no signal",
-            "vehicle.toml [signals]",
-            next_step=f'add {role} = "Message.Signal"',
-        )
+        Fault(f"role {role!r} is needed and has no signal", where, next_step=f'add {role} = "Message.Signal"')
         for role in needed
         if role not in vehicle.signals
     ]

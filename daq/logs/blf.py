@@ -227,9 +227,8 @@ def _start_ns(file: BinaryIO, report: LogReport) -> int:
     """Read the file header; return the start of the measurement (python-can, too, takes it for UTC)."""
     head = file.read(_FILE_HEADER.size)
     if len(head) < _FILE_HEADER.size:
-        raise RecordingError(
-            Fault("the BLF file ends within its header", report.path, f"{len(head)} bytes", next_step="copy it again")
-        )
+        what, found = "the BLF file ends within its header", f"{len(head)} bytes"
+        raise RecordingError(Fault(what, report.path, found, next_step="copy it again"))
     fields = _FILE_HEADER.unpack(head)
     file.read(min(max(fields[1] - len(head), 0), _LARGEST_BYTES))
     year, month, _, day, hour, minute, second, millisecond = (int(field) for field in fields[6:14])

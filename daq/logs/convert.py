@@ -122,12 +122,8 @@ def _check_renamed(rename: Mapping[str, str], reports: Sequence[LogReport]) -> N
     there = {bus for report in reports for bus in report.buses}
     missing = [bus for bus in rename if bus not in there]
     if missing:
-        raise DataError(
-            *(
-                Fault(f"no log has a bus {bus!r}", found=", ".join(sorted(there)), expected="--bus old=new")
-                for bus in missing
-            )
-        )
+        found = ", ".join(sorted(there))
+        raise DataError(*(Fault(f"no log has a bus {bus!r}", found=found, expected="--bus old=new") for bus in missing))
 
 
 def _remarks(reports: Sequence[LogReport], known: Configuration, frames: Mapping[str, int]) -> list[str]:

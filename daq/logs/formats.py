@@ -302,12 +302,6 @@ def _regrouped(batches: Iterator[FrameBatch], size: int) -> Iterator[FrameBatch]
 
 
 def _nothing_readable(report: LogReport) -> RecordingError:
-    said = report.remarks()
-    return RecordingError(
-        Fault(
-            f"no frame could be read as {report.format}",
-            report.path,
-            found="; ".join(said) or "no line that looks like a frame",
-            next_step="check that this is the right file; wheelsoil names a format by the file's suffix",
-        )
-    )
+    found = "; ".join(report.remarks()) or "no line that looks like a frame"
+    step = "check that this is the right file; wheelsoil names a format by the file's suffix"
+    return RecordingError(Fault(f"no frame could be read as {report.format}", report.path, found, next_step=step))

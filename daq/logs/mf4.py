@@ -51,13 +51,8 @@ def _asammdf(path: str) -> ModuleType:
     try:
         import asammdf
     except ImportError:
-        raise ConfigError(
-            Fault(
-                "MF4 files are read through asammdf, which is not installed",
-                path,
-                next_step="pip install 'wheelsoil[mf4]'",
-            )
-        ) from None
+        what = "MF4 files are read through asammdf, which is not installed"
+        raise ConfigError(Fault(what, path, next_step="pip install 'wheelsoil[mf4]'")) from None
     module: ModuleType = asammdf
     return module
 

@@ -335,19 +335,11 @@ def read_contents(path: Path) -> Contents:
 def _check_magic(file: BinaryIO, contents: Contents) -> None:
     head = read_at(file, 0, len(MAGIC))
     if not head:
-        raise RecordingError(
-            Fault("the file is empty", str(contents.path), next_step="nothing was recorded; look for another file")
-        )
+        step = "nothing was recorded; look for another file"
+        raise RecordingError(Fault("the file is empty", str(contents.path), next_step=step))
     if head != MAGIC:
-        raise RecordingError(
-            Fault(
-                "not an MCAP file",
-                str(contents.path),
-                found=f"it begins with {head!r}",
-                expected=repr(MAGIC),
-                next_step="a log of another format goes through `wheelsoil import`",
-            )
-        )
+        found, step = f"it begins with {head!r}", "a log of another format goes through `wheelsoil import`"
+        raise RecordingError(Fault("not an MCAP file", str(contents.path), found, repr(MAGIC), step))
 
 
 def _take_header(file: BinaryIO, contents: Contents) -> None:

@@ -71,16 +71,9 @@ class DecodedLayout:
 
 
 def decoded_layout(type_name: str, bus: str, message: str, units: Mapping[str, str]) -> DecodedLayout:
-    """Lay out a DBC message: a header and one float64 a signal.
+    """Lay out a DBC message: a header and one float64 a signal, in the order of `units`.
 
-    Parameters
-    ----------
-    type_name : str
-        Unique CamelCase name of the ROS 2 type.
-    bus, message : str
-        As in vehicle.toml and the DBC.
-    units : mapping str -> str
-        Unit per signal, in the order of the fields.
+    `type_name` is the unique CamelCase name of the ROS 2 type; `bus` and `message` are as in vehicle.toml and the DBC.
     """
     signals = tuple(units)
     fields = tuple(field_names(signals))
@@ -132,13 +125,7 @@ class _Topic:
 
 
 class DecodedTopics:
-    """The decoded topics of a recording that is being written.
-
-    Parameters
-    ----------
-    rate_hz : float or None
-        Samples are thinned to this rate; None: all are kept.
-    """
+    """The decoded topics of a recording that is being written, thinned to `rate_hz`; None: all samples are kept."""
 
     def __init__(self, sink: McapSink, names: TopicNames, rate_hz: float | None) -> None:
         self._sink = sink
@@ -242,12 +229,7 @@ def _group(topic: _Topic) -> MessageGroup:
 class Topics:
     """The topics of one file beside the raw ones.
 
-    Attributes
-    ----------
-    chunk_bytes : int
-        Uncompressed size at which a chunk is written.
-    tick : callable
-        Is called after every write.
+    A chunk is written at an uncompressed size of `chunk_bytes`; `tick` is called after every write.
     """
 
     decoded: DecodedTopics

@@ -87,11 +87,7 @@ def encode_event(event: Event) -> bytes:
 def decode_event(data: bytes, time_ns: int) -> Event:
     """Return the event that `encode_event` wrote.
 
-    Parameters
-    ----------
-    time_ns : int
-        The message's log time, which does not end in 2038, as the stamp does; 0 for a time before 1970.
-
+    `time_ns` is the message's log time, which does not end in 2038, as the stamp does; 0 for a time before 1970.
     Raises DamagedError if the bytes are no such message.
     """
     message = CdrDecoder(data)
@@ -250,12 +246,7 @@ def _group(topic: _Topic) -> MessageGroup:
 
 
 def read_events(path: Path, contents: Contents, damaged: Callable[[ChunkEntry, str], None]) -> tuple[Event, ...]:
-    """Return the events of a file, in its order.
-
-    Parameters
-    ----------
-    damaged : callable
-        Called with each chunk that cannot be read, and the reason.
+    """Return the events of a file, in its order; `damaged` is called with each chunk that cannot be read, and why.
 
     Raises RecordingError if the file is gone, or the disk fails.
     """

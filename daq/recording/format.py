@@ -99,7 +99,7 @@ RAW_PREFIX_SIZE = _RAW_BODY.size
 """Bytes of a raw message before its first frame."""
 
 # What an MCAP message record and a CDR header put before the fields of a fixed-size message.
-MESSAGE_PREFIX = [
+_MESSAGE_PREFIX = [
     ("opcode", "u1"),
     ("record_length", "<u8"),
     ("channel_id", "<u2"),
@@ -117,7 +117,7 @@ RECORD_HEAD_SIZE = 9
 
 def fixed_message_dtype(fields: list[tuple[str, str] | tuple[str, str, tuple[int, ...]]]) -> np.dtype[np.void]:
     """Return the layout of a whole MCAP message record with these CDR fields behind its header."""
-    return np.dtype([*MESSAGE_PREFIX, *fields])
+    return np.dtype([*_MESSAGE_PREFIX, *fields])
 
 
 def fill_prefix(records: NDArray[np.void], channel_id: int, sequence: int, time_ns: IntArray) -> None:
@@ -171,13 +171,7 @@ def raw_message_head(channel_id: int, sequence: int, time_ns: int, frame_count: 
 
 
 def raw_frames(content: bytes, start: int, length: int, dtype: np.dtype[np.void]) -> FrameArray:
-    """Return the frames of one raw message as a view.
-
-    Parameters
-    ----------
-    start, length : int
-        Where the message's CDR bytes lie in `content`.
-    dtype : CLASSIC_DTYPE or FD_DTYPE
+    """Return the frames of one raw message, whose CDR bytes lie at `start` in `content`, as a view.
 
     Raises ValueError if the bytes are not laid out as `raw_message_head` writes them.
     """
@@ -230,17 +224,9 @@ class CdrEncoder:
 
 
 class CdrDecoder:
-    """Takes the fields of one message one after the other.
+    """Takes the fields of one message, given with its encapsulation, one after the other.
 
-    Parameters
-    ----------
-    data : bytes
-        The message with its encapsulation.
-
-    Raises
-    ------
-    DamagedError
-        From any method, if the bytes are not such a field.
+    Raises DamagedError from any method, if the bytes are not such a field.
     """
 
     def __init__(self, data: bytes) -> None:

@@ -42,15 +42,7 @@ _EVERY_S = 1.0
 class LossWriter:
     """Keeps counts of lost frames, and writes them as a metadata record when they change.
 
-    Parameters
-    ----------
-    clock : callable
-        Monotonic time, s.
-
-    Attributes
-    ----------
-    drops : dict str -> int
-        Frames lost before they were recorded, per bus, since the session's first part.
+    `drops` are the frames lost before they were recorded, per bus, since the session's first part.
     """
 
     def __init__(self, clock: Callable[[], float]) -> None:
@@ -284,10 +276,7 @@ class PartWriter(TopicWriter):
     def rotate(self) -> None:
         """Go on in the next part.
 
-        Raises
-        ------
-        RecordingError, HardwareError
-            If the next file cannot be opened: the run then goes on in the old one.
+        Raises RecordingError or HardwareError if the next file cannot be opened: the run then goes on in the old one.
         """
         self._writer.flush()
         number = max([self._part, *parts_on_disk(self.first_path)]) + 1

@@ -34,14 +34,7 @@ _CLOCK_SLACK_NS = 10_000_000_000
 
 @dataclass(frozen=True)
 class RawChannel:
-    """A raw topic.
-
-    Attributes
-    ----------
-    bus_index : int
-        What the ``bus`` column of its records holds.
-    dtype : CLASSIC_DTYPE or FD_DTYPE
-    """
+    """A raw topic; `bus_index` is what the ``bus`` column of its records holds."""
 
     bus: str
     bus_index: int
@@ -67,16 +60,9 @@ def raw_batches(
     buses: tuple[str, ...],
     damaged: Callable[[ChunkEntry, str], None],
 ) -> Iterator[FrameBatch]:
-    """Yield the frames of `channels` from `chunks`.
+    """Yield the frames of `channels`, by id, from `chunks`; the ``bus`` column of the result counts `buses`.
 
-    Parameters
-    ----------
-    channels : dict
-        Raw channels that are wanted, by id.
-    buses : tuple of str
-        What the ``bus`` column of the result counts.
-    damaged : callable
-        Called with each chunk that cannot be read, and the reason.
+    `damaged` is called with each chunk that cannot be read, and the reason.
     """
     gathered: dict[int, list[FrameArray]] = {}
     count = 0
@@ -370,15 +356,10 @@ class Recording:
     def _no_raw_topics(self) -> RecordingError:
         topics = [topic.name for topic in self.topics]
         shown = ", ".join(topics[:8]) + (", ..." if len(topics) > 8 else "")
-        return RecordingError(
-            Fault(
-                "this MCAP file holds no wheelsoil raw topics, so there are no CAN frames to read",
-                str(self.path),
-                found=f"topics {shown}" if topics else "no topics",
-                expected="topics /can/<bus>/raw",
-                next_step="`wheelsoil info` shows what it holds; `wheelsoil import` makes recordings of CAN logs",
-            )
-        )
+        what = "this MCAP file holds no wheelsoil raw topics, so there are no CAN frames to read"
+        found = f"topics {shown}" if topics else "no topics"
+        step = "`wheelsoil info` shows what it holds; `wheelsoil import` makes recordings of CAN logs"
+        return RecordingError(Fault(what, str(self.path), found, "topics /can/<bus>/raw", step))
 
 
 def _attachment(body: bytes) -> Attachment:

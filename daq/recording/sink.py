@@ -49,14 +49,7 @@ from daq.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
 
 
 class DiskFile:
-    """A new file that is written from beginning to end, unbuffered.
-
-    Parameters
-    ----------
-    overwrite : bool
-        Whether a file that is there may be replaced.
-    clock : callable
-        Monotonic time, s.
+    """A new file that is written from beginning to end, unbuffered; `overwrite` replaces one that is there.
 
     Attributes
     ----------
@@ -65,7 +58,7 @@ class DiskFile:
     failed : bool
         Whether a write has failed; nothing is written any more then.
     sync_took_s : float
-        How long the last fsync took.
+        How long the last fsync took, by `clock`.
 
     Raises
     ------
@@ -145,14 +138,8 @@ class DiskFile:
 
     def _given_up(self, error: OSError) -> HardwareError:
         self.failed = True
-        return HardwareError(
-            Fault(
-                "the recording cannot be written on",
-                str(self._path),
-                error.strerror or str(error),
-                next_step="free the disk; what was written before stays readable",
-            )
-        )
+        what, step = "the recording cannot be written on", "free the disk; what was written before stays readable"
+        return HardwareError(Fault(what, str(self._path), error.strerror or str(error), next_step=step))
 
     def _cut_back(self) -> None:
         """Take off a half-written record, so that only whole ones stay."""
@@ -165,13 +152,11 @@ def _create(path: Path, overwrite: bool) -> FileIO:
     try:
         return FileIO(path, "w" if overwrite else "x")
     except FileExistsError:
-        raise RecordingError(
-            Fault("there is a file already", str(path), next_step="choose another name, or say that it may be replaced")
-        ) from None
+        step = "choose another name, or say that it may be replaced"
+        raise RecordingError(Fault("there is a file already", str(path), next_step=step)) from None
     except OSError as error:
-        raise RecordingError(
-            Fault("the recording cannot be made", str(path), error.strerror or str(error), next_step="check the folder")
-        ) from None
+        what, found = "the recording cannot be made", error.strerror or str(error)
+        raise RecordingError(Fault(what, str(path), found, next_step="check the folder")) from None
 
 
 def make_folder(folder: Path) -> None:
@@ -264,25 +249,7 @@ class MessageGroup:
 class McapSink:
     """An MCAP file with one writer; records of the data section as they come, the summary at `finish`.
 
-    Parameters
-    ----------
-    compression : {"zstd", "lz4", "none"}
-    overwrite : bool
-        Whether a file that is there may be replaced.
-    clock : callable
-        Monotonic time, s.
-
-    Attributes
-    ----------
-    schemas, channels : dict
-        Defined so far, by id.
-
-    Raises
-    ------
-    RecordingError
-        If the file is there already, or cannot be made.
-    HardwareError
-        From any method, if the disk fails or is full.
+    `schemas` and `channels` are those defined so far, by id. Raises as `DiskFile`, HardwareError from any method.
     """
 
     def __init__(
@@ -358,13 +325,7 @@ class McapSink:
         self._defined.update(index)
 
     def put_chunk(self, chunk: PackedChunk, index: Mapping[int, NDArray[np.void]]) -> None:
-        """Write a chunk that is already compressed.
-
-        Parameters
-        ----------
-        index : mapping channel id -> index of its messages
-            Arrays of `INDEX_ENTRY`.
-        """
+        """Write a chunk that is already compressed; `index` has the messages of each channel id, as `INDEX_ENTRY`."""
         times = [entries["log_time"] for entries in index.values() if len(entries)]
         start = min((int(own.min()) for own in times), default=0)
         end = max((int(own.max()) for own in times), default=0)

@@ -39,10 +39,7 @@ FRAMES_PER_MESSAGE = 4096
 class RawTopics:
     """The raw topics of a recording that is being written: one for each bus and kind of frame.
 
-    Parameters
-    ----------
-    chunk_bytes : int
-        Frames are written when so many bytes are gathered.
+    Frames are written when `chunk_bytes` are gathered.
     """
 
     def __init__(self, sink: McapSink, names: TopicNames, chunk_bytes: int) -> None:

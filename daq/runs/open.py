@@ -302,11 +302,6 @@ def campaign_folders(path: Path) -> list[Path]:
     """Return the folder itself where it holds runs; else those of its folders that do, by name; itself where none does.
 
     What may not be read counts as a campaign where there are others, so that opening it reports the fault.
-
-    Parameters
-    ----------
-    path : Path
-        A folder.
     """
     try:
         holding, closed = ([], []) if holds_runs(path) else folders_in(path)

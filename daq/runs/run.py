@@ -162,7 +162,7 @@ class Run:
     def channel_batches(
         self, roles: Collection[str] = ROLES, watch: Callable[[FrameBatch], None] | None = None
     ) -> Iterator[dict[str, Channel]]:
-        """Yield the channels of some roles piece by piece, in bounded memory; see `channels`.
+        """Yield the channels of some roles piece by piece, in bounded memory; see `channels`, also for its errors.
 
         The raw frames are decoded, never the decoded topics, and only the signals that are asked for. The first piece
         is empty, so that every role is known even where no frame ever came.
@@ -171,11 +171,6 @@ class Run:
         ----------
         watch : callable, optional
             Is shown the frames that are decoded.
-
-        Raises
-        ------
-        ConfigError, RecordingError
-            See `channels`.
         """
         references = resolve_roles(self.vehicle, self.databases, (), roles)
         decoder = Decoder(self.databases, {reference.name for reference in references.values()})
@@ -212,17 +207,12 @@ class Run:
         return {role: _joined(parts) for role, parts in pieces.items()}
 
     def to_frames(self, roles: Collection[str] = ROLES) -> dict[str, pd.DataFrame]:
-        """Return the channels of some roles as frames, each with its own time stamps; see `channels`.
+        """Return the channels of some roles as frames, each with its own time stamps; raises as `channels` does.
 
         Returns
         -------
         dict
             Role to frame with the columns ``time_ns`` and, for instance, ``drawbar_pull_n``.
-
-        Raises
-        ------
-        ConfigError, RecordingError
-            See `channels`.
         """
         return {role: channel.to_frame() for role, channel in self.channels(roles).items()}
 

@@ -26,17 +26,12 @@ def write_table(path: str | Path, columns: Columns, units: Mapping[str, str] | N
 
 
 def write_frame(path: str | Path, frame: pd.DataFrame) -> Path:
-    """Write a frame as a table, with the units of its ``attrs["units"]``; see `write_blocks`.
+    """Write a frame as a table, with the units of its ``attrs["units"]``; see `write_blocks`, also for its errors.
 
     Parameters
     ----------
     frame : pandas.DataFrame
         Shape (n, columns), as `to_frame` of a channel or a processed run gives it; its index is left out.
-
-    Raises
-    ------
-    ConfigError, DataError, HardwareError
-        See `write_blocks`.
     """
     columns = {name: frame[name].to_numpy() for name in frame.columns}
     columns = {name: values.astype(str) if values.dtype == object else values for name, values in columns.items()}

@@ -108,17 +108,7 @@ class ReplaySummary:
 
 
 class Player:
-    """Sends frames to open buses at their times.
-
-    Parameters
-    ----------
-    sinks : mapping str -> Sink
-        Bus name -> where its frames go; every frame's bus must be there.
-    speed : float or None
-        None: as fast as the buses take them.
-    timeout_s : float
-        How long to wait for a bus that takes no frames.
-    """
+    """Sends frames to open buses, by name, at their times; see `replay_batches`. Every frame's bus must be there."""
 
     def __init__(self, sinks: Mapping[str, Sink], speed: float | None, timeout_s: float) -> None:
         self._sinks = sinks
@@ -219,12 +209,7 @@ def _runs(batch: FrameBatch) -> Iterator[tuple[str, FrameArray]]:
 class Looping:
     """Frames repeated in a loop with increasing times; `begun` counts the passes.
 
-    Parameters
-    ----------
-    once : callable
-        Returns the frames of one round, read anew.
-    loops : int or None
-        None: for ever.
+    `once` returns the frames of one round, read anew; `loops` is None for ever.
     """
 
     def __init__(self, once: Callable[[], Iterable[FrameBatch]], loops: int | None) -> None:

@@ -45,15 +45,7 @@ _LOST_NS = 50_000_000
 
 
 class AdapterClock:
-    """Brings the stamps of one adapter to the host's realtime.
-
-    Parameters
-    ----------
-    interface : str
-        As python-can calls it.
-    clock : HostClock, optional
-        For the arrivals.
-    """
+    """Brings the stamps of one adapter to the host's realtime; `clock` is for the arrivals."""
 
     def __init__(self, interface: str, clock: HostClock | None = None) -> None:
         self.remarks: tuple[str, ...] = ()
@@ -173,12 +165,8 @@ _MULTICAST_ALL = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (soc
 def open_bus(bus: BusSection) -> can.BusABC:
     """Open a python-can bus.
 
-    Raises
-    ------
-    ConfigError
-        If python-can knows no such interface.
-    HardwareError
-        If it is not there, must not be opened, or lacks its driver.
+    Raises ConfigError if python-can knows no such interface, HardwareError if it is not there, must not be opened, or
+    lacks its driver.
     """
     import can
 
@@ -198,14 +186,9 @@ def open_bus(bus: BusSection) -> can.BusABC:
         return opened
     except (can.CanError, OSError, ImportError, ValueError, TypeError, NameError) as error:
         # NameError: what python-can's kvaser raises without its driver
-        raise HardwareError(
-            Fault(
-                f"the {interface} interface cannot be opened",
-                f"bus {bus.channel}",
-                str(error) or type(error).__name__,
-                next_step=_next_step(interface, bus.channel, error),
-            )
-        ) from None
+        what, found = f"the {interface} interface cannot be opened", str(error) or type(error).__name__
+        step = _next_step(interface, bus.channel, error)
+        raise HardwareError(Fault(what, f"bus {bus.channel}", found, next_step=step)) from None
 
 
 def _hear_only_its_group(bus: can.BusABC) -> None:

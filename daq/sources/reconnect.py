@@ -27,17 +27,10 @@ FIRST_RETRY_S = 0.5
 RETRY_S = 2.0
 _CHECK_EVERY_S = 0.2
 
-Opener = Callable[[BusSection], Source]
-
 
 @dataclass(frozen=True)
 class BusChange:
-    """A bus that went down or came back.
-
-    Attributes
-    ----------
-    state : {"up", "down", "bus_off"}
-    """
+    """A bus that went down or came back."""
 
     bus: str
     state: BusState
@@ -54,18 +47,10 @@ class ReconnectingSource:
 
     It is read by one thread; `status`, `counters` and `changes` may be asked for by another.
 
-    Parameters
-    ----------
-    opener : callable
-        Opens the bus, as `daq.sources.can_source.open_source` does.
-
-    Raises
-    ------
-    ConfigError, HardwareError
-        If it cannot be opened the first time.
+    `opener` opens the bus, as `daq.sources.open_source` does; ConfigError or HardwareError if it cannot the first time.
     """
 
-    def __init__(self, bus: BusSection, opener: Opener) -> None:
+    def __init__(self, bus: BusSection, opener: Callable[[BusSection], Source]) -> None:
         self.name = bus.channel
         self._bus = bus
         self._opener = opener

@@ -42,11 +42,6 @@ def listening(channel: str, buffer_bytes: int) -> socket.socket:
     return _bound(channel, prepare)
 
 
-def sending(channel: str) -> socket.socket:
-    """Return a socket that only sends; raises as `listening` does."""
-    return _bound(channel, lambda made: made.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, b""))
-
-
 def prepared(made: socket.socket, buffer_bytes: int) -> socket.socket:
     """Have a socket stamp frames, count lost ones and keep many, beyond the system's limit where that is allowed."""
     made.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
@@ -330,7 +325,7 @@ class SocketCanSink:
 
     def __init__(self, channel: str) -> None:
         self.name = channel
-        self._socket = sending(channel)
+        self._socket = _bound(channel, lambda made: made.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, b""))  # only sends
         self._batch = _Batch()
 
     def send(self, frames: FrameArray, timeout_s: float) -> None:
