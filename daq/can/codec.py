@@ -337,15 +337,7 @@ def merge(batches: Sequence[FrameBatch]) -> FrameBatch:
 
 
 def rolling_counter(count: int, signal: Signal, start: int = 0) -> FloatArray:
-    """Return the values of a counter that wraps at the signal's range.
-
-    Parameters
-    ----------
-    count : int
-        How many.
-    start : int
-        Raw value of the first.
-    """
+    """Return `count` values of a counter that wraps at the signal's range; `start` is the raw value of the first."""
     raw = ((np.arange(count) + start) % (1 << signal.length_bits)).astype(np.float64)
     return raw * signal.scale + signal.offset
 

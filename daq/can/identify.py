@@ -212,6 +212,5 @@ def _one_of_each(frames: FrameArray) -> tuple[FrameArray, IndexArray]:
 
 
 def _coverage(counts: Counter[tuple[str, bool, int, str | None]], errors: int, remotes: int) -> Coverage:
-    ordered = sorted(counts, key=lambda key: key[:3])
-    rows = (IdCount(*key, frames=counts[key]) for key in ordered)
+    rows = (IdCount(*key, frames=counts[key]) for key in sorted(counts, key=lambda key: key[:3]))
     return Coverage(tuple(rows), errors, remotes)

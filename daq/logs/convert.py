@@ -22,12 +22,10 @@ _BATCH_FRAMES = 1 << 17
 
 @dataclass(frozen=True)
 class Imported:
-    """Result of an import.
+    """Result of an import: the recording at `path`, and what came into it.
 
     Attributes
     ----------
-    path : Path
-        The recording.
     frames : mapping bus -> number of frames
     coverage : Coverage
         What the DBCs know of them.

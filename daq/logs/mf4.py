@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from types import ModuleType
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -30,7 +29,11 @@ def read_mf4(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
 
     Raises ConfigError if asammdf is not installed.
     """
-    asammdf = _asammdf(report.path)
+    try:
+        import asammdf
+    except ImportError:
+        what = "MF4 files are read through asammdf, which is not installed"
+        raise ConfigError(Fault(what, report.path, next_step="pip install 'wheelsoil[mf4]'")) from None
     file.close()  # asammdf wants the path
     try:
         with asammdf.MDF(report.path) as mdf:
@@ -45,16 +48,6 @@ def read_mf4(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
                 yield FrameBatch(frames, tuple(report.buses))
     except asammdf.blocks.utils.MdfException as error:
         raise RecordingError(Fault("asammdf cannot read this MF4 file", report.path, str(error))) from None
-
-
-def _asammdf(path: str) -> ModuleType:
-    try:
-        import asammdf
-    except ImportError:
-        what = "MF4 files are read through asammdf, which is not installed"
-        raise ConfigError(Fault(what, path, next_step="pip install 'wheelsoil[mf4]'")) from None
-    module: ModuleType = asammdf
-    return module
 
 
 def _kind(group: Any) -> str | None:

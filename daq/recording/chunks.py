@@ -131,10 +131,9 @@ def read_at(file: BinaryIO, offset: int, size: int) -> bytes:
 
 def read_packed(file: BinaryIO, entry: ChunkEntry) -> PackedChunk:
     """Return a chunk without unpacking it; DamagedError if it is cut off or its lengths contradict each other."""
-    if entry.bare:
-        data = read_at(file, entry.offset, entry.size)
-        return PackedChunk(data, "", entry.size, zlib.crc32(data))
     record = read_at(file, entry.offset, entry.size)
+    if entry.bare:
+        return PackedChunk(record, "", entry.size, zlib.crc32(record))
     head = _head(record, entry.size)
     return PackedChunk(record[head.data_offset :], head.compression, head.unpacked_size, head.crc)
 

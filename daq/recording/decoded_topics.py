@@ -314,11 +314,7 @@ _SAME_FIX_NS = 100_000_000
 
 
 class DecodedWriter:
-    """Writes decoded topics, and positions where latitude and longitude have roles.
-
-    Parameters
-    ----------
-    databases : mapping bus -> databases
+    """Writes decoded topics by the databases of each bus, and positions where latitude and longitude have roles.
 
     Raises
     ------

@@ -147,17 +147,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a recording.
-
-    Attributes
-    ----------
-    metadata : dict str -> str
-        Of decoded topics: ``bus``, ``message`` and ``signals``.
-    """
+    """A topic of a recording; the metadata of decoded ones are ``bus``, ``message`` and ``signals``."""
 
     name: str
     schema_name: str
-    encoding: str
     message_count: int
     metadata: dict[str, str]
 
@@ -230,7 +223,6 @@ class Recording:
             Topic(
                 channel.topic,
                 contents.schemas[channel.schema_id].name if channel.schema_id in contents.schemas else "",
-                channel.message_encoding,
                 contents.message_counts.get(channel.id, 0),
                 dict(channel.metadata),
             )

@@ -1,4 +1,4 @@
-"""The one door to runs: recordings, logs of any format and campaign folders, with what is known of them.
+"""Runs from recordings, logs of any format and campaign folders, with what is known of them.
 
 What a file says of itself is beaten by the campaign folder it lies in, and that by what the caller gives.
 """
@@ -195,17 +195,13 @@ class Collected:
         try:
             yield
         except WheelsoilError as error:
-            self.errors.append(type(error)(*(_placed(fault, where) for fault in error.faults)))
+            self.errors.append(type(error)(*(replace(fault, where=fault.where or where) for fault in error.faults)))
 
     def stop_if_any(self) -> None:
         """Raise all faults as one error of the first one's kind."""
         if self.errors:
             faults = dict.fromkeys(fault for error in self.errors for fault in error.faults)
             raise type(self.errors[0])(*faults) from None
-
-
-def _placed(fault: Fault, where: str) -> Fault:
-    return fault if fault.where or not where else replace(fault, where=where)
 
 
 def is_recording(path: Path) -> bool:

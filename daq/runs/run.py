@@ -104,11 +104,12 @@ def from_recording(recording: RunRecording, beside: Configuration, *, lenient_db
     databases: dict[str, tuple[Database, ...]] = {}
     where = f"{recording.path}: {VEHICLE_FILE}"
     if VEHICLE_FILE in carried and beside.vehicle is None:
-        vehicle = parse_toml(_text(carried[VEHICLE_FILE]), VehicleConfig, where)
+        vehicle = parse_toml(carried[VEHICLE_FILE].decode(errors="replace"), VehicleConfig, where)
         lenient = lenient_dbc or recording.metadata.get("run_start", {}).get(LENIENT_KEY) == "yes"
         databases = _attached_databases(vehicle, carried, where, lenient=lenient)
     if TERRAIN_FILE in carried and beside.terrain is None:
-        terrain = parse_toml(_text(carried[TERRAIN_FILE]), TerrainConfig, f"{recording.path}: {TERRAIN_FILE}")
+        text = carried[TERRAIN_FILE].decode(errors="replace")
+        terrain = parse_toml(text, TerrainConfig, f"{recording.path}: {TERRAIN_FILE}")
     return Configuration(vehicle, databases, terrain, attachments=carried, vehicle_source=where)
 
 
@@ -278,10 +279,6 @@ def _in_our_units(reference: SignalRef, decoded: Channel) -> Channel:
 def _names(vehicle: VehicleConfig, channel: str) -> list[str]:
     """Return the DBCs of a bus that vehicle.toml may describe in several sections."""
     return [name for bus in vehicle.bus if bus.channel == channel for name in bus.dbc]
-
-
-def _text(content: bytes) -> str:
-    return content.decode("utf-8", errors="replace")
 
 
 def _joined(parts: list[Channel]) -> Channel:

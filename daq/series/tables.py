@@ -204,10 +204,6 @@ class Table:
         lines = tuple(line for line, keep in zip(self.lines, rows, strict=True) if keep)
         return Table(self.source, columns, lines, self.factors)
 
-    def where(self, row: int) -> str:
-        """Return file and line of a row, for messages."""
-        return f"{self.source}, line {self.lines[row]}"
-
     def _absent(self, name: str) -> Fault:
         found, step = ", ".join(self.columns), f"name the column that holds it: --rename {name}=COLUMN"
         return Fault(f"column {name!r} is missing", self.source, found, nearest(name, self.columns), step)

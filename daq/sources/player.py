@@ -327,8 +327,6 @@ def replay_batches(
     ----------
     sinks : mapping str -> Sink
         Bus name -> where its frames go; frames of other buses are left out.
-    speed, send_error_frames
-        See `replay`.
     timeout_s : float
         How long to wait for a bus that takes no frames.
     """

@@ -92,17 +92,6 @@ def lost_frames(made: socket.socket) -> int:
     return int(words[_MEMINFO_DROPS]) if len(words) > _MEMINFO_DROPS else 0
 
 
-def interface_is_up(made: socket.socket, channel: str) -> bool:
-    """Whether an interface is there and up."""
-    import fcntl  # Unix has it; so has every system with SocketCAN
-
-    try:
-        _, flags = _IFREQ.unpack(fcntl.ioctl(made, _SIOCGIFFLAGS, _IFREQ.pack(channel.encode(), 0)))
-    except OSError:
-        return False
-    return bool(flags & _IFF_UP)
-
-
 def _bound(channel: str, prepare: Callable[[socket.socket], object]) -> socket.socket:
     """Return a socket of an interface, prepared before its first frame can come."""
     try:
@@ -255,7 +244,14 @@ class SocketCanSource:
 
     def is_up(self) -> bool:
         """See `daq.sources.can_source.Source`."""
-        return interface_is_up(self._socket, self.name)
+        import fcntl  # Unix has it; so has every system with SocketCAN
+
+        try:
+            request = _IFREQ.pack(self.name.encode(), 0)
+            _, flags = _IFREQ.unpack(fcntl.ioctl(self._socket, _SIOCGIFFLAGS, request))
+        except OSError:
+            return False
+        return bool(flags & _IFF_UP)
 
     def close(self) -> None:
         """See `daq.sources.can_source.Source`."""
