@@ -38,7 +38,7 @@ def compile_pass(folder: Path, known: list[Database]) -> Callable[[FrameBatch], 
     body, column = "", 0
     for number, message in enumerate(messages):
         body += f"    case {message.can_id}: {{ int64_t i = counts[{number}]++; times[{number}][i] = time;\n"
-        for plan in compile_plan(message).signals.values():
+        for plan in compile_plan(message).values():
             body += f"      out[{column}][i] = {_value(plan)};\n"
             column += 1
         body += "      break; }\n"

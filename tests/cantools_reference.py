@@ -11,8 +11,8 @@ import cantools.database
 import numpy as np
 from cantools.database.can import Message, Signal
 
+from daq.can.codec import Decoder
 from daq.can.databases import Database
-from daq.can.decoding import Decoder
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, FrameFlag
 
 logging.getLogger("cantools").addHandler(logging.NullHandler())

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.can.buses import load_for_vehicle
-from daq.can.encoding import encode, merge
+from daq.can.codec import encode, merge
+from daq.can.databases import load_for_vehicle
 from daq.can.frames import CLASSIC_DTYPE, FrameFlag
 from daq.config import VehicleConfig, load_toml
 from daq.sources.interfaces import open_sink

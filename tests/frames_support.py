@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.can.frames import FD_DTYPE, FrameArray, FrameBatch, FrameFlag
-from daq.can.messages import FD_LENGTHS
+from daq.can.frames import FD_DTYPE, FD_LENGTHS, FrameArray, FrameBatch, FrameFlag
 
 START_NS = 1_700_000_000 * 10**9
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from daq.can.codec import Decoder
 from daq.can.databases import Database
-from daq.can.decoding import Decoder
 from daq.can.frames import FrameBatch, concatenate
 from daq.config import VehicleConfig
 from daq.logger.health.monitor import HealthMonitor

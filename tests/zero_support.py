@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from daq import FloatArray
 from daq.can.bits import Message
+from daq.can.codec import encode, merge
 from daq.can.databases import load_database, shipped_dbc
-from daq.can.encoding import encode, merge
 from daq.can.frames import FrameBatch
 from daq.recording import RecordingWriter
 

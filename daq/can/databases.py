@@ -1,16 +1,18 @@
-"""DBC files through cantools: loading, encoding of the text, repairs of a lenient load, and the files that ship."""
+"""DBC files through cantools: loading, repairs of a lenient load, files that ship, and the databases of each bus."""
 
 from __future__ import annotations
 
 import hashlib
 import logging
 import re
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from daq.can.bits import Message, RawKind, Signal
+from daq.config import VehicleConfig
 from daq.errors import DatabaseError, Fault, nearest
 
 _BLOCK = re.compile(r"^\s*BO_\s+(\d+)\s+(\S+?)\s*:", re.MULTILINE)
@@ -270,16 +272,8 @@ def _parse_strict(text: str, where: str) -> Any:
     bad = bad_lines(text, complaint)
     if not bad:
         raise DatabaseError(Fault("cantools cannot load this DBC", where, complaint, next_step="correct the file"))
-    raise DatabaseError(
-        *(
-            Fault(f"cantools refuses this DBC: {line.why}", where, _line_text(line), next_step=LENIENT_HINT)
-            for line in bad
-        )
-    )
-
-
-def _line_text(line: BadLine) -> str:
-    return f"line {line.number}: {line.text.strip()}"
+    texts = [(f"cantools refuses this DBC: {line.why}", f"line {line.number}: {line.text.strip()}") for line in bad]
+    raise DatabaseError(*(Fault(what, where, found, "", LENIENT_HINT) for what, found in texts))
 
 
 def _parse_lenient(text: str, where: str) -> tuple[Any, list[str]]:
@@ -324,15 +318,12 @@ def _without_doubles(messages: list[Message], where: str, *, lenient: bool) -> t
         texts = [(m.id_text(), f"{m.name}, {last[m.key].name}") for m in doubled]
         raise DatabaseError(*(Fault(f"{i} is defined twice", where, names, "", LENIENT_HINT) for i, names in texts))
     notes = [f"left out {m.name}: {last[m.key].name} has the same identifier {m.id_text()}" for m in doubled]
-    for message in last.values():
-        long = [s.name for s in message.signals if s.length_bits > MAX_SIGNAL_BITS]
-        notes += [f"left out {message.name}.{name}: longer than {MAX_SIGNAL_BITS} bits" for name in long]
-    return [_cut(message) for message in last.values()], notes
-
-
-def _cut(message: Message) -> Message:
-    kept = tuple(s for s in message.signals if s.length_bits <= MAX_SIGNAL_BITS)
-    return message if len(kept) == len(message.signals) else replace(message, signals=kept)
+    for key, message in last.items():
+        long = [s for s in message.signals if s.length_bits > MAX_SIGNAL_BITS]
+        notes += [f"left out {message.name}.{s.name}: longer than {MAX_SIGNAL_BITS} bits" for s in long]
+        if long:
+            last[key] = replace(message, signals=tuple(s for s in message.signals if s not in long))
+    return list(last.values()), notes
 
 
 def _message(message: Any, parsed: Any) -> Message:
@@ -373,3 +364,79 @@ def _signal(signal: Any) -> Signal:
         multiplexer_ids=tuple(sorted(signal.multiplexer_ids or ())),
         comment=signal.comment or "",
     )
+
+
+def load_for_vehicle(vehicle: VehicleConfig, folder: Path, *, lenient: bool = False) -> dict[str, tuple[Database, ...]]:
+    """Load the DBCs of every ``[[bus]]`` of a vehicle, by bus name, and cross-check them; see `load_database`.
+
+    Relative names start at `folder`, that of vehicle.toml; a bare name that is not there may be a shipped one. One file
+    on several buses is loaded once. Raises DatabaseError with all faults of all files at once.
+    """
+    loaded: dict[str, Database] = {}
+    faults: list[Fault] = []
+    for name in dict.fromkeys(name for bus in vehicle.bus for name in bus.dbc):
+        try:
+            loaded[name] = load_database(_locate(name, folder), lenient=lenient)
+        except DatabaseError as error:
+            faults += error.faults
+    if faults:
+        raise DatabaseError(*faults)
+    databases: dict[str, tuple[Database, ...]] = {}
+    for bus in vehicle.bus:
+        more = tuple(loaded[name] for name in bus.dbc)
+        databases[bus.channel] = (*databases.get(bus.channel, ()), *more)
+    messages_by_bus(databases)
+    return databases
+
+
+def no_bus_in_common(vehicle: VehicleConfig, buses: Collection[str]) -> str:
+    """Return a note where no bus of a log is in vehicle.toml, else an empty text."""
+    described = {bus.channel for bus in vehicle.bus}
+    if not (described and buses) or described & set(buses):
+        return ""
+    return f"no bus of vehicle.toml ({', '.join(sorted(described))}) is in the log ({', '.join(buses)})"
+
+
+def messages_by_bus(databases: Mapping[str, Sequence[Database]]) -> dict[str, dict[str, Message]]:
+    """Merge the databases of each bus; the keys are the names by which channels and roles know the messages.
+
+    A name that several identifiers of one bus carry gets the identifier behind it: ``STATUS@0x200``.
+
+    Raises
+    ------
+    DatabaseError
+        Lists every identifier that two databases of one bus lay out differently.
+    """
+    faults: list[Fault] = []
+    merged = {bus: _merge(bus, files, faults) for bus, files in databases.items()}
+    if faults:
+        raise DatabaseError(*faults)
+    return {bus: _named(list(messages.values())) for bus, messages in merged.items()}
+
+
+def _merge(bus: str, files: Sequence[Database], faults: list[Fault]) -> dict[int, Message]:
+    owner: dict[int, tuple[Message, str]] = {}
+    for database in files:
+        for message in database.messages:
+            other, name = owner.setdefault(message.key, (message, database.name))
+            if other != message:
+                what = f"two DBCs lay out identifier {message.id_text()} differently"
+                found = f"{other.name} in {name}, {message.name} in {database.name}"
+                step = "give this bus only one of the two files, or take the message out of one"
+                faults.append(Fault(what, f"bus {bus}", found, "one layout per identifier on a bus", step))
+    return {key: message for key, (message, _) in owner.items()}
+
+
+def _named(messages: list[Message]) -> dict[str, Message]:
+    count = Counter(message.name for message in messages)
+    return {(m.name if count[m.name] == 1 else f"{m.name}@{m.id_text()}"): m for m in messages}
+
+
+def _locate(name: str, folder: Path) -> Path:
+    path = folder / name
+    if path.is_file() or Path(name).name != name:
+        return path
+    try:
+        return shipped_dbc(name)
+    except DatabaseError:
+        return path

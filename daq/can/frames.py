@@ -1,14 +1,17 @@
-"""FrameBatch: CAN and CAN FD frames as one structured array."""
+"""FrameBatch: CAN and CAN FD frames as one structured array, and to and from python-can's messages."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntFlag
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import can
 
 FrameArray = NDArray[np.void]
 
@@ -117,13 +120,13 @@ def concatenate(batches: Sequence[FrameBatch]) -> FrameBatch:
     if not batches:
         return FrameBatch.empty()
     buses = tuple(dict.fromkeys(name for batch in batches for name in batch.buses))
-    fd = any(batch.is_fd for batch in batches)
-    parts = [(batch.widened() if fd else batch) for batch in batches]
-    return FrameBatch(joined([renumbered(part, buses) for part in parts]), buses)
+    return FrameBatch(joined([renumbered(batch, buses) for batch in batches]), buses)
 
 
 def joined(parts: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
-    """Join arrays of one record type."""
+    """Join arrays of one record type; classical frames are widened where others are CAN FD."""
+    if len({part.dtype.itemsize for part in parts}) > 1:
+        parts = [FrameBatch(part, ()).widened().frames for part in parts]
     return np.concatenate([as_bytes(part) for part in parts]).view(parts[0].dtype)
 
 
@@ -142,7 +145,84 @@ def renumbered(batch: FrameBatch, buses: tuple[str, ...]) -> FrameArray:
     return frames
 
 
+def frames_between(batches: Iterable[FrameBatch], start_ns: int | None, end_ns: int | None) -> Iterator[FrameBatch]:
+    """Yield the frames with ``start_ns <= time_ns < end_ns``; None: no limit. No batch may be empty."""
+    low = -(2**63) if start_ns is None else start_ns
+    high = 2**63 if end_ns is None else end_ns
+    for batch in batches:
+        time_ns = batch.frames["time_ns"]
+        if low <= time_ns.min() and time_ns.max() < high:
+            yield batch
+        else:
+            inside = (time_ns >= low) & (time_ns < high)
+            if inside.any():
+                yield batch[inside]
+
+
 def split(batch: FrameBatch, size: int) -> Iterator[FrameBatch]:
     """Yield consecutive pieces of at most `size` frames."""
     for start in range(0, len(batch), size):
         yield batch[start : start + size]
+
+
+FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+"""Numbers of data bytes that a CAN FD frame can have, by its DLC."""
+_EXTENDED, _REMOTE, _ERROR, _FD, _BITRATE_SWITCH, _ERROR_STATE, _TRANSMITTED, _ = map(int, FrameFlag)
+
+
+def frames_from_messages(
+    messages: Sequence[can.Message], time_ns: Sequence[int], bus_of: Callable[[can.Message], int]
+) -> FrameArray:
+    """Turn python-can messages into frames, of `FD_DTYPE` when a message is CAN FD, else of `CLASSIC_DTYPE`.
+
+    `time_ns` are UTC nanoseconds; `bus_of` gives the position of a message's bus.
+    """
+    wide = any(message.is_fd for message in messages)
+    room = 64 if wide else 8
+    frames = np.zeros(len(messages), FD_DTYPE if wide else CLASSIC_DTYPE)
+    frames["time_ns"] = time_ns
+    frames["can_id"] = [m.arbitration_id & 0x1FFF_FFFF for m in messages]
+    frames["bus"] = [bus_of(m) for m in messages]
+    frames["flags"] = [_flags(m) for m in messages]
+    # a classical frame may carry a DLC above 8, and still has 8 bytes
+    frames["length"] = [min(m.dlc, 64 if m.is_fd else 8) for m in messages]
+    joined = b"".join(bytes(m.data or b"")[:room].ljust(room, b"\0") for m in messages)
+    frames["data"] = np.frombuffer(joined, np.uint8).reshape(-1, room)
+    return frames
+
+
+def messages_from_frames(frames: FrameArray) -> list[can.Message]:
+    """Turn frames into python-can messages with their time stamps in seconds (the bus is left to the caller)."""
+    import can
+
+    room = frames["data"].shape[1]
+    data = np.ascontiguousarray(frames["data"]).tobytes()
+    columns = (frames[name].tolist() for name in ("time_ns", "can_id", "flags", "length"))
+    return [
+        can.Message(
+            timestamp=time_ns / 1e9,
+            arbitration_id=can_id,
+            is_extended_id=bool(flags & _EXTENDED),
+            is_remote_frame=bool(flags & _REMOTE),
+            is_error_frame=bool(flags & _ERROR),
+            is_fd=bool(flags & _FD),
+            bitrate_switch=bool(flags & _BITRATE_SWITCH),
+            error_state_indicator=bool(flags & _ERROR_STATE),
+            is_rx=not flags & _TRANSMITTED,
+            dlc=length,
+            data=None if flags & _REMOTE else data[i * room : i * room + length],
+        )
+        for i, (time_ns, can_id, flags, length) in enumerate(zip(*columns, strict=True))
+    ]
+
+
+def _flags(message: can.Message) -> int:
+    return (
+        (_EXTENDED if message.is_extended_id else 0)
+        | (_REMOTE if message.is_remote_frame else 0)
+        | (_ERROR if message.is_error_frame else 0)
+        | (_FD if message.is_fd else 0)
+        | (_BITRATE_SWITCH if message.bitrate_switch else 0)
+        | (_ERROR_STATE if message.error_state_indicator else 0)
+        | (0 if message.is_rx else _TRANSMITTED)
+    )

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from daq.arrays import BoolArray, IndexArray
 from daq.can.bits import Message
-from daq.can.buses import messages_by_bus
-from daq.can.databases import Database
+from daq.can.databases import Database, messages_by_bus
 from daq.can.frames import CLASSIC_DTYPE, FrameArray, FrameBatch, FrameFlag
 
 UNKNOWN = 0
@@ -40,12 +39,9 @@ class _BusTable:
 
 
 class Identifier:
-    """Gives every frame the code of its message.
+    """Gives every frame the code of its message; `messages` are (bus name, Message, code).
 
-    Parameters
-    ----------
-    messages : sequence of (bus name, Message, code)
-        Identifiers of one bus must be unique. A message that is known but not wanted has the code `UNKNOWN`.
+    Identifiers of one bus must be unique. A message that is known but not wanted has the code `UNKNOWN`.
     """
 
     def __init__(self, messages: Sequence[tuple[str, Message, int]]) -> None:
@@ -57,18 +53,7 @@ class Identifier:
         self._tables = {bus: _bus_table(known, self.dtype) for bus, known in per_bus.items()}
 
     def codes(self, frames: FrameArray, buses: Sequence[str]) -> NDArray[Any]:
-        """Return the code of each frame, `UNKNOWN` where it has none.
-
-        Parameters
-        ----------
-        frames : structured array, shape (n,)
-        buses : sequence of str
-            Names of the buses that the frames' ``bus`` column counts.
-
-        Returns
-        -------
-        uint8 or uint16 array, shape (n,)
-        """
+        """Return the code of each frame, `UNKNOWN` where it has none; the ``bus`` column counts `buses`."""
         ids, flags = frames["can_id"], frames["flags"]
         if len(buses) == 1 and buses[0] in self._tables:
             return _codes_of_bus(self._tables[buses[0]], ids, flags)
@@ -184,16 +169,9 @@ class Coverage:
 
 
 def coverage(batch: FrameBatch, databases: Mapping[str, Sequence[Database]]) -> Coverage:
-    """Count the frames of every identifier, with the message a DBC knows it as.
+    """Count the frames of every identifier, with the message a DBC of its bus knows it as.
 
-    Parameters
-    ----------
-    databases : mapping of bus name to its databases
-
-    Returns
-    -------
-    Coverage
-        Of a log read in pieces, add those of the pieces.
+    Of a log read in pieces, add the coverage of the pieces.
 
     Raises
     ------
@@ -234,6 +212,5 @@ def _one_of_each(frames: FrameArray) -> tuple[FrameArray, IndexArray]:
 
 
 def _coverage(counts: Counter[tuple[str, bool, int, str | None]], errors: int, remotes: int) -> Coverage:
-    ordered = sorted(counts, key=lambda key: key[:3])
-    rows = (IdCount(*key, frames=counts[key]) for key in ordered)
+    rows = (IdCount(*key, frames=counts[key]) for key in sorted(counts, key=lambda key: key[:3]))
     return Coverage(tuple(rows), errors, remotes)

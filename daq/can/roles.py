@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daq.can.bits import Message, RawKind, Signal
-from daq.can.buses import messages_by_bus
-from daq.can.databases import Database
+from daq.can.databases import Database, messages_by_bus
 from daq.channels import ROLES, Channel, Use
 from daq.config import VehicleConfig
 from daq.errors import ConfigError, Fault, nearest
@@ -29,7 +28,7 @@ class SignalRef:
     Attributes
     ----------
     bus, message, signal : str
-        `message` as `daq.can.buses.messages_by_bus` names it.
+        `message` as `daq.can.databases.messages_by_bus` names it.
     unit : str
         As the DBC writes it.
     si_unit : str
@@ -55,7 +54,7 @@ class SignalRef:
 
     @property
     def name(self) -> str:
-        """``"Message.Signal"``, as `daq.can.decoding.Decoder` expects it."""
+        """``"Message.Signal"``, as `daq.can.codec.Decoder` expects it."""
         return f"{self.message}.{self.signal}"
 
     @property
@@ -104,12 +103,9 @@ def resolve_roles(
         Lists every fault at once: a needed role without a signal, a signal that no DBC has, an unknown or wrong unit.
     """
     messages = messages_by_bus(databases)
+    where = "vehicle.toml [signals]"
     faults = [
-        Fault(
-            f"role {role!r} is needed and has no signal",
-            "vehicle.toml [signals]",
-            next_step=f'add {role} = "Message.Signal"',
-        )
+        Fault(f"role {role!r} is needed and has no signal", where, next_step=f'add {role} = "Message.Signal"')
         for role in needed
         if role not in vehicle.signals
     ]

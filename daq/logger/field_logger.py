@@ -28,7 +28,7 @@ from daq.logger.recorder import Recorder, RecorderOptions
 from daq.logger.run_files import SUFFIX, RunFiles, folder_lock, named_run, new_run, safe_name, unfinished_run
 from daq.logger.session import Session
 from daq.logger.session_monitor import LogSummary, Notifier, Progress, SessionParts
-from daq.recording.disk_file import make_folder
+from daq.recording.sink import make_folder
 from daq.sources.can_source import Source
 from daq.sources.interfaces import open_source
 from daq.sources.reconnect import ReconnectingSource

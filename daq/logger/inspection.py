@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
+from daq.can.codec import Decoder
 from daq.can.databases import Database
-from daq.can.decoding import Decoder
 from daq.can.frames import FrameBatch, concatenate
 from daq.channels import Channel
 from daq.config import VehicleConfig

@@ -23,9 +23,9 @@ from daq.logger.listener import Arrival
 from daq.logger.run_files import BETWEEN_FOLDER, VEHICLE_KEY, RunFiles, new_run
 from daq.recording import DiagnosticStatus, Event, PartWriter
 from daq.recording.decoded_topics import DecodedWriter
-from daq.recording.disk_file import make_folder
 from daq.recording.events import Severity
 from daq.recording.part_writer import since, total
+from daq.recording.sink import make_folder
 
 
 class RunClock:

@@ -16,8 +16,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from daq.arrays import IndexArray
-from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag
-from daq.can.messages import FD_LENGTHS
+from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FD_LENGTHS, FrameArray, FrameBatch, FrameFlag
 from daq.errors import Fault, RecordingError
 from daq.logs.report import LogReport
 
@@ -205,8 +204,6 @@ _GROUP_BYTES = 1 << 20
 _LARGEST_BYTES = 64 << 20
 _PADDING = 4
 
-Places = IndexArray
-
 
 def read_blf(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     """Yield the frames of a BLF file, a megabyte of objects at a time."""
@@ -230,9 +227,8 @@ def _start_ns(file: BinaryIO, report: LogReport) -> int:
     """Read the file header; return the start of the measurement (python-can, too, takes it for UTC)."""
     head = file.read(_FILE_HEADER.size)
     if len(head) < _FILE_HEADER.size:
-        raise RecordingError(
-            Fault("the BLF file ends within its header", report.path, f"{len(head)} bytes", next_step="copy it again")
-        )
+        what, found = "the BLF file ends within its header", f"{len(head)} bytes"
+        raise RecordingError(Fault(what, report.path, found, next_step="copy it again"))
     fields = _FILE_HEADER.unpack(head)
     file.read(min(max(fields[1] - len(head), 0), _LARGEST_BYTES))
     year, month, _, day, hour, minute, second, millisecond = (int(field) for field in fields[6:14])
@@ -312,7 +308,7 @@ def _joined(pieces: list[bytes], room: NDArray[np.uint8]) -> tuple[NDArray[np.ui
     return room[:size], room
 
 
-def _object_starts(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[Places, int]:
+def _object_starts(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[IndexArray, int]:
     """Return where the complete objects start, and up to where the bytes have been used."""
     equal = _equally_long(text)
     used = int(equal[1]) * len(equal) if len(equal) > 1 else 0
@@ -320,7 +316,7 @@ def _object_starts(text: NDArray[np.uint8], done: int, report: LogReport) -> tup
     return np.concatenate((equal if used else equal[:0], others + used)), end + used
 
 
-def _equally_long(text: NDArray[np.uint8]) -> Places:
+def _equally_long(text: NDArray[np.uint8]) -> IndexArray:
     """Return where the objects start that all have the length of the first one, as most logs' have."""
     if len(text) < HEADER.itemsize:
         return np.zeros(0, np.intp)
@@ -333,7 +329,7 @@ def _equally_long(text: NDArray[np.uint8]) -> Places:
     return starts if same.all() else starts[: int(np.argmin(same))]
 
 
-def _search(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[Places, int]:
+def _search(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[IndexArray, int]:
     """Look for the magic bytes that an object starts with; see `_object_starts`."""
     found = np.flatnonzero(text[: max(len(text) - HEADER.itemsize + 1, 0)] == MAGIC[0])
     for offset in range(1, len(MAGIC)):
@@ -351,7 +347,7 @@ def _search(text: NDArray[np.uint8], done: int, report: LogReport) -> tuple[Plac
     return found, int(ends[-1])
 
 
-def _walk(found: Places, ends: Places, done: int, report: LogReport) -> tuple[Places, Places]:
+def _walk(found: IndexArray, ends: IndexArray, done: int, report: LogReport) -> tuple[IndexArray, IndexArray]:
     """Go from object to object: a payload may hold the magic bytes, and a damaged object has no right length."""
     chain: list[int] = []
     i, expected = 0, 0

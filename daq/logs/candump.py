@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Generator, Iterable, Iterator
 from pathlib import Path
+from string import hexdigits
 from typing import BinaryIO
 
 import numpy as np
@@ -40,22 +41,14 @@ _ERROR_BIT = 0x2000_0000
 _LAST_SECOND = 9_000_000_000
 _SHAPES_A_LENGTH = 8
 
-Bytes2D = NDArray[np.uint8]
 Rows = IndexArray
 """Line numbers within a block, ascending."""
 Part = tuple[Rows, str, FrameArray]
 """Frames of one shape: the rows they come from, their bus, and themselves."""
 
 
-def _nibble_table() -> bytes:
-    table = bytearray(b"\xff" * 256)
-    for digits in (b"0123456789abcdef", b"0123456789ABCDEF"):
-        for value, character in enumerate(digits):
-            table[character] = value
-    return bytes(table)
-
-
-_NIBBLES = _nibble_table()
+_NIBBLES = bytes(int(chr(code), 16) if chr(code) in hexdigits else 0xFF for code in range(256))
+"""Value of each hexadecimal digit."""
 
 
 def read_candump(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
@@ -166,7 +159,7 @@ def _largest_nibbles(match: re.Match[bytes]) -> NDArray[np.uint8]:
     return largest
 
 
-def _columns(nibbles: Bytes2D, match: re.Match[bytes]) -> tuple[FrameArray, BoolArray]:
+def _columns(nibbles: NDArray[np.uint8], match: re.Match[bytes]) -> tuple[FrameArray, BoolArray]:
     """Return the frames of equally shaped lines, and which of them are possible."""
     is_fd, is_remote = match["fd"] is not None, match["remote"] is not None
     frames = np.zeros(len(nibbles), FD_DTYPE if is_fd else CLASSIC_DTYPE)
@@ -194,7 +187,7 @@ def _columns(nibbles: Bytes2D, match: re.Match[bytes]) -> tuple[FrameArray, Bool
     return frames, (seconds < _LAST_SECOND) & (can_id < 2 * _ERROR_BIT if extended else can_id <= 0x7FF)
 
 
-def _number(nibbles: Bytes2D, span: tuple[int, int], base: int) -> IntArray:
+def _number(nibbles: NDArray[np.uint8], span: tuple[int, int], base: int) -> IntArray:
     """Return the numbers in some columns; four digits at a time fit 16 bits, which is quicker."""
     total = np.zeros(len(nibbles), np.int64)
     for start in range(span[0], span[1], 4):
@@ -234,9 +227,7 @@ def _note_unread(lines: _Lines, unread: list[Rows], first_line: int, report: Log
 
 
 _HEX = np.frombuffer(b"0123456789ABCDEF", np.uint8)
-_SECOND_DIGITS = 10
 _LINES = 65_536
-Characters = NDArray[np.uint8]
 
 
 def write_candump(batches: Iterable[FrameBatch], path: str | Path) -> int:
@@ -293,15 +284,15 @@ def candump_text(batch: FrameBatch) -> bytes:
     return out.tobytes()
 
 
-def _lines(frames: FrameArray, buses: tuple[str, ...]) -> Characters:
+def _lines(frames: FrameArray, buses: tuple[str, ...]) -> NDArray[np.uint8]:
     """Return frames of one bus, kind and length as characters, shape (n, width)."""
     flags, length = int(frames["flags"][0]), int(frames["length"][0])
     extended, error = bool(flags & FrameFlag.EXTENDED), bool(flags & FrameFlag.ERROR)
     seconds, micros = np.divmod((frames["time_ns"] + 500) // 1000, 10**6)
     can_id = frames["can_id"].astype(np.int64) | (_ERROR_BIT if error else 0)
-    pieces: list[str | Characters] = [
+    pieces: list[str | NDArray[np.uint8]] = [
         "(",
-        _digits(seconds, _SECOND_DIGITS),
+        _digits(seconds, 10),
         ".",
         _digits(micros, 6),
         f") {buses[int(frames['bus'][0])]} ",
@@ -319,17 +310,17 @@ def _lines(frames: FrameArray, buses: tuple[str, ...]) -> Characters:
     return np.concatenate([_broadcast(piece, len(frames)) for piece in pieces], axis=1)
 
 
-def _digits(values: IntArray, count: int) -> Characters:
+def _digits(values: IntArray, count: int) -> NDArray[np.uint8]:
     powers = 10 ** np.arange(count - 1, -1, -1)
     return (values[:, None] // powers % 10 + ord("0")).astype(np.uint8)
 
 
-def _hexadecimal(values: IntArray, count: int) -> Characters:
-    characters: Characters = _HEX[values[:, None] >> 4 * np.arange(count - 1, -1, -1) & 15]
+def _hexadecimal(values: IntArray, count: int) -> NDArray[np.uint8]:
+    characters: NDArray[np.uint8] = _HEX[values[:, None] >> 4 * np.arange(count - 1, -1, -1) & 15]
     return characters
 
 
-def _broadcast(piece: str | Characters, rows: int) -> Characters:
+def _broadcast(piece: str | NDArray[np.uint8], rows: int) -> NDArray[np.uint8]:
     if isinstance(piece, str):
         return np.broadcast_to(np.frombuffer(piece.encode(), np.uint8), (rows, len(piece.encode())))
     return piece

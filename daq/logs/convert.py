@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from daq.can.buses import no_bus_in_common
-from daq.can.databases import Database
-from daq.can.decoding import Decoder
+from daq.can.codec import Decoder
+from daq.can.databases import Database, no_bus_in_common
 from daq.can.frames import FrameBatch
 from daq.can.identify import Coverage, coverage
 from daq.config import RunInfo, VehicleConfig
@@ -23,12 +22,10 @@ _BATCH_FRAMES = 1 << 17
 
 @dataclass(frozen=True)
 class Imported:
-    """Result of an import.
+    """Result of an import: the recording at `path`, and what came into it.
 
     Attributes
     ----------
-    path : Path
-        The recording.
     frames : mapping bus -> number of frames
     coverage : Coverage
         What the DBCs know of them.
@@ -123,12 +120,8 @@ def _check_renamed(rename: Mapping[str, str], reports: Sequence[LogReport]) -> N
     there = {bus for report in reports for bus in report.buses}
     missing = [bus for bus in rename if bus not in there]
     if missing:
-        raise DataError(
-            *(
-                Fault(f"no log has a bus {bus!r}", found=", ".join(sorted(there)), expected="--bus old=new")
-                for bus in missing
-            )
-        )
+        found = ", ".join(sorted(there))
+        raise DataError(*(Fault(f"no log has a bus {bus!r}", found=found, expected="--bus old=new") for bus in missing))
 
 
 def _remarks(reports: Sequence[LogReport], known: Configuration, frames: Mapping[str, int]) -> list[str]:

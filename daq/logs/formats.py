@@ -1,22 +1,78 @@
-"""The log formats, each with its reader by suffix and content, and `read_log`, which reads any of them in batches."""
+"""The log formats, each with its reader by suffix and content, and `read_log`, which reads any of them, gzipped too."""
 
 from __future__ import annotations
 
 import io
 import re
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Self
+from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 from daq.can.frames import FrameBatch, concatenate, split
 from daq.errors import Fault, RecordingError, nearest
 from daq.logs.blf import read_blf
 from daq.logs.candump import LINE, read_candump
-from daq.logs.gunzip import MAGIC, Gunzip
 from daq.logs.mf4 import read_mf4
 from daq.logs.report import LogReport
 from daq.logs.text import read_asc, read_csv, read_trc
+
+if TYPE_CHECKING:
+    from _typeshed import WriteableBuffer
+
+_GZIP_MAGIC = b"\x1f\x8b"
+_GZIP_WINDOW = 31
+_PIECE = 256 << 10
+
+
+class Gunzip(io.RawIOBase):
+    """Unpacks `file`; unlike the standard library's, it loses nothing that stands before a cut.
+
+    Attributes
+    ----------
+    damage : str
+        What is wrong with the file, once the reading has come to it.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._member = zlib.decompressobj(_GZIP_WINDOW)
+        self._packed = b""
+        self.damage = ""
+
+    def readable(self) -> bool:
+        """Return True."""
+        return True
+
+    def readinto(self, buffer: WriteableBuffer, /) -> int:
+        """Fill `buffer` as far as the file reaches; 0 at its end."""
+        view = memoryview(buffer).cast("B")
+        filled = 0
+        while filled < len(view) and not self.damage:
+            if not self._packed:
+                self._packed = self._file.read(_PIECE)
+            if not self._packed:
+                if not self._member.eof:
+                    self.damage = "the gzipped file is cut off"
+                break
+            if self._member.eof:
+                self._member = zlib.decompressobj(_GZIP_WINDOW)
+            try:
+                piece = self._member.decompress(self._packed, len(view) - filled)
+            except zlib.error as error:
+                self.damage = f"the gzipped file is damaged ({error})"
+                break
+            self._packed = self._member.unused_data if self._member.eof else self._member.unconsumed_tail
+            view[filled : filled + len(piece)] = piece
+            filled += len(piece)
+        return filled
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+        super().close()
+
 
 Reader = Callable[[BinaryIO, LogReport], Iterator[FrameBatch]]
 _HEAD_BYTES = 64 << 10
@@ -72,10 +128,7 @@ _TEXT: tuple[tuple[re.Pattern[bytes], LogFormat | str], ...] = (
 def chosen_format(path: Path, head: bytes) -> LogFormat:
     """Return the format of a log, by its suffix or else by its content.
 
-    Raises
-    ------
-    RecordingError
-        If its content contradicts its suffix, or is of no known format.
+    Raises RecordingError if its content contradicts its suffix, or is of no known format.
     """
     by_suffix = _by_suffix(path)
     detected = _detected(head)
@@ -84,7 +137,8 @@ def chosen_format(path: Path, head: bytes) -> LogFormat:
     if isinstance(detected, LogFormat) and by_suffix in (None, detected):
         return detected
     if detected is None:
-        faults = [Fault("neither its suffix nor its content is of a known log format", str(path), _first_bytes(head))]
+        what = "neither its suffix nor its content is of a known log format"
+        faults = [Fault(what, str(path), f"begins with {head[:40]!r}")]
         faults += [Fault(f"it is not {known.name}", expected=" or ".join(known.suffixes)) for known in LOG_FORMATS]
         raise RecordingError(*faults)
     if isinstance(detected, LogFormat):
@@ -103,23 +157,18 @@ def chosen_format(path: Path, head: bytes) -> LogFormat:
 def open_log(path: Path) -> tuple[io.BufferedReader, LogFormat]:
     """Open a log, unpacked where it is gzipped, and find its format.
 
-    Raises
-    ------
-    RecordingError
-        If there is no such file, it is empty, or is no log.
+    Raises RecordingError if there is no such file, it is empty, or is no log.
     """
     try:
         raw: Any = path.open("rb", buffering=0)
         file = io.BufferedReader(raw, _HEAD_BYTES)
-        packed = file.peek().startswith(MAGIC)
+        packed = file.peek().startswith(_GZIP_MAGIC)
         if packed:
             raw = Gunzip(file)
             file = io.BufferedReader(raw, _HEAD_BYTES)
         head = file.peek()
     except FileNotFoundError:
-        names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
-        expected = nearest(path.name, names) if names else ""
-        raise RecordingError(Fault("no such file", str(path), expected=expected, next_step="check the path")) from None
+        raise no_such_file(path) from None
     except OSError as error:
         raise RecordingError(Fault("the log cannot be read", str(path), error.strerror or str(error))) from None
     try:
@@ -132,6 +181,13 @@ def open_log(path: Path) -> tuple[io.BufferedReader, LogFormat]:
         file.close()
         raise
     return file, known
+
+
+def no_such_file(path: Path) -> RecordingError:
+    """Return the error of a file that is not there, with names that are."""
+    names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
+    expected = nearest(path.name, names) if names else ""
+    return RecordingError(Fault("no such file", str(path), expected=expected, next_step="check the path"))
 
 
 def _by_suffix(path: Path) -> LogFormat | None:
@@ -152,10 +208,6 @@ def _detected(head: bytes) -> LogFormat | str | None:
         if pattern.search(head[:4096]):
             return meaning
     return None
-
-
-def _first_bytes(head: bytes) -> str:
-    return f"begins with {head[:40]!r}"
 
 
 class LogReading(Iterator[FrameBatch]):
@@ -250,12 +302,6 @@ def _regrouped(batches: Iterator[FrameBatch], size: int) -> Iterator[FrameBatch]
 
 
 def _nothing_readable(report: LogReport) -> RecordingError:
-    said = report.remarks()
-    return RecordingError(
-        Fault(
-            f"no frame could be read as {report.format}",
-            report.path,
-            found="; ".join(said) or "no line that looks like a frame",
-            next_step="check that this is the right file; wheelsoil names a format by the file's suffix",
-        )
-    )
+    found = "; ".join(report.remarks()) or "no line that looks like a frame"
+    step = "check that this is the right file; wheelsoil names a format by the file's suffix"
+    return RecordingError(Fault(f"no frame could be read as {report.format}", report.path, found, next_step=step))

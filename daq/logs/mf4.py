@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from types import ModuleType
 from typing import Any, BinaryIO
 
 import numpy as np
 
-from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag
+from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag, joined
 from daq.errors import ConfigError, Fault, RecordingError
 from daq.logs.report import LogReport
 
@@ -28,12 +27,13 @@ _FLAG_CHANNELS = {
 def read_mf4(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     """Yield the frames of all CAN groups of an MF4 file, merged by time; BusChannel 1 is can1.
 
-    Raises
-    ------
-    ConfigError
-        If asammdf is not installed.
+    Raises ConfigError if asammdf is not installed.
     """
-    asammdf = _asammdf(report.path)
+    try:
+        import asammdf
+    except ImportError:
+        what = "MF4 files are read through asammdf, which is not installed"
+        raise ConfigError(Fault(what, report.path, next_step="pip install 'wheelsoil[mf4]'")) from None
     file.close()  # asammdf wants the path
     try:
         with asammdf.MDF(report.path) as mdf:
@@ -48,21 +48,6 @@ def read_mf4(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
                 yield FrameBatch(frames, tuple(report.buses))
     except asammdf.blocks.utils.MdfException as error:
         raise RecordingError(Fault("asammdf cannot read this MF4 file", report.path, str(error))) from None
-
-
-def _asammdf(path: str) -> ModuleType:
-    try:
-        import asammdf
-    except ImportError:
-        raise ConfigError(
-            Fault(
-                "MF4 files are read through asammdf, which is not installed",
-                path,
-                next_step="pip install 'wheelsoil[mf4]'",
-            )
-        ) from None
-    module: ModuleType = asammdf
-    return module
 
 
 def _kind(group: Any) -> str | None:
@@ -122,19 +107,12 @@ def merged(streams: list[Iterator[FrameArray]]) -> Iterator[FrameArray]:
         waiting = [heads[key] for key in sorted(heads) if len(heads[key])]
         if not waiting:
             return
-        limit = min((heads[key]["time_ns"][-1] for key in open_streams), default=waiting[0]["time_ns"].max())
-        if not open_streams:
-            limit = max(head["time_ns"].max() for head in waiting)
+        last = max(head["time_ns"].max() for head in waiting)
+        limit = min((heads[key]["time_ns"][-1] for key in open_streams), default=last)
         ready = []
         for key in sorted(heads):
             cut = int(np.searchsorted(heads[key]["time_ns"], limit, side="right"))
             ready.append(heads[key][:cut])
             heads[key] = heads[key][cut:]
-        yield _sorted_together(ready)
-
-
-def _sorted_together(pieces: list[FrameArray]) -> FrameArray:
-    wide = any(piece.dtype == FD_DTYPE for piece in pieces)
-    together = np.concatenate([FrameBatch(piece, ()).widened().frames if wide else piece for piece in pieces])
-    ordered: FrameArray = together[np.argsort(together["time_ns"], kind="stable")]
-    return ordered
+        together = joined(ready)
+        yield together.take(np.argsort(together["time_ns"], kind="stable"))

@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, BinaryIO
 
-from daq.can.frames import FrameBatch
-from daq.can.messages import frames_from_messages
+from daq.can.frames import FrameBatch, frames_from_messages
 from daq.errors import Fault, RecordingError
 from daq.logs.report import LogReport
 
@@ -100,15 +99,9 @@ class _Lines:
 
     def _read_date(self, line: str) -> None:
         if _RELATIVE.match(line):
-            raise RecordingError(
-                Fault(
-                    "an ASC file whose times are relative to the line before",
-                    f"{self.report.path}, line {self.number}",
-                    line.strip(),
-                    "timestamps absolute",
-                    "export it again with absolute time stamps",
-                )
-            )
+            what, where = "an ASC file whose times are relative to the line before", f"line {self.number}"
+            step = "export it again with absolute time stamps"
+            raise RecordingError(Fault(what, f"{self.report.path}, {where}", line.strip(), "timestamps absolute", step))
         if match := _DATE.match(line):
             self.start_ns = _utc_ns(match)
 
@@ -175,9 +168,8 @@ def _batches(
                     ended = True
                     break
                 except NotImplementedError as error:
-                    raise RecordingError(
-                        Fault("python-can cannot read this version", report.path, str(error))
-                    ) from None
+                    what = "python-can cannot read this version"
+                    raise RecordingError(Fault(what, report.path, str(error))) from None
                 except _UNREADABLE:
                     if lines.number == failed_at:  # at the end of the file, the reader still misses its header
                         ended = True

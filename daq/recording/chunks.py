@@ -18,7 +18,8 @@ Compression = Literal["zstd", "lz4", "none"]
 LARGEST_CHUNK_BYTES = 1 << 30
 """A chunk that claims more than this when unpacked is taken for damaged."""
 
-_RECORD = struct.Struct("<BQ")
+RECORD = struct.Struct("<BQ")
+"""Opcode and length of a record's body."""
 _CHUNK_HEAD = struct.Struct("<BQQQQII")
 _LONGEST_NAME = 32
 _LONGEST_HEAD = _CHUNK_HEAD.size + _LONGEST_NAME + 8
@@ -56,13 +57,7 @@ class ChunkEntry:
 
     @classmethod
     def at(cls, file: BinaryIO, offset: int, size: int) -> Self:
-        """Read the entry from the head of the chunk itself.
-
-        Raises
-        ------
-        DamagedError
-            If its lengths contradict each other.
-        """
+        """Read the entry from the head of the chunk itself; DamagedError if its lengths contradict each other."""
         head = _head(read_at(file, offset, min(size, _LONGEST_HEAD)), size)
         return cls(offset, size, head.start_ns, head.end_ns)
 
@@ -135,17 +130,10 @@ def read_at(file: BinaryIO, offset: int, size: int) -> bytes:
 
 
 def read_packed(file: BinaryIO, entry: ChunkEntry) -> PackedChunk:
-    """Return a chunk without unpacking it.
-
-    Raises
-    ------
-    DamagedError
-        If it is cut off or its lengths contradict each other.
-    """
-    if entry.bare:
-        data = read_at(file, entry.offset, entry.size)
-        return PackedChunk(data, "", entry.size, zlib.crc32(data))
+    """Return a chunk without unpacking it; DamagedError if it is cut off or its lengths contradict each other."""
     record = read_at(file, entry.offset, entry.size)
+    if entry.bare:
+        return PackedChunk(record, "", entry.size, zlib.crc32(record))
     head = _head(record, entry.size)
     return PackedChunk(record[head.data_offset :], head.compression, head.unpacked_size, head.crc)
 
@@ -153,10 +141,7 @@ def read_packed(file: BinaryIO, entry: ChunkEntry) -> PackedChunk:
 def read_chunk(file: BinaryIO, entry: ChunkEntry) -> bytes:
     """Return a chunk's records, unpacked and checked.
 
-    Raises
-    ------
-    DamagedError
-        If it is cut off, cannot be unpacked or fails its checksum.
+    Raises DamagedError if it is cut off, cannot be unpacked or fails its checksum.
     """
     return unpacked(read_packed(file, entry))
 
@@ -198,13 +183,7 @@ def _decompressed(chunk: PackedChunk) -> bytes:
 
 
 def compressor(compression: Compression) -> Callable[[bytes], bytes]:
-    """Return what packs a chunk's content.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such compression.
-    """
+    """Return what packs a chunk's content; ConfigError if there is no such compression."""
     if compression == "zstd":
         import zstandard
 
@@ -222,10 +201,7 @@ def compressor(compression: Compression) -> Callable[[bytes], bytes]:
 def message_head(content: bytes, start: int, length: int) -> tuple[int, int]:
     """Return channel id and log time of the message whose record body is at `start`.
 
-    Raises
-    ------
-    DamagedError
-        If it is too short to be a message.
+    Raises DamagedError if it is too short to be a message.
     """
     if length < MESSAGE_HEAD_SIZE:
         raise DamagedError("a message is too short")
@@ -236,16 +212,13 @@ def message_head(content: bytes, start: int, length: int) -> tuple[int, int]:
 def content_records(content: bytes) -> Iterator[tuple[int, int, int]]:
     """Yield ``(opcode, start, length)`` of each record's body in a chunk or summary.
 
-    Raises
-    ------
-    DamagedError
-        If a record reaches over the end.
+    Raises DamagedError if a record reaches over the end.
     """
     position, end = 0, len(content)
     while position < end:
         if position + 9 > end:
             raise DamagedError("a record is cut off")
-        opcode, length = _RECORD.unpack_from(content, position)
+        opcode, length = RECORD.unpack_from(content, position)
         position += 9
         if position + length > end:
             raise DamagedError("a record is cut off")

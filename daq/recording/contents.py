@@ -1,20 +1,16 @@
-"""Contents of an MCAP file: from its summary or, where that is lost, by reading all records.
+"""Contents of an MCAP file: from its summary or, where that is lost, by reading all records over damaged places.
 
-What an MCAP file holds and where, and the parsing of its small records.
-
-Nothing here trusts the file: a cut or a flipped byte becomes a `DamagedError`, and that a `Loss`.
-
-The summary of an MCAP file, taken only when its checksum holds.
-
-Walking the records of an MCAP file that has no summary, over damaged places.
+Nothing here trusts the file: a summary is taken only when its checksum holds, a cut or a flipped byte becomes a
+`DamagedError`, and that a `Loss`.
 """
 
 from __future__ import annotations
 
 import contextlib
+import re
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
@@ -36,11 +32,9 @@ from mcap.records import (
 )
 
 from daq.errors import Fault, RecordingError
-from daq.recording.chunks import ChunkEntry, DamagedError, content_records, message_head, read_at, read_chunk
+from daq.recording.chunks import RECORD, ChunkEntry, DamagedError, content_records, message_head, read_at, read_chunk
 
 MAGIC = b"\x89MCAP0\r\n"
-RECORD = struct.Struct("<BQ")
-"""Opcode and length of a record's body."""
 
 
 @dataclass(frozen=True)
@@ -112,10 +106,7 @@ RecordT = TypeVar("RecordT")
 def parsed(reader: Callable[[ReadDataStream], RecordT], body: bytes) -> RecordT:
     """Parse a record's body with the ``mcap`` package.
 
-    Raises
-    ------
-    DamagedError
-        If the body is not such a record. Bytes behind it are allowed, as MCAP demands.
+    Raises DamagedError if the body is not such a record. Bytes behind it are allowed, as MCAP demands.
     """
     try:
         return reader(_ExactStream(BytesIO(body)))
@@ -131,10 +122,7 @@ def unreadable(path: Path, error: OSError) -> RecordingError:
 def read_record(file: BinaryIO, offset: int, size: int | None, opcode: int) -> bytes:
     """Return the body of the record at `offset`; `size` is that of the whole record where it is known.
 
-    Raises
-    ------
-    DamagedError
-        If another record, or none, is there.
+    Raises DamagedError if another record, or none, is there.
     """
     found, length = RECORD.unpack(read_at(file, offset, 9).ljust(9, b"\0"))
     if found != opcode or (size is not None and length != size - 9):
@@ -219,7 +207,7 @@ def _entry(record: ChunkIndex) -> ChunkEntry:
 
 _MESSAGE_INDEX_HEAD = struct.Struct("<HI")
 _SCAN_BLOCK = 1 << 20
-_CHUNK_MARKS = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")
+_CHUNK_MARK = re.compile(rb"\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4")
 _MARK_OFFSET = 9 + 28
 """Where the compression stands in a chunk record."""
 
@@ -306,7 +294,8 @@ def _next_chunk(file: BinaryIO, contents: Contents, position: int) -> int:
     """Return where the next believable chunk begins, or the end of the file."""
     while position < contents.size:
         block = read_at(file, position, _SCAN_BLOCK + _MARK_OFFSET + 8)
-        for start in _marked(block):
+        for mark in _CHUNK_MARK.finditer(block, _MARK_OFFSET):  # the name of its compression
+            start = mark.start() - _MARK_OFFSET
             offset = position + start
             try:
                 opcode, length = RECORD.unpack_from(block, start)
@@ -319,24 +308,10 @@ def _next_chunk(file: BinaryIO, contents: Contents, position: int) -> int:
     return contents.size
 
 
-def _marked(block: bytes) -> Iterator[int]:
-    """Yield where in `block` a chunk could begin, by the name of its compression."""
-    found = []
-    for mark in _CHUNK_MARKS:
-        at = block.find(mark, _MARK_OFFSET)
-        while at >= 0:
-            found.append(at - _MARK_OFFSET)
-            at = block.find(mark, at + 1)
-    yield from sorted(found)
-
-
 def read_contents(path: Path) -> Contents:
     """Index the records of an MCAP file, complete or cut off.
 
-    Raises
-    ------
-    RecordingError
-        If there is no such file, or it is no MCAP file.
+    Raises RecordingError if there is no such file, or it is no MCAP file.
     """
     try:
         with path.open("rb") as file:
@@ -360,19 +335,11 @@ def read_contents(path: Path) -> Contents:
 def _check_magic(file: BinaryIO, contents: Contents) -> None:
     head = read_at(file, 0, len(MAGIC))
     if not head:
-        raise RecordingError(
-            Fault("the file is empty", str(contents.path), next_step="nothing was recorded; look for another file")
-        )
+        step = "nothing was recorded; look for another file"
+        raise RecordingError(Fault("the file is empty", str(contents.path), next_step=step))
     if head != MAGIC:
-        raise RecordingError(
-            Fault(
-                "not an MCAP file",
-                str(contents.path),
-                found=f"it begins with {head!r}",
-                expected=repr(MAGIC),
-                next_step="a log of another format goes through `wheelsoil import`",
-            )
-        )
+        found, step = f"it begins with {head!r}", "a log of another format goes through `wheelsoil import`"
+        raise RecordingError(Fault("not an MCAP file", str(contents.path), found, repr(MAGIC), step))
 
 
 def _take_header(file: BinaryIO, contents: Contents) -> None:

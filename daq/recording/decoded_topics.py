@@ -1,12 +1,9 @@
-"""Decoded topics of a recording: physical values beside the raw frames, for people and other tools.
-
-Decoded topics: physical values as fixed-size messages, beside the raw frames they come from.
-
-Writing what lies beside the raw frames: decoded topics, and what the host has to say.
-"""
+"""Decoded topics of a recording: physical values as fixed-size messages beside the raw frames, for people."""
 
 from __future__ import annotations
 
+import json
+import keyword
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,17 +12,92 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.arrays import FloatArray, IndexArray, IntArray
-from daq.can.buses import messages_by_bus
-from daq.can.databases import Database
+from daq.can.databases import Database, messages_by_bus
 from daq.can.frames import joined
 from daq.can.roles import resolve_roles
 from daq.channels import Channel
 from daq.config import VehicleConfig
 from daq.errors import DataError, Fault, nearest
 from daq.recording.events import DiagnosticStatus, Event, HostTopics
-from daq.recording.format import NAVSATFIX_SCHEMA, NAVSATFIX_TEXT, fill_prefix, fixed_message_dtype
+from daq.recording.format import (
+    HEADER_DEFINITIONS,
+    NAVSATFIX_SCHEMA,
+    NAVSATFIX_TEXT,
+    PACKAGE,
+    TopicNames,
+    fill_prefix,
+    fixed_message_dtype,
+    numbered,
+    snake_case,
+)
 from daq.recording.sink import McapSink, MessageGroup, index_entries
-from daq.recording.topics import DecodedLayout, TopicNames, decoded_layout
+
+
+@dataclass(frozen=True)
+class DecodedLayout:
+    """How one DBC message on one bus is written as a topic.
+
+    Attributes
+    ----------
+    metadata : dict str -> str
+        Of the MCAP channel: ``bus``, ``message``, and ``signals``: a JSON object
+        field -> {"name": the DBC's signal name, "unit": its unit}.
+    signals, fields : tuple of str
+        The DBC's names and the field of each.
+    dtype : structured dtype
+        Of a whole MCAP message record.
+    """
+
+    schema_name: str
+    schema_text: str
+    metadata: dict[str, str]
+    signals: tuple[str, ...]
+    fields: tuple[str, ...]
+    dtype: np.dtype[np.void]
+
+    def records(
+        self,
+        channel_id: int,
+        sequence: int,
+        time_ns: IntArray,
+        values: Mapping[str, FloatArray],
+    ) -> NDArray[np.void]:
+        """Return whole MCAP message records, one a sample; a signal that `values` lacks is NaN."""
+        records = np.zeros(len(time_ns), self.dtype)
+        fill_prefix(records, channel_id, sequence, time_ns)
+        for signal, name in zip(self.signals, self.fields, strict=True):
+            records[f"field_{name}"] = values.get(signal, np.nan)
+        return records
+
+
+def decoded_layout(type_name: str, bus: str, message: str, units: Mapping[str, str]) -> DecodedLayout:
+    """Lay out a DBC message: a header and one float64 a signal, in the order of `units`.
+
+    `type_name` is the unique CamelCase name of the ROS 2 type; `bus` and `message` are as in vehicle.toml and the DBC.
+    """
+    signals = tuple(units)
+    fields = tuple(field_names(signals))
+    described = {field: {"name": name, "unit": units[name]} for field, name in zip(fields, signals, strict=True)}
+    padding: list[tuple[str, str]] = [("padding", "<u4")] if fields else []
+    return DecodedLayout(
+        schema_name=f"{PACKAGE}/msg/{type_name}",
+        schema_text="std_msgs/Header header\n" + "".join(f"float64 {f}\n" for f in fields) + HEADER_DEFINITIONS,
+        metadata={"bus": bus, "message": message, "signals": json.dumps(described, ensure_ascii=False)},
+        signals=signals,
+        fields=fields,
+        dtype=fixed_message_dtype([*padding, *((f"field_{f}", "<f8") for f in fields)]),
+    )
+
+
+def field_names(signals: Sequence[str]) -> list[str]:
+    """Return a unique ROS 2 field name for each signal, in order."""
+    names: list[str] = []
+    taken = {"header", *keyword.kwlist, *keyword.softkwlist}
+    for signal in signals:
+        names.append(numbered(snake_case(signal), taken))
+        taken.add(names[-1])
+    return names
+
 
 NAVSATFIX_DTYPE = fixed_message_dtype(
     [
@@ -53,13 +125,7 @@ class _Topic:
 
 
 class DecodedTopics:
-    """The decoded topics of a recording that is being written.
-
-    Parameters
-    ----------
-    rate_hz : float or None
-        Samples are thinned to this rate; None: all are kept.
-    """
+    """The decoded topics of a recording that is being written, thinned to `rate_hz`; None: all samples are kept."""
 
     def __init__(self, sink: McapSink, names: TopicNames, rate_hz: float | None) -> None:
         self._sink = sink
@@ -75,7 +141,6 @@ class DecodedTopics:
         time_ns: IntArray,
         signals: Mapping[str, FloatArray],
         units: Mapping[str, str],
-        publish_ns: IntArray,
     ) -> None:
         """Gather samples of a DBC message; see `RecordingWriter.write_decoded`."""
         topic = self._topics.get((bus, message)) or self._new_topic(message, bus, units)
@@ -83,18 +148,9 @@ class DecodedTopics:
         _check(message, topic.layout, time_ns, signals)
         rows = self._thinned(topic, time_ns)
         values = {name: column[rows] for name, column in signals.items()}
-        self._gather(
-            topic, topic.layout.records(topic.channel_id, topic.sequence, time_ns[rows], publish_ns[rows], values)
-        )
+        self._gather(topic, topic.layout.records(topic.channel_id, topic.sequence, time_ns[rows], values))
 
-    def write_position(
-        self,
-        bus: str,
-        time_ns: IntArray,
-        latitude_deg: FloatArray,
-        longitude_deg: FloatArray,
-        altitude_m: FloatArray | None,
-    ) -> None:
+    def write_position(self, bus: str, time_ns: IntArray, latitude_deg: FloatArray, longitude_deg: FloatArray) -> None:
         """Gather positions; see `RecordingWriter.write_position`."""
         topic = self._topics.get((bus, None))
         if topic is None:
@@ -103,9 +159,9 @@ class DecodedTopics:
             topic = self._topics[bus, None] = _Topic(channel_id, None)
         rows = self._thinned(topic, time_ns)
         records = np.zeros(len(rows), NAVSATFIX_DTYPE)
-        fill_prefix(records, topic.channel_id, topic.sequence, time_ns[rows], time_ns[rows])
+        fill_prefix(records, topic.channel_id, topic.sequence, time_ns[rows])
         records["latitude"], records["longitude"] = latitude_deg[rows], longitude_deg[rows]
-        records["altitude"] = np.nan if altitude_m is None else altitude_m[rows]
+        records["altitude"] = np.nan
         found = np.isfinite(records["latitude"]) & np.isfinite(records["longitude"])
         records["status"] = np.where(found, _FIX, _NO_FIX)
         records["service"] = _SERVICE_GPS
@@ -173,12 +229,7 @@ def _group(topic: _Topic) -> MessageGroup:
 class Topics:
     """The topics of one file beside the raw ones.
 
-    Attributes
-    ----------
-    chunk_bytes : int
-        Uncompressed size at which a chunk is written.
-    tick : callable
-        Is called after every write.
+    A chunk is written at an uncompressed size of `chunk_bytes`; `tick` is called after every write.
     """
 
     decoded: DecodedTopics
@@ -208,8 +259,6 @@ class TopicWriter(ABC):
         time_ns: IntArray,
         signals: Mapping[str, FloatArray],
         units: Mapping[str, str],
-        *,
-        publish_ns: IntArray | None = None,
     ) -> None:
         """Write a DBC message's physical values as a topic of its own.
 
@@ -221,22 +270,13 @@ class TopicWriter(ABC):
             NaN where a frame did not carry the signal.
         units : mapping str -> str
             Unit of every signal of the message; the first call for a message fixes the set of signals.
-        publish_ns : int64 array, shape (n,), optional
-            Best estimate of the measurement time; `time_ns` where there is none.
         """
-        self.topics.decoded.write(message, bus, time_ns, signals, units, time_ns if publish_ns is None else publish_ns)
+        self.topics.decoded.write(message, bus, time_ns, signals, units)
         self.topics.write_if_full(self.topics.decoded)
 
-    def write_position(
-        self,
-        bus: str,
-        time_ns: IntArray,
-        latitude_deg: FloatArray,
-        longitude_deg: FloatArray,
-        altitude_m: FloatArray | None = None,
-    ) -> None:
+    def write_position(self, bus: str, time_ns: IntArray, latitude_deg: FloatArray, longitude_deg: FloatArray) -> None:
         """Write positions as a ROS 2 NavSatFix topic, for map panels; NaN is written as "no fix"."""
-        self.topics.decoded.write_position(bus, time_ns, latitude_deg, longitude_deg, altitude_m)
+        self.topics.decoded.write_position(bus, time_ns, latitude_deg, longitude_deg)
         self.topics.write_if_full(self.topics.decoded)
 
     def write_event(self, event: Event) -> None:
@@ -245,13 +285,7 @@ class TopicWriter(ABC):
         self.topics.write_if_full(self.topics.host)
 
     def write_diagnostics(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Write the statuses of one moment, topic ``/diagnostics``.
-
-        Raises
-        ------
-        DataError
-            If a level is none of 0 to 3.
-        """
+        """Write the statuses of one moment, topic ``/diagnostics``; DataError if a level is none of 0 to 3."""
         self.topics.host.write_diagnostics(time_ns, statuses)
         self.topics.write_if_full(self.topics.host)
 
@@ -280,11 +314,7 @@ _SAME_FIX_NS = 100_000_000
 
 
 class DecodedWriter:
-    """Writes decoded topics, and positions where latitude and longitude have roles.
-
-    Parameters
-    ----------
-    databases : mapping bus -> databases
+    """Writes decoded topics by the databases of each bus, and positions where latitude and longitude have roles.
 
     Raises
     ------
@@ -304,7 +334,7 @@ class DecodedWriter:
         self._position = resolve_roles(vehicle, databases, (), ("latitude", "longitude"))
 
     def write(self, decoded: Mapping[tuple[str, str], Channel]) -> None:
-        """Write what `daq.can.decoding.Decoder` made of a batch of frames."""
+        """Write what `daq.can.codec.Decoder` made of a batch of frames."""
         messages: dict[tuple[str, str], dict[str, Channel]] = {}
         for (bus, name), channel in decoded.items():
             message, _, signal = name.rpartition(".")

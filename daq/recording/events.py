@@ -1,10 +1,7 @@
-"""Events out of a recording's chunks.
+"""Topics of the logger itself: events, diagnostics and the host's clock, in chunks that readers of frames skip.
 
-Events of a recording: marks, clock steps, lost and returned buses; topic ``/events``, rcl_interfaces/msg/Log.
-
-Diagnostics of a recording: topic ``/diagnostics``, diagnostic_msgs/msg/DiagnosticArray, as Foxglove shows them.
-
-Topics of the logger itself: events, diagnostics and the host's clock, in chunks that readers of frames skip.
+Events are marks, clock steps, lost and returned buses: topic ``/events``, rcl_interfaces/msg/Log. Diagnostics are on
+topic ``/diagnostics``, diagnostic_msgs/msg/DiagnosticArray, as Foxglove shows them.
 """
 
 from __future__ import annotations
@@ -29,9 +26,10 @@ from daq.recording.format import (
     PACKAGE,
     RECORD_HEAD_SIZE,
     TIME_DEFINITION,
+    CdrDecoder,
+    CdrEncoder,
 )
 from daq.recording.sink import McapSink, MessageGroup, index_entries
-from daq.recording.topics import CdrDecoder, CdrEncoder
 
 Severity = Literal["info", "warning", "error"]
 
@@ -89,15 +87,8 @@ def encode_event(event: Event) -> bytes:
 def decode_event(data: bytes, time_ns: int) -> Event:
     """Return the event that `encode_event` wrote.
 
-    Parameters
-    ----------
-    time_ns : int
-        The message's log time, which does not end in 2038, as the stamp does; 0 for a time before 1970.
-
-    Raises
-    ------
-    DamagedError
-        If the bytes are no such message.
+    `time_ns` is the message's log time, which does not end in 2038, as the stamp does; 0 for a time before 1970.
+    Raises DamagedError if the bytes are no such message.
     """
     message = CdrDecoder(data)
     stamp_ns = message.stamp()
@@ -150,13 +141,7 @@ class DiagnosticStatus:
 
 
 def encode_diagnostics(time_ns: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
-    """Return the CDR bytes of a diagnostic_msgs/msg/DiagnosticArray.
-
-    Raises
-    ------
-    DataError
-        If a level is none of 0 to 3.
-    """
+    """Return the CDR bytes of a diagnostic_msgs/msg/DiagnosticArray; DataError if a level is none of 0 to 3."""
     message = CdrEncoder()
     message.stamp(time_ns)
     message.text("")
@@ -261,17 +246,9 @@ def _group(topic: _Topic) -> MessageGroup:
 
 
 def read_events(path: Path, contents: Contents, damaged: Callable[[ChunkEntry, str], None]) -> tuple[Event, ...]:
-    """Return the events of a file, in its order.
+    """Return the events of a file, in its order; `damaged` is called with each chunk that cannot be read, and why.
 
-    Parameters
-    ----------
-    damaged : callable
-        Called with each chunk that cannot be read, and the reason.
-
-    Raises
-    ------
-    RecordingError
-        If the file is gone, or the disk fails.
+    Raises RecordingError if the file is gone, or the disk fails.
     """
     channels = {
         channel.id

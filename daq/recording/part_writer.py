@@ -1,10 +1,6 @@
 """PartWriter: a run in one recording after the other, without losing or doubling a frame between them.
 
-Sums of counts that are kept per bus or per kind.
-
-Losses of a session, as the parts of a run record them.
-
-Which files are the parts of a run: ``R.mcap``, ``R.part2.mcap``, ``R.part3.mcap``, ...
+The files of a run's parts are ``R.mcap``, ``R.part2.mcap``, ``R.part3.mcap``, ...
 """
 
 from __future__ import annotations
@@ -12,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -28,11 +25,10 @@ from daq.recording.writer import RecordingWriter
 
 def total(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
     """Return the sum of counts, key by key."""
-    summed: dict[str, int] = {}
+    summed = Counter[str]()
     for one in counts:
-        for key, count in one.items():
-            summed[key] = summed.get(key, 0) + count
-    return summed
+        summed.update(one)
+    return dict(summed)
 
 
 def since(now: Mapping[str, int], before: Mapping[str, int]) -> dict[str, int]:
@@ -46,15 +42,7 @@ _EVERY_S = 1.0
 class LossWriter:
     """Keeps counts of lost frames, and writes them as a metadata record when they change.
 
-    Parameters
-    ----------
-    clock : callable
-        Monotonic time, s.
-
-    Attributes
-    ----------
-    drops : dict str -> int
-        Frames lost before they were recorded, per bus, since the session's first part.
+    `drops` are the frames lost before they were recorded, per bus, since the session's first part.
     """
 
     def __init__(self, clock: Callable[[], float]) -> None:
@@ -111,13 +99,7 @@ def part_number(path: Path) -> tuple[Path, int]:
 
 
 def parts_on_disk(first: Path) -> dict[int, Path]:
-    """Return the parts of a run that are there, by number, in order.
-
-    Raises
-    ------
-    RecordingError
-        If the folder cannot be read.
-    """
+    """Return the parts of a run that are there, by number, in order; RecordingError if the folder cannot be read."""
     try:
         found = [path for path in first.parent.iterdir() if path.name.startswith(first.stem)]
     except FileNotFoundError:
@@ -132,10 +114,7 @@ def parts_on_disk(first: Path) -> dict[int, Path]:
 def next_part(first: Path) -> tuple[Path, int]:
     """Return the file and the number of the part that comes after those that are there.
 
-    Raises
-    ------
-    RecordingError
-        If the folder cannot be read.
+    Raises RecordingError if the folder cannot be read.
     """
     number = max(parts_on_disk(first), default=0) + 1
     return part_path(first, number), number
@@ -297,10 +276,7 @@ class PartWriter(TopicWriter):
     def rotate(self) -> None:
         """Go on in the next part.
 
-        Raises
-        ------
-        RecordingError, HardwareError
-            If the next file cannot be opened: the run then goes on in the old one.
+        Raises RecordingError or HardwareError if the next file cannot be opened: the run then goes on in the old one.
         """
         self._writer.flush()
         number = max([self._part, *parts_on_disk(self.first_path)]) + 1

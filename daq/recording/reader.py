@@ -17,7 +17,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata
 from pydantic import ValidationError
 
-from daq.can.frames import FrameArray, FrameBatch, concatenate, joined
+from daq.can.frames import FrameArray, FrameBatch, concatenate, frames_between, joined
 from daq.config import RunInfo
 from daq.errors import DataError, Fault, RecordingError, nearest
 from daq.recording.chunks import MESSAGE_HEAD_SIZE, ChunkEntry, DamagedError, content_records, message_head, read_chunk
@@ -34,14 +34,7 @@ _CLOCK_SLACK_NS = 10_000_000_000
 
 @dataclass(frozen=True)
 class RawChannel:
-    """A raw topic.
-
-    Attributes
-    ----------
-    bus_index : int
-        What the ``bus`` column of its records holds.
-    dtype : CLASSIC_DTYPE or FD_DTYPE
-    """
+    """A raw topic; `bus_index` is what the ``bus`` column of its records holds."""
 
     bus: str
     bus_index: int
@@ -67,16 +60,9 @@ def raw_batches(
     buses: tuple[str, ...],
     damaged: Callable[[ChunkEntry, str], None],
 ) -> Iterator[FrameBatch]:
-    """Yield the frames of `channels` from `chunks`.
+    """Yield the frames of `channels`, by id, from `chunks`; the ``bus`` column of the result counts `buses`.
 
-    Parameters
-    ----------
-    channels : dict
-        Raw channels that are wanted, by id.
-    buses : tuple of str
-        What the ``bus`` column of the result counts.
-    damaged : callable
-        Called with each chunk that cannot be read, and the reason.
+    `damaged` is called with each chunk that cannot be read, and the reason.
     """
     gathered: dict[int, list[FrameArray]] = {}
     count = 0
@@ -150,8 +136,6 @@ def _merged(
         streams.append(FrameBatch(frames, buses))
     if len(streams) == 1:
         return streams[0]
-    if any(stream.is_fd for stream in streams):
-        streams = [stream.widened() for stream in streams]
     # A clock that steps back must not reorder the frames of one topic: they are sorted by the latest time so far.
     latest = np.concatenate([np.maximum.accumulate(stream.frames["time_ns"]) for stream in streams])
     order = np.argsort(latest, kind="stable")
@@ -163,17 +147,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a recording.
-
-    Attributes
-    ----------
-    metadata : dict str -> str
-        Of decoded topics: ``bus``, ``message`` and ``signals``.
-    """
+    """A topic of a recording; the metadata of decoded ones are ``bus``, ``message`` and ``signals``."""
 
     name: str
     schema_name: str
-    encoding: str
     message_count: int
     metadata: dict[str, str]
 
@@ -246,7 +223,6 @@ class Recording:
             Topic(
                 channel.topic,
                 contents.schemas[channel.schema_id].name if channel.schema_id in contents.schemas else "",
-                channel.message_encoding,
                 contents.message_counts.get(channel.id, 0),
                 dict(channel.metadata),
             )
@@ -347,7 +323,8 @@ class Recording:
         channels = {i: channel for i, channel in self._raw.items() if bus in (None, channel.bus)}
         low = -(2**63) if start_ns is None else start_ns
         high = 2**63 if end_ns is None else end_ns
-        return _between(self._batches(channels, chunks_between(self.contents.chunks, channels, low, high)), low, high)
+        chunks = chunks_between(self.contents.chunks, channels, low, high)
+        return frames_between(self._batches(channels, chunks), low, high)
 
     def _batches(self, channels: dict[int, RawChannel], chunks: list[ChunkEntry]) -> Iterator[FrameBatch]:
         if self.contents.has_summary:
@@ -371,26 +348,10 @@ class Recording:
     def _no_raw_topics(self) -> RecordingError:
         topics = [topic.name for topic in self.topics]
         shown = ", ".join(topics[:8]) + (", ..." if len(topics) > 8 else "")
-        return RecordingError(
-            Fault(
-                "this MCAP file holds no wheelsoil raw topics, so there are no CAN frames to read",
-                str(self.path),
-                found=f"topics {shown}" if topics else "no topics",
-                expected="topics /can/<bus>/raw",
-                next_step="`wheelsoil info` shows what it holds; `wheelsoil import` makes recordings of CAN logs",
-            )
-        )
-
-
-def _between(batches: Iterator[FrameBatch], low: int, high: int) -> Iterator[FrameBatch]:
-    for batch in batches:
-        time_ns = batch.frames["time_ns"]
-        if low <= time_ns.min() and time_ns.max() < high:
-            yield batch
-        else:
-            inside = (time_ns >= low) & (time_ns < high)
-            if inside.any():
-                yield batch[inside]
+        what = "this MCAP file holds no wheelsoil raw topics, so there are no CAN frames to read"
+        found = f"topics {shown}" if topics else "no topics"
+        step = "`wheelsoil info` shows what it holds; `wheelsoil import` makes recordings of CAN logs"
+        return RecordingError(Fault(what, str(self.path), found, "topics /can/<bus>/raw", step))
 
 
 def _attachment(body: bytes) -> Attachment:

@@ -1,7 +1,4 @@
-"""RunRecording: the recordings that are the parts of one run, read as if they were one.
-
-What a run lacks between two of its parts.
-"""
+"""RunRecording: the recordings that are the parts of one run, read as if they were one."""
 
 from __future__ import annotations
 
@@ -45,16 +42,6 @@ class Gap:
         length_s = (self.to_ns - self.from_ns) * 1e-9
         code = RecordingCode.PARTS_OVERLAP if length_s < 0 else RecordingCode.PARTS_APART
         return Note(code, values={"before": self.before, "after": self.after, "length_s": abs(length_s)})
-
-
-def gaps_between(parts: Sequence[Recording]) -> tuple[Gap, ...]:
-    """Return where a part does not take up where the one before it left off: the logger had died meanwhile."""
-    filled = [(part, span) for part in parts if part.has_raw_frames and (span := part.time_range_ns) is not None]
-    return tuple(
-        Gap(part_number(before.path)[1], part_number(after.path)[1], before_ns[1], after_ns[0])
-        for (before, before_ns), (after, after_ns) in pairwise(filled)
-        if before.metadata.get(RUN_END, {}).get("exit_status") != ROTATED
-    )
 
 
 class RunRecording:
@@ -141,7 +128,12 @@ class RunRecording:
     @cached_property
     def gaps(self) -> tuple[Gap, ...]:
         """Where a part does not take up where the one before it left off, because the logger had died."""
-        return gaps_between(self.parts)
+        filled = [(part, span) for part in self.parts if part.has_raw_frames and (span := part.time_range_ns)]
+        return tuple(
+            Gap(part_number(before.path)[1], part_number(after.path)[1], before_ns[1], after_ns[0])
+            for (before, before_ns), (after, after_ns) in pairwise(filled)
+            if before.metadata.get(RUN_END, {}).get("exit_status") != ROTATED
+        )
 
     @property
     def has_raw_frames(self) -> bool:

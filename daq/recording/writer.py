@@ -26,12 +26,12 @@ from daq.recording.format import (
     RAW_DTYPES,
     RUN_END,
     RUN_START,
+    TopicNames,
     raw_message_head,
     raw_schema_text,
     with_checksum,
 )
 from daq.recording.sink import INDEX_ENTRY, McapSink, MessageGroup
-from daq.recording.topics import TopicNames
 
 FRAMES_PER_MESSAGE = 4096
 
@@ -39,10 +39,7 @@ FRAMES_PER_MESSAGE = 4096
 class RawTopics:
     """The raw topics of a recording that is being written: one for each bus and kind of frame.
 
-    Parameters
-    ----------
-    chunk_bytes : int
-        Frames are written when so many bytes are gathered.
+    Frames are written when `chunk_bytes` are gathered.
     """
 
     def __init__(self, sink: McapSink, names: TopicNames, chunk_bytes: int) -> None:

@@ -1,8 +1,8 @@
-from .folders import readable as readable
 from .open import Collected as Collected
 from .open import campaign_folders as campaign_folders
 from .open import known_beside as known_beside
 from .open import open_runs as open_runs
+from .open import readable as readable
 from .run import LENIENT_KEY as LENIENT_KEY
 from .run import RUNS_FILE as RUNS_FILE
 from .run import TERRAIN_FILE as TERRAIN_FILE

@@ -1,4 +1,4 @@
-"""The one door to runs: recordings, logs of any format and campaign folders, with what is known of them.
+"""Runs from recordings, logs of any format and campaign folders, with what is known of them.
 
 What a file says of itself is beaten by the campaign folder it lies in, and that by what the caller gives.
 """
@@ -8,14 +8,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
-from daq.errors import ConfigError, Fault, RecordingError, WheelsoilError, nearest
+from daq.errors import ConfigError, Fault, RecordingError, WheelsoilError
+from daq.logs.formats import LOG_SUFFIXES, no_such_file
 from daq.recording import RunRecording
+from daq.recording.format import numbered
 from daq.recording.part_writer import part_number, parts_on_disk
 from daq.recording.recovery import RECOVERED
-from daq.runs.folders import RUN_SUFFIXES, folders_in, holds_runs, logs_in, readable
 from daq.runs.run import (
     LENIENT_KEY,
     RUNS_FILE,
@@ -30,9 +31,57 @@ from daq.runs.run import (
     vehicle_from_file,
 )
 
+RUN_SUFFIXES = (".mcap", *(suffix for suffix in LOG_SUFFIXES if suffix != ".csv"))
+"""Files that a folder without runs.toml offers as runs (a CSV may be anything)."""
 _MCAP_MAGIC = b"\x89MCAP"
 _NAMED = 4
 """Folders that a fault names, more are counted."""
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[None]:
+    """Raise the system's errors on a path as `RecordingError`.
+
+    Raises
+    ------
+    RecordingError
+        The path cannot be read.
+    """
+    try:
+        yield
+    except WheelsoilError:
+        raise
+    except OSError as error:
+        step = "check the path and its permissions"
+        fault = Fault("the path cannot be read", str(path), error.strerror or str(error), next_step=step)
+        raise RecordingError(fault) from None
+
+
+def logs_in(folder: Path) -> list[Path]:
+    """Return the recordings and logs of a folder, by name; OSError if the folder cannot be read."""
+    return sorted(path for path in folder.iterdir() if _log_suffix(path) in RUN_SUFFIXES and path.is_file())
+
+
+def holds_runs(folder: Path) -> bool:
+    """Return whether a folder names runs or has some; raises as `logs_in`."""
+    return (folder / RUNS_FILE).is_file() or bool(logs_in(folder))
+
+
+def folders_in(folder: Path) -> tuple[list[Path], list[Path]]:
+    """Return its folders that hold runs, and what of it may not be read, each by name; raises as `logs_in`."""
+    holding: list[Path] = []
+    closed: list[Path] = []
+    for path in sorted(folder.iterdir()):
+        try:
+            if path.is_dir() and holds_runs(path):
+                holding.append(path)
+        except OSError:
+            closed.append(path)
+    return holding, closed
+
+
+def _log_suffix(path: Path) -> str:
+    return Path(path.name.lower().removesuffix(".gz")).suffix
 
 
 def open_runs(
@@ -75,8 +124,9 @@ def open_runs(
     if not paths:
         raise ConfigError(Fault("no run is given", next_step="name a recording, a log or a campaign folder"))
     collected = Collected()
+    named = {VEHICLE_FILE: vehicle, TERRAIN_FILE: terrain, RUNS_FILE: runs}
     given = _configuration(
-        {name: Path(path) for name, path in _named(vehicle, terrain, runs) if path is not None}, collected, lenient_dbc
+        {name: Path(path) for name, path in named.items() if path is not None}, collected, lenient_dbc
     )
     collected.stop_if_any()
 
@@ -110,7 +160,7 @@ def open_runs(
                 found = _without_copies(found)
             if found and left_out:
                 for one in unreadable.errors:
-                    left_out(_left_out_text(one))
+                    left_out("; ".join(f"{fault.where}: skipped: {fault.what}" for fault in one.faults))
             else:
                 collected.errors += unreadable.errors
             opened += found
@@ -145,7 +195,7 @@ class Collected:
         try:
             yield
         except WheelsoilError as error:
-            self.errors.append(type(error)(*(_placed(fault, where) for fault in error.faults)))
+            self.errors.append(type(error)(*(replace(fault, where=fault.where or where) for fault in error.faults)))
 
     def stop_if_any(self) -> None:
         """Raise all faults as one error of the first one's kind."""
@@ -154,17 +204,10 @@ class Collected:
             raise type(self.errors[0])(*faults) from None
 
 
-def _placed(fault: Fault, where: str) -> Fault:
-    return fault if fault.where or not where else replace(fault, where=where)
-
-
 def is_recording(path: Path) -> bool:
     """Return whether a file begins like an MCAP file, or is called one; of a run in parts the first need not be there.
 
-    Raises
-    ------
-    RecordingError
-        There is no such file, or it cannot be read.
+    Raises RecordingError if there is no such file, or it cannot be read.
     """
     try:
         with path.open("rb") as file:
@@ -172,9 +215,7 @@ def is_recording(path: Path) -> bool:
     except FileNotFoundError:
         if parts_on_disk(part_number(path)[0]):
             return True
-        names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
-        expected = nearest(path.name, names) if names else ""
-        raise RecordingError(Fault("no such file", str(path), expected=expected, next_step="check the path")) from None
+        raise no_such_file(path) from None
     except OSError as error:
         raise RecordingError(Fault("the file cannot be read", str(path), error.strerror or str(error))) from None
 
@@ -186,28 +227,18 @@ def _is_lenient(path: Path) -> bool:
     return RunRecording.open(path).metadata.get("run_start", {}).get(LENIENT_KEY) == "yes"
 
 
-def _named(
-    vehicle: str | Path | None, terrain: str | Path | None, runs: str | Path | None
-) -> list[tuple[str, str | Path | None]]:
-    return [(VEHICLE_FILE, vehicle), (TERRAIN_FILE, terrain), (RUNS_FILE, runs)]
-
-
 def _configuration(files: dict[str, Path], collected: Collected, lenient_dbc: bool) -> Configuration:
     known = Configuration()
-    if VEHICLE_FILE in files:
-        with collected.catch():
-            known = known.over(vehicle_from_file(files[VEHICLE_FILE], lenient_dbc=lenient_dbc))
-    if TERRAIN_FILE in files:
-        with collected.catch():
-            known = known.over(terrain_from_file(files[TERRAIN_FILE]))
-    if RUNS_FILE in files:
-        with collected.catch():
-            known = known.over(runs_from_file(files[RUNS_FILE]))
+    readers: dict[str, Callable[[Path], Configuration]] = {
+        VEHICLE_FILE: partial(vehicle_from_file, lenient_dbc=lenient_dbc),
+        TERRAIN_FILE: terrain_from_file,
+        RUNS_FILE: runs_from_file,
+    }
+    for name, read in readers.items():
+        if name in files:
+            with collected.catch():
+                known = known.over(read(files[name]))
     return known
-
-
-def _left_out_text(error: WheelsoilError) -> str:
-    return "; ".join(f"{fault.where}: skipped: {fault.what}" for fault in error.faults)
 
 
 def _open_file(path: Path, known: Configuration, lenient_dbc: bool) -> Run:
@@ -267,11 +298,6 @@ def campaign_folders(path: Path) -> list[Path]:
     """Return the folder itself where it holds runs; else those of its folders that do, by name; itself where none does.
 
     What may not be read counts as a campaign where there are others, so that opening it reports the fault.
-
-    Parameters
-    ----------
-    path : Path
-        A folder.
     """
     try:
         holding, closed = ([], []) if holds_runs(path) else folders_in(path)
@@ -282,13 +308,9 @@ def campaign_folders(path: Path) -> list[Path]:
 
 def _with_unique_ids(runs: list[Run]) -> list[Run]:
     """Append a number to the ids of runs with the same id."""
-    taken: set[str] = set()
-    result = []
+    result: dict[str, Run] = {}
     for run in runs:
-        name, count = run.id, 2
-        while name in taken:
-            name, count = f"{run.id}-{count}", count + 1
-        taken.add(name)
+        name = numbered(run.id, result, "-")
         same = name == run.id
-        result.append(run if same else replace(run, id=name, info=run.info.model_copy(update={"id": name})))
-    return result
+        result[name] = run if same else replace(run, id=name, info=run.info.model_copy(update={"id": name}))
+    return list(result.values())

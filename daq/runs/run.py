@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from daq.can.buses import load_for_vehicle, messages_by_bus
-from daq.can.databases import Database, load_database
-from daq.can.decoding import Decoder
+from daq.can.codec import Decoder
+from daq.can.databases import Database, load_database, load_for_vehicle, messages_by_bus
 from daq.can.frames import FrameBatch
 from daq.can.roles import SignalRef, resolve_roles
 from daq.channels import ROLES, Channel
@@ -72,7 +71,7 @@ class Configuration:
 
 
 def vehicle_from_file(path: Path, *, lenient_dbc: bool = False) -> Configuration:
-    """Read vehicle.toml, the DBCs it names (`daq.can.buses.load_for_vehicle`) and its zero file where there is one."""
+    """Read vehicle.toml, the DBCs it names and its zero file where there is one; raises as `load_for_vehicle`."""
     vehicle = load_toml(path, VehicleConfig)
     databases = load_for_vehicle(vehicle, path.parent, lenient=lenient_dbc)
     attachments = {VEHICLE_FILE: path.read_bytes()} | {
@@ -97,21 +96,19 @@ def runs_from_file(path: Path) -> Configuration:
 def from_recording(recording: RunRecording, beside: Configuration, *, lenient_dbc: bool = False) -> Configuration:
     """Return what a recording carries of vehicle and terrain; what `beside` already has is not read.
 
-    Raises
-    ------
-    ConfigError
-        An attached file is wrong, or a DBC that vehicle.toml names is not attached.
+    Raises ConfigError if an attached file is wrong, or a DBC that vehicle.toml names is not attached.
     """
     carried = recording.attachments
     vehicle, terrain = None, None
     databases: dict[str, tuple[Database, ...]] = {}
     where = f"{recording.path}: {VEHICLE_FILE}"
     if VEHICLE_FILE in carried and beside.vehicle is None:
-        vehicle = parse_toml(_text(carried[VEHICLE_FILE]), VehicleConfig, where)
+        vehicle = parse_toml(carried[VEHICLE_FILE].decode(errors="replace"), VehicleConfig, where)
         lenient = lenient_dbc or recording.metadata.get("run_start", {}).get(LENIENT_KEY) == "yes"
         databases = _attached_databases(vehicle, carried, where, lenient=lenient)
     if TERRAIN_FILE in carried and beside.terrain is None:
-        terrain = parse_toml(_text(carried[TERRAIN_FILE]), TerrainConfig, f"{recording.path}: {TERRAIN_FILE}")
+        text = carried[TERRAIN_FILE].decode(errors="replace")
+        terrain = parse_toml(text, TerrainConfig, f"{recording.path}: {TERRAIN_FILE}")
     return Configuration(vehicle, databases, terrain, attachments=carried, vehicle_source=where)
 
 
@@ -165,7 +162,7 @@ class Run:
     def channel_batches(
         self, roles: Collection[str] = ROLES, watch: Callable[[FrameBatch], None] | None = None
     ) -> Iterator[dict[str, Channel]]:
-        """Yield the channels of some roles piece by piece, in bounded memory; see `channels`.
+        """Yield the channels of some roles piece by piece, in bounded memory; see `channels`, also for its errors.
 
         The raw frames are decoded, never the decoded topics, and only the signals that are asked for. The first piece
         is empty, so that every role is known even where no frame ever came.
@@ -174,11 +171,6 @@ class Run:
         ----------
         watch : callable, optional
             Is shown the frames that are decoded.
-
-        Raises
-        ------
-        ConfigError, RecordingError
-            See `channels`.
         """
         references = resolve_roles(self.vehicle, self.databases, (), roles)
         decoder = Decoder(self.databases, {reference.name for reference in references.values()})
@@ -215,17 +207,12 @@ class Run:
         return {role: _joined(parts) for role, parts in pieces.items()}
 
     def to_frames(self, roles: Collection[str] = ROLES) -> dict[str, pd.DataFrame]:
-        """Return the channels of some roles as frames, each with its own time stamps; see `channels`.
+        """Return the channels of some roles as frames, each with its own time stamps; raises as `channels` does.
 
         Returns
         -------
         dict
             Role to frame with the columns ``time_ns`` and, for instance, ``drawbar_pull_n``.
-
-        Raises
-        ------
-        ConfigError, RecordingError
-            See `channels`.
         """
         return {role: channel.to_frame() for role, channel in self.channels(roles).items()}
 
@@ -273,17 +260,8 @@ def _attached_databases(
     names = list(dict.fromkeys(name for bus in vehicle.bus for name in bus.dbc))
     missing = [name for name in names if name not in carried]
     if missing:
-        raise DatabaseError(
-            *(
-                Fault(
-                    f"the recording does not carry the DBC {name!r}",
-                    where,
-                    expected=nearest(name, carried),
-                    next_step="give a vehicle.toml with its DBCs beside it: --vehicle",
-                )
-                for name in missing
-            )
-        )
+        what, step = "the recording does not carry the DBC", "give a vehicle.toml with its DBCs beside it: --vehicle"
+        raise DatabaseError(*(Fault(f"{what} {n!r}", where, "", nearest(n, carried), step) for n in missing))
     loaded = {name: _load_attached(carried[name], name, lenient=lenient) for name in names}
     databases = {bus.channel: tuple(loaded[name] for name in _names(vehicle, bus.channel)) for bus in vehicle.bus}
     messages_by_bus(databases)
@@ -300,10 +278,6 @@ def _in_our_units(reference: SignalRef, decoded: Channel) -> Channel:
 def _names(vehicle: VehicleConfig, channel: str) -> list[str]:
     """Return the DBCs of a bus that vehicle.toml may describe in several sections."""
     return [name for bus in vehicle.bus if bus.channel == channel for name in bus.dbc]
-
-
-def _text(content: bytes) -> str:
-    return content.decode("utf-8", errors="replace")
 
 
 def _joined(parts: list[Channel]) -> Channel:

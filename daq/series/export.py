@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,18 +26,12 @@ def write_table(path: str | Path, columns: Columns, units: Mapping[str, str] | N
 
 
 def write_frame(path: str | Path, frame: pd.DataFrame) -> Path:
-    """Write a frame as a table, with the units of its ``attrs["units"]``; see `write_blocks`.
+    """Write a frame as a table, with the units of its ``attrs["units"]``; see `write_blocks`, also for its errors.
 
     Parameters
     ----------
-    path : str or Path
     frame : pandas.DataFrame
         Shape (n, columns), as `to_frame` of a channel or a processed run gives it; its index is left out.
-
-    Raises
-    ------
-    ConfigError, DataError, HardwareError
-        See `write_blocks`.
     """
     columns = {name: frame[name].to_numpy() for name in frame.columns}
     columns = {name: values.astype(str) if values.dtype == object else values for name, values in columns.items()}
@@ -78,15 +72,10 @@ def write_blocks(path: str | Path, blocks: Iterable[Columns], units: Mapping[str
     units = units or {}
     write = _WRITERS.get(target.suffix.lower())
     if write is None:
-        raise ConfigError(
-            Fault(
-                f"tables are not written as {target.suffix or 'a file without a suffix'}",
-                str(target),
-                expected=", ".join(_WRITERS),
-                next_step="choose one of these suffixes",
-            )
-        )
-    checked = _checked(blocks, units)
+        what = f"tables are not written as {target.suffix or 'a file without a suffix'}"
+        step = "choose one of these suffixes"
+        raise ConfigError(Fault(what, str(target), expected=", ".join(_WRITERS), next_step=step))
+    checked = (_checked(block, units) for block in blocks)
     first = next(checked)
     try:
         with target.open("wb") as file:
@@ -102,13 +91,7 @@ def write_blocks(path: str | Path, blocks: Iterable[Columns], units: Mapping[str
     return target
 
 
-def _checked(blocks: Iterable[Columns], units: Mapping[str, str]) -> Iterator[Columns]:
-    for block in blocks:
-        _check(block, units)
-        yield block
-
-
-def _check(columns: Columns, units: Mapping[str, str]) -> None:
+def _checked(columns: Columns, units: Mapping[str, str]) -> Columns:
     lengths = {name: column.shape for name, column in columns.items()}
     faults = [
         Fault(f"there is a unit for {name!r}, but no such column", expected=nearest(name, columns))
@@ -120,6 +103,7 @@ def _check(columns: Columns, units: Mapping[str, str]) -> None:
         faults.append(Fault("the columns of a table must be of one length", found=listed))
     if faults:
         raise DataError(*faults)
+    return columns
 
 
 def _write_parquet(file: Any, first: Columns, others: Iterable[Columns], units: Mapping[str, str]) -> None:
@@ -156,7 +140,10 @@ def _write_mat(file: Any, first: Columns, others: Iterable[Columns], units: Mapp
     names: dict[str, str] = {}
     for name in columns:
         names[_matlab_name(name, names)] = name
-    content: dict[str, Any] = {short: _matlab_column(columns[name]) for short, name in names.items()}
+    content: dict[str, Any] = {}
+    for short, name in names.items():
+        column = columns[name]
+        content[short] = column.astype(object) if column.dtype.kind in "US" else column  # text as a cell array
     content["units"] = {short: units.get(name, "") for short, name in names.items()}
     content["names"] = names
     savemat(file, content, long_field_names=True, do_compression=True, oned_as="column")
@@ -171,11 +158,6 @@ def _matlab_name(name: str, taken: Mapping[str, str]) -> str:
         tail = f"_{number}"
         candidate, number = short[: _LONGEST_MATLAB_NAME - len(tail)] + tail, number + 1
     return candidate
-
-
-def _matlab_column(column: NDArray[Any]) -> NDArray[Any]:
-    """Return text as a cell array; numbers as they are."""
-    return column.astype(object) if column.dtype.kind in "US" else column
 
 
 _WRITERS: dict[str, Callable[[Any, Columns, Iterable[Columns], Mapping[str, str]], None]] = {

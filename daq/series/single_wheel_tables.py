@@ -197,52 +197,33 @@ def _plate_test(table: Table, name: str, radius_m: float | None, width_m: float 
 def _no_size(table: Table, sizes: Mapping[str, float]) -> Fault:
     if sizes.keys() >= {"radius_m", "width_m"}:
         return Fault("a plate has a radius or a width, not both", table.source, next_step="give one of them")
-    return Fault(
-        "the size of the plate is not known",
-        table.source,
-        expected="a column radius_m (round) or width_m (rectangular)",
-        next_step="add the column, or give --radius or --width",
-    )
+    expected, step = "a column radius_m (round) or width_m (rectangular)", "add the column, or give --radius or --width"
+    return Fault("the size of the plate is not known", table.source, "", expected, step)
 
 
 def _area(table: Table, sizes: Mapping[str, float]) -> float:
     if "radius_m" in sizes:
         return math.pi * sizes["radius_m"] ** 2
     if "length_m" not in sizes:
+        step = "add a column length_m, or give pressure_pa instead of force_n"
         raise ConfigError(
-            Fault(
-                "a force on a rectangular plate needs the plate's length",
-                table.source,
-                next_step="add a column length_m, or give pressure_pa instead of force_n",
-            )
+            Fault("a force on a rectangular plate needs the plate's length", table.source, next_step=step)
         )
     return sizes["width_m"] * sizes["length_m"]
 
 
 def _constant(table: Table, name: str, values: FloatArray, share: float = 1e-6) -> float:
     if np.ptp(values) > share * np.max(np.abs(values)):
-        raise DataError(
-            Fault(
-                f"column {name!r} changes within one test",
-                table.source,
-                found=f"{np.min(values):g} to {np.max(values):g}",
-                next_step="name the tests in a column 'test'",
-            )
-        )
+        found, step = f"{np.min(values):g} to {np.max(values):g}", "name the tests in a column 'test'"
+        raise DataError(Fault(f"column {name!r} changes within one test", table.source, found, next_step=step))
     return float(np.mean(values))
 
 
 def _refuse_other_units(table: Table, name: str, values: FloatArray) -> None:
     longest = float(np.max(np.abs(values)))
     if longest > _LONGEST_M:
-        raise DataError(
-            Fault(
-                f"column {name!r} is not in metres",
-                table.source,
-                found=f"up to {longest:g}",
-                next_step=f"if it is in millimetres: --rename {name}={name}*0.001",
-            )
-        )
+        step = f"if it is in millimetres: --rename {name}={name}*0.001"
+        raise DataError(Fault(f"column {name!r} is not in metres", table.source, f"up to {longest:g}", next_step=step))
 
 
 def _outside(table: Table, name: str, good: Iterable[bool], expected: str) -> list[Fault]:

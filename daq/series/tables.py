@@ -204,18 +204,9 @@ class Table:
         lines = tuple(line for line, keep in zip(self.lines, rows, strict=True) if keep)
         return Table(self.source, columns, lines, self.factors)
 
-    def where(self, row: int) -> str:
-        """Return file and line of a row, for messages."""
-        return f"{self.source}, line {self.lines[row]}"
-
     def _absent(self, name: str) -> Fault:
-        return Fault(
-            f"column {name!r} is missing",
-            self.source,
-            found=", ".join(self.columns),
-            expected=nearest(name, self.columns),
-            next_step=f"name the column that holds it: --rename {name}=COLUMN",
-        )
+        found, step = ", ".join(self.columns), f"name the column that holds it: --rename {name}=COLUMN"
+        return Fault(f"column {name!r} is missing", self.source, found, nearest(name, self.columns), step)
 
     def _column(self, name: str, required: bool, faults: list[Fault]) -> FloatArray:
         values, bad = np.full(len(self), np.nan), []
@@ -233,27 +224,19 @@ class Table:
         cells = [f"line {self.lines[i]}: {self.columns[name][i]!r}" for i in rows[:_LISTED]]
         more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
         comma = any("," in self.columns[name][i] for i in rows)
-        return Fault(
-            f"column {name!r} has cells that are not a number",
-            self.source,
-            found=", ".join(cells) + more,
-            expected="a number with a decimal point" if comma else "a number",
-            next_step="write decimal points instead of commas" if comma else "correct the cells or exclude the rows",
-        )
+        expected = "a number with a decimal point" if comma else "a number"
+        step = "write decimal points instead of commas" if comma else "correct the cells or exclude the rows"
+        what = f"column {name!r} has cells that are not a number"
+        return Fault(what, self.source, ", ".join(cells) + more, expected, step)
 
 
 def read_table(
     path: Path, *, rename: Mapping[str, Source] | None = None, where: Mapping[str, str] | None = None
 ) -> Table:
-    """Read a CSV file.
+    """Read a CSV file, with columns renamed (see `parse_rename`) and only some rows kept.
 
-    Parameters
-    ----------
-    rename : mapping new -> Source, optional
-        See `daq.series.tables.parse_rename`.
-    where : mapping column -> value, optional
-        Rows to keep; the columns may go by their old or their new names, their cells are as in the file. Numbers are
-        compared as numbers.
+    The columns of `where` may go by their old or their new names, their cells are as in the file. Numbers are compared
+    as numbers.
 
     Raises
     ------
@@ -277,9 +260,8 @@ def _parsed(path: Path) -> Table:
     except FileNotFoundError:
         raise ConfigError(Fault("no such file", str(path), next_step="check the path")) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(
-            Fault("the file cannot be read as text", str(path), str(error), next_step="save it as CSV, UTF-8")
-        ) from None
+        fault = Fault("the file cannot be read as text", str(path), str(error), next_step="save it as CSV, UTF-8")
+        raise ConfigError(fault) from None
     numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if _has_cells(line)]
     if not numbered:
         raise DataError(Fault("the table is empty", str(path), next_step="give a CSV file with a line of column names"))
@@ -313,48 +295,32 @@ def _squared(source: str, rows: list[list[str]], lines: list[int]) -> Table:
     return Table(source, dict(zip(head, zip(*body, strict=True), strict=True)), tuple(lines[1:]), {})
 
 
+def _refuse_unknown(table: Table, columns: Mapping[str, str]) -> None:
+    """Raise ConfigError for columns, by the option that names them, that the table does not have."""
+    faults = [
+        Fault(f"{option}: there is no column {name!r}", table.source, expected=nearest(name, table.columns))
+        for option, name in columns.items()
+        if name not in table
+    ]
+    if faults:
+        raise ConfigError(*faults)
+
+
 def _renamed(table: Table, rename: Mapping[str, Source]) -> Table:
-    unknown = [(new, source) for new, source in rename.items() if source.column not in table.columns]
-    if unknown:
-        raise ConfigError(
-            *(
-                Fault(
-                    f"--rename {new}={source.column}: there is no column {source.column!r}",
-                    table.source,
-                    expected=nearest(source.column, table.columns),
-                )
-                for new, source in unknown
-            )
-        )
+    _refuse_unknown(table, {f"--rename {new}={source.column}": source.column for new, source in rename.items()})
     columns = {name: cells for name, cells in table.columns.items() if name not in rename}
     columns |= {new: table.columns[source.column] for new, source in rename.items()}
     return Table(table.source, columns, table.lines, {new: source.factor for new, source in rename.items()})
 
 
 def _chosen(table: Table, where: Mapping[str, str]) -> Table:
-    unknown = [name for name in where if name not in table.columns]
-    if unknown:
-        raise ConfigError(
-            *(
-                Fault(
-                    f"--where {name}={where[name]}: there is no column {name!r}",
-                    table.source,
-                    expected=nearest(name, table.columns),
-                )
-                for name in unknown
-            )
-        )
+    _refuse_unknown(table, {f"--where {name}={value}": name for name, value in where.items()})
     for name, value in where.items():
         kept = table.kept([_equal(cell, value) for cell in table.columns[name]])
         if not len(kept):
-            raise ConfigError(
-                Fault(
-                    f"--where {name}={value}: no row is left",
-                    table.source,
-                    found=f"{name}: {', '.join(list(dict.fromkeys(table.columns[name]))[:12])}",
-                    next_step="choose one of the values that are there",
-                )
-            )
+            found = f"{name}: {', '.join(list(dict.fromkeys(table.columns[name]))[:12])}"
+            step = "choose one of the values that are there"
+            raise ConfigError(Fault(f"--where {name}={value}: no row is left", table.source, found, next_step=step))
         table = kept
     return table
 

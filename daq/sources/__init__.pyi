@@ -5,6 +5,6 @@ from .can_source import SourceCounters as SourceCounters
 from .interfaces import open_sink as open_sink
 from .interfaces import open_source as open_source
 from .player import ReplaySummary as ReplaySummary
-from .replaying import replay as replay
-from .replaying import replay_batches as replay_batches
+from .player import replay as replay
+from .player import replay_batches as replay_batches
 from .socketcan import SocketCanSource as SocketCanSource

@@ -1,4 +1,4 @@
-"""Live frames: SocketCAN read in batches, every other interface through python-can."""
+"""Live buses: what sources and sinks of frames do, and what a source counts."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""Sends frames at their times, and measures their lateness and the processor time.
+"""Replay of recordings and logs: frames are sent at their times, N times faster, or as fast as the bus takes them.
 
 The kernel is asked to wake the thread shortly before a frame is due; the rest is spent polling the clock.
+Lateness and processor time are measured.
 """
 
 from __future__ import annotations
@@ -9,18 +10,35 @@ import ctypes
 import sys
 import time
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from itertools import count
+from math import isfinite
+from pathlib import Path
 
 import numpy as np
 
 from daq.arrays import FloatArray
-from daq.can.frames import FrameArray, FrameBatch
+from daq.can.frames import FrameArray, FrameBatch, FrameFlag, frames_between
+from daq.config import BusSection
+from daq.errors import ConfigError, DataError, Fault, nearest
+from daq.logs import read_log
+from daq.recording import RunRecording
+from daq.runs.open import is_recording
 from daq.sources.can_source import Sink
+from daq.sources.interfaces import open_sink
 
 SPIN_S = 40e-6
 """Spent looking at the clock at the end of a wait: about what a wake-up costs once the kernel does not put it off."""
+
+_TOGETHER_S = 20e-6
+"""Frames that are due within this are sent in one call."""
+_LONELY_NS = 1_000_000_000
+"""From round to round of a recording of one frame, which has no interval."""
+_BINS_A_DECADE = 100
+_FIRST_DECADE_S = 1e-6
+_DECADES = 9
 
 # linux/prctl.h
 _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30
@@ -48,13 +66,6 @@ def wait_until(moment_s: float) -> float:
         if moment_s - now > SPIN_S:
             time.sleep(moment_s - now - SPIN_S)
     return now
-
-
-_TOGETHER_S = 20e-6
-"""Frames that are due within this are sent in one call."""
-_BINS_A_DECADE = 100
-_FIRST_DECADE_S = 1e-6
-_DECADES = 9
 
 
 @dataclass(frozen=True)
@@ -97,17 +108,7 @@ class ReplaySummary:
 
 
 class Player:
-    """Sends frames to open buses at their times.
-
-    Parameters
-    ----------
-    sinks : mapping str -> Sink
-        Bus name -> where its frames go; every frame's bus must be there.
-    speed : float or None
-        None: as fast as the buses take them.
-    timeout_s : float
-        How long to wait for a bus that takes no frames.
-    """
+    """Sends frames to open buses, by name, at their times; see `replay_batches`. Every frame's bus must be there."""
 
     def __init__(self, sinks: Mapping[str, Sink], speed: float | None, timeout_s: float) -> None:
         self._sinks = sinks
@@ -203,3 +204,185 @@ def _runs(batch: FrameBatch) -> Iterator[tuple[str, FrameArray]]:
     cuts = np.flatnonzero(np.diff(bus)) + 1
     for start, end in zip([0, *cuts], [*cuts, len(bus)], strict=True):
         yield batch.buses[int(bus[start])], batch.frames[start:end]
+
+
+class Looping:
+    """Frames repeated in a loop with increasing times; `begun` counts the passes.
+
+    `once` returns the frames of one round, read anew; `loops` is None for ever.
+    """
+
+    def __init__(self, once: Callable[[], Iterable[FrameBatch]], loops: int | None) -> None:
+        self._once = once
+        self._loops = loops
+        self.begun = 0
+
+    def __iter__(self) -> Iterator[FrameBatch]:
+        shift_ns = 0
+        for number in count(1) if self._loops is None else range(1, self._loops + 1):
+            self.begun = number
+            frames, first_ns, last_ns = 0, 0, 0
+            for batch in self._once():
+                if not len(batch):
+                    continue
+                time_ns = batch.frames["time_ns"]
+                first_ns, last_ns = (first_ns, last_ns) if frames else (int(time_ns[0]), int(time_ns[0]))
+                last_ns = max(last_ns, int(time_ns.max()))
+                frames += len(batch)
+                yield _later(batch, shift_ns) if shift_ns else batch
+            if not frames:
+                return
+            span_ns = last_ns - first_ns
+            shift_ns += span_ns + (span_ns // (frames - 1) if frames > 1 else _LONELY_NS)
+
+
+def _later(batch: FrameBatch, shift_ns: int) -> FrameBatch:
+    frames = batch.frames.copy()
+    frames["time_ns"] += shift_ns
+    return FrameBatch(frames, batch.buses)
+
+
+def replay(
+    recording: str | Path,
+    interface: str = "socketcan",
+    *,
+    channels: Mapping[str, str] | None = None,
+    speed: float | None = 1.0,
+    from_s: float = 0.0,
+    to_s: float | None = None,
+    loops: int | None = 1,
+    fd: bool = False,
+    send_error_frames: bool = False,
+) -> ReplaySummary:
+    """Send the frames of a recording, or of a log, to CAN buses.
+
+    Ctrl-C ends it; `ReplaySummary.interrupted` is then True.
+
+    Parameters
+    ----------
+    recording : str or Path
+        An MCAP recording, or a log that `read_log` knows.
+    interface : str
+        One that python-can knows.
+    channels : mapping str -> str, optional
+        Recorded bus -> channel to send its frames to; other buses are left out. All buses under their own names
+        where nothing is given.
+    speed : float or None
+        1 is the recorded timing, 10 ten times faster, None as fast as the buses take the frames.
+    from_s, to_s : float
+        Part of the recording, in seconds after its first frame.
+    loops : int or None
+        How often it is sent, None for ever. Time goes on: the next round begins one mean interval of the frames after
+        the last one ended. The data bytes stay as they are, so rolling counters and GNSS time jump there.
+    fd : bool
+        Whether to open the interface for CAN FD (SocketCAN always is).
+    send_error_frames : bool
+        Whether to send error frames, which only virtual buses carry.
+
+    Raises
+    ------
+    RecordingError
+        If the recording cannot be read.
+    ConfigError
+        If `channels` names a bus that is not in it, `speed` or `loops` is not positive, or `from_s` or `to_s` no
+        finite number.
+    DataError
+        If there is nothing to send.
+    HardwareError
+        If a bus cannot be opened or does not take the frames.
+    """
+    _check(speed, loops, from_s, to_s)
+    opened = _opened(Path(recording))
+    names = {bus: bus for bus in opened.buses} if channels is None else dict(channels)
+    if unknown := [bus for bus in names if bus not in opened.buses]:
+        faults = (Fault(f"no bus is called {b!r}", str(recording), expected=nearest(b, opened.buses)) for b in unknown)
+        raise ConfigError(*faults)
+    low = opened.start_ns + round(from_s * 1e9)
+    high = None if to_s is None else opened.start_ns + round(to_s * 1e9)
+    rounds = Looping(lambda: _on(opened.between(low, high), names), loops)
+    with ExitStack() as stack:
+        sinks = {}
+        for bus, channel in names.items():
+            sinks[bus] = open_sink(BusSection(channel=channel, interface=interface, fd=fd))
+            stack.callback(sinks[bus].close)
+        summary = replay_batches(rounds, sinks, speed=speed, send_error_frames=send_error_frames)
+    if not sum(summary.frames.values()) and not summary.interrupted:
+        raise DataError(
+            Fault("no frame lies in this part of the recording", str(recording), next_step="change from and to")
+        )
+    return replace(summary, rounds=rounds.begun)
+
+
+def replay_batches(
+    batches: Iterable[FrameBatch],
+    sinks: Mapping[str, Sink],
+    *,
+    speed: float | None = 1.0,
+    send_error_frames: bool = False,
+    timeout_s: float = 2.0,
+) -> ReplaySummary:
+    """Send frames to buses that are already open; see `replay`.
+
+    Parameters
+    ----------
+    sinks : mapping str -> Sink
+        Bus name -> where its frames go; frames of other buses are left out.
+    timeout_s : float
+        How long to wait for a bus that takes no frames.
+    """
+    _check(speed)
+    player = Player(sinks, speed, timeout_s)
+    skipped, interrupted = 0, False
+    try:
+        with precise_timing():
+            for batch in _on(batches, sinks):
+                if not send_error_frames:
+                    is_error = (batch.frames["flags"] & FrameFlag.ERROR) != 0
+                    skipped += int(np.count_nonzero(is_error))
+                    batch = batch[~is_error] if is_error.any() else batch
+                player.play(batch)
+    except KeyboardInterrupt:
+        interrupted = True
+    return player.summary(skipped, interrupted=interrupted)
+
+
+def _check(speed: float | None, loops: int | None = None, *seconds: float | None) -> None:
+    if speed is not None and not 0 < speed < float("inf"):
+        expected = "e.g. 1, or 10 for ten times faster"
+        raise ConfigError(Fault("speed must be positive", found=f"{speed}", expected=expected))
+    if loops is not None and loops < 1:
+        raise ConfigError(Fault("a recording is sent at least once", found=f"{loops} loops", expected="1 or more"))
+    if any(bound is not None and not isfinite(bound) for bound in seconds):
+        found = " to ".join(f"{bound}" for bound in seconds)
+        raise ConfigError(Fault("from and to must be numbers of seconds", found=found))
+
+
+@dataclass(frozen=True)
+class _Opened:
+    """A recording or log that can be read again and again."""
+
+    between: Callable[[int, int | None], Iterator[FrameBatch]]
+    buses: tuple[str, ...]
+    start_ns: int
+
+
+def _opened(path: Path) -> _Opened:
+    if is_recording(path):
+        recording = RunRecording.open(path)
+        span = recording.time_range_ns
+        if span is None:
+            raise DataError(Fault("the recording holds no frames", str(path)))
+        return _Opened(lambda low, high: recording.frame_batches(None, low, high), recording.buses, span[0])
+    buses: set[str] = set()
+    first: int | None = None
+    for batch in read_log(path):  # a log says only at its end which buses it holds
+        buses.update(batch.buses)
+        first = int(batch.frames["time_ns"][0]) if first is None else first
+    return _Opened(lambda low, high: frames_between(read_log(path), low, high), tuple(sorted(buses)), first or 0)
+
+
+def _on(batches: Iterable[FrameBatch], names: Mapping[str, object]) -> Iterator[FrameBatch]:
+    """Yield the frames of some buses."""
+    for batch in batches:
+        keep = [number for number, bus in enumerate(batch.buses) if bus in names]
+        yield batch if len(keep) == len(batch.buses) else batch[np.isin(batch.frames["bus"], keep)]

@@ -23,8 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from daq.arrays import IntArray
-from daq.can.frames import FrameArray, FrameBatch, FrameFlag
-from daq.can.messages import frames_from_messages, messages_from_frames
+from daq.can.frames import FrameArray, FrameBatch, FrameFlag, frames_from_messages, messages_from_frames
 from daq.config import BusSection
 from daq.errors import ConfigError, Fault, HardwareError, nearest
 from daq.host_clock import HostClock
@@ -46,15 +45,7 @@ _LOST_NS = 50_000_000
 
 
 class AdapterClock:
-    """Brings the stamps of one adapter to the host's realtime.
-
-    Parameters
-    ----------
-    interface : str
-        As python-can calls it.
-    clock : HostClock, optional
-        For the arrivals.
-    """
+    """Brings the stamps of one adapter to the host's realtime; `clock` is for the arrivals."""
 
     def __init__(self, interface: str, clock: HostClock | None = None) -> None:
         self.remarks: tuple[str, ...] = ()
@@ -161,14 +152,11 @@ _EXTRAS = {
 }
 """Interfaces and the extra of python-can that brings their Python package."""
 
-
 _DRIVER_ERRORS = (OSError, ValueError, TypeError, AttributeError, IndexError, struct.error)
 """What python-can's drivers raise, beside its own errors, when their adapter is pulled out or sends nonsense."""
 
-
 _NOISY_LOGGERS = ("can.bus", "can.pcan")
 """They warn of a bus that could not be opened, and of a package that stamps do not need; the fault says what counts."""
-
 
 _MULTICAST_ALL = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
 """Linux's IP_MULTICAST_ALL and IPV6_MULTICAST_ALL, which the socket module does not name."""
@@ -177,12 +165,8 @@ _MULTICAST_ALL = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (soc
 def open_bus(bus: BusSection) -> can.BusABC:
     """Open a python-can bus.
 
-    Raises
-    ------
-    ConfigError
-        If python-can knows no such interface.
-    HardwareError
-        If it is not there, must not be opened, or lacks its driver.
+    Raises ConfigError if python-can knows no such interface, HardwareError if it is not there, must not be opened, or
+    lacks its driver.
     """
     import can
 
@@ -202,14 +186,9 @@ def open_bus(bus: BusSection) -> can.BusABC:
         return opened
     except (can.CanError, OSError, ImportError, ValueError, TypeError, NameError) as error:
         # NameError: what python-can's kvaser raises without its driver
-        raise HardwareError(
-            Fault(
-                f"the {interface} interface cannot be opened",
-                f"bus {bus.channel}",
-                str(error) or type(error).__name__,
-                next_step=_next_step(interface, bus.channel, error),
-            )
-        ) from None
+        what, found = f"the {interface} interface cannot be opened", str(error) or type(error).__name__
+        step = _next_step(interface, bus.channel, error)
+        raise HardwareError(Fault(what, f"bus {bus.channel}", found, next_step=step)) from None
 
 
 def _hear_only_its_group(bus: can.BusABC) -> None:
@@ -238,13 +217,26 @@ def _is_multicast(channel: str) -> bool:
         return False
 
 
-class PythonCanSource:
-    """Frames of a python-can bus; see `daq.sources.can_source.Source`. It does not count what it loses."""
+class _OpenBus:
+    """A python-can bus that is open until `close`."""
 
     def __init__(self, bus: BusSection) -> None:
         self._bus = open_bus(bus)
         self._open = True
         self.name = bus.channel
+
+    def close(self) -> None:
+        """Let go of the interface; a second call does nothing."""
+        if self._open:
+            self._open = False
+            self._bus.shutdown()
+
+
+class PythonCanSource(_OpenBus):
+    """Frames of a python-can bus; see `daq.sources.can_source.Source`. It does not count what it loses."""
+
+    def __init__(self, bus: BusSection) -> None:
+        super().__init__(bus)
         self._clock = AdapterClock(bus.interface or "socketcan")
         self._received = 0
         self._errors = 0
@@ -284,20 +276,9 @@ class PythonCanSource:
         """See `daq.sources.can_source.Source`."""
         return True
 
-    def close(self) -> None:
-        """See `daq.sources.can_source.Source`."""
-        if self._open:
-            self._open = False
-            self._bus.shutdown()
 
-
-class PythonCanSink:
+class PythonCanSink(_OpenBus):
     """A python-can bus to send frames to; see `daq.sources.can_source.Sink`."""
-
-    def __init__(self, bus: BusSection) -> None:
-        self._bus = open_bus(bus)
-        self._open = True
-        self.name = bus.channel
 
     def send(self, frames: FrameArray, timeout_s: float) -> None:
         """See `daq.sources.can_source.Sink`."""
@@ -314,12 +295,6 @@ class PythonCanSink:
                         continue
                     raise HardwareError(_gone(self.name, error)) from None
                 break
-
-    def close(self) -> None:
-        """See `daq.sources.can_source.Sink`."""
-        if self._open:
-            self._open = False
-            self._bus.shutdown()
 
 
 def _gone(name: str, error: Exception) -> Fault:

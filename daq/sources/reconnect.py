@@ -27,17 +27,10 @@ FIRST_RETRY_S = 0.5
 RETRY_S = 2.0
 _CHECK_EVERY_S = 0.2
 
-Opener = Callable[[BusSection], Source]
-
 
 @dataclass(frozen=True)
 class BusChange:
-    """A bus that went down or came back.
-
-    Attributes
-    ----------
-    state : {"up", "down", "bus_off"}
-    """
+    """A bus that went down or came back."""
 
     bus: str
     state: BusState
@@ -54,18 +47,10 @@ class ReconnectingSource:
 
     It is read by one thread; `status`, `counters` and `changes` may be asked for by another.
 
-    Parameters
-    ----------
-    opener : callable
-        Opens the bus, as `daq.sources.can_source.open_source` does.
-
-    Raises
-    ------
-    ConfigError, HardwareError
-        If it cannot be opened the first time.
+    `opener` opens the bus, as `daq.sources.open_source` does; ConfigError or HardwareError if it cannot the first time.
     """
 
-    def __init__(self, bus: BusSection, opener: Opener) -> None:
+    def __init__(self, bus: BusSection, opener: Callable[[BusSection], Source]) -> None:
         self.name = bus.channel
         self._bus = bus
         self._opener = opener
@@ -123,11 +108,8 @@ class ReconnectingSource:
         except InterfaceDownError as error:
             self._go("down", error.faults[0])
             return FrameBatch.empty((self.name,))
-        except HardwareError as error:
-            self._give_up(error.faults[0])
-            return FrameBatch.empty((self.name,))
         except Exception as error:  # noqa: BLE001 - a bug in a driver must cost no more than a reconnection
-            self._give_up(_driver_fault(self.name, error))
+            self._give_up(_fault_of(self.name, error))
             return FrameBatch.empty((self.name,))
         if self._state != "up" or (len(batch) and bool((batch.frames["flags"] & FrameFlag.ERROR).any())):
             self._judge(batch)
@@ -172,12 +154,8 @@ class ReconnectingSource:
         self.opening = True
         try:
             source = self._opener(self._bus)
-        except (ConfigError, HardwareError) as error:
-            self._fault = error.faults[0]
-            self._retry_at = time.monotonic() + RETRY_S
-            return False
         except Exception as error:  # noqa: BLE001 - as in `read`
-            self._fault = _driver_fault(self.name, error)
+            self._fault = _fault_of(self.name, error)
             self._retry_at = time.monotonic() + RETRY_S
             return False
         finally:
@@ -223,7 +201,9 @@ def _close(source: Source) -> None:
         source.close()
 
 
-def _driver_fault(name: str, error: Exception) -> Fault:
+def _fault_of(name: str, error: Exception) -> Fault:
+    if isinstance(error, ConfigError | HardwareError):
+        return error.faults[0]
     found, step = f"{type(error).__name__}: {error}", "check the adapter and its cable"
     return Fault("the interface's driver failed", f"bus {name}", found, next_step=step)
 

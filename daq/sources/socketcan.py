@@ -32,10 +32,7 @@ _IFREQ = struct.Struct("=16sH22x")
 def listening(channel: str, buffer_bytes: int) -> socket.socket:
     """Return a socket that receives the frames of an interface, and its error frames; see `prepared`.
 
-    Raises
-    ------
-    HardwareError
-        If the kernel has no CAN, or there is no such interface, or it must not be opened.
+    Raises HardwareError if the kernel has no CAN, or there is no such interface, or it must not be opened.
     """
 
     def prepare(made: socket.socket) -> None:
@@ -43,11 +40,6 @@ def listening(channel: str, buffer_bytes: int) -> socket.socket:
         prepared(made, buffer_bytes)
 
     return _bound(channel, prepare)
-
-
-def sending(channel: str) -> socket.socket:
-    """Return a socket that only sends; raises as `listening` does."""
-    return _bound(channel, lambda made: made.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, b""))
 
 
 def prepared(made: socket.socket, buffer_bytes: int) -> socket.socket:
@@ -98,17 +90,6 @@ def lost_frames(made: socket.socket) -> int:
     """Return how many frames the kernel has dropped because they were not fetched in time."""
     words: NDArray[np.uint32] = np.frombuffer(made.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 36), np.uint32)
     return int(words[_MEMINFO_DROPS]) if len(words) > _MEMINFO_DROPS else 0
-
-
-def interface_is_up(made: socket.socket, channel: str) -> bool:
-    """Whether an interface is there and up."""
-    import fcntl  # Unix has it; so has every system with SocketCAN
-
-    try:
-        _, flags = _IFREQ.unpack(fcntl.ioctl(made, _SIOCGIFFLAGS, _IFREQ.pack(channel.encode(), 0)))
-    except OSError:
-        return False
-    return bool(flags & _IFF_UP)
 
 
 def _bound(channel: str, prepare: Callable[[socket.socket], object]) -> socket.socket:
@@ -263,7 +244,14 @@ class SocketCanSource:
 
     def is_up(self) -> bool:
         """See `daq.sources.can_source.Source`."""
-        return interface_is_up(self._socket, self.name)
+        import fcntl  # Unix has it; so has every system with SocketCAN
+
+        try:
+            request = _IFREQ.pack(self.name.encode(), 0)
+            _, flags = _IFREQ.unpack(fcntl.ioctl(self._socket, _SIOCGIFFLAGS, request))
+        except OSError:
+            return False
+        return bool(flags & _IFF_UP)
 
     def close(self) -> None:
         """See `daq.sources.can_source.Source`."""
@@ -314,10 +302,7 @@ class SocketCanSource:
     def _together(self, parts: list[FrameArray]) -> FrameBatch:
         if not parts:
             return FrameBatch.empty((self.name,))
-        frames = parts[0]
-        if len(parts) > 1:
-            wide = any(part.dtype == FD_DTYPE for part in parts)
-            frames = joined([FrameBatch(part, ()).widened().frames if wide else part for part in parts])
+        frames = parts[0] if len(parts) == 1 else joined(parts)
         if not self._received:
             frames["time_ns"] = _not_after_the_next(frames["time_ns"])
         self._received += len(frames)
@@ -336,7 +321,7 @@ class SocketCanSink:
 
     def __init__(self, channel: str) -> None:
         self.name = channel
-        self._socket = sending(channel)
+        self._socket = _bound(channel, lambda made: made.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, b""))  # only sends
         self._batch = _Batch()
 
     def send(self, frames: FrameArray, timeout_s: float) -> None:
@@ -366,7 +351,7 @@ class SocketCanSink:
     def _fill(self, frames: FrameArray) -> None:
         raw, flags = self._batch.frames[: len(frames)], frames["flags"]
         can_id = frames["can_id"].copy()
-        for bit, flag in ((_EXTENDED, FrameFlag.EXTENDED), (_REMOTE, FrameFlag.REMOTE), (_ERROR, FrameFlag.ERROR)):
+        for bit, flag in _BITS:
             can_id |= ((flags & flag) != 0) * np.uint32(bit)
         raw["id"] = can_id
         raw["length"] = frames["length"]

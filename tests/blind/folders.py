@@ -17,8 +17,8 @@ from blind.wheel import OUTBOARD_KG, OUTBOARD_KGM2, RADIUS_M, WIDTH_M
 
 from daq import FloatArray
 from daq.can.bits import Message
+from daq.can.codec import encode, merge
 from daq.can.databases import load_database
-from daq.can.encoding import encode, merge
 from daq.can.frames import FrameBatch
 from daq.channels import Channel
 from daq.config import RunInfo, TerrainConfig, VehicleConfig

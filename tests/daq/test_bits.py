@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.can.bits import RawKind, Signal, bit_field, read_raw, write_raw
+from daq.can.codec import decode
 from daq.can.databases import load_database
-from daq.can.decoding import decode
 
 WIDTH = 64
 """Bytes of a CAN FD frame."""

@@ -11,8 +11,7 @@ from frames_support import content, some_frames
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.can.frames import FrameBatch, FrameFlag, concatenate
-from daq.can.messages import messages_from_frames
+from daq.can.frames import FrameBatch, FrameFlag, concatenate, messages_from_frames
 from daq.errors import RecordingError
 from daq.logs import blf, read_log
 from daq.logs.blf import read_blf

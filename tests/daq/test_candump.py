@@ -14,8 +14,7 @@ from frames_support import START_NS, classical, content, same, some_frames
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.can.frames import FrameBatch, FrameFlag, concatenate, split
-from daq.can.messages import messages_from_frames
+from daq.can.frames import FrameBatch, FrameFlag, concatenate, messages_from_frames, split
 from daq.errors import DataError, RecordingError
 from daq.logs import candump as candump_module
 from daq.logs import read_log, write_candump

@@ -8,8 +8,7 @@ from pathlib import Path
 import cantools.database
 import pytest
 
-from daq.can.buses import load_for_vehicle, messages_by_bus
-from daq.can.databases import load_database, shipped_dbc
+from daq.can.databases import load_database, load_for_vehicle, messages_by_bus, shipped_dbc
 from daq.config import VehicleConfig, load_toml
 from daq.errors import ConfigError, DatabaseError
 from daq.units import Quantity, find_unit

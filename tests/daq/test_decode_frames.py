@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from daq.can import decoding as decode_module
+from daq.can import codec as decode_module
+from daq.can.codec import Decoder, decode
 from daq.can.databases import Database, load_database
-from daq.can.decoding import Decoder, decode
 from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag, concatenate
 from daq.can.identify import Coverage, coverage
 from daq.errors import DatabaseError

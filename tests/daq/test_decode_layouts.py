@@ -13,8 +13,8 @@ from dbc_layouts import MULTIPLEXED, dbc, signals
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from daq.can.codec import Decoder, decode
 from daq.can.databases import load_database
-from daq.can.decoding import Decoder, decode
 
 
 @settings(max_examples=60, deadline=None)

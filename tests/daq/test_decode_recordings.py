@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from support import data_dir
 
+from daq.can.codec import decode
 from daq.can.databases import load_database
-from daq.can.decoding import decode
 from daq.can.frames import CLASSIC_DTYPE, FrameBatch, FrameFlag
 from daq.can.identify import coverage
 from daq.errors import DatabaseError

@@ -13,7 +13,7 @@ from frames_support import some_frames
 
 from daq.errors import HardwareError
 from daq.recording import Recording, RecordingWriter
-from daq.recording.disk_file import DiskFile
+from daq.recording.sink import DiskFile
 
 
 def test_a_slow_fsync_holds_up_no_flush(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,9 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.can.bits import Message, RawKind
+from daq.can.codec import decode, encode, merge, rolling_counter
 from daq.can.databases import Database, load_database, shipped_dbc
-from daq.can.decoding import decode
-from daq.can.encoding import encode, merge, rolling_counter
 from daq.can.frames import FrameFlag
 from daq.errors import DatabaseError
 

@@ -104,7 +104,7 @@ def test_frames_dropped_of_a_message_without_counter() -> None:
 def test_skipped_frames_are_not_lost() -> None:
     from health_support import in_steps
 
-    from daq.can.decoding import Decoder
+    from daq.can.codec import Decoder
     from daq.logger.health.monitor import HealthMonitor
 
     batch = recorded()

@@ -15,8 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq.can.bits import Message, RawKind, Signal
+from daq.can.codec import Decoder
 from daq.can.databases import load_database, shipped_dbc
-from daq.can.decoding import Decoder
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, FrameFlag, concatenate
 from daq.config import VehicleConfig
 from daq.logger.health.bus_health import bits_on_wire

@@ -15,8 +15,7 @@ import pytest
 from frames_support import START_NS, classical, content, some_frames
 from support import data_dir
 
-from daq.can.frames import FrameBatch, FrameFlag, concatenate
-from daq.can.messages import frames_from_messages, messages_from_frames
+from daq.can.frames import FrameBatch, FrameFlag, concatenate, frames_from_messages, messages_from_frames
 from daq.errors import ConfigError, RecordingError
 from daq.logs import read_log, write_candump
 from daq.logs.mf4 import merged

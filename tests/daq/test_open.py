@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daq.can.codec import encode
 from daq.can.databases import load_database, shipped_dbc
-from daq.can.encoding import encode
 from daq.can.frames import FrameBatch, concatenate
 from daq.config import RunInfo, VehicleConfig
 from daq.errors import ConfigError, DatabaseError, RecordingError

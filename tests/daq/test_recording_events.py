@@ -14,7 +14,7 @@ from daq.errors import DataError
 from daq.recording import DiagnosticStatus, Event, Recording, RecordingWriter
 from daq.recording.chunks import DamagedError
 from daq.recording.events import decode_event, encode_diagnostics, encode_event
-from daq.recording.topics import CdrDecoder
+from daq.recording.format import CdrDecoder
 
 # Lone surrogates are no text, and ROS strings end at a NUL.
 TEXT = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=40)

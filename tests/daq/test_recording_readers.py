@@ -12,14 +12,14 @@ from recording_support import START_NS, random_frames
 
 from daq.can.frames import FrameBatch, split
 from daq.recording import DiagnosticStatus, Event, Recording, RecordingWriter
-from daq.recording.topics import TopicNames, field_names, snake_case
+from daq.recording.decoded_topics import field_names
+from daq.recording.format import TopicNames, snake_case
 
 # Names as vendors write them: keywords, digits first, doubles once in snake case, words of the formats themselves.
 SIGNALS = ["Fx", "fx", "2ndGear", "class", "header", "Drehmoment°", "µ", "WheelSpeedFL", "uint8", "string", "stamp"]
 UNITS = dict(zip(SIGNALS, ["N", "kN", "", "", "", "Nm", "", "km/h", "", "", "s"], strict=True))
 COUNT = 40
 TIMES = START_NS + np.arange(COUNT) * 10_000_000 + np.arange(COUNT) ** 2
-PUBLISHED = TIMES - 160_000_000
 VALUES = {name: np.random.default_rng(i).normal(size=COUNT) * 10.0**i for i, name in enumerate(SIGNALS[:-1])}
 VALUES["Fx"][3] = np.nan
 LATITUDE = np.linspace(48, 49, COUNT)
@@ -48,7 +48,7 @@ def recording(request, tmp_path_factory):
             for batch in split(FrameBatch(frames, ("can0", "2nd-Bus")), 500):
                 writer.write_frames(batch)
                 writer.flush()
-        writer.write_decoded("WFT_Force", "can0", TIMES, VALUES, UNITS, publish_ns=PUBLISHED)
+        writer.write_decoded("WFT_Force", "can0", TIMES, VALUES, UNITS)
         writer.write_decoded("raw", "can0", TIMES, {"V": VALUES["Fx"]}, {"V": "m/s"})
         writer.write_position("can0", TIMES, LATITUDE, -LATITUDE)
         for event in EVENTS:
@@ -111,7 +111,7 @@ def test_raw_frames(topics, fd, number, bus):
 def test_decoded_messages(topics):
     messages = topics["/can/can0/wft_force"]
     assert [log_time_ns for log_time_ns, _ in messages] == TIMES.tolist()
-    assert [stamp_ns(message) for _, message in messages] == PUBLISHED.tolist()
+    assert [stamp_ns(message) for _, message in messages] == TIMES.tolist()
     for signal, field in zip(SIGNALS, field_names(SIGNALS), strict=True):
         found = np.array([getattr(message, field) for _, message in messages])
         np.testing.assert_array_equal(found, VALUES.get(signal, np.full(COUNT, np.nan)))

@@ -27,8 +27,7 @@ from daq.recording import reader as raw_frames
 from daq.recording.chunks import ChunkEntry, read_chunk
 from daq.sources.can_source import Source
 from daq.sources.interfaces import open_source
-from daq.sources.player import ReplaySummary
-from daq.sources.replaying import Looping, replay, replay_batches
+from daq.sources.player import Looping, ReplaySummary, replay, replay_batches
 
 
 def listening() -> Source:

@@ -132,7 +132,7 @@ def test_a_signal_on_several_buses_needs_the_bus() -> None:
 
 def test_the_shipped_files_serve_all_roles_but_sinkage() -> None:
     path = shipped_dbc("wft.dbc")
-    from daq.can.buses import load_for_vehicle
+    from daq.can.databases import load_for_vehicle
     from daq.config import load_toml
 
     config = load_toml(path.with_name("vehicle.toml"), VehicleConfig)

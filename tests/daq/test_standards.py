@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from daq.can.frames import FD_LENGTHS
 from daq.can.identify import parameter_groups
-from daq.can.messages import FD_LENGTHS
 
 
 def test_the_lengths_of_a_can_fd_frame() -> None:

@@ -24,7 +24,7 @@ from daq.logger.field_logger import log
 from daq.recording import Recording, RecordingWriter
 from daq.runs.open import open_runs
 from daq.runs.run import vehicle_from_file
-from daq.sources.replaying import replay
+from daq.sources.player import replay
 from model.fit.fit import fit_models
 from model.fit.result import CampaignFit, FitOptions
 from model.wheel_soil.conditions import Wheel

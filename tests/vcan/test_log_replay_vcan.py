@@ -42,7 +42,7 @@ def what_can_be_sent(seed: int, buses: tuple[str, ...]) -> FrameBatch:
 ONE_BUS, TWO_BUSES = what_can_be_sent(7, ("vcan0",)), what_can_be_sent(9, ("vcan0", "vcan1"))
 BURST = some_frames(np.random.default_rng(8), 15_000)
 SEND_BURST = """
-from daq.sources.replaying import replay
+from daq.sources.player import replay
 replay("sent.mcap", channels={"can0": "vcan0"}, speed=None, send_error_frames=True)
 """
 LOSE = """

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from cli_support import invoke, ok
 
+from daq.can.codec import encode, merge
 from daq.can.databases import load_database, shipped_dbc
-from daq.can.encoding import encode, merge
 from daq.can.frames import FrameBatch
 from daq.config import RunInfo
 from daq.recording import Recording, RecordingWriter

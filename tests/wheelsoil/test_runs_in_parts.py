@@ -15,7 +15,7 @@ from daq.recording import Event, PartWriter, Recording
 from daq.recording.part_writer import part_path, parts_on_disk
 from daq.runs.open import open_runs
 from daq.sources.interfaces import open_source
-from daq.sources.replaying import replay
+from daq.sources.player import replay
 
 _BATCH = 997
 

@@ -13,8 +13,8 @@ import tomli_w
 from cli_support import invoke, ok
 from stressed_wheel import StressedWheel
 
+from daq.can.codec import encode, merge
 from daq.can.databases import load_database
-from daq.can.encoding import encode, merge
 from daq.logs import write_candump
 from daq.runs.open import open_runs
 from processing.options import ProcessOptions

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from virtual_support import simulated
 
+from daq.can.codec import Decoder
 from daq.can.databases import load_database, shipped_dbc
-from daq.can.decoding import Decoder
 from daq.can.frames import FrameBatch
 from daq.channels import Channel
 from daq.errors import DataError

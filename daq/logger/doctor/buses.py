@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from daq.can.buses import messages_by_bus
+from daq.can.databases import messages_by_bus
 from daq.can.frames import ErrorClass, FrameFlag
 from daq.can.identify import coverage
 from daq.can.roles import SignalRef

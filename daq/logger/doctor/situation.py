@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
-from daq.can.buses import load_for_vehicle
-from daq.can.databases import Database
-from daq.can.decoding import Decoder
+from daq.can.codec import Decoder
+from daq.can.databases import Database, load_for_vehicle
 from daq.can.frames import FrameBatch, concatenate, split
 from daq.can.roles import SignalRef
 from daq.channels import Channel

@@ -108,7 +108,7 @@ class HealthMonitor:
         batch : FrameBatch
             In the order in which they were received.
         decoded : mapping (bus, "Message.Signal") -> Channel
-            Of the same frames: all signals of every message that came, as `daq.can.decoding.Decoder` returns them.
+            Of the same frames: all signals of every message that came, as `daq.can.codec.Decoder` returns them.
         """
         self._take_traffic(batch)
         uncertain = bool(np.bitwise_or.reduce(batch.frames["flags"], initial=0) & FrameFlag.UNCERTAIN_TIME)

@@ -10,8 +10,7 @@ import numpy as np
 
 from daq.arrays import BoolArray, FloatArray, IntArray
 from daq.can.bits import Message, RawKind, Signal
-from daq.can.buses import messages_by_bus
-from daq.can.databases import Database
+from daq.can.databases import Database, messages_by_bus
 from daq.can.roles import SignalRef, means_no_data, resolve_roles
 from daq.channels import ROLES
 from daq.config import HealthSection, VehicleConfig
@@ -201,7 +200,7 @@ class WatchedMessage:
     Attributes
     ----------
     bus, name : str
-        As `daq.can.buses.messages_by_bus` names it.
+        As `daq.can.databases.messages_by_bus` names it.
     names : tuple of str
         Signals, in the order of the rows of `values`.
     keys : tuple of (bus, "Message.Signal")
