@@ -14,12 +14,11 @@ from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import ModuleType
 from typing import Any
 
 from daq import ConfigError, Fault, WheelsoilError
 from wheelsoil import __version__
-from wheelsoil.report.content import Figure, Section, Text, drawn, figures_of, texts_of
+from wheelsoil.report.content import Figure, Section, SectionBuilder, Text, drawn, figures_of, texts_of
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
 from wheelsoil.wording.to_json import plain
@@ -225,17 +224,17 @@ def build_report(material: ReportInputs) -> Report:
     """Build every section; a section that fails is replaced by the reason, and the others are not affected."""
     left_out: dict[str, str] = {}
     sections = []
-    for module in _asked_for(material):
-        key = module.KEY
+    for builder in _asked_for(material):
+        key = builder.key
         try:
-            section = module.build(material)
+            section = builder.build(material)
         except WheelsoilError as error:
             left_out[key] = "; ".join(fault.what for fault in error.faults)
         except Exception as error:  # noqa: BLE001 - an error in one section must not stop the report
             _log.debug("section %s", key, exc_info=True)
             left_out[key] = f"a fault in this section ({type(error).__name__}: {error}); please report it"
         if key in left_out:
-            section = Section(key, module.TITLE, [Text(f"Left out: {left_out[key]}.", "missing")])
+            section = Section(key, builder.title, [Text(f"Left out: {left_out[key]}.", "missing")])
         sections.append(section)
     terrain = material.terrain or "unknown terrain"
     return Report(
@@ -248,10 +247,10 @@ def build_report(material: ReportInputs) -> Report:
     )
 
 
-def _asked_for(material: ReportInputs) -> list[ModuleType]:
+def _asked_for(material: ReportInputs) -> list[SectionBuilder]:
     """Return the sections of the page."""
     diagnosed = material.diagnosed is not None or bool(material.no_diagnosis)
-    return [module for module in SECTIONS if diagnosed or module not in OF_THE_DIAGNOSIS]
+    return [builder for builder in SECTIONS if diagnosed or builder not in OF_THE_DIAGNOSIS]
 
 
 def _subtitle(material: ReportInputs) -> str:

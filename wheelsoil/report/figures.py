@@ -127,6 +127,9 @@ def _cell(values: FloatArray, cells: int) -> IntArray:
 
 Trace = dict[str, Any]
 
+ALL_RUNS = "all runs"
+"""Name of the choice among the runs that shows all of them."""
+
 MEASURED = "#111111"
 CLOUD = "rgba(90,90,90,0.35)"
 GREY_BAND = "rgba(0,0,0,0.13)"
@@ -340,3 +343,9 @@ def _stretched(low: float, high: float, also: FloatArray) -> tuple[float, float]
     if below + above > span:
         below, above = min(below, max(span - above, span / 2)), min(above, max(span - below, span / 2))
     return low - below, high + above
+
+
+def dotted_line(x: float) -> dict[str, Any]:
+    """Return a vertical dotted line over the whole figure at one x, as plotly's shape."""
+    place = {"type": "line", "xref": "x", "yref": "paper", "x0": x, "x1": x, "y0": 0, "y1": 1}
+    return place | {"line": {"color": "#555", "width": 1.2, "dash": "dot"}}

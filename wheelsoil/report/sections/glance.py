@@ -5,15 +5,12 @@ from __future__ import annotations
 import re
 
 from daq import DataError
-from wheelsoil.report.content import Block, Light, Lights, Section, Text
+from wheelsoil.report.content import Block, Contents, Light, Lights, Text, section
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.sections.diagnosis import verdict
+from wheelsoil.report.sections.verdict import verdict
 from wheelsoil.report.words import count, listed
 from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows.grading import Grade
-
-KEY = "glance"
-TITLE = "In ten seconds"
 
 _END = ". "
 """Of a sentence: the first is read by everyone, the others stand below the lights."""
@@ -24,7 +21,8 @@ _MANY = 12
 """Runs beyond which good ones are not commented on."""
 
 
-def build(material: ReportInputs) -> Section:
+@section("glance", "In ten seconds")
+def glance(material: ReportInputs) -> Contents:
     """Build the section; it is there whatever is missing."""
     grades = {run.run.id: grade for run, grade in zip(material.runs, material.grades, strict=True)}
     sentence, step = _sentence(material), next_step(material, grades)
@@ -38,7 +36,7 @@ def build(material: ReportInputs) -> Section:
     blocks: list[Block] = [Text(lead, "lead"), Text(f"{step[0].upper()}{step[1:]}", "next"), Lights("Runs", lights)]
     below = _without(rest, step)
     blocks += [Text(below)] if below else []
-    return Section(KEY, TITLE, blocks, {"sentence": sentence, "next_step": step, "grades": grades})
+    return blocks, {"sentence": sentence, "next_step": step, "grades": grades}
 
 
 def _without(rest: str, step: str) -> str:
