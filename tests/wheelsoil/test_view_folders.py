@@ -8,7 +8,7 @@ from pathlib import Path
 from closed_folders import as_nobody, closed
 from view_client import taken_from, viewing
 
-from wheelsoil.view.opening import Files, open_campaigns
+from wheelsoil.view.campaigns import Files, open_campaigns
 
 ROOT = Path(__file__).parents[2]
 CLAY, SANDY = ROOT / "recordings" / "clay", ROOT / "recordings" / "sandy"

@@ -13,7 +13,7 @@ import pytest
 from cli_support import ok
 from view_client import View, taken_from, viewing
 
-from wheelsoil.view.opening import Files, open_campaigns
+from wheelsoil.view.campaigns import Files, open_campaigns
 from wheelsoil.workflows.report import report_of
 
 ROOT = Path(__file__).parents[2]

@@ -172,7 +172,7 @@ def view_command(
     Exit codes: 2 usage or configuration; 3 unreadable recording; 4 the port that --port gives is taken, no such
     address; 130 Ctrl-C, 143 SIGTERM.
     """
-    from wheelsoil.view.opening import Files
+    from wheelsoil.view.campaigns import Files
     from wheelsoil.view.server import serve
     from wheelsoil.workflows.fit import known_soil
 

@@ -1,2 +1,2 @@
-from .opening import Files as Files
+from .campaigns import Files as Files
 from .server import serve as serve

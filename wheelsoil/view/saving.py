@@ -14,7 +14,7 @@ import numpy as np
 from daq import BoolArray, ConfigError, Fault, FloatArray
 from processing import ProcessedRun, Reason
 from wheelsoil.view.campaigns import ViewedCampaign
-from wheelsoil.view.requests import SelectedAsked
+from wheelsoil.view.messages import SelectedAsked
 from wheelsoil.workflows.choice import SCHEMA, Choice, ChosenRun
 from wheelsoil.workflows.recording_summary import sha256_of
 

@@ -25,13 +25,20 @@ from starlette.types import ASGIApp
 from daq import ConfigError, DataError, Fault, WheelsoilError
 from wheelsoil.cli.console import printable_addresses
 from wheelsoil.view.analysis_session import AnalysisSession, UnknownKeyError
-from wheelsoil.view.campaigns import NotReadyError
-from wheelsoil.view.entries import fault_of_ours, faults_as_json
-from wheelsoil.view.opening import Files
-from wheelsoil.view.requests import Asked, CampaignAsked, ChoiceAsked, CurveAsked, SaveAsked, SelectedAsked, asked_of
-from wheelsoil.web.guard import POLICY, Guard, Rules, files_in, routes_of
+from wheelsoil.view.campaigns import Files, NotReadyError
+from wheelsoil.view.messages import (
+    Asked,
+    CampaignAsked,
+    ChoiceAsked,
+    CurveAsked,
+    SaveAsked,
+    SelectedAsked,
+    asked_of,
+    fault_of_ours,
+    faults_as_json,
+)
 from wheelsoil.web.listening import PortTakenError, checked_token, listen, page_addresses
-from wheelsoil.web.serving import server_of
+from wheelsoil.web.serving import POLICY, Guard, Rules, files_in, routes_of, server_of
 from wheelsoil.wording.model_styles import styles_script
 from wheelsoil.wording.to_json import to_json
 
