@@ -73,7 +73,7 @@ def _of_the_fit(material: ReportInputs, diagnosis: Diagnosis | None = None) -> t
     ranking = rank(material)
     checks = [check for check in _checks(material, ranking) if check.text]
     concerns = sum(check.kind == "warning" for check in checks)
-    sentence = _sentence(material, ranking)
+    sentence = " ".join(fit_sentences(material, ranking))
     trust = _trust(concerns) if diagnosis is None else _beside(diagnosis, concerns)
     said = trust if diagnosis is None else f"Fitted by themselves: {sentence} {trust}"
     blocks: list[Block] = [Text(said), *sorted(checks, key=lambda check: check.kind == "good")]
@@ -90,7 +90,8 @@ def _of_the_fit(material: ReportInputs, diagnosis: Diagnosis | None = None) -> t
     return blocks, numbers
 
 
-def _sentence(material: ReportInputs, ranking: Ranking) -> str:
+def fit_sentences(material: ReportInputs, ranking: Ranking) -> list[str]:
+    """Return which model predicts best, in sentences."""
     best, fit = _model(ranking.best.name), material.fit
     over = f"at slips from {number(fit.slip_threshold, 2)} on"
     error = f"{number(ranking.r0_n)} N (root mean square)"
@@ -110,9 +111,8 @@ def _sentence(material: ReportInputs, ranking: Ranking) -> str:
             f"{best[0].upper()}{best[1:]} follows the drawbar pull best, on the runs it was fitted to: it is off by "
             f"{error} {over}, {number(gain, 2)} % less than Wong's model ({number(wong.r0_n)} N)."
         )
-    if equal:
-        text += f" {listed([_model(name, short=True) for name in equal])} fit equally well on these runs."
-    return text
+    names = listed([_model(name, short=True) for name in equal])
+    return [text, f"{names} fit equally well on these runs."] if equal else [text]
 
 
 def _model(name: str, *, short: bool = False) -> str:
