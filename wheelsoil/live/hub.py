@@ -50,14 +50,9 @@ class Curve:
 
 
 class LiveSlip:
-    """Traces of pull and slip, assembled from the snapshots.
+    """Traces assembled from the snapshots.
 
-    Attributes
-    ----------
-    pull : Curve
-        (time_s, pull_n).
-    slip : Curve
-        (time_s, slip, pull_n), at the samples of the pull whose slip is known.
+    `pull` has rows (time_s, pull_n); `slip` (time_s, slip, pull_n), at the samples of the pull whose slip is known.
     """
 
     def __init__(self) -> None:
@@ -113,15 +108,10 @@ _KEEP_ALIVE = b": alive\n\n"
 
 
 class Hub:
-    """Distribution of the snapshots to the browsers.
+    """Distribution of the snapshots to the browsers; `vehicle` is the name to show before the first snapshot.
 
     A browser is sent the newest snapshot as soon as it has received the previous one, with all samples of the curves
     since then. A slow browser receives fewer snapshots and complete curves, and does not delay the others.
-
-    Parameters
-    ----------
-    vehicle : str
-        Name to show before the first snapshot.
     """
 
     def __init__(self, vehicle: str) -> None:

@@ -60,13 +60,7 @@ def _give_way() -> None:
 
 
 def make_app(hub: Hub, pass_on: Callable[[Command], bool], rules: Rules) -> ASGIApp:
-    """Return the page as an ASGI application.
-
-    Parameters
-    ----------
-    pass_on : callable
-        Hands a command to the logger; returns False when the logger does not take it.
-    """
+    """Return the page as an ASGI application; `pass_on` returns False when the logger does not take the command."""
 
     async def events(_: Request) -> Response:
         if hub.streams >= MOST_STREAMS:

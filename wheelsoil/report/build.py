@@ -27,12 +27,7 @@ from wheelsoil.wording.to_json import plain
 def render(title: str, subtitle: str, sections: Sequence[Section], *, made_at: str, json_name: str) -> str:
     """Return the page as HTML text; it contains plotly.js once and loads nothing from outside.
 
-    Parameters
-    ----------
-    made_at : str
-        Time of the report, for the last line.
-    json_name : str
-        Name of the file with the numbers.
+    `made_at` is the time of the report, for the last line; `json_name` the name of the file with the numbers.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from jinja2.utils import htmlsafe_json_dumps
@@ -80,13 +75,7 @@ class PrintError(WheelsoilError, RuntimeError):
 
 
 def find_browser() -> str:
-    """Return the path of a browser that can print.
-
-    Raises
-    ------
-    ConfigError
-        No browser is installed.
-    """
+    """Return the path of a browser that can print; `ConfigError` if none is installed."""
     found = next(filter(None, map(shutil.which, BROWSERS)), None)
     if found is None:
         raise ConfigError(
@@ -100,31 +89,17 @@ def find_browser() -> str:
     return found
 
 
-def print_page(page: Path, output: Path, browser: str | None = None) -> None:
-    """Print an HTML file that needs no network to an A4 PDF with page numbers.
-
-    Parameters
-    ----------
-    browser : str, optional
-        Default: `find_browser`.
-
-    Raises
-    ------
-    ConfigError
-        No browser is installed.
-    PrintError
-        The browser created no PDF.
-    """
-    chosen = browser or find_browser()
+def print_page(page: Path, output: Path, browser: str) -> None:
+    """Print an HTML file that needs no network to an A4 PDF with page numbers; `PrintError` if none was created."""
     with tempfile.TemporaryDirectory(prefix="wheelsoil-") as folder:
         made = Path(folder) / "page.pdf"
         places = [f"--user-data-dir={folder}/profile", f"--print-to-pdf={made}", page.resolve().as_uri()]
-        output_text = _run([chosen, *_OPTIONS, *_sandbox(), *places])
+        output_text = _run([browser, *_OPTIONS, *_sandbox(), *places])
         if not made.is_file() or not made.read_bytes().startswith(b"%PDF"):
             raise PrintError(
                 Fault(
                     "the browser created no PDF",
-                    chosen,
+                    browser,
                     found=output_text.strip().splitlines()[-1][:200] if output_text.strip() else "no message",
                     next_step="write the page (-o report.html), open it and print it",
                 )

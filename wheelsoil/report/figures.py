@@ -19,14 +19,7 @@ _POINTS_IN_ALL, _FEWEST, _MOST = 14_000, 250, 700
 
 @dataclass(frozen=True)
 class Bins:
-    """Medians and quartiles of y in bins of x; bins with fewer than `least` samples are omitted.
-
-    Attributes
-    ----------
-    centre, median, lower, upper : float64 array, shape (bins,)
-        `lower` and `upper` are the quartiles.
-    count : int64 array, shape (bins,)
-    """
+    """Medians and quartiles (`lower`, `upper`) of y in bins of x, each of shape (bins,); see `binned`."""
 
     centre: FloatArray
     median: FloatArray
@@ -41,21 +34,10 @@ def points_of_run(runs: int) -> int:
 
 
 def decimated_rows(values: FloatArray, limit: int) -> IntArray:
-    """Choose rows of a series so that its line keeps every peak.
+    """Choose at most `limit` rows of a series so that its line keeps every peak, in ascending order.
 
     The series is cut into ``limit / 2`` pieces; each keeps the rows of its minimum and maximum.
     A piece without a number keeps its first row, so that gaps stay visible.
-
-    Parameters
-    ----------
-    values : float64 array, shape (n,)
-    limit : int
-        Largest number of rows to return.
-
-    Returns
-    -------
-    int64 array
-        Rows in ascending order; all of them if there are at most `limit`.
     """
     if len(values) <= limit:
         return np.arange(len(values))
@@ -95,7 +77,7 @@ def thinned_by_sign(x: FloatArray, y: FloatArray) -> IntArray:
 
 
 def binned(x: FloatArray, y: FloatArray, edges: FloatArray, *, least: int = 5) -> Bins:
-    """Summarise y in bins of x; see `Bins`."""
+    """Summarise y in bins of x; bins with fewer than `least` samples are omitted."""
     finite = np.isfinite(x) & np.isfinite(y)
     which = np.digitize(x, edges) - 1
     centre, quartiles, count = [], [], []
@@ -202,17 +184,7 @@ def band(x: FloatArray, lower: FloatArray, upper: FloatArray, name: str, colour:
 def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: str) -> list[Trace]:
     """Return the density of samples as grey cells, darker for more samples; samples outside the cells are dots.
 
-    Parameters
-    ----------
-    x, y : float64 array, shape (n,)
-        Rows with a NaN are omitted.
-    x_range : (float, float)
-        Samples outside are omitted.
-
-    Returns
-    -------
-    list of Trace
-        The cells, from the 0.5th to the 99.5th percentile of y, and dots for the samples outside them.
+    Samples outside `x_range` and rows with a NaN are omitted; the cells hold the 0.5th to the 99.5th percentile of y.
     """
     known = np.isfinite(x) & np.isfinite(y) & (x >= x_range[0]) & (x <= x_range[1])
     x, y = x[known], y[known]
@@ -243,14 +215,9 @@ def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: st
 
 
 def shades(spans: Sequence[tuple[float, float]], low: float, high: float, name: str, fill: tuple[str, str]) -> Trace:
-    """Return vertical stripes, e.g. segments of time; `fill` is a colour and a pattern (readable without colour).
+    """Return vertical stripes (from, to), e.g. segments of time, between `low` and `high` on the y axis.
 
-    Parameters
-    ----------
-    spans : sequence of (from, to)
-    low, high : float
-        Ends of the stripes on the y axis.
-    fill : (colour, pattern)
+    `fill` is a colour and a pattern, readable without colour.
     """
     x: list[float | None] = []
     y: list[float | None] = []

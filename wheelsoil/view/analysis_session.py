@@ -34,14 +34,8 @@ _TRIES = 3
 class Processing:
     """A thread that hands waiting runs to a helper process.
 
-    Parameters
-    ----------
-    lock : RLock
-        Guards the state of the campaigns.
-    zero : Path or None
-        A zero file in place of those that the vehicles name.
-    folder : Path
-        For the processed runs.
+    `lock` guards the state of the campaigns, `zero` stands in for the zero files that the vehicles name, `folder` is
+    for the processed runs.
     """
 
     def __init__(
@@ -144,15 +138,7 @@ class UnknownKeyError(ConfigError):
 class AnalysisSession:
     """The campaigns on the page and the helper processes that compute; every method may be called from any thread.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        Recordings, logs, campaign folders.
-
-    Raises
-    ------
-    WheelsoilError
-        See `daq.runs.open_runs`.
+    Opening `paths` (recordings, logs, campaign folders) raises what `daq.runs.open_runs` does.
     """
 
     def __init__(self, paths: Sequence[Path], files: Files) -> None:
@@ -179,12 +165,7 @@ class AnalysisSession:
         return {"version": __version__, "started": self._started, "remarks": self.remarks, "campaigns": campaigns}
 
     def run(self, campaign_key: str, run_key: str) -> dict[str, Any]:
-        """Return the points of a run that are drawn; `shares` is the share of all samples by exclusion reason.
-
-        Raises
-        ------
-        UnknownKeyError, NotReadyError, WheelsoilError
-        """
+        """Return the points of a run that are drawn; `shares` is the share of all samples by exclusion reason."""
         data, keep = self._ready(campaign_key, run_key)
         trace = data.trace
         reason = trace.reason if keep is None else with_by_hand(trace.reason, trace.time_s, keep)
@@ -192,17 +173,16 @@ class AnalysisSession:
         return trace_as_json(trace, reason) | {"shares": shares}
 
     def selected(self, asked: SelectedAsked) -> dict[str, Any]:
-        """Return a summary of the selected samples of a run; see `wheelsoil.view.saving.selected_of`.
-
-        Raises
-        ------
-        UnknownKeyError, NotReadyError, WheelsoilError
-        """
+        """Return a summary of the selected samples of a run; see `wheelsoil.view.saving.selected_of`."""
         data, keep = self._ready(asked.campaign, asked.run)
         return selected_of(data.kept(keep), asked)
 
     def _ready(self, campaign_key: str, run_key: str) -> tuple[PlotData, tuple[Interval, ...] | None]:
-        """Return a processed run and the intervals that are kept (None: all)."""
+        """Return a processed run and the intervals that are kept (None: all).
+
+        `UnknownKeyError` if there is no such run, `NotReadyError` if it is not processed yet, else the faults of its
+        processing.
+        """
         with self.lock:
             campaign = self.campaign(campaign_key)
             run = _of_key(campaign.runs, run_key, "run")
@@ -261,10 +241,7 @@ class AnalysisSession:
     def choose(self, key: str, raw: dict[str, Any]) -> dict[str, Any]:
         """Apply a choice and return the campaign's entry; runs are processed again if their processing options changed.
 
-        Raises
-        ------
-        ConfigError
-            Lists every error of the choice.
+        `ConfigError` lists every error of the choice.
         """
         choice = parse_choice({"schema": SCHEMA, **raw}, "choice")
         choice.process_options()
@@ -362,12 +339,7 @@ class AnalysisSession:
             return {"path": str(path), "campaign": campaign_entry(campaign, self.files)}
 
     def campaign(self, key: str) -> ViewedCampaign:
-        """Return a campaign by its key.
-
-        Raises
-        ------
-        UnknownKeyError
-        """
+        """Return a campaign by its key; `UnknownKeyError` if there is none."""
         return _of_key(self.campaigns, key, "campaign")
 
 

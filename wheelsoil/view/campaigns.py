@@ -139,34 +139,16 @@ class ViewedCampaign:
 
     @property
     def soil(self) -> Soil:
-        """The laboratory's soil.
-
-        Raises
-        ------
-        ConfigError
-            It is not known.
-        """
+        """The laboratory's soil; `ConfigError` if it is not known."""
         return known_soil(self.soil_name, self.first.terrain)
 
     @property
     def wheel(self) -> Wheel:
-        """The wheel.
-
-        Raises
-        ------
-        ConfigError
-            It is not described.
-        """
+        """The wheel; `ConfigError` if it is not described."""
         return wheel_of(self.first.vehicle, self.first.vehicle_source)
 
     def keeps(self) -> dict[str, tuple[Interval, ...] | None]:
-        """Return the kept intervals (None: all) of each used run, by its key.
-
-        Raises
-        ------
-        ConfigError
-            The choice does not fit the runs.
-        """
+        """Return the kept intervals (None: all) of each used run by its key; `ConfigError` if the choice does not fit."""
         named = [self._named(section) for section in self.choice.runs]
         in_use, faults = runs_in_use(replace(self.choice, runs=tuple(named)), [run.run for run in self.runs])
         if faults:
@@ -273,12 +255,7 @@ class ViewedCampaign:
         return self.medians[key][1:]
 
     def check_keeps(self) -> None:
-        """Check that the choice fits the runs, and its intervals those that are already processed.
-
-        Raises
-        ------
-        ConfigError
-        """
+        """Check that the choice fits the runs, and its intervals those that are already processed: `ConfigError`."""
         keeps = self.keeps()
         for run in self.runs:
             kept = keeps.get(run.key)

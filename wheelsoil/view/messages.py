@@ -80,13 +80,7 @@ class SaveAsked(_Asked):
 
 
 def asked_of(body: bytes, kind: type[Asked]) -> Asked:
-    """Return the request in a body.
-
-    Raises
-    ------
-    ConfigError
-        The body is not a JSON object, or lists every error in it.
-    """
+    """Return the request in a body; `ConfigError` if it is not a JSON object, or with every error in it."""
     try:
         raw = json.loads(body, parse_constant=_refuse)
     except (ValueError, RecursionError) as error:

@@ -24,12 +24,7 @@ _REASONS = {why.name.lower(): why for why in Reason}
 def selected_of(run: ProcessedRun, asked: SelectedAsked) -> dict[str, Any]:
     """Return number and duration of the selected samples, their range of slip and their mean drawbar pull.
 
-    The mean drawbar pull is that of the used samples among them; of all if none is used.
-
-    Parameters
-    ----------
-    run : ProcessedRun
-        With the manual exclusions.
+    The run is with the manual exclusions. The mean drawbar pull is that of the used samples; of all if none is used.
     """
     rows = _rows(run, asked)
     used = rows & run.used

@@ -202,13 +202,7 @@ def _print_addresses(remarks: Iterable[str], addresses: Iterable[str], say: Call
 
 
 def listening_on(host: str, port: int | None) -> socket.socket:
-    """Return a listening socket; without a port on `PORT` or the next free one.
-
-    Raises
-    ------
-    HardwareError, ConfigError
-        See `wheelsoil.web.listening.listen`.
-    """
+    """Return a listening socket; without a port on `PORT` or the next free one. See `listen` for errors."""
     if port is not None:
         return listen(host, port, page=_PAGE)
     for tried in range(PORT, PORT + _TRIED):

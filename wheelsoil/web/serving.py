@@ -64,15 +64,7 @@ _HEADERS = {
 
 @dataclass(frozen=True)
 class Rules:
-    """Access rules of a page.
-
-    Attributes
-    ----------
-    bound : str
-        IP address on which the page listens.
-    names : frozenset of str
-        Accepted host names, lower case.
-    """
+    """Access rules of a page: the IP address it listens on, accepted host names in lower case, and the token."""
 
     bound: str
     names: frozenset[str]
@@ -112,13 +104,7 @@ class Rules:
 class Guard:
     """An ASGI application around the page that rejects the requests that `Rules` do not allow.
 
-    Parameters
-    ----------
-    app : ASGI application
-    open_paths : frozenset of str
-        Paths that need no token.
-    policy : str
-        Content-Security-Policy.
+    `open_paths` need no token; `policy` is the Content-Security-Policy.
     """
 
     def __init__(
