@@ -224,7 +224,7 @@ def test_a_damaged_recording_is_reported_as_such(campaign, tmp_path):
 
 
 def test_the_page_is_readable_in_black_and_white():
-    from wheelsoil.wording.model_styles import STYLES
+    from wheelsoil.report.figures import STYLES
 
     assert len({style.dash for style in STYLES.values()}) == len(STYLES)
     assert len({style.symbol for style in STYLES.values()}) == len(STYLES)

@@ -10,9 +10,8 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from wheelsoil.report.figures import axes, density, set_axis_range
+from wheelsoil.report.figures import BY_HAND, STYLES, axes, density, set_axis_range, styles_script
 from wheelsoil.report.sections.against_slip import drawbar_pull
-from wheelsoil.wording.model_styles import BY_HAND, STYLES, styles_script
 
 
 def view_of(values: np.ndarray, also: np.ndarray) -> tuple[float, float]:

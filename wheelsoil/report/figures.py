@@ -1,16 +1,52 @@
-"""Plotly figures as dicts: one style, safe for colour-blind readers and black-and-white print, few points."""
+"""Plotly figures as dicts: one style, also of the analyst's page, for colour-blind readers and print; few points."""
 
 from __future__ import annotations
 
 import html
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from daq import FloatArray, IntArray
-from wheelsoil.wording.model_styles import Style
+
+
+@dataclass(frozen=True)
+class Style:
+    """How one model looks wherever it is drawn; `dash` and `symbol` are plotly's."""
+
+    label: str
+    colour: str
+    dash: str
+    symbol: str
+
+
+STYLES: dict[str, Style] = {
+    "wong": Style("Wong", "#D55E00", "dash", "circle"),
+    "vasilev": Style("Vasil'ev", "#0072B2", "dot", "square-open"),
+    "lyasko": Style("Lyasko", "#009E73", "solid", "diamond"),
+    "ding": Style("Ding", "#CC79A7", "dashdot", "triangle-up"),
+    "chosen": Style("chosen", "#7A5FD0", "longdashdot", "star"),
+}
+"""Okabe and Ito's colours, and one for a model of one's own; dash and marker keep a black-and-white print legible."""
+BY_HAND = Style("by hand", STYLES["chosen"].colour, "solid", "star")
+"""A model of one's own before it is fitted: its colour is that of the fitted one."""
+_SPARE = Style("", "#777777", "longdash", "hexagon")
+
+
+def style(model: str) -> Style:
+    """Return a model's style; an unknown model gets a spare one under its own name."""
+    return STYLES.get(model) or Style(model, _SPARE.colour, _SPARE.dash, _SPARE.symbol)
+
+
+def styles_script() -> bytes:
+    """Return the table as a module of JavaScript."""
+    table = {name: asdict(one) for name, one in STYLES.items()}
+    parts = {"MODELS": table, "BY_HAND": asdict(BY_HAND), "SPARE": asdict(_SPARE)}
+    return "".join(f"export const {name} = {json.dumps(value)};\n" for name, value in parts.items()).encode()
+
 
 EDGES = np.round(np.arange(-1.0, 1.0001, 0.05), 2)
 """Bins of slip."""

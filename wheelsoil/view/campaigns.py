@@ -148,7 +148,7 @@ class ViewedCampaign:
         return wheel_of(self.first.vehicle, self.first.vehicle_source)
 
     def keeps(self) -> dict[str, tuple[Interval, ...] | None]:
-        """Return the kept intervals (None: all) of each used run by its key; `ConfigError` if the choice does not fit."""
+        """Return the kept intervals (None: all) of each used run by its key; `ConfigError` if the choice is unfit."""
         named = [self._named(section) for section in self.choice.runs]
         in_use, faults = runs_in_use(replace(self.choice, runs=tuple(named)), [run.run for run in self.runs])
         if faults:

@@ -24,6 +24,7 @@ from starlette.types import ASGIApp
 
 from daq import ConfigError, DataError, Fault, WheelsoilError
 from wheelsoil.cli.console import printable_addresses
+from wheelsoil.report.figures import styles_script
 from wheelsoil.view.analysis_session import AnalysisSession, UnknownKeyError
 from wheelsoil.view.campaigns import Files, NotReadyError
 from wheelsoil.view.messages import (
@@ -39,7 +40,6 @@ from wheelsoil.view.messages import (
 )
 from wheelsoil.web.listening import PortTakenError, checked_token, listen, page_addresses
 from wheelsoil.web.serving import POLICY, Guard, Rules, files_in, routes_of, server_of
-from wheelsoil.wording.model_styles import styles_script
 from wheelsoil.wording.to_json import to_json
 
 LARGEST_BODY_BYTES = 1 << 18

@@ -23,10 +23,10 @@ from wheelsoil.report.figures import (
     line,
     marked_line,
     set_axis_range,
+    style,
     translucent,
 )
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.wording.model_styles import style
 
 _READING_PULL = (
     "grey cells (and lone dots) are measured samples, darker where there are more; black is their median in bins of "

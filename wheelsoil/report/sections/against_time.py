@@ -8,9 +8,19 @@ from daq import OUTPUTS, DataError, FloatArray
 from processing import SLIP_ROLES, ProcessedRun, Segment
 from processing.pipeline import runs_of
 from wheelsoil.report.content import Contents, Figure, Panels, section
-from wheelsoil.report.figures import MEASURED, Trace, axes, decimated_rows, line, points_of_run, set_axis_range, shades
+from wheelsoil.report.figures import (
+    MEASURED,
+    STYLES,
+    Trace,
+    axes,
+    decimated_rows,
+    line,
+    points_of_run,
+    set_axis_range,
+    shades,
+    style,
+)
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.wording.model_styles import STYLES, style
 
 _READING = (
     "black is measured, a coloured line what a model predicts from the measured slip and load; where they part, the "

@@ -12,9 +12,9 @@ from model.effects import EFFECTS
 from model.fit import EXTENDED, CampaignFit, Estimate, ModelFit, free_parameters
 from model.wheel_soil import WheelSoilModel
 from wheelsoil.report.content import Block, Contents, Table, Text, section
+from wheelsoil.report.figures import style
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import count, interval, letter, listed, measured, number, unit
-from wheelsoil.wording.model_styles import style
 
 _STRONG = 0.9
 _NOT_SHOWN = 0.1

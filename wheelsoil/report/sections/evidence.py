@@ -13,7 +13,9 @@ from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Tex
 from wheelsoil.report.figures import (
     EDGES,
     MEASURED,
+    STYLES,
     Bins,
+    Style,
     Trace,
     axes,
     binned,
@@ -27,7 +29,6 @@ from wheelsoil.report.figures import (
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, interval, listed, number, signed
 from wheelsoil.wording.diagnosis_text import NO_GAIN, nothing_chosen, reduction
-from wheelsoil.wording.model_styles import STYLES, Style
 from wheelsoil.wording.names import effect_name
 
 _MEMBERS = 4

@@ -23,11 +23,11 @@ from wheelsoil.report.figures import (
     line,
     marked_line,
     set_axis_range,
+    style,
     thinned_by_sign,
 )
 from wheelsoil.report.inputs import Pool, ReportInputs
 from wheelsoil.report.words import number
-from wheelsoil.wording.model_styles import style
 from wheelsoil.workflows.sinkage import (
     IN_THE_BAND,
     SinkageFacts,

@@ -13,9 +13,9 @@ from model.diagnosis import Diagnosis, Gain
 from model.effects import EFFECTS
 from model.fit import CHOSEN, EXTENDED, MODELS, ModelFit
 from wheelsoil.report.content import Block, Contents, Text, section
+from wheelsoil.report.figures import style
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import listed, number
-from wheelsoil.wording.model_styles import style
 from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import sentence_of
