@@ -18,6 +18,7 @@ from wheelsoil.report.figures import (
     Style,
     Trace,
     axes,
+    bars,
     binned,
     dots,
     line,
@@ -260,17 +261,10 @@ def _gain_figure(gain: Gain) -> Figure:
     names = [OUTPUTS[c].name for c in channels]
     shares = [100 * gain.extended[c].R0 / gain.base[c].R0 for c in channels]
 
-    def bar(name: str, values: list[float], colour: str, pattern: str) -> Trace:
-        return {
-            "type": "bar",
-            "orientation": "h",
-            "name": name,
-            "y": names,
-            "x": [round(value, 2) for value in values],
-            "marker": {"color": colour, "pattern": {"shape": pattern, "solidity": 0.3}},
-        }
-
-    data = [bar("base", [100.0] * len(names), "#bdbdbd", "/"), bar("extended", shares, "#0072B2", "")]
+    data = [
+        bars(names, [100.0] * len(names), "base", "#bdbdbd", "/"),
+        bars(names, [round(share, 2) for share in shares], "extended", "#0072B2", ""),
+    ]
     layout = axes("R₀ on runs left out (% of the base's)", "", height=130 + 60 * len(names), barmode="group")
     layout["yaxis"] |= {"autorange": "reversed", "type": "category"}
     layout["xaxis"] |= {"rangemode": "tozero"}
