@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
+from importlib import import_module
+from pkgutil import iter_modules
 
 import numpy as np
 import pytest
@@ -14,14 +15,14 @@ import wheelsoil.report.sections
 from daq.errors import WheelsoilError
 from daq.runs.open import open_runs
 from processing.options import ProcessOptions
-from wheelsoil.report.content import Panels, Section, Table
+from wheelsoil.report.content import Panels, Section, SectionBuilder, Table
 from wheelsoil.report.inputs import ReportInputs, source_of, versions
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
 from wheelsoil.wording.to_json import to_json
 from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.runs import process_runs
 
-every_section = pytest.mark.parametrize("module", SECTIONS, ids=lambda module: module.KEY)
+every_section = pytest.mark.parametrize("builder", SECTIONS, ids=lambda builder: builder.key)
 
 
 @pytest.fixture(scope="module")
@@ -39,19 +40,21 @@ def whole(campaign) -> ReportInputs:
     )
 
 
-def test_every_file_with_a_section_is_listed():
-    folder = Path(wheelsoil.report.sections.__file__).parent
-    files = {path.stem for path in folder.glob("*/*.py")} - {"__init__"}
-    assert files == {module.__name__.rpartition(".")[2] for module in SECTIONS}
-    assert len({module.KEY for module in SECTIONS}) == len({module.TITLE for module in SECTIONS}) == len(SECTIONS)
+def test_every_section_of_every_file_is_listed():
+    package = wheelsoil.report.sections
+    modules = [import_module(f"{package.__name__}.{one.name}") for one in iter_modules(package.__path__)]
+    written = [[one for one in vars(module).values() if isinstance(one, SectionBuilder)] for module in modules]
+    assert all(written), "a file without a section"
+    assert {one.key for ones in written for one in ones} == {one.key for one in SECTIONS}
+    assert len({one.key for one in SECTIONS}) == len({one.title for one in SECTIONS}) == len(SECTIONS)
     assert set(OF_THE_DIAGNOSIS) <= set(SECTIONS)
 
 
 @every_section
-def test_it_says_what_it_is_and_how_to_read_it(module, whole):
-    assert module.__doc__ and module.build.__doc__
-    section = module.build(whole)
-    assert isinstance(section, Section) and section.key == module.KEY and section.title == module.TITLE
+def test_it_says_what_it_is_and_how_to_read_it(builder, whole):
+    assert builder.contents.__doc__
+    section = builder.build(whole)
+    assert isinstance(section, Section) and section.key == builder.key and section.title == builder.title
     assert section.blocks
     for block in section.blocks:
         if isinstance(block, Table):
@@ -75,7 +78,7 @@ def check_figure(figure) -> None:
 
 
 @every_section
-def test_it_is_built_or_left_out_with_a_reason(module, whole):
+def test_it_is_built_or_left_out_with_a_reason(builder, whole):
     def nothing(run):
         return np.full(len(run), np.nan)
 
@@ -90,7 +93,7 @@ def test_it_is_built_or_left_out_with_a_reason(module, whole):
     )
     for material in poor:
         try:
-            section = module.build(material)
+            section = builder.build(material)
         except WheelsoilError as error:
             assert str(error).strip()
         else:

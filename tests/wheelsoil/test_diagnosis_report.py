@@ -25,7 +25,7 @@ from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.runs import process_runs
 
 EVIL = "<img src=x onerror=alert(1)>&{{7*7}}"
-KEYS = [module.KEY for module in OF_THE_DIAGNOSIS]
+KEYS = [section.key for section in OF_THE_DIAGNOSIS]
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_every_section_is_there_and_its_sentence_leads(plain_material, verdict):
     import plotly.graph_objects as go
 
     report = built(plain_material, diagnosis(verdict))
-    assert [section.key for section in report.sections] == [module.KEY for module in SECTIONS]
+    assert [section.key for section in report.sections] == [builder.key for builder in SECTIONS]
     lead = section(report, "glance").blocks[0]
     assert isinstance(lead, Text) and lead.kind == "lead" and SENTENCES[verdict].startswith(lead.text)
     assert report.numbers()["sections"]["glance"]["sentence"] == SENTENCES[verdict]

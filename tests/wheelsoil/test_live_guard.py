@@ -14,7 +14,7 @@ from live_client import PATIENCE_S, ask, command, page, until
 
 from daq.logger.panel import Command
 from wheelsoil.live.panel import PagePanel
-from wheelsoil.web.guard import LARGEST_BODY_BYTES, Rules
+from wheelsoil.web.serving import LARGEST_BODY_BYTES, Rules
 
 TOKEN = "a-token-of-the-test"
 OWN = ("/", "/page.css", "/page.js", "/parts.js", "/plot.js", "/connection.js", "/commands.js")

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from live_support import drive, snapshot
 
 from processing.pipeline.pipeline import process
-from wheelsoil.live.slip import SPAN_S, Curve, LiveSlip
+from wheelsoil.live.hub import SPAN_S, Curve, LiveSlip
 
 
 def test_live_slip_agrees_with_the_processed_run() -> None:

@@ -17,10 +17,10 @@ from report_support import text_of
 from daq.recording import Recording, RecordingWriter
 from processing.options import ProcessOptions
 from wheelsoil.report.build import build_report
-from wheelsoil.report.comparison import rank
-from wheelsoil.report.content import Section
+from wheelsoil.report.content import Contents
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections import SECTIONS
+from wheelsoil.report.sections.verdict import rank
 from wheelsoil.workflows.fit import FitChoices
 from wheelsoil.workflows.report import report_of_processed
 
@@ -82,7 +82,7 @@ def test_every_section_is_there_and_every_figure_is_plotly(report):
     import plotly.graph_objects as go
 
     page = Page(report.read_text(encoding="utf-8"))
-    assert {module.KEY for module in SECTIONS} <= set(page.ids)
+    assert {section.key for section in SECTIONS} <= set(page.ids)
     assert len(page.figures) >= 14
     for key, figure in page.figures.items():
         go.Figure(data=figure["data"], layout=figure["layout"])  # raises on anything that plotly does not know
@@ -167,13 +167,14 @@ def test_runs_without_forces_still_give_quality_and_provenance(processed):
 
 
 def test_a_fault_in_a_section_costs_only_that_section(material, monkeypatch):
-    def broken(given: ReportInputs) -> Section:
+    def broken(given: ReportInputs) -> Contents:
         raise ZeroDivisionError(given.terrain)
 
-    monkeypatch.setattr(SECTIONS[-1], "build", broken)
+    last = replace(SECTIONS[-1], contents=broken)
+    monkeypatch.setattr("wheelsoil.report.build.SECTIONS", (*SECTIONS[:-1], last))
     report = build_report(material)
-    assert list(report.left_out) == [SECTIONS[-1].KEY]
-    assert "please report it" in report.left_out[SECTIONS[-1].KEY]
+    assert list(report.left_out) == [last.key]
+    assert "please report it" in report.left_out[last.key]
 
 
 def test_the_verdict_knows_a_lead_from_chance(material):
@@ -223,7 +224,7 @@ def test_a_damaged_recording_is_reported_as_such(campaign, tmp_path):
 
 
 def test_the_page_is_readable_in_black_and_white():
-    from wheelsoil.wording.model_styles import STYLES
+    from wheelsoil.report.figures import STYLES
 
     assert len({style.dash for style in STYLES.values()}) == len(STYLES)
     assert len({style.symbol for style in STYLES.values()}) == len(STYLES)

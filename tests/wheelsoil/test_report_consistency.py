@@ -15,8 +15,12 @@ from processing.options import ProcessOptions
 from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Panels, Section, Table, Text
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.sections.diagnosis import candidates, detectable, gain, glance, verdict
-from wheelsoil.report.sections.fit import misfit
+from wheelsoil.report.sections.candidates import candidates
+from wheelsoil.report.sections.evidence import gain
+from wheelsoil.report.sections.glance import next_step
+from wheelsoil.report.sections.misfit import misfit
+from wheelsoil.report.sections.planning import detectable
+from wheelsoil.report.sections.verdict import Ranking, verdict
 from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.runs import process_runs
 
@@ -132,7 +136,7 @@ def test_a_driven_wheel_keeps_its_dots_beside_wild_braking(material):
 
 def test_a_run_that_parts_nothing_surely_is_not_said_to(material):
     alone = replace(diagnosis("one_of"), next_run=(NextRun("brake", (), 1.2),))
-    step = glance.next_step(replace(material, diagnosed=alone), {})
+    step = next_step(replace(material, diagnosed=alone), {})
     assert step == "brake."
 
 
@@ -145,16 +149,16 @@ def test_an_error_that_grows_is_said_to_grow(material):
 
 def test_an_unexplained_misfit_is_to_be_looked_into(material):
     found = replace(diagnosis("unexplained"), next_run=())
-    step = glance.next_step(replace(material, diagnosed=found), {})
+    step = next_step(replace(material, diagnosed=found), {})
     assert "no further run" not in step
     assert "do not rely on the model there" in step
 
 
 def test_a_fault_in_judging_the_fit_leaves_the_diagnosis_its_sentence(material, monkeypatch):
-    def broken(given: ReportInputs) -> Section:
+    def broken(given: ReportInputs) -> Ranking:
         raise ZeroDivisionError(given.terrain)
 
-    monkeypatch.setattr(verdict, "build", broken)
+    monkeypatch.setattr("wheelsoil.report.sections.verdict.rank", broken)
     report = build_report(replace(material, diagnosed=diagnosis("named")))
     assert set(report.left_out) == {"verdict"}
     glance = next(section for section in report.sections if section.key == "glance")

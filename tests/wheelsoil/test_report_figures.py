@@ -10,9 +10,8 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from wheelsoil.report.curves import curves_of
-from wheelsoil.report.figures import axes, density, set_axis_range
-from wheelsoil.wording.model_styles import BY_HAND, STYLES, styles_script
+from wheelsoil.report.figures import BY_HAND, STYLES, axes, density, set_axis_range, styles_script
+from wheelsoil.report.sections.against_slip import drawbar_pull
 
 
 def view_of(values: np.ndarray, also: np.ndarray) -> tuple[float, float]:
@@ -45,7 +44,7 @@ def test_a_model_that_is_far_off_is_seen_to_be(material):
     off = tuple(replace(p, drawbar_pull_n=p.drawbar_pull_n + 500.0) for p in wong.predictions)
     models = (replace(wong, predictions=off), *material.fit.models[1:])
     moved = replace(material, campaign=replace(material.fit, models=models))
-    figure = curves_of(moved, "dp", "slip", "drawbar pull (N)", "").panels.figures[0]
+    figure = drawbar_pull.build(moved).blocks[0].figures[0]
     lines = [trace for trace in figure.data if trace["name"] == "Wong" and "marker" in trace]
     highest = max(y for trace in lines for y in trace["y"])
     low, high = figure.layout["yaxis"]["range"]

@@ -18,7 +18,7 @@ from wheelsoil.cli.runs import print_fit
 from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Table
 from wheelsoil.report.inputs import model_sigmas, source_of
-from wheelsoil.report.sections.runs.sensors import build as sensors_section
+from wheelsoil.report.sections.quality import sensors
 from wheelsoil.workflows.fit import FitChoices
 
 EVIL = '<script>alert("x")</script>'
@@ -65,7 +65,7 @@ def test_every_number_of_a_table_is_in_the_json(processed):
 def test_a_latency_is_a_positive_number_and_a_direction(material, latency_s, said):
     run = material.runs[0]
     quality = replace(run.quality, residual_latency_s=latency_s, residual_latency_sigma_s=0.004)
-    section = sensors_section(replace(material, runs=(replace(run, quality=quality), *material.runs[1:])))
+    section = sensors.build(replace(material, runs=(replace(run, quality=quality), *material.runs[1:])))
     table = next(block for block in section.blocks if isinstance(block, Table) and block.caption == "Clocks and speeds")
     assert table.rows[0][table.head.index("ground speed delay (ms)")] == said
 

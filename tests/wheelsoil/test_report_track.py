@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.sections.runs.track import build
+from wheelsoil.report.sections.track import track
 
 
 def extents(material: ReportInputs) -> list[float]:
     return [
-        fact[f"{axis}_extent_m"] for fact in build(material).numbers["tracks"].values() for axis in ("east", "north")
+        fact[f"{axis}_extent_m"]
+        for fact in track.build(material).numbers["tracks"].values()
+        for axis in ("east", "north")
     ]
 
 
@@ -23,7 +25,7 @@ def test_runs_across_the_180th_meridian_are_as_wide_as_elsewhere(material):
         replace(run, longitude_deg=(run.longitude_deg - middle + 360.0) % 360.0 - 180.0) for run in material.runs
     )
     assert max(np.nanmax(run.longitude_deg) - np.nanmin(run.longitude_deg) for run in moved) > 359
-    section = build(replace(material, runs=moved))
+    section = track.build(replace(material, runs=moved))
     assert extents(replace(material, runs=moved)) == pytest.approx(extents(material), rel=1e-6)
     assert abs(section.numbers["origin_longitude_deg"]) == pytest.approx(180.0, abs=0.01)
 

@@ -15,9 +15,11 @@ from model.sinkage_from_forces.sinkage_growth import Estimate, Growth
 from wheelsoil.notebook import diagnosis_html
 from wheelsoil.report.build import build_report
 from wheelsoil.report.content import Table, Text
-from wheelsoil.report.sections.diagnosis import candidates, detectable, glance, next_run
-from wheelsoil.report.sections.fit import coefficients, criteria
-from wheelsoil.report.sections.runs import provenance
+from wheelsoil.report.sections.candidates import candidates
+from wheelsoil.report.sections.coefficients import coefficients, criteria
+from wheelsoil.report.sections.glance import glance
+from wheelsoil.report.sections.planning import detectable, next_run
+from wheelsoil.report.sections.provenance import provenance
 from wheelsoil.report.words import form_name, letter, measured, unit
 from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows.sinkage import growth_sentence
@@ -52,8 +54,8 @@ def test_names_and_units_are_those_of_a_reader():
 
 def test_no_reader_is_shown_a_key(material):
     found = replace(material, diagnosed=diagnosis("named"))
-    for module in (candidates, coefficients, criteria, detectable):
-        assert [cell for cell in cells(module.build(found)) if CODE.search(cell)] == [], module.KEY
+    for section in (candidates, coefficients, criteria, detectable):
+        assert [cell for cell in cells(section.build(found)) if CODE.search(cell)] == [], section.key
 
 
 def test_a_coefficient_has_its_unit(material):

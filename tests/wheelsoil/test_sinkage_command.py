@@ -20,7 +20,7 @@ from daq.runs.open import open_runs
 from processing.options import ProcessOptions
 from processing.pipeline.pipeline import process
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.sections.fit.sinkage import build
+from wheelsoil.report.sections.sinkage import sinkage
 from wheelsoil.simulation.campaign import simulated_run
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.simulation.vehicle import virtual_frames
@@ -239,7 +239,7 @@ def test_the_report_draws_it(measured: Path) -> None:
     fit = fit_runs(processed, FitChoices(), None)
     runs = tuple(run for _, run in processed)
     material = ReportInputs(runs, fit, "", processed[0][0].vehicle, fit.soil.name)
-    section = build(material)
+    section = sinkage.build(material)
     figure = section.blocks[0].figures[0]  # type: ignore[union-attr]
     assert [trace["name"] for trace in figure.data][:4] == [
         "from forces, 95 %",
@@ -250,6 +250,6 @@ def test_the_report_draws_it(measured: Path) -> None:
     assert "median of measured" in [trace["name"] for trace in figure.data]
     assert section.numbers["from_forces"]["bound"]["inconsistent"] == []
     bare = replace(material, runs=tuple(replace(r, driving_torque_nm=np.full(len(r), np.nan)) for r in runs))
-    without = build(bare)
+    without = sinkage.build(bare)
     assert "from_forces" not in without.numbers
     assert any("No sinkage from forces" in getattr(block, "text", "") for block in without.blocks)

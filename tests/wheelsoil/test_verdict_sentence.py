@@ -71,15 +71,15 @@ def test_a_look_alike_comes_with_the_run_that_would_split_it() -> None:
     cause = Cause("slip_sinkage", "lyasko", "physical", "lyasko", 0.99, 0.9, (size,))
     runs = (NextRun("a run with more load", ("slip_sinkage", "grouser"), 9.0),)
     alike = replace(BARE, causes=(cause,), next_run=runs, grounds=Grounds(confounded=("grouser",)))
-    said = named_words(alike, CHANCES)
+    said = " ".join(named_words(alike, CHANCES))
     assert said.endswith("Next: a run with more load.")
     assert "p = m1 + m2 = 0.615 (0.58 to 0.64)" in said
-    assert "Next:" not in named_words(replace(alike, grounds=Grounds()), CHANCES)
+    assert "Next:" not in " ".join(named_words(replace(alike, grounds=Grounds()), CHANCES))
 
 
 def test_an_error_that_grows_is_not_said_to_fall_by_less_than_nothing() -> None:
     worse = replace(gain(), reduction_percent=-38.0, interval95=(-75.0, -4.6))
-    said = named_words(replace(BARE, gain=worse), CHANCES)
+    said = " ".join(named_words(replace(BARE, gain=worse), CHANCES))
     assert "the error of drawbar pull grows by 38 (5 to 75) % and that of driving torque falls by 50 %" in said
 
 
@@ -97,24 +97,24 @@ def causes(*families: str) -> tuple[Cause, ...]:
 
 
 def test_a_name_is_said_with_size_gain_and_what_is_beside_it() -> None:
-    named = named_words(replace(BARE, gain=gain(), grounds=Grounds(beside=("slope", "bulldozing"))), CHANCES)
+    named = " ".join(named_words(replace(BARE, gain=gain(), grounds=Grounds(beside=("slope", "bulldozing"))), CHANCES))
     assert named.startswith("Slip sinkage explains the misfit (97 %; vasilev most probable, 70 %): ")
     assert "H_m = 0.031 (0.027 to 0.035) m" in named
     assert "drawbar pull falls by 20 (10 to 30) % and of driving torque by 50 %" in named
     assert "A further cause acts: one of slope (40 %), bulldozing (50 %)" in named
     unsure = replace(CAUSE, parameters=(replace(SIZE, interval95=(nan, nan)),))
-    alone = named_words(replace(BARE, causes=(unsure,), grounds=Grounds(confounded=("grouser",))), CHANCES)
+    alone = " ".join(named_words(replace(BARE, causes=(unsure,), grounds=Grounds(confounded=("grouser",))), CHANCES))
     assert "H_m = 0.031 m" in alone
     assert "Grouser would fit almost as well" in alone
 
 
 def test_a_set_is_said_with_what_bars_a_name_and_what_to_drive() -> None:
     runs = (NextRun("a run with more load", ("slope",), 4.0),)
-    one_of = one_of_words(replace(BARE, causes=causes("slope", "bulldozing"), next_run=runs), CHANCES, 0.04)
+    one_of = " ".join(one_of_words(replace(BARE, causes=causes("slope", "bulldozing"), next_run=runs), CHANCES, 0.04))
     assert one_of.startswith("A cause acts (with probability 96 %): one of slope (40 %), bulldozing (50 %).")
     assert one_of.endswith("Next: a run with more load.")
     grounds = Grounds(barred=ONE_WAY, confounded=("grouser",))
-    barred = one_of_words(replace(BARE, causes=causes("slope"), grounds=grounds), CHANCES, 0.0)
+    barred = " ".join(one_of_words(replace(BARE, causes=causes("slope"), grounds=grounds), CHANCES, 0.0))
     assert "Slope is not named: all runs go one way: drive some back" in barred
     assert "Grouser would fit almost as well" in barred
 
@@ -122,33 +122,33 @@ def test_a_set_is_said_with_what_bars_a_name_and_what_to_drive() -> None:
 def test_under_one_of_a_family_that_acts_beside_the_set_is_said() -> None:
     chances = {"load_gain": 0.62, "wheel_radius": 0.41, "grouser": 0.44}
     sets = (CauseSet(("load_gain", "grouser"), 0.43), CauseSet(("wheel_radius",), 0.4), CauseSet((), 0.02))
-    said = one_of_words(replace(BARE, causes=causes("load_gain", "wheel_radius"), sets=sets), chances, 0.02)
+    said = " ".join(one_of_words(replace(BARE, causes=causes("load_gain", "wheel_radius"), sets=sets), chances, 0.02))
     assert "Several may act together: load gain and grouser (43 %)." in said
 
 
 def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
     found = [Finding("drawbar_pull", Shape(Kind.SLIP, "dp", (0.4, 0.9)), -120.0, -8.2)]
-    left = unexplained_words(Adequacy(3.0, 1.8, ok=False), found, ("slope",), (("r1",), ("r2", "r3")))
+    left = " ".join(unexplained_words(Adequacy(3.0, 1.8, ok=False), found, ("slope",), (("r1",), ("r2", "r3"))))
     assert "the lack of fit is 3.00, where noise leaves up to 1.80" in left
     assert "drawbar pull, slip 0.4 to 0.9: -120 N (8.2 sigma)" in left
     assert "Runs r1 ask for another soil than r2 and r3" in left
-    unsure = nothing_words({"slope": 0.6, "grouser": 0.1}, 0.3, {}, ())
+    unsure = " ".join(nothing_words({"slope": 0.6, "grouser": 0.1}, 0.3, {}, ()))
     assert unsure.startswith("No cause is distinguishable from chance (no cause: 30 %). The most probable one is slope")
-    nothing = nothing_words({"slope": 0.05}, 0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, found)
+    nothing = " ".join(nothing_words({"slope": 0.05}, 0.93, {"slip_sinkage": Detectable("H_m", 0.0034, "m")}, found))
     assert "no cause: 93 %" in nothing
     assert "slip sinkage from H_m = 0.0034 m on would be detected in half of such campaigns" in nothing
 
 
 def test_what_is_wanting_is_said_once_for_all_families_that_it_is_wanting_for() -> None:
     want = want_words({"slope": ONE_WAY, "track_drift": ONE_WAY, "zero_drift": DRIFT})
-    assert want == (
-        " Not identifiable from these runs: slope and track drift (all runs go one way: drive some back); zero drift "
+    assert want == [
+        "Not identifiable from these runs: slope and track drift (all runs go one way: drive some back); zero drift "
         "(one run only: a drift over the campaign does not show)."
-    )
-    assert want_words({}) == ""
+    ]
+    assert want_words({}) == []
     usual = {"multi_pass": Note(LackCode.SAME_PASS), "tyre_flattening": Note(LackCode.PRESSURE_UNKNOWN)}
-    assert want_words(usual) == "", "what is wanting nearly always stands in the table alone"
-    assert "zero drift" in want_words({**usual, "zero_drift": DRIFT})
+    assert want_words(usual) == [], "what is wanting nearly always stands in the table alone"
+    assert "zero drift" in " ".join(want_words({**usual, "zero_drift": DRIFT}))
 
 
 @pytest.mark.parametrize("verdict", ["named", "unexplained"])

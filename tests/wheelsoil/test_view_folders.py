@@ -8,7 +8,7 @@ from pathlib import Path
 from closed_folders import as_nobody, closed
 from view_client import taken_from, viewing
 
-from wheelsoil.view.opening import open_campaigns
+from wheelsoil.view.campaigns import open_campaigns
 from wheelsoil.workflows.runs import Files
 
 ROOT = Path(__file__).parents[2]

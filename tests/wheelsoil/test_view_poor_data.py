@@ -13,7 +13,7 @@ import pytest
 from cli_support import ok
 from view_client import View, taken_from, viewing
 
-from wheelsoil.view.opening import open_campaigns
+from wheelsoil.view.campaigns import open_campaigns
 from wheelsoil.workflows.report import report_of
 from wheelsoil.workflows.runs import Files
 

@@ -34,11 +34,7 @@ class PagePanel:
     A pair of datagram sockets, kept over restarts of the page, connects the two processes. A datagram that does not
     fit because the page is slow, stopped or dead is dropped and counted. A thread starts the process and waits for
     its end, so that the logger's own thread never does. The kernel kills the process when the logger dies.
-
-    Parameters
-    ----------
-    host, port, token, vehicle
-        See `wheelsoil.live.open_page`.
+    See `open_page` for arguments and errors.
 
     Attributes
     ----------
@@ -50,13 +46,6 @@ class PagePanel:
         Number of starts of the page's process.
     pid : int or None
         Process id of the page; None while it is not running.
-
-    Raises
-    ------
-    HardwareError
-        The address cannot be listened on, or the port is taken.
-    ConfigError
-        The token or the port cannot be used.
     """
 
     def __init__(self, host: str, port: int, token: str | None, vehicle: str, restart_s: float = RESTART_S) -> None:
@@ -169,11 +158,6 @@ def open_page(host: str, port: int, token: str | None, vehicle: str) -> PagePane
         Token that the page requires. None: no token on a loopback address, a new random one elsewhere.
     vehicle : str
         Name that the page shows before the first snapshot.
-
-    Returns
-    -------
-    PagePanel
-        A `daq.logger.panel.Panel`; its ``address`` opens the page, token included.
 
     Raises
     ------

@@ -12,17 +12,21 @@ import os
 import signal
 import socket
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+from starlette.applications import Starlette
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import PlainTextResponse, Response, StreamingResponse
+from starlette.routing import Route
+from starlette.types import ASGIApp
 from uvicorn import Server
 
 from daq.logger import Command
-from wheelsoil.live.app import make_app
-from wheelsoil.live.hub import Hub
-from wheelsoil.live.wire import LARGEST_BYTES, packed_command, unpacked
-from wheelsoil.web.guard import Rules
-from wheelsoil.web.serving import server_of
+from wheelsoil.live.hub import MOST_STREAMS, Hub
+from wheelsoil.live.wire import LARGEST_BYTES, command_from, packed_command, unpacked
+from wheelsoil.web.serving import Guard, Rules, files_in, routes_of, server_of
 
 _NICENESS = 10
 _FIRST_TO_GO = "900"
@@ -53,6 +57,30 @@ def _give_way() -> None:
     with suppress(OSError):  # a service manager may forbid it
         os.nice(_NICENESS)
         Path("/proc/self/oom_score_adj").write_text(_FIRST_TO_GO, encoding="ascii")
+
+
+def make_app(hub: Hub, pass_on: Callable[[Command], bool], rules: Rules) -> ASGIApp:
+    """Return the page as an ASGI application; `pass_on` returns False when the logger does not take the command."""
+
+    async def events(_: Request) -> Response:
+        if hub.streams >= MOST_STREAMS:
+            return PlainTextResponse(f"{hub.streams} browsers have this page open already: close one\n", 503)
+        return StreamingResponse(hub.stream(), media_type="text/event-stream")
+
+    async def command(request: Request) -> Response:
+        try:
+            asked = command_from(await request.body())
+        except ClientDisconnect:
+            return Response(status_code=400)
+        if isinstance(asked, str):
+            return PlainTextResponse(f"{asked}\n", 400)
+        if not pass_on(asked):
+            return PlainTextResponse("the logger does not take commands now\n", 503)
+        return Response(status_code=202)
+
+    page = files_in("wheelsoil.web") | files_in("wheelsoil.live")
+    routes = [Route("/events", events, methods=["GET"]), Route("/command", command, methods=["POST"])]
+    return Guard(Starlette(routes=[*routes_of(page), *routes]), rules, frozenset(page))
 
 
 async def _serve(listening: socket.socket, pair: socket.socket, rules: Rules, vehicle: str) -> None:

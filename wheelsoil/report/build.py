@@ -14,12 +14,11 @@ from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import ModuleType
 from typing import Any
 
 from daq import ConfigError, Fault, WheelsoilError
 from wheelsoil import __version__
-from wheelsoil.report.content import Figure, Section, Text, drawn, figures_of, texts_of
+from wheelsoil.report.content import Figure, Section, SectionBuilder, Text, drawn, figures_of, texts_of
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
 from wheelsoil.wording.to_json import plain
@@ -28,12 +27,7 @@ from wheelsoil.wording.to_json import plain
 def render(title: str, subtitle: str, sections: Sequence[Section], *, made_at: str, json_name: str) -> str:
     """Return the page as HTML text; it contains plotly.js once and loads nothing from outside.
 
-    Parameters
-    ----------
-    made_at : str
-        Time of the report, for the last line.
-    json_name : str
-        Name of the file with the numbers.
+    `made_at` is the time of the report, for the last line; `json_name` the name of the file with the numbers.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from jinja2.utils import htmlsafe_json_dumps
@@ -81,13 +75,7 @@ class PrintError(WheelsoilError, RuntimeError):
 
 
 def find_browser() -> str:
-    """Return the path of a browser that can print.
-
-    Raises
-    ------
-    ConfigError
-        No browser is installed.
-    """
+    """Return the path of a browser that can print; `ConfigError` if none is installed."""
     found = next(filter(None, map(shutil.which, BROWSERS)), None)
     if found is None:
         raise ConfigError(
@@ -101,31 +89,17 @@ def find_browser() -> str:
     return found
 
 
-def print_page(page: Path, output: Path, browser: str | None = None) -> None:
-    """Print an HTML file that needs no network to an A4 PDF with page numbers.
-
-    Parameters
-    ----------
-    browser : str, optional
-        Default: `find_browser`.
-
-    Raises
-    ------
-    ConfigError
-        No browser is installed.
-    PrintError
-        The browser created no PDF.
-    """
-    chosen = browser or find_browser()
+def print_page(page: Path, output: Path, browser: str) -> None:
+    """Print an HTML file that needs no network to an A4 PDF with page numbers; `PrintError` if none was created."""
     with tempfile.TemporaryDirectory(prefix="wheelsoil-") as folder:
         made = Path(folder) / "page.pdf"
         places = [f"--user-data-dir={folder}/profile", f"--print-to-pdf={made}", page.resolve().as_uri()]
-        output_text = _run([chosen, *_OPTIONS, *_sandbox(), *places])
+        output_text = _run([browser, *_OPTIONS, *_sandbox(), *places])
         if not made.is_file() or not made.read_bytes().startswith(b"%PDF"):
             raise PrintError(
                 Fault(
                     "the browser created no PDF",
-                    chosen,
+                    browser,
                     found=output_text.strip().splitlines()[-1][:200] if output_text.strip() else "no message",
                     next_step="write the page (-o report.html), open it and print it",
                 )
@@ -225,17 +199,17 @@ def build_report(material: ReportInputs) -> Report:
     """Build every section; a section that fails is replaced by the reason, and the others are not affected."""
     left_out: dict[str, str] = {}
     sections = []
-    for module in _asked_for(material):
-        key = module.KEY
+    for builder in _asked_for(material):
+        key = builder.key
         try:
-            section = module.build(material)
+            section = builder.build(material)
         except WheelsoilError as error:
             left_out[key] = "; ".join(fault.what for fault in error.faults)
         except Exception as error:  # noqa: BLE001 - an error in one section must not stop the report
             _log.debug("section %s", key, exc_info=True)
             left_out[key] = f"a fault in this section ({type(error).__name__}: {error}); please report it"
         if key in left_out:
-            section = Section(key, module.TITLE, [Text(f"Left out: {left_out[key]}.", "missing")])
+            section = Section(key, builder.title, [Text(f"Left out: {left_out[key]}.", "missing")])
         sections.append(section)
     terrain = material.terrain or "unknown terrain"
     return Report(
@@ -248,10 +222,10 @@ def build_report(material: ReportInputs) -> Report:
     )
 
 
-def _asked_for(material: ReportInputs) -> list[ModuleType]:
+def _asked_for(material: ReportInputs) -> list[SectionBuilder]:
     """Return the sections of the page."""
     diagnosed = material.diagnosed is not None or bool(material.no_diagnosis)
-    return [module for module in SECTIONS if diagnosed or module not in OF_THE_DIAGNOSIS]
+    return [builder for builder in SECTIONS if diagnosed or builder not in OF_THE_DIAGNOSIS]
 
 
 def _subtitle(material: ReportInputs) -> str:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
+
+from wheelsoil.report.inputs import ReportInputs
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,28 @@ class Section:
     title: str
     blocks: Sequence[Block]
     numbers: Mapping[str, Any] = field(default_factory=dict)
+
+
+Contents = tuple[Sequence[Block], Mapping[str, Any]]
+"""Blocks of a section, and its numbers."""
+
+
+@dataclass(frozen=True)
+class SectionBuilder:
+    """A section before it is built; `contents` raises `DataError` with the reason where there is none."""
+
+    key: str
+    title: str
+    contents: Callable[[ReportInputs], Contents]
+
+    def build(self, material: ReportInputs) -> Section:
+        """Build the section; see `contents` for what it raises."""
+        return Section(self.key, self.title, *self.contents(material))
+
+
+def section(key: str, title: str) -> Callable[[Callable[[ReportInputs], Contents]], SectionBuilder]:
+    """Return the decorator that makes a section's builder of the function for its contents."""
+    return lambda contents: SectionBuilder(key, title, contents)
 
 
 def figures_of(section: Section) -> list[Figure]:

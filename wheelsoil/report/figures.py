@@ -1,16 +1,52 @@
-"""Plotly figures as dicts: one style, safe for colour-blind readers and black-and-white print, few points."""
+"""Plotly figures as dicts: one style, also of the analyst's page, for colour-blind readers and print; few points."""
 
 from __future__ import annotations
 
 import html
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from daq import FloatArray, IntArray
-from wheelsoil.wording.model_styles import Style
+
+
+@dataclass(frozen=True)
+class Style:
+    """How one model looks wherever it is drawn; `dash` and `symbol` are plotly's."""
+
+    label: str
+    colour: str
+    dash: str
+    symbol: str
+
+
+STYLES: dict[str, Style] = {
+    "wong": Style("Wong", "#D55E00", "dash", "circle"),
+    "vasilev": Style("Vasil'ev", "#0072B2", "dot", "square-open"),
+    "lyasko": Style("Lyasko", "#009E73", "solid", "diamond"),
+    "ding": Style("Ding", "#CC79A7", "dashdot", "triangle-up"),
+    "chosen": Style("chosen", "#7A5FD0", "longdashdot", "star"),
+}
+"""Okabe and Ito's colours, and one for a model of one's own; dash and marker keep a black-and-white print legible."""
+BY_HAND = Style("by hand", STYLES["chosen"].colour, "solid", "star")
+"""A model of one's own before it is fitted: its colour is that of the fitted one."""
+_SPARE = Style("", "#777777", "longdash", "hexagon")
+
+
+def style(model: str) -> Style:
+    """Return a model's style; an unknown model gets a spare one under its own name."""
+    return STYLES.get(model) or Style(model, _SPARE.colour, _SPARE.dash, _SPARE.symbol)
+
+
+def styles_script() -> bytes:
+    """Return the table as a module of JavaScript."""
+    table = {name: asdict(one) for name, one in STYLES.items()}
+    parts = {"MODELS": table, "BY_HAND": asdict(BY_HAND), "SPARE": asdict(_SPARE)}
+    return "".join(f"export const {name} = {json.dumps(value)};\n" for name, value in parts.items()).encode()
+
 
 EDGES = np.round(np.arange(-1.0, 1.0001, 0.05), 2)
 """Bins of slip."""
@@ -19,14 +55,7 @@ _POINTS_IN_ALL, _FEWEST, _MOST = 14_000, 250, 700
 
 @dataclass(frozen=True)
 class Bins:
-    """Medians and quartiles of y in bins of x; bins with fewer than `least` samples are omitted.
-
-    Attributes
-    ----------
-    centre, median, lower, upper : float64 array, shape (bins,)
-        `lower` and `upper` are the quartiles.
-    count : int64 array, shape (bins,)
-    """
+    """Medians and quartiles (`lower`, `upper`) of y in bins of x, each of shape (bins,); see `binned`."""
 
     centre: FloatArray
     median: FloatArray
@@ -41,21 +70,10 @@ def points_of_run(runs: int) -> int:
 
 
 def decimated_rows(values: FloatArray, limit: int) -> IntArray:
-    """Choose rows of a series so that its line keeps every peak.
+    """Choose at most `limit` rows of a series so that its line keeps every peak, in ascending order.
 
     The series is cut into ``limit / 2`` pieces; each keeps the rows of its minimum and maximum.
     A piece without a number keeps its first row, so that gaps stay visible.
-
-    Parameters
-    ----------
-    values : float64 array, shape (n,)
-    limit : int
-        Largest number of rows to return.
-
-    Returns
-    -------
-    int64 array
-        Rows in ascending order; all of them if there are at most `limit`.
     """
     if len(values) <= limit:
         return np.arange(len(values))
@@ -95,7 +113,7 @@ def thinned_by_sign(x: FloatArray, y: FloatArray) -> IntArray:
 
 
 def binned(x: FloatArray, y: FloatArray, edges: FloatArray, *, least: int = 5) -> Bins:
-    """Summarise y in bins of x; see `Bins`."""
+    """Summarise y in bins of x; bins with fewer than `least` samples are omitted."""
     finite = np.isfinite(x) & np.isfinite(y)
     which = np.digitize(x, edges) - 1
     centre, quartiles, count = [], [], []
@@ -126,6 +144,9 @@ def _cell(values: FloatArray, cells: int) -> IntArray:
 
 
 Trace = dict[str, Any]
+
+ALL_RUNS = "all runs"
+"""Name of the choice among the runs that shows all of them."""
 
 MEASURED = "#111111"
 CLOUD = "rgba(90,90,90,0.35)"
@@ -199,17 +220,7 @@ def band(x: FloatArray, lower: FloatArray, upper: FloatArray, name: str, colour:
 def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: str) -> list[Trace]:
     """Return the density of samples as grey cells, darker for more samples; samples outside the cells are dots.
 
-    Parameters
-    ----------
-    x, y : float64 array, shape (n,)
-        Rows with a NaN are omitted.
-    x_range : (float, float)
-        Samples outside are omitted.
-
-    Returns
-    -------
-    list of Trace
-        The cells, from the 0.5th to the 99.5th percentile of y, and dots for the samples outside them.
+    Samples outside `x_range` and rows with a NaN are omitted; the cells hold the 0.5th to the 99.5th percentile of y.
     """
     known = np.isfinite(x) & np.isfinite(y) & (x >= x_range[0]) & (x <= x_range[1])
     x, y = x[known], y[known]
@@ -240,14 +251,9 @@ def density(x: FloatArray, y: FloatArray, x_range: tuple[float, float], name: st
 
 
 def shades(spans: Sequence[tuple[float, float]], low: float, high: float, name: str, fill: tuple[str, str]) -> Trace:
-    """Return vertical stripes, e.g. segments of time; `fill` is a colour and a pattern (readable without colour).
+    """Return vertical stripes (from, to), e.g. segments of time, between `low` and `high` on the y axis.
 
-    Parameters
-    ----------
-    spans : sequence of (from, to)
-    low, high : float
-        Ends of the stripes on the y axis.
-    fill : (colour, pattern)
+    `fill` is a colour and a pattern, readable without colour.
     """
     x: list[float | None] = []
     y: list[float | None] = []
@@ -340,3 +346,9 @@ def _stretched(low: float, high: float, also: FloatArray) -> tuple[float, float]
     if below + above > span:
         below, above = min(below, max(span - above, span / 2)), min(above, max(span - below, span / 2))
     return low - below, high + above
+
+
+def dotted_line(x: float) -> dict[str, Any]:
+    """Return a vertical dotted line over the whole figure at one x, as plotly's shape."""
+    place = {"type": "line", "xref": "x", "yref": "paper", "x0": x, "x1": x, "y0": 0, "y1": 1}
+    return place | {"line": {"color": "#555", "width": 1.2, "dash": "dot"}}

@@ -34,11 +34,6 @@ _PER_BIN = 4
 def model_sigmas(runs: Sequence[ProcessedRun], fit: CampaignFit) -> dict[str, dict[str, FloatArray]]:
     """Return one-sigma of each model's prediction from its coefficients alone, on some of the used samples.
 
-    Parameters
-    ----------
-    fit : CampaignFit
-        Of these runs.
-
     Returns
     -------
     mapping channel -> model -> float64 array, shape (n,)
@@ -189,26 +184,14 @@ class ReportInputs:
 
     @property
     def diagnosis(self) -> Diagnosis:
-        """The diagnosis; a section that needs one is left out with the reason when there is none.
-
-        Raises
-        ------
-        DataError
-            There is no diagnosis.
-        """
+        """The diagnosis; `DataError` with the reason if there is none, and the section that needs it is left out."""
         if self.diagnosed is None:
             raise DataError(self.no_diagnosis)
         return self.diagnosed
 
     @property
     def fit(self) -> CampaignFit:
-        """The fit; a section that needs one is left out with the reason when there is none.
-
-        Raises
-        ------
-        DataError
-            There is no fit.
-        """
+        """The fit; `DataError` with the reason if there is none, and the section that needs it is left out."""
         if self.campaign is None:
             raise DataError(self.no_fit)
         return self.campaign
@@ -279,12 +262,7 @@ class ReportInputs:
 class Pool:
     """The used samples of fitted runs, one after the other, with what each model predicts for them.
 
-    Attributes
-    ----------
-    slip, vertical_load_n, sinkage_m : float64 array, shape (n,)
-    time_s : float64 array, shape (n,)
-        Within the run.
-    run : int array, shape (n,)
+    All arrays have shape (n,); `time_s` is within the run, `run` the number of the run.
     """
 
     def __init__(self, runs: Sequence[ProcessedRun], models: Sequence[ModelFit]) -> None:
@@ -297,13 +275,7 @@ class Pool:
         self.run = np.repeat(np.arange(len(runs)), [int(run.used.sum()) for run in runs])
 
     def measured(self, channel: str) -> FloatArray:
-        """Return what was measured of "dp" or "t".
-
-        Raises
-        ------
-        DataError
-            It was not measured.
-        """
+        """Return what was measured of "dp" or "t"; `DataError` if it was not."""
         values = self._of_runs(OUTPUTS[channel].field)
         if not np.isfinite(values).any():
             what = OUTPUTS[channel].name

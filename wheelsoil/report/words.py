@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 
 from daq import Quantity, unit_suffix, unit_text
-from wheelsoil.wording.model_styles import STYLES
+from wheelsoil.report.figures import STYLES
 
 PARAMETERS = {
     "H_m": "H",

@@ -1,2 +1,1 @@
-from .opening import Files as Files
 from .server import serve as serve

@@ -1,9 +1,11 @@
-"""The analysis session behind the page: its campaigns and every request; long computations run in helper processes."""
+"""The analysis session behind the page: its campaigns, their processing in the background, and every request."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from secrets import token_hex
 from tempfile import TemporaryDirectory
@@ -13,22 +15,115 @@ from typing import Any, TypeVar
 from daq import ConfigError, DataError, Fault, WheelsoilError
 from model.effects import EFFECTS
 from model.wheel_soil import Reading, prior_of
-from processing import Interval, with_by_hand
+from processing import Interval, ProcessOptions, with_by_hand
 from processing.pipeline import shares_of
 from wheelsoil import __version__
 from wheelsoil.view import jobs
-from wheelsoil.view.background import Processing
-from wheelsoil.view.campaigns import DiagnosisOnPage, NotReadyError, ViewedCampaign, ViewedRun
+from wheelsoil.view.campaigns import DiagnosisOnPage, NotReadyError, ViewedCampaign, ViewedRun, open_campaigns
 from wheelsoil.view.curve import checked_values, curve_of, effect_entries, soil_parameters
-from wheelsoil.view.entries import campaign_entry, fault_of_ours
 from wheelsoil.view.helper import Helper, HelperEndedError
-from wheelsoil.view.jobs import Member, PlotData
-from wheelsoil.view.opening import open_campaigns
-from wheelsoil.view.requests import CurveAsked, SelectedAsked
+from wheelsoil.view.jobs import Member, PlotData, process_run
+from wheelsoil.view.messages import CurveAsked, SelectedAsked, campaign_entry, fault_of_ours
 from wheelsoil.view.saving import saved, selected_of
 from wheelsoil.view.trace import trace_as_json
 from wheelsoil.workflows.choice import SCHEMA, Choice, parse_choice
 from wheelsoil.workflows.runs import Files
+
+_TRIES = 3
+
+
+class Processing:
+    """A thread that hands waiting runs to a helper process.
+
+    `lock` guards the state of the campaigns, `zero` stands in for the zero files that the vehicles name, `folder` is
+    for the processed runs.
+    """
+
+    def __init__(
+        self,
+        campaigns: Sequence[ViewedCampaign],
+        lock: threading.RLock,
+        helper: Helper,
+        zero: Path | None,
+        folder: Path,
+    ) -> None:
+        self._campaigns, self._lock, self._helper, self._zero, self._folder = campaigns, lock, helper, zero, folder
+        self._preferred: ViewedRun | None = None
+        self._news = threading.Event()
+        self._closed = False
+        self._number = count(1)
+        self._thread = threading.Thread(target=self._process, name="processing", daemon=True)
+        self._thread.start()
+
+    def prefer(self, run: ViewedRun) -> None:
+        """Process this run next, because the page displays it."""
+        self._preferred = run
+
+    def wake(self) -> None:
+        """Check again whether runs are waiting."""
+        self._news.set()
+
+    def close(self) -> None:
+        """Start no further run; the current one ends when the helper is closed."""
+        self._closed = True
+        self._news.set()
+
+    def _process(self) -> None:
+        while not self._closed:
+            self._news.clear()
+            with self._lock:
+                found = self._next()
+                if found is not None:
+                    found[0].state = "processing"
+            if found is None:
+                self._news.wait()
+            else:
+                self._process_one(*found)
+
+    def _next(self) -> tuple[ViewedRun, ProcessOptions] | None:
+        waiting = [(run, c.options) for c in self._campaigns for run in c.runs if run.state == "waiting"]
+        first = [found for found in waiting if found[0] is self._preferred]
+        return next(iter(first or waiting), None)
+
+    def _process_one(self, run: ViewedRun, options: ProcessOptions) -> None:
+        target = self._folder / f"{run.key}-{next(self._number)}.pickle"
+        try:
+            plot_data = self._helper.ask(process_run, run.run, options, self._zero, target).result()
+        except HelperEndedError as error:
+            self._try_again(run, options, error)
+        except WheelsoilError as error:
+            self._put(run, options, faults=error.faults)
+        except Exception as error:  # noqa: BLE001  # one run must not stop the others
+            self._put(run, options, faults=(fault_of_ours(error, run.run.id),))
+        else:
+            self._put(run, options, plot_data=plot_data, file=target)
+
+    def _try_again(self, run: ViewedRun, options: ProcessOptions, error: HelperEndedError) -> None:
+        """Queue a run again after the helper ended; after `_TRIES` ends the run has failed."""
+        with self._lock:
+            run.ended += 1
+            if run.ended < _TRIES:
+                run.state = "waiting"
+                return
+        step = "close programs if memory is short; then switch the run off and on again"
+        self._put(run, options, faults=tuple(replace(fault, next_step=step) for fault in error.faults), ended=run.ended)
+
+    def _put(
+        self,
+        run: ViewedRun,
+        options: ProcessOptions,
+        *,
+        plot_data: PlotData | None = None,
+        file: Path | None = None,
+        faults: tuple[Fault, ...] = (),
+        ended: int = 0,
+    ) -> None:
+        with self._lock:
+            if run.file is not None:
+                run.file.unlink(missing_ok=True)
+            run.options, run.plot_data, run.file, run.faults, run.ended = options, plot_data, file, faults, ended
+            run.update_state(next(campaign.options for campaign in self._campaigns if run in campaign.runs))
+
 
 _OF_DIAGNOSIS = frozenset({"run", "cutoff_hz", "min_speed_mps", "sinkage"})
 """Keys of a choice that a diagnosis depends on; the others concern the fit only."""
@@ -44,15 +139,7 @@ class UnknownKeyError(ConfigError):
 class AnalysisSession:
     """The campaigns on the page and the helper processes that compute; every method may be called from any thread.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        Recordings, logs, campaign folders.
-
-    Raises
-    ------
-    WheelsoilError
-        See `daq.runs.open_runs`.
+    Opening `paths` (recordings, logs, campaign folders) raises what `daq.runs.open_runs` does.
     """
 
     def __init__(self, paths: Sequence[Path], files: Files) -> None:
@@ -79,12 +166,7 @@ class AnalysisSession:
         return {"version": __version__, "started": self._started, "remarks": self.remarks, "campaigns": campaigns}
 
     def run(self, campaign_key: str, run_key: str) -> dict[str, Any]:
-        """Return the points of a run that are drawn; `shares` is the share of all samples by exclusion reason.
-
-        Raises
-        ------
-        UnknownKeyError, NotReadyError, WheelsoilError
-        """
+        """Return the points of a run that are drawn; `shares` is the share of all samples by exclusion reason."""
         data, keep = self._ready(campaign_key, run_key)
         trace = data.trace
         reason = trace.reason if keep is None else with_by_hand(trace.reason, trace.time_s, keep)
@@ -92,17 +174,16 @@ class AnalysisSession:
         return trace_as_json(trace, reason) | {"shares": shares}
 
     def selected(self, asked: SelectedAsked) -> dict[str, Any]:
-        """Return a summary of the selected samples of a run; see `wheelsoil.view.saving.selected_of`.
-
-        Raises
-        ------
-        UnknownKeyError, NotReadyError, WheelsoilError
-        """
+        """Return a summary of the selected samples of a run; see `wheelsoil.view.saving.selected_of`."""
         data, keep = self._ready(asked.campaign, asked.run)
         return selected_of(data.kept(keep), asked)
 
     def _ready(self, campaign_key: str, run_key: str) -> tuple[PlotData, tuple[Interval, ...] | None]:
-        """Return a processed run and the intervals that are kept (None: all)."""
+        """Return a processed run and the intervals that are kept (None: all).
+
+        `UnknownKeyError` if there is no such run, `NotReadyError` if it is not processed yet, else the faults of its
+        processing.
+        """
         with self.lock:
             campaign = self.campaign(campaign_key)
             run = _of_key(campaign.runs, run_key, "run")
@@ -161,10 +242,7 @@ class AnalysisSession:
     def choose(self, key: str, raw: dict[str, Any]) -> dict[str, Any]:
         """Apply a choice and return the campaign's entry; runs are processed again if their processing options changed.
 
-        Raises
-        ------
-        ConfigError
-            Lists every error of the choice.
+        `ConfigError` lists every error of the choice.
         """
         choice = parse_choice({"schema": SCHEMA, **raw}, "choice")
         choice.process_options()
@@ -262,12 +340,7 @@ class AnalysisSession:
             return {"path": str(path), "campaign": campaign_entry(campaign, self.files)}
 
     def campaign(self, key: str) -> ViewedCampaign:
-        """Return a campaign by its key.
-
-        Raises
-        ------
-        UnknownKeyError
-        """
+        """Return a campaign by its key; `UnknownKeyError` if there is none."""
         return _of_key(self.campaigns, key, "campaign")
 
 

@@ -123,14 +123,7 @@ def soil_parameters(soil: Soil, prior: SoilPrior) -> list[dict[str, Any]]:
 
 
 def effect_entries(base: Base, reading: Reading, reasons: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Return every effect with its parameters, and why these data cannot identify it.
-
-    Parameters
-    ----------
-    reading : "balanced" or "literal"
-    reasons : mapping family -> sentence
-        Why the data cannot identify the family.
-    """
+    """Return every effect with its parameters, and why these data cannot identify it (`reasons` by family)."""
     visible = _visible_in_curve(base, reading)
     return [_entry(key, base.wheel, reading, reasons) | {"in_curve": visible[key]} for key in EFFECTS]
 
@@ -138,10 +131,7 @@ def effect_entries(base: Base, reading: Reading, reasons: Mapping[str, str]) -> 
 def checked_values(effects: Sequence[str], values: Mapping[str, float], soil: Mapping[str, float]) -> dict[str, float]:
     """Return the values of soil and effects in one mapping, as the model expects them.
 
-    Raises
-    ------
-    ConfigError
-        Lists unknown effects, unknown parameters, and values out of bounds.
+    `ConfigError` lists unknown effects, unknown parameters, and values out of bounds.
     """
     faults = [
         Fault(f"no effect is called {key!r}", "effects", expected=nearest(key, EFFECTS))

@@ -28,13 +28,7 @@ class HelperEndedError(HardwareError):
 
 
 class Helper:
-    """One process with a queue of jobs; it is started when first needed, and again after it ended.
-
-    Parameters
-    ----------
-    name : str
-        Name of the thread that passes the jobs on.
-    """
+    """One process with a queue of jobs; it is started when first needed, and again after it ended."""
 
     def __init__(self, name: str) -> None:
         self._line: PriorityQueue[tuple[int, int, Future[Any], Job | None]] = PriorityQueue()
@@ -48,14 +42,9 @@ class Helper:
         self._thread.start()
 
     def ask(self, function: Callable[..., Any], *args: Any, urgent: bool = False) -> Future[Any]:
-        """Return the future result of ``function(*args)`` in the process.
+        """Return the future result of ``function(*args)`` in the process; all three are pickled.
 
-        Parameters
-        ----------
-        function : callable
-            From an importable module; the function, its arguments and its result are pickled.
-        urgent : bool
-            Precedes all jobs that are not urgent, but does not interrupt one.
+        An urgent job precedes all jobs that are not, but does not interrupt one.
         """
         future: Future[Any] = Future()
         with self._lock:

@@ -71,13 +71,7 @@ class Member:
 
 
 def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Path) -> PlotData:
-    """Process a run, write it to `target` and return the data that the page draws.
-
-    Raises
-    ------
-    ConfigError, DataError, RecordingError
-        See `wheelsoil.workflows.runs.open_and_process`.
-    """
+    """Process a run, write it to `target` and return the data that the page draws; see `process_runs` for errors."""
     said = io.StringIO()
     with redirect_stderr(said):
         [(_, processed)] = process_runs([run], options, zero=zero)
@@ -104,13 +98,7 @@ def _slim(run: ProcessedRun) -> ProcessedRun:
 
 
 def fit_members(members: Sequence[Member], choices: FitChoices, soil: str | None) -> dict[str, Any]:
-    """Return the fit as `fit --json` prints it, and the curve request of each model by its name.
-
-    Raises
-    ------
-    ConfigError, DataError
-        See `wheelsoil.workflows.fit.fit_runs`.
-    """
+    """Return the fit as `fit --json` prints it, and the curve request of each model by its name; see `fit_runs`."""
     fit = fit_runs(_taken(members, choices.purpose), choices, soil)
     curves = {
         model.name: {
@@ -128,13 +116,7 @@ def fit_members(members: Sequence[Member], choices: FitChoices, soil: str | None
 def diagnose_members(
     members: Sequence[Member], paths: Sequence[Path], soil: str | None, choices: FitChoices
 ) -> dict[str, Any]:
-    """Return the diagnosis as `diagnose --json` prints it.
-
-    Raises
-    ------
-    ConfigError, DataError
-        See `wheelsoil.workflows.diagnosis.diagnose_campaigns`.
-    """
+    """Return the diagnosis as `diagnose --json` prints it; see `diagnose_campaigns` for errors."""
     processed = _taken(members, "diagnose")
     options = diagnosis_options(choices.reading)
     found: dict[str, Any] = plain(diagnosis_json(diagnose_campaigns(campaigns_of(paths, processed, soil), options)))

@@ -14,7 +14,7 @@ import numpy as np
 from daq import BoolArray, ConfigError, Fault, FloatArray
 from processing import ProcessedRun, Reason
 from wheelsoil.view.campaigns import ViewedCampaign
-from wheelsoil.view.requests import SelectedAsked
+from wheelsoil.view.messages import SelectedAsked
 from wheelsoil.workflows.choice import SCHEMA, Choice, ChosenRun
 from wheelsoil.workflows.recordings import sha256_of
 
@@ -24,12 +24,7 @@ _REASONS = {why.name.lower(): why for why in Reason}
 def selected_of(run: ProcessedRun, asked: SelectedAsked) -> dict[str, Any]:
     """Return number and duration of the selected samples, their range of slip and their mean drawbar pull.
 
-    The mean drawbar pull is that of the used samples among them; of all if none is used.
-
-    Parameters
-    ----------
-    run : ProcessedRun
-        With the manual exclusions.
+    The run is with the manual exclusions. The mean drawbar pull is that of the used samples; of all if none is used.
     """
     rows = _rows(run, asked)
     used = rows & run.used

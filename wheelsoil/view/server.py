@@ -24,14 +24,22 @@ from starlette.types import ASGIApp
 
 from daq import ConfigError, DataError, Fault, WheelsoilError
 from wheelsoil.console import printable_addresses
+from wheelsoil.report.figures import styles_script
 from wheelsoil.view.analysis_session import AnalysisSession, UnknownKeyError
 from wheelsoil.view.campaigns import NotReadyError
-from wheelsoil.view.entries import fault_of_ours, faults_as_json
-from wheelsoil.view.requests import Asked, CampaignAsked, ChoiceAsked, CurveAsked, SaveAsked, SelectedAsked, asked_of
-from wheelsoil.web.guard import POLICY, Guard, Rules, files_in, routes_of
+from wheelsoil.view.messages import (
+    Asked,
+    CampaignAsked,
+    ChoiceAsked,
+    CurveAsked,
+    SaveAsked,
+    SelectedAsked,
+    asked_of,
+    fault_of_ours,
+    faults_as_json,
+)
 from wheelsoil.web.listening import PortTakenError, checked_token, listen, page_addresses
-from wheelsoil.web.serving import server_of
-from wheelsoil.wording.model_styles import styles_script
+from wheelsoil.web.serving import POLICY, Guard, Rules, files_in, routes_of, server_of
 from wheelsoil.wording.to_json import to_json
 from wheelsoil.workflows.runs import Files
 
@@ -195,13 +203,7 @@ def _print_addresses(remarks: Iterable[str], addresses: Iterable[str], say: Call
 
 
 def listening_on(host: str, port: int | None) -> socket.socket:
-    """Return a listening socket; without a port on `PORT` or the next free one.
-
-    Raises
-    ------
-    HardwareError, ConfigError
-        See `wheelsoil.web.listening.listen`.
-    """
+    """Return a listening socket; without a port on `PORT` or the next free one. See `listen` for errors."""
     if port is not None:
         return listen(host, port, page=_PAGE)
     for tried in range(PORT, PORT + _TRIED):

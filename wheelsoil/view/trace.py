@@ -100,10 +100,7 @@ def _rows_of_pieces(run: ProcessedRun, pieces: int) -> IntArray:
 def trace_as_json(trace: Trace, reason: NDArray[np.uint8]) -> dict[str, Any]:
     """Return JSON values; NaN becomes None, and a quantity that was not measured is None as a whole.
 
-    Parameters
-    ----------
-    reason : uint8 array, shape (n,)
-        Instead of the trace's own: with the manual exclusions.
+    `reason`, shape (n,), stands in for the trace's own: it has the manual exclusions.
     """
     words = ["" if why is Reason.USED else why.name.lower() for why in Reason]
     arrays = {

@@ -59,10 +59,7 @@ def is_loopback(host: str) -> bool:
 def checked_token(token: str | None, host: str) -> str | None:
     """Return the token required on a bound address: the given one, a new one, or None if none is needed.
 
-    Raises
-    ------
-    ConfigError
-        The given token is too short or has characters that a header cannot carry.
+    `ConfigError` if the given token is too short or has characters that a header cannot carry.
     """
     if token is None:
         return None if is_loopback(host) else secrets.token_urlsafe(16)

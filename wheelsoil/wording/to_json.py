@@ -15,15 +15,10 @@ from wheelsoil.wording.notes import note_text
 
 
 def plain(value: Any) -> Any:
-    """Return `value` as dicts, lists, strings, numbers, booleans and None.
+    """Return `value` as dicts, lists, strings, numbers, booleans and None; `TypeError` if it has no plain form.
 
     Numbers that JSON cannot hold (NaN, infinities) become None, a note its sentence. A sequence, array or set becomes a
     list.
-
-    Raises
-    ------
-    TypeError
-        For a value that has no plain form.
     """
     if value is None or isinstance(value, bool | str):
         return value

@@ -23,21 +23,25 @@ _USUAL = (LackCode.SAME_PASS, LackCode.PRESSURE_UNKNOWN)
 
 def sentence_of(found: Diagnosis) -> str:
     """Return the verdict in a sentence or a few, with what speaks against it and what to do next."""
+    return " ".join(sentences_of(found))
+
+
+def sentences_of(found: Diagnosis) -> list[str]:
+    """Return the sentences of the verdict, the most important one first."""
     grounds = found.grounds
     if grounds.undecided is not None:
         return _undecided(grounds.undecided)
     said = _of_table(found) if grounds.table_channels else _of_runs(found)
     cautions = _sentences([note_text(note) for note in grounds.cautions])
-    parts = [cautions, said] if found.verdict == "unexplained" else [said, cautions]
-    return " ".join(filter(None, parts))
+    return [*cautions, *said] if found.verdict == "unexplained" else [*said, *cautions]
 
 
-def _undecided(why: Note) -> str:
+def _undecided(why: Note) -> list[str]:
     steps = dict.fromkeys(fault.next_step for fault in why.values.get("faults", ()) if fault.next_step)
     return _sentences([f"nothing can be decided: {note_text(why)}", f"next: {'; '.join(steps)}" if steps else ""])
 
 
-def _of_runs(found: Diagnosis) -> str:
+def _of_runs(found: Diagnosis) -> list[str]:
     grounds = found.grounds
     chances = {cause.name: cause.probability for cause in found.causes}
     chances |= {one.name: one.probability for one in found.candidates}
@@ -50,7 +54,7 @@ def _of_runs(found: Diagnosis) -> str:
         said = unexplained_words(found.adequacy, found.what_is_wrong, grounds.most_probable, grounds.terrains)
     else:
         said = nothing_words(chances, none, _by_family(found.minimum_detectable), found.what_is_wrong)
-    return said + want_words(found.not_identifiable)
+    return [*said, *want_words(found.not_identifiable)]
 
 
 def _by_family(sizes: Mapping[str, Detectable]) -> dict[str, Detectable]:
@@ -61,34 +65,34 @@ def _by_family(sizes: Mapping[str, Detectable]) -> dict[str, Detectable]:
     return first
 
 
-def _of_table(found: Diagnosis) -> str:
+def _of_table(found: Diagnosis) -> list[str]:
     channels = _listed([OUTPUTS[c].name for c in found.grounds.table_channels])
     chances = {one.name: one.probability for one in found.candidates}
-    onward = f" Next: {found.next_run[0].change}." if found.next_run else ""
+    onward = [f"Next: {found.next_run[0].change}."] if found.next_run else []
     if found.verdict == "named":
         names = " and ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in found.causes)
         others = [f"{plain_name(name)} ({chance(chances[name])})" for name in found.grounds.beside]
-        more = f" Beside it, one of: {', '.join(others)}." if others else ""
+        more = [f"Beside it, one of: {', '.join(others)}."] if others else []
         worth = gain_words(found.gain)
-        held_out = f" On held-out conditions {worth}." if worth else ""
+        held_out = [f"On held-out conditions {worth}."] if worth else []
         seen = f"{names.capitalize()} is detected in {channels}, among explanations that are adequate."
-        return f"{seen}{held_out}{more}{onward}"
+        return [seen, *held_out, *more, *onward]
     if found.verdict == "one_of":
         names = ", ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in found.causes)
         if len(found.causes) == 1:
             why = "" if found.grounds.barred is None else f": {note_text(found.grounds.barred)}"
-            return f"Most probable: {names}, but not sure enough for a name{why}.{onward}"
-        return f"One of {names}: {channels} of these rows cannot separate them.{onward}"
+            return [f"Most probable: {names}, but not sure enough for a name{why}.", *onward]
+        return [f"One of {names}: {channels} of these rows cannot separate them.", *onward]
     if found.verdict == "unexplained":
-        return (
+        return [
             f"No cause of the library, alone or with two others, explains {channels} to within what repeats scatter "
             "and a right model may miss."
-        )
-    return f"No cause is detectable in {channels}: the soil within the laboratory's spread explains them."
+        ]
+    return [f"No cause is detectable in {channels}: the soil within the laboratory's spread explains them."]
 
 
-def named_words(found: Diagnosis, chances: Mapping[str, float]) -> str:
-    """Return the sentence of "named"."""
+def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[str]:
+    """Return the sentences of "named"."""
     alike = found.grounds.confounded
     said = [" and ".join(_cause(cause) for cause in found.causes)]
     if worth := gain_words(found.gain):
@@ -105,8 +109,8 @@ def named_words(found: Diagnosis, chances: Mapping[str, float]) -> str:
     return _sentences(said)
 
 
-def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) -> str:
-    """Return the sentence of "one_of"."""
+def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) -> list[str]:
+    """Return the sentences of "one_of"."""
     families, barred = [cause.name for cause in found.causes], found.grounds.barred
     likely = f"with probability {chance(1.0 - none)}"
     if len(families) == 1:
@@ -132,8 +136,8 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
 
 def unexplained_words(
     judged: Adequacy, left: Sequence[Finding], best: Sequence[str], soils: tuple[Sequence[str], Sequence[str]] | None
-) -> str:
-    """Return the sentence of "unexplained".
+) -> list[str]:
+    """Return the sentences of "unexplained".
 
     Parameters
     ----------
@@ -161,14 +165,15 @@ def unexplained_words(
 
 def nothing_words(
     chances: Mapping[str, float], none: float, sizes: Mapping[str, Detectable], wrong: Sequence[Finding]
-) -> str:
-    """Return the sentence of "nothing_detectable"; `sizes` by family."""
+) -> list[str]:
+    """Return the sentences of "nothing_detectable"; `sizes` by family."""
     said = [f"No cause is detected (no cause: {chance(none)}): soil and noise explain these runs"]
     best = max(chances, key=lambda family: chances[family], default="")
     if best and chances[best] > _WORTH_SAYING:
         said = [
             f"No cause is distinguishable from chance (no cause: {chance(none)})",
-            f"The most probable one is {plain_name(best)} ({chance(chances[best])}). Next: drive another run",
+            f"The most probable one is {plain_name(best)} ({chance(chances[best])})",
+            "Next: drive another run",
         ]
     shown = [
         f"{plain_name(name)} from {d.parameter} = {_number(d.value)}{_unit(d.unit)} on" for name, d in sizes.items()
@@ -181,14 +186,14 @@ def nothing_words(
     return _sentences(said)
 
 
-def want_words(not_identifiable: Mapping[str, Note]) -> str:
+def want_words(not_identifiable: Mapping[str, Note]) -> list[str]:
     """Return the causes that are not identifiable, with the reason; empty where only the usual reasons apply."""
     by_reason: dict[str, list[str]] = {}
     for family, why in not_identifiable.items():
         if why.code not in _USUAL:
             by_reason.setdefault(note_text(why), []).append(plain_name(family))
     said = [f"{_listed(families)} ({why})" for why, families in by_reason.items()]
-    return f" Not identifiable from these runs: {'; '.join(said)}." if said else ""
+    return [f"Not identifiable from these runs: {'; '.join(said)}."] if said else []
 
 
 def _cause(cause: Cause) -> str:
@@ -255,5 +260,5 @@ def _unit(unit: str) -> str:
     return "" if unit in ("", "1") else f" {unit}"
 
 
-def _sentences(said: Sequence[str]) -> str:
-    return " ".join(f"{text[0].upper()}{text[1:]}." for text in said if text)
+def _sentences(said: Sequence[str]) -> list[str]:
+    return [f"{text[0].upper()}{text[1:]}." for text in said if text]

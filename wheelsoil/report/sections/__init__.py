@@ -1,49 +1,59 @@
-"""Report sections, one file each: ``KEY``, ``TITLE`` and ``build(material) -> Section``.
+"""Report sections; each is a function of the report's inputs, made a `SectionBuilder` by `@section(KEY, TITLE)`.
 
 A section that cannot be built raises `daq.errors.DataError` with the reason; it costs itself and nothing else.
 """
 
 from __future__ import annotations
 
-from types import ModuleType
-
-from wheelsoil.report.sections.diagnosis import (
-    candidates,
-    detectable,
-    evidence,
-    gain,
-    glance,
-    next_run,
-    verdict,
-    workings,
-)
-from wheelsoil.report.sections.fit import against_slip, against_time, coefficients, criteria, misfit, sinkage, torque
-from wheelsoil.report.sections.runs import drive, load, provenance, quality, sensors, track
-
-SECTIONS: tuple[ModuleType, ...] = (
-    glance,
-    verdict,
-    quality,
-    coefficients,
+from wheelsoil.report.content import SectionBuilder
+from wheelsoil.report.sections import (
     against_slip,
-    torque,
     against_time,
-    drive,
-    misfit,
     candidates,
+    coefficients,
     evidence,
-    gain,
-    criteria,
-    sinkage,
-    load,
-    detectable,
-    next_run,
-    track,
-    sensors,
-    workings,
+    glance,
+    misfit,
+    planning,
     provenance,
+    quality,
+    sinkage,
+    track,
+    verdict,
+)
+
+SECTIONS: tuple[SectionBuilder, ...] = (
+    glance.glance,
+    verdict.verdict,
+    quality.quality,
+    coefficients.coefficients,
+    against_slip.drawbar_pull,
+    against_slip.torque,
+    against_time.forces,
+    against_time.drive,
+    misfit.misfit,
+    candidates.candidates,
+    evidence.evidence,
+    evidence.gain,
+    coefficients.criteria,
+    sinkage.sinkage,
+    sinkage.load,
+    planning.detectable,
+    planning.next_run,
+    track.track,
+    quality.sensors,
+    provenance.workings,
+    provenance.provenance,
 )
 """In the order of the page."""
 
-OF_THE_DIAGNOSIS = (misfit, candidates, evidence, gain, next_run, detectable, workings)
+OF_THE_DIAGNOSIS = (
+    misfit.misfit,
+    candidates.candidates,
+    evidence.evidence,
+    evidence.gain,
+    planning.next_run,
+    planning.detectable,
+    provenance.workings,
+)
 """Sections that are not on the page where no diagnosis was asked for."""

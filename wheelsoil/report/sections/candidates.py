@@ -7,15 +7,12 @@ from math import isfinite
 from daq import probability
 from model.diagnosis import Candidate, Cause, Diagnosis
 from model.effects import EFFECTS
-from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
+from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import Trace, axes, bars
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, interval, letter, number, unit
 from wheelsoil.wording.diagnosis_text import not_named, set_name
 from wheelsoil.wording.names import parameter_name, plain_name
-
-KEY = "candidates"
-TITLE = "Candidates"
 
 _SHOWN = 10
 _LOOKS = (("#0072B2", ""), ("#E69F00", "/"), ("#bdbdbd", "."))
@@ -25,7 +22,8 @@ _READING = (
 )
 
 
-def build(material: ReportInputs) -> Section:
+@section("candidates", "Candidates")
+def candidates(material: ReportInputs) -> Contents:
     """Build the section."""
     found = material.diagnosis
     blocks: list[Block] = []
@@ -49,7 +47,7 @@ def build(material: ReportInputs) -> Section:
         "proposal": found.proposal,
         "cannot_tell": found.not_identifiable,
     }
-    return Section(KEY, TITLE, blocks, numbers)
+    return blocks, numbers
 
 
 def _figure(found: Diagnosis) -> Figure:

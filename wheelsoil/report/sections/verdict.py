@@ -1,29 +1,27 @@
-"""How far to trust the result: which model predicts best by itself, and every check that speaks for or against it."""
+"""How far to trust the result: the ranking of the models, and every check that speaks for or against the best one."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import stdtrit
 
-from daq import DataError
+from daq import OUTPUTS, DataError, FloatArray, IntArray
 from model.diagnosis import Diagnosis, Gain
 from model.effects import EFFECTS
-from model.fit import CHOSEN, EXTENDED, MODELS
-from wheelsoil.report.comparison import Ranking, rank
-from wheelsoil.report.content import Block, Section, Text
+from model.fit import CHOSEN, EXTENDED, MODELS, ModelFit
+from wheelsoil.report.content import Block, Contents, Text, section
+from wheelsoil.report.figures import style
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import listed, number
 from wheelsoil.wording.fit_text import reason_text
-from wheelsoil.wording.model_styles import style
 from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.notes import note_text
 from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows.fit import NOT_AT_AN_END, ended
 from wheelsoil.workflows.grading import sign_notes
-
-KEY = "verdict"
-TITLE = "How far to trust it"
 
 _LOAD_TOLERANCE = 0.05
 _OFFSET_SHARE, _NOTABLE = 0.5, 0.01
@@ -45,20 +43,18 @@ _STOPS = {
 """What the reasons of `model.fit.gauss_newton.StopReason` mean to the reader."""
 
 
-def build(material: ReportInputs) -> Section:
+@section("verdict", "How far to trust it")
+def verdict(material: ReportInputs) -> Contents:
     """Build the section; its numbers hold the sentence that leads the page: the diagnosis', or else the best fit's.
 
-    Raises
-    ------
-    DataError
-        There is neither a diagnosis nor a fit that could be judged.
+    `DataError` if there is neither a diagnosis nor a fit that could be judged.
     """
     found = material.diagnosed
     if found is None:
         blocks, numbers = _of_the_fit(material)
         if material.no_diagnosis:
             blocks.insert(0, Text(f"No diagnosis: {material.no_diagnosis}.", "warning"))
-        return Section(KEY, TITLE, blocks, numbers)
+        return blocks, numbers
     try:
         blocks, numbers = _of_the_fit(material, found)
     except DataError as error:
@@ -70,7 +66,7 @@ def build(material: ReportInputs) -> Section:
         "sentence": sentence_of(found),
         "verdict": found.verdict,
     }
-    return Section(KEY, TITLE, blocks, of_both)
+    return blocks, of_both
 
 
 def _of_the_fit(material: ReportInputs, diagnosis: Diagnosis | None = None) -> tuple[list[Block], dict[str, Any]]:
@@ -78,7 +74,7 @@ def _of_the_fit(material: ReportInputs, diagnosis: Diagnosis | None = None) -> t
     ranking = rank(material)
     checks = [check for check in _checks(material, ranking) if check.text]
     concerns = sum(check.kind == "warning" for check in checks)
-    sentence = _sentence(material, ranking)
+    sentence = " ".join(fit_sentences(material, ranking))
     trust = _trust(concerns) if diagnosis is None else _beside(diagnosis, concerns)
     said = trust if diagnosis is None else f"Fitted by themselves: {sentence} {trust}"
     blocks: list[Block] = [Text(said), *sorted(checks, key=lambda check: check.kind == "good")]
@@ -95,7 +91,8 @@ def _of_the_fit(material: ReportInputs, diagnosis: Diagnosis | None = None) -> t
     return blocks, numbers
 
 
-def _sentence(material: ReportInputs, ranking: Ranking) -> str:
+def fit_sentences(material: ReportInputs, ranking: Ranking) -> list[str]:
+    """Return which model predicts best, in sentences."""
     best, fit = _model(ranking.best.name), material.fit
     over = f"at slips from {number(fit.slip_threshold, 2)} on"
     error = f"{number(ranking.r0_n)} N (root mean square)"
@@ -115,9 +112,8 @@ def _sentence(material: ReportInputs, ranking: Ranking) -> str:
             f"{best[0].upper()}{best[1:]} follows the drawbar pull best, on the runs it was fitted to: it is off by "
             f"{error} {over}, {number(gain, 2)} % less than Wong's model ({number(wong.r0_n)} N)."
         )
-    if equal:
-        text += f" {listed([_model(name, short=True) for name in equal])} fit equally well on these runs."
-    return text
+    names = listed([_model(name, short=True) for name in equal])
+    return [text, f"{names} fit equally well on these runs."] if equal else [text]
 
 
 def _model(name: str, *, short: bool = False) -> str:
@@ -264,3 +260,98 @@ def _losses(material: ReportInputs) -> Text:
         return Text("")
     names = listed([source.run_id for source in lost])
     return Text(f"Frames are missing from {names}: see data quality.", "warning")
+
+
+_MIN_BLOCKS = 6
+_CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Comparison of another model with the best one.
+
+    Attributes
+    ----------
+    t, critical_t : float
+        Mean difference of the squared errors over nearly independent blocks of samples, divided by its standard
+        error; significant (95 %) beyond `critical_t`. NaN with too few blocks.
+    """
+
+    name: str
+    r0_n: float
+    t: float
+    critical_t: float
+    blocks: int
+
+    @property
+    def is_worse(self) -> bool:
+        """Whether the best model's lead over this one is significant."""
+        return bool(self.t > self.critical_t)
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Models by their R0 of the drawbar pull; `rivals` are the others, the closest first."""
+
+    best: ModelFit
+    r0_n: float
+    rivals: tuple[Rival, ...]
+    error_n: FloatArray
+    """Error of the best model on the compared samples: predicted - measured."""
+
+    def rival(self, name: str) -> Rival | None:
+        """Return the comparison with one model."""
+        return next((rival for rival in self.rivals if rival.name == name), None)
+
+
+def rank(material: ReportInputs, channel: str = "dp") -> Ranking:
+    """Compare the models above the slip threshold.
+
+    The errors of two models on one sample are paired, and neighbouring samples are correlated: the difference of
+    the squared errors is averaged over blocks; their length is the longer one of the two fits.
+
+    Raises
+    ------
+    DataError
+        There is no fit, the channel was not measured, or no slip is above the threshold.
+
+    Notes
+    -----
+    Source: Diebold & Mariano (1995), J. Bus. Econ. Stat. 13:253, with block means for the variance.
+    """
+    fit, pool = material.fit, material.pool
+    scored = [m for m in fit.models if channel in m.criteria and np.isfinite(m.criteria[channel].R0_N)]
+    if not scored:
+        reasons = {reason_text(m.criteria[channel]) for m in fit.models if channel in m.criteria}
+        raise DataError("; ".join(sorted(reasons)) or "no model has an R0")
+    ordered = sorted(scored, key=lambda model: model.criteria[channel].R0_N)
+    measured = pool.measured(channel)
+    errors = {model.name: pool.predicted(model.name, OUTPUTS[channel].field) - measured for model in ordered}
+    counted = pool.slip >= fit.slip_threshold
+    for error in errors.values():
+        counted &= np.isfinite(error)
+    best = ordered[0]
+    rivals = []
+    for other in ordered[1:]:
+        length_s = float(np.nanmax([best.blocks.length_s, other.blocks.length_s]))
+        difference = errors[other.name][counted] ** 2 - errors[best.name][counted] ** 2
+        t, critical, blocks = _block_t(difference, pool.time_s[counted], pool.run[counted], length_s)
+        rivals.append(Rival(other.name, other.criteria[channel].R0_N, t, critical, blocks))
+    return Ranking(best, best.criteria[channel].R0_N, tuple(rivals), errors[best.name][counted])
+
+
+def _block_t(difference: FloatArray, time_s: FloatArray, run: IntArray, length_s: float) -> tuple[float, float, int]:
+    """Return Student's t of block means, its critical value (one-sided) and the number of blocks."""
+    key = np.stack([run, np.floor(time_s / length_s).astype(np.int64)])
+    label = np.unique(key, axis=1, return_inverse=True)[1].reshape(-1)
+    counts = np.bincount(label)
+    if len(counts) < _MIN_BLOCKS:
+        return float("nan"), float("nan"), len(counts)
+    sums = np.bincount(label, difference)
+    mean = difference.mean()
+    # ratio estimator: blocks hold unequal numbers of samples
+    spread = sums - mean * counts
+    blocks = len(counts)
+    error = np.sqrt(np.sum(spread**2) * blocks / (blocks - 1)) / counts.sum()
+    critical = float(stdtrit(blocks - 1, _CONFIDENCE))
+    return (float(mean / error) if error > 0 else float("nan")), critical, blocks

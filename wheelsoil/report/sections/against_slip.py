@@ -1,15 +1,15 @@
-"""Figures over slip: a channel with its density and every model with its band, driving and braking separately."""
+"""Drawbar pull and driving torque against slip: measured with its density, every model with its band and its error."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from daq import OUTPUTS, BoolArray, FloatArray
-from wheelsoil.report.content import Figure, Panels
+from wheelsoil.report.content import Contents, Figure, Panels, section
 from wheelsoil.report.figures import (
+    ALL_RUNS,
     EDGES,
     GREY_BAND,
     MEASURED,
@@ -19,102 +19,52 @@ from wheelsoil.report.figures import (
     band,
     binned,
     density,
-    dots,
+    dotted_line,
     line,
     marked_line,
     set_axis_range,
-    thinned_by_sign,
+    style,
     translucent,
 )
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.wording.model_styles import style
 
-
-def quantity_figure(
-    material: ReportInputs, key: str, name: str, measured: FloatArray, axis: str, factor: float = 1.0
-) -> tuple[Figure, dict[str, Any]]:
-    """Return the figure of one predicted quantity and the numbers in it.
-
-    Parameters
-    ----------
-    key : str
-        Key of the figure.
-    name : str
-        Name of the prediction, e.g. ``"sinkage_m"``.
-    measured : float64 array, shape (n,)
-        In the unit of the axis; all NaN if it was not measured.
-    axis : str
-        Axis title with unit.
-    factor : float
-        Conversion from the prediction's unit to that of the axis.
-    """
-    pool = material.pool
-    data: list[Trace] = []
-    numbers: dict[str, Any] = {"unit": axis}
-    driven = measured[pool.slip > 0]
-    lines = []
-    if np.isfinite(measured).any():
-        curve = binned(pool.slip, measured, EDGES)
-        rows = thinned_by_sign(pool.slip, measured)
-        data = [
-            dots(pool.slip[rows], measured[rows], "measured"),
-            *band(curve.centre, curve.lower, curve.upper, "middle half", GREY_BAND),
-            line(curve.centre, curve.median, "median of measured", MEASURED, "solid", 2.2),
-        ]
-        numbers["measured"] = curve
-    for model in material.fit.models:
-        curve = binned(pool.slip, factor * pool.predicted(model.name, name), EDGES)
-        data.append(marked_line(curve.centre, curve.median, style(model.name).label, style(model.name)))
-        numbers[model.name] = curve
-        lines.append(curve.median[curve.centre > 0])
-    layout = axes("slip", axis, height=380)
-    set_axis_range(layout, "x", np.array([0.0, 1.0]), margin=0.02)
-    predicted = np.concatenate(lines)
-    set_axis_range(layout, "y", driven if np.isfinite(driven).any() else predicted, also=predicted)
-    return Figure(key, axis, data, layout), numbers
-
-
-ALL_RUNS = "all runs"
+_READING_PULL = (
+    "grey cells (and lone dots) are measured samples, darker where there are more; black is their median in bins of "
+    "slip, the grey band their middle half. A model's line is its median over the same samples, its coloured band the "
+    "95 % of its coefficients (none is fitted in Wong's). Where black leaves a band, that model is wrong. Braking is "
+    "not fitted."
+)
+_ERRORS_PULL = (
+    "how far each model's median lies above (+) or below (−) the measured one at each slip. A flat line off zero is an "
+    "offset; a slope is what the sinkage law misses. Only slips right of the dotted line count in the table."
+)
+_READING_TORQUE = (
+    "as for the drawbar pull. A law that explains the drawbar pull by sinking must not spoil the torque: where the "
+    "pull fits and the torque does not, the cause is not sinkage."
+)
+_ERRORS_TORQUE = (
+    "predicted less measured, medians in bins of slip. Where the torque was not fitted, nothing has drawn these lines "
+    "to zero: what lies near it was predicted."
+)
 _SIGMAS = 1.959964
 """Half width of a 95 % interval in sigmas."""
 _HALVES = (("driving", (0.0, 1.0)), ("braking", (-1.0, 0.0)))
 
 
-@dataclass(frozen=True)
-class Curves:
-    """One channel of all fitted runs against slip.
-
-    Attributes
-    ----------
-    panels : Panels
-        Driving and braking; the reader chooses among all runs and each.
-    errors : Figure
-        Predicted - measured of every model, all runs.
-    """
-
-    panels: Panels
-    errors: Figure
-    numbers: dict[str, Any]
+@section("slip", "Drawbar pull against slip")
+def drawbar_pull(material: ReportInputs) -> Contents:
+    """Build the section; `DataError` if the drawbar pull was not measured."""
+    return _curves(material, "dp", "slip", "drawbar pull (N)", _READING_PULL, _ERRORS_PULL)
 
 
-def curves_of(material: ReportInputs, channel: str, key: str, axis: str, reading: str) -> Curves:
-    """Draw "dp" or "t" against slip.
+@section("torque", "Driving torque against slip")
+def torque(material: ReportInputs) -> Contents:
+    """Build the section: where the torque was not fitted, an independent check; `DataError` if it was not measured."""
+    return _curves(material, "t", "torque", "driving torque (N m)", _READING_TORQUE, _ERRORS_TORQUE)
 
-    Parameters
-    ----------
-    channel : "dp" or "t"
-    key : str
-        Prefix of the figures' keys.
-    axis : str
-        Title of the y axis with unit.
-    reading : str
-        Text on how to read the panels.
 
-    Raises
-    ------
-    DataError
-        The channel was not measured.
-    """
+def _curves(material: ReportInputs, channel: str, key: str, axis: str, reading: str, of_errors: str) -> Contents:
+    """Return driving and braking, with a choice among all runs and each, and the errors of every model."""
     pool = material.pool
     measured = pool.measured(channel)
     predicted = {model.name: pool.predicted(model.name, OUTPUTS[channel].field) for model in material.fit.models}
@@ -141,7 +91,7 @@ def curves_of(material: ReportInputs, channel: str, key: str, axis: str, reading
         figures.append(Figure(f"{key}-{half}", half.capitalize(), data, layout, groups))
     errors, numbers = _errors(material, key, axis, measured, predicted)
     lacking = f" Not included because a signal is missing: {material.not_fitted}." if material.not_fitted else ""
-    return Curves(Panels(figures, f"{reading}{lacking}", list(choices)), errors, numbers)
+    return [Panels(figures, f"{reading}{lacking}", list(choices)), Panels([errors], of_errors)], numbers
 
 
 def _medians(
@@ -218,11 +168,5 @@ def _errors(
     layout = axes("slip", f"predicted − measured {unit}", height=340)
     set_axis_range(layout, "x", np.array([0.0, 1.0]), margin=0.02)
     set_axis_range(layout, "y", np.append(np.concatenate(medians), 0.0))
-    layout["shapes"] = [upright(material.fit.slip_threshold)]
+    layout["shapes"] = [dotted_line(material.fit.slip_threshold)]
     return Figure(f"{key}-error", "Error of every model, driving, all runs", traces, layout), numbers
-
-
-def upright(x: float) -> dict[str, Any]:
-    """Return a vertical dotted line over the whole figure at one x, as plotly's shape."""
-    place = {"type": "line", "xref": "x", "yref": "paper", "x0": x, "x1": x, "y0": 0, "y1": 1}
-    return place | {"line": {"color": "#555", "width": 1.2, "dash": "dot"}}

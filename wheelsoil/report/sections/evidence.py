@@ -1,20 +1,24 @@
-"""The evidence: what is left before and after the cause is added, and the cause's signature against what is left."""
+"""The evidence for the cause: what is left without and with it, its signature, and its gain on held-out runs."""
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from daq import OUTPUTS, FloatArray
-from model.diagnosis import Diagnosis, PlotData
-from wheelsoil.report.content import Block, Figure, Panels, Section, Text
+from model.diagnosis import Diagnosis, Gain, PlotData, Scores
+from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import (
     EDGES,
     MEASURED,
+    STYLES,
     Bins,
+    Style,
     Trace,
     axes,
+    bars,
     binned,
     dots,
     line,
@@ -24,12 +28,9 @@ from wheelsoil.report.figures import (
     thinned_rows,
 )
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import form_name, listed
-from wheelsoil.wording.model_styles import STYLES, Style
+from wheelsoil.report.words import form_name, interval, listed, number, signed
+from wheelsoil.wording.diagnosis_text import NO_GAIN, nothing_chosen, reduction
 from wheelsoil.wording.names import effect_name
-
-KEY = "evidence"
-TITLE = "Evidence"
 
 _MEMBERS = 4
 _LOOKS = ("vasilev", "wong", "lyasko", "ding")
@@ -61,12 +62,13 @@ class _Shown:
     signatures: dict[str, FloatArray]
 
 
-def build(material: ReportInputs) -> Section:
+@section("evidence", "Evidence")
+def evidence(material: ReportInputs) -> Contents:
     """Build the section; without a named cause or a set there is nothing to show evidence for, and it says so."""
     found = material.diagnosis
     keys = _members(found)
     if not keys:
-        return Section(KEY, TITLE, [Text(_nothing(found))], {"members": []})
+        return [Text(_nothing(found))], {"members": []}
     kinds = [(_shapes, _SHAPES), (_diagonal, _DIAGONAL)]
     if found.verdict == "named":
         kinds.insert(0, (_pair, _AFTER))
@@ -77,7 +79,7 @@ def build(material: ReportInputs) -> Section:
         figures = [draw(channel, views) for channel, views in shown.items()]
         blocks.append(Panels(figures, reading, [seen.campaign for seen in found.plot_data]))
     numbers = {channel: {view.campaign: _numbers(view) for view in views} for channel, views in shown.items()}
-    return Section(KEY, TITLE, blocks, {"members": keys, **numbers})
+    return blocks, {"members": keys, **numbers}
 
 
 def _of_channel(everything: tuple[PlotData, ...], channel: str, keys: list[str]) -> list[_Shown]:
@@ -183,3 +185,96 @@ def _figure(kind: str, channel: str, what: str, traces: dict[str, list[Trace]]) 
         layout,
         [campaign for campaign, group in traces.items() for _ in group],
     )
+
+
+_GAIN_NOTE = (
+    "Each run was left out once: the cause was chosen, and soil and cause fitted, on the others only. The log "
+    "likelihood is that of a run that was left out, in nats; R₀ alone says nothing about whether a model knows how "
+    "uncertain it is."
+)
+_GAIN_READING = (
+    "R₀ of the base simulation is 100 %; the blue bar is what is left of it with the cause in the model, both on runs "
+    "left out. A bar that is not shorter than 100 % is no gain, however well the model fits what it has seen."
+)
+
+
+@section("gain", "Gain of the extension")
+def gain(material: ReportInputs) -> Contents:
+    """Build the section."""
+    found = material.diagnosis
+    if found.gain is None:
+        why = (
+            "nothing explains these runs: there is no extension whose gain could be measured."
+            if found.verdict == "unexplained"
+            else "it takes at least two runs, one of which is left out."
+        )
+        return [Text(f"No gain could be measured: {why}")], {"gain": None}
+    gain = found.gain
+    if nothing_chosen(gain):
+        return [Text(NO_GAIN), _gain_table(gain)], {"gain": gain}
+    blocks: list[Block] = [
+        Text(_gain_sentence(gain), "good" if gain.log_likelihood_gain > 0 else "warning"),
+        _gain_table(gain),
+    ]
+    blocks.append(Panels([_gain_figure(gain)], _GAIN_READING))
+    if gain.chosen:
+        blocks.append(Text(_choices(gain)))
+    return blocks, {"gain": gain}
+
+
+def _gain_sentence(gain: Gain) -> str:
+    """Return the gain in words."""
+    how, low, high = reduction(gain)
+    within = interval(low, high)
+    spread = "" if within == "–" else f" (95 %: {within} %)"
+    nats = signed(gain.log_likelihood_gain, ".1f")
+    return (
+        f"On runs left out, R₀ of the {OUTPUTS[gain.channel].name} {how} by {abs(gain.reduction_percent):.1f} % with "
+        f"the extension{spread}; the log likelihood of what was measured gains {nats} nats."
+    )
+
+
+def _gain_table(gain: Gain) -> Table:
+    rows = [
+        _gain_row(channel, which, scores[channel], first=i == 0)
+        for i, channel in enumerate(gain.base)
+        for which, scores in (("base", gain.base), ("extended", gain.extended))
+        if channel in scores
+    ]
+    head = ["model", "R₀", "unit", "M₀ (%)", "R²", "log likelihood of a run"]
+    return Table("On runs left out", head, rows, _GAIN_NOTE)
+
+
+def _gain_row(channel: str, which: str, scores: Scores, *, first: bool) -> list[str]:
+    return [
+        f"{OUTPUTS[channel].name}, {which}",
+        number(scores.R0, 4),
+        OUTPUTS[channel].unit_text,
+        number(scores.M0_percent),
+        number(scores.R2, 4),
+        number(scores.log_likelihood, 5) if first else "",  # of the run, all its channels together
+    ]
+
+
+def _gain_figure(gain: Gain) -> Figure:
+    channels = [c for c in gain.base if c in gain.extended and gain.base[c].R0 > 0]
+    names = [OUTPUTS[c].name for c in channels]
+    shares = [100 * gain.extended[c].R0 / gain.base[c].R0 for c in channels]
+
+    data = [
+        bars(names, [100.0] * len(names), "base", "#bdbdbd", "/"),
+        bars(names, [round(share, 2) for share in shares], "extended", "#0072B2", ""),
+    ]
+    layout = axes("R₀ on runs left out (% of the base's)", "", height=130 + 60 * len(names), barmode="group")
+    layout["yaxis"] |= {"autorange": "reversed", "type": "category"}
+    layout["xaxis"] |= {"rangemode": "tozero"}
+    return Figure("gain", "What is left of the error", data, layout)
+
+
+def _choices(gain: Gain) -> str:
+    counts = Counter(gain.chosen)
+    said = [
+        f"{listed([form_name(effect_name(key)) for key in keys]) if keys else 'no cause'} in {count}"
+        for keys, count in counts.most_common()
+    ]
+    return f"Of {len(gain.chosen)} choices without the run left out: {listed(said)}."

@@ -9,15 +9,11 @@ import numpy as np
 
 from daq import BoolArray, DataError, Fault, FloatArray
 from processing import ProcessedRun
-from wheelsoil.report.content import Figure, Panels, Section, Table
-from wheelsoil.report.curves import ALL_RUNS
-from wheelsoil.report.figures import Trace, axes, words
+from wheelsoil.report.content import Contents, Figure, Panels, Table, section
+from wheelsoil.report.figures import ALL_RUNS, Trace, axes, words
 from wheelsoil.report.figures import numbers as plotted
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import number
-
-KEY = "track"
-TITLE = "Map of the track"
 
 _EARTH_M = 6_371_008.8
 _POINTS_IN_ALL, _MOST = 3000, 250
@@ -48,14 +44,9 @@ class _Track:
     extent_m: tuple[float, float]
 
 
-def build(material: ReportInputs) -> Section:
-    """Build the section: coloured by slip and by use, all runs or one.
-
-    Raises
-    ------
-    DataError
-        No run has a position.
-    """
+@section("track", "Map of the track")
+def track(material: ReportInputs) -> Contents:
+    """Build the section: coloured by slip and by use, all runs or one; `DataError` if no run has a position."""
     tracks, origin = _tracks(material.runs)
     by_slip: list[Trace] = []
     by_use: list[Trace] = []
@@ -81,7 +72,7 @@ def build(material: ReportInputs) -> Section:
     ]
     note = f"Origin: {origin[0]:.6f}° north, {origin[1]:.6f}° east. Distance: integrated ground speed."
     head = ["run", "distance (m)", "east–west extent (m)", "north–south extent (m)"]
-    return Section(KEY, TITLE, [Panels(figures, _READING, choices), Table("Tracks", head, rows, note)], numbers)
+    return [Panels(figures, _READING, choices), Table("Tracks", head, rows, note)], numbers
 
 
 def _tracks(runs: tuple[ProcessedRun, ...]) -> tuple[list[_Track], tuple[float, float]]:

@@ -1,19 +1,16 @@
-"""Minimum detectable effect of every cause."""
+"""Planning: the minimum detectable effect of every cause, and the next run, which parts the candidates best."""
 
 from __future__ import annotations
 
-from math import isfinite, log10
+from math import exp, isfinite, log10
 
 from model.effects import EFFECTS
-from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
-from wheelsoil.report.figures import Trace, axes, words
+from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
+from wheelsoil.report.figures import Trace, axes, dotted_line, words
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import form_name, letter, number, unit
+from wheelsoil.report.words import form_name, letter, listed, number, unit
 from wheelsoil.wording.diagnosis_text import NOT_IDENTIFIABLE
-from wheelsoil.wording.names import effect_name, family_of
-
-KEY = "detectable"
-TITLE = "What could have been seen"
+from wheelsoil.wording.names import effect_name, family_of, plain_name
 
 _READING = (
     "how large an effect must be to be found by these runs, as a share of what is plausible before any data. Left of "
@@ -21,11 +18,12 @@ _READING = (
 )
 
 
-def build(material: ReportInputs) -> Section:
+@section("detectable", "What could have been seen")
+def detectable(material: ReportInputs) -> Contents:
     """Build the section."""
     found = material.diagnosis.minimum_detectable
     if not found:
-        return Section(KEY, TITLE, [Text("The diagnosis gave no minimum detectable sizes.")], {})
+        return [Text("The diagnosis gave no minimum detectable sizes.")], {}
     wheel = material.vehicle.wheel
     radius = wheel.radius_m if wheel else float("nan")
     plausible = {key: _plausible(key, least.parameter, radius) for key, least in found.items()}
@@ -50,7 +48,7 @@ def build(material: ReportInputs) -> Section:
     drawn = {key: share for key, share in shares.items() if isfinite(share) and share > 0}
     if drawn:
         blocks.insert(0, Panels([_figure(drawn)], _READING))
-    return Section(KEY, TITLE, blocks, {"minimum_detectable": found, "plausible": plausible, "share": shares})
+    return blocks, {"minimum_detectable": found, "plausible": plausible, "share": shares}
 
 
 def _plausible(key: str, parameter: str, radius_m: float) -> float:
@@ -79,6 +77,39 @@ def _figure(shares: dict[str, float]) -> Figure:
     low, high = log10(min(shares.values())), log10(max(shares.values()))
     layout["xaxis"] |= {"type": "log", "dtick": 1, "range": [min(low, -1.0) - 0.1, max(high, 1.0) + 0.1]}
     layout["yaxis"] |= {"autorange": "reversed", "type": "category"}
-    edge = {"type": "line", "xref": "x", "yref": "paper", "x0": 1, "x1": 1, "y0": 0, "y1": 1}
-    layout["shapes"] = [edge | {"line": {"color": "#555", "width": 1.2, "dash": "dot"}}]
+    layout["shapes"] = [dotted_line(1)]
     return Figure("detectable", "Minimum detectable effect", [marks], layout)
+
+
+_ODDS_NOTE = (
+    "Expected ln Bayes factor: by how many nats one such run is expected to favour the true candidate over the one "
+    "that looks most like it. 1 is hardly anything, 3 is 20 to 1, 5 is 150 to 1. It counts noise only: beyond 1000 "
+    "to 1 the limit is not the noise, but the errors of the models themselves."
+)
+_HIGHEST_ODDS = 1e3
+
+
+@section("next_run", "Next run")
+def next_run(material: ReportInputs) -> Contents:
+    """Build the section."""
+    runs = material.diagnosis.next_run
+    if not runs:
+        text = (
+            "No run can be ranked: no candidate explains these runs. See where the simulation is off."
+            if material.diagnosis.verdict == "unexplained"
+            else "The verdict asks for no further run; --next-run ranks them all the same."
+        )
+        return [Text(text)], {}
+    odds = [exp(min(max(run.expected_log_bayes_factor, 0.0), 50.0)) for run in runs]
+    rows = [
+        [
+            run.change,
+            listed([plain_name(name) for name in run.separates]),
+            number(run.expected_log_bayes_factor),
+            f"{number(to_1, 2)} to 1" if to_1 < _HIGHEST_ODDS else "over 1000 to 1",
+        ]
+        for run, to_1 in zip(runs, odds, strict=True)
+    ]
+    head = ["what to do", "parts", "expected ln Bayes factor", "odds"]
+    numbers = {"next_run": runs, "odds_to_1": odds}
+    return [Table("Best first", head, rows, _ODDS_NOTE, left=2)], numbers

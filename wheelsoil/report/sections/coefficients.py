@@ -1,47 +1,48 @@
-"""The fitted coefficients with intervals, correlations and bounds, laid out as lmfit does: the paper's Tab. 3."""
+"""The fitted coefficients, laid out as lmfit does, and how well each model predicts: the paper's Tab. 2 to 4."""
 
 from __future__ import annotations
 
 from math import isfinite
 from typing import Any
 
+import numpy as np
+
 from daq import OUTPUTS
 from model.effects import EFFECTS
 from model.fit import EXTENDED, CampaignFit, Estimate, ModelFit, free_parameters
 from model.wheel_soil import WheelSoilModel
-from wheelsoil.report.content import Block, Section, Table, Text
+from wheelsoil.report.content import Block, Contents, Table, Text, section
+from wheelsoil.report.figures import style
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.words import count, letter, listed, measured, number, unit
-from wheelsoil.wording.model_styles import style
+from wheelsoil.report.words import count, interval, letter, listed, measured, number, unit
+from wheelsoil.wording.fit_text import criteria_json, reason_text
 from wheelsoil.wording.notes import note_text
-
-KEY = "coefficients"
-TITLE = "Parameters"
 
 _STRONG = 0.9
 _NOT_SHOWN = 0.1
 """Correlations below it are left out, as lmfit does."""
-_VARIABLES = (
+_HELD_NOTE = (
     "Held by its bound: the data ask for a value beyond it, there is no standard error, and the interval ends there. "
     "Derived: a sum of two that are fitted."
 )
 
 
-def build(material: ReportInputs) -> Section:
+@section("coefficients", "Parameters")
+def coefficients(material: ReportInputs) -> Contents:
     """Build the section: fit statistics, variables, correlations."""
     fit = material.fit
     limits = {model.name: _limits(fit, model) for model in fit.models}
-    rows = [row for model in fit.models for row in _rows(model, limits[model.name])]
+    rows = [row for model in fit.models for row in _variables(model, limits[model.name])]
     percent = f"{100 * fit.options.confidence:g} % interval"
     head = ["model", "variable", "value", "standard error", "relative error", percent, "initial", "min", "max", "unit"]
     blocks: list[Block] = [
         Table("Fit statistics", _STATISTICS, [_statistics(fit, model) for model in fit.models], _said_of_data(fit)),
-        Table("Variables (the paper's Tab. 3)", [*head, "held"], rows, _VARIABLES, left=2),
+        Table("Variables (the paper's Tab. 3)", [*head, "held"], rows, _HELD_NOTE, left=2),
         *_correlations(fit),
         *(Text(_meaning(model)) for model in fit.models if model.effects),
     ]
     blocks += [Text(f"{style(m.name).label}: {note_text(w)}.", "warning") for m in fit.models for w in m.warnings]
-    return Section(KEY, TITLE, blocks, {m.name: _numbers(fit, m, limits[m.name]) for m in fit.models})
+    return blocks, {m.name: _numbers(fit, m, limits[m.name]) for m in fit.models}
 
 
 _STATISTICS = [
@@ -92,7 +93,7 @@ def _limits(fit: CampaignFit, model: ModelFit) -> dict[str, tuple[float, float, 
     return {one.name: (one.start, one.lower, one.upper) for one in free}
 
 
-def _rows(model: ModelFit, limits: dict[str, tuple[float, float, float]]) -> list[list[str]]:
+def _variables(model: ModelFit, limits: dict[str, tuple[float, float, float]]) -> list[list[str]]:
     label = style(model.name).label
     held = [
         [label if i == 0 else "", letter(name), number(value, 4), *["–"] * 6, "", "held: not shown"]
@@ -103,13 +104,13 @@ def _rows(model: ModelFit, limits: dict[str, tuple[float, float, float]]) -> lis
     return [
         *held,
         *(
-            _row("" if held or i else label, estimate, limits.get(estimate.name))
+            _variable("" if held or i else label, estimate, limits.get(estimate.name))
             for i, estimate in enumerate(model.estimates)
         ),
     ]
 
 
-def _row(label: str, estimate: Estimate, limit: tuple[float, float, float] | None) -> list[str]:
+def _variable(label: str, estimate: Estimate, limit: tuple[float, float, float] | None) -> list[str]:
     share, known = relative_error(estimate), all(map(isfinite, estimate.interval))
     return [
         label,
@@ -170,3 +171,73 @@ def _numbers(fit: CampaignFit, model: ModelFit, limits: dict[str, tuple[float, f
         "block_length_s": model.blocks.length_s,
         "residual_floor": {c: value for c, value in model.residual_floor.items() if c in fit.options.channels},
     }
+
+
+_JUDGED = ("dp", "t")
+
+
+@section("criteria", "The four models side by side")
+def criteria(material: ReportInputs) -> Contents:
+    """Build the section: one table for each channel that was measured."""
+    fit = material.fit
+    measured = [c for c in _JUDGED if any(c in m.criteria and m.criteria[c].samples for m in fit.models)]
+    numbers = {
+        m.name: {
+            "criteria": criteria_json(m),
+            "load_ratio": m.load_ratio,
+            "coefficients": {e.name: e.value for e in m.estimates},
+        }
+        for m in fit.models
+    }
+    tables = [_criteria_table(fit, channel) for channel in measured or ["dp"]]
+    blocks = [*tables, _laws_table(fit)]
+    return blocks, {"slip_threshold": fit.slip_threshold, "models": numbers}
+
+
+def _laws_table(fit: CampaignFit) -> Table:
+    rows = [
+        [
+            style(model.name).label,
+            ", ".join(
+                f"{letter(e.name)} = {measured(e.value, e.sigma)} {unit(e.unit)}".rstrip() for e in model.estimates
+            )
+            or "none: no slip sinkage",
+        ]
+        for model in fit.models
+    ]
+    note = "With intervals, bounds and correlations under “Parameters”."
+    return Table("Coefficients (the paper's Tab. 3)", ["model", "coefficients"], rows, note, left=2)
+
+
+def _criteria_table(fit: CampaignFit, channel: str) -> Table:
+    name, si = OUTPUTS[channel].name, OUTPUTS[channel].unit_text
+    scores = [model.criteria[channel] for model in fit.models]
+    rows = [
+        [
+            style(model.name).label,
+            number(score.R0_N, 4),
+            f"{score.R2:.4f}" if np.isfinite(score.R2) else "–",
+            number(100 * score.R0_per_load),
+            number(score.M0_percent),
+            number(model.load_ratio.median, 4),
+            interval(model.load_ratio.lowest, model.load_ratio.highest, 4),
+        ]
+        for model, score in zip(fit.models, scores, strict=True)
+    ]
+    errors = [score.R0_N for score in scores]
+    share = "R₀ / load (%)" if channel == "dp" else "R₀ / (load × radius) (%)"
+    head = ["model", f"R₀ ({si})", "R²", share, "M₀ (%)", "load of Eq. 7 / measured", "least … most"]
+    role = "fitted" if channel in fit.options.channels else "not fitted"
+    reasons = "; ".join(sorted({reason_text(score) for score in scores} - {""}))
+    note = (
+        "M₀ is the largest relative error: one sample decides it, and it has no limit where the measured value passes "
+        "zero. R² sees neither offset nor gain. Load of Eq. 7: what the model's sinkage would carry; 1 is consistent."
+    )
+    over = f"slip ≥ {number(fit.slip_threshold, 2)}"
+    return Table(
+        f"{name.capitalize()} ({role}; the paper's Tab. 2 and 4) over {count(scores[0].samples)} samples with {over}",
+        head,
+        rows,
+        f"{note} {reasons}".strip(),
+        strong=int(np.nanargmin(errors)) if np.isfinite(errors).any() else None,
+    )

@@ -1,19 +1,26 @@
-"""Drawbar pull and torque against time with each model: the paper's Fig. 4 and 5. Without a fit what was measured."""
+"""Drawbar pull and torque against time with each model (the paper's Fig. 4 and 5), and how the test was driven."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from daq import OUTPUTS, DataError, FloatArray
-from processing import ProcessedRun, Segment
+from processing import SLIP_ROLES, ProcessedRun, Segment
 from processing.pipeline import runs_of
-from wheelsoil.report.content import Figure, Panels, Section
-from wheelsoil.report.figures import MEASURED, Trace, axes, decimated_rows, line, points_of_run, set_axis_range, shades
+from wheelsoil.report.content import Contents, Figure, Panels, section
+from wheelsoil.report.figures import (
+    MEASURED,
+    STYLES,
+    Trace,
+    axes,
+    decimated_rows,
+    line,
+    points_of_run,
+    set_axis_range,
+    shades,
+    style,
+)
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.wording.model_styles import style
-
-KEY = "time"
-TITLE = "Drawbar pull and torque against time"
 
 _READING = (
     "black is measured, a coloured line what a model predicts from the measured slip and load; where they part, the "
@@ -32,13 +39,11 @@ _SEGMENTS = {
 _SHOWN = ("dp", "t")
 
 
-def build(material: ReportInputs) -> Section:
+@section("time", "Drawbar pull and torque against time")
+def forces(material: ReportInputs) -> Contents:
     """Build the section: a panel for each channel, a choice for each run.
 
-    Raises
-    ------
-    DataError
-        The drawbar pull was not measured, or no run has a sample that can be used.
+    `DataError` if the drawbar pull was not measured, or no run has a sample that can be used.
     """
     if material.campaign is None:
         return _of_all(material)
@@ -49,16 +54,16 @@ def build(material: ReportInputs) -> Section:
     figures = []
     for channel in _SHOWN:
         try:
-            figures.append(_figure(material, channel, runs))
+            figures.append(_channel_figure(material, channel, runs))
         except DataError:
             continue  # the section on the torque says that it was not measured
     names = [run.run.id for run in runs]
     lengths = {run.run.id: float(run.time_s[-1]) for run in material.runs if len(run)}
-    return Section(KEY, TITLE, [Panels(figures, _READING, names)], {"length_s": lengths})
+    return [Panels(figures, _READING, names)], {"length_s": lengths}
 
 
-def _of_all(material: ReportInputs) -> Section:
-    """Return the section where there is no fit: what was measured, whether it could be used or not."""
+def _of_all(material: ReportInputs) -> Contents:
+    """Return the contents where there is no fit: what was measured, whether it could be used or not."""
     figures, names = [], []
     points = points_of_run(len(material.runs))
     for channel in _SHOWN:
@@ -83,10 +88,10 @@ def _of_all(material: ReportInputs) -> Section:
     if not figures:
         raise DataError("neither drawbar pull nor driving torque was measured")
     lengths = {run.run.id: float(run.time_s[-1]) for run in material.runs if len(run)}
-    return Section(KEY, TITLE, [Panels(figures, _READING_OF_ALL, list(dict.fromkeys(names)))], {"length_s": lengths})
+    return [Panels(figures, _READING_OF_ALL, list(dict.fromkeys(names)))], {"length_s": lengths}
 
 
-def _figure(material: ReportInputs, channel: str, runs: list[ProcessedRun]) -> Figure:
+def _channel_figure(material: ReportInputs, channel: str, runs: list[ProcessedRun]) -> Figure:
     name = OUTPUTS[channel].name
     values = material.pool.measured(channel)
     known = values[np.isfinite(values)]
@@ -134,3 +139,61 @@ def _lines(material: ReportInputs, run: ProcessedRun, quantity: str) -> list[Tra
 
 def _used(run: ProcessedRun, values: FloatArray) -> FloatArray:
     return np.where(run.used, values, np.nan)
+
+
+_READING_DRIVE = (
+    "if the rim is faster than the ground, the wheel drives and slips; if it is slower, it brakes. Slip has gaps "
+    "at low speed and at excluded samples. A good test covers the range of slip several times."
+)
+
+_PANELS = (
+    ("speed", "Speeds", "speed (m/s)"),
+    ("slip", "Slip", "slip"),
+    ("load", "Vertical load", "vertical load (N)"),
+)
+
+
+@section("drive", "How the test was driven")
+def drive(material: ReportInputs) -> Contents:
+    """Build the section: three panels, a choice for each run; a channel that no run has is omitted."""
+    runs = material.runs
+    blue, orange = STYLES["vasilev"].colour, STYLES["wong"].colour
+    points = points_of_run(len(runs))
+    drawn: dict[str, list[tuple[str, Trace]]] = {"speed": [], "slip": [], "load": []}
+    for run in runs:
+        missing = run.quality.missing
+        series = (
+            ("speed", "wheel_speed", run.wheel_speed_radps * run.wheel_radius_m, "rim", orange, "dash"),
+            ("speed", "ground_speed", run.ground_speed_mps, "ground", MEASURED, "solid"),
+            ("slip", "slip", np.where(run.used, run.slip, np.nan), "slip", blue, "solid"),
+            ("load", "vertical_load", run.vertical_load_n, "load", MEASURED, "solid"),
+        )
+        lacking = {*missing, *(["slip"] if set(missing) & set(SLIP_ROLES) else [])}
+        for panel, role, values, name, colour, dash in series:
+            if role not in lacking:
+                drawn[panel].append((run.run.id, _series(run, values, points, name, colour, dash)))
+    if not any(np.isfinite(run.vertical_load_n).any() for run in runs):
+        drawn["load"] = []
+    names = [run.run.id for run in runs]
+    figures = [
+        Figure(
+            f"drive-{panel}",
+            title,
+            [trace for _, trace in drawn[panel]],
+            axes("time (s)", axis, height=280, showlegend=panel == "speed"),
+            [name for name, _ in drawn[panel]],
+        )
+        for panel, title, axis in _PANELS
+        if drawn[panel]
+    ]
+    numbers = {"mean_load_n": {run.run.id: _mean(run.vertical_load_n) for run in runs}}
+    return [Panels(figures, _READING_DRIVE, names)], numbers
+
+
+def _mean(values: FloatArray) -> float:
+    return float(np.nanmean(values)) if np.isfinite(values).any() else float("nan")
+
+
+def _series(run: ProcessedRun, values: FloatArray, points: int, name: str, colour: str, dash: str = "solid") -> Trace:
+    rows = decimated_rows(values, points)
+    return line(run.time_s[rows], values[rows], name, colour, dash, 1.5)

@@ -5,56 +5,44 @@ from __future__ import annotations
 import re
 
 from daq import DataError
-from wheelsoil.report.content import Block, Light, Lights, Section, Text
+from wheelsoil.report.content import Block, Contents, Light, Lights, Text, section
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.sections.diagnosis import verdict
+from wheelsoil.report.sections.verdict import fit_sentences, rank
 from wheelsoil.report.words import count, listed
-from wheelsoil.wording.verdict import sentence_of
+from wheelsoil.wording.verdict import sentences_of
 from wheelsoil.workflows.grading import Grade
 
-KEY = "glance"
-TITLE = "In ten seconds"
-
-_END = ". "
-"""Of a sentence: the first is read by everyone, the others stand below the lights."""
-_SAYS_NEXT = re.compile(r"^Next: ")
 _WHY = 1
 """Reasons of a run that are listed here; data quality lists all."""
 _MANY = 12
 """Runs beyond which good ones are not commented on."""
 
 
-def build(material: ReportInputs) -> Section:
+@section("glance", "In ten seconds")
+def glance(material: ReportInputs) -> Contents:
     """Build the section; it is there whatever is missing."""
     grades = {run.run.id: grade for run, grade in zip(material.runs, material.grades, strict=True)}
-    sentence, step = _sentence(material), next_step(material, grades)
+    step = next_step(material, grades)
     many = len(grades) > _MANY
     lights = [
         Light(name, grade.level, "" if many and grade.level == "good" else _why(grade))
         for name, grade in grades.items()
     ]
-    first, _, rest = sentence.partition(_END)
-    lead = f"{first}{_END[0]}" if rest else sentence
+    lead, *others = sentences = _sentences(material)
     blocks: list[Block] = [Text(lead, "lead"), Text(f"{step[0].upper()}{step[1:]}", "next"), Lights("Runs", lights)]
-    below = _without(rest, step)
-    blocks += [Text(below)] if below else []
-    return Section(KEY, TITLE, blocks, {"sentence": sentence, "next_step": step, "grades": grades})
+    below = [one for one in others if not (one.startswith("Next: ") and one[len("Next: ") : -1] in step)]
+    blocks += [Text(" ".join(below))] if below else []
+    return blocks, {"sentence": " ".join(sentences), "next_step": step, "grades": grades}
 
 
-def _without(rest: str, step: str) -> str:
-    """Return sentences but for the one that says what the next step says already."""
-    kept = [one for one in rest.split(_END) if not (_SAYS_NEXT.match(one) and _SAYS_NEXT.sub("", one)[:-1] in step)]
-    return f"{_END.join(kept).rstrip('.')}." if any(kept) else ""
-
-
-def _sentence(material: ReportInputs) -> str:
+def _sentences(material: ReportInputs) -> list[str]:
     """Return the result: a diagnosis says its own, so that no fault in judging the fit can take it."""
     if material.diagnosed is not None:
-        return sentence_of(material.diagnosed)
+        return sentences_of(material.diagnosed)
     try:
-        return str(verdict.build(material).numbers["sentence"])
+        return fit_sentences(material, rank(material))
     except DataError as error:
-        return f"No result: {'; '.join(fault.what for fault in error.faults)}."
+        return [f"No result: {'; '.join(fault.what for fault in error.faults)}."]
 
 
 def _why(grade: Grade) -> str:

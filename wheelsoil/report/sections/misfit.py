@@ -8,7 +8,7 @@ import numpy as np
 
 from daq import OUTPUTS, ROLES, FloatArray
 from model.diagnosis import Diagnosis, Finding, PlotData
-from wheelsoil.report.content import Block, Figure, Panels, Section, Table, Text
+from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import (
     EDGES,
     GREY_BAND,
@@ -32,9 +32,6 @@ from wheelsoil.wording.diagnosis_text import FINDING_NOTE, finding_note
 from wheelsoil.wording.names import place_text, plain_name
 from wheelsoil.wording.notes import note_text
 
-KEY = "misfit"
-TITLE = "What is wrong, and where"
-
 _BINS = 12
 _SHOWN = 12
 _LEAST_SIGMAS = 6.0
@@ -46,7 +43,8 @@ _READING = (
 )
 
 
-def build(material: ReportInputs) -> Section:
+@section("misfit", "What is wrong, and where")
+def misfit(material: ReportInputs) -> Contents:
     """Build the section: the findings, and six panels for each measured channel."""
     found = material.diagnosis
     blocks: list[Block] = [_findings(found), *_inconsistent(found)]
@@ -61,7 +59,7 @@ def build(material: ReportInputs) -> Section:
         figures, shown = _panels(found.plot_data, channel)
         blocks.append(Panels(figures, _READING, names))
         numbers[channel] = shown
-    return Section(KEY, TITLE, blocks, numbers)
+    return blocks, numbers
 
 
 def _finding_numbers(found: Finding) -> dict[str, Any]:

@@ -1,1 +1,0 @@
-"""Sections on the fitted models."""

@@ -1,0 +1,105 @@
+"""Provenance: files and their hashes, configuration, versions, the command; noise model and soils of the diagnosis."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from wheelsoil.report.content import Block, Contents, Table, Text, section
+from wheelsoil.report.inputs import ReportInputs, Source
+from wheelsoil.report.words import count, letter, named_with_unit, number
+from wheelsoil.wording.names import plain_name
+from wheelsoil.wording.notes import texts_of
+
+
+@section("provenance", "Provenance")
+def provenance(material: ReportInputs) -> Contents:
+    """Build the section."""
+    blocks: list[Block] = [
+        Text(f"Made by: {material.command}"),
+        Table("Files", _FILE_HEAD, [_file_row(source) for source in material.sources], left=2),
+        Table("Vehicle and terrain", ["what", "value"], material.facts, left=2),
+        Table(
+            "Options",
+            ["option", "value"],
+            [
+                [name.replace("_", " "), _value_text(value)]
+                for name, value in [*material.options.items(), *_used(material)]
+            ],
+            left=2,
+        ),
+        Table("Versions", ["program", "version"], [[name, text] for name, text in material.versions.items()], left=2),
+    ]
+    numbers = {
+        "command": material.command,
+        "files": material.sources,
+        "facts": material.facts,
+        "options": material.options,
+        "used": dict(_used(material)),
+        "versions": material.versions,
+    }
+    return blocks, numbers
+
+
+_FILE_HEAD = ["run", "file", "size (MB)", "frames", "SHA-256 (16 of its 64 digits; all in the JSON)"]
+
+
+def _file_row(source: Source) -> list[str]:
+    size = f"{source.bytes / 1e6:.2f}" if source.bytes is not None else "–"
+    frames = count(source.frames) if source.frames is not None else "–"
+    return [source.run_id, source.file, size, frames, source.sha256[:16]]
+
+
+def _used(material: ReportInputs) -> list[tuple[str, object]]:
+    """Return the values used for options that may be at their default."""
+    cutoffs = tuple(dict.fromkeys(f"{run.cutoff_hz:.3g} Hz" for run in material.runs))
+    threshold = [("slip threshold used", f"{material.campaign.slip_threshold:g}")] if material.campaign else []
+    return [("cut-off used", cutoffs), *threshold]
+
+
+def _value_text(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, tuple):
+        return ", ".join(map(str, value)) or "none"
+    return "default" if value is None else str(value)
+
+
+_SOIL = {
+    "cohesion_pa": "Pa",
+    "tan_phi": "",
+    "shear_modulus_m": "m",
+    "sinkage_exponent": "",
+    "cohesive_modulus": "N/m^(n+1)",
+    "frictional_modulus": "N/m^(n+2)",
+}
+"""Units of `model.wheel_soil.wheel_soil_model.SOIL_PARAMETERS`."""
+
+
+@section("workings", "How the diagnosis was made")
+def workings(material: ReportInputs) -> Contents:
+    """Build the section."""
+    found = material.diagnosis
+    blocks: list[Block] = [Text(f"{note[0].upper()}{note[1:].rstrip('.')}.") for note in texts_of(found.notes)]
+    if found.noise:
+        named = [(*named_with_unit(name), value) for name, value in found.noise.items()]
+        rows = [[name, number(value), unit] for name, unit, value in named]
+        note = "Estimated from these runs by marginal likelihood; everything else on this page is weighed with it."
+        blocks.append(Table("Noise model", ["quantity", "value", "unit"], rows, note))
+    for soil in found.soils:
+        rows = [
+            [letter(name), number(value, 4), _sigma(soil.sigmas.get(name, float("nan"))), _SOIL[name]]
+            for name, value in soil.values.items()
+        ]
+        note = "With the named cause in the model, or none where none is named."
+        blocks.append(
+            Table(f"Soil as the data leave it: {soil.campaign}", ["parameter", "value", "sigma", "unit"], rows, note)
+        )
+    if found.stages_s:
+        rows = [[plain_name(name), f"{seconds:.2f}"] for name, seconds in found.stages_s.items()]
+        blocks.append(Table("Stages", ["stage", "time (s)"], rows))
+    numbers = {"noise": found.noise, "soils": found.soils, "notes": found.notes, "stages_s": found.stages_s}
+    return blocks or [Text("Nothing is known of it.")], numbers
+
+
+def _sigma(value: float) -> str:
+    return number(value, 2) if isfinite(value) else "–"

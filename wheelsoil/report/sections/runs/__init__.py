@@ -1,1 +1,0 @@
-"""Sections on the runs and their sensors."""
