@@ -151,6 +151,7 @@ class Topic:
 
     name: str
     schema_name: str
+    encoding: str
     message_count: int
     metadata: dict[str, str]
 
@@ -223,6 +224,7 @@ class Recording:
             Topic(
                 channel.topic,
                 contents.schemas[channel.schema_id].name if channel.schema_id in contents.schemas else "",
+                channel.message_encoding,
                 contents.message_counts.get(channel.id, 0),
                 dict(channel.metadata),
             )
