@@ -23,7 +23,7 @@ from model.diagnosis.findings.set_fit import SetFit
 from model.diagnosis.findings.set_problem import Part
 from model.diagnosis.time_series.basis import amplitude_of
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams
-from model.diagnosis.time_series.evidence import estimate, log_likelihood_of_run, others, without_soil
+from model.diagnosis.time_series.evidence import estimate, log_likelihood_of_run, without_soil
 from model.diagnosis.time_series.whitening import joined, run_grams
 from model.wheel_soil.conditions import Conditions
 
@@ -190,7 +190,13 @@ def _terms_as_causes(grams: Grams, columns: Mapping[str, TermColumn]) -> Grams:
     ]
     labels = tuple(f"{c.key}: {c.parameter}" for c in beside)
     return replace(
-        grams, matrices=grams.matrices[:, order][:, :, order], soil=(*grams.soil, *labels), causes=own, basis=()
+        grams,
+        matrices=grams.matrices[:, order][:, :, order],
+        soil=(*grams.soil, *labels),
+        causes=own,
+        basis=(),
+        order=None,
+        own=(),
     )
 
 
@@ -218,7 +224,7 @@ def propose(grams: Grams, terms: dict[str, TermColumn]) -> Proposal | None:
 
 def chosen_terms(grams: Grams) -> tuple[str, ...]:
     """Return the most probable set of terms, found by adding one at a time to the best few; empty if none helps."""
-    reduced = without_soil(grams, grams.total())
+    reduced = without_soil(grams, grams.total)
     count = len(grams.causes)
     precision, side = np.eye(count) + reduced[1 : 1 + count, 1 : 1 + count], reduced[1 : 1 + count, 0]
     beam: list[tuple[float, tuple[int, ...]]] = [(0.0, ())]
@@ -249,7 +255,7 @@ def _added(precision: FloatArray, side: FloatArray, members: tuple[int, ...]) ->
 
 def _gain_of(grams: Grams, run: int) -> float:
     """Return what the terms that the other runs choose are worth on a run, nats."""
-    chosen = chosen_terms(others(grams, run))
+    chosen = chosen_terms(grams.without(run))
     if not chosen:
         return 0.0
     return log_likelihood_of_run(grams, run, chosen) - log_likelihood_of_run(grams, run)

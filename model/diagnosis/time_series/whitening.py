@@ -16,13 +16,15 @@ Source: Durbin & Koopman (2012), Time Series Analysis by State Space Methods, 4.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from daq import BoolArray, FloatArray, IndexArray
-from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams
+from model.diagnosis.core.shapes import Shape
+from model.diagnosis.time_series.basis import RunShapes
+from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, OwnGram
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.noise import loading, processes, rest_variance, white_variance
 from model.diagnosis.time_series.samples import Samples, places_of, steps_of
@@ -183,14 +185,17 @@ class RunGrams:
     log_determinants : array, shape (runs,)
     samples : int array, shape (runs,)
         Whitened numbers.
-    constants : array, shape (runs, l, m)
+    constants : array, shape (runs, l, m + o)
         Means of the constants, in units of their deviations, by each column.
+    own : tuple of OwnGram
+        Cross products of each run's own shapes.
     """
 
     matrices: FloatArray
     log_determinants: FloatArray
     samples: IndexArray
     constants: FloatArray
+    own: tuple[OwnGram, ...]
 
 
 def whitened_rows(
@@ -205,7 +210,7 @@ def whitened_rows(
     found = whiten(space, at.padded(columns.rows))
     rests, log_determinants = _rests(samples, linear, columns, values)
     rows = np.concatenate([found.columns, rests], axis=1)
-    rows[..., columns.shared :] *= np.array([values[name] for name in columns.constants])
+    rows[..., columns.varying :] *= np.array([values[name] for name in columns.constants])
     return rows, found.log_determinants + log_determinants
 
 
@@ -229,14 +234,24 @@ def run_grams(
     """Return each run's Gram matrix with what is one value a run integrated out."""
     rows, log_determinants = whitened_rows(samples, linear, columns, values, speed_variance)
     full = rows.swapaxes(1, 2) @ rows
-    keep = columns.shared
+    keep, shared = columns.varying, columns.shared
     inner = np.eye(full.shape[-1] - keep) + full[:, keep:, keep:]
     across = full[:, keep:, :keep]
     means = np.asarray(np.linalg.solve(inner, across))
     matrices = full[:, :keep, :keep] - across.swapaxes(1, 2) @ means
     counts = np.bincount(samples.run, columns.present.sum(axis=0), minlength=samples.runs)
     counts += np.bincount(samples.rests.run, columns.rests_present.sum(axis=0), minlength=samples.runs)
-    return RunGrams(matrices, log_determinants + np.linalg.slogdet(inner)[1], counts.astype(np.intp), means)
+    ends = [shared + len(one.shapes) for one in columns.catch_all.of_run]
+    return RunGrams(
+        matrices[:, :shared, :shared],
+        log_determinants + np.linalg.slogdet(inner)[1],
+        counts.astype(np.intp),
+        means,
+        own=tuple(
+            OwnGram(one, matrix[shared:end, :shared], matrix[shared:end, shared:end])
+            for one, matrix, end in zip(columns.catch_all.of_run, matrices, ends, strict=True)
+        ),
+    )
 
 
 def smoothed_speed(
@@ -251,7 +266,7 @@ def smoothed_speed(
 
     Parameters
     ----------
-    coefficients : array, shape (runs, 1 + q + k + b + l)
+    coefficients : array, shape (runs, 1 + q + k + b + o + l)
         Of the columns: 1 for the residual, minus the estimate for the others.
     """
     at = places_of(samples.run, samples.runs)
@@ -277,16 +292,16 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
             causes.setdefault((cause.key, cause.parameter), cause)
     several = len(parts) > 1
     soil = [_labelled(name, label, several) for name, _, c, _ in parts for label in c.soil]
-    basis = [replace(shape, campaign=name) if several else shape for name, _, c, _ in parts for shape in c.basis]
+    basis = [shape for name, _, c, _ in parts for shape in _of_campaign(name, c.catch_all.shapes, several)]
     names = [_labelled(name, run, several) for name, runs, _, _ in parts for run in runs]
     width = 1 + len(soil) + len(causes) + len(basis)
     index = {key: 1 + len(soil) + i for i, key in enumerate(causes)}
-    matrices = []
-    soil_at, basis_at = 1, 1 + len(soil) + len(causes)
-    for _, _, columns, grams in parts:
+    matrices, order, own = [], [], []
+    soil_at, basis_at, rank = 1, 1 + len(soil) + len(causes), 0
+    for name, _, columns, grams in parts:
         turn = np.zeros((columns.shared, width))
         turn[0, 0] = 1.0
-        q, k, b = len(columns.soil), len(columns.causes), len(columns.basis)
+        q, k, b = len(columns.soil), len(columns.causes), len(columns.catch_all.shapes)
         turn[1 : 1 + q, soil_at : soil_at + q] = np.eye(q)
         for i, cause in enumerate(columns.causes):
             key = (cause.key, cause.parameter)
@@ -294,6 +309,11 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
         turn[1 + q + k :, basis_at : basis_at + b] = np.eye(b)
         soil_at, basis_at = soil_at + q, basis_at + b
         matrices.append(turn.T @ grams.matrices @ turn)
+        order.append(columns.catch_all.order + rank)
+        for one in grams.own:
+            shapes = RunShapes(tuple(_of_campaign(name, one.shapes.shapes, several)), one.shapes.order + rank)
+            own.append(OwnGram(shapes, one.across @ turn, one.inner))
+        rank += b + sum(len(one.inner) for one in grams.own)
     return Grams(
         matrices=np.concatenate(matrices),
         log_determinants=np.concatenate([g.log_determinants for *_, g in parts]),
@@ -302,7 +322,14 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
         soil=tuple(soil),
         causes=tuple(causes.values()),
         basis=tuple(basis),
+        order=np.concatenate(order),
+        own=tuple(own),
     )
+
+
+def _of_campaign(name: str, shapes: tuple[Shape, ...], several: bool) -> Iterator[Shape]:
+    """Yield shapes with their campaign's name."""
+    yield from (replace(shape, campaign=name) if several else shape for shape in shapes)
 
 
 def _labelled(campaign: str, label: str, several: bool) -> str:
