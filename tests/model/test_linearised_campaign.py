@@ -34,7 +34,7 @@ def found(seen: LinearisedCampaign) -> dict[str, tuple[float, float]]:
 def innovations(seen: LinearisedCampaign) -> tuple[np.ndarray, np.ndarray]:
     """Return whitened residuals of the best set, shape (runs, samples, channels), and where there are any."""
     view = seen.campaigns[0]
-    rows, _ = whitened_rows(view.samples, view.linear, view.columns, view.noise.values, view.speed_variance)
+    ((rows, _),) = whitened_rows(view.samples, view.linear, view.columns, view.noise.values, view.speed_variance)
     shared = np.concatenate(
         [
             [1.0],

@@ -75,7 +75,7 @@ class _Kind:
     def statistic(self, scores: FloatArray) -> FloatArray:
         """Return T of scores of shape (..., b)."""
         own = scores[..., self.shapes]
-        return np.asarray(np.einsum("...i,ij,...j->...", own, self.inverse, own))
+        return np.asarray((own @ self.inverse * own).sum(axis=-1))
 
 
 def left_over(grams: Grams, keys: tuple[str, ...] = ()) -> LeftOver:

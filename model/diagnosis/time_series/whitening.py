@@ -51,6 +51,11 @@ class StateSpace:
     variance: FloatArray
     white: FloatArray
 
+    def runs(self, first: int, last: int) -> StateSpace:
+        """Return the noise of the runs from `first` to before `last`."""
+        own = slice(first, last)
+        return StateSpace(self.loadings[own], self.decay[own], self.variance, self.white[own])
+
 
 @dataclass(frozen=True)
 class Whitened:
@@ -198,59 +203,60 @@ class RunGrams:
     own: tuple[OwnGram, ...]
 
 
+RUNS_AT_ONCE = 32
+"""Runs whose columns are padded and whitened together: what bounds the memory of a long campaign."""
+
+
 def whitened_rows(
     samples: Samples, linear: Linear, columns: Columns, values: Mapping[str, float], speed_variance: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return whitened rows of every run, shape (runs, rows, columns), padded with zeros, and ln det, shape (runs,).
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield whitened rows of some runs after the other, shape (runs, rows, columns), and ln det, shape (runs,).
 
-    Standstills come last. Constants of a run are columns still, scaled to one-sigma 1.
+    Rows are padded with zeros, standstills come last. Constants of a run are columns still, scaled to one-sigma 1.
     """
     at = places_of(samples.run, samples.runs)
     space = state_space(samples, linear, columns.present, values, speed_variance)
-    found = whiten(space, at.padded(columns.rows))
-    rests, log_determinants = _rests(samples, linear, columns, values)
-    rows = np.concatenate([found.columns, rests], axis=1)
-    rows[..., columns.varying :] *= np.array([values[name] for name in columns.constants])
-    return rows, found.log_determinants + log_determinants
-
-
-def _rests(
-    samples: Samples, linear: Linear, columns: Columns, values: Mapping[str, float]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the standstills' whitened rows, shape (runs, rows, columns), and their ln det."""
-    variance = rest_variance(linear, samples, values)
-    variance = np.where(columns.rests_present, variance, 1.0)
-    run = samples.rests.run
-    at = places_of(run, samples.runs)
-    rows = at.padded(columns.rests / np.sqrt(variance)[..., None])
+    variance = np.where(columns.rests_present, rest_variance(linear, samples, values), 1.0)
+    resting, rest_at = columns.rests / np.sqrt(variance)[..., None], places_of(samples.rests.run, samples.runs)
     log_determinants = np.zeros(samples.runs)
-    np.add.at(log_determinants, run, np.log(variance).sum(axis=0))
-    return rows.reshape(samples.runs, -1, rows.shape[-1]), log_determinants
+    np.add.at(log_determinants, samples.rests.run, np.log(variance).sum(axis=0))
+    sigmas = np.array([values[name] for name in columns.constants])
+    for first in range(0, samples.runs, RUNS_AT_ONCE):
+        last = min(first + RUNS_AT_ONCE, samples.runs)
+        found = whiten(space.runs(first, last), at.padded_runs(columns.rows, first, last))
+        rests = rest_at.padded_runs(resting, first, last)
+        rows = np.concatenate([found.columns, rests.reshape(last - first, -1, rests.shape[-1])], axis=1)
+        rows[..., columns.varying :] *= sigmas
+        yield rows, found.log_determinants + log_determinants[first:last]
 
 
 def run_grams(
     samples: Samples, linear: Linear, columns: Columns, values: Mapping[str, float], speed_variance: FloatArray
 ) -> RunGrams:
     """Return each run's Gram matrix with what is one value a run integrated out."""
-    rows, log_determinants = whitened_rows(samples, linear, columns, values, speed_variance)
-    full = rows.swapaxes(1, 2) @ rows
-    keep, shared = columns.varying, columns.shared
-    inner = np.eye(full.shape[-1] - keep) + full[:, keep:, keep:]
-    across = full[:, keep:, :keep]
-    means = np.asarray(np.linalg.solve(inner, across))
-    matrices = full[:, :keep, :keep] - across.swapaxes(1, 2) @ means
+    keep, shared, of_run = columns.varying, columns.shared, columns.catch_all.of_run
+    own: list[OwnGram] = []
+    matrices, log_determinants, means = [], [], []
+    for rows, log_dets in whitened_rows(samples, linear, columns, values, speed_variance):
+        full = rows.swapaxes(1, 2) @ rows
+        inner = np.eye(full.shape[-1] - keep) + full[:, keep:, keep:]
+        across = full[:, keep:, :keep]
+        solved = np.asarray(np.linalg.solve(inner, across))
+        varying = full[:, :keep, :keep] - across.swapaxes(1, 2) @ solved
+        for matrix, shapes in zip(varying, of_run[len(own) :], strict=False):
+            end = shared + len(shapes.shapes)
+            own.append(OwnGram(shapes, matrix[shared:end, :shared].copy(), matrix[shared:end, shared:end].copy()))
+        matrices.append(varying[:, :shared, :shared].copy())
+        log_determinants.append(log_dets + np.linalg.slogdet(inner)[1])
+        means.append(solved)
     counts = np.bincount(samples.run, columns.present.sum(axis=0), minlength=samples.runs)
     counts += np.bincount(samples.rests.run, columns.rests_present.sum(axis=0), minlength=samples.runs)
-    ends = [shared + len(one.shapes) for one in columns.catch_all.of_run]
     return RunGrams(
-        matrices[:, :shared, :shared],
-        log_determinants + np.linalg.slogdet(inner)[1],
+        np.concatenate(matrices),
+        np.concatenate(log_determinants),
         counts.astype(np.intp),
-        means,
-        own=tuple(
-            OwnGram(one, matrix[shared:end, :shared], matrix[shared:end, shared:end])
-            for one, matrix, end in zip(columns.catch_all.of_run, matrices, ends, strict=True)
-        ),
+        np.concatenate(means),
+        tuple(own),
     )
 
 
