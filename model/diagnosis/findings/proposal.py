@@ -140,13 +140,18 @@ def propose_for(fit: SetFit) -> Proposal | None:
         See `propose`.
     """
     columns: dict[str, TermColumn] = {}
+    return propose(_terms_as_causes(_grams(fit, columns), columns), columns)
+
+
+def _grams(fit: SetFit, columns: dict[str, TermColumn]) -> Grams:
+    """Return the Grams of all campaigns with the terms among the causes; fill `columns` with what the terms are."""
     parts = []
     for part in fit.problem.parts:
         data = part.data
         own = _with_terms(part, columns)
         matrices = run_grams(data.samples, part.frozen, own, data.noise.values, data.speed_variance)
         parts.append((data.campaign.name, data.samples.run_names, own, matrices))
-    return propose(_terms_as_causes(joined(parts), columns), columns)
+    return joined(parts)
 
 
 def _with_terms(part: Part, columns: dict[str, TermColumn]) -> Columns:
@@ -155,19 +160,20 @@ def _with_terms(part: Part, columns: dict[str, TermColumn]) -> Columns:
     samples, linear = part.data.samples, part.frozen
     values = {**part.simulation.space.values(linear.point.soil), **linear.point.causes}
     sinkage = part.simulation.model(linear.point.causes).predict(linear.conditions, values).sinkage_m
-    found, causes = [], []
+    found: list[tuple[int, FloatArray]] = []
+    causes = []
     for term in terms(linear.conditions, sinkage):
         size = float(np.sqrt(np.mean(term.values**2)))
         for row, channel in enumerate(linear.channels):
             key = f"{channel}: {term.text}"
             scale = amplitude_of(samples, channel) / size
             known = columns.setdefault(key, TermColumn(channel, term.text, term.unit, scale))
-            shape = np.zeros(linear.value.shape)
-            shape[row] = known.scale * term.values
-            found.append(np.where(plain.present, shape, 0.0))
+            found.append((row, np.where(plain.present[row], known.scale * term.values, 0.0)))
             causes.append(_column(key, known.scale))
     at = plain.shared
-    rows = np.concatenate([plain.rows[..., :at], np.stack(found, axis=-1), plain.rows[..., at:]], axis=-1)
+    rows = np.insert(plain.rows, [at] * len(found), 0.0, axis=-1)
+    for column, (row, term_values) in enumerate(found, at):
+        rows[row, :, column] = term_values
     empty = np.zeros((*plain.rests.shape[:2], len(found)))
     rests = np.concatenate([plain.rests[..., :at], empty, plain.rests[..., at:]], axis=-1)
     return replace(plain, rows=rows, rests=rests, causes=(*plain.causes, *causes))
@@ -191,7 +197,7 @@ def _terms_as_causes(grams: Grams, columns: Mapping[str, TermColumn]) -> Grams:
     labels = tuple(f"{c.key}: {c.parameter}" for c in beside)
     return replace(
         grams,
-        matrices=grams.matrices[:, order][:, :, order],
+        matrices=grams.matrices[:, np.array(order)[:, None], order],
         soil=(*grams.soil, *labels),
         causes=own,
         basis=(),

@@ -322,12 +322,12 @@ def columns_of(simulation: Simulation, samples: Samples, linear: Linear, *, catc
     present = np.isfinite(residual) & linear.usable
     by_run = constants(linear.channels)
     turning = [loading(linear, samples, name) for _, name in by_run]
-    rows = np.concatenate(
-        [residual[..., None], linear.soil, own, shapes.columns, shapes.own, np.stack(turning, axis=-1)], axis=-1
-    )
+    parts = [residual[..., None], linear.soil, own, shapes.columns, shapes.own, np.stack(turning, axis=-1)]
+    rows = np.concatenate(parts, axis=-1)
+    rows[~present] = 0.0
     rests, rests_present = _at_rest(samples, linear, scale, at, shapes.rests, rows.shape[-1])
     return Columns(
-        rows=np.where(present[..., None], rows, 0.0),
+        rows=rows,
         present=present,
         rests=rests,
         rests_present=rests_present,

@@ -19,7 +19,8 @@ The covariance of the noise of part of a run, and how every hyper-parameter chan
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -154,41 +155,89 @@ def _block(
     )
 
 
-@dataclass(frozen=True)
-class Slope:
-    """Derivative of a covariance by the logarithm of a hyper-parameter.
+class Slope(Protocol):
+    """Derivative of a block's covariance by the logarithm of a hyper-parameter."""
 
-    Attributes
-    ----------
-    rows : int array
-        To which it is confined.
-    part : array
-        Of shape (rows, rows); or of shape (rows,): its diagonal, or where `outer` what it is the outer product of.
+    @property
+    def name(self) -> str:
+        """Of the hyper-parameter."""
+        ...
+
+    def trace_with(self, other: FloatArray) -> float:
+        """Return the trace of its product with a symmetric matrix, shape (m, m)."""
+        ...
+
+    def times(self, x: FloatArray) -> FloatArray:
+        """Return its product with a vector, shape (m,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class _Diagonal:
+    """A slope with `values` on the diagonal, at some rows."""
+
+    name: str
+    rows: IndexArray
+    values: FloatArray
+
+    def trace_with(self, other: FloatArray) -> float:
+        return float(other[self.rows, self.rows] @ self.values)
+
+    def times(self, x: FloatArray) -> FloatArray:
+        return _spread(self.values * x[self.rows], self.rows, len(x))
+
+
+@dataclass(frozen=True)
+class _Outer:
+    """A slope that is the outer product of `values` at some rows."""
+
+    name: str
+    rows: IndexArray
+    values: FloatArray
+
+    def trace_with(self, other: FloatArray) -> float:
+        return float(self.values @ _square_of(other, self.rows) @ self.values)
+
+    def times(self, x: FloatArray) -> FloatArray:
+        return _spread(self.values * float(self.values @ x[self.rows]), self.rows, len(x))
+
+
+@dataclass(frozen=True)
+class _Process:
+    """A slope, or a covariance, of a process: loads_i K(sample_i, sample_j) loads_j at some rows.
+
+    Only the kernel over samples is kept: a row for each channel repeats it.
     """
 
     name: str
     rows: IndexArray
-    part: FloatArray
-    outer: bool = False
+    sample: IndexArray
+    loads: FloatArray
+    kernel: FloatArray
+
+    def over_rows(self) -> FloatArray:
+        """Return it over its rows."""
+        return np.asarray(self._kernel() * self.loads * self.loads[:, None])
 
     def trace_with(self, other: FloatArray) -> float:
-        """Return the trace of its product with a symmetric matrix."""
-        if self.part.ndim == 1 and not self.outer:
-            return float(other[self.rows, self.rows] @ self.part)
-        own = other if len(self.rows) == len(other) else other[np.ix_(self.rows, self.rows)]
-        if self.outer:
-            return float(self.part @ own @ self.part)
-        return float(own.ravel() @ self.part.ravel())
+        return float(self.loads @ (_square_of(other, self.rows) * self._kernel()) @ self.loads)
 
     def times(self, x: FloatArray) -> FloatArray:
-        """Return its product with a vector."""
-        own = x[self.rows]
-        out = np.zeros(len(x))
-        if self.outer:
-            out[self.rows] = self.part * float(self.part @ own)
-        else:
-            out[self.rows] = self.part * own if self.part.ndim == 1 else self.part @ own
-        return out
+        by_sample = np.bincount(self.sample, self.loads * x[self.rows], minlength=len(self.kernel))
+        return _spread(self.loads * (self.kernel @ by_sample)[self.sample], self.rows, len(x))
+
+    def _kernel(self) -> FloatArray:
+        return self.kernel.take(self.sample, 0).take(self.sample, 1)
+
+
+def _square_of(matrix: FloatArray, rows: IndexArray) -> FloatArray:
+    return matrix if len(rows) == len(matrix) else matrix[np.ix_(rows, rows)]
+
+
+def _spread(values: FloatArray, rows: IndexArray, length: int) -> FloatArray:
+    out = np.zeros(length)
+    out[rows] = values
+    return out
 
 
 def derivatives(block: Block, values: Mapping[str, float]) -> tuple[FloatArray, list[Slope]]:
@@ -197,32 +246,23 @@ def derivatives(block: Block, values: Mapping[str, float]) -> tuple[FloatArray, 
     slopes: list[Slope] = []
     for process, loads in block.processes:
         rows = np.flatnonzero(loads)
-        at = block.sample[rows]
-        lag: FloatArray | None = None
-        if process.time is None:
-            part = (at[:, None] == at).astype(float)
-        else:
-            lag = (block.metres if process.over_distance else block.seconds).take(at, 0).take(at, 1)
-            lag /= values[process.time]
-            part = np.exp(-lag)
-        scaled = values[process.deviation] * loads[rows]
-        part *= scaled
-        part *= scaled[:, None]
-        covariance[np.ix_(rows, rows)] += part
-        if lag is not None and process.time is not None:
-            lag *= part
-            slopes.append(Slope(process.time, rows, lag))
-        part *= 2.0
-        slopes.append(Slope(process.deviation, rows, part))
+        scaled, kernel = values[process.deviation] * loads[rows], np.eye(len(block.seconds))
+        if process.time is not None:
+            lag = (block.metres if process.over_distance else block.seconds) / values[process.time]
+            kernel = np.exp(-lag)
+            slopes.append(_Process(process.time, rows, block.sample[rows], scaled, lag * kernel))
+        own = _Process(process.deviation, rows, block.sample[rows], scaled, kernel)
+        covariance[np.ix_(rows, rows)] += own.over_rows()
+        slopes.append(replace(own, kernel=2.0 * kernel))
     for name, loads in block.constants:
         rows = np.flatnonzero(loads)
         scaled = values[name] * loads[rows]
         covariance[np.ix_(rows, rows)] += np.outer(scaled, scaled)
-        slopes.append(Slope(name, rows, np.sqrt(2.0) * scaled, outer=True))
+        slopes.append(_Outer(name, rows, np.sqrt(2.0) * scaled))
     for name, chosen in block.white:
         rows = np.flatnonzero(chosen)
         covariance[rows, rows] += values[name] ** 2
-        slopes.append(Slope(name, rows, np.full(len(rows), 2.0 * values[name] ** 2)))
+        slopes.append(_Diagonal(name, rows, np.full(len(rows), 2.0 * values[name] ** 2)))
     return covariance, slopes
 
 

@@ -223,6 +223,7 @@ def relinearise(
             return Relinearised(grams, tuple(campaigns), best, converged, tuple(chosen_sets))
         with clock.stage("smoothing"):
             points = linearisation_points(campaigns, grams, best)
+        del campaigns, grams  # as large as those that come
 
 
 def campaign_data(start: Start, at: LinearisationPoint, clock: Clock, *, fixed: bool) -> CampaignData:

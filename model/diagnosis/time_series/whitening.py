@@ -314,14 +314,14 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
             turn[1 + q + i, index[key]] = causes[key].scale / cause.scale
         turn[1 + q + k :, basis_at : basis_at + b] = np.eye(b)
         soil_at, basis_at = soil_at + q, basis_at + b
-        matrices.append(turn.T @ grams.matrices @ turn)
+        matrices.append(turn.T @ grams.matrices @ turn if several else grams.matrices)
         order.append(columns.catch_all.order + rank)
         for one in grams.own:
             shapes = RunShapes(tuple(_of_campaign(name, one.shapes.shapes, several)), one.shapes.order + rank)
             own.append(OwnGram(shapes, one.across @ turn, one.inner))
         rank += b + sum(len(one.inner) for one in grams.own)
     return Grams(
-        matrices=np.concatenate(matrices),
+        matrices=np.concatenate(matrices) if several else matrices[0],
         log_determinants=np.concatenate([g.log_determinants for *_, g in parts]),
         samples=np.concatenate([g.samples for *_, g in parts]),
         run_names=tuple(names),
