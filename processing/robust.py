@@ -69,7 +69,10 @@ def block_covariance(matrix: FloatArray, y: FloatArray, weights: FloatArray) -> 
 
 def robust_spread(residual: FloatArray) -> float:
     """Return the standard deviation that the median absolute residual stands for."""
-    return _MAD_TO_SIGMA * float(np.median(np.abs(residual)))
+    size = np.abs(residual)
+    middle = (len(size) - 1) // 2, len(size) // 2
+    low, high = np.partition(size, middle)[list(middle)]  # np.median takes three times as long for some hundred numbers
+    return _MAD_TO_SIGMA * float(0.5 * (low + high))
 
 
 def bisquare(residual: FloatArray, least_spread: float = 1e-12) -> FloatArray:

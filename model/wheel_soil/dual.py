@@ -55,17 +55,20 @@ class Dual(NDArrayOperatorsMixin):
         partials: dict[str, Any] = {}
         for x, factor in zip(inputs, rule(result, *values), strict=True):
             if isinstance(x, Dual):
+                by = factor()
                 for name, d in x.partials.items():
-                    term = factor() * d
+                    term = d if by is _ONE else by * d
                     partials[name] = partials[name] + term if name in partials else term
         return Dual(result, partials)
 
 
 Factor = Callable[[], Any]
+_ONE = 1.0
+"""By which nothing is multiplied: partial derivatives are shared, and never changed in place."""
 _COMPARISONS = {np.less, np.greater, np.less_equal, np.greater_equal, np.equal, np.not_equal, np.isfinite, np.isnan}
 _RULES: dict[np.ufunc, Callable[..., tuple[Factor, ...]]] = {
-    np.add: lambda y, a, b: (lambda: 1.0, lambda: 1.0),
-    np.subtract: lambda y, a, b: (lambda: 1.0, lambda: -1.0),
+    np.add: lambda y, a, b: (lambda: _ONE, lambda: _ONE),
+    np.subtract: lambda y, a, b: (lambda: _ONE, lambda: -1.0),
     np.multiply: lambda y, a, b: (lambda: b, lambda: a),
     np.true_divide: lambda y, a, b: (lambda: 1.0 / b, lambda: -y / b),
     np.power: lambda y, a, b: (lambda: b * np.power(a, b - 1.0), lambda: y * np.log(a)),

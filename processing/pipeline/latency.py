@@ -80,12 +80,14 @@ def _scan_and_refine(problem: _Problem) -> tuple[float, float]:
 class _Problem:
     """One choice of samples and of degree; rim speed is NaN where not chosen, traction centred.
 
-    Slopes are taken where they are needed: a run of hours has more samples than are ever looked at.
+    Slopes are taken where they are needed: a run of hours has more samples than are ever looked at. `between` tells
+    where a value between a sample and the next is known with its slope, shape (n,).
     """
 
     ground: FloatArray
     rim: FloatArray
     traction: FloatArray
+    between: BoolArray
     degree: int
     rows: IntArray
     rate_hz: float
@@ -104,23 +106,27 @@ class _Problem:
         known = np.isfinite(rim) & np.isfinite(traction)
         known[1:-1] &= known[:-2] & known[2:]
         rows = np.flatnonzero(known & np.isfinite(signals.ground_speed_mps))
-        return _Problem(signals.ground_speed_mps, rim, traction, degree, rows, signals.rate_hz)
+        between = known & np.append(known[1:], False)
+        return _Problem(signals.ground_speed_mps, rim, traction, between, degree, rows, signals.rate_hz)
 
     def cost(self, delay_s: float) -> float:
         """Return the robust spread that the best coefficients leave at this delay."""
-        rows, basis, _ = self._shifted(delay_s, _SCAN_ROWS)
+        rows, low, share = self._shifted(delay_s, _SCAN_ROWS)
         if len(rows) < 4 * (self.degree + 1):
             return float("inf")
+        rim, traction = (_interpolated(signal, low, share) for signal in (self.rim, self.traction))
+        basis = rim[:, None] * np.vander(traction, self.degree + 1, increasing=True)
         return robust_linear(basis, self.ground[rows], iterations=4).spread
 
     def refine(self, delay_s: float) -> tuple[float, float]:
         """Gauss-Newton in the delay; the coefficients are linear and solved for at every step."""
         coefficients: FloatArray | None = None
         for _ in range(10):
-            at, basis, slope = self._shifted(delay_s, _FIT_ROWS)
-            y = self.ground[at]
+            at, low, share = self._shifted(delay_s, _FIT_ROWS)
             if len(at) < 4 * (self.degree + 1):
                 return nan, nan
+            y = self.ground[at]
+            basis, slope = self._basis(low, share)
             if coefficients is None:
                 coefficients = robust_linear(basis, y).coefficients
             matrix = np.column_stack([basis, -(slope @ coefficients)])
@@ -131,28 +137,32 @@ class _Problem:
                 break
         return delay_s, sqrt(block_covariance(matrix, y, fit.weights)[-1, -1])
 
-    def _shifted(self, delay_s: float, most: int) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return at most so many rows that are usable at this delay, and basis and slope at t - delay."""
+    def _shifted(self, delay_s: float, most: int) -> tuple[IntArray, IntArray, FloatArray]:
+        """Return at most so many usable rows, and where t - delay is: the sample before, and the share to the next."""
         rows = self.rows[:: max(1, -(-len(self.rows) // most))]
         position = rows - delay_s * self.rate_hz
         low = np.floor(position).astype(np.int64)
         inside = (low >= 1) & (low + 2 < len(self.ground))
-        rows, low = rows[inside], low[inside]
-        share = position[inside] - low
-        (rim, rim_slope), (traction, traction_slope) = (
-            self._interpolated(signal, low, share) for signal in (self.rim, self.traction)
-        )
-        power = np.arange(self.degree + 1)
-        basis = rim * traction**power
-        slope = rim_slope * traction**power + rim * power * traction ** np.maximum(power - 1, 0) * traction_slope
-        good = np.isfinite(basis).all(axis=1) & np.isfinite(slope).all(axis=1)
-        return rows[good], basis[good], slope[good]
+        inside[inside] = self.between[low[inside]]
+        return rows[inside], low[inside], position[inside] - low[inside]
 
-    def _interpolated(self, signal: FloatArray, low: IntArray, share: FloatArray) -> FloatArray:
-        """Return a signal between two samples, and its central differences interpolated alike, shape (2, n, 1)."""
+    def _basis(self, low: IntArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the basis at places between samples, and its slope in time, shape (n, degree + 1) each."""
+        rim, traction = (_interpolated(signal, low, share) for signal in (self.rim, self.traction))
+        rim_slope, traction_slope = (self._slope(signal, low, share) for signal in (self.rim, self.traction))
+        powers = np.vander(traction, self.degree + 1, increasing=True)
+        slope = rim_slope[:, None] * powers
+        slope[:, 1:] += (rim * traction_slope)[:, None] * powers[:, :-1] * np.arange(1, self.degree + 1)
+        return rim[:, None] * powers, slope
+
+    def _slope(self, signal: FloatArray, low: IntArray, share: FloatArray) -> FloatArray:
+        """Return the central differences of a signal, interpolated."""
         before, here, there, after = (signal[low + step] for step in (-1, 0, 1, 2))
-        slope = ((1 - share) * (there - before) + share * (after - here)) * (0.5 * self.rate_hz)
-        return np.stack([(1 - share) * here + share * there, slope])[:, :, None]
+        return np.asarray(((1 - share) * (there - before) + share * (after - here)) * (0.5 * self.rate_hz))
+
+
+def _interpolated(signal: FloatArray, low: IntArray, share: FloatArray) -> FloatArray:
+    return np.asarray((1 - share) * signal[low] + share * signal[low + 1])
 
 
 def _low_slip(signals: SpeedSignals, limit: float) -> BoolArray:

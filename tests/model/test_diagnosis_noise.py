@@ -24,7 +24,7 @@ from model.diagnosis.time_series.hyper import (
 from model.diagnosis.time_series.linearise import Linear, Point, Simulation, linearise, soil_space
 from model.diagnosis.time_series.noise import constants, hyper_priors, loading, processes
 from model.diagnosis.time_series.samples import Samples, coverage_of, samples_of
-from model.diagnosis.time_series.whitening import run_grams
+from model.diagnosis.time_series.whitening import joined, run_grams
 from model.effects.catalogue import EFFECTS
 
 
@@ -52,7 +52,7 @@ def test_blocks_and_the_filter_agree(seen: tuple[Samples, Linear, Columns]) -> N
     variance = np.full(len(samples), 9e-4)
     found = likelihood(blocks_of(samples, linear, columns, variance, values), values, list(values))
     grams = run_grams(samples, linear, columns, values, variance)
-    total = grams.matrices.sum(axis=0)
+    _, total = joined([("", samples.run_names, columns, grams)]).all_shapes()
     inner = np.eye(len(total) - 1) + total[1:, 1:]
     square = total[0, 0] - total[1:, 0] @ np.linalg.solve(inner, total[1:, 0])
     expected = 0.5 * (grams.log_determinants.sum() + np.linalg.slogdet(inner)[1] + square)

@@ -78,7 +78,7 @@ def test_the_evidence_is_the_density_of_the_residual(small: World) -> None:
     everything = [np.concatenate([small.soil[i], small.causes[i]], axis=1) for i in range(3)]
     stacked = np.concatenate(everything)
     # the residual itself is not in the Grams: any one with the same products will do
-    root = np.linalg.cholesky(grams.total()[:13, :13] + 1e-9 * np.eye(13))
+    root = np.linalg.cholesky(grams.total[:13, :13] + 1e-9 * np.eye(13))
     made = root.T
     residual, soil, causes = made[:, 0], made[:, 1:7], made[:, 7:]
     assert stacked.shape == (90, 12)
@@ -97,7 +97,7 @@ def test_a_one_sided_cause_has_twice_the_mass_above_zero(small: World) -> None:
     grams = grams_of(small, 2, 0.4, 1)
     found = posterior(grams)
     two_sided = hypotheses(grams)
-    reduced = without_soil(grams, grams.total())
+    reduced = without_soil(grams, grams.total)
     a, b = 1 + reduced[2, 2], reduced[0, 2]
     expected = 0.5 * b * b / a - 0.5 * np.log(a) + np.log(2) + norm.logcdf(b / np.sqrt(a))
     assert found.log_evidence[two_sided.index_of(("b",))] == pytest.approx(expected)
@@ -106,7 +106,7 @@ def test_a_one_sided_cause_has_twice_the_mass_above_zero(small: World) -> None:
 def test_sets_with_bounds_are_near_their_integral(small: World) -> None:
     """Importance sampling of the truncated prior, two bounded parameters at once."""
     grams = grams_of(small, 5, 0.7, 3)
-    reduced = without_soil(grams, grams.total())
+    reduced = without_soil(grams, grams.total)
     found = posterior(grams)
     at = [4, 5]
     precision, side = reduced[np.ix_(at, at)], reduced[at, 0]
@@ -142,7 +142,7 @@ def test_every_set_is_listed_once() -> None:
         len({family[key] for key in keys}) == size for size in range(4) for keys in combinations(listed.effects, size)
     )
     assert len(listed) == expected
-    through, _ = weighed(grams, without_soil(grams, grams.total()), beam=comb(8, 2))
+    through, _ = weighed(grams, without_soil(grams, grams.total), beam=comb(8, 2))
     assert {through.keys_of(i) for i in range(len(through))} == sets
 
 

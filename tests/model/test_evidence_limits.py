@@ -23,7 +23,7 @@ def test_at_the_smallest_detectable_size_the_expected_odds_are_those_of_a_name(n
     """ln of the odds: half of (a^2 l^2 + l)/(1 + l) - ln(1 + l), ln 2 where one-sided, and the prior's."""
     grams = world(3, COLUMNS, n=60, strength=(20, 40)).grams(np.zeros(3), np.random.default_rng(3))
     sizes = detectable_in_runs(grams, name_at=name_at)
-    information = np.diag(without_soil(grams, grams.total()))[1:]
+    information = np.diag(without_soil(grams, grams.total))[1:]
     listed = hypotheses(grams, most=1)
     for i, cause in enumerate(COLUMNS):
         a, own = sizes[cause.key].value / cause.scale, information[i]

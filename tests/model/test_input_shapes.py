@@ -69,14 +69,14 @@ def test_errors_of_the_load_are_a_zero_and_what_grows_with_it(seen: tuple[Simula
 def test_one_load_has_nothing_that_grows_with_it(seen: tuple[Simulation, Samples, Linear], load_n: float) -> None:
     _, samples, linear = seen
     one = replace(linear.conditions, vertical_load_n=np.full(linear.value.shape[1], load_n))
-    kinds = {shape.kind for shape in basis(samples, replace(linear, conditions=one)).shapes}
+    kinds = {shape.kind for shape in basis(samples, replace(linear, conditions=one)).catch_all.by_rank}
     assert Kind.LOAD_ERROR in kinds
     assert not kinds & {Kind.LOAD_ERROR_WITH_LOAD, Kind.ZERO_WITH_LOAD}
 
 
 def test_kinds_of_inputs_and_forces_are_apart(seen: tuple[Simulation, Samples, Linear]) -> None:
     _, samples, linear = seen
-    shapes = basis(samples, linear).shapes
+    shapes = basis(samples, linear).catch_all.by_rank
     inputs = {i for i, shape in enumerate(shapes) if shape.channel in INPUTS}
     kinds = [set(kind.tolist()) for kind in _kinds(shapes)[:-1]]
     assert all(kind <= inputs or not kind & inputs for kind in kinds)

@@ -34,8 +34,15 @@ def found(seen: LinearisedCampaign) -> dict[str, tuple[float, float]]:
 def innovations(seen: LinearisedCampaign) -> tuple[np.ndarray, np.ndarray]:
     """Return whitened residuals of the best set, shape (runs, samples, channels), and where there are any."""
     view = seen.campaigns[0]
-    rows, _ = whitened_rows(view.samples, view.linear, view.columns, view.noise.values, view.speed_variance)
-    shared = np.concatenate([[1.0], -seen.best.soil, -seen.best.coefficients, np.zeros(len(view.columns.basis))])
+    ((rows, _),) = whitened_rows(view.samples, view.linear, view.columns, view.noise.values, view.speed_variance)
+    shared = np.concatenate(
+        [
+            [1.0],
+            -seen.best.soil,
+            -seen.best.coefficients,
+            np.zeros(view.columns.varying - 1 - len(seen.best.soil) - len(seen.best.coefficients)),
+        ]
+    )
     by_run = view.grams.constants @ shared
     each = np.concatenate([np.tile(shared, (len(by_run), 1)), -by_run], axis=1)
     at = places_of(view.samples.run, view.samples.runs)

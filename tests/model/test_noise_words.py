@@ -47,6 +47,6 @@ def test_a_zero_that_nobody_asks_for_is_told_where_the_noise_takes_it() -> None:
 
 def test_one_direction_is_not_told_as_the_direction() -> None:
     _, samples, linear = linearised(1)
-    kinds = {shape.kind for shape in basis(samples, linear).shapes}
+    kinds = {shape.kind for shape in basis(samples, linear).catch_all.by_rank}
     assert Kind.CONSTANT_DRIVING in kinds
     assert not kinds & {Kind.DIRECTION_DRIVING, Kind.DIRECTION_BRAKING}

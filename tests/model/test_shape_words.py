@@ -15,7 +15,7 @@ from wheelsoil.wording.names import place_text
 @pytest.fixture(scope="module")
 def shapes() -> tuple[Shape, ...]:
     _, samples, linear = linearised(2)
-    return basis(samples, linear).shapes
+    return basis(samples, linear).catch_all.by_rank
 
 
 def test_every_shape_reads_on_its_own(shapes: tuple[Shape, ...]) -> None:

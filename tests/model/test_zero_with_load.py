@@ -40,7 +40,7 @@ def test_one_zero_is_the_same_function_of_the_load_rolling_and_at_rest(
 ) -> None:
     samples, linear = seen
     found = basis(samples, linear)
-    at = found.shapes.index(Shape(Kind.ZERO_WITH_LOAD, channel))
+    at = found.catch_all.shapes.index(Shape(Kind.ZERO_WITH_LOAD, channel))
     load = np.asarray(samples.conditions.vertical_load_n)
     rolling = np.polyfit(load, found.columns[row, :, at], 1)
     resting = np.polyfit(np.asarray(samples.rests.conditions.vertical_load_n), found.rests[row, :, at], 1)
@@ -56,7 +56,7 @@ def test_without_a_standstill_there_is_no_such_shape(seen: tuple[Samples, Linear
     rests = replace(samples.rests, run=samples.rests.run[none])
     measured = {channel: values[none] for channel, values in samples.rests.measured.items()}
     never = replace(samples, rests=replace(rests, measured=measured))
-    assert Shape(Kind.ZERO_WITH_LOAD, "dp") in basis(samples, linear).shapes
+    assert Shape(Kind.ZERO_WITH_LOAD, "dp") in basis(samples, linear).catch_all.by_rank
     assert not zeros(basis(never, linear))
     unread = {**samples.rests.measured, "t": np.full(len(samples.rests), np.nan)}
     only_dp = replace(samples, rests=replace(samples.rests, measured=unread))
@@ -64,13 +64,18 @@ def test_without_a_standstill_there_is_no_such_shape(seen: tuple[Samples, Linear
 
 
 def zeros(found: Basis) -> list[Shape]:
-    return [shape for shape in found.shapes if shape.kind == Kind.ZERO_WITH_LOAD]
+    return [shape for shape in found.catch_all.shapes if shape.kind == Kind.ZERO_WITH_LOAD]
 
 
 def test_only_zeros_show_at_rest(seen: tuple[Samples, Linear]) -> None:
     found = basis(*seen)
-    assert len(found.shapes) == len(found.input_heights) == found.columns.shape[-1] == found.rests.shape[-1]
-    showing = {shape.kind for i, shape in enumerate(found.shapes) if found.rests[..., i].any()}
+    assert (
+        len(found.catch_all.shapes)
+        == len(found.catch_all.input_heights)
+        == found.columns.shape[-1]
+        == found.rests.shape[-1]
+    )
+    showing = {shape.kind for i, shape in enumerate(found.catch_all.shapes) if found.rests[..., i].any()}
     assert showing == {Kind.ZERO_WITH_LOAD}
 
 

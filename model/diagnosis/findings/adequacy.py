@@ -75,18 +75,23 @@ class _Kind:
     def statistic(self, scores: FloatArray) -> FloatArray:
         """Return T of scores of shape (..., b)."""
         own = scores[..., self.shapes]
-        return np.asarray(np.einsum("...i,ij,...j->...", own, self.inverse, own))
+        return np.asarray((own @ self.inverse * own).sum(axis=-1))
 
 
 def left_over(grams: Grams, keys: tuple[str, ...] = ()) -> LeftOver:
-    """Integrate soil and a set of causes out of the catch-all's cross products."""
-    total = grams.total()
-    out = np.r_[grams.soil_columns, [p for key in keys for p in grams.columns_of(key)]].astype(np.intp)
-    kept = np.r_[0, grams.basis_columns]
+    """Integrate soil and a set of causes out of the catch-all's cross products; its shapes by rank."""
+    _, total = grams.all_shapes()
+    out = _uncertain(grams, keys)
+    kept = np.r_[0, grams.cause_columns.stop : len(total)]
     across = total[np.ix_(out, kept)]
     inner = total[np.ix_(out, out)] + np.eye(out.size)
     found = total[np.ix_(kept, kept)] - across.T @ np.linalg.solve(inner, across)
     return LeftOver(float(found[0, 0]), found[1:, 0], found[1:, 1:])
+
+
+def _uncertain(grams: Grams, keys: tuple[str, ...]) -> IndexArray:
+    """Return the positions of the columns of the soil and of a set's causes."""
+    return np.array([*range(1, 1 + len(grams.soil)), *(p for key in keys for p in grams.columns_of(key))], np.intp)
 
 
 def adequacy(grams: Grams, keys: tuple[str, ...], rng: np.random.Generator) -> Adequacy:
@@ -102,7 +107,7 @@ def adequacy(grams: Grams, keys: tuple[str, ...], rng: np.random.Generator) -> A
     left = left_over(grams, keys)
     if not left.score.size:
         return Adequacy(0.0, SLACK, ok=True)
-    groups = _kinds(grams.basis)
+    groups = _kinds(grams.all_shapes()[0])
     kinds = [_kind(left.information, shapes) for shapes in groups]
     before = left_over(grams)
     form = FORM / max(len(keys), 1)
@@ -125,12 +130,21 @@ def excess(grams: Grams, keys: tuple[str, ...]) -> float:
     A noise model that is a little too small shows in the catch-all, and would make every probability too sure of
     itself: the evidence is taken with a variance that is larger by this (Birge's ratio), up to `MOST_EXCESS`.
     """
-    left = left_over(grams, keys)
-    if not left.score.size:
+    if not grams.basis and not any(len(one.inner) for one in grams.own):
         return 1.0
-    whole = np.eye(left.score.size) + left.information
-    expected = float(np.trace(np.linalg.solve(whole, left.information)))
-    found = float(left.score @ np.linalg.solve(whole, left.score))
+    own = [one.integrated for one in grams.own]
+    taken = sum((one.taken for one in own), np.zeros_like(grams.total))
+    spread = sum((one.spread for one in own), np.zeros_like(grams.total))
+    causes, shared = _uncertain(grams, keys), np.r_[grams.basis_columns].astype(np.intp)
+    both, left = np.r_[causes, shared], grams.total - taken
+    inverse = np.linalg.inv(np.eye(both.size) + left[np.ix_(both, both)])
+    kept = np.arange(causes.size, both.size)
+    expected = kept.size - float(np.trace(inverse[np.ix_(kept, kept)]))
+    expected += sum(one.freedom for one in own) - float(np.sum(inverse * spread[np.ix_(both, both)]))
+    without = grams.total[causes, 0] @ np.linalg.solve(
+        np.eye(causes.size) + grams.total[np.ix_(causes, causes)], grams.total[causes, 0]
+    )
+    found = float(left[both, 0] @ inverse @ left[both, 0] + taken[0, 0] - without)
     return float(np.clip(found / max(expected, 1e-9), 1.0, MOST_EXCESS))
 
 
@@ -182,11 +196,12 @@ def findings(
         Ask for errors of ground speed and load, too. What a missing cause leaves looks like many of them: where there
         is a name for it, they are not asked for.
     """
-    heights = np.concatenate([data.columns.heights for data in campaigns])
-    asked = [i for i, shape in enumerate(grams.basis) if inputs or shape.channel not in INPUTS]
+    heights = np.concatenate([data.columns.heights(data.samples.run) for data in campaigns])
+    shapes, _ = grams.all_shapes()
+    asked = [i for i, shape in enumerate(shapes) if inputs or shape.channel not in INPUTS]
     left = left_over(grams, keys)
     left = LeftOver(left.misfit, left.score[asked], left.information[np.ix_(asked, asked)])
-    return found_in(left, tuple(grams.basis[i] for i in asked), heights[asked], excess)
+    return found_in(left, tuple(shapes[i] for i in asked), heights[asked], excess)
 
 
 def found_in(left: LeftOver, shapes: tuple[Shape, ...], height: FloatArray, excess: float = 1.0) -> list[Finding]:

@@ -211,8 +211,6 @@ def disagreement_notes(
 
 LEAST = 20.0
 """Nats by which two soils must be likelier than one."""
-
-
 _FEW = 8
 
 
@@ -224,39 +222,49 @@ def two_soils(grams: Grams) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
     grams : Grams
         Of one campaign.
     """
-    count = len(grams.run_names)
+    count, columns = len(grams.run_names), grams.soil_columns.stop
     if count < 2 or not grams.soil:
         return None
-    together = _evidence(grams, np.ones(count, bool))
-    own = max(_groups(grams, count), key=lambda group: _gain(grams, group))
-    if _gain(grams, own) - together < LEAST:
+    matrices = grams.matrices[:, :columns, :columns]
+    gain, own = max(_groups(matrices), key=lambda found: found[0])
+    if gain - float(_evidence(matrices.sum(axis=0))) < LEAST:
         return None
     names = np.array(grams.run_names)
     one, other = names[own], names[~own]
     return tuple(one.tolist()), tuple(other.tolist())
 
 
-def _gain(grams: Grams, own: BoolArray) -> float:
-    return _evidence(grams, own) + _evidence(grams, ~own)
+def _groups(matrices: FloatArray) -> list[tuple[float, BoolArray]]:
+    """Return groups and the log evidence of each and of the other runs, each with its own soil.
 
-
-def _groups(grams: Grams, count: int) -> list[BoolArray]:
-    """Return the groups to ask: all of up to half of the runs, or what parting one run at a time goes through."""
+    All groups of up to half of the runs, or those that parting one run at a time goes through.
+    """
+    count, total = len(matrices), matrices.sum(axis=0)
     if count <= _FEW:
         sizes = range(1, count // 2 + 1)
-        return [np.isin(np.arange(count), own) for size in sizes for own in combinations(range(count), size)]
-    groups = [np.zeros(count, bool)]
+        groups = [np.isin(np.arange(count), own) for size in sizes for own in combinations(range(count), size)]
+        sums = np.array(groups, float) @ matrices.reshape(count, -1)
+        return list(zip(_parted(sums.reshape(-1, *total.shape), total).tolist(), groups, strict=True))
+    found = []
+    group, inside = np.zeros(count, bool), np.zeros_like(total)
     for _ in range(count // 2):
-        larger = [groups[-1] | (np.arange(count) == run) for run in np.flatnonzero(~groups[-1])]
-        groups.append(max(larger, key=lambda own: _gain(grams, own)))
-    return groups[1:]
+        left = np.flatnonzero(~group)
+        gains = _parted(inside + matrices[left], total)
+        best = int(np.argmax(gains))
+        group = group | (np.arange(count) == left[best])
+        inside = inside + matrices[left[best]]
+        found.append((float(gains[best]), group))
+    return found
 
 
-def _evidence(grams: Grams, own: BoolArray) -> float:
-    """Return the log evidence of some runs with a soil of their own, up to a constant."""
-    total = grams.matrices[own].sum(axis=0)
-    soil = grams.soil_columns
-    inner = np.eye(len(grams.soil)) + total[soil, soil]
-    side = total[soil, 0]
-    explained = float(side @ np.linalg.solve(inner, side))
-    return 0.5 * (explained - float(total[0, 0])) - 0.5 * float(np.linalg.slogdet(inner)[1])
+def _parted(sums: FloatArray, total: FloatArray) -> FloatArray:
+    """Return the log evidence of groups of runs and of the runs outside each, shape (groups,)."""
+    return _evidence(sums) + _evidence(total - sums)
+
+
+def _evidence(sums: FloatArray) -> FloatArray:
+    """Return the log evidence of runs with their own soil, up to a constant; shape (..., 1 + q, 1 + q) to (...)."""
+    side = sums[..., 1:, :1]
+    inner = np.eye(side.shape[-2]) + sums[..., 1:, 1:]
+    explained = (side * np.linalg.solve(inner, side)).sum(axis=(-2, -1))
+    return np.asarray(0.5 * (explained - sums[..., 0, 0]) - 0.5 * np.linalg.slogdet(inner)[1])

@@ -110,7 +110,7 @@ def _signature(linearised: LinearisedCampaign, index: int, key: str, size: Float
     grams: Grams = linearised.grams
     data = linearised.campaigns[index]
     own = list(grams.columns_of(key))
-    total = grams.total()
+    total = grams.total
     soil = grams.soil_columns
     imitated = np.linalg.solve(np.eye(len(grams.soil)) + total[soil, soil], total[soil, own] @ size)
     first = sum(len(v.columns.soil) for v in linearised.campaigns[:index])

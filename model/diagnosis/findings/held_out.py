@@ -35,7 +35,6 @@ from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import (
     estimate,
     log_likelihood_of_run,
-    others,
     posterior,
     weighed,
     without_soil,
@@ -76,7 +75,7 @@ def bagged(
     Posterior
         Not ``calibrated`` where there are too few runs: then the noise model is taken at its word.
     """
-    grams = replace(grams, matrices=grams.matrices / excess)
+    grams = replace(grams, matrices=grams.matrices / excess, own=())
     runs = len(grams.run_names)
     if runs < FEWEST_RUNS:
         return posterior(grams, excluded, most)
@@ -137,9 +136,9 @@ def held_out(
 
 def _chosen(linearised: LinearisedCampaign, run: int) -> Keys:
     """Return the causes that all runs but one ask for."""
-    known = others(linearised.grams, run)
+    known = linearised.grams.without(run)
     first = posterior(known, linearised.excluded, linearised.most_causes).best()
-    wider = replace(known, matrices=known.matrices / excess(known, first))
+    wider = known.scaled(1.0 / excess(known, first))
     return posterior(wider, linearised.excluded, linearised.most_causes).best()
 
 
@@ -160,7 +159,7 @@ def predict_held_out(
     grams = grams or fit.grams()
     first = np.cumsum([0, *(data.samples.runs for data in linearised.campaigns)])
     at = int(np.searchsorted(first, run, side="right")) - 1
-    found = estimate(others(grams, run), fit.keys)
+    found = estimate(grams.without(run), fit.keys)
     point = fit.problem.points(np.r_[found.soil, found.coefficients[list(found.columns)]])[at]
     samples = linearised.campaigns[at].samples
     samples = samples[samples.run == run - first[at]]

@@ -41,7 +41,7 @@ def detectable_in_runs(
         Factor on the noise's variance.
     """
     listed = hypotheses(grams, excluded, 1)
-    information = np.diag(without_soil(grams, grams.total()))[1:] / excess
+    information = np.diag(without_soil(grams, grams.total))[1:] / excess
     directions = {
         key: [
             Direction(c.parameter, c.unit, c.neutral, c.scale, c.one_sided, float(information[i]))
@@ -89,7 +89,7 @@ def projected_without_soil(grams: Grams, matrix: FloatArray | None = None) -> Pr
     matrix : array, shape (m, m), optional
         Another sum over runs than that of all.
     """
-    total = grams.total() if matrix is None else matrix
+    total = grams.total if matrix is None else matrix
     causes = grams.cause_columns
     kept = [0, *range(causes.start, causes.stop)]
     soil = grams.soil_columns

@@ -23,7 +23,7 @@ from model.diagnosis.findings.set_fit import SetFit
 from model.diagnosis.findings.set_problem import Part
 from model.diagnosis.time_series.basis import amplitude_of
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams
-from model.diagnosis.time_series.evidence import estimate, log_likelihood_of_run, others, without_soil
+from model.diagnosis.time_series.evidence import estimate, log_likelihood_of_run, without_soil
 from model.diagnosis.time_series.whitening import joined, run_grams
 from model.wheel_soil.conditions import Conditions
 
@@ -140,13 +140,18 @@ def propose_for(fit: SetFit) -> Proposal | None:
         See `propose`.
     """
     columns: dict[str, TermColumn] = {}
+    return propose(_terms_as_causes(_grams(fit, columns), columns), columns)
+
+
+def _grams(fit: SetFit, columns: dict[str, TermColumn]) -> Grams:
+    """Return the Grams of all campaigns with the terms among the causes; fill `columns` with what the terms are."""
     parts = []
     for part in fit.problem.parts:
         data = part.data
         own = _with_terms(part, columns)
         matrices = run_grams(data.samples, part.frozen, own, data.noise.values, data.speed_variance)
         parts.append((data.campaign.name, data.samples.run_names, own, matrices))
-    return propose(_terms_as_causes(joined(parts), columns), columns)
+    return joined(parts)
 
 
 def _with_terms(part: Part, columns: dict[str, TermColumn]) -> Columns:
@@ -155,19 +160,20 @@ def _with_terms(part: Part, columns: dict[str, TermColumn]) -> Columns:
     samples, linear = part.data.samples, part.frozen
     values = {**part.simulation.space.values(linear.point.soil), **linear.point.causes}
     sinkage = part.simulation.model(linear.point.causes).predict(linear.conditions, values).sinkage_m
-    found, causes = [], []
+    found: list[tuple[int, FloatArray]] = []
+    causes = []
     for term in terms(linear.conditions, sinkage):
         size = float(np.sqrt(np.mean(term.values**2)))
         for row, channel in enumerate(linear.channels):
             key = f"{channel}: {term.text}"
             scale = amplitude_of(samples, channel) / size
             known = columns.setdefault(key, TermColumn(channel, term.text, term.unit, scale))
-            shape = np.zeros(linear.value.shape)
-            shape[row] = known.scale * term.values
-            found.append(np.where(plain.present, shape, 0.0))
+            found.append((row, np.where(plain.present[row], known.scale * term.values, 0.0)))
             causes.append(_column(key, known.scale))
     at = plain.shared
-    rows = np.concatenate([plain.rows[..., :at], np.stack(found, axis=-1), plain.rows[..., at:]], axis=-1)
+    rows = np.insert(plain.rows, [at] * len(found), 0.0, axis=-1)
+    for column, (row, term_values) in enumerate(found, at):
+        rows[row, :, column] = term_values
     empty = np.zeros((*plain.rests.shape[:2], len(found)))
     rests = np.concatenate([plain.rests[..., :at], empty, plain.rests[..., at:]], axis=-1)
     return replace(plain, rows=rows, rests=rests, causes=(*plain.causes, *causes))
@@ -190,7 +196,13 @@ def _terms_as_causes(grams: Grams, columns: Mapping[str, TermColumn]) -> Grams:
     ]
     labels = tuple(f"{c.key}: {c.parameter}" for c in beside)
     return replace(
-        grams, matrices=grams.matrices[:, order][:, :, order], soil=(*grams.soil, *labels), causes=own, basis=()
+        grams,
+        matrices=grams.matrices[:, np.array(order)[:, None], order],
+        soil=(*grams.soil, *labels),
+        causes=own,
+        basis=(),
+        order=None,
+        own=(),
     )
 
 
@@ -218,7 +230,7 @@ def propose(grams: Grams, terms: dict[str, TermColumn]) -> Proposal | None:
 
 def chosen_terms(grams: Grams) -> tuple[str, ...]:
     """Return the most probable set of terms, found by adding one at a time to the best few; empty if none helps."""
-    reduced = without_soil(grams, grams.total())
+    reduced = without_soil(grams, grams.total)
     count = len(grams.causes)
     precision, side = np.eye(count) + reduced[1 : 1 + count, 1 : 1 + count], reduced[1 : 1 + count, 0]
     beam: list[tuple[float, tuple[int, ...]]] = [(0.0, ())]
@@ -249,7 +261,7 @@ def _added(precision: FloatArray, side: FloatArray, members: tuple[int, ...]) ->
 
 def _gain_of(grams: Grams, run: int) -> float:
     """Return what the terms that the other runs choose are worth on a run, nats."""
-    chosen = chosen_terms(others(grams, run))
+    chosen = chosen_terms(grams.without(run))
     if not chosen:
         return 0.0
     return log_likelihood_of_run(grams, run, chosen) - log_likelihood_of_run(grams, run)

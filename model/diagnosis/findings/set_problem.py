@@ -146,14 +146,16 @@ class SetProblem:
         return rows if answered else [np.full_like(run, np.nan) for run in rows]
 
     def _whitened(self, part: Part, columns: Columns, x: FloatArray, values: Mapping[str, float]) -> list[FloatArray]:
-        whitened, _ = whitened_rows(part.data.samples, part.frozen, columns, values, part.data.speed_variance)
-        own = _without_constants(whitened, columns.shared)
-        q = len(columns.soil)
-        out = np.zeros((*own.shape[:2], 1 + len(x)))
-        out[..., 1 + part.soil.start : 1 + part.soil.stop] = -own[..., 1 : 1 + q]
-        out[..., [1 + len(self.soil) + i for i in part.causes]] = -own[..., 1 + q :] * part.stretch
-        out[..., 0] = own[..., 0] + out[..., 1:] @ x
-        return list(out)
+        found: list[FloatArray] = []
+        for whitened, _ in whitened_rows(part.data.samples, part.frozen, columns, values, part.data.speed_variance):
+            own = _without_constants(whitened, columns.shared)
+            q = len(columns.soil)
+            out = np.zeros((*own.shape[:2], 1 + len(x)))
+            out[..., 1 + part.soil.start : 1 + part.soil.stop] = -own[..., 1 : 1 + q]
+            out[..., [1 + len(self.soil) + i for i in part.causes]] = -own[..., 1 + q :] * part.stretch
+            out[..., 0] = own[..., 0] + out[..., 1:] @ x
+            found += list(out)
+        return found
 
     def score_changes(self, x: FloatArray) -> FloatArray:
         """Return by how much J'r changes when each hyper-parameter grows by its own one-sigma, shape (h, p)."""

@@ -219,7 +219,7 @@ def split(grams: Grams, added: FloatArray, members: tuple[Member, ...]) -> Split
     added : array, shape (m, m)
         Cross products of the data to be added.
     """
-    total = grams.total()
+    total = grams.total
     before = _pairwise(grams, without_soil(grams, total), members)
     nats = np.maximum(_pairwise(grams, without_soil(grams, total + added), members) - before, 0.0)
     parted = tuple(member.key for member, apart in zip(members, comes_apart(nats), strict=True) if apart)

@@ -21,13 +21,14 @@ An error is measured less true, as everywhere: the model, which is given what wa
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import count
 from math import exp
 from operator import neg
 
 import numpy as np
 
-from daq import BoolArray, FloatArray
+from daq import BoolArray, FloatArray, IndexArray
 from model.diagnosis.core.shapes import Kind, Shape
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.samples import AT_REST, Samples
@@ -131,57 +132,113 @@ _TIMES_IN_RUN = 3
 
 
 @dataclass(frozen=True)
+class RunShapes:
+    """Shapes that only one run may show, and the rank of each among all shapes."""
+
+    shapes: tuple[Shape, ...] = ()
+    order: IndexArray = field(default_factory=lambda: np.arange(0))
+
+
+@dataclass(frozen=True)
+class CatchAll:
+    """What the shapes of a campaign are.
+
+    Attributes
+    ----------
+    shapes : tuple of Shape
+        The b that every run may show.
+    order : int array, shape (b,)
+        Their ranks among all shapes, those of single runs included: channel after channel.
+    input_heights : array, shape (b,)
+        Largest error of an input, m/s or N; NaN for a shape of a channel.
+    of_run : tuple of RunShapes
+        Of every run.
+    """
+
+    shapes: tuple[Shape, ...]
+    order: IndexArray
+    input_heights: FloatArray
+    of_run: tuple[RunShapes, ...]
+
+    @property
+    def by_rank(self) -> tuple[Shape, ...]:
+        """All shapes, those of single runs included."""
+        shapes = (*self.shapes, *(shape for run in self.of_run for shape in run.shapes))
+        ranks = np.concatenate([self.order, *(run.order for run in self.of_run)])
+        return tuple(shapes[i] for i in np.argsort(ranks))
+
+
+@dataclass(frozen=True)
 class Basis:
-    """The shapes of a campaign.
+    """The shapes of a campaign and their columns.
+
+    Shapes of single runs share columns: there are as many as the run with most has (o), however many runs there are.
 
     Attributes
     ----------
     columns : array, shape (c, n, b)
         In N, N m and m.
+    own : array, shape (c, n, o)
+        Of the shapes of the sample's run.
     rests : array, shape (2, m, b)
         Of drawbar pull and torque at standstill.
-    input_heights : array, shape (b,)
-        Largest error of an input, m/s or N; NaN for a shape of a channel.
     """
 
-    shapes: tuple[Shape, ...]
+    catch_all: CatchAll
     columns: FloatArray
+    own: FloatArray
     rests: FloatArray
-    input_heights: FloatArray
 
 
 def basis(samples: Samples, linear: Linear) -> Basis:
     """Return the shapes of the channels, then the zeros that standstills show, then those of the inputs."""
-    own = [(shape, x) for shape, x in _shapes(samples, linear) if np.std(x) > 0]
-    zeros, inputs = _channels_with_zeros(samples, linear), list(input_shapes(linear))
-    found = _empty(samples, linear, len(own) * len(linear.channels) + len(zeros) + len(inputs))
-    shapes: list[Shape] = []
-    for row, channel in enumerate(linear.channels):
+    before, after = ([(s, x) for s, x in of(samples, linear) if np.std(x) > 0] for of in (_placed, _driven))
+    in_time, zeros, inputs = _in_time(samples), _channels_with_zeros(samples, linear), list(input_shapes(linear))
+    channels = linear.channels
+    width = (len(before) + len(after)) * len(channels) + len(zeros) + len(inputs)
+    columns, rests = np.zeros((*linear.value.shape, width)), np.zeros((len(AT_REST), len(samples.rests), width))
+    own = np.zeros((*linear.value.shape, len(channels) * max(map(len, in_time), default=0)))
+    heights = np.full(width, np.nan)
+    rank = count()
+    listed: list[tuple[int, Shape]] = []
+    of_run: list[list[tuple[int, Shape]]] = [[] for _ in in_time]
+
+    def place(shape: Shape, among: list[tuple[int, Shape]] = listed) -> int:
+        among.append((next(rank), shape))
+        return len(among) - 1
+
+    for row, channel in enumerate(channels):
         amplitude = amplitude_of(samples, channel)
-        for shape, x in own:
-            found.columns[row, :, len(shapes)] = amplitude * x
-            shapes.append(replace(shape, channel=channel))
+        for shape, x in before:
+            columns[row, :, place(replace(shape, channel=channel))] = amplitude * x
+        for among, hats_of_run in zip(of_run, in_time, strict=True):
+            for shape, at, x in hats_of_run:
+                own[row, at, place(replace(shape, channel=channel), among)] = amplitude * x
+        for shape, x in after:
+            columns[row, :, place(replace(shape, channel=channel))] = amplitude * x
     for channel in zeros:
         amplitude, drive = amplitude_of(samples, channel), linear.conditions
         rolling, resting = (growing_with_load(at, drive) for at in (drive, samples.rests.conditions))
-        found.columns[linear.channels.index(channel), :, len(shapes)] = amplitude * rolling
-        found.rests[AT_REST.index(channel), :, len(shapes)] = amplitude * resting
-        shapes.append(Shape(Kind.ZERO_WITH_LOAD, channel))
+        column = place(Shape(Kind.ZERO_WITH_LOAD, channel))
+        columns[channels.index(channel), :, column] = amplitude * rolling
+        rests[AT_REST.index(channel), :, column] = amplitude * resting
     for error in inputs:
-        found.columns[..., len(shapes)] = error.columns
-        found.input_heights[len(shapes)] = error.height
-        shapes.append(error.shape)
-    return replace(found, shapes=tuple(shapes))
+        column = place(error.shape)
+        columns[..., column] = error.columns
+        heights[column] = error.height
+    shared, runs = _ranked(listed), tuple(_ranked(among) for among in of_run)
+    return Basis(CatchAll(shared.shapes, shared.order, heights, runs), columns, own, rests)
+
+
+def _ranked(listed: list[tuple[int, Shape]]) -> RunShapes:
+    return RunShapes(tuple(shape for _, shape in listed), np.array([rank for rank, _ in listed], np.intp))
 
 
 def no_basis(samples: Samples, linear: Linear) -> Basis:
     """Return no shapes at all, for a fit that has no use for them."""
-    return _empty(samples, linear, 0)
-
-
-def _empty(samples: Samples, linear: Linear, count: int) -> Basis:
-    rests = np.zeros((len(AT_REST), len(samples.rests), count))
-    return Basis((), np.zeros((*linear.value.shape, count)), rests, np.full(count, np.nan))
+    none = np.zeros((*linear.value.shape, 0))
+    catch_all = CatchAll((), np.arange(0), np.zeros(0), (RunShapes(),) * samples.runs)
+    return Basis(catch_all, none, none, np.zeros((len(AT_REST), len(samples.rests), 0)))
 
 
 def _channels_with_zeros(samples: Samples, linear: Linear) -> list[str]:
@@ -199,34 +256,44 @@ def amplitude_of(samples: Samples, channel: str) -> float:
     return AMPLITUDE * unit[channel]
 
 
-def _shapes(samples: Samples, linear: Linear) -> Iterator[tuple[Shape, FloatArray]]:
-    """Yield the shapes that every channel has, without their channel."""
+def _placed(samples: Samples, linear: Linear) -> Iterator[tuple[Shape, FloatArray]]:
+    """Yield the shapes over slip, load, speed and place, without their channel."""
     at = linear.conditions
     slip, speed = np.asarray(at.slip), np.asarray(at.ground_speed_mps)
     yield from hats(Shape(Kind.SLIP), slip, _DRIVE_KNOTS, slip > 0)
     yield from hats(Shape(Kind.BRAKING_SLIP), -slip, _BRAKE_KNOTS, slip < 0, neg)
-    driving = np.where(slip > 0, 1.0, 0.0)
-    growing = growing_with_load(at, at)
+    driving, growing = _driving(linear), growing_with_load(at, at)
     yield Shape(Kind.LOAD_DRIVING), driving * growing
     yield Shape(Kind.LOAD_BRAKING), (1.0 - driving) * growing
     yield Shape(Kind.LOAD_SQUARED), growing**2
     yield from hats_of_speed(Shape(Kind.GROUND_SPEED), speed)
     place = np.asarray(samples.conditions.line_position)
     yield from hats(Shape(Kind.LINE_POSITION), place, tuple(np.linspace(-1.0, 1.0, _PLACES)), np.isfinite(place))
-    yield from _in_time(samples)
+
+
+def _driven(samples: Samples, linear: Linear) -> Iterator[tuple[Shape, FloatArray]]:
+    """Yield the shapes of direction and of products, without their channel."""
+    driving = _driving(linear)
     yield from _of_direction(np.asarray(samples.conditions.direction), driving)
     yield from _products(samples, linear, driving)
 
 
-def _in_time(samples: Samples) -> Iterator[tuple[Shape, FloatArray]]:
-    """Yield hats over each run's own time: early, middle and late."""
+def _driving(linear: Linear) -> FloatArray:
+    """Return 1 where the wheel drives and 0 where it brakes, shape (n,)."""
+    return np.where(np.asarray(linear.conditions.slip) > 0, 1.0, 0.0)
+
+
+def _in_time(samples: Samples) -> list[list[tuple[Shape, IndexArray, FloatArray]]]:
+    """Return hats over each run's own time, early, middle and late: shape, the run's samples, and values there."""
+    found = []
     for index, name in enumerate(samples.run_names):
-        own = samples.run == index
-        if own.sum() < 2:
-            continue
-        at = samples.time_s
-        knots = np.linspace(at[own].min(), at[own].max(), _TIMES_IN_RUN)
-        yield from hats(Shape(Kind.TIME_IN_RUN, unit="s", run=name), at, tuple(knots), own)
+        at = np.flatnonzero(samples.run == index)
+        time = samples.time_s[at]
+        over = Shape(Kind.TIME_IN_RUN, unit="s", run=name)
+        knots = tuple(np.linspace(time.min(), time.max(), _TIMES_IN_RUN)) if len(at) > 1 else ()
+        own = hats(over, time, knots, np.ones(len(at), bool)) if knots else ()
+        found.append([(shape, at, x) for shape, x in own if x.any()])
+    return found
 
 
 def _of_direction(direction: FloatArray, driving: FloatArray) -> Iterator[tuple[Shape, FloatArray]]:

@@ -4,18 +4,21 @@ All that the evidence, the gain and the sets need is in the Gram matrices. Colum
 residual (1), the soils' parameters in units of their prior's one-sigma and uncorrelated in it (q), the causes'
 parameters in units of their prior scale (k), the catch-all basis (b). The linear model of a run, whitened, is
 r = S beta + X gamma + noise, beta ~ N(0, I), gamma ~ N(0, I), or half of that where one-sided. Run-to-run scatter of
-the soil is part of the noise.
+the soil is part of the noise. Shapes of the catch-all that only one run may show are kept with that run, so that memory
+and time grow with the number of runs, not with its square.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import compress
 
 import numpy as np
 
 from daq import BoolArray, FloatArray, IndexArray
 from model.diagnosis.core.shapes import Shape
-from model.diagnosis.time_series.basis import basis, no_basis
+from model.diagnosis.time_series.basis import CatchAll, RunShapes, basis, no_basis
 from model.diagnosis.time_series.linearise import Linear, Simulation
 from model.diagnosis.time_series.noise import constants, loading
 from model.diagnosis.time_series.samples import AT_REST, Samples
@@ -51,6 +54,53 @@ class CauseColumn:
 
 
 @dataclass(frozen=True)
+class Integrated:
+    """What integrating out a run's own shapes does to cross products with the m other columns.
+
+    With C the cross products of own and other columns and D those of the own with their prior added:
+
+    Attributes
+    ----------
+    taken : array, shape (m, m)
+        C' D^-1 C: comes off the run's Gram matrix.
+    spread : array, shape (m, m)
+        C' D^-2 C.
+    freedom : float
+        o - tr D^-1: how many of the o shapes the run determines.
+    """
+
+    taken: FloatArray
+    spread: FloatArray
+    freedom: float
+
+
+@dataclass(frozen=True)
+class OwnGram:
+    """Cross products of the o shapes that only one run may show.
+
+    Attributes
+    ----------
+    shapes : RunShapes
+    across : array, shape (o, m)
+        With the other columns.
+    inner : array, shape (o, o)
+        With each other.
+    """
+
+    shapes: RunShapes
+    across: FloatArray
+    inner: FloatArray
+
+    @cached_property
+    def integrated(self) -> Integrated:
+        """What integrating them out does."""
+        inverse = np.linalg.inv(np.eye(len(self.inner)) + self.inner)
+        solved = inverse @ self.across
+        freedom = len(inverse) - float(np.trace(inverse))
+        return Integrated(self.across.T @ solved, solved.T @ solved, freedom)
+
+
+@dataclass(frozen=True)
 class Grams:
     """Gram matrices of all runs of all campaigns.
 
@@ -65,6 +115,10 @@ class Grams:
         Labels of the q soil columns.
     basis : tuple of Shape
         What the b catch-all columns are.
+    order : int array, shape (b,), optional
+        Ranks of these shapes among all, those of single runs included; in their order by default.
+    own : tuple of OwnGram
+        Shapes of single runs.
     """
 
     matrices: FloatArray
@@ -74,6 +128,8 @@ class Grams:
     soil: tuple[str, ...]
     causes: tuple[CauseColumn, ...]
     basis: tuple[Shape, ...]
+    order: IndexArray | None = None
+    own: tuple[OwnGram, ...] = ()
 
     @property
     def soil_columns(self) -> slice:
@@ -97,8 +153,9 @@ class Grams:
         start = self.cause_columns.start
         return tuple(start + i for i, column in enumerate(self.causes) if column.key == key)
 
+    @cached_property
     def total(self) -> FloatArray:
-        """Return the sum over runs, shape (m, m)."""
+        """Sum over runs, shape (m, m)."""
         return np.asarray(self.matrices.sum(axis=0))
 
     def chosen(self, runs: BoolArray) -> Grams:
@@ -108,24 +165,69 @@ class Grams:
             matrices=self.matrices[runs],
             log_determinants=self.log_determinants[runs],
             samples=self.samples[runs],
-            run_names=tuple(name for name, keep in zip(self.run_names, runs, strict=True) if keep),
+            run_names=tuple(compress(self.run_names, runs)),
+            own=tuple(compress(self.own, runs)),
         )
+
+    def without(self, run: int) -> Grams:
+        """Return the Grams of all runs but one, put together as one run."""
+        return replace(
+            self,
+            matrices=(self.total - self.matrices[run])[None],
+            log_determinants=self.log_determinants.sum(keepdims=True) - self.log_determinants[run],
+            samples=self.samples.sum(keepdims=True) - self.samples[run],
+            run_names=(f"all but {self.run_names[run]}",),
+            own=self.own[:run] + self.own[run + 1 :],
+        )
+
+    def scaled(self, factor: float) -> Grams:
+        """Return the Grams with all cross products times a factor."""
+        own = tuple(replace(one, across=factor * one.across, inner=factor * one.inner) for one in self.own)
+        return replace(self, matrices=factor * self.matrices, own=own)
+
+    def all_shapes(self) -> tuple[tuple[Shape, ...], FloatArray]:
+        """Return every shape of the catch-all, those of single runs too, and the total with them.
+
+        Returns
+        -------
+        shapes : tuple of Shape, by rank
+        total : array, shape (1 + q + k + all shapes, same)
+        """
+        start, shared = self.cause_columns.stop, len(self.basis)
+        ranks = np.concatenate([self._order, *(one.shapes.order for one in self.own)])
+        place = start + np.argsort(np.argsort(ranks))
+        shapes = (*self.basis, *(shape for one in self.own for shape in one.shapes.shapes))
+        total = np.zeros((start + len(shapes),) * 2)
+        kept = np.r_[np.arange(start), place[:shared]]
+        total[np.ix_(kept, kept)] = self.total
+        at = shared
+        for one in self.own:
+            rows = place[at : at + len(one.inner)]
+            total[np.ix_(rows, kept)] = one.across
+            total[np.ix_(kept, rows)] = one.across.T
+            total[np.ix_(rows, rows)] = one.inner
+            at += len(one.inner)
+        return tuple(shapes[i] for i in np.argsort(ranks)), total
+
+    @property
+    def _order(self) -> IndexArray:
+        return np.arange(len(self.basis)) if self.order is None else self.order
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns of one campaign before whitening: residual (1), soil (q), causes (k), catch-all (b), constants (l).
+    """Columns of one campaign before whitening.
+
+    In this order: residual (1), soil (q), causes (k), catch-all (b), its shapes of single runs (o), constants (l).
 
     Attributes
     ----------
-    rows : array, shape (c, n, 1 + q + k + b + l)
+    rows : array, shape (c, n, 1 + q + k + b + o + l)
         Zero where a channel is missing.
     present : bool array, shape (c, n)
-    rests : array, shape (2, m, 1 + q + k + b + l)
+    rests : array, shape (2, m, 1 + q + k + b + o + l)
         Of drawbar pull and torque at standstill.
     rests_present : bool array, shape (2, m)
-    input_heights : array, shape (b,)
-        Of the catch-all's shapes, see `model.diagnosis.time_series.basis`: NaN but for errors of an input.
     constants : tuple of str
         Hyper-parameter that scales each of the last columns.
     """
@@ -136,21 +238,44 @@ class Columns:
     rests_present: BoolArray
     soil: tuple[str, ...]
     causes: tuple[CauseColumn, ...]
-    basis: tuple[Shape, ...]
-    input_heights: FloatArray
+    catch_all: CatchAll
     constants: tuple[str, ...]
 
     @property
     def shared(self) -> int:
-        """Number of columns before the constants."""
-        return 1 + len(self.soil) + len(self.causes) + len(self.basis)
+        """Number of columns before those of single runs."""
+        return 1 + len(self.soil) + len(self.causes) + len(self.catch_all.shapes)
 
     @property
-    def heights(self) -> FloatArray:
-        """Largest value of each shape where it was measured, in the channel's unit; of an input the largest error."""
-        block = self.rows[..., self.shared - len(self.basis) : self.shared]
-        largest = np.maximum(block.max(axis=(0, 1), initial=0.0), -block.min(axis=(0, 1), initial=0.0))
-        return np.where(np.isnan(self.input_heights), largest, self.input_heights)
+    def varying(self) -> int:
+        """Number of columns before the constants."""
+        return int(self.rows.shape[-1]) - len(self.constants)
+
+    def heights(self, run: IndexArray) -> FloatArray:
+        """Return the largest value of each shape where it was measured, by rank; of an input the largest error.
+
+        Parameters
+        ----------
+        run : int array, shape (n,)
+            Of each sample.
+
+        Returns
+        -------
+        array, shape (all shapes,)
+            In the channel's unit, m/s or N.
+        """
+        inputs, of_run = self.catch_all.input_heights, self.catch_all.of_run
+        shared = _largest(self.rows[..., self.shared - len(inputs) : self.shared])
+        own = self.rows[..., self.shared : self.varying]
+        single = [_largest(own[:, run == i, : len(one.shapes)]) for i, one in enumerate(of_run)]
+        ranks = np.concatenate([self.catch_all.order, *(one.order for one in of_run)])
+        heights = np.concatenate([np.where(np.isnan(inputs), shared, inputs), *single])
+        return np.asarray(heights[np.argsort(ranks)])
+
+
+def _largest(columns: FloatArray) -> FloatArray:
+    """Return the largest absolute value of each column, shape (c, n, b) to (b,)."""
+    return np.asarray(np.maximum(columns.max(axis=(0, 1), initial=0.0), -columns.min(axis=(0, 1), initial=0.0)))
 
 
 def cause_columns(simulation: Simulation, causes: dict[str, float]) -> tuple[CauseColumn, ...]:
@@ -197,17 +322,18 @@ def columns_of(simulation: Simulation, samples: Samples, linear: Linear, *, catc
     present = np.isfinite(residual) & linear.usable
     by_run = constants(linear.channels)
     turning = [loading(linear, samples, name) for _, name in by_run]
-    rows = np.concatenate([residual[..., None], linear.soil, own, shapes.columns, np.stack(turning, axis=-1)], axis=-1)
+    parts = [residual[..., None], linear.soil, own, shapes.columns, shapes.own, np.stack(turning, axis=-1)]
+    rows = np.concatenate(parts, axis=-1)
+    rows[~present] = 0.0
     rests, rests_present = _at_rest(samples, linear, scale, at, shapes.rests, rows.shape[-1])
     return Columns(
-        rows=np.where(present[..., None], rows, 0.0),
+        rows=rows,
         present=present,
         rests=rests,
         rests_present=rests_present,
         soil=simulation.space.labels,
         causes=causes,
-        basis=shapes.shapes,
-        input_heights=shapes.input_heights,
+        catch_all=shapes.catch_all,
         constants=tuple(name for name, _ in by_run),
     )
 

@@ -284,7 +284,7 @@ def posterior(
     beam : int or None
         See `weighed`.
     """
-    listed, found = weighed(grams, without_soil(grams, grams.total()), excluded, most, beam)
+    listed, found = weighed(grams, without_soil(grams, grams.total), excluded, most, beam)
     return Posterior(listed, found, probabilities(found, listed.log_prior))
 
 
@@ -293,7 +293,7 @@ def estimate(grams: Grams, keys: tuple[str, ...]) -> SetEstimate:
     start, soils = grams.cause_columns.start, len(grams.soil)
     own = tuple(position - start for key in keys for position in grams.columns_of(key))
     at = np.r_[grams.soil_columns, [start + c for c in own]].astype(np.intp)
-    total = grams.total()
+    total = grams.total
     precision = total[np.ix_(at, at)] + np.eye(at.size)
     lower, upper = (x[list(own)] for x in box(grams.causes))
     free = np.full(soils, np.inf)
@@ -338,7 +338,7 @@ def best_set(
 
 def log_evidence(grams: Grams, keys: tuple[str, ...] = ()) -> float:
     """Return the log density of all whitened data under a set of causes, constants included; nats."""
-    total = grams.total()
+    total = grams.total
     soil = grams.soil_columns
     inner = total[soil, soil] + np.eye(len(grams.soil))
     reduced = without_soil(grams, total)
@@ -352,9 +352,4 @@ def log_evidence(grams: Grams, keys: tuple[str, ...] = ()) -> float:
 
 def log_likelihood_of_run(grams: Grams, run: int, keys: tuple[str, ...] = ()) -> float:
     """Return the log density of one run, given all the others and a set of causes; nats."""
-    return log_evidence(grams, keys) - log_evidence(others(grams, run), keys)
-
-
-def others(grams: Grams, run: int) -> Grams:
-    """Return the Grams without one run."""
-    return grams.chosen(np.arange(len(grams.run_names)) != run)
+    return log_evidence(grams, keys) - log_evidence(grams.without(run), keys)

@@ -19,7 +19,8 @@ The covariance of the noise of part of a run, and how every hyper-parameter chan
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -52,8 +53,11 @@ class Block:
 
     Attributes
     ----------
+    run : int
     columns : array, shape (m, 1 + q + k + b)
         Residual first.
+    own : array, shape (m, o)
+        Of the shapes that only this run may show.
     seconds, metres : array, shape (samples, samples)
         Distance of two samples in time and along the track.
     sample : int array, shape (driving rows,)
@@ -66,7 +70,9 @@ class Block:
         Variances that no hyper-parameter moves.
     """
 
+    run: int
     columns: FloatArray
+    own: FloatArray
     seconds: FloatArray
     metres: FloatArray
     sample: IndexArray
@@ -95,7 +101,7 @@ def blocks_of(
         for i, piece in enumerate(_pieces(own, len(own) * MOST // max(len(samples), MOST), run)):
             here = rest if i == 0 else rest[:0]
             if len(piece) or len(here):
-                found.append(_block(samples, linear, columns, second, resting, piece, here))
+                found.append(_block(samples, linear, columns, second, resting, run, piece, here))
     return found
 
 
@@ -113,6 +119,7 @@ def _block(
     columns: Columns,
     second: FloatArray,
     resting: FloatArray,
+    run: int,
     piece: IndexArray,
     rest: IndexArray,
 ) -> Block:
@@ -121,12 +128,13 @@ def _block(
     at = piece[sample]
     row, standing = np.nonzero(columns.rests_present[:, rest])
     standing = rest[standing]
-    drives, keep = len(at), columns.shared
+    drives, shared = len(at), columns.shared
+    both = np.concatenate([columns.rows[channel, at], columns.rests[row, standing]])
 
     def of_drive(x: FloatArray) -> FloatArray:
         return np.asarray(x[channel, at])
 
-    turning = np.concatenate([columns.rows[channel, at, keep:], columns.rests[row, standing, keep:]])
+    turning = both[:, columns.varying :]
     white = []
     for i, c in enumerate(channels):
         white.append((named(c, "white"), np.concatenate([channel == i, np.zeros(len(row), bool)])))
@@ -134,7 +142,9 @@ def _block(
             mine = row == AT_REST.index(c)
             white.append((named(c, "at_rest"), np.concatenate([np.zeros(drives, bool), mine])))
     return Block(
-        columns=np.concatenate([columns.rows[channel, at, :keep], columns.rests[row, standing, :keep]]),
+        run=run,
+        columns=both[:, :shared],
+        own=both[:, shared : shared + len(columns.catch_all.of_run[run].shapes)],
         seconds=np.abs(samples.time_s[piece, None] - samples.time_s[piece]),
         metres=np.abs(samples.distance_m[piece, None] - samples.distance_m[piece]),
         sample=sample,
@@ -145,41 +155,89 @@ def _block(
     )
 
 
-@dataclass(frozen=True)
-class Slope:
-    """Derivative of a covariance by the logarithm of a hyper-parameter.
+class Slope(Protocol):
+    """Derivative of a block's covariance by the logarithm of a hyper-parameter."""
 
-    Attributes
-    ----------
-    rows : int array
-        To which it is confined.
-    part : array
-        Of shape (rows, rows); or of shape (rows,): its diagonal, or where `outer` what it is the outer product of.
+    @property
+    def name(self) -> str:
+        """Of the hyper-parameter."""
+        ...
+
+    def trace_with(self, other: FloatArray) -> float:
+        """Return the trace of its product with a symmetric matrix, shape (m, m)."""
+        ...
+
+    def times(self, x: FloatArray) -> FloatArray:
+        """Return its product with a vector, shape (m,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class _Diagonal:
+    """A slope with `values` on the diagonal, at some rows."""
+
+    name: str
+    rows: IndexArray
+    values: FloatArray
+
+    def trace_with(self, other: FloatArray) -> float:
+        return float(other[self.rows, self.rows] @ self.values)
+
+    def times(self, x: FloatArray) -> FloatArray:
+        return _spread(self.values * x[self.rows], self.rows, len(x))
+
+
+@dataclass(frozen=True)
+class _Outer:
+    """A slope that is the outer product of `values` at some rows."""
+
+    name: str
+    rows: IndexArray
+    values: FloatArray
+
+    def trace_with(self, other: FloatArray) -> float:
+        return float(self.values @ _square_of(other, self.rows) @ self.values)
+
+    def times(self, x: FloatArray) -> FloatArray:
+        return _spread(self.values * float(self.values @ x[self.rows]), self.rows, len(x))
+
+
+@dataclass(frozen=True)
+class _Process:
+    """A slope, or a covariance, of a process: loads_i K(sample_i, sample_j) loads_j at some rows.
+
+    Only the kernel over samples is kept: a row for each channel repeats it.
     """
 
     name: str
     rows: IndexArray
-    part: FloatArray
-    outer: bool = False
+    sample: IndexArray
+    loads: FloatArray
+    kernel: FloatArray
+
+    def over_rows(self) -> FloatArray:
+        """Return it over its rows."""
+        return np.asarray(self._kernel() * self.loads * self.loads[:, None])
 
     def trace_with(self, other: FloatArray) -> float:
-        """Return the trace of its product with a symmetric matrix."""
-        if self.part.ndim == 1 and not self.outer:
-            return float(other[self.rows, self.rows] @ self.part)
-        own = other if len(self.rows) == len(other) else other[np.ix_(self.rows, self.rows)]
-        if self.outer:
-            return float(self.part @ own @ self.part)
-        return float(own.ravel() @ self.part.ravel())
+        return float(self.loads @ (_square_of(other, self.rows) * self._kernel()) @ self.loads)
 
     def times(self, x: FloatArray) -> FloatArray:
-        """Return its product with a vector."""
-        own = x[self.rows]
-        out = np.zeros(len(x))
-        if self.outer:
-            out[self.rows] = self.part * float(self.part @ own)
-        else:
-            out[self.rows] = self.part * own if self.part.ndim == 1 else self.part @ own
-        return out
+        by_sample = np.bincount(self.sample, self.loads * x[self.rows], minlength=len(self.kernel))
+        return _spread(self.loads * (self.kernel @ by_sample)[self.sample], self.rows, len(x))
+
+    def _kernel(self) -> FloatArray:
+        return self.kernel.take(self.sample, 0).take(self.sample, 1)
+
+
+def _square_of(matrix: FloatArray, rows: IndexArray) -> FloatArray:
+    return matrix if len(rows) == len(matrix) else matrix[np.ix_(rows, rows)]
+
+
+def _spread(values: FloatArray, rows: IndexArray, length: int) -> FloatArray:
+    out = np.zeros(length)
+    out[rows] = values
+    return out
 
 
 def derivatives(block: Block, values: Mapping[str, float]) -> tuple[FloatArray, list[Slope]]:
@@ -188,32 +246,23 @@ def derivatives(block: Block, values: Mapping[str, float]) -> tuple[FloatArray, 
     slopes: list[Slope] = []
     for process, loads in block.processes:
         rows = np.flatnonzero(loads)
-        at = block.sample[rows]
-        lag: FloatArray | None = None
-        if process.time is None:
-            part = (at[:, None] == at).astype(float)
-        else:
-            lag = (block.metres if process.over_distance else block.seconds).take(at, 0).take(at, 1)
-            lag /= values[process.time]
-            part = np.exp(-lag)
-        scaled = values[process.deviation] * loads[rows]
-        part *= scaled
-        part *= scaled[:, None]
-        covariance[np.ix_(rows, rows)] += part
-        if lag is not None and process.time is not None:
-            lag *= part
-            slopes.append(Slope(process.time, rows, lag))
-        part *= 2.0
-        slopes.append(Slope(process.deviation, rows, part))
+        scaled, kernel = values[process.deviation] * loads[rows], np.eye(len(block.seconds))
+        if process.time is not None:
+            lag = (block.metres if process.over_distance else block.seconds) / values[process.time]
+            kernel = np.exp(-lag)
+            slopes.append(_Process(process.time, rows, block.sample[rows], scaled, lag * kernel))
+        own = _Process(process.deviation, rows, block.sample[rows], scaled, kernel)
+        covariance[np.ix_(rows, rows)] += own.over_rows()
+        slopes.append(replace(own, kernel=2.0 * kernel))
     for name, loads in block.constants:
         rows = np.flatnonzero(loads)
         scaled = values[name] * loads[rows]
         covariance[np.ix_(rows, rows)] += np.outer(scaled, scaled)
-        slopes.append(Slope(name, rows, np.sqrt(2.0) * scaled, outer=True))
+        slopes.append(_Outer(name, rows, np.sqrt(2.0) * scaled))
     for name, chosen in block.white:
         rows = np.flatnonzero(chosen)
         covariance[rows, rows] += values[name] ** 2
-        slopes.append(Slope(name, rows, np.full(len(rows), 2.0 * values[name] ** 2)))
+        slopes.append(_Diagonal(name, rows, np.full(len(rows), 2.0 * values[name] ** 2)))
     return covariance, slopes
 
 
@@ -287,42 +336,81 @@ def _posterior(
     )
 
 
+@dataclass
+class _RunColumns:
+    """Cross products of a run's own shapes (o) with each other, with the shared columns (s) and with the residual."""
+
+    inner: FloatArray
+    across: FloatArray
+    side: FloatArray
+
+    def add(self, own: FloatArray, solved: FloatArray, solved_own: FloatArray) -> None:
+        """Add those of a block, given its columns times the inverse of its covariance."""
+        self.inner += own.T @ solved_own
+        self.across += own.T @ solved[:, 1:]
+        self.side += own.T @ solved[:, 0]
+
+
 def likelihood(blocks: Sequence[Block], values: Mapping[str, float], names: list[str]) -> Objective:
-    """Return minus the log marginal likelihood, and its gradient and information by the logarithms of `names`."""
-    width = blocks[0].columns.shape[1] if blocks else 1
-    inner = np.eye(width - 1)
-    side, square, log_determinant = np.zeros(width - 1), 0.0, 0.0
+    """Return minus the log marginal likelihood, and its gradient and information by the logarithms of `names`.
+
+    The shapes of a single run are integrated out run by run, so that the cost is linear in the number of runs.
+    """
+    width = blocks[0].columns.shape[1] - 1 if blocks else 0
+    inner, side, square, log_determinant = np.eye(width), np.zeros(width), 0.0, 0.0
+    own: dict[int, _RunColumns] = {}
     parts = []
     for block in blocks:
         covariance, slopes = derivatives(block, values)
-        inverse, own = _inverse(covariance)
-        solved = inverse @ block.columns
+        inverse, log_det = _inverse(covariance)
+        solved, solved_own = inverse @ block.columns, inverse @ block.own
         inner += block.columns[:, 1:].T @ solved[:, 1:]
         side += block.columns[:, 1:].T @ solved[:, 0]
         square += float(block.columns[:, 0] @ solved[:, 0])
-        log_determinant += own
-        parts.append((slopes, inverse, solved))
+        log_determinant += log_det
+        o = block.own.shape[1]
+        mine = own.setdefault(block.run, _RunColumns(np.eye(o), np.zeros((o, width)), np.zeros(o)))
+        mine.add(block.own, solved, solved_own)
+        parts.append((block.run, slopes, inverse, solved, solved_own))
+    for mine in own.values():
+        inner -= mine.across.T @ np.linalg.solve(mine.inner, mine.across)
+        side -= mine.across.T @ np.linalg.solve(mine.inner, mine.side)
+        square -= float(mine.side @ np.linalg.solve(mine.inner, mine.side))
+        log_determinant += np.linalg.slogdet(mine.inner)[1]
     root = np.linalg.cholesky(inner)
     best = np.linalg.solve(inner, side)
     back = np.linalg.inv(root).T
     place = {name: i for i, name in enumerate(names)}
     gradient, information = np.zeros(len(names)), np.zeros((len(names), len(names)))
-    across = np.zeros((width - 1, len(names)))
-    for slopes, inverse, solved in parts:
-        left = solved[:, 0] - solved[:, 1:] @ best
-        shared = solved[:, 1:] @ back
+    across = np.zeros((width, len(names)))
+    moved_own: dict[int, FloatArray] = {}
+    for run, slopes, inverse, solved, solved_own in parts:
+        mine = own[run]
+        determined = np.linalg.solve(mine.inner, np.c_[mine.side - mine.across @ best, mine.across])
+        shared = solved[:, 1:] - solved_own @ determined[:, 1:]
+        left = solved[:, 0] - solved[:, 1:] @ best - solved_own @ determined[:, 0]
         moved = np.zeros((len(left), len(names)))
         for slope in slopes:
             moved[:, place[slope.name]] += slope.times(left)
         information += 0.5 * moved.T @ inverse @ moved
         across += solved[:, 1:].T @ moved
-        inverse -= shared @ shared.T
+        moved_own[run] = moved_own.get(run, 0.0) + solved_own.T @ moved
+        inverse -= _square(shared @ back)
+        inverse -= _square(solved_own @ np.linalg.inv(np.linalg.cholesky(mine.inner)).T)
         inverse -= np.outer(left, left)
         for slope in slopes:
             gradient[place[slope.name]] += 0.5 * slope.trace_with(inverse)
+    for run, moved in moved_own.items():
+        mine = own[run]
+        information -= 0.5 * moved.T @ np.linalg.solve(mine.inner, moved)
+        across -= mine.across.T @ np.linalg.solve(mine.inner, moved)
     information -= 0.5 * across.T @ np.linalg.solve(inner, across)
     value = 0.5 * (log_determinant + 2.0 * float(np.log(np.diag(root)).sum()) + square - float(side @ best))
     return Objective(value, gradient, information)
+
+
+def _square(x: FloatArray) -> FloatArray:
+    return np.asarray(x @ x.T)
 
 
 def _inverse(covariance: FloatArray) -> tuple[FloatArray, float]:

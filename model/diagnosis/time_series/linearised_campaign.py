@@ -152,7 +152,7 @@ def linearisation_points(
 def _speed(data: CampaignData, soil: FloatArray, causes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the smoothed error of the ground speed under a soil and causes, and its variance."""
     columns = data.columns
-    shared = np.concatenate([[1.0], -soil, -causes, np.zeros(len(columns.basis))])
+    shared = np.concatenate([[1.0], -soil, -causes, np.zeros(columns.varying - 1 - len(soil) - len(causes))])
     by_run = data.grams.constants @ shared
     scale = np.array([data.noise.values[name] for name in columns.constants])
     coefficients = np.concatenate([np.tile(shared, (len(by_run), 1)), -by_run * scale], axis=1)
@@ -223,6 +223,7 @@ def relinearise(
             return Relinearised(grams, tuple(campaigns), best, converged, tuple(chosen_sets))
         with clock.stage("smoothing"):
             points = linearisation_points(campaigns, grams, best)
+        del campaigns, grams  # as large as those that come
 
 
 def campaign_data(start: Start, at: LinearisationPoint, clock: Clock, *, fixed: bool) -> CampaignData:

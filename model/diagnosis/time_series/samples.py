@@ -438,9 +438,14 @@ class Places:
 
     def padded(self, x: FloatArray, fill: float = 0.0) -> FloatArray:
         """Return (c, n, ...) as (runs, longest, c, ...)."""
-        moved = np.moveaxis(x, 0, 1)
-        out = np.full((self.runs, self.longest, *moved.shape[1:]), fill)
-        out[self.run, self.place] = moved
+        return self.padded_runs(x, 0, self.runs, fill)
+
+    def padded_runs(self, x: FloatArray, first: int, last: int, fill: float = 0.0) -> FloatArray:
+        """Return what `padded` does of some runs only, from `first` to before `last`."""
+        start, stop = np.searchsorted(self.run, (first, last))
+        moved = np.moveaxis(x[:, start:stop], 0, 1)
+        out = np.full((last - first, self.longest, *moved.shape[1:]), fill)
+        out[self.run[start:stop] - first, self.place[start:stop]] = moved
         return out
 
     def flat(self, x: FloatArray) -> FloatArray:

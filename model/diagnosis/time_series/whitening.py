@@ -16,13 +16,15 @@ Source: Durbin & Koopman (2012), Time Series Analysis by State Space Methods, 4.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from daq import BoolArray, FloatArray, IndexArray
-from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams
+from model.diagnosis.core.shapes import Shape
+from model.diagnosis.time_series.basis import RunShapes
+from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, OwnGram
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.noise import loading, processes, rest_variance, white_variance
 from model.diagnosis.time_series.samples import Samples, places_of, steps_of
@@ -48,6 +50,11 @@ class StateSpace:
     decay: FloatArray
     variance: FloatArray
     white: FloatArray
+
+    def runs(self, first: int, last: int) -> StateSpace:
+        """Return the noise of the runs from `first` to before `last`."""
+        own = slice(first, last)
+        return StateSpace(self.loadings[own], self.decay[own], self.variance, self.white[own])
 
 
 @dataclass(frozen=True)
@@ -183,60 +190,74 @@ class RunGrams:
     log_determinants : array, shape (runs,)
     samples : int array, shape (runs,)
         Whitened numbers.
-    constants : array, shape (runs, l, m)
+    constants : array, shape (runs, l, m + o)
         Means of the constants, in units of their deviations, by each column.
+    own : tuple of OwnGram
+        Cross products of each run's own shapes.
     """
 
     matrices: FloatArray
     log_determinants: FloatArray
     samples: IndexArray
     constants: FloatArray
+    own: tuple[OwnGram, ...]
+
+
+RUNS_AT_ONCE = 32
+"""Runs whose columns are padded and whitened together: what bounds the memory of a long campaign."""
 
 
 def whitened_rows(
     samples: Samples, linear: Linear, columns: Columns, values: Mapping[str, float], speed_variance: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return whitened rows of every run, shape (runs, rows, columns), padded with zeros, and ln det, shape (runs,).
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield whitened rows of some runs after the other, shape (runs, rows, columns), and ln det, shape (runs,).
 
-    Standstills come last. Constants of a run are columns still, scaled to one-sigma 1.
+    Rows are padded with zeros, standstills come last. Constants of a run are columns still, scaled to one-sigma 1.
     """
     at = places_of(samples.run, samples.runs)
     space = state_space(samples, linear, columns.present, values, speed_variance)
-    found = whiten(space, at.padded(columns.rows))
-    rests, log_determinants = _rests(samples, linear, columns, values)
-    rows = np.concatenate([found.columns, rests], axis=1)
-    rows[..., columns.shared :] *= np.array([values[name] for name in columns.constants])
-    return rows, found.log_determinants + log_determinants
-
-
-def _rests(
-    samples: Samples, linear: Linear, columns: Columns, values: Mapping[str, float]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the standstills' whitened rows, shape (runs, rows, columns), and their ln det."""
-    variance = rest_variance(linear, samples, values)
-    variance = np.where(columns.rests_present, variance, 1.0)
-    run = samples.rests.run
-    at = places_of(run, samples.runs)
-    rows = at.padded(columns.rests / np.sqrt(variance)[..., None])
+    variance = np.where(columns.rests_present, rest_variance(linear, samples, values), 1.0)
+    resting, rest_at = columns.rests / np.sqrt(variance)[..., None], places_of(samples.rests.run, samples.runs)
     log_determinants = np.zeros(samples.runs)
-    np.add.at(log_determinants, run, np.log(variance).sum(axis=0))
-    return rows.reshape(samples.runs, -1, rows.shape[-1]), log_determinants
+    np.add.at(log_determinants, samples.rests.run, np.log(variance).sum(axis=0))
+    sigmas = np.array([values[name] for name in columns.constants])
+    for first in range(0, samples.runs, RUNS_AT_ONCE):
+        last = min(first + RUNS_AT_ONCE, samples.runs)
+        found = whiten(space.runs(first, last), at.padded_runs(columns.rows, first, last))
+        rests = rest_at.padded_runs(resting, first, last)
+        rows = np.concatenate([found.columns, rests.reshape(last - first, -1, rests.shape[-1])], axis=1)
+        rows[..., columns.varying :] *= sigmas
+        yield rows, found.log_determinants + log_determinants[first:last]
 
 
 def run_grams(
     samples: Samples, linear: Linear, columns: Columns, values: Mapping[str, float], speed_variance: FloatArray
 ) -> RunGrams:
     """Return each run's Gram matrix with what is one value a run integrated out."""
-    rows, log_determinants = whitened_rows(samples, linear, columns, values, speed_variance)
-    full = rows.swapaxes(1, 2) @ rows
-    keep = columns.shared
-    inner = np.eye(full.shape[-1] - keep) + full[:, keep:, keep:]
-    across = full[:, keep:, :keep]
-    means = np.asarray(np.linalg.solve(inner, across))
-    matrices = full[:, :keep, :keep] - across.swapaxes(1, 2) @ means
+    keep, shared, of_run = columns.varying, columns.shared, columns.catch_all.of_run
+    own: list[OwnGram] = []
+    matrices, log_determinants, means = [], [], []
+    for rows, log_dets in whitened_rows(samples, linear, columns, values, speed_variance):
+        full = rows.swapaxes(1, 2) @ rows
+        inner = np.eye(full.shape[-1] - keep) + full[:, keep:, keep:]
+        across = full[:, keep:, :keep]
+        solved = np.asarray(np.linalg.solve(inner, across))
+        varying = full[:, :keep, :keep] - across.swapaxes(1, 2) @ solved
+        for matrix, shapes in zip(varying, of_run[len(own) :], strict=False):
+            end = shared + len(shapes.shapes)
+            own.append(OwnGram(shapes, matrix[shared:end, :shared].copy(), matrix[shared:end, shared:end].copy()))
+        matrices.append(varying[:, :shared, :shared].copy())
+        log_determinants.append(log_dets + np.linalg.slogdet(inner)[1])
+        means.append(solved)
     counts = np.bincount(samples.run, columns.present.sum(axis=0), minlength=samples.runs)
     counts += np.bincount(samples.rests.run, columns.rests_present.sum(axis=0), minlength=samples.runs)
-    return RunGrams(matrices, log_determinants + np.linalg.slogdet(inner)[1], counts.astype(np.intp), means)
+    return RunGrams(
+        np.concatenate(matrices),
+        np.concatenate(log_determinants),
+        counts.astype(np.intp),
+        np.concatenate(means),
+        tuple(own),
+    )
 
 
 def smoothed_speed(
@@ -251,7 +272,7 @@ def smoothed_speed(
 
     Parameters
     ----------
-    coefficients : array, shape (runs, 1 + q + k + b + l)
+    coefficients : array, shape (runs, 1 + q + k + b + o + l)
         Of the columns: 1 for the residual, minus the estimate for the others.
     """
     at = places_of(samples.run, samples.runs)
@@ -277,32 +298,44 @@ def joined(parts: Sequence[tuple[str, tuple[str, ...], Columns, RunGrams]]) -> G
             causes.setdefault((cause.key, cause.parameter), cause)
     several = len(parts) > 1
     soil = [_labelled(name, label, several) for name, _, c, _ in parts for label in c.soil]
-    basis = [replace(shape, campaign=name) if several else shape for name, _, c, _ in parts for shape in c.basis]
+    basis = [shape for name, _, c, _ in parts for shape in _of_campaign(name, c.catch_all.shapes, several)]
     names = [_labelled(name, run, several) for name, runs, _, _ in parts for run in runs]
     width = 1 + len(soil) + len(causes) + len(basis)
     index = {key: 1 + len(soil) + i for i, key in enumerate(causes)}
-    matrices = []
-    soil_at, basis_at = 1, 1 + len(soil) + len(causes)
-    for _, _, columns, grams in parts:
+    matrices, order, own = [], [], []
+    soil_at, basis_at, rank = 1, 1 + len(soil) + len(causes), 0
+    for name, _, columns, grams in parts:
         turn = np.zeros((columns.shared, width))
         turn[0, 0] = 1.0
-        q, k, b = len(columns.soil), len(columns.causes), len(columns.basis)
+        q, k, b = len(columns.soil), len(columns.causes), len(columns.catch_all.shapes)
         turn[1 : 1 + q, soil_at : soil_at + q] = np.eye(q)
         for i, cause in enumerate(columns.causes):
             key = (cause.key, cause.parameter)
             turn[1 + q + i, index[key]] = causes[key].scale / cause.scale
         turn[1 + q + k :, basis_at : basis_at + b] = np.eye(b)
         soil_at, basis_at = soil_at + q, basis_at + b
-        matrices.append(turn.T @ grams.matrices @ turn)
+        matrices.append(turn.T @ grams.matrices @ turn if several else grams.matrices)
+        order.append(columns.catch_all.order + rank)
+        for one in grams.own:
+            shapes = RunShapes(tuple(_of_campaign(name, one.shapes.shapes, several)), one.shapes.order + rank)
+            own.append(OwnGram(shapes, one.across @ turn, one.inner))
+        rank += b + sum(len(one.inner) for one in grams.own)
     return Grams(
-        matrices=np.concatenate(matrices),
+        matrices=np.concatenate(matrices) if several else matrices[0],
         log_determinants=np.concatenate([g.log_determinants for *_, g in parts]),
         samples=np.concatenate([g.samples for *_, g in parts]),
         run_names=tuple(names),
         soil=tuple(soil),
         causes=tuple(causes.values()),
         basis=tuple(basis),
+        order=np.concatenate(order),
+        own=tuple(own),
     )
+
+
+def _of_campaign(name: str, shapes: tuple[Shape, ...], several: bool) -> Iterator[Shape]:
+    """Yield shapes with their campaign's name."""
+    yield from (replace(shape, campaign=name) if several else shape for shape in shapes)
 
 
 def _labelled(campaign: str, label: str, several: bool) -> str:
