@@ -53,6 +53,8 @@ from model.notes import FitCode
 
 _KEPT_GAIN = 1e-4  # share of the predicted gain that a step must bring to be kept
 
+_UNSEEN = 1e-12  # share of the cost below which a predicted gain drowns in rounding
+
 
 class TrustRadius:
     """The radius within which the linearised residual is believed, and the unit D it is measured in.
@@ -86,9 +88,6 @@ class TrustRadius:
         elif ratio > 0.75:
             self.radius = max(self.radius, 2 * length)
         return ratio > _KEPT_GAIN
-
-
-_UNSEEN = 1e-12  # share of the cost below which a predicted gain drowns in rounding
 
 
 class StopReason(StrEnum):

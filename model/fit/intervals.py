@@ -31,6 +31,14 @@ from model.fit.gauss_newton import GaussNewtonOptions, gauss_newton
 
 _OPTIONS = GaussNewtonOptions(epsilon=1e-4, cost_tolerance=1e-6, max_iterations=30)
 
+_HOLLOW = 1e3
+"""Condition above which a block holds all that is known of a direction: nothing is left to correct it by."""
+MIN_BLOCKS = 12
+"""As many blocks as the shortest usable record gives, so that t does not explode."""
+_LONGEST_S = 8.0
+_SHORTEST_S = 0.5
+_CORRELATION_TIMES = 6.0
+
 
 class Bounded(Protocol):
     """A parameter with its bounds."""
@@ -160,15 +168,6 @@ def _edge(
 
 def _within(value: float, direction: float, limit: float) -> float:
     return max(value, limit) if direction < 0 else min(value, limit)
-
-
-_HOLLOW = 1e3
-"""Condition above which a block holds all that is known of a direction: nothing is left to correct it by."""
-MIN_BLOCKS = 12
-"""As many blocks as the shortest usable record gives, so that t does not explode."""
-_LONGEST_S = 8.0
-_SHORTEST_S = 0.5
-_CORRELATION_TIMES = 6.0
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,12 @@ from model.diagnosis.time_series.start import CampaignData
 Sizes = Mapping[str, FloatArray]
 """Coefficients of each effect, in units of the prior scale, by its key."""
 
+Keys = tuple[str, ...]
+
+_MOST_FITTED = 6
+"""Members of a set that are fitted each on its own; those beyond are listed by name only."""
+_MOST_SHOWN = 6
+
 
 def plot_data_of(
     linearised: LinearisedCampaign, base: SetFit, extended: SetFit, shown: Sizes, alone: Mapping[str, SetFit]
@@ -123,13 +129,6 @@ def _signature(linearised: LinearisedCampaign, index: int, key: str, size: Float
             scale = grams.causes[column - grams.cause_columns.start].scale
             changed += data.linear.causes[..., i] * scale * coefficient
     return np.asarray(changed - data.linear.soil @ mine)
-
-
-Keys = tuple[str, ...]
-
-_MOST_FITTED = 6
-"""Members of a set that are fitted each on its own; those beyond are listed by name only."""
-_MOST_SHOWN = 6
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,10 @@ SLIP_SCALE = 0.1
 """Of exp(-|s|/0.1): what is there at little slip only."""
 _SPREAD = 1e-3
 
+MOST_TERMS = 3
+_FEWEST_RUNS = 2
+_BEAM = 12
+
 
 @dataclass(frozen=True)
 class Term:
@@ -109,11 +113,6 @@ def _product(a: Term, b: Term) -> Term:
 def _varies(values: FloatArray) -> bool:
     size = float(np.sqrt(np.mean(values**2)))
     return bool(size > 0 and np.std(values) > _SPREAD * size)
-
-
-MOST_TERMS = 3
-_FEWEST_RUNS = 2
-_BEAM = 12
 
 
 @dataclass(frozen=True)

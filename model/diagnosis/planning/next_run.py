@@ -60,6 +60,16 @@ LOG_SIGMAS = 2.0
 _SPEED = ("speed_noise_mps", "speed_white_mps")
 _OTHERS = ("wheel_speed_delay_s", "wheel_edge_delay_rad", "stiffness_in_run", "friction_in_run")
 
+COASTED_S = 120.0
+"""On hard ground: it costs no track and no soil, and a radius asks for the mean of a slow error of the speed."""
+_ROLLING_RADIUS_SHARE = 0.005
+"""By how much a tyre's rolling radius on hard ground may differ from that on soil."""
+
+MOST = 5
+COASTING = "coasting on hard ground for two minutes, speeding up and slowing down"
+_BETTER = 1.05
+"""Times what one more run like the others would give: less is no reason to drive another way."""
+
 
 def plausible_grams(linearised: LinearisedCampaign) -> Grams:
     """Return the Gram matrices under a speed error that the sensor can have; those of the campaigns where it has."""
@@ -87,12 +97,6 @@ def _plausible(data: CampaignData) -> Noise:
     if all(data.noise.values.get(name, 0.0) <= largest for name, largest in most.items()):
         return data.noise
     return replace(data.noise, values={k: min(x, most.get(k, x)) for k, x in data.noise.values.items()})
-
-
-COASTED_S = 120.0
-"""On hard ground: it costs no track and no soil, and a radius asks for the mean of a slow error of the speed."""
-_ROLLING_RADIUS_SHARE = 0.005
-"""By how much a tyre's rolling radius on hard ground may differ from that on soil."""
 
 
 def lifted_wheel(data: CampaignData, simulation: Simulation, run: Samples) -> FloatArray:
@@ -242,12 +246,6 @@ def _pairwise(grams: Grams, projected: Projected, members: tuple[Member, ...]) -
 def members_of(sizes: Mapping[str, FloatArray], probabilities: Mapping[str, float]) -> tuple[Member, ...]:
     """Return the members of a set by their keys; one without a probability counts as any other."""
     return tuple(Member(key, np.asarray(size, float), probabilities.get(key, 1.0)) for key, size in sizes.items())
-
-
-MOST = 5
-COASTING = "coasting on hard ground for two minutes, speeding up and slowing down"
-_BETTER = 1.05
-"""Times what one more run like the others would give: less is no reason to drive another way."""
 
 
 def next_runs(linearised: LinearisedCampaign, members: tuple[Member, ...], most: int = MOST) -> tuple[NextRun, ...]:

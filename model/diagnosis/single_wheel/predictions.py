@@ -34,6 +34,11 @@ _GATED = 8
 """Most probable sets of a fold that are put to the gate; the first is taken where none of them passes."""
 _LEAST_GROUPS = 3
 
+_LOADS = ((0.5, "half the load"), (2.0, "twice the load"))
+_DRAWS = 160
+_SETS = 5
+_REPEATS = 3
+
 
 def predict_held_out(
     problem: BenchProblem, optima: Sequence[Optimum], rng: np.random.Generator
@@ -123,12 +128,6 @@ def _log_predictive(problem: BenchProblem, posterior: SetPosterior) -> float:
     ratio = everything - posterior.log_likelihood[possible]
     top = float(ratio.max())
     return top + float(np.log(posterior.weights[possible] @ np.exp(ratio - top)))
-
-
-_LOADS = ((0.5, "half the load"), (2.0, "twice the load"))
-_DRAWS = 160
-_SETS = 5
-_REPEATS = 3
 
 
 @dataclass(frozen=True)

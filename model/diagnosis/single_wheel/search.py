@@ -24,6 +24,13 @@ _ENOUGH = 1e-3
 _BATCH = 64
 """Hypotheses evaluated at once: small enough for the cache."""
 
+_PARENTS = 2
+"""Sets with a cause less that a search starts from."""
+_SMALL = 0.05
+"""Prior scales from neutral of a cause that starts near it."""
+_STIFFER = (1.0, 1.0, 1.0)
+"""One-sigmas by which the stiffness of a soil that carries nothing is raised, one after the other."""
+
 
 @dataclass(frozen=True)
 class Optimum:
@@ -172,14 +179,6 @@ def _linearised(
         gradient -= np.einsum("bi,bip->bp", error, weighted)
         objective -= np.where(bad, -np.inf, noise.log_likelihood(error, counted))
     return _Batch(standard, objective, said, slopes, information, gradient, np.zeros(count))
-
-
-_PARENTS = 2
-"""Sets with a cause less that a search starts from."""
-_SMALL = 0.05
-"""Prior scales from neutral of a cause that starts near it."""
-_STIFFER = (1.0, 1.0, 1.0)
-"""One-sigmas by which the stiffness of a soil that carries nothing is raised, one after the other."""
 
 
 class Optima:

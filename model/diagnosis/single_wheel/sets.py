@@ -32,6 +32,11 @@ NO_SLIP = 0.02
 """Slip below which a wheel neither drives nor brakes: a controller's residue."""
 _LEAST_GROUPS = 3
 
+_KNOWN = frozenset({"slip", "vertical_load_n", "unit_weight_n_m3"})
+"""What of `Conditions` a table gives."""
+_TRACELESS = 1e-6
+"""Share of the error of form below which a cause of its prior's size changes nothing that was measured."""
+
 
 @dataclass(frozen=True)
 class SkidLaw:
@@ -79,12 +84,6 @@ def skid_law(bench: Bench) -> SkidLaw | None:
 def _left_out(design: FloatArray, sinkage: FloatArray, rows: BoolArray) -> FloatArray:
     values = np.linalg.lstsq(design[~rows], sinkage[~rows], rcond=None)[0]
     return np.asarray(sinkage[rows] - design[rows] @ values)
-
-
-_KNOWN = frozenset({"slip", "vertical_load_n", "unit_weight_n_m3"})
-"""What of `Conditions` a table gives."""
-_TRACELESS = 1e-6
-"""Share of the error of form below which a cause of its prior's size changes nothing that was measured."""
 
 
 @dataclass(frozen=True)

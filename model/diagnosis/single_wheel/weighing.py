@@ -33,6 +33,15 @@ from model.effects.catalogue import EFFECTS
 _LEVEL = 0.99
 _SIMULATIONS = 20_000
 
+_PROMISING = 7.0
+"""Nats below the best within which a pair gets a third cause."""
+_MOST_PAIRS = 6
+_GATED = 10.0
+"""Nats below the best within which a set is put to the gate; the others do not count anyway."""
+_CORRECTED = 4.5
+"""Nats below the best within which an evidence is corrected by importance sampling."""
+_MOST_CORRECTED = 16
+
 
 def misfits(problem: BenchProblem, optima: Sequence[Optimum], rows: FloatArray | None = None) -> FloatArray:
     """Return Q of hypotheses, each searched for from where it fits best otherwise.
@@ -91,16 +100,6 @@ def _misfit(fixed: BenchProblem, optimum: Optimum, rows: FloatArray | None) -> f
         mean = (noise.members.T @ error)[there] / size[there]
         total += float((mean**2 / (noise.scatter[0] ** 2 / size[there] + noise.form[0] ** 2)).sum())
     return total
-
-
-_PROMISING = 7.0
-"""Nats below the best within which a pair gets a third cause."""
-_MOST_PAIRS = 6
-_GATED = 10.0
-"""Nats below the best within which a set is put to the gate; the others do not count anyway."""
-_CORRECTED = 4.5
-"""Nats below the best within which an evidence is corrected by importance sampling."""
-_MOST_CORRECTED = 16
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,9 @@ _STOPS = {
 }
 """What the reasons of `model.fit.gauss_newton.StopReason` mean to the reader."""
 
+_MIN_BLOCKS = 6
+_CONFIDENCE = 0.95
+
 
 @section("verdict", "How far to trust it")
 def verdict(material: ReportInputs) -> Contents:
@@ -260,10 +263,6 @@ def _losses(material: ReportInputs) -> Text:
         return Text("")
     names = listed([source.run_id for source in lost])
     return Text(f"Frames are missing from {names}: see data quality.", "warning")
-
-
-_MIN_BLOCKS = 6
-_CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
