@@ -1,6 +1,6 @@
 """Recording: an MCAP file read back as columns.
 
-Raw frames out of chunks: views of the records, merged by time between buses.
+Raw frames are views of the records in the chunks, merged by time between buses.
 """
 
 from __future__ import annotations

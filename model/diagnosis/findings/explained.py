@@ -1,8 +1,7 @@
-"""Causes confounded with those of a verdict: their signatures are nearly equal once the soil is projected out.
+"""What stands behind a verdict: causes with their sizes, the soil with them, confounded causes, and data for figures.
 
-Data for figures: measured, simulated without and with the causes, and what each candidate changes.
-
-What stands behind a verdict: its causes with their sizes, and the soil that goes with them.
+A cause is confounded with one of the verdict where their signatures are nearly equal once the soil is projected out.
+The figures show what was measured, what is simulated without and with the causes, and what each candidate changes.
 """
 
 from __future__ import annotations

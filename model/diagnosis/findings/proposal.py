@@ -1,10 +1,9 @@
 """After "unexplained": a small formula for what is left, offered with what it is worth on held-out runs, never named.
 
-Every term in every channel is a column like a cause's, with a normal prior whose one-sigma lets it be as large as a
-shape of the catch-all. Sets of up to three are weighed as sets of causes are, so that a longer formula has to pay for
-its length. The gain is nested: each run is predicted with the terms that the others choose.
-
-Small formulas that could describe what is left over: simple functions of what was measured, and their products.
+The terms are simple functions of what was measured, and their products. Every term in every channel is a column like a
+cause's, with a normal prior whose one-sigma lets it be as large as a shape of the catch-all. Sets of up to three are
+weighed as sets of causes are, so that a longer formula has to pay for its length. The gain is nested: each run is
+predicted with the terms that the others choose.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-r"""Final parameters of a set of causes: the whole model again, not its linearisation, and intervals that are honest.
-
-How far the final parameters may be off.
+r"""Final parameters of a set of causes, fitted with the whole model and not its linearisation, and their intervals.
 
 The noise model's own covariance :math:`H^{-1}` is too short: its hyper-parameters are estimated, runs differ by more
 than it knows, and other sets of causes are possible. So each variance is put together from

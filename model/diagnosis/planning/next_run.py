@@ -1,23 +1,18 @@
-r"""Which manoeuvre would split a set of causes best: the engine designs the next run.
+r"""Which manoeuvre would split a set of causes best, and the noise that an explanation is judged by.
 
-Every manoeuvre of `model.diagnosis.planning.manoeuvres` is linearised and whitened as if it had been driven, with
-the noise model of the campaign; two more need no soil. What its cross products would add to those of the runs that were
-driven is said below.
+**Candidates.** Every manoeuvre of `model.diagnosis.planning.manoeuvres` is linearised and whitened as if it had been
+driven, with the noise model of the campaign. Two more need no soil: zeros with the wheel lifted, and slip and its delay
+on hard ground.
 
-The noise model as far as instruments can be that bad: what an explanation is judged by.
+**Plausible noise.** Slip is measured, and an error of the ground speed shows in all channels at once. So does much
+else: a slip that lags behind, a soil that answers late. A noise model that may choose its speed error and its delays
+freely explains them all; one that may choose the soil's scatter freely takes a soft patch for it. Whether an
+explanation is adequate is therefore judged with a speed error no larger than the sensor is stated to have, with a
+margin, or than a usual receiver has, with delays no longer than what is thought of toothed rings, and with a soil as
+even as is thought of one terrain.
 
-Slip is measured, and an error of the ground speed shows in all channels at once. So does much else: a slip that lags
-behind, a soil that answers late. A noise model that may choose its speed error and its delays freely explains them
-all; one that may choose the soil's scatter freely takes a soft patch for it. Whether an explanation is adequate is
-therefore judged with a speed error no larger than the sensor is stated to have, with a margin, or than a usual receiver
-has, with delays no longer than what is thought of toothed rings, and with a soil as even as is thought of one terrain.
-
-What can be measured without any soil: zeros with the wheel lifted, slip and its delay on hard ground.
-
-Expected effect of further data on a set of causes that are not yet separable.
-
-Let member i of the set be the cause at its estimated size. Data with cross products G then favour it over member j,
-at whatever size j imitates it best, by an expected
+**What further data do.** Let member i of the set be the cause at its estimated size. Data with cross products G then
+favour it over member j, at whatever size j imitates it best, by an expected
 
 .. math:: \tfrac12\, d^2_{i|j}(G) = \tfrac12\, z_i^2 (1 - \cos^2_{ij})
 
@@ -125,7 +120,7 @@ def hard_ground(data: CampaignData, simulation: Simulation, run: Samples) -> Flo
 
     Parameters
     ----------
-    view, simulation, run
+    data, simulation, run
         As for `lifted_wheel`; the run is repeated at the same ground speed.
     """
     values = data.noise.values

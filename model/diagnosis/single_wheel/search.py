@@ -1,11 +1,9 @@
-"""Where hypotheses fit best: starts for the search, from sets with a cause less.
-
-Best values and evidence of many hypotheses at once.
+"""Search for the best values of many hypotheses at once, from those of sets with a cause less, and their evidence.
 
 The search is Gauss-Newton with damping (Levenberg 1944) in standard-normal coordinates; docs/decisions/one-newton.md
-says why it is not `model.fit.gauss_newton`. The noise is a mixture
-over its one-sigmas; its gradient is that of the mixture's mean precision, which is renewed at every step. The evidence
-is Laplace's; `model.diagnosis.single_wheel.evidence` corrects it by importance sampling where it counts.
+says why it is not `model.fit.gauss_newton`. The noise is a mixture over its one-sigmas; its gradient is that of the
+mixture's mean precision, which is renewed at every step. The evidence is Laplace's;
+`model.diagnosis.single_wheel.evidence` corrects it by importance sampling where it counts.
 """
 
 from __future__ import annotations

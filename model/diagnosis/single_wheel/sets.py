@@ -1,9 +1,8 @@
-"""Which causes make sense for a bench, and the sets of them with their prior.
+"""Which causes the rows of a single-wheel test can identify, and the sets of them with their prior.
 
-The sinkage of a braked wheel: a law of its own, fitted to rows with s <= 0 alone.
-
-Z = Z0 + H2 s^2 with Z0 the sinkage at no slip, as it was measured. Rows with s < 0 do not enter the fit of a driven
-wheel, whose laws say nothing of them: a locked wheel ploughs, and pulls back with more than its friction.
+Rows with s < 0 do not enter the fit of a driven wheel, whose laws say nothing of them: a locked wheel ploughs, and
+pulls back with more than its friction. The sinkage of a braked wheel has a law of its own, fitted to rows with s <= 0
+alone: Z = Z0 + H2 s^2, with Z0 the sinkage at no slip, as it was measured.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
-r"""Every set of causes of a bench, weighed: searched, corrected, gated.
+r"""Probabilities of every set of causes of a single-wheel test, among those that are adequate.
 
-Whether a hypothesis is right enough to be weighed at all: a gate that stands before all probabilities.
-
-A probability compares explanations with each other; the best of bad ones gets a high one too. So each is first
-compared with what a right model leaves: with the scatter of repeats and the error of form that a right model may have
-(`model.diagnosis.single_wheel.noise.FORM_PER_SCATTER`), both fixed, the least
+A probability compares explanations with each other; the best of bad ones gets a high one too. So a gate stands before
+all probabilities. Each set is first compared with what a right model leaves: with the scatter of repeats and the error
+of form that a right model may have (`model.diagnosis.single_wheel.noise.FORM_PER_SCATTER`), both fixed, the least
 
 .. math:: Q = \sum_{channels, groups} \frac{\bar e^2}{\sigma^2/m + a^2} + |v|^2
 
@@ -113,7 +111,7 @@ class Weighed:
     optima : tuple of Optimum
         From several starts, best first.
     misfit : float
-        `model.diagnosis.single_wheel.weighing.misfits`.
+        See `misfits`.
     posterior : SetPosterior or None
         Of its coordinates.
     """
