@@ -160,7 +160,7 @@ def filtered_sigma(
 ) -> tuple[float, str]:
     """Return the one-sigma of one filtered sample, and ``"declared"`` or ``"estimated"``.
 
-    `residuals` are the samples (thinned as they are) less the filtered signal at their instants, NaN left out;
+    `residuals` are the samples (thinned as they are) less the filtered signal at their instants, NaN excluded;
     `declared` is the one-sigma of one raw sample. NaN where nothing is declared and there are too few samples.
     """
     source = "estimated" if declared is None else "declared"

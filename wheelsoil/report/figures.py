@@ -192,7 +192,7 @@ def marked_line(x: FloatArray, y: FloatArray, name: str, style: Style) -> Trace:
     return trace | {"mode": "lines+markers", "marker": {"symbol": style.symbol, "size": 8, "color": style.colour}}
 
 
-def dots(x: FloatArray, y: FloatArray, name: str, colour: str = CLOUD) -> Trace:
+def dots(x: FloatArray, y: FloatArray, name: str) -> Trace:
     """Return a cloud of small dots."""
     return {
         "type": "scatter",
@@ -200,7 +200,7 @@ def dots(x: FloatArray, y: FloatArray, name: str, colour: str = CLOUD) -> Trace:
         "name": words(name),
         "x": numbers(x, 4),
         "y": numbers(y, 4),
-        "marker": {"color": colour, "size": 4},
+        "marker": {"color": CLOUD, "size": 4},
         "hoverinfo": "skip",
     }
 

@@ -203,7 +203,7 @@ def propose(grams: Grams, terms: dict[str, TermColumn]) -> Proposal | None:
     Returns
     -------
     Proposal or None
-        None where no formula foretells left-out runs better than none, or there is but one run.
+        None where no formula predicts held-out runs better than none, or there is but one run.
     """
     if len(grams.run_names) < _FEWEST_RUNS:
         return None

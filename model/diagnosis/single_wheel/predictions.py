@@ -122,7 +122,7 @@ def _predicted(
 
 
 def _log_predictive(problem: BenchProblem, posterior: SetPosterior) -> float:
-    """Return ln p of the rows that were left out, given those that were kept."""
+    """Return ln p of the rows that were held out, given those that were kept."""
     possible = np.isfinite(posterior.log_likelihood)
     everything = log_likelihood(problem, {c: values[possible] for c, values in posterior.said.items()})
     ratio = everything - posterior.log_likelihood[possible]
@@ -195,7 +195,7 @@ def _designs(problem: BenchProblem) -> list[_Design]:
 def _prediction_of_design(
     design: _Design, weighed: Weighed, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return mean and covariance of what a set foretells of a design; None where the model has no answer."""
+    """Return mean and covariance of what a set predicts for a design; None where the model has no answer."""
     posterior = weighed.posterior
     assert posterior is not None
     drawn = rng.choice(len(posterior.weights), _DRAWS, p=posterior.weights)

@@ -67,7 +67,7 @@ class Optimum:
 
 
 def log_likelihood(problem: BenchProblem, said: dict[str, FloatArray], rows: FloatArray | None = None) -> FloatArray:
-    """Return ln p of all channels, shape (B,); `rows`, shape (n,): 1 counts, 0 is left out."""
+    """Return ln p of all channels, shape (B,); `rows`, shape (n,): 1 counts, 0 is excluded."""
     total: FloatArray = np.zeros(len(next(iter(said.values()))))
     for noise, chosen in zip(problem.noises, problem.rows, strict=True):
         error = noise.measured - said[noise.channel][:, chosen]
@@ -90,7 +90,7 @@ def search(
     starts : sequence of B arrays
         Coordinates of each.
     rows : array, shape (n,), optional
-        1 for rows that count, 0 for rows that are left out.
+        1 for rows that count, 0 for rows that are excluded.
     """
     found: list[Optimum] = []
     for first in range(0, len(hypotheses), _BATCH):

@@ -94,7 +94,7 @@ class Library:
     uses : tuple of CauseUse
         Candidates, as they act.
     not_identifiable : mapping family -> why
-        Families that are left out, or never named, for want of something.
+        Families that are excluded, or never named, for want of something.
     """
 
     uses: tuple[CauseUse, ...]

@@ -47,7 +47,7 @@ def misfits(problem: BenchProblem, optima: Sequence[Optimum], rows: FloatArray |
     Parameters
     ----------
     rows : array, shape (n,), optional
-        1 for rows that count, 0 for rows that are left out.
+        1 for rows that count, 0 for rows that are excluded.
     """
     fixed = with_usual_form(problem)
     found = search(fixed, [o.hypothesis for o in optima], [o.standard for o in optima], rows)
