@@ -46,7 +46,6 @@ Rows = IndexArray
 Part = tuple[Rows, str, FrameArray]
 """Frames of one shape: the rows they come from, their bus, and themselves."""
 
-
 _NIBBLES = bytes(int(chr(code), 16) if chr(code) in hexdigits else 0xFF for code in range(256))
 """Value of each hexadecimal digit."""
 

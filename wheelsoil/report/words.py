@@ -24,7 +24,6 @@ PARAMETERS = {
 }
 """The textbook's letters."""
 
-
 _FORMS = {key: one.label for key, one in STYLES.items()} | {"second_order": "second order"}
 _SIGNS = {"ln_mu": "ln μ", "H2_m": "H₂", "c2": "c₂", "angle_rad": "angle"}
 _POWERS = str.maketrans("0123456789n+-", "⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ⁺⁻")

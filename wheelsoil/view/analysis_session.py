@@ -34,7 +34,6 @@ _TRIES = 3
 _OF_DIAGNOSIS = frozenset({"run", "cutoff_hz", "min_speed_mps", "sinkage"})
 """Keys of a choice that a diagnosis depends on; the others concern the fit only."""
 
-
 _Keyed = TypeVar("_Keyed", ViewedCampaign, ViewedRun)
 
 

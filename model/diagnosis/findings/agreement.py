@@ -47,7 +47,6 @@ _LEAST_SHARE_LEFT = 1e-6
 LEAST = 20.0
 """Nats by which two soils must be likelier than one."""
 
-
 _FEW = 8
 
 
