@@ -26,6 +26,24 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
+SOIL_KEYS = (
+    "cohesion_kpa",
+    "friction_angle_deg",
+    "shear_modulus_m",
+    "sinkage_exponent",
+    "cohesive_modulus_kn",
+    "frictional_modulus_kn",
+)
+"""Order of the rows of ``[uncertainty] covariance``."""
+
+ZERO_FILE = "zero.toml"
+"""Its name where vehicle.toml gives none."""
+_HEAD = (
+    "# Zeros of a wheel force transducer, written by `wheelsoil zero`. A comment is lost when it is written again.\n"
+)
+
+ConfigT = TypeVar("ConfigT", bound=BaseModel)
+
 
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -152,17 +170,6 @@ class SoilSection(_Section):
     unit_weight_kn_m3: Positive | None = None
 
 
-SOIL_KEYS = (
-    "cohesion_kpa",
-    "friction_angle_deg",
-    "shear_modulus_m",
-    "sinkage_exponent",
-    "cohesive_modulus_kn",
-    "frictional_modulus_kn",
-)
-"""Order of the rows of ``[uncertainty] covariance``."""
-
-
 class UncertaintySection(_Section):
     """``[uncertainty]``: relative one-sigma per key (friction angle: of tan phi), or a covariance.
 
@@ -208,13 +215,6 @@ class RunsConfig(_Section):
     """runs.toml."""
 
     run: tuple[RunInfo, ...] = ()
-
-
-ZERO_FILE = "zero.toml"
-"""Its name where vehicle.toml gives none."""
-_HEAD = (
-    "# Zeros of a wheel force transducer, written by `wheelsoil zero`. A comment is lost when it is written again.\n"
-)
 
 
 class ChannelZero(_Section):
@@ -292,9 +292,6 @@ class ZeroConfig(_Section):
         """Return the file with more determinations, in order of time; of the same samples the newest stays."""
         new = {(one.sha256, one.method, one.start_s): one for one in (*self.zero, *others)}
         return ZeroConfig(zero=tuple(sorted(new.values(), key=lambda one: one.time_utc)))
-
-
-ConfigT = TypeVar("ConfigT", bound=BaseModel)
 
 
 def parse_toml(text: str, kind: type[ConfigT], where: str) -> ConfigT:

@@ -11,6 +11,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+_LISTED_AT_MOST = 3
+"""Up to this number of faults that differ only in their place are listed one by one; more become one fault."""
+
 
 @dataclass(frozen=True)
 class Fault:
@@ -83,10 +86,6 @@ class HardwareError(WheelsoilError, OSError):
     """A bus, an interface or a disk fails."""
 
     exit_code: ClassVar[int] = 4
-
-
-_LISTED_AT_MOST = 3
-"""Up to this number of faults that differ only in their place are listed one by one; more become one fault."""
 
 
 def _combined(faults: tuple[Fault, ...]) -> tuple[Fault, ...]:

@@ -23,6 +23,10 @@ from model.wheel_soil.wheel_soil_model import Prediction, Reading, WheelSoilMode
 SCHEMA = "wheelsoil/model/1"
 Fact = str | float | tuple[str, ...]
 
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
 
 @dataclass(frozen=True)
 class ExtendedEffect:
@@ -211,11 +215,6 @@ def _parameter(estimate: ParameterEstimate) -> dict[str, Any]:
     if all(isfinite(edge) for edge in estimate.interval95):
         found["interval95"] = list(estimate.interval95)
     return found
-
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class _Section(BaseModel):

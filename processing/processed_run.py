@@ -27,7 +27,7 @@ class Segment(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why a sample is left out; 0 = it is used. The first reason that holds is kept."""
+    """Why a sample is excluded; 0 = it is used. The first reason that holds is kept."""
 
     USED = 0
     GAP = 1
@@ -50,7 +50,7 @@ class SensorFacts:
     Attributes
     ----------
     samples, late : int
-        Usable samples; samples left out because their stamps ran backward.
+        Usable samples; samples excluded because their stamps ran backward.
     rate_hz, longest_gap_s : float
         Median rate; longest time without a usable sample (NaN without samples).
     gaps : int
@@ -62,7 +62,7 @@ class SensorFacts:
     sigma_source : str
         ``"declared"``, ``"estimated"`` from what the filter takes out, or ``"standstill"`` where that showed more.
     distrusted : int
-        Samples left out because the transducer's status was not 0.
+        Samples excluded because the transducer's status was not 0.
     systematic_sigma : float
         One-sigma of what a zero leaves uncertain, the same in every sample, SI; NaN where no zero was taken off.
     """
@@ -219,7 +219,7 @@ class ProcessedRun:
 
     @property
     def used(self) -> BoolArray:
-        """Samples that have no reason to be left out."""
+        """Samples that have no reason to be excluded."""
         return np.asarray(self.reason == Reason.USED)
 
     @property

@@ -1,10 +1,9 @@
-"""Bit fields of signals, read and written as whole columns.
+"""Messages and signals of a DBC as plain values, and the bit fields of signals, read and written as whole columns.
 
 A field is read through the smallest aligned container (1, 2, 4 or 8 bytes) that holds it: then a byte or word
 that fills its container is a strided view and costs one pass. What lies across two 8-byte words (CAN FD only)
 is read through an unaligned word and, when it touches nine bytes, the ninth byte beside it.
-
-What a DBC says of a message: plain values, so that decoding and encoding need no DBC library.
+Decoding and encoding need no DBC library.
 """
 
 from __future__ import annotations

@@ -35,6 +35,12 @@ from daq.errors import DatabaseError, Fault, nearest
 
 _EXACT = 1 << 53
 
+BLOCK = 65_536
+"""Frames decoded at once: small enough for the cache, large enough to hide the cost of a call."""
+
+_BELOW_2_63 = float(np.nextafter(2.0**63, 0.0))
+_BELOW_2_64 = float(np.nextafter(2.0**64, 0.0))
+
 
 @dataclass(frozen=True, eq=False)
 class Selection:
@@ -118,10 +124,6 @@ def _selection(signal: Signal, message: Message) -> Selection | None:
         seen.add(outer.name)
         signal = outer
     return Selection(tuple(needs)) if needs else None
-
-
-BLOCK = 65_536
-"""Frames decoded at once: small enough for the cache, large enough to hide the cost of a call."""
 
 
 class Decoder:
@@ -265,10 +267,6 @@ def _check_wanted(wanted: Collection[str], named: Sequence[tuple[str, str, Messa
     missing = [name for name in wanted if name not in known]
     if missing:
         raise DatabaseError(*(Fault(f"no DBC has a signal {n!r}", expected=nearest(n, known)) for n in missing))
-
-
-_BELOW_2_63 = float(np.nextafter(2.0**63, 0.0))
-_BELOW_2_64 = float(np.nextafter(2.0**64, 0.0))
 
 
 @dataclass(frozen=True)

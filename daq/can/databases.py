@@ -24,6 +24,10 @@ _MULTIPLEXER = re.compile(r"\s*SG_\s+\S+\s+(?:m\d+)?M\s*:")
 _WITH_SEMICOLON = ("VAL_", "CM_", "BA_", "SIG_VALTYPE_", "VAL_TABLE_", "SIG_GROUP_", "BO_TX_BU_", "SG_MUL_VAL_")
 _STATEMENTS = ("BO_", "SG_", *_WITH_SEMICOLON)
 
+LENIENT_HINT = "correct the file, or load it without what is refused: --lenient-dbc (what was left out is listed)"
+MAX_SIGNAL_BITS = 64
+_SILENT = logging.NullHandler()  # what cantools warns of (names and identifiers twice) is said by us
+
 
 @dataclass(frozen=True)
 class BadLine:
@@ -162,11 +166,6 @@ def _statement_end(lines: list[str], start: int) -> int:
         if text.count('"') % 2 == 0 and ";" in re.sub(r'"[^"]*"', "", text):
             return i
     return start
-
-
-LENIENT_HINT = "correct the file, or load it without what is refused: --lenient-dbc (what was left out is listed)"
-MAX_SIGNAL_BITS = 64
-_SILENT = logging.NullHandler()  # what cantools warns of (names and identifiers twice) is said by us
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,10 @@ from daq.sources.reconnect import ReconnectingSource
 
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
+SWITCH_S = 0.0005
+
+_OTHER_FOLDER = "choose another with --out, or change its owner or permissions"
+
 
 @contextmanager
 def caught_signals() -> Iterator[list[int]]:
@@ -61,9 +65,6 @@ def caught_signals() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-SWITCH_S = 0.0005
-
-
 @contextmanager
 def quick_switching() -> Iterator[None]:
     """Have a thread wait for the interpreter 0.5 ms where it would wait 5.
@@ -77,9 +78,6 @@ def quick_switching() -> Iterator[None]:
         yield
     finally:
         sys.setswitchinterval(before)
-
-
-_OTHER_FOLDER = "choose another with --out, or change its owner or permissions"
 
 
 def log(

@@ -30,6 +30,15 @@ _GROWTH_FROM_S = 2.0
 _CALM = 1.25
 """The warning ends when the disk lasts so many times longer than where it began."""
 
+_REFRESH_EVERY_S = 1.0
+_STUCK_S = 5.0
+"""A thread without an iteration for so long is stuck."""
+_PATIENCE_S = 60.0
+"""How long the other buses are recorded on beside one that is stuck, before a restart is asked for."""
+
+EventText = tuple[str, str, Severity]
+"""Name, text and severity of an event."""
+
 
 @dataclass(frozen=True)
 class DiskState:
@@ -101,16 +110,6 @@ def disk_fault(folder: Path, state: DiskState) -> Fault:
         f"more than [logger] disk_reserve_mb = {state.reserve_bytes / _MB:,.0f}",
         "free the disk, or record elsewhere: --out",
     )
-
-
-_REFRESH_EVERY_S = 1.0
-_STUCK_S = 5.0
-"""A thread without an iteration for so long is stuck."""
-_PATIENCE_S = 60.0
-"""How long the other buses are recorded on beside one that is stuck, before a restart is asked for."""
-
-EventText = tuple[str, str, Severity]
-"""Name, text and severity of an event."""
 
 
 class HostMonitor:

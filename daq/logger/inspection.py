@@ -26,6 +26,9 @@ from daq.logger.snapshot import Samples, Traces
 
 T = TypeVar("T")
 
+_BEHIND, _CAUGHT_UP = 0.25, 0.05
+_MOST_BYTES = 4 << 20
+
 
 class Shield:
     """Runs what must not end a recording, and keeps what went wrong: how often, and what the last time."""
@@ -158,10 +161,6 @@ class Inspector(threading.Thread):
         """Inspect until `end` is called."""
         while (task := self._tasks.get()) is not None:
             self._found.put(self.shield.run(partial(self._inspection.inspect, task)))
-
-
-_BEHIND, _CAUGHT_UP = 0.25, 0.05
-_MOST_BYTES = 4 << 20
 
 
 class Feed:

@@ -19,6 +19,20 @@ from daq.sources.reconnect import ReconnectingSource
 
 T = TypeVar("T")
 
+_READ_TIMEOUT_S = 0.1
+_WAIT_FOR_ROOM_S = 0.1
+_FAIR_BUFFER_BYTES, _LARGE_BUFFER_BYTES = 1 << 20, 4 << 20
+_REST_S, _BUSY_REST_S, _SHORT_REST_S = 0.2, 0.03, 0.005
+"""How long a source rests after each reading, so that frames come by the hundred, as each reading has its price: 0.2 s
+where the kernel has room for a second of a busy bus, unless `_MANY_FRAMES` came; a flush has it fetch before."""
+_MANY_FRAMES = 3000
+_LAST_FRAMES = 1024
+"""A reading that brings fewer has emptied the source."""
+_OPENING_S = 60.0
+"""What opening an interface may take."""
+_LAST_FETCHES_S = 2.0
+"""A source that is never empty is left then: what comes later came after the end."""
+
 
 class ByteQueue(Generic[T]):
     """Hands items from several threads to one, in order.
@@ -67,21 +81,6 @@ class ByteQueue(Generic[T]):
             self._bytes -= most_bytes - left
             self._changed.notify_all()
             return taken
-
-
-_READ_TIMEOUT_S = 0.1
-_WAIT_FOR_ROOM_S = 0.1
-_FAIR_BUFFER_BYTES, _LARGE_BUFFER_BYTES = 1 << 20, 4 << 20
-_REST_S, _BUSY_REST_S, _SHORT_REST_S = 0.2, 0.03, 0.005
-"""How long a source rests after each reading, so that frames come by the hundred, as each reading has its price: 0.2 s
-where the kernel has room for a second of a busy bus, unless `_MANY_FRAMES` came; a flush has it fetch before."""
-_MANY_FRAMES = 3000
-_LAST_FRAMES = 1024
-"""A reading that brings fewer has emptied the source."""
-_OPENING_S = 60.0
-"""What opening an interface may take."""
-_LAST_FETCHES_S = 2.0
-"""A source that is never empty is left then: what comes later came after the end."""
 
 
 @dataclass(frozen=True)

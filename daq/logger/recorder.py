@@ -27,6 +27,14 @@ from daq.recording.events import Severity
 from daq.recording.part_writer import since, total
 from daq.recording.sink import make_folder
 
+BETWEEN_KEY = "between_runs"
+"""In the ``run_start`` metadata: "yes" in a recording of what came between two runs."""
+CLOCK = "clock"
+CLOCK_STEPS = "clock_steps"
+"""Name of the metadata record of the host's clock: the fit to GNSS time, see `ClockFit.as_metadata`, and its steps."""
+_MB = 1_000_000
+_MARKS_KEPT = 5
+
 
 class RunClock:
     """Brings the session's times to those of a run that begins now.
@@ -76,15 +84,6 @@ class RunClock:
             offset_s, reference_ns = fit.offset_s + self.shift_ns * 1e-9, fit.reference_ns + self.shift_ns
             metadata |= replace(fit, offset_s=offset_s, reference_ns=reference_ns).as_metadata()
         return metadata
-
-
-BETWEEN_KEY = "between_runs"
-"""In the ``run_start`` metadata: "yes" in a recording of what came between two runs."""
-CLOCK = "clock"
-CLOCK_STEPS = "clock_steps"
-"""Name of the metadata record of the host's clock: the fit to GNSS time, see `ClockFit.as_metadata`, and its steps."""
-_MB = 1_000_000
-_MARKS_KEPT = 5
 
 
 @dataclass(frozen=True)

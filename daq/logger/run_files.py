@@ -32,6 +32,14 @@ _WRITTEN_WITHIN_S = 10.0
 BETWEEN_FOLDER = "between"
 """In the logger's folder: what comes between runs."""
 
+VEHICLE_KEY = "vehicle"
+"""In the ``run_start`` metadata: the vehicle's name."""
+GOES_ON_WITHIN_S = 600.0
+"""A run that was cut off continues when its last frame is not older."""
+SUFFIX = ".mcap"
+_LONGEST_NAME_BYTES = 200
+"""File systems take 255; a part's number and the ending come behind it."""
+
 
 @contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
@@ -110,15 +118,6 @@ def _is_held(folder: Path) -> bool:
     finally:
         os.close(descriptor)
     return False
-
-
-VEHICLE_KEY = "vehicle"
-"""In the ``run_start`` metadata: the vehicle's name."""
-GOES_ON_WITHIN_S = 600.0
-"""A run that was cut off continues when its last frame is not older."""
-SUFFIX = ".mcap"
-_LONGEST_NAME_BYTES = 200
-"""File systems take 255; a part's number and the ending come behind it."""
 
 
 @dataclass(frozen=True)

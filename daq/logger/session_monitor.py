@@ -30,6 +30,21 @@ from daq.logger.snapshot import RunState, Samples, SessionState, snapshot, worst
 from daq.sources.can_source import SourceCounters
 from daq.sources.reconnect import ReconnectingSource
 
+Ending = Literal["duration", "signal", "stop", "disk"]
+
+_RUN_EVERY_S = 0.05
+_INSPECT_EVERY_S = 0.4
+_SHOW_EVERY_S = 0.2
+_INSPECTION_STUCK_S = 5.0
+_LAST_INSPECTION_S = 2.0
+_FAILURE_STANDS_S = 10.0
+_LOST_FILE_STANDS_S = 60.0
+_SWITCH_EVERY_S = 1.0
+"""Least duration of a run between two commands."""
+_MARKS_AT_ONCE = 4
+_MOST_ASKED = 32
+_MOST_REMARKS = 50
+
 
 class Notifier:
     """Sends states to the socket that the service manager gave; without one it says nothing.
@@ -77,9 +92,6 @@ class Notifier:
         if self._socket is not None:
             with contextlib.suppress(OSError):  # a manager that does not listen is no reason to stop recording
                 self._socket.sendto("\n".join(line.replace("\n", " ") for line in lines).encode(), self._address)
-
-
-Ending = Literal["duration", "signal", "stop", "disk"]
 
 
 @dataclass(frozen=True)
@@ -161,20 +173,6 @@ class SessionParts:
     """Numbers of the signals that came."""
     progress: Progress | None = None
     remarks: list[str] = field(default_factory=list)
-
-
-_RUN_EVERY_S = 0.05
-_INSPECT_EVERY_S = 0.4
-_SHOW_EVERY_S = 0.2
-_INSPECTION_STUCK_S = 5.0
-_LAST_INSPECTION_S = 2.0
-_FAILURE_STANDS_S = 10.0
-_LOST_FILE_STANDS_S = 60.0
-_SWITCH_EVERY_S = 1.0
-"""Least duration of a run between two commands."""
-_MARKS_AT_ONCE = 4
-_MOST_ASKED = 32
-_MOST_REMARKS = 50
 
 
 class SessionMonitor:

@@ -30,6 +30,11 @@ _KEPT = 600
 Samples = tuple[list[int], list[float]]
 """File times in ns, and the values."""
 
+MIN_SPEED_MPS = 0.5
+"""Below this a page shows no slip."""
+_REASONS = 20
+_REMARKS = 10
+
 
 class Traces:
     """Gathers samples until they are fetched; the oldest give way.
@@ -74,12 +79,6 @@ class Traces:
         times += channel.time_ns.tolist()
         values += channel.values.tolist()
         del times[:-_KEPT], values[:-_KEPT]
-
-
-MIN_SPEED_MPS = 0.5
-"""Below this a page shows no slip."""
-_REASONS = 20
-_REMARKS = 10
 
 
 @dataclass(frozen=True)

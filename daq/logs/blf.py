@@ -20,6 +20,16 @@ from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FD_LENGTHS, FrameArray, Fram
 from daq.errors import Fault, RecordingError
 from daq.logs.report import LogReport
 
+MAGIC = b"LOBJ"
+_MAGIC_NUMBER = int.from_bytes(MAGIC, "little")
+_FILE_HEADER = struct.Struct("<4sL8xQQLL8H16x")
+_CONTAINER_HEADER = struct.Struct("<4sHHLLH6xL4x")
+_CONTAINER = 10
+_UNCOMPRESSED, _ZLIB = 0, 2
+_GROUP_BYTES = 1 << 20
+_LARGEST_BYTES = 64 << 20
+_PADDING = 4
+
 
 def _layout(itemsize: int, /, **fields: tuple[int, str]) -> np.dtype[np.void]:
     offsets, formats = zip(*fields.values(), strict=True)
@@ -192,17 +202,6 @@ def _first_eight_bytes(frames: FrameArray) -> NDArray[np.uint64]:
 def _flag(column: NDArray[np.uint32], mask: int, flag: FrameFlag) -> NDArray[np.uint8]:
     flags: NDArray[np.uint8] = ((column & mask) != 0) * np.uint8(flag)
     return flags
-
-
-MAGIC = b"LOBJ"
-_MAGIC_NUMBER = int.from_bytes(MAGIC, "little")
-_FILE_HEADER = struct.Struct("<4sL8xQQLL8H16x")
-_CONTAINER_HEADER = struct.Struct("<4sHHLLH6xL4x")
-_CONTAINER = 10
-_UNCOMPRESSED, _ZLIB = 0, 2
-_GROUP_BYTES = 1 << 20
-_LARGEST_BYTES = 64 << 20
-_PADDING = 4
 
 
 def read_blf(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:

@@ -46,9 +46,11 @@ Rows = IndexArray
 Part = tuple[Rows, str, FrameArray]
 """Frames of one shape: the rows they come from, their bus, and themselves."""
 
-
 _NIBBLES = bytes(int(chr(code), 16) if chr(code) in hexdigits else 0xFF for code in range(256))
 """Value of each hexadecimal digit."""
+
+_HEX = np.frombuffer(b"0123456789ABCDEF", np.uint8)
+_LINES = 65_536
 
 
 def read_candump(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
@@ -224,10 +226,6 @@ def _note_unread(lines: _Lines, unread: list[Rows], first_line: int, report: Log
         if line and not line.startswith((b"#", b";", b"//")):
             shown = line[:80].decode("ascii", "backslashreplace")
             report.note_bad(f"line {first_line + row}", shown)
-
-
-_HEX = np.frombuffer(b"0123456789ABCDEF", np.uint8)
-_LINES = 65_536
 
 
 def write_candump(batches: Iterable[FrameBatch], path: str | Path) -> int:

@@ -25,6 +25,9 @@ _GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_WINDOW = 31
 _PIECE = 256 << 10
 
+Reader = Callable[[BinaryIO, LogReport], Iterator[FrameBatch]]
+_HEAD_BYTES = 64 << 10
+
 
 class Gunzip(io.RawIOBase):
     """Unpacks `file`; unlike the standard library's, it loses nothing that stands before a cut.
@@ -72,10 +75,6 @@ class Gunzip(io.RawIOBase):
         """Close the file."""
         self._file.close()
         super().close()
-
-
-Reader = Callable[[BinaryIO, LogReport], Iterator[FrameBatch]]
-_HEAD_BYTES = 64 << 10
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,17 @@ from daq.recording.chunks import RECORD, ChunkEntry, DamagedError, content_recor
 
 MAGIC = b"\x89MCAP0\r\n"
 
+RecordT = TypeVar("RecordT")
+
+_FOOTER = struct.Struct("<BQQQI")
+_FOOTER_BODY_SIZE = 20
+
+_MESSAGE_INDEX_HEAD = struct.Struct("<HI")
+_SCAN_BLOCK = 1 << 20
+_CHUNK_MARK = re.compile(rb"\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4")
+_MARK_OFFSET = 9 + 28
+"""Where the compression stands in a chunk record."""
+
 
 @dataclass(frozen=True)
 class Loss:
@@ -100,9 +111,6 @@ class _ExactStream(ReadDataStream):
         return data
 
 
-RecordT = TypeVar("RecordT")
-
-
 def parsed(reader: Callable[[ReadDataStream], RecordT], body: bytes) -> RecordT:
     """Parse a record's body with the ``mcap`` package.
 
@@ -131,10 +139,6 @@ def read_record(file: BinaryIO, offset: int, size: int | None, opcode: int) -> b
     if len(body) != length:
         raise DamagedError("the record is cut off")
     return body
-
-
-_FOOTER = struct.Struct("<BQQQI")
-_FOOTER_BODY_SIZE = 20
 
 
 def take_summary(file: BinaryIO, contents: Contents) -> bool:
@@ -203,13 +207,6 @@ def _entry(record: ChunkIndex) -> ChunkEntry:
         record.message_end_time,
         frozenset(record.message_index_offsets) or None,
     )
-
-
-_MESSAGE_INDEX_HEAD = struct.Struct("<HI")
-_SCAN_BLOCK = 1 << 20
-_CHUNK_MARK = re.compile(rb"\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4")
-_MARK_OFFSET = 9 + 28
-"""Where the compression stands in a chunk record."""
 
 
 def walk(file: BinaryIO, contents: Contents) -> None:

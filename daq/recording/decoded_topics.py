@@ -32,6 +32,23 @@ from daq.recording.format import (
 )
 from daq.recording.sink import McapSink, MessageGroup, index_entries
 
+NAVSATFIX_DTYPE = fixed_message_dtype(
+    [
+        ("status", "i1"),
+        ("padding", "u1"),
+        ("service", "<u2"),
+        ("latitude", "<f8"),
+        ("longitude", "<f8"),
+        ("altitude", "<f8"),
+        ("covariance", "<f8", (9,)),
+        ("covariance_type", "u1"),
+    ]
+)
+_NO_FIX, _FIX, _SERVICE_GPS = -1, 0, 1
+_SLACK = 1.2
+
+_SAME_FIX_NS = 100_000_000
+
 
 @dataclass(frozen=True)
 class DecodedLayout:
@@ -97,22 +114,6 @@ def field_names(signals: Sequence[str]) -> list[str]:
         names.append(numbered(snake_case(signal), taken))
         taken.add(names[-1])
     return names
-
-
-NAVSATFIX_DTYPE = fixed_message_dtype(
-    [
-        ("status", "i1"),
-        ("padding", "u1"),
-        ("service", "<u2"),
-        ("latitude", "<f8"),
-        ("longitude", "<f8"),
-        ("altitude", "<f8"),
-        ("covariance", "<f8", (9,)),
-        ("covariance_type", "u1"),
-    ]
-)
-_NO_FIX, _FIX, _SERVICE_GPS = -1, 0, 1
-_SLACK = 1.2
 
 
 @dataclass
@@ -308,9 +309,6 @@ class TopicWriter(ABC):
         """
         self.topics.host.write_clock(time_ns, bus, realtime_minus_monotonic_ns, file_minus_realtime_ns)
         self.topics.write_if_full(self.topics.host)
-
-
-_SAME_FIX_NS = 100_000_000
 
 
 class DecodedWriter:

@@ -51,6 +51,40 @@ uint32 line
 {TIME_DEFINITION}"""
 _LEVELS: dict[Severity, int] = dict(zip(get_args(Severity), (20, 30, 40), strict=True))
 
+DIAGNOSTIC_TOPIC = "/diagnostics"
+DIAGNOSTIC_SCHEMA = "diagnostic_msgs/msg/DiagnosticArray"
+DIAGNOSTIC_TEXT = f"""\
+std_msgs/Header header
+diagnostic_msgs/DiagnosticStatus[] status
+{HEADER_DEFINITIONS}{DEFINITION_RULE}
+MSG: diagnostic_msgs/DiagnosticStatus
+byte OK=0
+byte WARN=1
+byte ERROR=2
+byte STALE=3
+byte level
+string name
+string message
+string hardware_id
+diagnostic_msgs/KeyValue[] values
+{DEFINITION_RULE}
+MSG: diagnostic_msgs/KeyValue
+string key
+string value
+"""
+
+CLOCK_TOPIC = "/clock/host"
+CLOCK_SCHEMA = f"{PACKAGE}/msg/HostClock"
+CLOCK_TEXT = f"""\
+std_msgs/Header header
+int64 time_ns
+int64 realtime_minus_monotonic_ns
+int64 file_minus_realtime_ns
+{HEADER_DEFINITIONS}"""
+_CLOCK_CHANGE_NS = 1_000_000
+_CLOCK_EVERY_NS = 1_000_000_000
+_HEAD = struct.Struct("<BQHIQQ")
+
 
 @dataclass(frozen=True)
 class Event:
@@ -97,29 +131,6 @@ def decode_event(data: bytes, time_ns: int) -> Event:
     return Event(time_ns or stamp_ns, message.text(), message.text(), severity)
 
 
-DIAGNOSTIC_TOPIC = "/diagnostics"
-DIAGNOSTIC_SCHEMA = "diagnostic_msgs/msg/DiagnosticArray"
-DIAGNOSTIC_TEXT = f"""\
-std_msgs/Header header
-diagnostic_msgs/DiagnosticStatus[] status
-{HEADER_DEFINITIONS}{DEFINITION_RULE}
-MSG: diagnostic_msgs/DiagnosticStatus
-byte OK=0
-byte WARN=1
-byte ERROR=2
-byte STALE=3
-byte level
-string name
-string message
-string hardware_id
-diagnostic_msgs/KeyValue[] values
-{DEFINITION_RULE}
-MSG: diagnostic_msgs/KeyValue
-string key
-string value
-"""
-
-
 @dataclass(frozen=True)
 class DiagnosticStatus:
     """How one thing is: a bus, a message, a signal, the disk.
@@ -158,19 +169,6 @@ def encode_diagnostics(time_ns: int, statuses: Sequence[DiagnosticStatus]) -> by
             message.text(key)
             message.text(value)
     return message.message()
-
-
-CLOCK_TOPIC = "/clock/host"
-CLOCK_SCHEMA = f"{PACKAGE}/msg/HostClock"
-CLOCK_TEXT = f"""\
-std_msgs/Header header
-int64 time_ns
-int64 realtime_minus_monotonic_ns
-int64 file_minus_realtime_ns
-{HEADER_DEFINITIONS}"""
-_CLOCK_CHANGE_NS = 1_000_000
-_CLOCK_EVERY_NS = 1_000_000_000
-_HEAD = struct.Struct("<BQHIQQ")
 
 
 @dataclass

@@ -64,17 +64,6 @@ uint8 length
 uint8 reserved
 """
 
-
-def raw_schema_text(name: str) -> str:
-    """Return the ros2msg definition of `CLASSIC_SCHEMA` or `FD_SCHEMA`."""
-    element = name.rsplit("/", 1)[1].removesuffix("s")
-    size = RAW_DTYPES[name]["data"].shape[0]
-    return (
-        f"std_msgs/Header header\n{PACKAGE}/{element}[] frames\n{HEADER_DEFINITIONS}"
-        f"{DEFINITION_RULE}\nMSG: {PACKAGE}/{element}\n{_RECORD_FIELDS}uint8[{size}] data\n"
-    )
-
-
 NAVSATFIX_SCHEMA = "sensor_msgs/msg/NavSatFix"
 NAVSATFIX_TEXT = f"""\
 std_msgs/Header header
@@ -113,6 +102,20 @@ _MESSAGE_PREFIX = [
     ("frame_id", "S8"),
 ]
 RECORD_HEAD_SIZE = 9
+
+_RAW = ("raw", "raw_fd")
+
+_CHECKSUM_KEY = "crc32"
+
+
+def raw_schema_text(name: str) -> str:
+    """Return the ros2msg definition of `CLASSIC_SCHEMA` or `FD_SCHEMA`."""
+    element = name.rsplit("/", 1)[1].removesuffix("s")
+    size = RAW_DTYPES[name]["data"].shape[0]
+    return (
+        f"std_msgs/Header header\n{PACKAGE}/{element}[] frames\n{HEADER_DEFINITIONS}"
+        f"{DEFINITION_RULE}\nMSG: {PACKAGE}/{element}\n{_RECORD_FIELDS}uint8[{size}] data\n"
+    )
 
 
 def fixed_message_dtype(fields: list[tuple[str, str] | tuple[str, str, tuple[int, ...]]]) -> np.dtype[np.void]:
@@ -291,9 +294,6 @@ def numbered(name: str, taken: Collection[str], joint: str = "_") -> str:
     return candidate
 
 
-_RAW = ("raw", "raw_fd")
-
-
 class TopicNames:
     """Hands out topic and type names of one recording, each once."""
 
@@ -324,9 +324,6 @@ class TopicNames:
         name = numbered(camel_case(bus) + camel_case(message), self._types, joint="N")
         self._types.add(name)
         return name
-
-
-_CHECKSUM_KEY = "crc32"
 
 
 def with_checksum(name: str, values: Mapping[str, str]) -> dict[str, str]:

@@ -22,6 +22,15 @@ from daq.recording.decoded_topics import Topics, TopicWriter
 from daq.recording.format import LOSSES
 from daq.recording.writer import RecordingWriter
 
+_EVERY_S = 1.0
+
+ROTATED = "rotated"
+"""Exit status of a part that another one follows."""
+
+_PART_NAME = re.compile(r"(?P<first>.+)\.part(?P<number>[1-9]\d*)")
+
+_RETRY_AFTER_S = 10.0
+
 
 def total(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
     """Return the sum of counts, key by key."""
@@ -34,9 +43,6 @@ def total(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
 def since(now: Mapping[str, int], before: Mapping[str, int]) -> dict[str, int]:
     """Return by how much counts have grown."""
     return {key: count - before.get(key, 0) for key, count in now.items()}
-
-
-_EVERY_S = 1.0
 
 
 class LossWriter:
@@ -79,12 +85,6 @@ class LossWriter:
         self._drops_before, self._written = self.drops, {}
 
 
-ROTATED = "rotated"
-"""Exit status of a part that another one follows."""
-
-_PART_NAME = re.compile(r"(?P<first>.+)\.part(?P<number>[1-9]\d*)")
-
-
 def part_path(first: Path, number: int) -> Path:
     """Return the file of a part: ``R.mcap``, ``R.part2.mcap``, ...; `first` is that of the first part."""
     return first if number == 1 else first.with_name(f"{first.stem}.part{number}{first.suffix}")
@@ -118,9 +118,6 @@ def next_part(first: Path) -> tuple[Path, int]:
     """
     number = max(parts_on_disk(first), default=0) + 1
     return part_path(first, number), number
-
-
-_RETRY_AFTER_S = 10.0
 
 
 class WriterOptions(TypedDict, total=False):

@@ -1,6 +1,6 @@
 """Recording: an MCAP file read back as columns.
 
-Raw frames out of chunks: views of the records, merged by time between buses.
+Raw frames are views of the records in the chunks, merged by time between buses.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ BATCH_FRAMES = 1 << 16
 
 _CLOCK_SLACK_NS = 10_000_000_000
 """How far a host clock may step back between two chunks before a search by time would pass over frames."""
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -140,9 +142,6 @@ def _merged(
     latest = np.concatenate([np.maximum.accumulate(stream.frames["time_ns"]) for stream in streams])
     order = np.argsort(latest, kind="stable")
     return FrameBatch(joined([stream.frames for stream in streams]).take(order), buses)
-
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)

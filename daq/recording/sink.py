@@ -47,6 +47,12 @@ from daq.recording.chunks import Compression, PackedChunk, compressor
 from daq.recording.contents import MAGIC
 from daq.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
 
+INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
+"""A message in the index of a chunk: its time, and where it begins in the uncompressed chunk."""
+_FOOTER_LENGTH = 8 + 8 + 4
+
+_TEXT_SUFFIXES = (".dbc", ".toml", ".txt", ".csv", ".json")
+
 
 class DiskFile:
     """A new file that is written from beginning to end, unbuffered; `overwrite` replaces one that is there.
@@ -180,11 +186,6 @@ def sync_folder(path: Path) -> None:
             os.close(folder)
 
 
-INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
-"""A message in the index of a chunk: its time, and where it begins in the uncompressed chunk."""
-_FOOTER_LENGTH = 8 + 8 + 4
-
-
 def serialized(*records: McapRecord) -> bytes:
     """Return MCAP records as bytes."""
     builder = RecordBuilder()
@@ -224,9 +225,6 @@ def library() -> str:
         return f"wheelsoil {version('wheelsoil')}"
     except PackageNotFoundError:
         return "wheelsoil unknown"
-
-
-_TEXT_SUFFIXES = (".dbc", ".toml", ".txt", ".csv", ".json")
 
 
 @dataclass(frozen=True)

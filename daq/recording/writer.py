@@ -1,6 +1,6 @@
 """RecordingWriter: frames into a crash-safe MCAP file.
 
-Raw topics: frames as they came, many fixed-size records a message.
+Raw topics hold the frames as they came, many fixed-size records a message.
 """
 
 from __future__ import annotations

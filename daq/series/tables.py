@@ -23,6 +23,8 @@ from daq.errors import ConfigError, DataError, Fault, nearest
 MISSING = frozenset({"", "nan", "na", "n/a", "-"})
 """Cells that hold no number, in lower case."""
 
+_LISTED = 5  # bad cells of a column that are listed
+
 
 class Source(NamedTuple):
     """Where a renamed column comes from: ``new = old * factor``."""
@@ -128,9 +130,6 @@ def number_of(cell: str) -> float | None:
     except ValueError:
         return None
     return value if math.isfinite(value) else None
-
-
-_LISTED = 5  # bad cells of a column that are listed
 
 
 @dataclass(frozen=True)

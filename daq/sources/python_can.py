@@ -43,6 +43,29 @@ _RISE_PER_NS = 5_000
 _WINDOW_NS = 10 * 10**9
 _LOST_NS = 50_000_000
 
+_MOST_AT_ONCE = 4096
+_EXTRAS = {
+    "udp_multicast": "multicast",
+    "serial": "serial",
+    "slcan": "serial",
+    "robotell": "serial",
+    "seeedstudio": "seeedstudio",
+    "gs_usb": "gs-usb",
+    "neovi": "neovi",
+    "canalystii": "canalystii",
+    "cantact": "cantact",
+}
+"""Interfaces and the extra of python-can that brings their Python package."""
+
+_DRIVER_ERRORS = (OSError, ValueError, TypeError, AttributeError, IndexError, struct.error)
+"""What python-can's drivers raise, beside its own errors, when their adapter is pulled out or sends nonsense."""
+
+_NOISY_LOGGERS = ("can.bus", "can.pcan")
+"""They warn of a bus that could not be opened, and of a package that stamps do not need; the fault says what counts."""
+
+_MULTICAST_ALL = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
+"""Linux's IP_MULTICAST_ALL and IPV6_MULTICAST_ALL, which the socket module does not name."""
+
 
 class AdapterClock:
     """Brings the stamps of one adapter to the host's realtime; `clock` is for the arrivals."""
@@ -136,30 +159,6 @@ class AdapterClock:
         lag_ns = self._window_above_ns if self._window_above_ns > _LOST_NS else 0
         self._window_from_ns, self._window_above_ns = self._last_arrival_ns, above_ns
         return lag_ns
-
-
-_MOST_AT_ONCE = 4096
-_EXTRAS = {
-    "udp_multicast": "multicast",
-    "serial": "serial",
-    "slcan": "serial",
-    "robotell": "serial",
-    "seeedstudio": "seeedstudio",
-    "gs_usb": "gs-usb",
-    "neovi": "neovi",
-    "canalystii": "canalystii",
-    "cantact": "cantact",
-}
-"""Interfaces and the extra of python-can that brings their Python package."""
-
-_DRIVER_ERRORS = (OSError, ValueError, TypeError, AttributeError, IndexError, struct.error)
-"""What python-can's drivers raise, beside its own errors, when their adapter is pulled out or sends nonsense."""
-
-_NOISY_LOGGERS = ("can.bus", "can.pcan")
-"""They warn of a bus that could not be opened, and of a package that stamps do not need; the fault says what counts."""
-
-_MULTICAST_ALL = {socket.AF_INET: (socket.IPPROTO_IP, 49), socket.AF_INET6: (socket.IPPROTO_IPV6, 29)}
-"""Linux's IP_MULTICAST_ALL and IPV6_MULTICAST_ALL, which the socket module does not name."""
 
 
 def open_bus(bus: BusSection) -> can.BusABC:

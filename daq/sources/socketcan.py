@@ -28,6 +28,49 @@ _ALL_ERRORS = 0x1FFF_FFFF
 _SIOCGIFFLAGS, _IFF_UP = 0x8913, 1
 _IFREQ = struct.Struct("=16sH22x")
 
+RECEIVE_BUFFER_BYTES = 8 << 20
+"""What is asked of the kernel: 10,000 frames, 3 s of a busy bus. Its default is 278 frames."""
+FRAMES_A_CALL = 256
+_MOST_AT_ONCE = 16 * FRAMES_A_CALL
+
+# Linux: linux/can.h
+_EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
+_ID_MASK = 0x1FFF_FFFF
+_BRS, _ESI, _FDF = 1, 2, 4
+_CLASSIC_BYTES, _FD_BYTES = 16, 72
+
+_HEADER = np.dtype(
+    [
+        ("name", "u8"),
+        ("name_size", "u4"),
+        ("iov", "u8"),
+        ("iov_count", "u8"),
+        ("control", "u8"),
+        ("control_size", "u8"),
+        ("flags", "i4"),
+    ],
+    align=True,
+)
+_MMSGHDR = np.dtype([("header", _HEADER), ("size", "u4")], align=True)
+_IOVEC = np.dtype([("base", "u8"), ("size", "u8")])
+_FRAME = np.dtype([("id", "u4"), ("length", "u1"), ("flags", "u1"), ("reserved", "V2"), ("data", "u1", (64,))])
+_CONTROL_WORDS = 8
+"""Two control messages: a time stamp (4 words of 8 bytes), then the count of lost frames (3 words)."""
+_STAMP_BYTES = 32
+_TIME_STAMP = SO_TIMESTAMPNS << 32 | socket.SOL_SOCKET
+_LOST = SO_RXQ_OVFL << 32 | socket.SOL_SOCKET
+
+_BITS = ((_EXTENDED, FrameFlag.EXTENDED), (_REMOTE, FrameFlag.REMOTE), (_ERROR, FrameFlag.ERROR))
+_FLAGS = np.array([sum(flag for bit, flag in _BITS if word << 29 & bit) for word in range(8)], np.uint8)
+"""What the three highest bits of the kernel's identifier mean."""
+_PRESENT = np.array([(1 << 8 * length) - 1 for length in range(9)], np.uint64)
+"""The bytes of 8 that a length stands for."""
+
+SUPPORTED = struct.calcsize("P") == 8 and sys.byteorder == "little" and hasattr(socket, "AF_CAN")
+"""Whether this file's structures are the kernel's: 64-bit Linux."""
+
+_libc = ctypes.CDLL(None, use_errno=True)
+
 
 def listening(channel: str, buffer_bytes: int) -> socket.socket:
     """Return a socket that receives the frames of an interface, and its error frames; see `prepared`.
@@ -108,48 +151,6 @@ def _bound(channel: str, prepare: Callable[[socket.socket], object]) -> socket.s
     return made
 
 
-RECEIVE_BUFFER_BYTES = 8 << 20
-"""What is asked of the kernel: 10,000 frames, 3 s of a busy bus. Its default is 278 frames."""
-FRAMES_A_CALL = 256
-_MOST_AT_ONCE = 16 * FRAMES_A_CALL
-
-# Linux: linux/can.h
-_EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
-_ID_MASK = 0x1FFF_FFFF
-_BRS, _ESI, _FDF = 1, 2, 4
-_CLASSIC_BYTES, _FD_BYTES = 16, 72
-
-_HEADER = np.dtype(
-    [
-        ("name", "u8"),
-        ("name_size", "u4"),
-        ("iov", "u8"),
-        ("iov_count", "u8"),
-        ("control", "u8"),
-        ("control_size", "u8"),
-        ("flags", "i4"),
-    ],
-    align=True,
-)
-_MMSGHDR = np.dtype([("header", _HEADER), ("size", "u4")], align=True)
-_IOVEC = np.dtype([("base", "u8"), ("size", "u8")])
-_FRAME = np.dtype([("id", "u4"), ("length", "u1"), ("flags", "u1"), ("reserved", "V2"), ("data", "u1", (64,))])
-_CONTROL_WORDS = 8
-"""Two control messages: a time stamp (4 words of 8 bytes), then the count of lost frames (3 words)."""
-_STAMP_BYTES = 32
-_TIME_STAMP = SO_TIMESTAMPNS << 32 | socket.SOL_SOCKET
-_LOST = SO_RXQ_OVFL << 32 | socket.SOL_SOCKET
-
-_BITS = ((_EXTENDED, FrameFlag.EXTENDED), (_REMOTE, FrameFlag.REMOTE), (_ERROR, FrameFlag.ERROR))
-_FLAGS = np.array([sum(flag for bit, flag in _BITS if word << 29 & bit) for word in range(8)], np.uint8)
-"""What the three highest bits of the kernel's identifier mean."""
-_PRESENT = np.array([(1 << 8 * length) - 1 for length in range(9)], np.uint64)
-"""The bytes of 8 that a length stands for."""
-
-SUPPORTED = struct.calcsize("P") == 8 and sys.byteorder == "little" and hasattr(socket, "AF_CAN")
-"""Whether this file's structures are the kernel's: 64-bit Linux."""
-
-
 class _Batch:
     """Memory for one system call: the frames, their control messages, and the headers that point to them."""
 
@@ -175,9 +176,6 @@ class _Batch:
             ctypes.c_void_p(None),
         )
         return int(done) if done >= 0 else -ctypes.get_errno()
-
-
-_libc = ctypes.CDLL(None, use_errno=True)
 
 
 class SocketCanSource:

@@ -42,6 +42,15 @@ from model.notes import BevameterCode
 LAW = "p = k z^n"
 _DEEP = 0.7  # reference sinkage over the largest one: where the fit fixes the pressure best
 
+SEPARATE = ("cohesive_modulus", "frictional_modulus", "sinkage_exponent")
+"""k_c in N/m^(n+1), k_phi in N/m^(n+2), n."""
+TOGETHER = ("stiffness", "sinkage_exponent")
+"""k in Pa/m^n at the one width tested, n."""
+ASSUMED_SCATTER = (0.10, 0.04)
+"""Relative one-sigma of the pressure at a given sinkage, and one-sigma of n, between tests of one terrain."""
+_SAME_WIDTH = 1.01
+_ALIKE = 0.99  # correlation of C and A from which on the widths are too alike
+
 
 @dataclass(frozen=True)
 class PlateFit:
@@ -137,16 +146,6 @@ def _power_law(z: FloatArray, p: FloatArray, reference: float) -> ResidualAndJac
 
 def _zero_notes(window: Window, result: GaussNewtonResult) -> list[Note]:
     return [Note(BevameterCode.ZERO_NOT_FIXED)] if window.zero == "fitted" and result.at_bound[2] else []
-
-
-SEPARATE = ("cohesive_modulus", "frictional_modulus", "sinkage_exponent")
-"""k_c in N/m^(n+1), k_phi in N/m^(n+2), n."""
-TOGETHER = ("stiffness", "sinkage_exponent")
-"""k in Pa/m^n at the one width tested, n."""
-ASSUMED_SCATTER = (0.10, 0.04)
-"""Relative one-sigma of the pressure at a given sinkage, and one-sigma of n, between tests of one terrain."""
-_SAME_WIDTH = 1.01
-_ALIKE = 0.99  # correlation of C and A from which on the widths are too alike
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,13 @@ LAW = "tau = tau_max (1 - exp(-j/K))"
 HUMP_LIMIT = 0.9
 """Last over largest shear stress, below which a curve has a hump."""
 
+SEPARATE = ("cohesion_pa", "tan_phi", "shear_modulus_m")
+TOGETHER = ("strength_pa", "shear_modulus_m")
+"""Where all tests were at one normal stress."""
+ASSUMED_SCATTER = (0.10, 0.20)
+"""Relative one-sigma of the strength and of K between tests of one terrain."""
+_SAME_STRESS = 0.01  # share of the largest normal stress
+
 
 @dataclass(frozen=True)
 class ShearFit:
@@ -147,14 +154,6 @@ def _range_notes(j: FloatArray, modulus: float) -> list[Note]:
     if j.max() >= 2 * modulus:
         return []
     return [Note(BevameterCode.SHORT_SHEAR, values={"reach_m": float(j.max()), "modulus_m": modulus})]
-
-
-SEPARATE = ("cohesion_pa", "tan_phi", "shear_modulus_m")
-TOGETHER = ("strength_pa", "shear_modulus_m")
-"""Where all tests were at one normal stress."""
-ASSUMED_SCATTER = (0.10, 0.20)
-"""Relative one-sigma of the strength and of K between tests of one terrain."""
-_SAME_STRESS = 0.01  # share of the largest normal stress
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,18 @@ Fit = TypeVar("Fit")
 MISFIT_LIMIT = 0.1
 """Root mean square misfit over the largest value, from which on a curve does not have the law's shape."""
 
+Zero = Literal["given", "contact", "fitted"]
+
+MIN_POINTS = 8
+"""Samples in the window below which a curve is not fitted."""
+_RISEN = 0.02  # share of the largest pressure that ends the search for a baseline
+_BASELINE = 10  # samples of one
+_FLAT = 3.0  # standard errors that a baseline may slope
+_ABOVE_NOISE = 5.0
+_REBOUND = 0.005  # share of the largest sinkage that a plate may come back without it being unloading
+FITTED_ZERO_RANGE = 0.1
+"""Share of the depth above the contact within which a fitted zero is sought."""
+
 
 def refuse_unfitted(name: str, result: GaussNewtonResult, law: str) -> None:
     """Raise DataError for a fit that did not converge, or whose first two parameters ran into a bound."""
@@ -81,19 +93,6 @@ def shape_notes(rms: float, highest: float, law: str) -> list[Note]:
     if rms <= MISFIT_LIMIT * highest:
         return []
     return [Note(BevameterCode.MISFIT, values={"share": rms / highest, "law": law})]
-
-
-Zero = Literal["given", "contact", "fitted"]
-
-MIN_POINTS = 8
-"""Samples in the window below which a curve is not fitted."""
-_RISEN = 0.02  # share of the largest pressure that ends the search for a baseline
-_BASELINE = 10  # samples of one
-_FLAT = 3.0  # standard errors that a baseline may slope
-_ABOVE_NOISE = 5.0
-_REBOUND = 0.005  # share of the largest sinkage that a plate may come back without it being unloading
-FITTED_ZERO_RANGE = 0.1
-"""Share of the depth above the contact within which a fitted zero is sought."""
 
 
 @dataclass(frozen=True)

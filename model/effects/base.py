@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from model.wheel_soil.contact import Patch
     from model.wheel_soil.soils import SoilState
 
+Values = Mapping[str, Number]
+
 
 @dataclass(frozen=True)
 class Needs:
@@ -126,9 +128,6 @@ class Signals:
     wheel_speed_radps: FloatArray
     campaign_time: FloatArray
     direction: float
-
-
-Values = Mapping[str, Number]
 
 
 class Effect:

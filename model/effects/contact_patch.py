@@ -21,6 +21,11 @@ if TYPE_CHECKING:
 FOREMOST = 0.95
 """Of theta_1: the peak stays behind the entry."""
 
+SMALLEST = 0.01
+"""Below it theta_2 runs into zero with a slope instead of as a root, whose derivative at neutral is infinite."""
+
+REFERENCE_LOAD_N = 10e3
+
 
 class StressPeakShift(Effect):
     """theta_m = (c1 + c2 max(s, 0)) theta_1; behind it the stress falls as it rose in front (Wong & Reece).
@@ -41,10 +46,6 @@ class StressPeakShift(Effect):
         share = values["c1"] + values["c2"] * conditions.driving_slip
         share = where(value_of(share) < FOREMOST, share, FOREMOST)
         return replace(patch, peak_angle=share * patch.entry_angle)
-
-
-SMALLEST = 0.01
-"""Below it theta_2 runs into zero with a slope instead of as a root, whose derivative at neutral is infinite."""
 
 
 class ExitAngle(Effect):
@@ -116,9 +117,6 @@ class Grouser(Effect):
     def patch(self, patch: Patch, conditions: Conditions, values: Values) -> Patch:
         """Return the contact patch with lugs."""
         return replace(patch, lug_height=patch.lug_height + values["height_m"])
-
-
-REFERENCE_LOAD_N = 10e3
 
 
 class TyreFlattening(Effect):

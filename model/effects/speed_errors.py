@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from model.effects.base import Signals
     from model.wheel_soil.conditions import Conditions
 
+STANDSTILL_MPS = 0.05
+"""Below it a receiver holds its speed at zero, so that no bias shows."""
+
 
 class WheelRadius(Effect):
     """True r (1 + e) in the slip, not in the stresses: true V/(r omega) = measured V/(r omega) / (1 + e)."""
@@ -69,10 +72,6 @@ class SpeedLatency(Effect):
         """Return the ground speed of an earlier moment; before the first sample it is constant."""
         shown = np.interp(signals.time_s - values["extra_delay_s"], signals.time_s, signals.ground_speed_mps)
         return replace(signals, ground_speed_mps=shown)
-
-
-STANDSTILL_MPS = 0.05
-"""Below it a receiver holds its speed at zero, so that no bias shows."""
 
 
 class SpeedBias(Effect):

@@ -12,6 +12,9 @@ from model.effects.base import Effect, Needs, Parameter, Values
 if TYPE_CHECKING:
     from model.wheel_soil.conditions import Reaction, WheelState
 
+MASS_KG = 75.0
+INERTIA_KGM2 = 8.0
+
 
 class Bulldozing(Effect):
     """Dp -= a b (gamma Z^2 Kp/2 + 2 c sqrt(Kp) Z): passive earth pressure on a wall of height Z.
@@ -55,10 +58,6 @@ class Slope(Effect):
         share = state.conditions.direction * np.sin(values["angle_rad"])
         pull = reaction.drawbar_pull - state.conditions.vertical_load_n * share
         return replace(reaction, drawbar_pull=pull)
-
-
-MASS_KG = 75.0
-INERTIA_KGM2 = 8.0
 
 
 class WheelInertia(Effect):

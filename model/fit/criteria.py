@@ -62,7 +62,7 @@ def criteria(
     Parameters
     ----------
     actual, predicted, slip : shape (n,)
-        Samples where any of the three is NaN are left out.
+        Samples where any of the three is NaN are excluded.
     threshold : slip at or above which a sample counts; the paper's is 0.2 on clay and 0.1 on sandy soil
     vertical_load_n : shape (n,), optional
         For R0 over the mean load; for a torque load times radius, N m, so that the share is a number.

@@ -29,6 +29,8 @@ from processing import ProcessedRun
 MIN_SAMPLES = 20
 """Driven samples of a time series below which nothing is fitted."""
 
+_RENEWALS = 2
+
 
 def check_options(options: FitOptions) -> None:
     """Raise ConfigError for models or channels that there are not, or an extended model of another reading."""
@@ -147,9 +149,6 @@ def _check_needs(driven: Observations, effects: Sequence[type[Effect]], instead:
     ]
     if lacking:
         raise DataError(*lacking)
-
-
-_RENEWALS = 2
 
 
 @one_thread

@@ -12,8 +12,8 @@ whose minimum is the Gauss-Newton step ``s = -J_k^+ r``; the iteration ends when
     min |r + J_k s|^2 + mu |D s|^2,   D = diag(largest column norms of J seen so far),                  (2)
 
 with the smallest mu >= 0 that keeps |D s| within a radius (Levenberg 1944, Marquardt 1963, More 1978). The radius
-grows where the cost falls as (1) foretells and shrinks where it does not. The first step is tried undamped, and kept if
-(1) foretells its gain within a quarter: a linear problem is solved in one step. D makes the iteration independent of
+grows where the cost falls as (1) predicts and shrinks where it does not. The first step is tried undamped, and kept if
+(1) predicts its gain within a quarter: a linear problem is solved in one step. D makes the iteration independent of
 the units of the parameters.
 
 **Numerics.** One Householder triangularisation of ``[J D^-1 | r]`` a linearisation, then small algebra on the p x p
@@ -24,7 +24,7 @@ digits that the difference of two sums of squares loses.
 Stark & Parker 1995), so that every estimate is feasible and a bound is left again as soon as the data pull away.
 
 **Stop.** Tests use the undamped, bounded step: a short damped step is no sign of a minimum. It has converged when every
-component is below ``epsilon`` of the parameter (`StopReason.CONVERGED_STEP`), or when the gain (1) foretells for it is
+component is below ``epsilon`` of the parameter (`StopReason.CONVERGED_STEP`), or when the gain (1) predicts for it is
 below ``cost_tolerance`` of the cost or too small to be seen in it (`StopReason.CONVERGED_COST`; the square root of that
 ratio is in proportion to Bates and Watts' relative offset, the distance to the minimum in standard deviations). Where
 the gain can no longer be seen, steps are kept as long as they halve the predicted gain that is left.
@@ -52,6 +52,8 @@ from model.fit.linear_step import BoundedProblem, LinearProblem, Point, Residual
 from model.notes import FitCode
 
 _KEPT_GAIN = 1e-4  # share of the predicted gain that a step must bring to be kept
+
+_UNSEEN = 1e-12  # share of the cost below which a predicted gain drowns in rounding
 
 
 class TrustRadius:
@@ -86,9 +88,6 @@ class TrustRadius:
         elif ratio > 0.75:
             self.radius = max(self.radius, 2 * length)
         return ratio > _KEPT_GAIN
-
-
-_UNSEEN = 1e-12  # share of the cost below which a predicted gain drowns in rounding
 
 
 class StopReason(StrEnum):

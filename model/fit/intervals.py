@@ -1,21 +1,20 @@
 r"""Intervals of estimates: the block sandwich of correlated samples, and the profile of a confounded sum.
 
-Least squares with weights gives :math:`\hat\beta - \beta \approx H^{-1} \sum_i g_i` with
+**Correlated samples.** Least squares with weights gives :math:`\hat\beta - \beta \approx H^{-1} \sum_i g_i` with
 :math:`g_i = w_i J_i' e_i`. The :math:`g_i` of neighbouring samples are correlated - the filter, coloured transducer
 noise and the speed error, which enters every channel through the slip, all see to that. They are summed over blocks
 several correlation times long; block sums are as good as independent, so that
 :math:`\mathrm{cov} = H^{-1} \left(\sum_b G_b G_b'\right) H^{-1}` (`sandwich`: with its corrections for few blocks).
 No parametric model of the noise is needed; that the slip is measured is in it because its error is in the residual.
 
-Source: Cameron & Miller (2015), J. Human Resources 50:317 (cluster-robust inference); Carlstein (1986), Ann. Stat. 14.
+**Confounded sum.** Two parameters that are not separable have a well-determined sum, of which the profile gives the
+interval. Along the valley in which the data leave two parameters, the sum is far from linear in them, and an interval
+from the curvature at the minimum misses. The profile asks instead: how far can the sum be moved, everything else
+refitted, before the cost rises by what chance allows? With correlated samples that is Wilks' threshold :math:`t^2`
+times the sandwich over the naive variance of the sum.
 
-Two parameters that are not separable have a well-determined sum, of which the profile gives the interval. Along the
-valley in which the data leave two parameters, the sum is far from linear in them, and an interval from the curvature at
-the minimum misses. The profile asks instead: how far can the sum be moved, everything else refitted, before the cost
-rises by what chance allows? With correlated samples that is Wilks' threshold :math:`t^2` times the sandwich over the
-naive variance of the sum.
-
-Source: Venzon & Moolgavkar (1988), Appl. Stat. 37:87; Rotnitzky & Jewell (1990), Biometrika 77:485.
+Source: Cameron & Miller (2015), J. Human Resources 50:317 (cluster-robust inference); Carlstein (1986), Ann. Stat. 14;
+Venzon & Moolgavkar (1988), Appl. Stat. 37:87 (profile); Rotnitzky & Jewell (1990), Biometrika 77:485.
 """
 
 from __future__ import annotations
@@ -30,6 +29,14 @@ from daq import FloatArray, IndexArray
 from model.fit.gauss_newton import GaussNewtonOptions, gauss_newton
 
 _OPTIONS = GaussNewtonOptions(epsilon=1e-4, cost_tolerance=1e-6, max_iterations=30)
+
+_HOLLOW = 1e3
+"""Condition above which a block holds all that is known of a direction: nothing is left to correct it by."""
+MIN_BLOCKS = 12
+"""As many blocks as the shortest usable record gives, so that t does not explode."""
+_LONGEST_S = 8.0
+_SHORTEST_S = 0.5
+_CORRELATION_TIMES = 6.0
 
 
 class Bounded(Protocol):
@@ -160,15 +167,6 @@ def _edge(
 
 def _within(value: float, direction: float, limit: float) -> float:
     return max(value, limit) if direction < 0 else min(value, limit)
-
-
-_HOLLOW = 1e3
-"""Condition above which a block holds all that is known of a direction: nothing is left to correct it by."""
-MIN_BLOCKS = 12
-"""As many blocks as the shortest usable record gives, so that t does not explode."""
-_LONGEST_S = 8.0
-_SHORTEST_S = 0.5
-_CORRELATION_TIMES = 6.0
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,8 @@ _RADIUS_MET = 0.1  # relative accuracy to which a damped step meets the radius
 _PULL_TOLERANCE = 1e-14  # cosine between a column and the residual below which a bound is not left
 _ROUNDS = 3  # releases from bounds a parameter
 
+ResidualAndJacobian = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+
 
 @dataclass(frozen=True)
 class LinearProblem:
@@ -169,9 +171,6 @@ def _free_minimum(
         y[free[first]] = bound[first]
         held[free[first]] = True
     return y, held
-
-
-ResidualAndJacobian = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ def observations_of(
     Parameters
     ----------
     thinned : bool
-        Keep only every k-th sample, so that the rate is still 2.5 times the filter's cutoff: what is left out
+        Keep only every k-th sample, so that the rate is still 2.5 times the filter's cutoff: what is excluded
         holds no information that its neighbours do not have.
     conditions : sequence of Conditions, optional
         Of every sample of each run (`model.wheel_soil.run_conditions.conditions_of`), for effects that ask for more

@@ -31,6 +31,8 @@ _SOIL_BOUNDS = {
 }
 """Whatever terrain.toml may say is within; where k_c/b + k_phi is not positive the model has no answer anyway."""
 
+_SOIL_UNITS = dict(zip(SOIL_PARAMETERS, ("Pa", "1", "m", "1", "N/m^(n+1)", "N/m^(n+2)"), strict=True))
+
 
 @dataclass(frozen=True)
 class Free:
@@ -43,9 +45,6 @@ class Free:
     upper: float
     scale: float
     neutral: float
-
-
-_SOIL_UNITS = dict(zip(SOIL_PARAMETERS, ("Pa", "1", "m", "1", "N/m^(n+1)", "N/m^(n+2)"), strict=True))
 
 
 def free_parameters(

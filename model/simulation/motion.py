@@ -11,6 +11,14 @@ from daq import ConfigError, Fault, FloatArray
 GRAVITY_MPS2 = 9.80665
 _REFERENCE_WAVENUMBER_PER_M = 0.1  # of ISO 8608
 
+SHORTEST_RUN_S = 15.0
+_STANDSTILL_S = 3.0
+_LAUNCH_S = 2.0
+_LAUNCH_SLIP = 0.12
+_STOP_S = 2.5
+_CYCLE_S = 9.5
+_BRAKE_FROM = 0.69
+
 
 @dataclass(frozen=True)
 class VehicleSetup:
@@ -103,15 +111,6 @@ def road_load_n(
     density = (2 * np.pi * _REFERENCE_WAVENUMBER_PER_M) ** 2 * setup.roughness_m3
     road_velocity = white * np.sqrt(density * ground_speed_mps * rate_hz / 2)
     return np.asarray(sosfilt(sections, road_velocity), np.float64)
-
-
-SHORTEST_RUN_S = 15.0
-_STANDSTILL_S = 3.0
-_LAUNCH_S = 2.0
-_LAUNCH_SLIP = 0.12
-_STOP_S = 2.5
-_CYCLE_S = 9.5
-_BRAKE_FROM = 0.69
 
 
 @dataclass(frozen=True)

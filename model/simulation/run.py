@@ -25,6 +25,17 @@ from model.simulation.truth import Circumstances, Truth, campaign_line_m, free_r
 from model.wheel_soil.soils import LABORATORY_SPREAD, Soil
 from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
+Faults = Sequence[tuple[type[Effect], Mapping[str, float]]]
+"""Measurement effects, each with its own parameters."""
+
+TRUTH_RATE_HZ = 200.0
+"""The soil's reaction is calculated at this rate; a fitter works at another one (100 Hz by default)."""
+
+_MOTION_RATE_HZ = 1000.0
+_UPSAMPLE = round(_MOTION_RATE_HZ / TRUTH_RATE_HZ)
+_SECONDS_PER_DAY = 86_400
+_NS = 1_000_000_000
+
 
 def drawn_soil(soil: Soil, rng: np.random.Generator, spread: Mapping[str, float] | None = None) -> Soil:
     """Return a soil whose parameters are log-normal about the laboratory's.
@@ -54,18 +65,6 @@ def drawn_soil(soil: Soil, rng: np.random.Generator, spread: Mapping[str, float]
     changed = {name: getattr(soil, name) * f for name, f in factor.items()}
     angle = atan(tan(soil.friction_angle_rad) * friction)
     return replace(soil, **changed, friction_angle_rad=angle, source=f"drawn about: {soil.source}")
-
-
-Faults = Sequence[tuple[type[Effect], Mapping[str, float]]]
-"""Measurement effects, each with its own parameters."""
-
-TRUTH_RATE_HZ = 200.0
-"""The soil's reaction is calculated at this rate; a fitter works at another one (100 Hz by default)."""
-
-_MOTION_RATE_HZ = 1000.0
-_UPSAMPLE = round(_MOTION_RATE_HZ / TRUTH_RATE_HZ)
-_SECONDS_PER_DAY = 86_400
-_NS = 1_000_000_000
 
 
 @dataclass(frozen=True)

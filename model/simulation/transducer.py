@@ -10,6 +10,18 @@ import numpy as np
 from daq import FloatArray, IntArray
 from model.simulation.motion import GRAVITY_MPS2
 
+_UNITS = {
+    "drawbar_pull": "N",
+    "lateral_force": "N",
+    "vertical_load": "N",
+    "overturning_moment": "Nm",
+    "driving_torque": "Nm",
+    "steering_moment": "Nm",
+    "wheel_angle": "rad",
+    "spin_rate": "rad/s",
+    "temperature": "K",
+}
+
 
 @dataclass(frozen=True)
 class HostClock:
@@ -82,19 +94,6 @@ def coloured_noise(
     memory = float(np.exp(-1.0 / (rate_hz * correlation_time_s)))
     white[1:] *= np.sqrt(1.0 - memory**2)
     return np.asarray(sigma * lfilter([1.0], [1.0, -memory], white), np.float64)
-
-
-_UNITS = {
-    "drawbar_pull": "N",
-    "lateral_force": "N",
-    "vertical_load": "N",
-    "overturning_moment": "Nm",
-    "driving_torque": "Nm",
-    "steering_moment": "Nm",
-    "wheel_angle": "rad",
-    "spin_rate": "rad/s",
-    "temperature": "K",
-}
 
 
 @dataclass(frozen=True)

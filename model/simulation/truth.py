@@ -16,6 +16,12 @@ from model.wheel_soil.wheel_soil_model import WheelSoilModel
 _USUAL_SPEED_MPS = 1.25
 """Mean ground speed of a run, about."""
 
+TRUTH_QUADRATURE = Quadrature(nodes=36, power=4)
+"""Of the simulated truth; a fitter uses another one (12 nodes, power 3 by default)."""
+
+_SETTLED_SPEED_MPS = 0.2
+_LEAST_LOAD_N = 200.0
+
 
 @dataclass(frozen=True)
 class Circumstances:
@@ -95,13 +101,6 @@ def campaign_line_m(track_length_m: float, duration_s: float) -> tuple[float, fl
     """Return the line that runs of a duration cover: "out" drives it from 0, "back" from the track's end."""
     driven = _USUAL_SPEED_MPS * duration_s
     return min(0.0, track_length_m - driven), max(track_length_m, driven)
-
-
-TRUTH_QUADRATURE = Quadrature(nodes=36, power=4)
-"""Of the simulated truth; a fitter uses another one (12 nodes, power 3 by default)."""
-
-_SETTLED_SPEED_MPS = 0.2
-_LEAST_LOAD_N = 200.0
 
 
 @dataclass(frozen=True)

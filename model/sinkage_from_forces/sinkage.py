@@ -27,6 +27,8 @@ _CLOSE = 1e-6
 _LEAST = 1e-9
 _LEAST_ANGLE, _MOST_ANGLE = 1e-4, 0.5 * np.pi
 
+_ONE = np.ones(1)
+
 
 @dataclass(frozen=True)
 class ShapeRanges:
@@ -232,6 +234,3 @@ def _integrals(
         return np.asarray(np.sum(stress * (front * of_front + rear * of_rear), axis=-1))
 
     return total(np.cos(before), np.cos(behind)), total(np.sin(before), np.sin(behind)), total(_ONE, _ONE)
-
-
-_ONE = np.ones(1)

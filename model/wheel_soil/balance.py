@@ -22,6 +22,13 @@ Active = tuple[tuple[Effect, Values], ...]
 _BY_SINKAGE = "Z"
 """Name of the derivatives by the sinkage, until the balance replaces them."""
 
+LoadOf = Callable[[Any, Any], Any]
+"""Eq. 7 of a sinkage (m, 1) for the samples `index`: W in N, (m, 1)."""
+
+_TOLERANCE = 1e-7
+_DEEPEST = 0.999
+"""Of the radius: a wheel sunk to its axle is beyond the model."""
+
 
 @dataclass(frozen=True)
 class Contact:
@@ -174,14 +181,6 @@ def _at_balance(x: Dual, sinkage: Dual) -> Dual:
     for name, d in sinkage.partials.items():
         partials[name] = partials.get(name, 0.0) + slope * d
     return Dual(x.value, partials)
-
-
-LoadOf = Callable[[Any, Any], Any]
-"""Eq. 7 of a sinkage (m, 1) for the samples `index`: W in N, (m, 1)."""
-
-_TOLERANCE = 1e-7
-_DEEPEST = 0.999
-"""Of the radius: a wheel sunk to its axle is beyond the model."""
 
 
 def balanced(

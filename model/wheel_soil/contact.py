@@ -23,6 +23,9 @@ from model.wheel_soil.dual import Dual, Number, concatenate_rows, rows, value_of
 CHUNK = 1024
 """Samples at a time: small enough that a chunk's arrays stay in the cache."""
 
+_Panel = tuple[Number | None, Number, str, bool]
+"""Start (None: the entry) and stop in delta, the end at which the stress vanishes, and whether behind the peak."""
+
 
 @dataclass(frozen=True)
 class Quadrature:
@@ -197,10 +200,6 @@ def _integrate(patch: Patch, quadrature: Quadrature, braking: bool) -> Resultant
 def _by_direction(entry: Number, plain: Number, drop: Number, advance: Number) -> tuple[Number, Number, Number]:
     """Turn integrals against 1, drop and advance into those against cos theta, sin theta and 1."""
     return np.cos(entry) * plain + drop, np.sin(entry) * plain - advance, plain
-
-
-_Panel = tuple[Number | None, Number, str, bool]
-"""Start (None: the entry) and stop in delta, the end at which the stress vanishes, and whether behind the peak."""
 
 
 def _panels(patch: Patch, braking: bool) -> list[_Panel]:

@@ -16,6 +16,31 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 Number = Any
 """A float or array, real or complex, or a `Dual`."""
 
+Factor = Callable[[], Any]
+_ONE = 1.0
+"""By which nothing is multiplied: partial derivatives are shared, and never changed in place."""
+_COMPARISONS = {np.less, np.greater, np.less_equal, np.greater_equal, np.equal, np.not_equal, np.isfinite, np.isnan}
+_RULES: dict[np.ufunc, Callable[..., tuple[Factor, ...]]] = {
+    np.add: lambda y, a, b: (lambda: _ONE, lambda: _ONE),
+    np.subtract: lambda y, a, b: (lambda: _ONE, lambda: -1.0),
+    np.multiply: lambda y, a, b: (lambda: b, lambda: a),
+    np.true_divide: lambda y, a, b: (lambda: 1.0 / b, lambda: -y / b),
+    np.power: lambda y, a, b: (lambda: b * np.power(a, b - 1.0), lambda: y * np.log(a)),
+    np.negative: lambda y, a: (lambda: -1.0,),
+    np.sin: lambda y, a: (lambda: np.cos(a),),
+    np.cos: lambda y, a: (lambda: -np.sin(a),),
+    np.tan: lambda y, a: (lambda: 1.0 + y * y,),
+    np.arctan: lambda y, a: (lambda: 1.0 / (1.0 + a * a),),
+    np.arccos: lambda y, a: (lambda: -1.0 / np.sqrt(1.0 - a * a),),
+    np.arcsin: lambda y, a: (lambda: 1.0 / np.sqrt(1.0 - a * a),),
+    np.sqrt: lambda y, a: (lambda: 0.5 / y,),
+    np.exp: lambda y, a: (lambda: y,),
+    np.expm1: lambda y, a: (lambda: y + 1.0,),
+    np.log: lambda y, a: (lambda: 1.0 / a,),
+    np.log1p: lambda y, a: (lambda: 1.0 / (1.0 + a),),
+    np.square: lambda y, a: (lambda: 2.0 * a,),
+}
+
 
 class Dual(NDArrayOperatorsMixin):
     """A value with its partial derivatives.
@@ -60,32 +85,6 @@ class Dual(NDArrayOperatorsMixin):
                     term = d if by is _ONE else by * d
                     partials[name] = partials[name] + term if name in partials else term
         return Dual(result, partials)
-
-
-Factor = Callable[[], Any]
-_ONE = 1.0
-"""By which nothing is multiplied: partial derivatives are shared, and never changed in place."""
-_COMPARISONS = {np.less, np.greater, np.less_equal, np.greater_equal, np.equal, np.not_equal, np.isfinite, np.isnan}
-_RULES: dict[np.ufunc, Callable[..., tuple[Factor, ...]]] = {
-    np.add: lambda y, a, b: (lambda: _ONE, lambda: _ONE),
-    np.subtract: lambda y, a, b: (lambda: _ONE, lambda: -1.0),
-    np.multiply: lambda y, a, b: (lambda: b, lambda: a),
-    np.true_divide: lambda y, a, b: (lambda: 1.0 / b, lambda: -y / b),
-    np.power: lambda y, a, b: (lambda: b * np.power(a, b - 1.0), lambda: y * np.log(a)),
-    np.negative: lambda y, a: (lambda: -1.0,),
-    np.sin: lambda y, a: (lambda: np.cos(a),),
-    np.cos: lambda y, a: (lambda: -np.sin(a),),
-    np.tan: lambda y, a: (lambda: 1.0 + y * y,),
-    np.arctan: lambda y, a: (lambda: 1.0 / (1.0 + a * a),),
-    np.arccos: lambda y, a: (lambda: -1.0 / np.sqrt(1.0 - a * a),),
-    np.arcsin: lambda y, a: (lambda: 1.0 / np.sqrt(1.0 - a * a),),
-    np.sqrt: lambda y, a: (lambda: 0.5 / y,),
-    np.exp: lambda y, a: (lambda: y,),
-    np.expm1: lambda y, a: (lambda: y + 1.0,),
-    np.log: lambda y, a: (lambda: 1.0 / a,),
-    np.log1p: lambda y, a: (lambda: 1.0 / (1.0 + a),),
-    np.square: lambda y, a: (lambda: 2.0 * a,),
-}
 
 
 def _known() -> str:

@@ -11,6 +11,9 @@ import numpy as np
 
 from model.wheel_soil.dual import Number, value_of, where
 
+SOFTENING_LENGTH_M = 0.15
+"""Shear displacement over which a softening soil loses 63 % of what it loses."""
+
 
 def geometry(entry_angle: Number, delta: Number) -> tuple[Number, Number]:
     """Return where points an angle `delta` behind the entry are, exactly also near the entry.
@@ -57,10 +60,6 @@ def mobilisation(displacement: Number, shear_modulus: Number, *, signed: bool) -
         return -np.expm1(displacement * rate)
     sign = np.sign(value_of(displacement))
     return -sign * np.expm1(sign * displacement * rate)
-
-
-SOFTENING_LENGTH_M = 0.15
-"""Shear displacement over which a softening soil loses 63 % of what it loses."""
 
 
 def softened(displacement: Number, fraction: Number, *, signed: bool) -> Number:

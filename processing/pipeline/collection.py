@@ -83,7 +83,7 @@ class Samples:
     rough : float
         One-sigma of what differs from one raw sample to the next; 0 with less than three.
     count, late : int
-        Raw finite samples; samples left out because their stamps ran backward.
+        Raw finite samples; samples excluded because their stamps ran backward.
     """
 
     time_ns: IntArray
@@ -244,7 +244,7 @@ class Collector:
         self._open = None if growing is None else self._open.part(~closed)
 
     def _ordered(self, time_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Order what was gathered; what is behind all that came before it is left out."""
+        """Order what was gathered; what is behind all that came before it is excluded."""
         before = len(values)
         fresh = time_ns >= self._peak_ns - LATE_NS
         time_ns, values = time_ns[fresh], values[fresh]

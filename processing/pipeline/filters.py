@@ -14,7 +14,7 @@ is zero, a ramp passes unchanged whatever the jitter, also at the ends of a stre
 Common bandwidth: the sum over samples equals the integral (to 4e-4) as long as f_c is at most a fifth of the channel's
 rate; the slowest channel therefore sets f_c for all.
 
-One-sigma of one filtered sample, from the declared sigma, the data, or both.
+The one-sigma of one filtered sample is from the declared sigma, the data, or both.
 Of white noise of density S the filter lets through S B, with B its `white_noise_bandwidth`; slow noise (a receiver's
 own filter, wheel-order ripple, quantisation of a quiet signal) passes whole. A declared sigma d is of one raw sample
 and holds both. The data show the white part w: by what the filter takes out and by what differs from one raw sample to
@@ -160,7 +160,7 @@ def filtered_sigma(
 ) -> tuple[float, str]:
     """Return the one-sigma of one filtered sample, and ``"declared"`` or ``"estimated"``.
 
-    `residuals` are the samples (thinned as they are) less the filtered signal at their instants, NaN left out;
+    `residuals` are the samples (thinned as they are) less the filtered signal at their instants, NaN excluded;
     `declared` is the one-sigma of one raw sample. NaN where nothing is declared and there are too few samples.
     """
     source = "estimated" if declared is None else "declared"

@@ -182,7 +182,7 @@ class StatusGate:
         return marked
 
     def with_counts(self, roles: dict[str, OnBase]) -> dict[str, OnBase]:
-        """Return the roles with the number of samples left out in their facts."""
+        """Return the roles with the number of samples excluded in their facts."""
         return roles | {
             role: replace(roles[role], facts=replace(roles[role].facts, distrusted=count))
             for role, count in self._left_out.items()
@@ -190,7 +190,7 @@ class StatusGate:
         }
 
     def notes(self) -> list[Note]:
-        """Return notes on what was left out, and on what the status did not tell."""
+        """Return notes on what was excluded, and on what the status did not tell."""
         notes = []
         if self._left_out:
             count = max(self._left_out.values())

@@ -51,6 +51,9 @@ from processing.transducer_zero.application import RunZeros, ZeroRemoval
 
 _ROTATING = (*FORCE_ROLES, "wheel_angle")
 
+Base = tuple[int, FloatArray]
+"""UTC nanoseconds of the first sample, and the seconds since, shape (n,)."""
+
 
 def _noting(chunks: Iterable[Mapping[str, Channel]], came: set[str]) -> Iterator[Mapping[str, Channel]]:
     """Pass chunks through; `came` gets every role of which there is a sample."""
@@ -117,10 +120,6 @@ def _lacking(role: str, came: Collection[str], vehicle: VehicleConfig) -> str:
     rotating = vehicle.transducer.frame == "wheel" and role in FORCE_ROLES
     lacking = [one for one in (_ROTATING if rotating else (role,)) if one not in came]
     return role if role in lacking else next(iter(lacking), "")
-
-
-Base = tuple[int, FloatArray]
-"""UTC nanoseconds of the first sample, and the seconds since, shape (n,)."""
 
 
 def process(

@@ -74,9 +74,9 @@ def shares_of(reason: NDArray[np.uint8]) -> dict[str, float]:
 
 
 def keep_only(run: ProcessedRun, keep: Sequence[Interval], where: str = "") -> ProcessedRun:
-    """Return the run with what lies outside `keep` left out by hand.
+    """Return the run with what lies outside `keep` excluded by hand.
 
-    A used sample outside becomes `Reason.BY_HAND`; one that was left out anyway keeps its reason. A standstill counts
+    A used sample outside becomes `Reason.BY_HAND`; one that was excluded anyway keeps its reason. A standstill counts
     only where it lies inside as a whole. Both ends of an interval belong to it; `where` says who asks, for messages.
 
     Raises
@@ -109,7 +109,7 @@ def check_within(keep: Sequence[Interval], end_s: float, where: str = "") -> Non
 
 
 def with_by_hand(reason: NDArray[np.uint8], time_s: FloatArray, keep: Sequence[Interval]) -> NDArray[np.uint8]:
-    """Return the reasons, shape (n,), with used samples outside `keep` left out by hand."""
+    """Return the reasons, shape (n,), with used samples outside `keep` excluded by hand."""
     inside = np.zeros(len(time_s), np.bool_)
     for first, last in keep:
         inside |= (time_s >= first) & (time_s <= last)

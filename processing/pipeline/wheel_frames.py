@@ -8,9 +8,8 @@ with psi counted in the sense in which the wheel rolls forward and zero where x'
 side of the vehicle the y axis of a transducer points outward all the same, so that x' and the torque count the other
 way; both are turned round first.
 
-The transducer measures less than the soil gives: weight and inertia of the declared parts outboard of it are added.
-
-Newton for the parts between transducer and soil (mass m_o, inertia I_o about the axle):
+The transducer measures less than the soil gives: weight and inertia of the declared parts between transducer and soil
+(mass m_o, inertia I_o about the axle) are added:
 
 .. math:: F_{x,soil} = F_{x,wft} + m_o \dot V, \qquad T_{soil} = T_{wft} - I_o \dot\omega, \qquad
           W_{soil} = W_{wft} + m_o g \ \text{after a spin zero}.

@@ -25,7 +25,7 @@ _FEWEST_SAMPLES = 50
 
 @dataclass(frozen=True)
 class TransducerSignal:
-    """One signal of the transducer, NaN and distrusted samples left out.
+    """One signal of the transducer, NaN and distrusted samples excluded.
 
     Attributes
     ----------

@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 
 _PAGE_PORT = 8100
 
+_SIGNAL_EXIT = 128
+_LONGEST_ID_BYTES = 200
+_SHOWN = 40
+
 
 def doctor_command(
     vehicle: Annotated[
@@ -67,11 +71,6 @@ def _print(lines: list[Line]) -> None:
         print(f"{line.verdict.value}  {line.check.ljust(width)}  {where}{line.found}")
         if line.next_step:
             print(f"{' ' * (width + 8)}-> {line.next_step}")
-
-
-_SIGNAL_EXIT = 128
-_LONGEST_ID_BYTES = 200
-_SHOWN = 40
 
 
 def log_command(

@@ -22,6 +22,69 @@ if TYPE_CHECKING:
     from wheelsoil.workflows.choice import Choice
     from wheelsoil.workflows.runs import Files
 
+Runs = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="RUN...", readable=False, help="Recordings, logs or campaign folders."
+    ),  # daq.runs.open reports it
+]
+Vehicle = Annotated[
+    Path | None, typer.Option("--vehicle", metavar="FILE", help="vehicle.toml; overrides what a run carries.")
+]
+Terrain = Annotated[
+    Path | None, typer.Option("--terrain", metavar="FILE", help="terrain.toml; overrides what a run carries.")
+]
+RunsFile = Annotated[
+    Path | None, typer.Option("--runs", metavar="FILE", help="runs.toml; overrides what a run carries.")
+]
+ZeroFile = Annotated[
+    Path | None, typer.Option("--zero", metavar="FILE", help="zero.toml; overrides the one that vehicle.toml names.")
+]
+LenientDbc = Annotated[
+    bool, typer.Option("--lenient-dbc", help="Skip the DBC lines that cantools rejects, and list them.")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Force = Annotated[bool, typer.Option("--force", "-f", help="Replace an existing output.")]
+PRESETS = "clay, sandy, ding_clay, dry_sand, lunar, hit_lss1, sandy_loam"
+"""`model.wheel_soil.soils.SOILS`, written out so that --help need not import it."""
+SoilPreset = Annotated[
+    str | None, typer.Option("--soil", metavar="NAME", help=f"A preset ({PRESETS}) instead of terrain.toml.")
+]
+ChoiceFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--choice",
+        metavar="FILE",
+        help="choice.toml: runs, parts and settings selected by hand; an option overrides it.",
+    ),
+]
+Channels = Annotated[
+    str | None,
+    typer.Option("--channels", help="Fitted channels: dp (drawbar pull), or dp,t (and torque). [default: dp]"),
+]
+SoilPrior = Annotated[
+    bool | None,
+    typer.Option("--soil-prior/--no-soil-prior", help="Also estimate the soil, within the laboratory's uncertainty."),
+]
+SlipThreshold = Annotated[
+    float | None,
+    typer.Option("--slip-threshold", metavar="SLIP", help="For M0, R0, R2 only (default: 0.2 on clay, else 0.1)."),
+]
+ModelFile = Annotated[
+    Path | None,
+    typer.Option("--model", metavar="FILE", help="A model written by `diagnose -o`: fitted in addition to the four."),
+]
+MinSpeed = Annotated[
+    float | None,
+    typer.Option("--min-speed", metavar="M/S", help="Slip is not computed below this speed. [default: 0.5]"),
+]
+
+TOKEN_VARIABLE = "WHEELSOIL_PAGE_TOKEN"
+TokenFile = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help=f"File with the page's token (or: environment {TOKEN_VARIABLE})."),
+]
+
 
 def configuration(
     vehicle: Path | None, terrain: Path | None, dbc: Iterable[tuple[str, str]] = (), *, lenient_dbc: bool = False
@@ -93,71 +156,6 @@ def _only_databases(files: Iterable[tuple[str, str]], *, lenient: bool) -> Confi
     carried = {database.name: database.content for bus in databases.values() for database in bus}
     vehicle = parse_toml(text, VehicleConfig, "--dbc")
     return Configuration(vehicle, databases, attachments={VEHICLE_FILE: text.encode(), **carried})
-
-
-Runs = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="RUN...", readable=False, help="Recordings, logs or campaign folders."
-    ),  # daq.runs.open reports it
-]
-Vehicle = Annotated[
-    Path | None, typer.Option("--vehicle", metavar="FILE", help="vehicle.toml; overrides what a run carries.")
-]
-Terrain = Annotated[
-    Path | None, typer.Option("--terrain", metavar="FILE", help="terrain.toml; overrides what a run carries.")
-]
-RunsFile = Annotated[
-    Path | None, typer.Option("--runs", metavar="FILE", help="runs.toml; overrides what a run carries.")
-]
-ZeroFile = Annotated[
-    Path | None, typer.Option("--zero", metavar="FILE", help="zero.toml; overrides the one that vehicle.toml names.")
-]
-LenientDbc = Annotated[
-    bool, typer.Option("--lenient-dbc", help="Skip the DBC lines that cantools rejects, and list them.")
-]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-Force = Annotated[bool, typer.Option("--force", "-f", help="Replace an existing output.")]
-PRESETS = "clay, sandy, ding_clay, dry_sand, lunar, hit_lss1, sandy_loam"
-"""`model.wheel_soil.soils.SOILS`, written out so that --help need not import it."""
-SoilPreset = Annotated[
-    str | None, typer.Option("--soil", metavar="NAME", help=f"A preset ({PRESETS}) instead of terrain.toml.")
-]
-ChoiceFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--choice",
-        metavar="FILE",
-        help="choice.toml: runs, parts and settings selected by hand; an option overrides it.",
-    ),
-]
-Channels = Annotated[
-    str | None,
-    typer.Option("--channels", help="Fitted channels: dp (drawbar pull), or dp,t (and torque). [default: dp]"),
-]
-SoilPrior = Annotated[
-    bool | None,
-    typer.Option("--soil-prior/--no-soil-prior", help="Also estimate the soil, within the laboratory's uncertainty."),
-]
-SlipThreshold = Annotated[
-    float | None,
-    typer.Option("--slip-threshold", metavar="SLIP", help="For M0, R0, R2 only (default: 0.2 on clay, else 0.1)."),
-]
-ModelFile = Annotated[
-    Path | None,
-    typer.Option("--model", metavar="FILE", help="A model written by `diagnose -o`: fitted in addition to the four."),
-]
-MinSpeed = Annotated[
-    float | None,
-    typer.Option("--min-speed", metavar="M/S", help="Slip is not computed below this speed. [default: 0.5]"),
-]
-
-
-TOKEN_VARIABLE = "WHEELSOIL_PAGE_TOKEN"
-TokenFile = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help=f"File with the page's token (or: environment {TOKEN_VARIABLE})."),
-]
 
 
 class Reading(StrEnum):

@@ -16,6 +16,21 @@ from wheelsoil.console import check_output, counter, print_json, print_pairs, pr
 if TYPE_CHECKING:
     from wheelsoil.workflows.recordings import FileFacts
 
+_SHOWN_IDS = 20
+_LOSS_KINDS = {
+    "kernel": "not read in time",
+    "queue": "dropped by the logger",
+    "counter": "missing by the counter",
+    "missing": "missing by the rate",
+}
+
+_CLOCK = (
+    ("offset", "offset_s", "offset_sigma_s", "s"),
+    ("drift", "drift_ppm", "drift_sigma_ppm", "ppm"),
+    ("residual", "residual_s", "", "s"),
+    ("epochs", "epochs", "", ""),
+)
+
 
 class TableFormat(StrEnum):
     """File format of the tables."""
@@ -73,15 +88,6 @@ def export_command(
         print_json({"files": written})
     else:
         print_pairs([(path.name, f"{path.stat().st_size / 1e6:.3f} MB") for path in written])
-
-
-_SHOWN_IDS = 20
-_LOSS_KINDS = {
-    "kernel": "not read in time",
-    "queue": "dropped by the logger",
-    "counter": "missing by the counter",
-    "missing": "missing by the rate",
-}
 
 
 def info_command(
@@ -193,14 +199,6 @@ def _head(facts: FileFacts) -> list[tuple[str, str]]:
     ]
     lines += [("gap", note_text(gap.note())) for gap in facts.gaps]
     return lines + [("loss", text) for text in facts.loss] + [("remark", text) for text in facts.remarks]
-
-
-_CLOCK = (
-    ("offset", "offset_s", "offset_sigma_s", "s"),
-    ("drift", "drift_ppm", "drift_sigma_ppm", "ppm"),
-    ("residual", "residual_s", "", "s"),
-    ("epochs", "epochs", "", ""),
-)
 
 
 def _clock(clock: Mapping[str, str]) -> str:

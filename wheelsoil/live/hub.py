@@ -25,6 +25,10 @@ _MAX_GAP_S = 1.0
 _MIN_SPEED_MPS = 0.5
 _NOTHING = np.empty((0, 2))
 
+MOST_STREAMS = 12
+KEEP_ALIVE_S = 1.0
+_KEEP_ALIVE = b": alive\n\n"
+
 
 class Curve:
     """Samples of the last `SPAN_S` seconds, as rows whose first column is the time in s."""
@@ -100,11 +104,6 @@ def _newest(rows: FloatArray) -> FloatArray:
     """Return the rows of the last seconds, in time order."""
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     return rows[rows[:, 0] > rows[-1, 0] - _PATIENCE_S] if len(rows) else rows
-
-
-MOST_STREAMS = 12
-KEEP_ALIVE_S = 1.0
-_KEEP_ALIVE = b": alive\n\n"
 
 
 class Hub:

@@ -23,6 +23,25 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
 from wheelsoil.wording.to_json import plain
 
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
+"""Names of browsers on the PATH, in order of preference."""
+_OPTIONS = (
+    "--headless",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-extensions",
+    "--disable-background-networking",
+    "--no-pdf-header-footer",
+    "--virtual-time-budget=20000",
+)
+_PATIENCE_S = 180
+
+SCHEMA = "wheelsoil/report/1"
+_NAMED = 8
+"""Runs that the subtitle names."""
+
+_log = logging.getLogger(__name__)
+
 
 def render(title: str, subtitle: str, sections: Sequence[Section], *, made_at: str, json_name: str) -> str:
     """Return the page as HTML text; it contains plotly.js once and loads nothing from outside.
@@ -54,20 +73,6 @@ def render(title: str, subtitle: str, sections: Sequence[Section], *, made_at: s
         style=folder.joinpath("page.css").read_text(encoding="utf-8"),
         script=folder.joinpath("page.js").read_text(encoding="utf-8"),
     )
-
-
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
-"""Names of browsers on the PATH, in order of preference."""
-_OPTIONS = (
-    "--headless",
-    "--disable-gpu",
-    "--no-first-run",
-    "--disable-extensions",
-    "--disable-background-networking",
-    "--no-pdf-header-footer",
-    "--virtual-time-budget=20000",
-)
-_PATIENCE_S = 180
 
 
 class PrintError(WheelsoilError, RuntimeError):
@@ -121,13 +126,6 @@ def _run(command: list[str]) -> str:
 def _sandbox() -> list[str]:
     """Return the option that root needs: Chromium's sandbox does not work for root; the page is our own file."""
     return ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []
-
-
-SCHEMA = "wheelsoil/report/1"
-_NAMED = 8
-"""Runs that the subtitle names."""
-
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,8 @@ from typing import Any
 
 from wheelsoil.report.inputs import ReportInputs
 
+_DRAWN = ("x", "y", "z", "x0", "dx", "y0", "dy", "error_y")
+
 
 @dataclass(frozen=True)
 class Text:
@@ -131,9 +133,6 @@ def texts_of(section: Section) -> list[str]:
         elif isinstance(block, Lights):
             texts += [f"{light.name}: {light.level}, {light.why}" for light in block.lights]
     return [text for text in texts if text]
-
-
-_DRAWN = ("x", "y", "z", "x0", "dx", "y0", "dy", "error_y")
 
 
 def drawn(figure: Figure) -> dict[str, Any]:

@@ -12,6 +12,25 @@ import numpy as np
 
 from daq import FloatArray, IntArray
 
+EDGES = np.round(np.arange(-1.0, 1.0001, 0.05), 2)
+"""Bins of slip."""
+_POINTS_IN_ALL, _FEWEST, _MOST = 14_000, 250, 700
+
+Trace = dict[str, Any]
+
+ALL_RUNS = "all runs"
+"""Name of the choice among the runs that shows all of them."""
+
+MEASURED = "#111111"
+CLOUD = "rgba(90,90,90,0.35)"
+GREY_BAND = "rgba(0,0,0,0.13)"
+GRID = "#e3e3e3"
+_NONE: FloatArray = np.zeros(0)
+_COLUMNS, _ROWS, _LONE_CELLS = 50, 34, 12
+"""Columns and rows of the cells of a density, and of the grid that thins the samples outside them."""
+_BULK = (0.5, 99.5)
+"""Percentiles that limit the initial range of an axis."""
+
 
 @dataclass(frozen=True)
 class Style:
@@ -46,11 +65,6 @@ def styles_script() -> bytes:
     table = {name: asdict(one) for name, one in STYLES.items()}
     parts = {"MODELS": table, "BY_HAND": asdict(BY_HAND), "SPARE": asdict(_SPARE)}
     return "".join(f"export const {name} = {json.dumps(value)};\n" for name, value in parts.items()).encode()
-
-
-EDGES = np.round(np.arange(-1.0, 1.0001, 0.05), 2)
-"""Bins of slip."""
-_POINTS_IN_ALL, _FEWEST, _MOST = 14_000, 250, 700
 
 
 @dataclass(frozen=True)
@@ -143,22 +157,6 @@ def _cell(values: FloatArray, cells: int) -> IntArray:
     return np.asarray(np.minimum((values - low) / (high - low) * cells, cells - 1), np.int64)
 
 
-Trace = dict[str, Any]
-
-ALL_RUNS = "all runs"
-"""Name of the choice among the runs that shows all of them."""
-
-MEASURED = "#111111"
-CLOUD = "rgba(90,90,90,0.35)"
-GREY_BAND = "rgba(0,0,0,0.13)"
-GRID = "#e3e3e3"
-_NONE: FloatArray = np.zeros(0)
-_COLUMNS, _ROWS, _LONE_CELLS = 50, 34, 12
-"""Columns and rows of the cells of a density, and of the grid that thins the samples outside them."""
-_BULK = (0.5, 99.5)
-"""Percentiles that limit the initial range of an axis."""
-
-
 def words(text: str) -> str:
     """Return a name with HTML escaped, because plotly interprets some HTML in its texts."""
     return html.escape(text, quote=False)
@@ -194,7 +192,7 @@ def marked_line(x: FloatArray, y: FloatArray, name: str, style: Style) -> Trace:
     return trace | {"mode": "lines+markers", "marker": {"symbol": style.symbol, "size": 8, "color": style.colour}}
 
 
-def dots(x: FloatArray, y: FloatArray, name: str, colour: str = CLOUD) -> Trace:
+def dots(x: FloatArray, y: FloatArray, name: str) -> Trace:
     """Return a cloud of small dots."""
     return {
         "type": "scatter",
@@ -202,7 +200,7 @@ def dots(x: FloatArray, y: FloatArray, name: str, colour: str = CLOUD) -> Trace:
         "name": words(name),
         "x": numbers(x, 4),
         "y": numbers(y, 4),
-        "marker": {"color": colour, "size": 4},
+        "marker": {"color": CLOUD, "size": 4},
         "hoverinfo": "skip",
     }
 

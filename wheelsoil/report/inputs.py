@@ -30,6 +30,9 @@ from wheelsoil.workflows.recordings import sha256_of
 _PER_BIN = 4
 """Samples of a run and a bin of slip for which it is worked out: the band is smooth."""
 
+_NAMED = 5
+"""Runs that a sentence names, more are counted."""
+
 
 def model_sigmas(runs: Sequence[ProcessedRun], fit: CampaignFit) -> dict[str, dict[str, FloatArray]]:
     """Return one-sigma of each model's prediction from its coefficients alone, on some of the used samples.
@@ -99,10 +102,6 @@ def _chosen(runs: Sequence[ProcessedRun], unit_weight_n_m3: float, rows: IntArra
         return np.concatenate(pieces)[rows]
 
     return Conditions(**{name: of_field(name) for name in Conditions.__dataclass_fields__})
-
-
-_NAMED = 5
-"""Runs that a sentence names, more are counted."""
 
 
 @dataclass(frozen=True)

@@ -24,10 +24,11 @@ PARAMETERS = {
 }
 """The textbook's letters."""
 
-
 _FORMS = {key: one.label for key, one in STYLES.items()} | {"second_order": "second order"}
 _SIGNS = {"ln_mu": "ln μ", "H2_m": "H₂", "c2": "c₂", "angle_rad": "angle"}
 _POWERS = str.maketrans("0123456789n+-", "⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ⁺⁻")
+
+_UNITS = {unit_suffix(quantity.value): unit_text(quantity.value) for quantity in Quantity}
 
 
 def letter(name: str) -> str:
@@ -76,9 +77,6 @@ def signed(value: float, form: str) -> str:
 def interval(low: float, high: float, digits: int = 3) -> str:
     """Return "low … high", "–" where there is none."""
     return f"{number(low, digits)} … {number(high, digits)}" if math.isfinite(low) and math.isfinite(high) else "–"
-
-
-_UNITS = {unit_suffix(quantity.value): unit_text(quantity.value) for quantity in Quantity}
 
 
 def named_with_unit(name: str) -> tuple[str, str]:

@@ -22,6 +22,8 @@ from wheelsoil.workflows.model_files import load_model
 DEFAULT_START = datetime(2026, 5, 4, 8, tzinfo=UTC)
 LONGEST_RUN_S = 3600.0
 
+_OF_THE_MODEL = ("soil", "sinkage", "radius", "width")
+
 
 @dataclass(frozen=True)
 class SimulationOptions:
@@ -223,9 +225,6 @@ def _effect_faults(name: str, values: Mapping[str, float], reading: Reading) -> 
         for key, value in values.items()
         if key in known and not known[key].lower <= value <= known[key].upper
     ]
-
-
-_OF_THE_MODEL = ("soil", "sinkage", "radius", "width")
 
 
 def with_model(options: SimulationOptions, path: Path, given: Collection[str]) -> SimulationOptions:

@@ -44,6 +44,44 @@ _SIGNALS = {
     "gnss_time": "GNSS_1.TimeOfDay",
 }
 
+_LAYOUT: dict[str, tuple[tuple[str, dict[str, str]], ...]] = {
+    "transducer": (
+        (
+            "WFT_Forces",
+            {
+                "Fx": "drawbar_pull",
+                "Fy": "lateral_force",
+                "Fz": "vertical_load",
+                "Counter": "counter",
+                "Status": "status",
+            },
+        ),
+        (
+            "WFT_Moments",
+            {"Mx": "overturning_moment", "My": "driving_torque", "Mz": "steering_moment", "Counter": "counter"},
+        ),
+        (
+            "WFT_Wheel",
+            {"Angle": "wheel_angle", "SpinRate": "spin_rate", "Temperature": "temperature", "Counter": "counter"},
+        ),
+    ),
+    "wheel_speed": (("WheelSpeeds", {"RearLeft": "wheel_speed"}),),
+    "gnss": (
+        ("GNSS_1", {"Satellites": "satellites", "TimeOfDay": "gnss_time", "Latitude": "latitude"}),
+        ("GNSS_2", {"Longitude": "longitude", "Speed": "ground_speed", "Course": "course"}),
+        (
+            "GNSS_3",
+            {"Altitude": "altitude", "SpeedValid": "ground_speed_valid", "VelocityQuality": "speed_quality"},
+        ),
+    ),
+}
+"""Messages of each sensor, and the channel in each signal."""
+
+_CONSTANT = {"Solution": 1.0}
+_NOT_AVAILABLE = "Not available"
+_HEADER_BITS = 47  # of a frame with an 11-bit identifier, gap to the next one included
+_STUFFING = 1.1  # bits on the wire per bit of the frame, about
+
 
 def vehicle_config(setup: VirtualSetup, wheel: Wheel, bus: str) -> VehicleConfig:
     """Return vehicle.toml: the known data of the vehicle and the declared ones of its sensors."""
@@ -82,45 +120,6 @@ def vehicle_config(setup: VirtualSetup, wheel: Wheel, bus: str) -> VehicleConfig
             zero=transducer.zero,
         ),
     )
-
-
-_LAYOUT: dict[str, tuple[tuple[str, dict[str, str]], ...]] = {
-    "transducer": (
-        (
-            "WFT_Forces",
-            {
-                "Fx": "drawbar_pull",
-                "Fy": "lateral_force",
-                "Fz": "vertical_load",
-                "Counter": "counter",
-                "Status": "status",
-            },
-        ),
-        (
-            "WFT_Moments",
-            {"Mx": "overturning_moment", "My": "driving_torque", "Mz": "steering_moment", "Counter": "counter"},
-        ),
-        (
-            "WFT_Wheel",
-            {"Angle": "wheel_angle", "SpinRate": "spin_rate", "Temperature": "temperature", "Counter": "counter"},
-        ),
-    ),
-    "wheel_speed": (("WheelSpeeds", {"RearLeft": "wheel_speed"}),),
-    "gnss": (
-        ("GNSS_1", {"Satellites": "satellites", "TimeOfDay": "gnss_time", "Latitude": "latitude"}),
-        ("GNSS_2", {"Longitude": "longitude", "Speed": "ground_speed", "Course": "course"}),
-        (
-            "GNSS_3",
-            {"Altitude": "altitude", "SpeedValid": "ground_speed_valid", "VelocityQuality": "speed_quality"},
-        ),
-    ),
-}
-"""Messages of each sensor, and the channel in each signal."""
-
-_CONSTANT = {"Solution": 1.0}
-_NOT_AVAILABLE = "Not available"
-_HEADER_BITS = 47  # of a frame with an 11-bit identifier, gap to the next one included
-_STUFFING = 1.1  # bits on the wire per bit of the frame, about
 
 
 def virtual_frames(run: VirtualRun, bus: str = "can0") -> FrameBatch:

@@ -31,6 +31,11 @@ from wheelsoil.workflows.runs import Files
 
 _TRIES = 3
 
+_OF_DIAGNOSIS = frozenset({"run", "cutoff_hz", "min_speed_mps", "sinkage"})
+"""Keys of a choice that a diagnosis depends on; the others concern the fit only."""
+
+_Keyed = TypeVar("_Keyed", ViewedCampaign, ViewedRun)
+
 
 class Processing:
     """A thread that hands waiting runs to a helper process.
@@ -123,13 +128,6 @@ class Processing:
                 run.file.unlink(missing_ok=True)
             run.options, run.plot_data, run.file, run.faults, run.ended = options, plot_data, file, faults, ended
             run.update_state(next(campaign.options for campaign in self._campaigns if run in campaign.runs))
-
-
-_OF_DIAGNOSIS = frozenset({"run", "cutoff_hz", "min_speed_mps", "sinkage"})
-"""Keys of a choice that a diagnosis depends on; the others concern the fit only."""
-
-
-_Keyed = TypeVar("_Keyed", ViewedCampaign, ViewedRun)
 
 
 class UnknownKeyError(ConfigError):

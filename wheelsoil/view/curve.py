@@ -26,6 +26,19 @@ from model.wheel_soil import (
 
 SLIPS = np.linspace(-0.3, 0.8, 120)
 
+_SIGMAS = 4.0
+"""Half the range of a slider, in prior scales (plausible sizes) from the neutral value."""
+_STEPS = 200
+_SOIL: dict[str, tuple[str, str, float, float, float]] = {
+    "cohesion_pa": ("cohesion c", "Pa", 0.0, 1e6, 5e3),
+    "tan_phi": ("friction tan φ", "1", 0.0, 1.75, 0.5),
+    "shear_modulus_m": ("shear modulus K", "m", 1e-4, 1.0, 0.02),
+    "sinkage_exponent": ("sinkage exponent n", "1", 0.05, 3.0, 1.0),
+    "cohesive_modulus": ("cohesive modulus k_c", "N/m^(n+1)", -1e9, 1e9, 50e3),
+    "frictional_modulus": ("frictional modulus k_φ", "N/m^(n+2)", -1e9, 1e9, 500e3),
+}
+"""Label, unit, lower and upper bound, and a typical size for a value that is zero."""
+
 
 @dataclass(frozen=True)
 class Base:
@@ -101,20 +114,6 @@ def curve_of(
         **{channel.field: getattr(found, channel.field) for channel in OUTPUTS.values()},
         "load_n": base.load_n,
     }
-
-
-_SIGMAS = 4.0
-"""Half the range of a slider, in prior scales (plausible sizes) from the neutral value."""
-_STEPS = 200
-_SOIL: dict[str, tuple[str, str, float, float, float]] = {
-    "cohesion_pa": ("cohesion c", "Pa", 0.0, 1e6, 5e3),
-    "tan_phi": ("friction tan φ", "1", 0.0, 1.75, 0.5),
-    "shear_modulus_m": ("shear modulus K", "m", 1e-4, 1.0, 0.02),
-    "sinkage_exponent": ("sinkage exponent n", "1", 0.05, 3.0, 1.0),
-    "cohesive_modulus": ("cohesive modulus k_c", "N/m^(n+1)", -1e9, 1e9, 50e3),
-    "frictional_modulus": ("frictional modulus k_φ", "N/m^(n+2)", -1e9, 1e9, 500e3),
-}
-"""Label, unit, lower and upper bound, and a typical size for a value that is zero."""
 
 
 def soil_parameters(soil: Soil, prior: SoilPrior) -> list[dict[str, Any]]:

@@ -27,6 +27,8 @@ Channel = Literal[
 ]
 Asked = TypeVar("Asked", bound="_Asked")
 
+_VERBS = (("fit", ()), ("diagnose", ()), ("report", ("-o", "report.html")))
+
 
 class _Asked(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -93,9 +95,6 @@ def asked_of(body: bytes, kind: type[Asked]) -> Asked:
 
 def _refuse(name: str) -> NoReturn:
     raise ValueError(f"{name} is not a number in JSON")
-
-
-_VERBS = (("fit", ()), ("diagnose", ()), ("report", ("-o", "report.html")))
 
 
 def commands_of(campaign: ViewedCampaign, files: Files) -> list[str]:

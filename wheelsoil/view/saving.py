@@ -20,6 +20,10 @@ from wheelsoil.workflows.recordings import sha256_of
 
 _REASONS = {why.name.lower(): why for why in Reason}
 
+_SUFFIX = ".toml"
+_OURS = ("vehicle.toml", "terrain.toml", "runs.toml", "zero.toml", "manifest.toml")
+"""Files of a campaign's folder that a choice never replaces."""
+
 
 def selected_of(run: ProcessedRun, asked: SelectedAsked) -> dict[str, Any]:
     """Return number and duration of the selected samples, their range of slip and their mean drawbar pull.
@@ -55,11 +59,6 @@ def _rows(run: ProcessedRun, asked: SelectedAsked) -> BoolArray:
 
 def _within(values: FloatArray, low: float, high: float) -> BoolArray:
     return np.asarray((values >= low) & (values <= high))
-
-
-_SUFFIX = ".toml"
-_OURS = ("vehicle.toml", "terrain.toml", "runs.toml", "zero.toml", "manifest.toml")
-"""Files of a campaign's folder that a choice never replaces."""
 
 
 def saved(campaign: ViewedCampaign, name: str, *, replace_it: bool) -> Path:

@@ -57,6 +57,11 @@ _STATUS: tuple[tuple[type[WheelsoilError], int], ...] = (
 )
 _log = logging.getLogger(__name__)
 
+PORT = 8200
+_TRIED = 20
+_PAGE = "analyst's page"
+_TERMINATED_EXIT = 143
+
 
 def make_app(session: AnalysisSession, rules: Rules) -> ASGIApp:
     """Return the page as an ASGI application."""
@@ -133,12 +138,6 @@ def _json(value: Any, status: int) -> Response:
 
 def _plotly() -> bytes:
     return (files("plotly") / "package_data" / "plotly.min.js").read_bytes()
-
-
-PORT = 8200
-_TRIED = 20
-_PAGE = "analyst's page"
-_TERMINATED_EXIT = 143
 
 
 def serve(

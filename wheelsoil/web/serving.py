@@ -23,6 +23,27 @@ from wheelsoil.web.listening import is_loopback
 
 _KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 
+LARGEST_BODY_BYTES = 4096
+
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+"""A browser may load files of this page only: no inline script or style, and nothing from elsewhere."""
+
+_HEADERS = {
+    "x-frame-options": "DENY",
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "cache-control": "no-store",
+}
+
+PATIENCE_S = 10.0
+
+_MOST_CONNECTIONS = 64
+_FAREWELL_S = 1
+
 
 def files_in(package: str) -> dict[str, bytes]:
     """Return the files in a package's folder ``static`` by their path on the page; ``page.html`` is ``/``."""
@@ -43,23 +64,6 @@ def _answer(path: str, body: bytes) -> Callable[[Request], Response]:
         return Response(body, media_type=kind)
 
     return answer
-
-
-LARGEST_BODY_BYTES = 4096
-
-POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
-    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-)
-"""A browser may load files of this page only: no inline script or style, and nothing from elsewhere."""
-
-_HEADERS = {
-    "x-frame-options": "DENY",
-    "x-content-type-options": "nosniff",
-    "referrer-policy": "no-referrer",
-    "cross-origin-resource-policy": "same-origin",
-    "cache-control": "no-store",
-}
 
 
 @dataclass(frozen=True)
@@ -171,9 +175,6 @@ def _same_origin(origins: Iterable[str], host: str) -> bool:
     return list(origins) in ([f"http://{host}"], [f"https://{host}"])
 
 
-PATIENCE_S = 10.0
-
-
 class Connection(H11Protocol):
     """HTTP/1.1 that closes a connection without a complete request for `PATIENCE_S`, unless an answer is pending."""
 
@@ -198,10 +199,6 @@ class Connection(H11Protocol):
             self.transport.abort()
         else:
             self._schedule_check()
-
-
-_MOST_CONNECTIONS = 64
-_FAREWELL_S = 1
 
 
 class Server(uvicorn.Server):

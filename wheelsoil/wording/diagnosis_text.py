@@ -24,13 +24,24 @@ MISREAD_NOTE = (
     "As an error of the input: the error, measured - true, that would give this residual; there need not be one."
 )
 
+NO_GAIN = "No cause was chosen for any of the held-out runs, so that there is no gain."
+
+NOT_IDENTIFIABLE = "Detectable, not identifiable"
+NOT_DETECTABLE = "Not detectable"
+
+_LEAST_SHOWN = 0.01
+_MOST_FINDINGS = 8
+_FINDINGS = (
+    "median: of measured - simulated there; shape: contribution of that shape alone, with the soil free, so that its "
+    "sign can be opposite."
+)
+_MEANS = "mean: of measured - simulated over these rows."
+_LEAST_WIDTH, _MOST_WIDTH = 80, 100
+
 
 def finding_note(note: str, found: Iterable[Finding]) -> str:
     """Return a note on findings, with what an error of an input means where one is among them."""
     return f"{note} {MISREAD_NOTE}" if any(ROLES[one.channel].use is Use.INPUT for one in found) else note
-
-
-NO_GAIN = "No cause was chosen for any of the held-out runs, so that there is no gain."
 
 
 def nothing_chosen(gain: Gain) -> bool:
@@ -42,10 +53,6 @@ def reduction(gain: Gain) -> tuple[str, float, float]:
     """Return whether R0 falls or grows, and between what, in percent of the base's; the size is that of the gain."""
     low, high = gain.interval95
     return ("falls", low, high) if gain.reduction_percent >= 0 else ("grows", -high, -low)
-
-
-NOT_IDENTIFIABLE = "Detectable, not identifiable"
-NOT_DETECTABLE = "Not detectable"
 
 
 def not_named(not_identifiable: Mapping[str, Note], sizes: Mapping[str, Detectable]) -> dict[str, dict[str, str]]:
@@ -67,16 +74,6 @@ def not_named(not_identifiable: Mapping[str, Note], sizes: Mapping[str, Detectab
 def set_name(one: CauseSet) -> str:
     """Return a set of causes as text."""
     return " + ".join(map(plain_name, one.causes)) or "no cause"
-
-
-_LEAST_SHOWN = 0.01
-_MOST_FINDINGS = 8
-_FINDINGS = (
-    "median: of measured - simulated there; shape: contribution of that shape alone, with the soil free, so that its "
-    "sign can be opposite."
-)
-_MEANS = "mean: of measured - simulated over these rows."
-_LEAST_WIDTH, _MOST_WIDTH = 80, 100
 
 
 def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:

@@ -5,36 +5,6 @@ from __future__ import annotations
 from model.diagnosis import Kind, Rows, Shape
 from model.effects import EFFECTS
 
-
-def plain_name(name: str) -> str:
-    """Return the name of a family or a channel as people write it."""
-    return name.replace("_", " ")
-
-
-def effect_name(key: str) -> str:
-    """Return family and form of an effect of the library, or the key of one that is not in it."""
-    effect = EFFECTS.get(key)
-    if effect is None:
-        return plain_name(key)
-    return f"{plain_name(effect.name)} ({effect.form})" if effect.form else plain_name(effect.name)
-
-
-def family_of(key: str) -> str:
-    """Return the family of an effect of the library, or the key of one that is not in it."""
-    effect = EFFECTS.get(key)
-    return effect.name if effect else key
-
-
-def parameter_name(key: str, name: str) -> str:
-    """Return the name of a cause's parameter; of a combination, what it is made of."""
-    return EFFECTS[key].spelled(name) if key in EFFECTS else name
-
-
-def chance(p: float) -> str:
-    """Return a probability as a percentage; never 100 % or 0 %, which no data give."""
-    return "> 99.9 %" if p > 0.9995 else "< 0.1 %" if p < 0.0005 else f"{100 * p:.3g} %"
-
-
 _TEXTS = {
     Kind.SLIP: "slip {} to {}",
     Kind.BRAKING_SLIP: "braking, slip {} to {}",
@@ -63,6 +33,35 @@ _TEXTS = {
     Kind.LOAD_ERROR: "as a sensor error everywhere",
     Kind.LOAD_ERROR_WITH_LOAD: "as a sensor error, growing with the load",
 }
+
+
+def plain_name(name: str) -> str:
+    """Return the name of a family or a channel as people write it."""
+    return name.replace("_", " ")
+
+
+def effect_name(key: str) -> str:
+    """Return family and form of an effect of the library, or the key of one that is not in it."""
+    effect = EFFECTS.get(key)
+    if effect is None:
+        return plain_name(key)
+    return f"{plain_name(effect.name)} ({effect.form})" if effect.form else plain_name(effect.name)
+
+
+def family_of(key: str) -> str:
+    """Return the family of an effect of the library, or the key of one that is not in it."""
+    effect = EFFECTS.get(key)
+    return effect.name if effect else key
+
+
+def parameter_name(key: str, name: str) -> str:
+    """Return the name of a cause's parameter; of a combination, what it is made of."""
+    return EFFECTS[key].spelled(name) if key in EFFECTS else name
+
+
+def chance(p: float) -> str:
+    """Return a probability as a percentage; never 100 % or 0 %, which no data give."""
+    return "> 99.9 %" if p > 0.9995 else "< 0.1 %" if p < 0.0005 else f"{100 * p:.3g} %"
 
 
 def place_text(place: Shape | Rows) -> str:

@@ -26,6 +26,27 @@ CHOICE_FILE = "choice.toml"
 
 _HEAD = "# What was chosen by hand: `wheelsoil process`, `fit`, `diagnose` and `report` take it with --choice.\n\n"
 
+Second = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+Flag = Annotated[bool, Field(strict=True)]
+
+_EXPECTED = {
+    "schema": f'schema = "{SCHEMA}"',
+    "slip_threshold": "a slip from 0 to below 1",
+    "cutoff_hz": "a positive number of Hz",
+    "min_speed_mps": "a positive number of m/s",
+    "sinkage": '"balanced" or "literal"',
+    "channels": '["dp"], ["t"] or ["dp", "t"]',
+    "soil_prior": "true or false",
+    "effects": "keys of effects, each once: docs/effects/README.md",
+    "file": "the name of the recording",
+    "id": "the id of the run",
+    "sha256": "64 hexadecimal digits",
+    "use": "true or false",
+    "keep": "pairs of seconds [from, to], none of them negative",
+}
+_MEND = "mend it, or take the key out: the default is taken then"
+
 
 @dataclass(frozen=True)
 class ChosenRun:
@@ -192,11 +213,6 @@ def _no_twins(values: tuple[str, ...]) -> tuple[str, ...]:
     return values
 
 
-Second = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
-Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
-Flag = Annotated[bool, Field(strict=True)]
-
-
 class _Head(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -218,24 +234,6 @@ class _Run(BaseModel):
     sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
     use: Flag = True
     keep: tuple[tuple[Second, Second], ...] | None = None
-
-
-_EXPECTED = {
-    "schema": f'schema = "{SCHEMA}"',
-    "slip_threshold": "a slip from 0 to below 1",
-    "cutoff_hz": "a positive number of Hz",
-    "min_speed_mps": "a positive number of m/s",
-    "sinkage": '"balanced" or "literal"',
-    "channels": '["dp"], ["t"] or ["dp", "t"]',
-    "soil_prior": "true or false",
-    "effects": "keys of effects, each once: docs/effects/README.md",
-    "file": "the name of the recording",
-    "id": "the id of the run",
-    "sha256": "64 hexadecimal digits",
-    "use": "true or false",
-    "keep": "pairs of seconds [from, to], none of them negative",
-}
-_MEND = "mend it, or take the key out: the default is taken then"
 
 
 def _checked(raw: Mapping[str, Any], kind: type[Any], where: str, faults: list[Fault]) -> Any:

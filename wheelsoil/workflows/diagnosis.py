@@ -53,6 +53,8 @@ _LOOSE = "runs"
 _SHORTEST_S, _LONGEST_S = 10.0, 600.0
 _MOST_RUNS = 40
 
+Given = tuple[Campaign, ...] | tuple[Bench, ...]
+
 
 def diagnosis_options(
     reading: Reading = "balanced",
@@ -194,9 +196,6 @@ def _told_apart(campaigns: Sequence[Campaign]) -> tuple[Campaign, ...]:
     names = [campaign.name for campaign in campaigns]
     numbers = [f" ({names[:i].count(name)})" if names.count(name) > 1 else "" for i, name in enumerate(names, 1)]
     return tuple(replace(one, name=one.name + number) for one, number in zip(campaigns, numbers, strict=True))
-
-
-Given = tuple[Campaign, ...] | tuple[Bench, ...]
 
 
 def diagnose_given(given: Given, options: DiagnosisOptions) -> Diagnosis:

@@ -18,14 +18,13 @@ from daq.recording import DecodedWriter, Event, Gap, Recording, RecordingWriter,
 from daq.runs import LENIENT_KEY, Run
 from daq.series import write_frame
 
+_BLOCK_BYTES = 1 << 20
+_NO_END, _NO_END_YET = "no end of the run", "still being recorded"
+
 
 def utc(time_ns: int) -> str:
     """Return UTC nanoseconds as ISO 8601 with milliseconds."""
     return f"{np.datetime64(time_ns, 'ns').astype('datetime64[ms]')}Z"
-
-
-_BLOCK_BYTES = 1 << 20
-_NO_END, _NO_END_YET = "no end of the run", "still being recorded"
 
 
 @dataclass(frozen=True)

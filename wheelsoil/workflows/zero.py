@@ -52,6 +52,8 @@ from wheelsoil.workflows.recordings import sha256_of
 _LOOK_BATCHES = 20
 Key = tuple[str, str]
 
+_NOTABLE_RISE_K = 2.0
+
 
 @dataclass(frozen=True)
 class Sources:
@@ -241,9 +243,6 @@ def _name(key: Key, sources: Sources) -> str:
     """Return "Message.Signal", with the bus before it where another bus has one of that name."""
     same = [other for other in sources.signals if other[1] == key[1]]
     return key[1] if len(same) == 1 else f"{key[0]}:{key[1]}"
-
-
-_NOTABLE_RISE_K = 2.0
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,21 @@ _LEAST_QUEUE = 10
 _LATE_STAMP_S = 1.0
 _FD_MTU = 72
 
+_HIGH_LOAD = 0.8
+_MANY_ERRORS = 0.01
+_IDS_LISTED = 8
+_KNOWN_ENOUGH = 0.5
+_CLASSES = (
+    (ErrorClass.PROTOCOL, "protocol"),
+    (ErrorClass.NO_ACK, "no acknowledgement"),
+    (ErrorClass.BUS_OFF, "bus-off"),
+    (ErrorClass.CONTROLLER, "controller"),
+)
+_SILENCE = (
+    "that the ignition is on and a node is sending, the bit rate (with a wrong one a listen-only interface is silent), "
+    "CAN_H and CAN_L not swapped, 60 ohm between them"
+)
+
 
 def interface(now: Situation) -> Iterator[Line]:
     """Check whether the interface is there, allowed and up."""
@@ -160,22 +175,6 @@ def _bring_up(now: Situation, bus: str) -> str:
     more = " dbitrate DATA_BITRATE fd on" if section.fd else ""
     set_it = f"ip link set {bus} type can bitrate {rate}{more} restart-ms 100"
     return f"ip link set {bus} down; {set_it}; ip link set {bus} up"
-
-
-_HIGH_LOAD = 0.8
-_MANY_ERRORS = 0.01
-_IDS_LISTED = 8
-_KNOWN_ENOUGH = 0.5
-_CLASSES = (
-    (ErrorClass.PROTOCOL, "protocol"),
-    (ErrorClass.NO_ACK, "no acknowledgement"),
-    (ErrorClass.BUS_OFF, "bus-off"),
-    (ErrorClass.CONTROLLER, "controller"),
-)
-_SILENCE = (
-    "that the ignition is on and a node is sending, the bit rate (with a wrong one a listen-only interface is silent), "
-    "CAN_H and CAN_L not swapped, 60 ohm between them"
-)
 
 
 def arrivals(now: Situation) -> Iterator[Line]:

@@ -34,6 +34,17 @@ _CHRONY = (
     "install chrony or systemd-timesyncd (`timedatectl set-ntp true`); without a network feed chrony from the GNSS"
 )
 
+_MB = 1e6
+_BLOCK = 64 * 1024
+_BLOCKS = 50
+_SLOW_S = 0.2
+_OWN_IT = "give the folder to the logger's user, mount it writable, or choose another: --out"
+
+_SLOW_IMPORT_S = 5.0
+_UNITS = (Path("/etc/systemd/system"), Path("/usr/lib/systemd/system"), Path("/lib/systemd/system"))
+_UNIT = "wheelsoil-log.service"
+_UNIT_KEYS = ("Type=notify", "WatchdogSec=", "Restart=")
+
 
 def host_time(now: Situation) -> Iterator[Line]:
     """Check whether the host's clock is set at all."""
@@ -121,13 +132,6 @@ def gnss_time(now: Situation) -> Iterator[Line]:
         yield passed("gnss_time", found)
 
 
-_MB = 1e6
-_BLOCK = 64 * 1024
-_BLOCKS = 50
-_SLOW_S = 0.2
-_OWN_IT = "give the folder to the logger's user, mount it writable, or choose another: --out"
-
-
 def folder(now: Situation) -> Iterator[Line]:
     """Check whether files can be made there."""
     if now.out.exists() and not now.out.is_dir():
@@ -212,12 +216,6 @@ def sync_times_s(where: Path, blocks: int = _BLOCKS) -> list[float]:
             os.fsync(file.fileno())
             took.append(time.perf_counter() - began)
     return took
-
-
-_SLOW_IMPORT_S = 5.0
-_UNITS = (Path("/etc/systemd/system"), Path("/usr/lib/systemd/system"), Path("/lib/systemd/system"))
-_UNIT = "wheelsoil-log.service"
-_UNIT_KEYS = ("Type=notify", "WatchdogSec=", "Restart=")
 
 
 def python(now: Situation) -> Iterator[Line]:

@@ -28,6 +28,8 @@ _NAME_BYTES = 16
 _SO_TIMESTAMPNS = 35
 _PATH = "/usr/sbin:/sbin:/usr/bin:/bin"
 
+_READ_S = 0.05
+
 
 @dataclass(frozen=True)
 class Link:
@@ -160,9 +162,6 @@ def _asked(name: str, request: int, form: str) -> int:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as any_socket:
         answer = fcntl.ioctl(any_socket, request, encoded.ljust(40, b"\0"))
     return int(struct.unpack_from(form, answer, _NAME_BYTES)[0])
-
-
-_READ_S = 0.05
 
 
 @dataclass(frozen=True)

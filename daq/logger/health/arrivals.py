@@ -21,6 +21,13 @@ _NAME = re.compile(r"counter|rolling|alive|sequence|cntr?([^a-z]|$)|(^|[^a-z])(r
 _WORDS = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _REGULAR_SHARE, _REGULAR_SHARE_UNNAMED = 0.95, 0.99
 
+_LEAST_INTERVALS = 10
+_SILENT_PERIODS = 5
+_SILENT_LEAST_NS = 1_000_000_000
+_RATE_OVER_NS = 1_000_000_000
+_BELIEVED_AFTER = 3
+_SAME_RATE = 0.2
+
 
 def is_named_so(signal: Signal) -> bool:
     """Whether a signal's name says that it counts frames."""
@@ -157,14 +164,6 @@ class RollingCounter:
 
     def _loss(self, high: int, low: int) -> int:
         return (low - high) % (self._full + 1) - 1
-
-
-_LEAST_INTERVALS = 10
-_SILENT_PERIODS = 5
-_SILENT_LEAST_NS = 1_000_000_000
-_RATE_OVER_NS = 1_000_000_000
-_BELIEVED_AFTER = 3
-_SAME_RATE = 0.2
 
 
 class MessageFlow:

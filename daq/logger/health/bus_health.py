@@ -36,6 +36,18 @@ _PROTOCOL_NAMES = {
 _STATE_HOLDS_NS = 30_000_000_000
 """Not every driver says when the controller is well again."""
 
+_RATE_OVER_NS = 1_000_000_000
+_IDS_KEPT = 64
+_IDS_COUNTED = 256
+_STUFFED_EVERY = 30
+"""Random bits get a stuff bit after 31 bits for the first, then after 30 each; constant ones after 4."""
+
+_ACTIVE_FOR_NS = 500_000_000
+_SILENT_AFTER_NS, _SILENT_FROM_START_NS = 2_000_000_000, 5_000_000_000
+_UNKNOWN_SHARE = 0.05
+_BEHIND = 0.25
+_RETURN_REPORTED_NS = 60_000_000_000
+
 
 class ErrorFrames:
     """Follows the error frames of one bus."""
@@ -108,13 +120,6 @@ def _state(classes: int, controller: int) -> str:
     if controller & _PASSIVE:
         return "passive"
     return "warning" if controller & _WARNING else ""
-
-
-_RATE_OVER_NS = 1_000_000_000
-_IDS_KEPT = 64
-_IDS_COUNTED = 256
-_STUFFED_EVERY = 30
-"""Random bits get a stuff bit after 31 bits for the first, then after 30 each; constant ones after 4."""
 
 
 def bits_on_wire(frames: FrameArray) -> FloatArray:
@@ -203,13 +208,6 @@ class BusTraffic:
             place = (key >> 1, bool(key & 1))
             if place in self._ids or len(self._ids) < _IDS_KEPT:
                 self._ids[place] += number
-
-
-_ACTIVE_FOR_NS = 500_000_000
-_SILENT_AFTER_NS, _SILENT_FROM_START_NS = 2_000_000_000, 5_000_000_000
-_UNKNOWN_SHARE = 0.05
-_BEHIND = 0.25
-_RETURN_REPORTED_NS = 60_000_000_000
 
 
 class BusWatch:

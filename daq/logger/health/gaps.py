@@ -24,6 +24,16 @@ _SMALLEST_BLOCK, _LARGEST_BLOCK, _LEAST_BLOCKS = 8, 64, 8
 _EVEN = 0.05
 _FLOORS, _NO_LOSS = 12, 0.7
 
+BLOCK_NS = 500_000_000
+_LEAST_FRAMES = 2
+_FALLING, _RISING = 0.5, 1.0
+_ANCHORS, _LEAST_ANCHORS = 20, 5
+_MOST_BLOCKS = 20
+_RATE_ERROR = 2e-4
+_SURE = 0.8
+_SLACK = 2.0
+_FROZEN = 3
+
 
 @dataclass(frozen=True)
 class Usual:
@@ -113,17 +123,6 @@ def _by_count(time_ns: IntArray, period: float) -> tuple[float, float]:
 def _spread(gaps: FloatArray | IntArray, period: float) -> float:
     """Return how far the middle three quarters of the intervals are from the usual one, relative to it."""
     return float(np.quantile(np.abs(gaps - period), 0.75)) / period
-
-
-BLOCK_NS = 500_000_000
-_LEAST_FRAMES = 2
-_FALLING, _RISING = 0.5, 1.0
-_ANCHORS, _LEAST_ANCHORS = 20, 5
-_MOST_BLOCKS = 20
-_RATE_ERROR = 2e-4
-_SURE = 0.8
-_SLACK = 2.0
-_FROZEN = 3
 
 
 @dataclass(frozen=True)

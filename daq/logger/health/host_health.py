@@ -18,6 +18,16 @@ _QUEUE_AMBER, _QUEUE_RED = 0.25, 0.75
 _BUSY, _BUSY_S = 0.9, 5.0
 _STEP_REPORTED_NS = 60_000_000_000
 
+GNSS_ROLES = ("ground_speed_valid", "latitude", "longitude", "gnss_time", "course")
+_FIT_EVERY_NS = 10_000_000_000
+_LOST_AFTER_S = 1.5
+_MESSAGES = 5
+_NEVER_AFTER_S = 10.0
+_RESIDUAL_S = 0.05
+_DRIFT_PPM = 100.0
+_DRIFT_SIGMAS = 3.0
+_NULL_ISLAND_RAD = 1e-6
+
 
 class HostWatch:
     """Follows the machine from report to report."""
@@ -58,17 +68,6 @@ class HostWatch:
         level = Level.RED if minutes < _RED_MINUTES else Level.AMBER
         what = f"the disk lasts {minutes:.0f} minutes: {usable / 1e6:.0f} MB at {host.disk_bytes_per_s / 1e6:.2f} MB/s"
         return [reason("disk_low", level, "host", what)]
-
-
-GNSS_ROLES = ("ground_speed_valid", "latitude", "longitude", "gnss_time", "course")
-_FIT_EVERY_NS = 10_000_000_000
-_LOST_AFTER_S = 1.5
-_MESSAGES = 5
-_NEVER_AFTER_S = 10.0
-_RESIDUAL_S = 0.05
-_DRIFT_PPM = 100.0
-_DRIFT_SIGMAS = 3.0
-_NULL_ISLAND_RAD = 1e-6
 
 
 class Gnss:

@@ -23,6 +23,18 @@ _NAMED_MOST = 3
 _TOGETHER = ("counter_jump", "frames_missing")
 _TOGETHER_NAMED_MOST = 8
 
+MOVING_MPS = 0.5
+_RESTING_MPS = 0.1
+_CONTRADICTED_MPS = 1.0
+_STANDING_S, _ALL_SLIP_S = 1.0, 3.0
+_PLAUSIBLE_RADIUS_M = 0.5
+
+_NOW_NS = 1_000_000_000
+_CONSTANT_S = 10.0
+_SPEEDS = ("wheel_speed", "ground_speed")
+_FLAGS = ("ground_speed_valid", "transducer_status")
+_OF_GNSS = ("ground_speed", "latitude", "longitude", "course")
+
 
 def message_health(
     one: WatchedMessage, now_ns: int, health: HealthSection, *, started_ns: int, bus_active: bool
@@ -113,13 +125,6 @@ def _losses(one: WatchedMessage, now_ns: int, *, count_missing: bool) -> list[Re
     return found
 
 
-MOVING_MPS = 0.5
-_RESTING_MPS = 0.1
-_CONTRADICTED_MPS = 1.0
-_STANDING_S, _ALL_SLIP_S = 1.0, 3.0
-_PLAUSIBLE_RADIUS_M = 0.5
-
-
 class Motion:
     """Follows the speeds from report to report.
 
@@ -162,13 +167,6 @@ class Motion:
             what = f"is exactly 0 while the rim runs at {self.rim_mps:.1f} m/s"
             found.append(reason("ground_speed_zero", Level.AMBER, where["ground_speed"], what))
         return found
-
-
-_NOW_NS = 1_000_000_000
-_CONSTANT_S = 10.0
-_SPEEDS = ("wheel_speed", "ground_speed")
-_FLAGS = ("ground_speed_valid", "transducer_status")
-_OF_GNSS = ("ground_speed", "latitude", "longitude", "course")
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,9 @@ from daq.recording.events import DiagnosticStatus
 
 _NO_DATA = FrameFlag.ERROR | FrameFlag.REMOTE
 
+_OF_MESSAGE = ("rate_hz", "usual_rate_hz", "age_s", "frames", "gaps", "missing", "counter_jumps")
+_OF_SIGNAL = ("role", "value", "unit", "stuck_s", "out_of_range", "saturated")
+
 
 class HealthMonitor:
     """Watches what comes in.
@@ -240,10 +243,6 @@ class HealthMonitor:
             return None
         found += result[1]
         return result[0]
-
-
-_OF_MESSAGE = ("rate_hz", "usual_rate_hz", "age_s", "frames", "gaps", "missing", "counter_jumps")
-_OF_SIGNAL = ("role", "value", "unit", "stuck_s", "out_of_range", "saturated")
 
 
 def statuses(report: HealthReport) -> list[DiagnosticStatus]:

@@ -62,6 +62,11 @@ The levels, the meaning with its thresholds and the usual cause of each code are
 
 BusState = Literal["up", "down", "bus_off"]
 
+STAYS_NS = 3_000_000_000
+"""A reason is kept this long after it last held, with its level."""
+RECENT_NS = 10_000_000_000
+"""What has happened in this time is happening now."""
+
 
 class Level(IntEnum):
     """Severity: red means that data are being lost or are wrong now."""
@@ -285,12 +290,6 @@ class HealthReport:
     gnss: GnssHealth | None
     host: HostStatus
     losses: Mapping[str, int] = field(default_factory=dict)
-
-
-STAYS_NS = 3_000_000_000
-"""A reason is kept this long after it last held, with its level."""
-RECENT_NS = 10_000_000_000
-"""What has happened in this time is happening now."""
 
 
 def reason(code: str, level: Level, where: str, what: str, *, bus: str = "", next_step: str = "") -> Reason:

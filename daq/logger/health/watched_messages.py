@@ -30,6 +30,11 @@ _RESTING_LEAST_NS = 10_000_000_000
 _SATURABLE_BITS = 8
 _LEAST_BITS = 5
 
+_RESTING_ROLES = ("wheel_speed", "ground_speed", "latitude", "longitude", "course", "wheel_angle", "sinkage")
+
+_OF_MESSAGES = ("may_be_silent", "may_be_constant", "may_leave_range")
+_STEP = "correct [health] in vehicle.toml"
+
 
 class SignalValues:
     """Follows the values of a message's signals, all at once.
@@ -190,9 +195,6 @@ def _ends(signal: Signal, *, j1939: bool) -> tuple[float, float]:
     return ends[0], ends[1]
 
 
-_RESTING_ROLES = ("wheel_speed", "ground_speed", "latitude", "longitude", "course", "wheel_angle", "sinkage")
-
-
 @dataclass(frozen=True)
 class WatchedMessage:
     """A message of a bus and what is followed of it.
@@ -273,10 +275,6 @@ def watched_messages(
             flow, values = MessageFlow(message, signals), SignalValues(message, signals, constant, at_rest)
             watched.append(WatchedMessage(bus, name, message, signals, keys, flow, values, mine))
     return watched
-
-
-_OF_MESSAGES = ("may_be_silent", "may_be_constant", "may_leave_range")
-_STEP = "correct [health] in vehicle.toml"
 
 
 def unknown_names(vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]) -> list[Fault]:

@@ -23,6 +23,12 @@ from model.diagnosis.core.result import Detectable, NextRun
 
 _LEAST_INFORMATION = 1e-6
 
+PARTS = 2.0
+"""Expected nats, whichever of both is the cause, from which on data are said to part two members: odds of 7 to 1."""
+WORTH_SAYING = 0.05
+"""Expected nats below which further data are not proposed."""
+_LEAST_WEIGHT = 1e-9
+
 
 @dataclass(frozen=True)
 class Direction:
@@ -80,13 +86,6 @@ def least_coefficient(information: float, one_sided: bool, wanted: float) -> flo
     needed = wanted + 0.5 * log(1.0 + information) - (log(2.0) if one_sided else 0.0)
     square = (2.0 * needed * (1.0 + information) - information) / information**2
     return sqrt(max(square, 0.0))
-
-
-PARTS = 2.0
-"""Expected nats, whichever of both is the cause, from which on data are said to part two members: odds of 7 to 1."""
-WORTH_SAYING = 0.05
-"""Expected nats below which further data are not proposed."""
-_LEAST_WEIGHT = 1e-9
 
 
 def expected_nats(nats: FloatArray, probabilities: Sequence[float]) -> float:

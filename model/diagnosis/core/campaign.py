@@ -15,6 +15,9 @@ from model.wheel_soil.soils import Soil, SoilPrior
 from model.wheel_soil.wheel_soil_model import Reading
 from processing import ProcessedRun
 
+ONE_LOAD = 0.08
+"""Spread of loads, over their mean, below which they are one load."""
+
 
 @dataclass(frozen=True)
 class Campaign:
@@ -97,10 +100,6 @@ class DiagnosisOptions:
     name_at: float = 0.9
     seed: int = 0
     next_run: bool = False
-
-
-ONE_LOAD = 0.08
-"""Spread of loads, over their mean, below which they are one load."""
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,9 @@ _HIGHEST_LUG = 0.1
 _MOST_SUSPECTS = 500
 """Rows, the worst ones, from which changes are computed."""
 
+_SIGMA_OF = {channel.field: channel.sigma_field for channel in (INPUTS["w"], *OUTPUTS.values())}
+_MEASURED = (*_SIGMA_OF, *_SIGMA_OF.values())
+
 
 @dataclass(frozen=True)
 class BoundRows:
@@ -132,10 +135,6 @@ def bound_rows_of_table(table: WheelTable | Observations, radius_m: float, *, lu
         columns[sigma] = np.nan_to_num(stated[name][rows]) if name in stated else np.zeros(int(rows.sum()))
     at_rest = np.full(int(rows.sum()), np.nan)
     return BoundRows(**columns, torque_at_rest_nm=at_rest, radius_m=radius_m, lugged=lugged)
-
-
-_SIGMA_OF = {channel.field: channel.sigma_field for channel in (INPUTS["w"], *OUTPUTS.values())}
-_MEASURED = (*_SIGMA_OF, *_SIGMA_OF.values())
 
 
 def inconsistent(rows: BoundRows) -> tuple[Inconsistent, ...]:

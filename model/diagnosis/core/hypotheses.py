@@ -22,6 +22,15 @@ from model.effects.catalogue import EFFECTS
 SIZE_PRIOR = (0.5, 0.35, 0.12, 0.03)
 """Probability of none, one, two and three causes."""
 
+_NONE = np.zeros(0)
+
+LEVEL = 0.95
+"""Of a set."""
+SETS_SHOWN = 6
+"""Sets of causes, at most."""
+MORE_AT = 0.8
+"""Probability from which on a further cause is reported beside a named one."""
+
 
 @dataclass(frozen=True)
 class Hypotheses:
@@ -121,9 +130,6 @@ def with_triples(pairs: Hypotheses, promising: IndexArray) -> Hypotheses:
     return _listing(pairs, [*sets, triples], pairs.members.shape[1])
 
 
-_NONE = np.zeros(0)
-
-
 def _combinations(count: int, size: int) -> IndexArray:
     return np.array(list(combinations(range(count), size)), np.intp).reshape(comb(count, size), size)
 
@@ -142,14 +148,6 @@ def _listing(listed: Hypotheses, sets: list[IndexArray], most: int) -> Hypothese
         each = share[size] - np.log(max(comb(count, size), 1))
         priors.append(each - np.log(forms[listed.family[distinct]]).sum(axis=1))
     return replace(listed, members=np.concatenate(members), log_prior=np.concatenate(priors))
-
-
-LEVEL = 0.95
-"""Of a set."""
-SETS_SHOWN = 6
-"""Sets of causes, at most."""
-MORE_AT = 0.8
-"""Probability from which on a further cause is reported beside a named one."""
 
 
 @dataclass(frozen=True)

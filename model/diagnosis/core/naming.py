@@ -29,7 +29,7 @@ from model.notes import LackCode
 NOTHING_AT = 0.2
 """Probability of "none" from which on no cause is reported: a false alarm costs more than a further run."""
 IDLE_AT = 0.05
-"""The same where the causes that are chosen are of no use on left-out runs."""
+"""The same where the causes that are chosen are of no use on held-out runs."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def judgement(
     judged : Adequacy
         Of the most probable set.
     gain : Gain or None
-        On left-out runs, the causes chosen anew in each fold.
+        On held-out runs, the causes chosen anew in each fold.
     converged : bool
         Whether the linearisation converged.
     error_must_fall : bool

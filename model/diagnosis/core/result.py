@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 Verdict = Literal["named", "one_of", "unexplained", "nothing_detectable"]
 
+_PLACE = ("where", "lower", "upper", "unit_there", "vertical_load_n", "run", "campaign")
+
 
 @dataclass(frozen=True)
 class ParameterEstimate:
@@ -325,9 +327,6 @@ class Diagnosis:
         known = np.concatenate([*left, np.zeros(0)])
         known = known[np.isfinite(known)]
         return float(np.median(known)) if len(known) else float("nan")
-
-
-_PLACE = ("where", "lower", "upper", "unit_there", "vertical_load_n", "run", "campaign")
 
 
 def _place(place: Shape | Rows) -> tuple[str, float, float, str, float, str, str]:

@@ -44,6 +44,11 @@ OTHER_FORM = 3.0
 _LEAST_SHARE_LEFT = 1e-6
 """Share of a combination that a campaign may leave open and still estimate it."""
 
+LEAST = 20.0
+"""Nats by which two soils must be likelier than one."""
+
+_FEW = 8
+
 
 @dataclass(frozen=True)
 class Own:
@@ -207,11 +212,6 @@ def disagreement_notes(
         *(Note(DiagnosisCode.DISAGREEMENT, Severity.FAULT, facts) for facts in sizes),
         *(Note(DiagnosisCode.OTHER_FORM, Severity.DOUBT, facts) for facts in others),
     )
-
-
-LEAST = 20.0
-"""Nats by which two soils must be likelier than one."""
-_FEW = 8
 
 
 def two_soils(grams: Grams) -> tuple[tuple[str, ...], tuple[str, ...]] | None:

@@ -1,8 +1,7 @@
-"""Causes confounded with those of a verdict: their signatures are nearly equal once the soil is projected out.
+"""What stands behind a verdict: causes with their sizes, the soil with them, confounded causes, and data for figures.
 
-Data for figures: measured, simulated without and with the causes, and what each candidate changes.
-
-What stands behind a verdict: its causes with their sizes, and the soil that goes with them.
+A cause is confounded with one of the verdict where their signatures are nearly equal once the soil is projected out.
+The figures show what was measured, what is simulated without and with the causes, and what each candidate changes.
 """
 
 from __future__ import annotations
@@ -28,6 +27,12 @@ from model.diagnosis.time_series.start import CampaignData
 
 Sizes = Mapping[str, FloatArray]
 """Coefficients of each effect, in units of the prior scale, by its key."""
+
+Keys = tuple[str, ...]
+
+_MOST_FITTED = 6
+"""Members of a set that are fitted each on its own; those beyond are listed by name only."""
+_MOST_SHOWN = 6
 
 
 def plot_data_of(
@@ -123,13 +128,6 @@ def _signature(linearised: LinearisedCampaign, index: int, key: str, size: Float
             scale = grams.causes[column - grams.cause_columns.start].scale
             changed += data.linear.causes[..., i] * scale * coefficient
     return np.asarray(changed - data.linear.soil @ mine)
-
-
-Keys = tuple[str, ...]
-
-_MOST_FITTED = 6
-"""Members of a set that are fitted each on its own; those beyond are listed by name only."""
-_MOST_SHOWN = 6
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,12 @@ from model.diagnosis.core.result import Detectable
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import hypotheses, without_soil
 
+CONFOUNDED_COSINE = 0.95
+"""Cosine of two signatures, the soil projected out, from which on causes count as confounded."""
+DETECTABLE_D = 5.0
+"""d from which on an effect is detectable, and d_sep from which on it is separable from its rivals."""
+_NOTHING = 1e-12
+
 
 def detectable_in_runs(
     grams: Grams, excluded: frozenset[str] = frozenset(), name_at: float = 0.9, excess: float = 1.0
@@ -51,13 +57,6 @@ def detectable_in_runs(
         for key in listed.effects
     }
     return minimum_detectable(listed, directions, name_at)
-
-
-CONFOUNDED_COSINE = 0.95
-"""Cosine of two signatures, the soil projected out, from which on causes count as confounded."""
-DETECTABLE_D = 5.0
-"""d from which on an effect is detectable, and d_sep from which on it is separable from its rivals."""
-_NOTHING = 1e-12
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,9 @@
 """After "unexplained": a small formula for what is left, offered with what it is worth on held-out runs, never named.
 
-Every term in every channel is a column like a cause's, with a normal prior whose one-sigma lets it be as large as a
-shape of the catch-all. Sets of up to three are weighed as sets of causes are, so that a longer formula has to pay for
-its length. The gain is nested: each run is predicted with the terms that the others choose.
-
-Small formulas that could describe what is left over: simple functions of what was measured, and their products.
+The terms are simple functions of what was measured, and their products. Every term in every channel is a column like a
+cause's, with a normal prior whose one-sigma lets it be as large as a shape of the catch-all. Sets of up to three are
+weighed as sets of causes are, so that a longer formula has to pay for its length. The gain is nested: each run is
+predicted with the terms that the others choose.
 """
 
 from __future__ import annotations
@@ -30,6 +29,10 @@ from model.wheel_soil.conditions import Conditions
 SLIP_SCALE = 0.1
 """Of exp(-|s|/0.1): what is there at little slip only."""
 _SPREAD = 1e-3
+
+MOST_TERMS = 3
+_FEWEST_RUNS = 2
+_BEAM = 12
 
 
 @dataclass(frozen=True)
@@ -109,11 +112,6 @@ def _product(a: Term, b: Term) -> Term:
 def _varies(values: FloatArray) -> bool:
     size = float(np.sqrt(np.mean(values**2)))
     return bool(size > 0 and np.std(values) > _SPREAD * size)
-
-
-MOST_TERMS = 3
-_FEWEST_RUNS = 2
-_BEAM = 12
 
 
 @dataclass(frozen=True)
@@ -217,7 +215,7 @@ def propose(grams: Grams, terms: dict[str, TermColumn]) -> Proposal | None:
     Returns
     -------
     Proposal or None
-        None where no formula foretells left-out runs better than none, or there is but one run.
+        None where no formula predicts held-out runs better than none, or there is but one run.
     """
     if len(grams.run_names) < _FEWEST_RUNS:
         return None

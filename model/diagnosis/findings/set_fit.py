@@ -1,6 +1,4 @@
-r"""Final parameters of a set of causes: the whole model again, not its linearisation, and intervals that are honest.
-
-How far the final parameters may be off.
+r"""Final parameters of a set of causes, fitted with the whole model and not its linearisation, and their intervals.
 
 The noise model's own covariance :math:`H^{-1}` is too short: its hyper-parameters are estimated, runs differ by more
 than it knows, and other sets of causes are possible. So each variance is put together from
@@ -44,6 +42,15 @@ CONFIDENCE = 0.95
 _LEAST_SHARE = 0.01
 """Of the most probable set's probability, below which a set is not asked."""
 _MOST_SETS = 40
+
+_OPTIONS = GaussNewtonOptions(epsilon=1e-3, cost_tolerance=1e-7, max_iterations=25, noise="unit")
+_GLANCE = replace(_OPTIONS, max_iterations=4)
+_PROMISING = 20.0
+"""Cost above the best, after a few steps from another start, up to which it is followed to its end."""
+_SMALL = 0.2
+_PARTED = 0.9
+"""Size of the correlation of two parameters above which each on its own says little."""
+_PRECISION = 0.03
 
 
 @dataclass(frozen=True)
@@ -151,16 +158,6 @@ def _by_choice(linearised: LinearisedCampaign, keys: tuple[str, ...], count: int
     weights = weighed.probability[order] / weighed.probability[order].sum()
     total[count - len(columns) :] = weights @ (sizes - alone.coefficients[columns]) ** 2
     return total
-
-
-_OPTIONS = GaussNewtonOptions(epsilon=1e-3, cost_tolerance=1e-7, max_iterations=25, noise="unit")
-_GLANCE = replace(_OPTIONS, max_iterations=4)
-_PROMISING = 20.0
-"""Cost above the best, after a few steps from another start, up to which it is followed to its end."""
-_SMALL = 0.2
-_PARTED = 0.9
-"""Size of the correlation of two parameters above which each on its own says little."""
-_PRECISION = 0.03
 
 
 @dataclass(frozen=True)

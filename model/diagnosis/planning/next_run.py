@@ -1,23 +1,18 @@
-r"""Which manoeuvre would split a set of causes best: the engine designs the next run.
+r"""Which manoeuvre would split a set of causes best, and the noise that an explanation is judged by.
 
-Every manoeuvre of `model.diagnosis.planning.manoeuvres` is linearised and whitened as if it had been driven, with
-the noise model of the campaign; two more need no soil. What its cross products would add to those of the runs that were
-driven is said below.
+**Candidates.** Every manoeuvre of `model.diagnosis.planning.manoeuvres` is linearised and whitened as if it had been
+driven, with the noise model of the campaign. Two more need no soil: zeros with the wheel lifted, and slip and its delay
+on hard ground.
 
-The noise model as far as instruments can be that bad: what an explanation is judged by.
+**Plausible noise.** Slip is measured, and an error of the ground speed shows in all channels at once. So does much
+else: a slip that lags behind, a soil that answers late. A noise model that may choose its speed error and its delays
+freely explains them all; one that may choose the soil's scatter freely takes a soft patch for it. Whether an
+explanation is adequate is therefore judged with a speed error no larger than the sensor is stated to have, with a
+margin, or than a usual receiver has, with delays no longer than what is thought of toothed rings, and with a soil as
+even as is thought of one terrain.
 
-Slip is measured, and an error of the ground speed shows in all channels at once. So does much else: a slip that lags
-behind, a soil that answers late. A noise model that may choose its speed error and its delays freely explains them
-all; one that may choose the soil's scatter freely takes a soft patch for it. Whether an explanation is adequate is
-therefore judged with a speed error no larger than the sensor is stated to have, with a margin, or than a usual receiver
-has, with delays no longer than what is thought of toothed rings, and with a soil as even as is thought of one terrain.
-
-What can be measured without any soil: zeros with the wheel lifted, slip and its delay on hard ground.
-
-Expected effect of further data on a set of causes that are not yet separable.
-
-Let member i of the set be the cause at its estimated size. Data with cross products G then favour it over member j,
-at whatever size j imitates it best, by an expected
+**What further data do.** Let member i of the set be the cause at its estimated size. Data with cross products G then
+favour it over member j, at whatever size j imitates it best, by an expected
 
 .. math:: \tfrac12\, d^2_{i|j}(G) = \tfrac12\, z_i^2 (1 - \cos^2_{ij})
 
@@ -60,6 +55,16 @@ LOG_SIGMAS = 2.0
 _SPEED = ("speed_noise_mps", "speed_white_mps")
 _OTHERS = ("wheel_speed_delay_s", "wheel_edge_delay_rad", "stiffness_in_run", "friction_in_run")
 
+COASTED_S = 120.0
+"""On hard ground: it costs no track and no soil, and a radius asks for the mean of a slow error of the speed."""
+_ROLLING_RADIUS_SHARE = 0.005
+"""By how much a tyre's rolling radius on hard ground may differ from that on soil."""
+
+MOST = 5
+COASTING = "coasting on hard ground for two minutes, speeding up and slowing down"
+_BETTER = 1.05
+"""Times what one more run like the others would give: less is no reason to drive another way."""
+
 
 def plausible_grams(linearised: LinearisedCampaign) -> Grams:
     """Return the Gram matrices under a speed error that the sensor can have; those of the campaigns where it has."""
@@ -89,12 +94,6 @@ def _plausible(data: CampaignData) -> Noise:
     return replace(data.noise, values={k: min(x, most.get(k, x)) for k, x in data.noise.values.items()})
 
 
-COASTED_S = 120.0
-"""On hard ground: it costs no track and no soil, and a radius asks for the mean of a slow error of the speed."""
-_ROLLING_RADIUS_SHARE = 0.005
-"""By how much a tyre's rolling radius on hard ground may differ from that on soil."""
-
-
 def lifted_wheel(data: CampaignData, simulation: Simulation, run: Samples) -> FloatArray:
     """Return cross products of the causes, shape (k, k), when the unloaded channels are read for some seconds.
 
@@ -121,7 +120,7 @@ def hard_ground(data: CampaignData, simulation: Simulation, run: Samples) -> Flo
 
     Parameters
     ----------
-    view, simulation, run
+    data, simulation, run
         As for `lifted_wheel`; the run is repeated at the same ground speed.
     """
     values = data.noise.values
@@ -242,12 +241,6 @@ def _pairwise(grams: Grams, projected: Projected, members: tuple[Member, ...]) -
 def members_of(sizes: Mapping[str, FloatArray], probabilities: Mapping[str, float]) -> tuple[Member, ...]:
     """Return the members of a set by their keys; one without a probability counts as any other."""
     return tuple(Member(key, np.asarray(size, float), probabilities.get(key, 1.0)) for key, size in sizes.items())
-
-
-MOST = 5
-COASTING = "coasting on hard ground for two minutes, speeding up and slowing down"
-_BETTER = 1.05
-"""Times what one more run like the others would give: less is no reason to drive another way."""
 
 
 def next_runs(linearised: LinearisedCampaign, members: tuple[Member, ...], most: int = MOST) -> tuple[NextRun, ...]:

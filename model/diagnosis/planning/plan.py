@@ -43,6 +43,8 @@ _STILL_MPS = 0.1
 _USUAL_NOISE_SHARE = 4e-3
 """Of the load: noise of a channel whose sigma is not known."""
 
+SCHEMA = "wheelsoil/plan/1"
+
 
 @dataclass(frozen=True)
 class CampaignPlan:
@@ -261,9 +263,6 @@ def _standstills(still: BoolArray, load: FloatArray) -> tuple[Standstill, ...]:
             nothing = dict.fromkeys(levels, float("nan"))
             found.append(Standstill(float(first / _RATE_HZ), float(duration), levels, nothing))
     return tuple(found)
-
-
-SCHEMA = "wheelsoil/plan/1"
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ class SetPosterior:
         Its own error.
     standard : array, shape (draws, p)
     log_weight : array, shape (draws,)
-        ln (prior / proposal) of each draw: without the likelihood, so that rows can be left out.
+        ln (prior / proposal) of each draw: without the likelihood, so that rows can be held out.
     said : mapping channel -> array, shape (draws, n)
     log_likelihood : array, shape (draws,)
     """
@@ -100,7 +100,7 @@ def posterior_of(
     optima : sequence of Optimum
         Of one hypothesis, from several starts; at least one with a finite likelihood.
     rows : array, shape (n,), optional
-        1 for rows that count, 0 for rows that are left out.
+        1 for rows that count, 0 for rows that are excluded.
     """
     modes = _distinct(optima)
     hypothesis = modes[0].hypothesis

@@ -25,6 +25,14 @@ from model.notes import DiagnosisCode
 
 _SIGNIFICANT = 2.5
 
+_COUNTED = 3.0
+"""Nats below the most probable set that holds a cause within which another one counts for its parameters."""
+_MOST = 12
+
+MUCH_SCATTER = 0.05
+"""Of the load, from which on repeats are hardly repeats."""
+_USUAL_LOAD_N = 10_000.0
+
 
 def plot_data_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tuple[PlotData, ...]:
     """Return every bench's rows with what the simulation and its extensions say.
@@ -167,11 +175,6 @@ def _information(problem: BenchProblem, null: Optimum, use: CauseUse, which: int
     return max(left, 0.0)
 
 
-_COUNTED = 3.0
-"""Nats below the most probable set that holds a cause within which another one counts for its parameters."""
-_MOST = 12
-
-
 @dataclass(frozen=True)
 class Draws:
     """Weighted values of one quantity, shape (m,) each."""
@@ -245,11 +248,6 @@ def soils_of(weighing: Weighing, weighed: Weighed) -> tuple[SoilEstimate, ...]:
             )
         )
     return tuple(found)
-
-
-MUCH_SCATTER = 0.05
-"""Of the load, from which on repeats are hardly repeats."""
-_USUAL_LOAD_N = 10_000.0
 
 
 def mixed_repeats(problem: BenchProblem) -> tuple[Note, ...]:

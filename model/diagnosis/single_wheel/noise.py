@@ -114,7 +114,7 @@ class ChannelNoise:
         ----------
         error : array, shape (..., m)
         rows : array, shape (m,), optional
-            1 for rows that count, 0 for rows that are left out; of a group all or none.
+            1 for rows that count, 0 for rows that are excluded; of a group all or none.
 
         Returns
         -------

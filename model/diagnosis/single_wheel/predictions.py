@@ -34,6 +34,11 @@ _GATED = 8
 """Most probable sets of a fold that are put to the gate; the first is taken where none of them passes."""
 _LEAST_GROUPS = 3
 
+_LOADS = ((0.5, "half the load"), (2.0, "twice the load"))
+_DRAWS = 160
+_SETS = 5
+_REPEATS = 3
+
 
 def predict_held_out(
     problem: BenchProblem, optima: Sequence[Optimum], rng: np.random.Generator
@@ -117,18 +122,12 @@ def _predicted(
 
 
 def _log_predictive(problem: BenchProblem, posterior: SetPosterior) -> float:
-    """Return ln p of the rows that were left out, given those that were kept."""
+    """Return ln p of the rows that were held out, given those that were kept."""
     possible = np.isfinite(posterior.log_likelihood)
     everything = log_likelihood(problem, {c: values[possible] for c, values in posterior.said.items()})
     ratio = everything - posterior.log_likelihood[possible]
     top = float(ratio.max())
     return top + float(np.log(posterior.weights[possible] @ np.exp(ratio - top)))
-
-
-_LOADS = ((0.5, "half the load"), (2.0, "twice the load"))
-_DRAWS = 160
-_SETS = 5
-_REPEATS = 3
 
 
 @dataclass(frozen=True)
@@ -196,7 +195,7 @@ def _designs(problem: BenchProblem) -> list[_Design]:
 def _prediction_of_design(
     design: _Design, weighed: Weighed, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return mean and covariance of what a set foretells of a design; None where the model has no answer."""
+    """Return mean and covariance of what a set predicts for a design; None where the model has no answer."""
     posterior = weighed.posterior
     assert posterior is not None
     drawn = rng.choice(len(posterior.weights), _DRAWS, p=posterior.weights)

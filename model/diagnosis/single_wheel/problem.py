@@ -3,8 +3,7 @@
 A hypothesis is a set of causes, each on all benches or on one of them only. Its coordinates have a standard normal
 prior (`model.diagnosis.single_wheel.coordinates`): first those of every soil, then those of its causes.
 Hypotheses with fewer coordinates than others are padded with ones that nothing depends on: they change no evidence.
-
-Rows of many hypotheses as columns of one model: parameters with their slopes, row by row.
+The rows of many hypotheses are columns of one model: parameters with their slopes, row by row.
 """
 
 from __future__ import annotations

@@ -1,11 +1,9 @@
-"""Where hypotheses fit best: starts for the search, from sets with a cause less.
-
-Best values and evidence of many hypotheses at once.
+"""Search for the best values of many hypotheses at once, from those of sets with a cause less, and their evidence.
 
 The search is Gauss-Newton with damping (Levenberg 1944) in standard-normal coordinates; docs/decisions/one-newton.md
-says why it is not `model.fit.gauss_newton`. The noise is a mixture
-over its one-sigmas; its gradient is that of the mixture's mean precision, which is renewed at every step. The evidence
-is Laplace's; `model.diagnosis.single_wheel.evidence` corrects it by importance sampling where it counts.
+says why it is not `model.fit.gauss_newton`. The noise is a mixture over its one-sigmas; its gradient is that of the
+mixture's mean precision, which is renewed at every step. The evidence is Laplace's;
+`model.diagnosis.single_wheel.evidence` corrects it by importance sampling where it counts.
 """
 
 from __future__ import annotations
@@ -23,6 +21,13 @@ _ENOUGH = 1e-3
 """Predicted gain in nats below which a search ends."""
 _BATCH = 64
 """Hypotheses evaluated at once: small enough for the cache."""
+
+_PARENTS = 2
+"""Sets with a cause less that a search starts from."""
+_SMALL = 0.05
+"""Prior scales from neutral of a cause that starts near it."""
+_STIFFER = (1.0, 1.0, 1.0)
+"""One-sigmas by which the stiffness of a soil that carries nothing is raised, one after the other."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,7 @@ class Optimum:
 
 
 def log_likelihood(problem: BenchProblem, said: dict[str, FloatArray], rows: FloatArray | None = None) -> FloatArray:
-    """Return ln p of all channels, shape (B,); `rows`, shape (n,): 1 counts, 0 is left out."""
+    """Return ln p of all channels, shape (B,); `rows`, shape (n,): 1 counts, 0 is excluded."""
     total: FloatArray = np.zeros(len(next(iter(said.values()))))
     for noise, chosen in zip(problem.noises, problem.rows, strict=True):
         error = noise.measured - said[noise.channel][:, chosen]
@@ -85,7 +90,7 @@ def search(
     starts : sequence of B arrays
         Coordinates of each.
     rows : array, shape (n,), optional
-        1 for rows that count, 0 for rows that are left out.
+        1 for rows that count, 0 for rows that are excluded.
     """
     found: list[Optimum] = []
     for first in range(0, len(hypotheses), _BATCH):
@@ -172,14 +177,6 @@ def _linearised(
         gradient -= np.einsum("bi,bip->bp", error, weighted)
         objective -= np.where(bad, -np.inf, noise.log_likelihood(error, counted))
     return _Batch(standard, objective, said, slopes, information, gradient, np.zeros(count))
-
-
-_PARENTS = 2
-"""Sets with a cause less that a search starts from."""
-_SMALL = 0.05
-"""Prior scales from neutral of a cause that starts near it."""
-_STIFFER = (1.0, 1.0, 1.0)
-"""One-sigmas by which the stiffness of a soil that carries nothing is raised, one after the other."""
 
 
 class Optima:

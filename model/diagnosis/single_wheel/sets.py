@@ -1,9 +1,8 @@
-"""Which causes make sense for a bench, and the sets of them with their prior.
+"""Which causes the rows of a single-wheel test can identify, and the sets of them with their prior.
 
-The sinkage of a braked wheel: a law of its own, fitted to rows with s <= 0 alone.
-
-Z = Z0 + H2 s^2 with Z0 the sinkage at no slip, as it was measured. Rows with s < 0 do not enter the fit of a driven
-wheel, whose laws say nothing of them: a locked wheel ploughs, and pulls back with more than its friction.
+Rows with s < 0 do not enter the fit of a driven wheel, whose laws say nothing of them: a locked wheel ploughs, and
+pulls back with more than its friction. The sinkage of a braked wheel has a law of its own, fitted to rows with s <= 0
+alone: Z = Z0 + H2 s^2, with Z0 the sinkage at no slip, as it was measured.
 """
 
 from __future__ import annotations
@@ -31,6 +30,11 @@ from model.notes import LackCode
 NO_SLIP = 0.02
 """Slip below which a wheel neither drives nor brakes: a controller's residue."""
 _LEAST_GROUPS = 3
+
+_KNOWN = frozenset({"slip", "vertical_load_n", "unit_weight_n_m3"})
+"""What of `Conditions` a table gives."""
+_TRACELESS = 1e-6
+"""Share of the error of form below which a cause of its prior's size changes nothing that was measured."""
 
 
 @dataclass(frozen=True)
@@ -81,12 +85,6 @@ def _left_out(design: FloatArray, sinkage: FloatArray, rows: BoolArray) -> Float
     return np.asarray(sinkage[rows] - design[rows] @ values)
 
 
-_KNOWN = frozenset({"slip", "vertical_load_n", "unit_weight_n_m3"})
-"""What of `Conditions` a table gives."""
-_TRACELESS = 1e-6
-"""Share of the error of form below which a cause of its prior's size changes nothing that was measured."""
-
-
 @dataclass(frozen=True)
 class Library:
     """Causes that a bench can tell of.
@@ -96,7 +94,7 @@ class Library:
     uses : tuple of CauseUse
         Candidates, as they act.
     not_identifiable : mapping family -> why
-        Families that are left out, or never named, for want of something.
+        Families that are excluded, or never named, for want of something.
     """
 
     uses: tuple[CauseUse, ...]

@@ -1,10 +1,8 @@
-r"""Every set of causes of a bench, weighed: searched, corrected, gated.
+r"""Probabilities of every set of causes of a single-wheel test, among those that are adequate.
 
-Whether a hypothesis is right enough to be weighed at all: a gate that stands before all probabilities.
-
-A probability compares explanations with each other; the best of bad ones gets a high one too. So each is first
-compared with what a right model leaves: with the scatter of repeats and the error of form that a right model may have
-(`model.diagnosis.single_wheel.noise.FORM_PER_SCATTER`), both fixed, the least
+A probability compares explanations with each other; the best of bad ones gets a high one too. So a gate stands before
+all probabilities. Each set is first compared with what a right model leaves: with the scatter of repeats and the error
+of form that a right model may have (`model.diagnosis.single_wheel.noise.FORM_PER_SCATTER`), both fixed, the least
 
 .. math:: Q = \sum_{channels, groups} \frac{\bar e^2}{\sigma^2/m + a^2} + |v|^2
 
@@ -33,6 +31,15 @@ from model.effects.catalogue import EFFECTS
 _LEVEL = 0.99
 _SIMULATIONS = 20_000
 
+_PROMISING = 7.0
+"""Nats below the best within which a pair gets a third cause."""
+_MOST_PAIRS = 6
+_GATED = 10.0
+"""Nats below the best within which a set is put to the gate; the others do not count anyway."""
+_CORRECTED = 4.5
+"""Nats below the best within which an evidence is corrected by importance sampling."""
+_MOST_CORRECTED = 16
+
 
 def misfits(problem: BenchProblem, optima: Sequence[Optimum], rows: FloatArray | None = None) -> FloatArray:
     """Return Q of hypotheses, each searched for from where it fits best otherwise.
@@ -40,7 +47,7 @@ def misfits(problem: BenchProblem, optima: Sequence[Optimum], rows: FloatArray |
     Parameters
     ----------
     rows : array, shape (n,), optional
-        1 for rows that count, 0 for rows that are left out.
+        1 for rows that count, 0 for rows that are excluded.
     """
     fixed = with_usual_form(problem)
     found = search(fixed, [o.hypothesis for o in optima], [o.standard for o in optima], rows)
@@ -93,16 +100,6 @@ def _misfit(fixed: BenchProblem, optimum: Optimum, rows: FloatArray | None) -> f
     return total
 
 
-_PROMISING = 7.0
-"""Nats below the best within which a pair gets a third cause."""
-_MOST_PAIRS = 6
-_GATED = 10.0
-"""Nats below the best within which a set is put to the gate; the others do not count anyway."""
-_CORRECTED = 4.5
-"""Nats below the best within which an evidence is corrected by importance sampling."""
-_MOST_CORRECTED = 16
-
-
 @dataclass(frozen=True)
 class Weighed:
     """One set of causes.
@@ -114,7 +111,7 @@ class Weighed:
     optima : tuple of Optimum
         From several starts, best first.
     misfit : float
-        `model.diagnosis.single_wheel.weighing.misfits`.
+        See `misfits`.
     posterior : SetPosterior or None
         Of its coordinates.
     """

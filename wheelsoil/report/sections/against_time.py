@@ -38,6 +38,17 @@ _SEGMENTS = {
 }
 _SHOWN = ("dp", "t")
 
+_READING_DRIVE = (
+    "if the rim is faster than the ground, the wheel drives and slips; if it is slower, it brakes. Slip has gaps "
+    "at low speed and at excluded samples. A good test covers the range of slip several times."
+)
+
+_PANELS = (
+    ("speed", "Speeds", "speed (m/s)"),
+    ("slip", "Slip", "slip"),
+    ("load", "Vertical load", "vertical load (N)"),
+)
+
 
 @section("time", "Drawbar pull and torque against time")
 def forces(material: ReportInputs) -> Contents:
@@ -139,18 +150,6 @@ def _lines(material: ReportInputs, run: ProcessedRun, quantity: str) -> list[Tra
 
 def _used(run: ProcessedRun, values: FloatArray) -> FloatArray:
     return np.where(run.used, values, np.nan)
-
-
-_READING_DRIVE = (
-    "if the rim is faster than the ground, the wheel drives and slips; if it is slower, it brakes. Slip has gaps "
-    "at low speed and at excluded samples. A good test covers the range of slip several times."
-)
-
-_PANELS = (
-    ("speed", "Speeds", "speed (m/s)"),
-    ("slip", "Slip", "slip"),
-    ("load", "Vertical load", "vertical load (N)"),
-)
 
 
 @section("drive", "How the test was driven")

@@ -26,6 +26,19 @@ _HELD_NOTE = (
     "Derived: a sum of two that are fitted."
 )
 
+_STATISTICS = [
+    "model",
+    "method",
+    "data points",
+    "independent blocks",
+    "variables",
+    "iterations",
+    "ended by",
+    "scatter left",
+]
+
+_JUDGED = ("dp", "t")
+
 
 @section("coefficients", "Parameters")
 def coefficients(material: ReportInputs) -> Contents:
@@ -43,18 +56,6 @@ def coefficients(material: ReportInputs) -> Contents:
     ]
     blocks += [Text(f"{style(m.name).label}: {note_text(w)}.", "warning") for m in fit.models for w in m.warnings]
     return blocks, {m.name: _numbers(fit, m, limits[m.name]) for m in fit.models}
-
-
-_STATISTICS = [
-    "model",
-    "method",
-    "data points",
-    "independent blocks",
-    "variables",
-    "iterations",
-    "ended by",
-    "scatter left",
-]
 
 
 def _statistics(fit: CampaignFit, model: ModelFit) -> list[str]:
@@ -171,9 +172,6 @@ def _numbers(fit: CampaignFit, model: ModelFit, limits: dict[str, tuple[float, f
         "block_length_s": model.blocks.length_s,
         "residual_floor": {c: value for c, value in model.residual_floor.items() if c in fit.options.channels},
     }
-
-
-_JUDGED = ("dp", "t")
 
 
 @section("criteria", "The four models side by side")

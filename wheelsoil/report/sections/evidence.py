@@ -49,6 +49,16 @@ _DIAGONAL = (
     "with it."
 )
 
+_GAIN_NOTE = (
+    "Each run was left out once: the cause was chosen, and soil and cause fitted, on the others only. The log "
+    "likelihood is that of a run that was left out, in nats; R₀ alone says nothing about whether a model knows how "
+    "uncertain it is."
+)
+_GAIN_READING = (
+    "R₀ of the base simulation is 100 %; the blue bar is what is left of it with the cause in the model, both on runs "
+    "left out. A bar that is not shorter than 100 % is no gain, however well the model fits what it has seen."
+)
+
 
 @dataclass(frozen=True)
 class _Shown:
@@ -185,17 +195,6 @@ def _figure(kind: str, channel: str, what: str, traces: dict[str, list[Trace]]) 
         layout,
         [campaign for campaign, group in traces.items() for _ in group],
     )
-
-
-_GAIN_NOTE = (
-    "Each run was left out once: the cause was chosen, and soil and cause fitted, on the others only. The log "
-    "likelihood is that of a run that was left out, in nats; R₀ alone says nothing about whether a model knows how "
-    "uncertain it is."
-)
-_GAIN_READING = (
-    "R₀ of the base simulation is 100 %; the blue bar is what is left of it with the cause in the model, both on runs "
-    "left out. A bar that is not shorter than 100 % is no gain, however well the model fits what it has seen."
-)
 
 
 @section("gain", "Gain of the extension")

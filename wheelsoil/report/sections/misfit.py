@@ -42,6 +42,17 @@ _READING = (
     "unit, else in sigmas of the noise (σ)."
 )
 
+_AGAINST = (
+    ("slip", "slip", "against slip"),
+    ("vertical_load_n", "vertical load (N)", "against load"),
+    ("ground_speed_mps", "ground speed (m/s)", "against speed"),
+    ("time_s", "time in the run (s)", "against time"),
+    ("line_position", "place along the line (ends: −1, 1)", "against place"),
+    ("run", "run", "run by run"),
+)
+
+_QUARTILE = 0.6745
+
 
 @section("misfit", "What is wrong, and where")
 def misfit(material: ReportInputs) -> Contents:
@@ -159,16 +170,6 @@ def _traces(seen: PlotData, channel: str, key: str) -> tuple[list[Trace], dict[s
     return _cloud(values, scaled, np.ones(len(values)), _edges(values))
 
 
-_AGAINST = (
-    ("slip", "slip", "against slip"),
-    ("vertical_load_n", "vertical load (N)", "against load"),
-    ("ground_speed_mps", "ground speed (m/s)", "against speed"),
-    ("time_s", "time in the run (s)", "against time"),
-    ("line_position", "place along the line (ends: −1, 1)", "against place"),
-    ("run", "run", "run by run"),
-)
-
-
 def _cloud(
     x: FloatArray, residual: FloatArray, sigma: FloatArray, edges: FloatArray
 ) -> tuple[list[Trace], dict[str, Any]]:
@@ -224,9 +225,6 @@ def _by_run(seen: PlotData, scaled: FloatArray) -> tuple[list[Trace], dict[str, 
     }
     shown = {"run": seen.runs, "lower": low, "median": middle, "upper": high}
     return [expected, bars], shown
-
-
-_QUARTILE = 0.6745
 
 
 def _quartiles(values: FloatArray) -> list[float]:

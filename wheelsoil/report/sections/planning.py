@@ -17,6 +17,13 @@ _READING = (
     "the dotted line a plausible effect is detectable; far to the right these runs say nothing about it."
 )
 
+_ODDS_NOTE = (
+    "Expected ln Bayes factor: by how many nats one such run is expected to favour the true candidate over the one "
+    "that looks most like it. 1 is hardly anything, 3 is 20 to 1, 5 is 150 to 1. It counts noise only: beyond 1000 "
+    "to 1 the limit is not the noise, but the errors of the models themselves."
+)
+_HIGHEST_ODDS = 1e3
+
 
 @section("detectable", "What could have been seen")
 def detectable(material: ReportInputs) -> Contents:
@@ -79,14 +86,6 @@ def _figure(shares: dict[str, float]) -> Figure:
     layout["yaxis"] |= {"autorange": "reversed", "type": "category"}
     layout["shapes"] = [dotted_line(1)]
     return Figure("detectable", "Minimum detectable effect", [marks], layout)
-
-
-_ODDS_NOTE = (
-    "Expected ln Bayes factor: by how many nats one such run is expected to favour the true candidate over the one "
-    "that looks most like it. 1 is hardly anything, 3 is 20 to 1, 5 is 150 to 1. It counts noise only: beyond 1000 "
-    "to 1 the limit is not the noise, but the errors of the models themselves."
-)
-_HIGHEST_ODDS = 1e3
 
 
 @section("next_run", "Next run")

@@ -10,6 +10,18 @@ from wheelsoil.report.words import count, letter, named_with_unit, number
 from wheelsoil.wording.names import plain_name
 from wheelsoil.wording.notes import texts_of
 
+_FILE_HEAD = ["run", "file", "size (MB)", "frames", "SHA-256 (16 of its 64 digits; all in the JSON)"]
+
+_SOIL = {
+    "cohesion_pa": "Pa",
+    "tan_phi": "",
+    "shear_modulus_m": "m",
+    "sinkage_exponent": "",
+    "cohesive_modulus": "N/m^(n+1)",
+    "frictional_modulus": "N/m^(n+2)",
+}
+"""Units of `model.wheel_soil.wheel_soil_model.SOIL_PARAMETERS`."""
+
 
 @section("provenance", "Provenance")
 def provenance(material: ReportInputs) -> Contents:
@@ -40,9 +52,6 @@ def provenance(material: ReportInputs) -> Contents:
     return blocks, numbers
 
 
-_FILE_HEAD = ["run", "file", "size (MB)", "frames", "SHA-256 (16 of its 64 digits; all in the JSON)"]
-
-
 def _file_row(source: Source) -> list[str]:
     size = f"{source.bytes / 1e6:.2f}" if source.bytes is not None else "–"
     frames = count(source.frames) if source.frames is not None else "–"
@@ -62,17 +71,6 @@ def _value_text(value: object) -> str:
     if isinstance(value, tuple):
         return ", ".join(map(str, value)) or "none"
     return "default" if value is None else str(value)
-
-
-_SOIL = {
-    "cohesion_pa": "Pa",
-    "tan_phi": "",
-    "shear_modulus_m": "m",
-    "sinkage_exponent": "",
-    "cohesive_modulus": "N/m^(n+1)",
-    "frictional_modulus": "N/m^(n+2)",
-}
-"""Units of `model.wheel_soil.wheel_soil_model.SOIL_PARAMETERS`."""
 
 
 @section("workings", "How the diagnosis was made")

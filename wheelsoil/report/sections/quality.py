@@ -28,6 +28,10 @@ _REASONS = {
     Reason.SLIP_NOT_MEASURED: ("slip not measured", "#AA4499", "/"),
 }
 
+_GRADE_LABELS = {"good": "● good", "fair": "▲ fair", "poor": "■ poor"}
+
+_MOST_EVENTS = 40
+
 
 @section("quality", "Quality of the runs")
 def quality(material: ReportInputs) -> Contents:
@@ -102,9 +106,6 @@ def _runs_table(material: ReportInputs) -> Table:
     return Table("Runs", head, rows, note, left=2)
 
 
-_GRADE_LABELS = {"good": "● good", "fair": "▲ fair", "poor": "■ poor"}
-
-
 def _exclusion_reasons(run: ProcessedRun) -> str:
     """Return the two reasons that exclude most samples."""
     shares = {why: share for why, share in run.quality.shares.items() if why != Reason.USED.name and share > 0}
@@ -114,9 +115,6 @@ def _exclusion_reasons(run: ProcessedRun) -> str:
 
 def _length_s(run: ProcessedRun) -> float:
     return float(run.time_s[-1]) if len(run) else 0.0
-
-
-_MOST_EVENTS = 40
 
 
 @section("sensors", "Sensors, clocks and losses")

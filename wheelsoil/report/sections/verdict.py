@@ -42,6 +42,10 @@ _STOPS = {
 }
 """What the reasons of `model.fit.gauss_newton.StopReason` mean to the reader."""
 
+_MIN_BLOCKS = 6
+_CONFIDENCE = 0.95
+_RANKED = "dp"
+
 
 @section("verdict", "How far to trust it")
 def verdict(material: ReportInputs) -> Contents:
@@ -262,10 +266,6 @@ def _losses(material: ReportInputs) -> Text:
     return Text(f"Frames are missing from {names}: see data quality.", "warning")
 
 
-_MIN_BLOCKS = 6
-_CONFIDENCE = 0.95
-
-
 @dataclass(frozen=True)
 class Rival:
     """Comparison of another model with the best one.
@@ -304,8 +304,8 @@ class Ranking:
         return next((rival for rival in self.rivals if rival.name == name), None)
 
 
-def rank(material: ReportInputs, channel: str = "dp") -> Ranking:
-    """Compare the models above the slip threshold.
+def rank(material: ReportInputs) -> Ranking:
+    """Compare the models by drawbar pull above the slip threshold.
 
     The errors of two models on one sample are paired, and neighbouring samples are correlated: the difference of
     the squared errors is averaged over blocks; their length is the longer one of the two fits.
@@ -313,20 +313,20 @@ def rank(material: ReportInputs, channel: str = "dp") -> Ranking:
     Raises
     ------
     DataError
-        There is no fit, the channel was not measured, or no slip is above the threshold.
+        There is no fit, drawbar pull was not measured, or no slip is above the threshold.
 
     Notes
     -----
     Source: Diebold & Mariano (1995), J. Bus. Econ. Stat. 13:253, with block means for the variance.
     """
     fit, pool = material.fit, material.pool
-    scored = [m for m in fit.models if channel in m.criteria and np.isfinite(m.criteria[channel].R0_N)]
+    scored = [m for m in fit.models if _RANKED in m.criteria and np.isfinite(m.criteria[_RANKED].R0_N)]
     if not scored:
-        reasons = {reason_text(m.criteria[channel]) for m in fit.models if channel in m.criteria}
+        reasons = {reason_text(m.criteria[_RANKED]) for m in fit.models if _RANKED in m.criteria}
         raise DataError("; ".join(sorted(reasons)) or "no model has an R0")
-    ordered = sorted(scored, key=lambda model: model.criteria[channel].R0_N)
-    measured = pool.measured(channel)
-    errors = {model.name: pool.predicted(model.name, OUTPUTS[channel].field) - measured for model in ordered}
+    ordered = sorted(scored, key=lambda model: model.criteria[_RANKED].R0_N)
+    measured = pool.measured(_RANKED)
+    errors = {model.name: pool.predicted(model.name, OUTPUTS[_RANKED].field) - measured for model in ordered}
     counted = pool.slip >= fit.slip_threshold
     for error in errors.values():
         counted &= np.isfinite(error)
@@ -336,8 +336,8 @@ def rank(material: ReportInputs, channel: str = "dp") -> Ranking:
         length_s = float(np.nanmax([best.blocks.length_s, other.blocks.length_s]))
         difference = errors[other.name][counted] ** 2 - errors[best.name][counted] ** 2
         t, critical, blocks = _block_t(difference, pool.time_s[counted], pool.run[counted], length_s)
-        rivals.append(Rival(other.name, other.criteria[channel].R0_N, t, critical, blocks))
-    return Ranking(best, best.criteria[channel].R0_N, tuple(rivals), errors[best.name][counted])
+        rivals.append(Rival(other.name, other.criteria[_RANKED].R0_N, t, critical, blocks))
+    return Ranking(best, best.criteria[_RANKED].R0_N, tuple(rivals), errors[best.name][counted])
 
 
 def _block_t(difference: FloatArray, time_s: FloatArray, run: IntArray, length_s: float) -> tuple[float, float, int]:
