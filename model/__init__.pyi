@@ -1,3 +1,6 @@
+from .cores import available_cores as available_cores
+from .cores import in_parallel as in_parallel
+from .cores import processes as processes
 from .extended import ExtendedModel as ExtendedModel
 from .extended import Fact as Fact
 from .extended import extended_model as extended_model

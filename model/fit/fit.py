@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from daq import OUTPUTS, REACTIONS, BoolArray, ConfigError, DataError, Fault, FloatArray, Note, nearest
+from model.cores import one_thread
 from model.effects.base import Effect
 from model.effects.catalogue import EFFECTS
 from model.extended import ExtendedModel
@@ -19,7 +20,6 @@ from model.fit.observations import Observations, observations_of
 from model.fit.problem import FitProblem, free_parameters
 from model.fit.result import CHOSEN, EXTENDED, MODELS, CampaignFit, FitOptions, LoadRatio, ModelFit
 from model.notes import FitCode
-from model.one_thread import one_thread
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.run_conditions import conditions_of
 from model.wheel_soil.soils import SOIL_PARAMETERS, Soil

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from daq import FloatArray
+from model.cores import one_thread
 from model.diagnosis import Bench, DiagnosisOptions
 from model.diagnosis.single_wheel import (
     BenchProblem,
@@ -37,7 +38,6 @@ from model.diagnosis.single_wheel import (
     weigh,
     weighed,
 )
-from model.one_thread import one_thread
 
 _DRAWS = 400
 _SAME_SLIP = 0.05

@@ -62,6 +62,7 @@ def diagnose_command(
     planned_duration: Annotated[float, typer.Option(metavar="S", help="With --plan: duration of each run.")] = 40.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the resampling of runs.")] = 0,
     min_speed: options.MinSpeed = None,
+    jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
     force: options.Force = False,
     json: options.Json = False,

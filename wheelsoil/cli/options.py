@@ -40,6 +40,28 @@ RunsFile = Annotated[
 ZeroFile = Annotated[
     Path | None, typer.Option("--zero", metavar="FILE", help="zero.toml; overrides the one that vehicle.toml names.")
 ]
+
+
+def use_cores(context: typer.Context, jobs: int | None) -> int | None:
+    """Let a command use so many processes while it runs; without a number all cores."""
+    from model import available_cores, processes
+
+    context.with_resource(processes(jobs or available_cores()))
+    return jobs
+
+
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        "--jobs",
+        "-j",
+        min=1,
+        metavar="N",
+        envvar="WHEELSOIL_JOBS",
+        callback=use_cores,
+        help="Processes at once (default: one for each core).",
+    ),
+]
 LenientDbc = Annotated[
     bool, typer.Option("--lenient-dbc", help="Skip the DBC lines that cantools rejects, and list them.")
 ]

@@ -52,6 +52,7 @@ def report_command(
     model: options.ModelFile = None,
     diagnose: Annotated[bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs.")] = True,
     min_speed: options.MinSpeed = None,
+    jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
     force: options.Force = False,
     json: options.Json = False,

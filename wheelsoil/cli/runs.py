@@ -38,6 +38,7 @@ def process_command(
         float | None, typer.Option(metavar="HZ", help="Low-pass of every channel (default: by the slowest channel).")
     ] = None,
     min_speed: options.MinSpeed = None,
+    jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
     choice: options.ChoiceFile = None,
     force: options.Force = False,
     json: options.Json = False,
@@ -121,6 +122,7 @@ def fit_command(
     slip_threshold: options.SlipThreshold = None,
     model: options.ModelFile = None,
     min_speed: options.MinSpeed = None,
+    jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
     json: options.Json = False,
 ) -> None:
@@ -222,6 +224,7 @@ def sinkage_command(
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
     min_speed: options.MinSpeed = None,
+    jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
     json: options.Json = False,
 ) -> None:

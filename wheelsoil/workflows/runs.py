@@ -16,17 +16,19 @@ from daq import (
     UncertainTimestamps,
     VehicleConfig,
     WheelSection,
+    WheelsoilError,
     load_toml,
 )
 from daq.can import no_bus_in_common
 from daq.logger import is_being_recorded
 from daq.runs import VEHICLE_FILE, Collected, Run, open_runs
 from daq.series import WheelTable, parse_rename, parse_where, read_wheel_table
+from model import in_parallel
 from model.wheel_soil import Soil, Wheel
 from processing import ProcessedRun, ProcessOptions, keep_only
 from wheelsoil.console import progress, say
 from wheelsoil.wording.notes import texts_of
-from wheelsoil.workflows.choice import Choice, runs_in_use
+from wheelsoil.workflows.choice import Choice, RunInUse, runs_in_use
 from wheelsoil.workflows.fit import known_soil, load_terrain, wheel_of
 
 
@@ -124,30 +126,26 @@ def process_runs(
     opened: Sequence[Run], options: ProcessOptions, *, zero: Path | None = None, choice: Choice | None = None
 ) -> list[tuple[Run, ProcessedRun]]:
     """Process runs that are open; see `open_and_process`."""
-    from processing.pipeline import process_stream
-    from wheelsoil.workflows.zero import zeros_for
+
+    def attempt(used: RunInUse) -> tuple[Run, ProcessedRun | WheelsoilError]:
+        try:
+            return used.run, _process(used, options, zero, chosen.source)
+        except WheelsoilError as error:
+            return used.run, error
 
     collected = Collected()
     processed = []
     chosen = choice or Choice()
     in_use, unfit = runs_in_use(chosen, opened)
     collected.errors += [ConfigError(*unfit)] * bool(unfit)
-    for used in progress(in_use, "processing", len(in_use)):
-        run = used.run
+    found = progress(in_parallel(attempt, in_use), "processing", len(in_use))
+    for used, (run, one) in zip(in_use, found, strict=True):
         for text in texts_of(used.warnings):
             say(f"run {run.id}: {text}")
-        with collected.catch():
-            _check_vehicle(run)
-            try:
-                unsure = UncertainTimestamps()
-                channels = run.channel_batches(watch=unsure.take)
-                one = process_stream(channels, run.vehicle, run.info, options, zeros_for(run, zero))
-                gaps = [gap.note() for gap in run.recording.gaps] if run.recording else []
-                notes = (*used.warnings, *unsure.notes(), *gaps, *one.quality.notes)
-                one = replace(one, quality=replace(one.quality, notes=notes))
-                processed.append((run, one if used.keep is None else keep_only(one, used.keep, chosen.source)))
-            except (ConfigError, DataError) as error:
-                raise _explained(run, error) from None
+        if isinstance(one, WheelsoilError):
+            collected.errors.append(one)
+        else:
+            processed.append((run, one))
         if run.recording and run.recording.loss:
             say(f"{run.path}: read without what is damaged: {'; '.join(map(str, run.recording.loss))}")
             if is_being_recorded(run.files[-1]):
@@ -156,6 +154,25 @@ def process_runs(
                 say("  next: `wheelsoil recover` makes a whole file of what can be read")
     collected.stop_if_any()
     return processed
+
+
+def _process(used: RunInUse, options: ProcessOptions, zero: Path | None, source: str) -> ProcessedRun:
+    """Process one run; the run then knows which of its chunks cannot be read."""
+    from processing.pipeline import process_stream
+    from wheelsoil.workflows.zero import zeros_for
+
+    run = used.run
+    _check_vehicle(run)
+    try:
+        unsure = UncertainTimestamps()
+        channels = run.channel_batches(watch=unsure.take)
+        one = process_stream(channels, run.vehicle, run.info, options, zeros_for(run, zero))
+        gaps = [gap.note() for gap in run.recording.gaps] if run.recording else []
+        notes = (*used.warnings, *unsure.notes(), *gaps, *one.quality.notes)
+        one = replace(one, quality=replace(one.quality, notes=notes))
+        return one if used.keep is None else keep_only(one, used.keep, source)
+    except (ConfigError, DataError) as error:
+        raise _explained(run, error) from None
 
 
 def _check_vehicle(run: Run) -> None:

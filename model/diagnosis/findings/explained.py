@@ -17,7 +17,7 @@ from model.diagnosis.core.hypotheses import Posterior, cause_of, most_probable_f
 from model.diagnosis.core.naming import Judgement
 from model.diagnosis.core.result import Cause, ParameterEstimate, PlotData, SoilEstimate
 from model.diagnosis.findings.isolability import CONFOUNDED_COSINE, isolability
-from model.diagnosis.findings.set_fit import SetFit, fit_set, parameters_of, soils_of, spread_of
+from model.diagnosis.findings.set_fit import SetFit, fit_sets, parameters_of, soils_of, spread_of
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import estimate
 from model.diagnosis.time_series.linearise import simulated
@@ -168,9 +168,13 @@ class Fits:
         self.known: dict[Keys, SetFit] = {}
 
     def __getitem__(self, keys: Keys) -> SetFit:
-        if keys not in self.known:
-            self.known[keys] = fit_set(self.linearised, keys, starts=self.starts)
+        self.fit(keys)
         return self.known[keys]
+
+    def fit(self, *sets: Keys) -> None:
+        """Fit sets that are going to be asked for, in parallel."""
+        new = [keys for keys in dict.fromkeys(sets) if keys not in self.known]
+        self.known |= fit_sets(self.linearised, new, starts=self.starts)
 
 
 def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
@@ -178,6 +182,7 @@ def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
     linearised = fits.linearised
     keys = tuple(most_probable_form(found, family) for family in verdict.families)
     extended = _extended(linearised, verdict, keys)
+    fits.fit((), extended, *([] if verdict.verdict == "named" else [(key,) for key in keys[:_MOST_FITTED]]))
     whole = fits[extended]
     spread = spread_of(whole.problem, whole.estimate, linearised, extended)
     values: dict[str, tuple[ParameterEstimate, ...]] = {}

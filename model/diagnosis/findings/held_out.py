@@ -26,11 +26,12 @@ from dataclasses import replace
 import numpy as np
 
 from daq import OUTPUTS, Note
+from model.cores import in_parallel
 from model.diagnosis.core.gain import HeldOutPrediction, gain_of
 from model.diagnosis.core.hypotheses import Posterior, probabilities
 from model.diagnosis.core.result import Gain
 from model.diagnosis.findings.adequacy import excess
-from model.diagnosis.findings.set_fit import SetFit, fit_set
+from model.diagnosis.findings.set_fit import SetFit, fit_sets
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import (
     estimate,
@@ -120,15 +121,15 @@ def held_out(
         return None, (Note(DiagnosisCode.ONE_RUN),)
     known = dict(fits or {})
     chosen = tuple(_chosen(linearised, run) for run in range(count))
-    for keys in ((), *chosen):
-        if keys not in known:
-            known[keys] = fit_set(linearised, keys, starts="one")
+    known |= fit_sets(linearised, [keys for keys in dict.fromkeys(((), *chosen)) if keys not in known], starts="one")
     grams = {keys: known[keys].grams() for keys in {(), *chosen}}
-    base = [predict_held_out(linearised, known[()], run, grams[()]) for run in range(count)]
-    extended = [
-        predict_held_out(linearised, known[keys], run, grams[keys]) if keys else base[run]
-        for run, keys in enumerate(chosen)
-    ]
+
+    def predicted(run: int) -> tuple[HeldOutPrediction, HeldOutPrediction]:
+        keys = chosen[run]
+        base = predict_held_out(linearised, known[()], run, grams[()])
+        return base, predict_held_out(linearised, known[keys], run, grams[keys]) if keys else base
+
+    base, extended = zip(*in_parallel(predicted, range(count)), strict=True)
     channel = next(c for c in OUTPUTS if any(c in run.measured for run in base))
     gain = gain_of(base, extended, chosen, channel, rng)
     return gain, (Note(DiagnosisCode.TWO_RUNS),) * (count == 2)

@@ -18,22 +18,23 @@ Source: Bell & McCaffrey (2002), Survey Methodology 28:169; Efron & Morris (1973
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from daq import BoolArray, FloatArray
+from model.cores import in_parallel, one_thread
 from model.diagnosis.core.result import ParameterEstimate, SoilEstimate
 from model.diagnosis.findings.set_problem import SetProblem, set_problem
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import estimate, posterior
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
+from model.diagnosis.time_series.start import CampaignData
 from model.effects.catalogue import EFFECTS
 from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
 from model.fit.intervals import Blocks, profile_of_sum, sandwich
-from model.one_thread import one_thread
 from model.wheel_soil.soils import SOIL_PARAMETERS
 
 TRUST = 20.0
@@ -249,6 +250,25 @@ def fit_set(
         at_bound=last.at_bound,
         cost=last.cost,
     )
+
+
+def fit_sets(
+    linearised: LinearisedCampaign, sets: Sequence[tuple[str, ...]], *, starts: Literal["one", "several"]
+) -> dict[tuple[str, ...], SetFit]:
+    """Fit several sets of causes, each as `fit_set` does, in parallel."""
+
+    def light(keys: tuple[str, ...]) -> SetFit:
+        return _of_data(fit_set(linearised, keys, starts=starts), [None] * len(linearised.campaigns))
+
+    found = in_parallel(light, sets)
+    return {keys: _of_data(fit, linearised.campaigns) for keys, fit in zip(sets, found, strict=True)}
+
+
+def _of_data(fit: SetFit, campaigns: Sequence[CampaignData | None]) -> SetFit:
+    """Return a fit whose problem has the campaigns' data, or none: between processes they are not sent."""
+    parts = zip(fit.problem.parts, campaigns, strict=True)
+    of = tuple(replace(part, data=data) for part, data in parts)  # type: ignore[arg-type]
+    return replace(fit, problem=replace(fit.problem, parts=of))
 
 
 def _solved(problem: SetProblem, start: FloatArray, options: GaussNewtonOptions = _OPTIONS) -> GaussNewtonResult:

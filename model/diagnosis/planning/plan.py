@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from daq import OUTPUTS, REACTIONS, BoolArray, ConfigError, DataError, Fault, FloatArray, Note, RunInfo, VehicleConfig
+from model.cores import one_thread
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.result import Detectable, NextRun
 from model.diagnosis.findings.isolability import DETECTABLE_D, Isolability, detectable_in_runs, isolability
@@ -21,7 +22,6 @@ from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
 from model.diagnosis.time_series.noise import Noise, hyper_priors
 from model.diagnosis.time_series.samples import samples_of
-from model.one_thread import one_thread
 from model.simulation import DrivingStyle, VehicleSetup
 from model.simulation.motion import Motion, drive, static_load_n, vertical_load_n
 from model.simulation.truth import Circumstances, free_rolling_slip

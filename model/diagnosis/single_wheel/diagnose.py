@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from daq import OUTPUTS, DataError, Fault, FloatArray, Note, Severity
+from model.cores import one_thread
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.hypotheses import candidates, cause_of, likely_sets, most_probable_form
@@ -30,7 +31,6 @@ from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
 from model.diagnosis.single_wheel.sets import NO_SLIP, Library, library, skid_law
 from model.diagnosis.single_wheel.weighing import Weighed, Weighing, weigh
 from model.notes import DiagnosisCode, LackCode
-from model.one_thread import one_thread
 
 _LEAST_ROWS = 4
 _MOST_SIGNATURES = 6

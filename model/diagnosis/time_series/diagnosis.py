@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import Fault, Note, Severity
+from model.cores import one_thread
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets
@@ -51,7 +52,6 @@ from model.diagnosis.time_series.samples import samples_of
 from model.diagnosis.time_series.start import unfit
 from model.effects.catalogue import EFFECTS
 from model.notes import DiagnosisCode, LackCode
-from model.one_thread import one_thread
 
 
 @one_thread
@@ -194,9 +194,8 @@ def _weighed(
     remarks: tuple[Note, ...] = (Note(DiagnosisCode.NOTHING_TO_TEST),)
     if judged.ok:
         with clock.stage("held_out"):
-            gain, remarks = held_out(
-                linearised, np.random.default_rng(seed), {keys: fits[keys] for keys in ((), linearised.best.keys)}
-            )
+            fits.fit((), linearised.best.keys)
+            gain, remarks = held_out(linearised, np.random.default_rng(seed), fits.known)
     verdict = judgement(found, judged, gain, linearised.not_identifiable, name_at, linearised.converged)
     with clock.stage("where"):
         unnamed = verdict.verdict == "unexplained"

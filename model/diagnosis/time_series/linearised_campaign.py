@@ -34,6 +34,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import FloatArray, Note
+from model.cores import one_thread
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.result import Clock
 from model.diagnosis.time_series.columns import Grams, columns_of
@@ -44,7 +45,6 @@ from model.diagnosis.time_series.noise import Noise, hyper_priors, noise_notes
 from model.diagnosis.time_series.samples import Samples, places_of, samples_of, steps_of
 from model.diagnosis.time_series.start import CampaignData, Start, begin, first_causes, not_identifiable_in_any
 from model.diagnosis.time_series.whitening import StateSpace, joined, run_grams, smoothed, smoothed_speed
-from model.one_thread import one_thread
 
 _LEAST_SHARE = 0.1
 """Of the measured variance, that is taken for movement whatever the noise."""

@@ -1,0 +1,120 @@
+"""One thread for linear algebra; processes give the same results in order, and end with their parent."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from daq import DataError, Fault, WheelsoilError
+from model.cores import in_parallel, one_thread, processes
+
+
+def threads() -> set[int]:
+    import scipy.linalg  # noqa: F401
+
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_one_thread_inside_and_the_callers_outside(fails: bool) -> None:
+    inside = []
+
+    @one_thread
+    def work(x: int) -> int:
+        inside.append(threads())
+        if fails:
+            raise ValueError
+        return 2 * x
+
+    threads()
+    with threadpool_limits(limits=2, user_api="blas"):
+        before = threads()
+        if fails:
+            with pytest.raises(ValueError):
+                work(3)
+        else:
+            assert work(3) == 6
+        assert threads() == before
+    assert inside == [{1}]
+
+
+def test_without_a_number_of_processes_all_is_done_here() -> None:
+    assert list(in_parallel(lambda _: os.getpid(), range(3))) == [os.getpid()] * 3
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are copied on Linux only")
+class TestProcesses:
+    """Closures over local data, run by copies of this process."""
+
+    def test_results_come_in_the_order_of_the_items(self) -> None:
+        offset = np.arange(3.0)
+        with processes(2):
+            found = list(in_parallel(lambda i: (os.getpid(), i + offset), range(7)))
+        assert os.getpid() not in {pid for pid, _ in found} and len({pid for pid, _ in found}) <= 2
+        np.testing.assert_array_equal([x for _, x in found], np.arange(7.0)[:, None] + offset)
+
+    def test_within_a_process_there_are_no_others(self) -> None:
+        def inner(_: int) -> tuple[int, list[int]]:
+            return os.getpid(), list(in_parallel(lambda _: os.getpid(), range(3)))
+
+        with processes(2):
+            for own, inside in in_parallel(inner, range(2)):
+                assert inside == [own] * 3
+
+    def test_an_error_comes_as_it_is(self) -> None:
+        def fails(i: int) -> int:
+            if i == 1:
+                raise DataError(Fault("no samples", "run-2", "none", "some"))
+            return i
+
+        with processes(2), pytest.raises(DataError, match="no samples") as caught:
+            list(in_parallel(fails, range(3)))
+        assert caught.value.faults == (Fault("no samples", "run-2", "none", "some"),)
+        assert not multiprocessing.active_children()
+
+    def test_a_process_that_ends_is_an_error_with_a_next_step(self) -> None:
+        def ends(i: int) -> int:
+            if i == 1:
+                os.kill(os.getpid(), signal.SIGKILL)
+            time.sleep(0.05)
+            return i
+
+        with processes(2), pytest.raises(WheelsoilError, match="--jobs 1"):
+            list(in_parallel(ends, range(4)))
+        assert not multiprocessing.active_children()
+
+    @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
+    def test_with_the_parent_all_end(self, tmp_path: Path, sent: signal.Signals) -> None:
+        """Ctrl-C and a kill of the parent alone leave nobody working."""
+        script = (
+            "import os, pathlib, time\n"
+            "from model import in_parallel, processes\n"
+            f"folder = pathlib.Path({str(tmp_path)!r})\n"
+            "def work(i):\n"
+            "    (folder / str(os.getpid())).touch()\n"
+            "    time.sleep(60)\n"
+            "with processes(2):\n"
+            "    list(in_parallel(work, range(4)))\n"
+        )
+        parent = subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.DEVNULL)
+        wait_until(lambda: len(list(tmp_path.iterdir())) == 2)
+        parent.send_signal(sent)
+        parent.wait(20)
+        wait_until(lambda: not any(Path(f"/proc/{path.name}").exists() for path in tmp_path.iterdir()))
+
+
+def wait_until(true: Callable[[], bool]) -> None:
+    end = time.monotonic() + 20
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.02)
