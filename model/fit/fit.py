@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from daq import OUTPUTS, REACTIONS, BoolArray, ConfigError, DataError, Fault, FloatArray, Note, nearest
-from model.cores import one_thread
+from model.cores import in_parallel, one_thread
 from model.effects.base import Effect
 from model.effects.catalogue import EFFECTS
 from model.extended import ExtendedModel
@@ -172,17 +172,20 @@ def fit_models(
     asked = conditions if options and (options.extended or options.chosen) else ()
     fitted = fit_observations(observations_of(runs, conditions=asked), wheel, soil, options)
     everything = observations_of(runs, thinned=False)
-    models, predicted = [], []
-    for fit in fitted.models:
+
+    def predictions(fit: ModelFit) -> tuple[Prediction, ...]:
         model = fitted.options.forward(wheel, soil, fit.name)
-        predictions = tuple(model.predict(condition, fit.values) for condition in conditions)
-        models.append(replace(fit, predictions=predictions))
-        predicted.append(
-            {
-                key: np.concatenate([getattr(p, channel.field)[r.used] for p, r in zip(predictions, runs, strict=True)])
-                for key, channel in REACTIONS.items()
-            }
-        )
+        return tuple(model.predict(condition, fit.values) for condition in conditions)
+
+    by_model = in_parallel(predictions, fitted.models)
+    models = [replace(fit, predictions=own) for fit, own in zip(fitted.models, by_model, strict=True)]
+    predicted = [
+        {
+            key: np.concatenate([getattr(p, channel.field)[r.used] for p, r in zip(fit.predictions, runs, strict=True)])
+            for key, channel in REACTIONS.items()
+        }
+        for fit in models
+    ]
     return replace(fitted, models=judge_alike(models, everything, predicted, fitted.slip_threshold, wheel.radius_m))
 
 
@@ -216,7 +219,7 @@ def fit_observations(
     driven, lost = driven[answered], int((~answered).sum())
     check_enough(driven, lost, chosen)
     threshold = default_slip_threshold(soil) if chosen.slip_threshold is None else chosen.slip_threshold
-    fits = [_fit_one(name, driven, wheel, soil, chosen) for name in chosen.names]
+    fits = list(in_parallel(lambda name: _fit_one(name, driven, wheel, soil, chosen), chosen.names))
     forward = [chosen.forward(wheel, soil, fit.name) for fit in fits]
     predictions = [model.predict(observations.conditions, fit.values) for model, fit in zip(forward, fits, strict=True)]
     predicted = [{key: getattr(p, channel.field) for key, channel in REACTIONS.items()} for p in predictions]
