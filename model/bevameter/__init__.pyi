@@ -9,5 +9,6 @@ from .shear_strength import fit_shear as fit_shear
 from .shear_strength import fit_shear_strength as fit_shear_strength
 from .terrain import terrain_of as terrain_of
 from .terrain import terrain_toml as terrain_toml
+from .window import FitFault as FitFault
 from .window import Window as Window
 from .window import WindowOptions as WindowOptions

@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
-from daq import DataError, Fault, FloatArray, Note
-from model.bevameter.window import noted
+from daq import DataError, FloatArray, Note
+from model.bevameter.window import FitFault
 from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
 from model.notes import BevameterCode
 
@@ -158,10 +158,11 @@ def _weighted(
     result = gauss_newton(residual, start, names=names, options=GaussNewtonOptions(noise="unit"))
     if not result.converged:
         raise DataError(
-            Fault(
+            FitFault(
                 "the tests cannot be brought under one set of parameters",
-                found=f"stopped: {result.stop_reason}; {noted(result)}",
-                next_step="look at the fits of the single tests; leave out what is not this terrain",
+                found=f"stopped: {result.stop_reason}",
+                next_step="look at the fits of the single tests; exclude what is not this terrain",
+                notes=result.warnings,
             )
         )
     return result

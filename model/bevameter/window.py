@@ -37,16 +37,24 @@ FITTED_ZERO_RANGE = 0.1
 """Share of the depth above the contact within which a fitted zero is sought."""
 
 
+@dataclass(frozen=True)
+class FitFault(Fault):
+    """A fit that failed, with what it noted of its parameters; `found` says only where it stopped."""
+
+    notes: tuple[Note, ...] = ()
+
+
 def refuse_unfitted(name: str, result: GaussNewtonResult, law: str) -> None:
     """Raise DataError for a fit that did not converge, or whose first two parameters ran into a bound."""
     if result.converged and not result.at_bound[:2].any():
         return
     raise DataError(
-        Fault(
+        FitFault(
             f"the curve does not follow {law}",
             name,
-            found=f"stopped: {result.stop_reason}; {noted(result) or 'no minimum'}",
+            found=f"stopped: {result.stop_reason}",
             next_step="look at the curve; check its zero, its units and the window",
+            notes=result.warnings,
         )
     )
 
@@ -63,16 +71,6 @@ def each_fitted(tests: Iterable[Test], fit: Callable[[Test], Fit]) -> tuple[Fit,
     if faults:
         raise DataError(*faults)
     return tuple(fits)
-
-
-def noted(result: GaussNewtonResult) -> str:
-    """Return what a fit noted of its parameters, for a fault."""
-    parts = []
-    for note in result.warnings:
-        names = " and ".join(note.values.get("names", ()))
-        value = f" {note.values['value']:.6g}" if "value" in note.values else ""
-        parts.append(f"{names}{': ' if names else ''}{note.code.replace('_', ' ')}{value}")
-    return "; ".join(parts)
 
 
 def widened_covariance(result: GaussNewtonResult) -> FloatArray:

@@ -118,6 +118,14 @@ def test_bad_input_ends_in_a_message(
     assert words in capsys.readouterr().err
 
 
+def test_what_a_fit_that_failed_noted_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    z = np.linspace(0.001, 0.03, 60)
+    rows = [f"{depth},{1e5 if depth > 0.0299 else 1.0}" for depth in z]
+    (tmp_path / "step.csv").write_text("\n".join(["sinkage_m,pressure_pa", *rows]), encoding="utf-8")
+    assert run(["soil", "--plate", str(tmp_path / "step.csv"), "--radius", "0.05"]) == 1
+    assert "stopped: at_bounds; n: ended at its bound 8" in capsys.readouterr().err
+
+
 def test_one_width_writes_no_terrain(laboratory: Path, capsys: pytest.CaptureFixture[str]) -> None:
     args = ["--plate", str(laboratory / "plate0.csv"), "--radius", "0.05", "--rename", "sinkage_m=z_mm*0.001"]
     shear = ["--shear", str(laboratory / "shear.csv")]

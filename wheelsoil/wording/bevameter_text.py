@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from daq import ConfigError, Fault, TerrainConfig
+from daq import ConfigError, DataError, Fault, TerrainConfig
 from daq.series import PlateTest, ShearTest
 from model.bevameter import (
+    FitFault,
     JointFit,
     PlateFit,
     PressureSinkage,
@@ -23,7 +24,7 @@ from model.bevameter import (
     terrain_of,
     terrain_toml,
 )
-from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.notes import note_text, texts_of
 
 Rows = tuple[list[str], list[list[str]]]
 
@@ -87,11 +88,22 @@ def evaluate(
     """
     if not plates and not shears:
         raise ConfigError(Fault("there is no test", next_step="give --plate FILE..., --shear FILE..., or both"))
-    return BenchSoil(
-        pressure=fit_pressure_sinkage(plates, window) if plates else None,
-        shear=fit_shear_strength(shears, to_m=shear_to_m) if shears else None,
-        window=window,
-    )
+    try:
+        return BenchSoil(
+            pressure=fit_pressure_sinkage(plates, window) if plates else None,
+            shear=fit_shear_strength(shears, to_m=shear_to_m) if shears else None,
+            window=window,
+        )
+    except DataError as error:
+        raise DataError(*map(_worded, error.faults)) from None
+
+
+def _worded(fault: Fault) -> Fault:
+    """Return a fault with what the fit noted of its parameters as sentences."""
+    if not isinstance(fault, FitFault):
+        return fault
+    found = "; ".join([fault.found, *(texts_of(fault.notes) or ["no minimum"])])
+    return Fault(fault.what, fault.where, found, fault.expected, fault.next_step)
 
 
 def _plates(result: BenchSoil) -> tuple[PlateFit, ...]:
