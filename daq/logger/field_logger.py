@@ -126,7 +126,7 @@ def log(
     progress : callable, optional
         Called when all sources are open and the first file is made, and then about once a second.
     opener : callable, optional
-        Opens a bus; `daq.sources.can_source.open_source` by default.
+        Opens a bus; `daq.sources.open_source` by default.
 
     Raises
     ------

@@ -33,7 +33,7 @@ class Panel(Protocol):
     """Where the logger's state is shown; see the module's text for what is asked of an implementation."""
 
     def show(self, snapshot: Mapping[str, Any]) -> None:
-        """Take a snapshot, as `daq.logger.panel.snapshot` makes it; drop it rather than wait."""
+        """Take a snapshot, as `daq.logger.snapshot` makes it; drop it rather than wait."""
 
     def commands(self) -> list[Command]:
         """Return what was asked for since the last call."""

@@ -133,7 +133,7 @@ def chosen_format(path: Path, head: bytes) -> LogFormat:
     detected = _detected(head)
     if detected is None and by_suffix is not None:
         return by_suffix
-    if isinstance(detected, LogFormat) and by_suffix in (None, detected):
+    if isinstance(detected, LogFormat) and (by_suffix is None or set(by_suffix.suffixes) & set(detected.suffixes)):
         return detected
     if detected is None:
         what = "neither its suffix nor its content is of a known log format"

@@ -11,6 +11,7 @@ from daq import DataError, Fault, FloatArray, RunInfo
 from model.simulation.motion import Motion
 from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.contact import Quadrature
+from model.wheel_soil.stresses import speed_ratio
 from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
 _USUAL_SPEED_MPS = 1.25
@@ -79,7 +80,7 @@ class Circumstances:
             slip=slip,
             vertical_load_n=np.full(len(slip), vertical_load_n),
             ground_speed_mps=_USUAL_SPEED_MPS,
-            wheel_speed_radps=_USUAL_SPEED_MPS * (1.0 + slip) / model.wheel.radius_m,
+            wheel_speed_radps=_USUAL_SPEED_MPS / speed_ratio(slip) / model.wheel.radius_m,
             ground_acceleration_mps2=0.0,
             ground_jerk_mps3=0.0,
             wheel_acceleration_radps2=0.0,

@@ -22,6 +22,7 @@ from model.wheel_soil import (
     SoilPrior,
     Wheel,
     WheelSoilModel,
+    speed_ratio,
 )
 
 SLIPS = np.linspace(-0.3, 0.8, 120)
@@ -67,7 +68,7 @@ class Base:
 
     def conditions(self) -> Conditions:
         """Return the conditions at `SLIPS`: unaccelerated, at the far end of the line and the end of the campaign."""
-        ratio = np.where(SLIPS > 0, 1.0 / (1.0 - np.maximum(SLIPS, 0.0)), 1.0 + SLIPS)
+        ratio = 1.0 / speed_ratio(SLIPS)
 
         def held(value: float) -> FloatArray:
             return np.full(len(SLIPS), value)

@@ -157,7 +157,7 @@ def _parameters(hidden: Hidden, found: Cause) -> tuple[dict[str, Any], ...]:
 def _sizes(parameters: tuple[dict[str, Any], ...]) -> str:
     said = [
         f"{p['name']} is estimated as {p['value']:.3g} ({p['interval95'][0]:.3g} to {p['interval95'][1]:.3g}), which "
-        f"{'holds' if p['inside'] else 'does not hold'} the truth"
+        f"{'contains' if p['inside'] else 'does not contain'} the true value"
         for p in parameters
         if np.isfinite(p["interval95"]).all()
     ]

@@ -46,7 +46,7 @@ class Shape:
     kind : str
         A `Kind`.
     channel : str
-        "dp", "t" or "z"; of an error of an input its key in `model.diagnosis.core.result.INPUTS`.
+        "dp", "t" or "z"; of an error of an input its key in `daq.INPUTS`.
     range : (float, float), optional
         Of a hat: the neighbours of its knot, in the order of the knots; an outer hat's ends at its own knot.
     unit : str

@@ -10,7 +10,7 @@ import numpy as np
 from daq import BoolArray, FloatArray
 from model.diagnosis.time_series.samples import Instants, Samples, Standstills
 from model.wheel_soil.conditions import Conditions
-from model.wheel_soil.stresses import slip_of_ratio
+from model.wheel_soil.stresses import slip_of_ratio, speed_ratio
 from processing.pipeline import STANDARD_GRAVITY_MPS2
 
 LIKE_OTHERS = "one more run like the others"
@@ -184,7 +184,7 @@ def braked(run: Samples) -> Samples:
     radius = run.wheel_radius_m
     ratio = np.where(
         driven,
-        1.0 + slip,
+        1.0 / speed_ratio(slip),
         radius * np.asarray(run.conditions.wheel_speed_radps) / np.asarray(run.conditions.ground_speed_mps),
     )  # r omega / V
     omega = ratio * np.asarray(run.conditions.ground_speed_mps) / radius

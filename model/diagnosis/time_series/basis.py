@@ -94,7 +94,7 @@ class InputShape:
     Attributes
     ----------
     shape : Shape
-        Its channel is the input's key in `model.diagnosis.core.result.INPUTS`.
+        Its channel is the input's key in `daq.INPUTS`.
     columns : array, shape (c, n)
         In N, N m and m.
     height : float

@@ -159,7 +159,7 @@ def hypotheses(grams: Grams, excluded: frozenset[str] = frozenset(), most: int =
     excluded : set of str
         Families or keys that the data do not allow to tell.
     most, triples
-        See `model.diagnosis.core.prior.listed_sets`.
+        See `model.diagnosis.core.hypotheses.listed_sets`.
     """
     kept = {c.key: c.family for c in grams.causes if c.family not in excluded and c.key not in excluded}
     return listed_sets(kept, most, triples)
