@@ -98,7 +98,7 @@ class FitCode(StrEnum):
     """names, correlations: multiple, condition_number"""
     AT_BOUND = "at_bound"
     """names: one, value"""
-    NOISE_UNKNOWN = "noise_unknown"
+    NOISE_UNKNOWN = "residual_noise_unknown"
     """residuals, parameters"""
     NOT_FINITE = "not_finite"
     NOT_CONVERGED = "not_converged"

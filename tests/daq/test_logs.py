@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import gc
 import gzip
+import re
 import sys
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -17,7 +19,7 @@ from support import data_dir
 
 from daq.can.frames import FrameBatch, FrameFlag, concatenate, frames_from_messages, messages_from_frames
 from daq.errors import ConfigError, RecordingError
-from daq.logs import read_log, write_candump
+from daq.logs import formats, read_log, write_candump
 from daq.logs.mf4 import merged
 
 READERS: dict[str, Callable[[Path], Iterable[can.Message]]] = {
@@ -217,6 +219,18 @@ def test_bad_logs_get_one_clear_message(tmp_path: Path, name: str, data: bytes |
     assert what in str(caught.value)
     assert more in str(caught.value)
     assert caught.value.exit_code == 3
+
+
+def test_formats_may_share_a_suffix(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The content decides between them; a log that says nothing of itself is of the first."""
+    candump = next(known for known in formats.LOG_FORMATS if ".log" in known.suffixes)
+    other = replace(candump, name="another log")
+    monkeypatch.setattr(formats, "LOG_FORMATS", (*formats.LOG_FORMATS, other))
+    monkeypatch.setattr(formats, "_TEXT", ((re.compile(rb"\*\*\*ANOTHER"), other), *formats._TEXT))
+    assert formats.chosen_format(Path("a.log"), b"***ANOTHER 1.0\n") is other
+    assert formats.chosen_format(Path("a.log"), b"(1.0) can0 123#\n") is candump
+    with pytest.raises(RecordingError, match="this looks like another log"):
+        formats.chosen_format(Path("a.blf"), b"***ANOTHER 1.0\n")
 
 
 def test_a_suffix_that_says_nothing_is_read_by_its_content(tmp_path: Path) -> None:

@@ -20,6 +20,8 @@ from model.diagnosis.findings.adequacy import (
 )
 from model.diagnosis.findings.agreement import two_soils
 from model.diagnosis.findings.isolability import detectable_in_runs
+from model.diagnosis.time_series.basis import RunShapes
+from model.diagnosis.time_series.columns import OwnGram
 from model.diagnosis.time_series.evidence import hypotheses, posterior
 
 UNITS_AND_CHANNELS = ((0.0, "dp", "m/s"), (1.0, "t", ""), (2.0, "dp", "any text"))
@@ -163,3 +165,29 @@ def test_two_terrains_are_seen_among_many_runs() -> None:
     mixed = two_soils(many.grams(np.zeros(1), np.random.default_rng(0), extra=other))
     assert mixed is not None
     assert set(mixed[0]) == {"run 2", "run 9", "run 11"}
+
+
+def test_shapes_of_single_runs_count_as_shapes_of_all_that_are_zero_elsewhere() -> None:
+    rng = np.random.default_rng(11)
+    drawn = world(11, library(4), runs=4)
+    runs, n, shapes = drawn.basis.shape
+    own = np.zeros((runs, n, 2 * runs))
+    for run in range(runs):
+        own[run, :, 2 * run : 2 * run + 2] = 3.0 * rng.normal(size=(n, 2))
+    everywhere = replace(drawn, basis=np.concatenate([drawn.basis, own], axis=2))
+    dense = everywhere.grams(np.zeros(len(drawn.columns)), rng, noise=1.2)
+    start = dense.basis_columns.start
+    shared = slice(start + shapes)
+    blocks = []
+    for run, matrix in enumerate(dense.matrices):
+        rank = shapes + 2 * run + np.arange(2)
+        at = start + rank
+        names = RunShapes(tuple(dense.basis[i] for i in rank), rank)
+        blocks.append(OwnGram(names, matrix[at, shared], matrix[np.ix_(at, at)]))
+    kept = replace(dense, matrices=dense.matrices[:, shared, shared], basis=dense.basis[:shapes], own=tuple(blocks))
+    keys = (drawn.columns[0].key,)
+    np.testing.assert_allclose(left_over(kept, keys).information, left_over(dense, keys).information, rtol=1e-9)
+    assert 1.0 < excess(dense, keys) < MOST_EXCESS
+    assert excess(kept, keys) == pytest.approx(excess(dense, keys), rel=1e-9)
+    for run in range(runs):
+        assert excess(kept.without(run), keys) == pytest.approx(excess(dense.without(run), keys), rel=1e-9)
