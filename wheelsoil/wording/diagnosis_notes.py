@@ -35,17 +35,6 @@ def _no_trace(v: Values) -> str:
     return f"it changes nothing that was measured ({', '.join(v['channels'])}; rows with {rows} only)"
 
 
-def _suspicion(v: Values) -> str:
-    if v["suspicion"] == "standstill":
-        return f"suspect the torque: it reads {v['torque_at_rest_nm']:.3g} N m at standstill"
-    if v["suspicion"] == "sinkage":
-        return "suspect the sinkage: load, drawbar pull and torque agree with each other, but not with it"
-    more = f"the forces ask for a shear stress of {v['shear_share']:.2g} times the normal one"
-    if v["suspicion"] == "radius":
-        return f"suspect the radius: {more}, and ground over rim speed is {v['speed_scale']:.3g}"
-    return f"suspect the torque: {more}"
-
-
 def _neutral(v: Values) -> str:
     between = f"{v['low']:.3g} to {v['high']:.3g} {v['unit']}"
     return f"the {plain_name(v['family'])}'s {v['parameter']} may as well be {v['neutral']:g} ({between})"

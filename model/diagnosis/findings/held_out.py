@@ -1,5 +1,6 @@
-"""Gain of the extension on held-out runs, which neither the choice of the causes nor the fit has used.
+"""Gain of the extension on held-out runs, and probabilities of causes averaged over resampled runs.
 
+**Gain**, on runs which neither the choice of the causes nor the fit has used.
 Every run is held out once. The others choose the causes anew and fit soil and causes; the run is then predicted twice,
 by the base model (soil re-calibrated within its prior, no cause) and by the extended one. Its density is exact for the
 model linearised at each set's fit. R0, M0 and R2 are of the whole model at what the other runs estimate, at the
@@ -7,8 +8,7 @@ measured slip, over the samples at or above the paper's slip threshold: near zer
 error, times the steep slope there, is several times what any cause does, so that a cause of the braked wheel shows in
 the density only. Noise hyper-parameters and points of linearisation have seen every run.
 
-Probabilities that runs drawn anew would repeat: the mean of posteriors over resampled runs.
-
+**Probabilities**: the mean of posteriors over resampled runs.
 A noise model that is a little wrong makes a posterior too sure of one of two confounded causes. Drawing as many runs
 with replacement as there are, and averaging the posteriors, makes it as uncertain as another campaign would; this needs
 no noise model. It costs no more than weights on the runs' Gram matrices. Whether any cause acts at all is not a choice

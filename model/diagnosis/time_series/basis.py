@@ -1,21 +1,15 @@
 """The catch-all: shapes of misfit that no cause of the library has to have.
 
-Smooth hats over everything that a misfit may hang on, for each channel on its own; a zero that grows with the load,
-which standstills part from the soil; and errors of ground speed and load, which show in all channels at once. They are
-taken at the smoothed slip, like everything else.
+Hats (one at a knot, falling straight to zero at its neighbours) over everything that a misfit may depend on, for each
+channel; a zero that grows with the load, which standstills separate from the soil; and errors of ground speed and load,
+which show in all channels at once. They are taken at the smoothed slip. An error of an input that is measured too large
+moves a channel by minus its slope: the model is given what was measured.
 
-Cross-talk and a constant zero, one taken for the other, leave a zero that grows with the load. Where no shape shows it,
-it passes for zeros that differ from run to run.
-
-Hats: shapes that are one at a knot and fall straight to nothing at its neighbours.
-
-What an error of an input does to every channel at once: the catch-all's shapes for ground speed and load.
-
-A speed that is off by the same everywhere is a listed cause. One that is off by more at some speeds than at others is
-not, and no shape of a force alone shows it well: it is large where pull is steep in slip, and nothing elsewhere. The
-shapes of the load are what two listed causes do, a zero and a gain of the load, asked of sets without them.
-
-An error is measured less true, as everywhere: the model, which is given what was measured, is off by minus its slope.
+A ground speed with the same error everywhere is a listed cause. One whose error is larger at some speeds is not, and no
+shape of a force alone describes it: it is large where the pull is steep in the slip. The shapes of the load are those
+of two listed causes, a zero and a gain of the load, for sets without them. Cross-talk and a constant zero, one taken
+for the other, leave a zero that grows with the load; without a shape for it, it would be taken for zeros that differ
+between runs.
 """
 
 from __future__ import annotations

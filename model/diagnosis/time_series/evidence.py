@@ -1,24 +1,6 @@
-r"""How likely a run is, given other runs: exact for the linear model of `model.diagnosis.time_series.columns`.
+r"""Exact evidence of every set of causes from whitened cross products, and of a run given other runs.
 
-The evidence of a set M of causes in runs A is the probability density of their data with soil and sizes integrated
-out. The prediction of another run b from the runs A is therefore a difference,
-
-.. math:: \ln p(r_b \mid r_A, M) = \ln p(r_{A \cup b} \mid M) - \ln p(r_A \mid M),
-
-in which the uncertainty of everything that A has not settled is counted, bounds and one-sided priors included.
-
-Probability that a normal vector lies in a box: what bounds and one-sided priors do to an evidence.
-
-One coordinate after the other is cut to its interval; the others are then taken as normal again, with the mean and
-covariance that the cut leaves them. For one coordinate this is exact; for several it is an approximation whose error
-in the logarithm is a few hundredths where the box holds much of the mass, and some tenths far out
-(`tests/model/test_evidence_box.py` holds it against sampling).
-
-Source: Mendell & Elston (1974), Biometrics 30:41; Joe (1995), J. Am. Stat. Assoc. 90:957.
-
-Exact evidence of every set of causes from whitened cross products.
-
-With :math:`r = S\beta + X_M\gamma + \epsilon`, all priors standard normal, the soil drops out by
+With :math:`r = S\beta + X_M\gamma + \epsilon`, all priors standard normal, the soil is integrated out by
 
 .. math:: \tilde G = G - G_{\cdot S} (I + G_{SS})^{-1} G_{S\cdot}
 
@@ -27,10 +9,18 @@ and the log evidence of a set M, less that of the empty set, is
 .. math:: \tfrac12 b'A^{-1}b - \tfrac12 \ln\det A + \ln\frac{P(\gamma \in B \mid r)}{P(\gamma \in B)}, \quad
     A = I + \tilde G_{MM},\; b = \tilde G_{Mr},
 
-with B the box of bounds and one-sided priors: for one one-sided parameter the last term is
-:math:`\ln 2\Phi(\text{mean}/\text{sd})`.
+with B the box of bounds and one-sided priors. The probability of a box is taken one coordinate after the other: each is
+cut to its interval, and the others are taken as normal again, with the mean and covariance that the cut leaves them.
+That is exact for one coordinate; for several the error of the logarithm is a few hundredths where the box holds much of
+the mass, and some tenths far out (`tests/model/test_evidence_box.py` compares it with sampling).
 
-Source: MacKay (1992), Neural Computation 4:415; Kass & Raftery (1995), J. Am. Stat. Assoc. 90:773.
+The prediction of a run b from runs A is a difference of evidences, in which the uncertainty of everything that A does
+not determine is counted:
+
+.. math:: \ln p(r_b \mid r_A, M) = \ln p(r_{A \cup b} \mid M) - \ln p(r_A \mid M).
+
+Source: MacKay (1992), Neural Computation 4:415; Kass & Raftery (1995), J. Am. Stat. Assoc. 90:773; of the box Mendell &
+Elston (1974), Biometrics 30:41, and Joe (1995), J. Am. Stat. Assoc. 90:957.
 """
 
 from __future__ import annotations

@@ -8,12 +8,11 @@ noise, X the columns, :math:`A = I + \sum_{runs} X'V^{-1}X`, :math:`P = V^{-1} -
           \frac{\partial}{\partial\theta}(-2 \ln L) = \mathrm{tr}(P \dot V) - r'P \dot V P r.
 
 Maximised by scoring with the average information :math:`\tfrac12 r'P\dot V_i P \dot V_j P r`, in logarithms, with
-log-normal priors (docs/decisions/one-newton.md). Covariances are formed in blocks of a run, so that the cost is linear
-in its length.
+log-normal priors (docs/decisions/one-newton.md). Covariances, and their derivatives by every hyper-parameter, are
+formed in blocks of a run, so that the cost is linear in its length; shapes of single runs are integrated out run by
+run.
 
 Source: Patterson & Thompson (1971), Biometrika 58:545; Gilmour, Thompson & Cullis (1995), Biometrics 51:1440.
-
-The covariance of the noise of part of a run, and how every hyper-parameter changes it.
 """
 
 from __future__ import annotations

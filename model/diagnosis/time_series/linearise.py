@@ -1,10 +1,9 @@
 """What the model says of every sample, and how that changes with everything that may be otherwise.
 
 All derivatives come from one pass in duals: by ground speed and load, by the soil, by every parameter of every cause
-of the library at its current value. Everything is taken at one and the same slip, the smoothed one: columns at another
+of the library at its current value. The soil's parameters are in units in which the laboratory knows them: independent,
+of one-sigma 1. Everything is taken at one and the same slip, the smoothed one: columns at another
 slip than the residual's let the fit rebuild the noise.
-
-The soil's parameters in units in which the laboratory knows them: independent, of one-sigma 1.
 """
 
 from __future__ import annotations
