@@ -73,9 +73,9 @@ def test_sizes_are_compared_where_the_form_is_the_same():
         "interval95": (0.04, 0.06),
         "inside": True,
     }
-    assert "0.051 (0.04 to 0.06), which holds the truth" in opened.sentence
+    assert "0.051 (0.04 to 0.06), which contains the true value" in opened.sentence
     beyond = open_envelope(replace(SINKAGE, values={"H_m": 0.07}), diagnosis("named"))
-    assert "does not hold the truth" in beyond.sentence
+    assert "does not contain the true value" in beyond.sentence
     other_form = open_envelope(Hidden("ding", {"n1": 0.3}), diagnosis("named"))
     assert other_form.outcome == "found"
     assert other_form.parameters == ()
