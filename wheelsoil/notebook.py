@@ -50,7 +50,7 @@ def fit_html(fit: CampaignFit) -> str:
 
 
 def diagnosis_html(found: Diagnosis) -> str:
-    """Return the verdict, the causes and where the simulation is off."""
+    """Return the verdict, the causes and the residuals of the simulation."""
     shown = [html_paragraph(sentence_of(found))]
     causes = [row for cause in found.causes for row in _cause_rows(cause)]
     if causes:
@@ -71,7 +71,8 @@ def diagnosis_html(found: Diagnosis) -> str:
         for w in found.what_is_wrong[:_MOST_FINDINGS]
     ]
     if wrong:
-        shown.append(html_table(["channel", "where the simulation is off", "by", "sigmas"], wrong, left=2))
+        caption = "Residuals of the simulation, largest first"
+        shown.append(html_table(["channel", "where", "by", "sigmas"], wrong, left=2, caption=caption))
     if found.gain is not None:
         rows = _gain_rows(found.gain)
         head = ["on runs left out", "R0 base", "R0 extended", "unit"]

@@ -28,7 +28,8 @@ def criteria_table(fit: CampaignFit, channel: str) -> Table:
 
 def remarks(fit: CampaignFit) -> list[str]:
     """Return remarks on the numbers: soil, interpretation, excluded samples, parameters that are not separable."""
-    first = f"soil {fit.soil.name}, {fit.options.reading} reading, criteria at slips from {fit.slip_threshold:g} on"
+    reading = "load-consistent" if fit.options.reading == "balanced" else "as published"
+    first = f"soil {fit.soil.name}, slip sinkage {reading}, criteria at slips from {fit.slip_threshold:g} on"
     reasons = {reason_text(m.criteria["dp"]) for m in fit.models if "dp" in m.criteria} - {""}
     warnings = [f"{m.name}: {note_text(w)}" for m in fit.models for w in m.warnings]
     return [first, *map(note_text, fit.notes), *sorted(reasons), *warnings]

@@ -71,7 +71,10 @@ def _effects(plan: Plan, width: int) -> list[str]:
 
 
 def _footnote(plan: Plan, width: int) -> list[str]:
-    text = "detectable: smallest size found in half of such campaigns; separable: d_sep is 5, noise changes it by 1"
+    text = (
+        "detectable: minimum detectable effect, found in half of such campaigns; "
+        "separable: d_sep is 5, noise changes it by 1"
+    )
     if any(title == NOT_IDENTIFIABLE for title in not_named(plan.not_identifiable, plan.minimum_detectable)):
         text += ". Not named: detectable, not identifiable, or not detectable, see below"
     return wrapped(f"{text}.", width, "  ")

@@ -82,4 +82,4 @@ def next_step(material: ReportInputs, grades: dict[str, Grade]) -> str:
         )
     if found.verdict == "named":
         return "take the extended model: `wheelsoil diagnose -o model.toml` keeps it for fit, simulate and report."
-    return "no further run is asked for; see what could have been seen."
+    return "no further run is asked for; see the minimum detectable effect."

@@ -25,7 +25,7 @@ _ODDS_NOTE = (
 _HIGHEST_ODDS = 1e3
 
 
-@section("detectable", "What could have been seen")
+@section("detectable", "Minimum detectable effect")
 def detectable(material: ReportInputs) -> Contents:
     """Build the section."""
     found = material.diagnosis.minimum_detectable
@@ -71,7 +71,7 @@ def _figure(shares: dict[str, float]) -> Figure:
     marks: Trace = {
         "type": "scatter",
         "mode": "markers",
-        "name": "smallest size found",
+        "name": "minimum detectable",
         "x": [float(f"{shares[key]:.4g}") for key in ordered],
         "y": [words(form_name(effect_name(key))) for key in ordered],
         "marker": {
@@ -94,7 +94,7 @@ def next_run(material: ReportInputs) -> Contents:
     runs = material.diagnosis.next_run
     if not runs:
         text = (
-            "No run can be ranked: no candidate explains these runs. See where the simulation is off."
+            "No run can be ranked: no candidate explains these runs. See the residuals of the simulation."
             if material.diagnosis.verdict == "unexplained"
             else "The verdict asks for no further run; --next-run ranks them all the same."
         )

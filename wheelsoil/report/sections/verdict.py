@@ -195,7 +195,7 @@ def _ended(ranking: Ranking) -> Text:
 def _load(material: ReportInputs, ranking: Ranking) -> Text:
     ratio = ranking.best.load_ratio
     if material.fit.options.reading == "balanced":
-        return Text("Eq. 7 returns the measured load for the model's sinkage (balanced reading).", "good")
+        return Text("Eq. 7 returns the measured load for the model's sinkage (load-consistent).", "good")
     within = max(abs(ratio.lowest - 1), abs(ratio.highest - 1)) <= _LOAD_TOLERANCE
     text = (
         f"The sinkage of the model would carry {number(ratio.lowest)} to {number(ratio.highest)} times the measured "
