@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 _CAMPAIGN = "clay"
 _CAVEAT = (
     "Simulator and diagnosis share their physics: the demo shows that the program works, not that the model is right. "
-    "docs/blind_results.md has results with an independent simulator, docs/real_data.md with real measurements."
+    "docs/blind_results.md has results with an independent simulator, docs/real_data.md with real measurements. "
+    "docs/diagnosis.md explains every number above: nats, Bayes factors, residuals."
 )
 
 

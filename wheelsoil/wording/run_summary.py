@@ -6,6 +6,7 @@ from math import isfinite
 
 import numpy as np
 
+from daq import ROLES
 from processing import ProcessedRun, Reason, Segment, SensorFacts
 
 _QUANTITIES = (
@@ -34,7 +35,7 @@ def summary_table(run: ProcessedRun) -> list[tuple[str, str]]:
         *_radius(run),
         *_clock(quality.clock),
     ]
-    return rows + [(role, _sensor(facts)) for role, facts in quality.sensors.items()]
+    return rows + [(role, _sensor(facts, ROLES[role].unit_text)) for role, facts in quality.sensors.items()]
 
 
 def _left_out(shares: dict[str, float]) -> str:
@@ -91,10 +92,10 @@ def _clock(clock: dict[str, float]) -> list[tuple[str, str]]:
     return [("host clock against GNSS", said)]
 
 
-def _sensor(facts: SensorFacts) -> str:
+def _sensor(facts: SensorFacts, unit: str) -> str:
     if not isfinite(facts.rate_hz):
         return f"{facts.samples} samples"
     gaps = f"{facts.gaps} gaps, longest {facts.longest_gap_s:.2f} s" if facts.gaps else "no gaps"
-    zero = f", zero +- {facts.systematic_sigma:.3g}" if isfinite(facts.systematic_sigma) else ""
+    zero = f", zero +- {facts.systematic_sigma:.3g} {unit}" if isfinite(facts.systematic_sigma) else ""
     left_out = f", {facts.distrusted:,} left out by the transducer's status" if facts.distrusted else ""
-    return f"{facts.rate_hz:.4g} Hz, {gaps}, sigma {facts.sigma:.3g} ({facts.sigma_source}){zero}{left_out}"
+    return f"{facts.rate_hz:.4g} Hz, {gaps}, sigma {facts.sigma:.3g} {unit} ({facts.sigma_source}){zero}{left_out}"
