@@ -48,11 +48,11 @@ class Plan:
 
 
 def plans(rng: np.random.Generator, runs: int = 6) -> list[Plan]:
-    """Return a campaign's runs."""
+    """Return a campaign's runs; after six loads and passes begin anew."""
     loads, passes = _PLANS[rng.integers(len(_PLANS))]
     gaps = BETWEEN_RUNS_S * rng.uniform(0.7, 1.4, runs)
     starts = np.concatenate([[0.0], np.cumsum(gaps[:-1] + DURATION_S)])
-    return [Plan(i, LOADS_N[loads[i]], 1 - 2 * (i % 2), passes[i], float(starts[i])) for i in range(runs)]
+    return [Plan(i, LOADS_N[loads[i % 6]], 1 - 2 * (i % 2), passes[i % 6], float(starts[i])) for i in range(runs)]
 
 
 def _curve(at: FloatArray, knots: list[tuple[float, float]], blur_s: float) -> FloatArray:

@@ -12,6 +12,7 @@ from blind.ground import Ground, Patchiness, drawn_field, run_scatter
 from blind.sensors import Suite, measured
 from blind.vendors import VENDORS, Vendor
 from blind.wheel import RADIUS_M, Care, Moments, Physics, Reading, readings, soil_forces
+from blind.world import OWN, World
 
 from daq import FloatArray
 from daq.channels import Channel
@@ -35,6 +36,7 @@ class FieldDay:
     patchiness, suite, vendor
     seed : tuple of int
         Of what is drawn while the runs are driven: the same whatever is hidden.
+    world : World
     """
 
     soil: str
@@ -48,6 +50,7 @@ class FieldDay:
     suite: Suite
     vendor: Vendor
     seed: tuple[int, ...]
+    world: World = OWN
 
 
 def free_slip(ground: Ground, load_n: float) -> float:
@@ -60,16 +63,18 @@ def free_slip(ground: Ground, load_n: float) -> float:
     return float(np.interp(0.0, torque, slip))
 
 
-def field_day(soil: str, seed: Sequence[int], vendor: str | None = None) -> FieldDay:
+def field_day(
+    soil: str, seed: Sequence[int], vendor: str | None = None, *, world: World = OWN, runs: int = 6
+) -> FieldDay:
     """Draw a campaign."""
     sequence = np.random.SeedSequence(list(seed))
     drawing, driving = sequence.spawn(2)
     rng = np.random.default_rng(drawing)
     ground = drawn_field(soil, rng)
     chosen = VENDORS[vendor] if vendor else list(VENDORS.values())[rng.integers(len(VENDORS))]
-    suite = chosen.suite.louder(float(np.exp(0.15 * rng.standard_normal())))
-    patchiness = Patchiness.drawn(rng)
-    planned = plans(rng)
+    suite = world.instruments(chosen.suite.louder(float(np.exp(0.15 * rng.standard_normal()))))
+    patchiness = world.ground(Patchiness.drawn(rng))
+    planned = plans(rng, runs)
     streams = [np.random.default_rng(s) for s in driving.spawn(len(planned))]
     driven = [motion(r, free_slip(ground, p.load_n)) for r, p in zip(streams, planned, strict=True)]
     length = max(float(m.distance_m[-1]) for m in driven)
@@ -77,7 +82,7 @@ def field_day(soil: str, seed: Sequence[int], vendor: str | None = None) -> Fiel
     loads = [load_history(p, m, r) for p, m, r in zip(planned, driven, streams, strict=True)]
     moments = [moments_of(p, m, w, line, span) for p, m, w in zip(planned, driven, loads, strict=True)]
     along = [m.distance_m if p.direction > 0 else length - m.distance_m for p, m in zip(planned, driven, strict=True)]
-    scatter = [run_scatter(rng) for _ in planned]
+    scatter = [run_scatter(rng, world.scatter) for _ in planned]
     return FieldDay(
         soil,
         ground,
@@ -90,6 +95,7 @@ def field_day(soil: str, seed: Sequence[int], vendor: str | None = None) -> Fiel
         suite,
         chosen,
         (*seed, 7),
+        world,
     )
 
 
@@ -110,7 +116,8 @@ def driven(day: FieldDay, hidden: Sequence[tuple[str, float]]) -> list[dict[str,
             np.random.default_rng(np.random.SeedSequence(day.seed, spawn_key=(index, which))) for which in (0, 1)
         )
         reading = true_reading(day, index, physics, patches)
-        out.append(measured(day.suite, day.plans[index], day.motions[index], reading, day.along_m[index], sensing))
+        seen = measured(day.suite, day.plans[index], day.motions[index], reading, day.along_m[index], sensing)
+        out.append(day.world.received(seen, sensing))
     return out
 
 

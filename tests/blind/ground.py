@@ -61,9 +61,9 @@ def drawn_field(soil: str, rng: np.random.Generator) -> Ground:
     return LABORATORY[soil].changed(logs)
 
 
-def run_scatter(rng: np.random.Generator) -> dict[str, Column]:
+def run_scatter(rng: np.random.Generator, factor: float = 1.0) -> dict[str, Column]:
     """Return the logs by which one run's soil differs."""
-    return {key: sigma * rng.standard_normal() for key, sigma in RUN_SCATTER.items()}
+    return {key: factor * sigma * rng.standard_normal() for key, sigma in RUN_SCATTER.items()}
 
 
 @dataclass(frozen=True)

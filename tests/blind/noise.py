@@ -101,12 +101,13 @@ def run_covariance(day: FieldDay, sight: Sight, index: int) -> tuple[FloatArray,
     speed += suite.speed_white_mps**2 * f.white(apart, suite.gnss_hz)
     metres = np.abs(m.distance_m[:, None] - m.distance_m)
     patch = np.exp(-metres / day.patchiness.length_m)
+    scatter = {key: day.world.scatter * sigma for key, sigma in RUN_SCATTER.items()}
     for key, inner in (
         ("speed", speed),
         ("load", suite.load_n**2 * force * share + suite.zero_load_n**2),
-        ("stiffness", day.patchiness.stiffness**2 * patch + RUN_SCATTER["stiffness"] ** 2),
-        ("friction", day.patchiness.friction**2 * patch + RUN_SCATTER["friction"] ** 2),
-        ("cohesion", np.full(apart.shape, RUN_SCATTER["cohesion"] ** 2)),
+        ("stiffness", day.patchiness.stiffness**2 * patch + scatter["stiffness"] ** 2),
+        ("friction", day.patchiness.friction**2 * patch + scatter["friction"] ** 2),
+        ("cohesion", np.full(apart.shape, scatter["cohesion"] ** 2)),
     ):
         slope = sight.slopes[key][:, rows]
         blocks += slope[:, :, None, None] * slope[None, None] * inner[None, :, None, :]

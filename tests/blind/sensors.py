@@ -37,6 +37,8 @@ class Suite:
         GNSS speed.
     receiver : "boxcar" or "first order"
         Filter of the receiver with `receiver_s` as its width or time constant; both are declared as a latency.
+    tails : float
+        Degrees of freedom of the coloured noises; 0: normal.
     """
 
     force_hz: float = 1000.0
@@ -67,6 +69,7 @@ class Suite:
     speed_memory_s: float = 1.0
     speed_white_mps: float = 0.02
     wheel_pitch_error: float = 0.0015
+    tails: float = 0.0
 
     @property
     def gnss_latency_s(self) -> float:
@@ -87,12 +90,21 @@ class Suite:
         )
 
 
-def coloured(count: int, rate_hz: float, sigma: float, memory_s: float, rng: np.random.Generator) -> FloatArray:
-    """Ornstein-Uhlenbeck noise, stationary from the start."""
+def coloured(
+    count: int, rate_hz: float, sigma: float, memory_s: float, rng: np.random.Generator, tails: float = 0.0
+) -> FloatArray:
+    """Ornstein-Uhlenbeck noise, stationary from the start; with `tails`, Student's at every moment."""
     keep = np.exp(-1 / (rate_hz * memory_s))
     white = rng.standard_normal(count) * np.sqrt(1 - keep**2)
     state = [keep * rng.standard_normal()]
-    return np.asarray(sigma * lfilter([1.0], [1.0, -keep], white, zi=state)[0], np.float64)
+    noise = np.asarray(sigma * lfilter([1.0], [1.0, -keep], white, zi=state)[0], np.float64)
+    return noise * _loudness(count, rate_hz, tails, rng) if tails else noise
+
+
+def _loudness(count: int, rate_hz: float, tails: float, rng: np.random.Generator) -> FloatArray:
+    """Return how loud the noise is from second to second: what makes a normal number one of Student's."""
+    seconds = np.sqrt((tails - 2.0) / rng.chisquare(tails, round(count / rate_hz) + 2))
+    return np.interp(np.arange(count) / rate_hz, np.arange(len(seconds)), seconds)
 
 
 def _stones(
@@ -137,8 +149,8 @@ def _forces(suite: Suite, plan: Plan, m: Motion, reading: Reading, rng: np.rando
     share = np.sqrt(1 - suite.at_rest**2)
 
     def noise(sigma: float) -> FloatArray:
-        sensor = coloured(count, suite.force_hz, suite.at_rest * sigma, suite.force_memory_s, rng)
-        soil = coloured(count, suite.force_hz, share * sigma, suite.force_memory_s, rng)
+        sensor = coloured(count, suite.force_hz, suite.at_rest * sigma, suite.force_memory_s, rng, suite.tails)
+        soil = coloured(count, suite.force_hz, share * sigma, suite.force_memory_s, rng, suite.tails)
         return sensor + moving * soil + 0.1 * sigma * rng.standard_normal(count)
 
     second = at > DURATION_S / 2
@@ -185,7 +197,7 @@ def _fixes(
     else:
         keep = np.exp(-1 / (RATE_HZ * width))
         speed = np.interp(at, m.time_s, lfilter([1 - keep], [1.0, -keep], reading.speed))
-    speed = speed + coloured(count, suite.gnss_hz, suite.speed_mps, suite.speed_memory_s, rng)
+    speed = speed + coloured(count, suite.gnss_hz, suite.speed_mps, suite.speed_memory_s, rng, suite.tails)
     speed += suite.speed_white_mps * rng.standard_normal(count)
     along = np.interp(at, m.time_s, along_m) + coloured(count, suite.gnss_hz, 0.3, 30.0, rng)
     across = coloured(count, suite.gnss_hz, 0.3, 30.0, rng)
