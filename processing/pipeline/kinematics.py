@@ -74,16 +74,17 @@ def segment(
     Standstill: both speeds below 0.15 m/s for at least 0.5 s, left at 0.3 m/s. Drive and brake by the torque where it
     is measured (|T|/r above 3 % of the load, or of the largest |T|/r without load; left at half of it), else by slip
     (5 %) and acceleration (0.2 and -0.5 m/s2); coast is in between. Pieces under 0.3 s join what was before. Unknown
-    where a speed is missing.
+    where a speed is missing; lost frames of less than 0.5 s do not end a standstill.
     """
     known = np.isfinite(rim_speed_mps) & np.isfinite(ground_speed_mps)
-    fastest = np.maximum(np.abs(rim_speed_mps), np.abs(ground_speed_mps))
-    resting = _hold(fastest < _REST_MPS, fastest > _MOVING_MPS, ~known)
+    fastest = np.fmax(np.abs(rim_speed_mps), np.abs(ground_speed_mps))
+    lost = _at_least(~known, _REST_SECONDS * rate_hz)
+    resting = _hold(known & (fastest < _REST_MPS), fastest > _MOVING_MPS, lost)
     resting &= _at_least(resting, _REST_SECONDS * rate_hz)
     driven = _driven(acceleration_mps2, slip, torque_over_radius_n, load_n, known)
     kind = np.where(driven > 0, Segment.DRIVE, np.where(driven < 0, Segment.BRAKE, Segment.COAST))
     kind = np.where(resting, Segment.STANDSTILL, kind)
-    kind = np.where(known, kind, Segment.UNKNOWN).astype(np.uint8)
+    kind = np.where(known | resting, kind, Segment.UNKNOWN).astype(np.uint8)
     return _without_short(kind, _SHORTEST_SECONDS * rate_hz)
 
 
