@@ -1,7 +1,9 @@
 r"""Hyper-parameters of the noise by marginal likelihood.
 
 The likelihood is that of the saturated model: soil, every cause and the catch-all are columns with their priors, so
-that an effect which nobody has named yet does not pass for noise and hide itself. With V the covariance of a run's
+that an effect which nobody has named yet does not pass for noise and hide itself. Shapes that only one run may show
+are not among them: what has no pattern over the runs is noise, and with 2 % of the load as their prior they would take
+what varies over a long time or distance, which would then be missing from the noise. With V the covariance of a run's
 noise, X the columns, :math:`A = I + \sum_{runs} X'V^{-1}X`, :math:`P = V^{-1} - V^{-1}XA^{-1}X'V^{-1}`:
 
 .. math:: -2 \ln L = \ln\det V + \ln\det A + r'Pr, \qquad
@@ -9,8 +11,7 @@ noise, X the columns, :math:`A = I + \sum_{runs} X'V^{-1}X`, :math:`P = V^{-1} -
 
 Maximised by scoring with the average information :math:`\tfrac12 r'P\dot V_i P \dot V_j P r`, in logarithms, with
 log-normal priors (docs/decisions/one-newton.md). Covariances, and their derivatives by every hyper-parameter, are
-formed in blocks of a run, so that the cost is linear in its length; shapes of single runs are integrated out run by
-run.
+formed in blocks of a run, so that the cost is linear in its length.
 
 Source: Patterson & Thompson (1971), Biometrika 58:545; Gilmour, Thompson & Cullis (1995), Biometrics 51:1440.
 """
@@ -52,11 +53,8 @@ class Block:
 
     Attributes
     ----------
-    run : int
     columns : array, shape (m, 1 + q + k + b)
         Residual first.
-    own : array, shape (m, o)
-        Of the shapes that only this run may show.
     seconds, metres : array, shape (samples, samples)
         Distance of two samples in time and along the track.
     sample : int array, shape (driving rows,)
@@ -69,9 +67,7 @@ class Block:
         Variances that no hyper-parameter moves.
     """
 
-    run: int
     columns: FloatArray
-    own: FloatArray
     seconds: FloatArray
     metres: FloatArray
     sample: IndexArray
@@ -100,7 +96,7 @@ def blocks_of(
         for i, piece in enumerate(_pieces(own, len(own) * MOST // max(len(samples), MOST), run)):
             here = rest if i == 0 else rest[:0]
             if len(piece) or len(here):
-                found.append(_block(samples, linear, columns, second, resting, run, piece, here))
+                found.append(_block(samples, linear, columns, second, resting, piece, here))
     return found
 
 
@@ -118,7 +114,6 @@ def _block(
     columns: Columns,
     second: FloatArray,
     resting: FloatArray,
-    run: int,
     piece: IndexArray,
     rest: IndexArray,
 ) -> Block:
@@ -127,7 +122,7 @@ def _block(
     at = piece[sample]
     row, standing = np.nonzero(columns.rests_present[:, rest])
     standing = rest[standing]
-    drives, shared = len(at), columns.shared
+    drives = len(at)
     both = np.concatenate([columns.rows[channel, at], columns.rests[row, standing]])
 
     def of_drive(x: FloatArray) -> FloatArray:
@@ -141,9 +136,7 @@ def _block(
             mine = row == AT_REST.index(c)
             white.append((named(c, "at_rest"), np.concatenate([np.zeros(drives, bool), mine])))
     return Block(
-        run=run,
-        columns=both[:, :shared],
-        own=both[:, shared : shared + len(columns.catch_all.of_run[run].shapes)],
+        columns=both[:, : columns.shared],
         seconds=np.abs(samples.time_s[piece, None] - samples.time_s[piece]),
         metres=np.abs(samples.distance_m[piece, None] - samples.distance_m[piece]),
         sample=sample,
@@ -335,74 +328,37 @@ def _posterior(
     )
 
 
-@dataclass
-class _RunColumns:
-    """Cross products of a run's own shapes (o) with each other, with the shared columns (s) and with the residual."""
-
-    inner: FloatArray
-    across: FloatArray
-    side: FloatArray
-
-    def add(self, own: FloatArray, solved: FloatArray, solved_own: FloatArray) -> None:
-        """Add those of a block, given its columns times the inverse of its covariance."""
-        self.inner += own.T @ solved_own
-        self.across += own.T @ solved[:, 1:]
-        self.side += own.T @ solved[:, 0]
-
-
 def likelihood(blocks: Sequence[Block], values: Mapping[str, float], names: list[str]) -> Objective:
-    """Return minus the log marginal likelihood, and its gradient and information by the logarithms of `names`.
-
-    The shapes of a single run are integrated out run by run, so that the cost is linear in the number of runs.
-    """
+    """Return minus the log marginal likelihood, and its gradient and information by the logarithms of `names`."""
     width = blocks[0].columns.shape[1] - 1 if blocks else 0
     inner, side, square, log_determinant = np.eye(width), np.zeros(width), 0.0, 0.0
-    own: dict[int, _RunColumns] = {}
     parts = []
     for block in blocks:
         covariance, slopes = derivatives(block, values)
         inverse, log_det = _inverse(covariance)
-        solved, solved_own = inverse @ block.columns, inverse @ block.own
+        solved = inverse @ block.columns
         inner += block.columns[:, 1:].T @ solved[:, 1:]
         side += block.columns[:, 1:].T @ solved[:, 0]
         square += float(block.columns[:, 0] @ solved[:, 0])
         log_determinant += log_det
-        o = block.own.shape[1]
-        mine = own.setdefault(block.run, _RunColumns(np.eye(o), np.zeros((o, width)), np.zeros(o)))
-        mine.add(block.own, solved, solved_own)
-        parts.append((block.run, slopes, inverse, solved, solved_own))
-    for mine in own.values():
-        inner -= mine.across.T @ np.linalg.solve(mine.inner, mine.across)
-        side -= mine.across.T @ np.linalg.solve(mine.inner, mine.side)
-        square -= float(mine.side @ np.linalg.solve(mine.inner, mine.side))
-        log_determinant += np.linalg.slogdet(mine.inner)[1]
+        parts.append((slopes, inverse, solved))
     root = np.linalg.cholesky(inner)
     best = np.linalg.solve(inner, side)
     back = np.linalg.inv(root).T
     place = {name: i for i, name in enumerate(names)}
     gradient, information = np.zeros(len(names)), np.zeros((len(names), len(names)))
     across = np.zeros((width, len(names)))
-    moved_own: dict[int, FloatArray] = {}
-    for run, slopes, inverse, solved, solved_own in parts:
-        mine = own[run]
-        determined = np.linalg.solve(mine.inner, np.c_[mine.side - mine.across @ best, mine.across])
-        shared = solved[:, 1:] - solved_own @ determined[:, 1:]
-        left = solved[:, 0] - solved[:, 1:] @ best - solved_own @ determined[:, 0]
+    for slopes, inverse, solved in parts:
+        left = solved[:, 0] - solved[:, 1:] @ best
         moved = np.zeros((len(left), len(names)))
         for slope in slopes:
             moved[:, place[slope.name]] += slope.times(left)
         information += 0.5 * moved.T @ inverse @ moved
         across += solved[:, 1:].T @ moved
-        moved_own[run] = moved_own.get(run, 0.0) + solved_own.T @ moved
-        inverse -= _square(shared @ back)
-        inverse -= _square(solved_own @ np.linalg.inv(np.linalg.cholesky(mine.inner)).T)
+        inverse -= _square(solved[:, 1:] @ back)
         inverse -= np.outer(left, left)
         for slope in slopes:
             gradient[place[slope.name]] += 0.5 * slope.trace_with(inverse)
-    for run, moved in moved_own.items():
-        mine = own[run]
-        information -= 0.5 * moved.T @ np.linalg.solve(mine.inner, moved)
-        across -= mine.across.T @ np.linalg.solve(mine.inner, moved)
     information -= 0.5 * across.T @ np.linalg.solve(inner, across)
     value = 0.5 * (log_determinant + 2.0 * float(np.log(np.diag(root)).sum()) + square - float(side @ best))
     return Objective(value, gradient, information)
