@@ -45,7 +45,8 @@ class WheelRadius(Effect):
 class SpeedLatency(Effect):
     """The speed shown at t is that of t - L: V(t) = V_m + L a + L^2/2 da/dt; L > 0 where it is late.
 
-    The series stands for the shift as long as L is short against the changes of the acceleration.
+    The series stands for the shift as long as L is short against the changes of the acceleration. Where the conditions
+    hold the speed of a later moment, it is only for what is left of L.
     """
 
     name = "speed_latency"
@@ -64,7 +65,8 @@ class SpeedLatency(Effect):
 
     def inputs(self, conditions: Conditions, values: Values) -> Conditions:
         """Return the conditions with ground speed and acceleration of the moment itself."""
-        delay, a, jerk = values["extra_delay_s"], conditions.ground_acceleration_mps2, conditions.ground_jerk_mps3
+        delay = values["extra_delay_s"] - conditions.ground_speed_shift_s
+        a, jerk = conditions.ground_acceleration_mps2, conditions.ground_jerk_mps3
         speed = conditions.ground_speed_mps + delay * a + 0.5 * delay * delay * jerk
         return replace(conditions.with_ground_speed(speed), ground_acceleration_mps2=a + delay * jerk)
 

@@ -41,6 +41,7 @@ class Conditions:
     vertical_load_n : > 0
     ground_speed_mps, wheel_speed_radps : V and omega
     ground_acceleration_mps2, ground_jerk_mps3, wheel_acceleration_radps2 : their derivatives
+    ground_speed_shift_s : the ground speed and its derivatives are those that were measured so much later
     line_position : x from -1 to 1 along the campaign's line, -1 where "out" starts
     campaign_time : from -1/2 to 1/2 over the campaign's clock
     direction : 1 "out", -1 "back"
@@ -56,6 +57,7 @@ class Conditions:
     ground_acceleration_mps2: Number = np.nan
     ground_jerk_mps3: Number = np.nan
     wheel_acceleration_radps2: Number = np.nan
+    ground_speed_shift_s: Number = 0.0
     line_position: Number = np.nan
     campaign_time: Number = np.nan
     direction: Number = np.nan

@@ -15,7 +15,7 @@ import numpy as np
 from daq import FloatArray
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, columns_of
 from model.diagnosis.time_series.evidence import box
-from model.diagnosis.time_series.linearise import Linear, Point, Simulation, at_rest, at_speed, derivatives, linearise
+from model.diagnosis.time_series.linearise import Linear, Point, Simulation, at_point, at_rest, at_speed, derivatives, linearise
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import joined, run_grams, whitened_rows
 
@@ -50,11 +50,11 @@ class Part:
 
     def columns(self, linear: Linear) -> Columns:
         """Return the columns about a point, without catch-all."""
-        return columns_of(self.simulation, self.data.samples, linear, catch_all=False)
+        return columns_of(self.simulation, self.data.samples, linear, self.data.speed_variance, catch_all=False)
 
     def moved(self, point: Point) -> Linear:
         """Return the model at another point, with the slopes that whiten as they are."""
-        samples, frozen = self.data.samples, self.frozen
+        samples, frozen = at_point(self.data.samples, point), self.frozen
         soil = self.simulation.space.values(point.soil)
         values: Mapping[str, float] = {**soil, **point.causes}
         found = derivatives(self.simulation, samples, at_speed(samples, point.speed_mps), values, frozen.channels)

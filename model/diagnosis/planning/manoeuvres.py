@@ -70,6 +70,7 @@ def only_run(samples: Samples, run: int) -> Samples:
         run=np.zeros(len(found), np.intp),
         run_names=(samples.run_names[run],),
         conditions=_at_end(found.conditions),
+        moments=found.moments[:0],
         rests=replace(rests, run=np.zeros(len(rests), np.intp), conditions=_at_end(rests.conditions)),
     )
 

@@ -313,9 +313,9 @@ def run_matrix(data: CampaignData, simulation: Simulation, manoeuvre: Manoeuvre)
     """
     samples = manoeuvre.samples
     linear = linearise(simulation, samples, _point(data, simulation, samples))
-    columns = columns_of(simulation, samples, linear)
-    values = {name: prior.centre for name, prior in hyper_priors(samples).items()} | data.noise.values
     variance = np.full(len(samples), float(np.median(data.speed_variance)))
+    columns = columns_of(simulation, samples, linear, variance)
+    values = {name: prior.centre for name, prior in hyper_priors(samples).items()} | data.noise.values
     keep = 1 + len(columns.soil) + len(columns.causes)
     return run_grams(samples, linear, columns, values, variance).matrices[0, :keep, :keep]
 

@@ -17,6 +17,7 @@ import numpy as np
 from daq import OUTPUTS, BoolArray, FloatArray
 from model.diagnosis.time_series.samples import STENCIL, Samples
 from model.effects.base import Effect
+from model.effects.speed_errors import SpeedLatency
 from model.wheel_soil.conditions import Conditions, Wheel
 from model.wheel_soil.dual import Dual, Number, column, value_of
 from model.wheel_soil.soils import SOIL_PARAMETERS, Soil, SoilPrior
@@ -93,6 +94,7 @@ def _triangle(correlation: FloatArray) -> tuple[FloatArray, list[int]]:
 _SPEED, _LOAD = "measured speed", "measured load"
 _LEAST_SPEED_MPS = 0.05
 _SPEED_STEP = 0.02
+_DELAY = SpeedLatency.parameter_keys()["extra_delay_s"]
 SECANT_SHARE = 0.25
 """Of a prior's scale: where a derivative at neutral is infinite or zero, the column is a secant of this length."""
 
@@ -182,6 +184,11 @@ class Linear:
     usable: BoolArray = field(repr=False)
 
 
+def at_point(samples: Samples, point: Point) -> Samples:
+    """Return the samples with the ground speed of the moment itself, where the point has a delay of it."""
+    return samples.with_delay(point.causes.get(_DELAY, 0.0))
+
+
 def at_speed(samples: Samples, speed_mps: FloatArray) -> Conditions:
     """Return the samples' conditions with another ground speed, and the slip that belongs to it."""
     return _moved(samples.conditions, samples.conditions.ground_speed_mps + speed_mps, samples.wheel_radius_m)
@@ -195,6 +202,7 @@ def _moved(conditions: Conditions, ground_speed_mps: Number, radius_m: float) ->
 
 def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
     """Linearise the model about a point."""
+    samples = at_point(samples, point)
     channels = tuple(c for c in OUTPUTS if c in samples.measured)
     conditions = at_speed(samples, point.speed_mps)
     soil = simulation.space.values(point.soil)
@@ -322,6 +330,7 @@ def simulated(simulation: Simulation, samples: Samples, point: Point) -> FloatAr
     channels = tuple(c for c in OUTPUTS if c in samples.measured)
     values = {**simulation.space.values(point.soil), **point.causes}
     model = simulation.model(point.causes)
+    samples = at_point(samples, point)
     instants = samples.instants
     total = np.zeros((len(channels), len(samples)))
     for weight, speed, omega, load in zip(

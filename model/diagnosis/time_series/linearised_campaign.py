@@ -239,7 +239,7 @@ def campaign_data(start: Start, at: LinearisationPoint, clock: Clock, *, fixed: 
     with clock.stage("linearise"):
         linear = linearise(start.simulation, samples, at.point)
     with clock.stage("columns"):
-        columns = columns_of(start.simulation, samples, linear)
+        columns = columns_of(start.simulation, samples, linear, variance)
     if start.noise is None and not fixed:
         with clock.stage("noise"):
             blocks = blocks_of(samples, linear, columns, variance, noise.values)

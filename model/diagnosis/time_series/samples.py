@@ -152,6 +152,7 @@ BLOCK_S = 0.2
 LITTLE_SLIP = 0.05
 """Below this size of slip forces are steep in it, and a false latency confirms itself."""
 _QUICK_SLIP = 0.25
+_LEAST_SPEED_MPS = 0.05
 _CALMING_S, _CALMING_OF_JERK_S = 0.2, 0.4
 """One-sigma of the kernels that acceleration and its change pass. Noise of the acceleration makes what goes with it
 look smaller than it is; that of its change goes against the noise of the speed itself, so that any latency seems right.
@@ -159,6 +160,8 @@ The declared outboard mass times it is in the drawbar pull: there the noise woul
 """
 STENCIL = (1 / 6, 2 / 3, 1 / 6)
 """Weights of the three instants of a sample."""
+SHIFTS_S = np.linspace(-0.6, 0.6, 25)
+"""Times by which `Samples.moments` moves the ground speed: as far as its delay may go (`SpeedLatency`)."""
 
 
 @dataclass(frozen=True)
@@ -192,6 +195,8 @@ class Samples:
         The same of ground speed and load.
     distance_m : along the track, within the run
     wheel_angle_rad : rolled since the start of the run
+    moments : array, shape (len(SHIFTS_S), 5, n)
+        Ground speed at the three instants, its acceleration and its jerk, each measured `SHIFTS_S` later.
     rests : Standstills
         What the channels read at standstill.
     block_s : float
@@ -211,6 +216,7 @@ class Samples:
     distance_m: FloatArray
     wheel_angle_rad: FloatArray
     instants: Instants
+    moments: FloatArray
     rests: Standstills
     wheel_radius_m: float
     block_s: float
@@ -235,7 +241,30 @@ class Samples:
             distance_m=self.distance_m[rows],
             wheel_angle_rad=self.wheel_angle_rad[rows],
             instants=Instants(*(getattr(self.instants, f)[:, rows] for f in Instants.__dataclass_fields__)),
+            moments=self.moments[..., rows],
         )
+
+    def with_delay(self, delay_s: float) -> Samples:
+        """Return the samples with the ground speed that was measured `delay_s` later; what was left out stays so.
+
+        Forces near s = 0 are too steep for a series about the measured speed: a delay of 0.45 s leaves it.
+        """
+        if not delay_s or not self.moments.size:
+            return self
+        from scipy.interpolate import CubicSpline
+
+        *speeds, acceleration, jerk = CubicSpline(SHIFTS_S, self.moments)(np.clip(delay_s, *SHIFTS_S[[0, -1]]))
+        at = np.maximum(np.stack(speeds), _LEAST_SPEED_MPS)
+        mean, radius = np.array(STENCIL) @ at, self.wheel_radius_m
+        conditions = replace(
+            self.conditions,
+            ground_speed_mps=mean,
+            ground_acceleration_mps2=acceleration,
+            ground_jerk_mps3=jerk,
+            ground_speed_shift_s=np.full(len(self), delay_s),
+            slip=slip_of(radius * np.asarray(self.conditions.wheel_speed_radps), mean, 0.0),
+        )
+        return replace(self, conditions=conditions, instants=replace(self.instants, ground_speed_mps=at))
 
 
 def samples_of(campaign: Campaign, channels: tuple[str, ...] = tuple(OUTPUTS)) -> Samples:
@@ -272,6 +301,7 @@ def samples_of(campaign: Campaign, channels: tuple[str, ...] = tuple(OUTPUTS)) -
         distance_m=joined("distance_m"),
         wheel_angle_rad=joined("wheel_angle_rad"),
         instants=Instants(*(joined(f"instants.{f}") for f in Instants.__dataclass_fields__)),
+        moments=joined("moments"),
         rests=standstills_of(campaign, tuple(c for c in measured if c in REACTIONS), clocks, positions),
         wheel_radius_m=campaign.wheel.radius_m,
         block_s=max((block_seconds(run) for run in campaign.runs), default=BLOCK_S),
@@ -363,9 +393,11 @@ def _blocks(
         ("pass_number", float(info.pass_number)),
         ("inflation_kpa", info.inflation_kpa or REFERENCE_INFLATION_KPA),
         ("unit_weight_n_m3", campaign.soil.unit_weight_n_m3),
+        ("ground_speed_shift_s", 0.0),
     ):
         found[name] = np.full(len(starts), value)
     found |= _instants(run, starts, step, found)
+    found["moments"] = _moments(run, starts, step, acceleration, jerk)
     found["slip"] = slip_of(run.wheel_radius_m * found["wheel_speed_radps"], found["ground_speed_mps"], 0.0)
     keep = _kept(run, found, left_out)
     return {name: x[..., keep] for name, x in found.items()}
@@ -395,9 +427,7 @@ def _unused(run: ProcessedRun, step: int) -> list[tuple[Reason, int]]:
 
 def _instants(run: ProcessedRun, starts: IndexArray, step: int, means: dict[str, FloatArray]) -> dict[str, FloatArray]:
     """Return three instants whose spread is that of block and filter, moved so that they average to the mean."""
-    kernel_s = kernel_sigma_s(run.cutoff_hz) if np.isfinite(run.cutoff_hz) else 0.0
-    reach = round(sqrt(3.0 * ((step / run.rate_hz) ** 2 / 12.0 + kernel_s**2)) * run.rate_hz)
-    middle = starts + step // 2
+    reach, middle = _reach(run, step), starts + step // 2
     rows = np.clip(np.stack([middle - reach, middle, middle + reach]), 0, len(run) - 1)
     weights = np.array(STENCIL)[:, None]
     out = {}
@@ -406,6 +436,33 @@ def _instants(run: ProcessedRun, starts: IndexArray, step: int, means: dict[str,
         at = np.where(np.isfinite(at).all(axis=0), at, means[name])
         out[f"instants.{name}"] = at + means[name] - (weights * at).sum(axis=0)
     return out
+
+
+def _reach(run: ProcessedRun, step: int) -> int:
+    """Return how far the outer instants of a block are from its middle, in rows."""
+    kernel_s = kernel_sigma_s(run.cutoff_hz) if np.isfinite(run.cutoff_hz) else 0.0
+    return round(sqrt(3.0 * ((step / run.rate_hz) ** 2 / 12.0 + kernel_s**2)) * run.rate_hz)
+
+
+def _moments(
+    run: ProcessedRun, starts: IndexArray, step: int, acceleration: FloatArray, jerk: FloatArray
+) -> FloatArray:
+    """Return `Samples.moments`; in holes lines, beyond the run's ends its last values."""
+    histories = [_joined_across_holes(x) for x in (run.ground_speed_mps, acceleration, jerk)]
+    reach, weights = np.array([[-1], [0], [1]]) * _reach(run, step), np.array(STENCIL)
+    out = np.empty((len(SHIFTS_S), 5, len(starts)))
+    for found, shift in zip(out, SHIFTS_S, strict=True):
+        first = starts + round(shift * run.rate_hz)
+        rows = np.clip(first[:, None] + np.arange(step), 0, len(run) - 1)
+        mean, *rates = (x[rows].mean(axis=1) for x in histories)
+        at = histories[0][np.clip(first + step // 2 + reach, 0, len(run) - 1)]
+        found[:] = [*(at + mean - weights @ at), *rates]
+    return out
+
+
+def _joined_across_holes(x: FloatArray) -> FloatArray:
+    known = np.flatnonzero(np.isfinite(x))
+    return np.interp(np.arange(len(x)), known, x[known]) if len(known) else np.zeros(len(x))
 
 
 def _kept(run: ProcessedRun, found: dict[str, FloatArray], left_out: Counter[str]) -> BoolArray:
