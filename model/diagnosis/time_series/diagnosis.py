@@ -29,7 +29,7 @@ from model.diagnosis.core.result import (
     NextRun,
     undecided,
 )
-from model.diagnosis.findings.adequacy import adequacy, excess, findings
+from model.diagnosis.findings.adequacy import adequacy, excess, findings, shape_sizes
 from model.diagnosis.findings.agreement import disagreement_notes, disagreements, other_forms, runs_of, two_soils
 from model.diagnosis.findings.explained import (
     Confounded,
@@ -168,11 +168,13 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
 
 def _judged(linearised: LinearisedCampaign, rng: np.random.Generator) -> tuple[Adequacy, float]:
     """Judge the most probable set under realistic instrument noise; return also the factor on the noise's variance."""
-    judged = adequacy(linearised.grams, linearised.best.keys, rng)
+    sizes = shape_sizes(linearised.campaigns)
+    judged = adequacy(linearised.grams, linearised.best.keys, rng, sizes)
     factor = excess(linearised.grams, linearised.best.keys)
     grams = plausible_grams(linearised)
     if judged.ok and grams is not linearised.grams:
-        judged = adequacy(grams, posterior(grams, linearised.excluded, linearised.most_causes).best(), rng)
+        best = posterior(grams, linearised.excluded, linearised.most_causes).best()
+        judged = adequacy(grams, best, rng, sizes)
     return judged, factor
 
 
