@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from model.effects.base import Effect, Needs, Parameter, Values
+from model.wheel_soil.dual import value_of, where
 
 if TYPE_CHECKING:
     from model.effects.base import Signals
@@ -21,7 +22,7 @@ def _relative(*, start: float, scale: float) -> Parameter:
 
 
 class DrawbarPullGain(Effect):
-    """Measured Dp = (1 + e) true Dp."""
+    """Measured Dp = (1 + e)(true Dp - m a) + m a: m a of the outboard mass is added to what the transducer reads."""
 
     name = "drawbar_pull_gain"
     kind = "measurement"
@@ -33,8 +34,10 @@ class DrawbarPullGain(Effect):
     stage = 1
 
     def observation(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
-        """Return what the transducer reads."""
-        return replace(reaction, drawbar_pull=reaction.drawbar_pull * (1.0 + values["relative"]))
+        """Return what the transducer reads, compensated for the outboard mass."""
+        mass = state.conditions.compensated_mass_kg
+        added = where(value_of(mass) > 0.0, mass * state.conditions.ground_acceleration_mps2, 0.0)
+        return replace(reaction, drawbar_pull=reaction.drawbar_pull + values["relative"] * (reaction.drawbar_pull - added))
 
     def sensed(self, signals: Signals, values: Mapping[str, float]) -> Signals:
         """Return the signals with what the transducer makes of them."""

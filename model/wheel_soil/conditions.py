@@ -48,6 +48,7 @@ class Conditions:
     pass_number : from 1
     inflation_kpa : of the tyre
     unit_weight_n_m3 : of the soil
+    compensated_mass_kg : outboard mass whose acceleration was added to the measured drawbar pull
     """
 
     slip: Number
@@ -64,6 +65,7 @@ class Conditions:
     pass_number: Number = 1.0
     inflation_kpa: Number = np.nan
     unit_weight_n_m3: Number = 16_500.0
+    compensated_mass_kg: Number = 0.0
 
     @property
     def driving_slip(self) -> Number:

@@ -353,7 +353,7 @@ def columns_of(
     scale = np.array([c.scale for c in causes])
     at = np.array([(c.centre - c.neutral) / c.scale for c in causes])
     shapes = basis(samples, linear) if catch_all else no_basis(samples, linear)
-    measured = np.stack([samples.measured[c] for c in linear.channels])
+    measured = np.stack([_compensated(samples, linear) if c == "dp" else samples.measured[c] for c in linear.channels])
     own = linear.causes * scale
     residual = measured - linear.value - 0.5 * linear.curvature * speed_variance + linear.soil @ linear.point.soil
     residual += own @ at + linear.speed * linear.point.speed_mps
@@ -374,6 +374,13 @@ def columns_of(
         catch_all=shapes.catch_all,
         constants=tuple(name for name, _ in by_run),
     )
+
+
+def _compensated(samples: Samples, linear: Linear) -> FloatArray:
+    """Return the drawbar pull, with the outboard mass accelerated as at the point and not as measured; shape (n,)."""
+    mass = np.asarray(samples.conditions.compensated_mass_kg)
+    measured, at_point = (np.asarray(at.ground_acceleration_mps2) for at in (samples.conditions, linear.conditions))
+    return samples.measured["dp"] + np.where(mass > 0.0, mass * (at_point - measured), 0.0)
 
 
 def _at_rest(

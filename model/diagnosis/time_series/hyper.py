@@ -32,11 +32,11 @@ from model.diagnosis.time_series.noise import (
     Noise,
     Process,
     constants,
+    known_variance,
     loading,
     named,
     processes,
     rest_variance,
-    second_order_variance,
 )
 from model.diagnosis.time_series.samples import AT_REST, Samples
 
@@ -89,7 +89,7 @@ def blocks_of(
     """
     found = []
     resting = rest_variance(linear, samples, {**values, **{named(c, "at_rest"): 0.0 for c in AT_REST}})
-    second = second_order_variance(linear, speed_variance)
+    second = known_variance(linear, values, speed_variance)
     for run in range(samples.runs):
         own = np.flatnonzero((samples.run == run) & columns.present.any(axis=0))
         rest = np.flatnonzero(samples.rests.run == run)

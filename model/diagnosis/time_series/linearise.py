@@ -190,8 +190,21 @@ def at_point(samples: Samples, point: Point) -> Samples:
 
 
 def at_speed(samples: Samples, speed_mps: FloatArray) -> Conditions:
-    """Return the samples' conditions with another ground speed, and the slip that belongs to it."""
-    return _moved(samples.conditions, samples.conditions.ground_speed_mps + speed_mps, samples.wheel_radius_m)
+    """Return the samples' conditions with another ground speed, and the slip and acceleration that belong to it."""
+    at = samples.conditions
+    acceleration = at.ground_acceleration_mps2 + _slope_in_run(samples, speed_mps)
+    moved = replace(at, ground_acceleration_mps2=acceleration)
+    return _moved(moved, at.ground_speed_mps + speed_mps, samples.wheel_radius_m)
+
+
+def _slope_in_run(samples: Samples, x: FloatArray) -> FloatArray:
+    """Return the change of x per second between the neighbours of each sample, shape (n,); 0 without both."""
+    found = np.zeros(len(x))
+    before, after = slice(None, -2), slice(2, None)
+    apart = samples.time_s[after] - samples.time_s[before]
+    near = (samples.run[after] == samples.run[before]) & (np.abs(apart - 2.0 * samples.block_s) < 0.5 * samples.block_s)
+    found[1:-1][near] = (x[after] - x[before])[near] / apart[near]
+    return found
 
 
 def _moved(conditions: Conditions, ground_speed_mps: Number, radius_m: float) -> Conditions:

@@ -27,7 +27,7 @@ import numpy as np
 
 from daq import OUTPUTS, FloatArray, Note
 from model.diagnosis.time_series.linearise import Linear
-from model.diagnosis.time_series.samples import AT_REST, Samples
+from model.diagnosis.time_series.samples import AT_REST, BLOCK_S, CALMING_S, Samples
 from model.notes import DiagnosisCode
 
 _LEAST_RADPS = 0.3
@@ -169,17 +169,33 @@ def _late_wheel(linear: Linear, *, edge: bool) -> FloatArray:
 
 
 def white_variance(linear: Linear, values: Mapping[str, float], speed_variance: FloatArray) -> FloatArray:
-    """Return the variance of the white remainder of each sample, shape (c, n).
-
-    The channel's own, and (f'' P)^2 / 2 of what the speed's error leaves where the channel bends.
-    """
+    """Return the variance of the white remainder of each sample, shape (c, n): the channel's own, and the known one."""
     own = np.array([values[named(c, "white")] ** 2 for c in linear.channels])
-    return np.asarray(own[:, None] + second_order_variance(linear, speed_variance))
+    return np.asarray(own[:, None] + known_variance(linear, values, speed_variance))
 
 
-def second_order_variance(linear: Linear, speed_variance: FloatArray) -> FloatArray:
-    """Return the variance that the speed's error leaves where a channel bends in the speed, shape (c, n)."""
-    return np.asarray(0.5 * (linear.curvature * speed_variance) ** 2)
+def known_variance(linear: Linear, values: Mapping[str, float], speed_variance: FloatArray) -> FloatArray:
+    """Return what errors of the speed add to the white remainder, shape (c, n).
+
+    (f'' P)^2 / 2 where a channel bends in the speed, and in the drawbar pull the compensated outboard mass times the
+    error of the acceleration.
+    """
+    found = np.asarray(0.5 * (linear.curvature * speed_variance) ** 2)
+    if "dp" in linear.channels:
+        mass = np.asarray(linear.conditions.compensated_mass_kg)
+        found[linear.channels.index("dp")] += mass**2 * acceleration_variance(values)
+    return found
+
+
+def acceleration_variance(values: Mapping[str, float]) -> float:
+    """Return the variance of the acceleration by the errors of the ground speed, (m/s2)^2.
+
+    Of the derivative after a kernel of one-sigma s: sigma^2/(time s sqrt(pi)) by the coloured error, whose time is long
+    against s, and b white^2/(4 s^3 sqrt(pi)) by the white one of means over b.
+    """
+    coloured = values["speed_noise_mps"] ** 2 / (max(values["speed_noise_time_s"], CALMING_S) * CALMING_S)
+    white = values["speed_white_mps"] ** 2 * BLOCK_S / (4.0 * CALMING_S**3)
+    return float((coloured + white) / np.sqrt(np.pi))
 
 
 def rest_variance(linear: Linear, samples: Samples, values: Mapping[str, float]) -> FloatArray:

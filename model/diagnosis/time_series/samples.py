@@ -153,7 +153,7 @@ LITTLE_SLIP = 0.05
 """Below this size of slip forces are steep in it, and a false latency confirms itself."""
 _QUICK_SLIP = 0.25
 _LEAST_SPEED_MPS = 0.05
-_CALMING_S, _CALMING_OF_JERK_S = 0.2, 0.4
+CALMING_S, _CALMING_OF_JERK_S = 0.2, 0.4
 """One-sigma of the kernels that acceleration and its change pass. Noise of the acceleration makes what goes with it
 look smaller than it is; that of its change goes against the noise of the speed itself, so that any latency seems right.
 The declared outboard mass times it is in the drawbar pull: there the noise would stand out wherever the speed rises.
@@ -366,7 +366,7 @@ def _blocks(
     left_out.update({why.name.lower(): int(n) for why, n in _unused(run, step)})
     rows = starts[:, None] + np.arange(step)
     angle = np.cumsum(np.nan_to_num(run.wheel_speed_radps)) / run.rate_hz
-    acceleration = _calmed(run.ground_acceleration_mps2, _CALMING_S * run.rate_hz)
+    acceleration = _calmed(run.ground_acceleration_mps2, CALMING_S * run.rate_hz)
     calmer = np.nan_to_num(acceleration - run.ground_acceleration_mps2)
     slow = _calmed(run.ground_acceleration_mps2, _CALMING_OF_JERK_S * run.rate_hz)
     jerk = np.gradient(slow) * run.rate_hz if len(run) > 1 else np.zeros(len(run))
@@ -394,6 +394,7 @@ def _blocks(
         ("inflation_kpa", info.inflation_kpa or REFERENCE_INFLATION_KPA),
         ("unit_weight_n_m3", campaign.soil.unit_weight_n_m3),
         ("ground_speed_shift_s", 0.0),
+        ("compensated_mass_kg", campaign.outboard_mass_kg),
     ):
         found[name] = np.full(len(starts), value)
     found |= _instants(run, starts, step, found)
