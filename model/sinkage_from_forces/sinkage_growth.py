@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from daq import BoolArray, FloatArray, IndexArray, Note
 from model.notes import SinkageCode
@@ -186,10 +187,8 @@ def _measured_growth(cells: ForceCells, levels: IndexArray) -> Estimate:
     freedom = len(slip) - columns.shape[1]
     if freedom < 1 or np.ptp(slip) < _LEAST_SPAN or np.linalg.matrix_rank(columns) < columns.shape[1]:
         return Estimate(np.nan, (np.nan, np.nan))
-    from scipy.stats import t as student
-
     found = np.linalg.lstsq(columns, measured, rcond=None)[0]
     left = measured - columns @ found
     variance = np.linalg.inv(columns.T @ columns)[0, 0] * (left @ left) / freedom
-    half = float(student.ppf(0.975, freedom) * np.sqrt(variance))
+    half = float(stdtrit(freedom, 0.975) * np.sqrt(variance))
     return Estimate(float(found[0]), (float(found[0]) - half, float(found[0]) + half))

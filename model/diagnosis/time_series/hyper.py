@@ -173,7 +173,8 @@ class _Covariance:
                 kernel = np.exp(-lag)
                 slopes.append((place[process.time], lag * kernel))
             slopes.append((place[process.deviation], 2.0 * kernel))
-            self._processes.append((values[process.deviation] * loads, kernel, slopes))
+            scaled = values[process.deviation] * loads
+            self._processes.append((scaled, scaled.T.tocsr(), kernel, slopes))
         self._constants = np.column_stack([values[name] * loads for name, loads in block.constants])
         self._of_constant = np.array([place[name] for name, _ in block.constants])
         self._white = np.column_stack([values[name] ** 2 * chosen for name, chosen in block.white])
@@ -183,18 +184,18 @@ class _Covariance:
     def matrix(self) -> FloatArray:
         """Return it."""
         found = self._constants @ self._constants.T
-        for loads, kernel, _ in self._processes:
-            found += loads.T @ (kernel @ loads)
+        for _, back, kernel, _ in self._processes:
+            found += back @ (back @ kernel).T
         found[np.diag_indices_from(found)] += self._fixed + self._white.sum(axis=1)
         return np.asarray(found)
 
     def slopes_times(self, x: FloatArray) -> FloatArray:
         """Return the product of each derivative with a vector (m,), shape (m, h)."""
         found = np.zeros((self._count, len(x)))
-        for loads, _, slopes in self._processes:
+        for loads, back, _, slopes in self._processes:
             by_sample = loads @ x
             for place, slope in slopes:
-                found[place] += loads.T @ (slope @ by_sample)
+                found[place] += back @ (slope @ by_sample)
         np.add.at(found, self._of_constant, 2.0 * self._constants.T * (x @ self._constants)[:, None])
         np.add.at(found, self._of_white, 2.0 * self._white.T * x)
         return found.T
@@ -202,7 +203,7 @@ class _Covariance:
     def slope_traces(self, other: FloatArray) -> FloatArray:
         """Return the trace of each derivative's product with a symmetric matrix (m, m), shape (h,)."""
         found = np.zeros(self._count)
-        for loads, _, slopes in self._processes:
+        for loads, _, _, slopes in self._processes:
             seen = loads @ (loads @ other).T
             for place, slope in slopes:
                 found[place] += np.vdot(seen, slope)
