@@ -133,6 +133,32 @@ def _terrains(v: Values) -> str:
     )
 
 
+def _no_better(v: Mapping[str, Any]) -> str:
+    return (
+        f"held-out runs or conditions are not predicted well enough: the log score rises by {v['nats']:.2g} nats, "
+        f"less than {v['least']:g}"
+    )
+
+
+def _worse(v: Mapping[str, Any]) -> str:
+    return (
+        f"it contradicts {OUTPUTS[v['channel']].name}, whose held-out error grows by {v['percent']:.0f} % "
+        f"({v['low']:.0f} to {v['high']:.0f})"
+    )
+
+
+def _cancel(v: Mapping[str, Any]) -> str:
+    families = " and ".join(plain_name(f) for f in v["families"])
+    return f"{families} cancel each other, and what remains is explained as well without {plain_name(v['without'])}"
+
+
+def _peak(v: Mapping[str, Any]) -> str:
+    return (
+        "its probability is "
+        f"{chance(v['probability'])} where the stress peak lies ahead of the wheel's bottom, as it does on most soils"
+    )
+
+
 SENTENCES: dict[str, Sentence] = {
     LackCode.INPUT_UNKNOWN: _inputs,
     LackCode.SMOOTH_TYRE: "the tyre is declared smooth",
@@ -150,7 +176,10 @@ SENTENCES: dict[str, Sentence] = {
     LackCode.NO_TRACE: _no_trace,
     LackCode.NOT_SETTLED: "the linearisation did not converge at it",
     LackCode.NOT_CHECKED: "with fewer than three runs or conditions no name can be checked against others",
-    LackCode.NO_BETTER: "it does not predict held-out runs or conditions any better",
+    LackCode.NO_BETTER: _no_better,
+    LackCode.CHANNEL_WORSE: _worse,
+    LackCode.PARTS_CANCEL: _cancel,
+    LackCode.PEAK_MAY_SHIFT: _peak,
     LackCode.VALUE_AT_LIMIT: _at_limit,
     LackCode.VALUE_MAY_BE_NEUTRAL: _neutral,
     LackCode.NOTHING_USABLE: _nothing_usable,

@@ -110,14 +110,27 @@ class Scores:
 
 
 @dataclass(frozen=True)
+class Reduction:
+    """By how much R0 of a channel falls, percent; with the 95 % interval, NaN with fewer than three runs."""
+
+    percent: float
+    interval95: tuple[float, float]
+
+    @property
+    def grows(self) -> bool:
+        """Whether the error grows for certain: the interval of its fall is below 0."""
+        return self.interval95[1] < 0.0
+
+
+@dataclass(frozen=True)
 class Gain:
     """Gain of the extension on runs that neither the choice nor the fit has used.
 
     Attributes
     ----------
     base, extended : mapping channel ("dp", "t", "z") -> Scores
-    reduction_percent : of R0 of `channel`
-    interval95 : of it, by bootstrap over runs
+    reductions : mapping channel -> Reduction
+        Of every measured channel.
     log_likelihood_gain : nats, sum over held-out runs
     chosen : tuple of tuple of str
         Keys of the causes that each fold chose.
@@ -126,11 +139,20 @@ class Gain:
 
     base: dict[str, Scores]
     extended: dict[str, Scores]
-    reduction_percent: float
-    interval95: tuple[float, float]
+    reductions: dict[str, Reduction]
     log_likelihood_gain: float
     chosen: tuple[tuple[str, ...], ...]
     channel: str = "dp"
+
+    @property
+    def reduction_percent(self) -> float:
+        """By how much R0 of `channel` falls."""
+        return self.reductions[self.channel].percent
+
+    @property
+    def interval95(self) -> tuple[float, float]:
+        """Of it."""
+        return self.reductions[self.channel].interval95
 
 
 @dataclass(frozen=True)

@@ -115,7 +115,7 @@ def _diagnosis(
     problem = weighing.problem
     found = weighing.posterior
     judged = Adequacy(_least_misfit(weighing), weighing.threshold, weighing.any_adequate)
-    verdict = judgement(found, judged, gain, known.not_identifiable, options.name_at, error_must_fall=True)
+    verdict = judgement(found, judged, gain, known.not_identifiable, options.name_at)
     causes = _causes(weighing, verdict.families, rng)
     if (after := confirmed(verdict, found, causes)) != verdict:
         verdict = after
