@@ -31,7 +31,9 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "cannot_tell": {family: note_text(why) for family, why in found.not_identifiable.items()},
         "notes": texts_of(found.notes),
         "noise": found.noise,
-        "soils": [vars(soil) for soil in found.soils],
+        "soils": [{**vars(soil), "off_laboratory_sigmas": soil.off_laboratory} for soil in found.soils],
+        "lack_of_fit": [_finding(one, found.median_there(one)) for one in found.grounds.lack_of_fit],
+        "prior_sensitivity": [{**vars(one), "families": list(one.families)} for one in found.grounds.prior_shifts],
         "stages_s": found.stages_s,
     }
 
@@ -75,6 +77,10 @@ def _gain_json(gain: Gain) -> dict[str, Any]:
         "held_out": {"base": scores(gain.base), "extended": scores(gain.extended)},
         "reduction_percent": gain.reduction_percent,
         "interval95": list(gain.interval95),
+        "reductions": {
+            channel: {"percent": one.percent, "interval95": list(one.interval95)}
+            for channel, one in gain.reductions.items()
+        },
         "log_likelihood_gain": gain.log_likelihood_gain,
         "chosen": [list(keys) for keys in gain.chosen],
     }

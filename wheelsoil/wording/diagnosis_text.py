@@ -9,7 +9,7 @@ from math import isfinite
 from daq import OUTPUTS, ROLES, Note, Use, number, table_lines
 from daq import probability as as_probability
 from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain, Scores
-from wheelsoil.wording.names import effect_name, family_of, parameter_name, place_text, plain_name
+from wheelsoil.wording.names import SOIL_LETTERS, effect_name, family_of, parameter_name, place_text, plain_name
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.verdict import sentence_of
 
@@ -91,6 +91,7 @@ def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
         _candidates(diagnosis, width),
         _sets(diagnosis, width),
         _inconsistent(diagnosis, width),
+        _soils(diagnosis, width),
         _what_is_wrong(diagnosis, width),
         _gain(diagnosis, width),
         _adequacy(diagnosis, width),
@@ -242,6 +243,15 @@ def gain_text(gain: Gain) -> str:
         f"R0 of the {OUTPUTS[gain.channel].name} {how} by {number(abs(gain.reduction_percent), 3)} %{within}; "
         f"the log likelihood gains {number(gain.log_likelihood_gain, 4)} nats{folds}."
     )
+
+
+def _soils(diagnosis: Diagnosis, width: int) -> list[str]:
+    lines = []
+    for soil in diagnosis.soils:
+        off = [f"{SOIL_LETTERS[name]} {x:+.1f}" for name, x in soil.off_laboratory.items()]
+        name = f"{soil.campaign}: " if len(diagnosis.soils) > 1 else ""
+        lines += wrapped(f"{name}{', '.join(off)}", width, "  ", "    ") if off else []
+    return ["Soil here less the laboratory's, in the laboratory's sigma", *lines] if lines else []
 
 
 def _adequacy(diagnosis: Diagnosis, width: int) -> list[str]:

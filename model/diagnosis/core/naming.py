@@ -31,7 +31,7 @@ import numpy as np
 
 from daq import Note
 from model.diagnosis.core.hypotheses import Posterior, nearest_rival, short_set
-from model.diagnosis.core.result import Adequacy, Cause, Gain, Verdict
+from model.diagnosis.core.result import Adequacy, Cause, Gain, PriorShift, Verdict
 from model.effects.catalogue import EFFECTS
 from model.notes import LackCode
 
@@ -184,22 +184,6 @@ def doubtful(causes: Sequence[Cause]) -> Note | None:
                 facts = {"family": cause.name, "parameter": found.name, "neutral": own.neutral, "unit": found.unit}
                 return Note(LackCode.VALUE_MAY_BE_NEUTRAL, values={**facts, "low": low, "high": high})
     return None
-
-
-@dataclass(frozen=True)
-class PriorShift:
-    """What the verdict would be with another prior of a family.
-
-    Attributes
-    ----------
-    factor : float
-        On the prior odds of the sets that hold it.
-    """
-
-    family: str
-    factor: float
-    verdict: Verdict
-    families: tuple[str, ...]
 
 
 def prior_shifts(

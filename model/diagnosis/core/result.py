@@ -238,11 +238,39 @@ class PlotData:
 
 @dataclass(frozen=True)
 class SoilEstimate:
-    """The soil as the data leave it, with the named causes (or none) in the model."""
+    """The soil as the data leave it, with the named causes (or none) in the model.
+
+    Attributes
+    ----------
+    laboratory : mapping parameter -> (value, one-sigma)
+        What was known before; without those that it is said to know exactly.
+    """
 
     campaign: str
     values: dict[str, float]
     sigmas: dict[str, float]
+    laboratory: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def off_laboratory(self) -> dict[str, float]:
+        """By how many of the laboratory's one-sigmas each parameter is off."""
+        return {name: (self.values[name] - x) / s for name, (x, s) in self.laboratory.items() if name in self.values}
+
+
+@dataclass(frozen=True)
+class PriorShift:
+    """What the verdict would be with another prior of a family.
+
+    Attributes
+    ----------
+    factor : float
+        On the prior odds of the sets that hold it.
+    """
+
+    family: str
+    factor: float
+    verdict: Verdict
+    families: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -263,6 +291,10 @@ class Grounds:
         Families of the most probable set.
     terrains : two tuples of str, optional
         Runs that ask for one soil, and those that ask for another.
+    lack_of_fit : tuple of Finding
+        Where it is off most, of "unexplained": the largest members of the worst kind of shape, or the worst rows.
+    prior_shifts : tuple of PriorShift
+        Changes of one family's prior that change the verdict.
     cautions : tuple of Note
         What speaks against diagnosing these runs or rows together.
     table_channels : tuple of str
@@ -275,6 +307,8 @@ class Grounds:
     confounded: tuple[str, ...] = ()
     most_probable: tuple[str, ...] = ()
     terrains: tuple[tuple[str, ...], tuple[str, ...]] | None = None
+    lack_of_fit: tuple[Finding, ...] = ()
+    prior_shifts: tuple[PriorShift, ...] = ()
     cautions: tuple[Note, ...] = ()
     table_channels: tuple[str, ...] = ()
 

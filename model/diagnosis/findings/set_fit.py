@@ -370,6 +370,7 @@ def soils_of(fit: SetFit, linearised: LinearisedCampaign, spread: Spread | None 
                 data.campaign.name,
                 space.values(u),
                 {name: float(s) for name, s in zip(SOIL_PARAMETERS, sigmas, strict=True)},
+                data.campaign.soil_prior.sized(),
             )
         )
     return tuple(found)

@@ -11,8 +11,8 @@ from daq import OUTPUTS, DataError, Fault, FloatArray, Note, Severity
 from model.cores import one_thread
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.consistency import inconsistencies
-from model.diagnosis.core.hypotheses import candidates, cause_of, likely_sets, most_probable_form
-from model.diagnosis.core.naming import confirmed, judgement
+from model.diagnosis.core.hypotheses import Posterior, candidates, cause_of, likely_sets, most_probable_form
+from model.diagnosis.core.naming import Judgement, confirmed, judgement, prior_shifts
 from model.diagnosis.core.result import Adequacy, Cause, Clock, Diagnosis, Gain, Grounds, Verdict, undecided
 from model.diagnosis.single_wheel.findings import (
     detectable_in_rows,
@@ -115,7 +115,12 @@ def _diagnosis(
     problem = weighing.problem
     found = weighing.posterior
     judged = Adequacy(_least_misfit(weighing), weighing.threshold, weighing.any_adequate)
-    verdict = judgement(found, judged, gain, known.not_identifiable, options.name_at)
+
+    def judge(other: Posterior) -> Judgement:
+        return judgement(other, judged, gain, known.not_identifiable, options.name_at)
+
+    verdict = judge(found)
+    shifts = prior_shifts(found, verdict, judge)
     causes = _causes(weighing, verdict.families, rng)
     if (after := confirmed(verdict, found, causes)) != verdict:
         verdict = after
@@ -143,6 +148,8 @@ def _diagnosis(
             barred=verdict.barred,
             beside=verdict.beside,
             cautions=mixed_repeats(problem),
+            lack_of_fit=findings_of(weighing, weighing.sets[0])[:3] if verdict.verdict == "unexplained" else (),
+            prior_shifts=shifts,
             table_channels=problem.channels,
         ),
         noise=_noise(problem, mean_of(weighing.sets[0].posterior)),

@@ -16,7 +16,7 @@ from model.cores import one_thread
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets
-from model.diagnosis.core.naming import Judgement, PriorShift, asked_again, confirmed, judgement, prior_shifts
+from model.diagnosis.core.naming import Judgement, asked_again, confirmed, judgement, prior_shifts
 from model.diagnosis.core.result import (
     Adequacy,
     Cause,
@@ -27,9 +27,10 @@ from model.diagnosis.core.result import (
     Gain,
     Grounds,
     NextRun,
+    PriorShift,
     undecided,
 )
-from model.diagnosis.findings.adequacy import adequacy, excess, findings
+from model.diagnosis.findings.adequacy import adequacy, excess, findings, lack_of_fit
 from model.diagnosis.findings.agreement import disagreement_notes, disagreements, other_forms, runs_of, two_soils
 from model.diagnosis.findings.explained import (
     Confounded,
@@ -112,6 +113,7 @@ class _Weighed:
     gain: Gain | None
     verdict: Judgement
     wrong: list[Finding]
+    lack: tuple[Finding, ...]
     shifts: tuple[PriorShift, ...]
 
 
@@ -143,6 +145,8 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
             confounded=tuple(one.family for one in confounded),
             most_probable=tuple(EFFECTS[key].name for key in linearised.best.keys),
             terrains=two_soils(linearised.grams) if one_campaign else None,
+            lack_of_fit=weighed.lack,
+            prior_shifts=weighed.shifts,
             cautions=disputes,
         )
     few = (Note(DiagnosisCode.FEW_RUNS),) if not found.calibrated else ()
@@ -213,8 +217,9 @@ def _weighed(
     with clock.stage("where"):
         unnamed = verdict.verdict == "unexplained"
         left_by = linearised.best.keys if unnamed else ()
+        lack = lack_of_fit(linearised.grams, linearised.campaigns, left_by, factor) if unnamed else ()
         wrong = findings(linearised.grams, linearised.campaigns, left_by, factor, inputs=unnamed)
-    return _Weighed(judged, found, sizes, gain, verdict, wrong, shifts), remarks
+    return _Weighed(judged, found, sizes, gain, verdict, wrong, lack, shifts), remarks
 
 
 def _onward(
