@@ -72,13 +72,16 @@ def gain_of(
     """
     base, extended = _judged(base), _judged(extended)
     channels = dict.fromkeys((channel, *(c for fold in base for c in fold.measured)))
+    reductions = {c: _reduction(_squares(base, extended, c)) for c in channels}
     return Gain(
         base=_scores(base),
         extended=_scores(extended),
-        reductions={c: _reduction(_squares(base, extended, c)) for c in channels},
+        reduction_percent=reductions[channel].percent,
+        interval95=reductions[channel].interval95,
         log_likelihood_gain=sum(_gained(b, e) for b, e in zip(base, extended, strict=True)),
         chosen=tuple(chosen),
         channel=channel,
+        reductions=reductions,
     )
 
 

@@ -129,30 +129,24 @@ class Gain:
     Attributes
     ----------
     base, extended : mapping channel ("dp", "t", "z") -> Scores
-    reductions : mapping channel -> Reduction
-        Of every measured channel.
+    reduction_percent : of R0 of `channel`
+    interval95 : of it
     log_likelihood_gain : nats, sum over held-out runs
     chosen : tuple of tuple of str
         Keys of the causes that each fold chose.
     channel : "dp", "t" or "z"
+    reductions : mapping channel -> Reduction
+        Of every measured channel.
     """
 
     base: dict[str, Scores]
     extended: dict[str, Scores]
-    reductions: dict[str, Reduction]
+    reduction_percent: float
+    interval95: tuple[float, float]
     log_likelihood_gain: float
     chosen: tuple[tuple[str, ...], ...]
     channel: str = "dp"
-
-    @property
-    def reduction_percent(self) -> float:
-        """By how much R0 of `channel` falls."""
-        return self.reductions[self.channel].percent
-
-    @property
-    def interval95(self) -> tuple[float, float]:
-        """Of it."""
-        return self.reductions[self.channel].interval95
+    reductions: dict[str, Reduction] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
