@@ -9,7 +9,7 @@ import pytest
 from gram_support import column, world
 from scipy.stats import chi2, norm
 
-from model.diagnosis.core.gain import _interval, _reduction
+from model.diagnosis.core.gain import HeldOutPrediction, _interval, _reduction, gain_of
 from model.diagnosis.core.result import Cause, ParameterEstimate
 from model.diagnosis.findings.agreement import disagreements
 
@@ -30,6 +30,20 @@ def test_its_interval_is_that_of_many_runs() -> None:
     assert high - low == pytest.approx(2 * norm.ppf(0.975) * sigma, rel=0.08)
     assert np.isnan(_interval(squares[:2], np.random.default_rng(0))).all()
     assert np.isfinite(_interval(squares[:3], np.random.default_rng(0))).all()
+
+
+@pytest.mark.parametrize(("of_runs", "expected"), [(True, 10.0), (False, 40.0)])
+def test_m0_is_of_the_curve_against_slip_over_all_runs_and_of_each_row_of_a_table(
+    of_runs: bool, expected: float
+) -> None:
+    slip = np.array([0.3, 0.3, 0.5, 0.1])
+    pulls = {"dp": np.array([100.0, 100.0, 200.0, 100.0])}
+    folds = [
+        HeldOutPrediction(-1.0, pulls, {"dp": pulls["dp"] + error}, slip >= 0.2, 3, slip if of_runs else None)
+        for error in (np.array([40.0, -20.0, 0.0, 500.0]), np.array([20.0, 0.0, 20.0, -500.0]))
+    ]
+    gain = gain_of(folds, folds, [(), ()], "dp", np.random.default_rng(0))
+    assert gain.base["dp"].M0_percent == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("campaigns", [2, 3])
