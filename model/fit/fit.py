@@ -340,6 +340,7 @@ def judge_alike(
                 measured.slip,
                 threshold,
                 vertical_load_n=forces[c],
+                rows=measured.independent,
             )
             for c in REACTIONS
             if c == "dp" or np.isfinite(measured.measured(c)).any()

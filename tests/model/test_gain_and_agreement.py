@@ -9,7 +9,7 @@ import pytest
 from gram_support import column, world
 from scipy.stats import chi2, norm
 
-from model.diagnosis.core.gain import _reduction
+from model.diagnosis.core.gain import HeldOutPrediction, _reduction, gain_of
 from model.diagnosis.core.result import Cause, ParameterEstimate
 from model.diagnosis.findings.agreement import disagreements
 
@@ -41,6 +41,20 @@ def test_its_interval_holds_with_few_runs(folds: int) -> None:
         low, high = _reduction(squares).interval95
         held += low < 50.0 < high
     assert held > 930
+
+
+@pytest.mark.parametrize(("of_runs", "expected"), [(True, 10.0), (False, 40.0)])
+def test_m0_is_of_the_curve_against_slip_over_all_runs_and_of_each_row_of_a_table(
+    of_runs: bool, expected: float
+) -> None:
+    slip = np.array([0.3, 0.3, 0.5, 0.1])
+    pulls = {"dp": np.array([100.0, 100.0, 200.0, 100.0])}
+    folds = [
+        HeldOutPrediction(-1.0, pulls, {"dp": pulls["dp"] + error}, slip >= 0.2, 3, slip if of_runs else None)
+        for error in (np.array([40.0, -20.0, 0.0, 500.0]), np.array([20.0, 0.0, 20.0, -500.0]))
+    ]
+    gain = gain_of(folds, folds, [(), ()], "dp")
+    assert gain.base["dp"].M0_percent == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("campaigns", [2, 3])

@@ -32,6 +32,8 @@ class HeldOutPrediction:
         Samples that errors are of: those at or above the paper's slip threshold.
     numbers : int
         That the log likelihood is the density of.
+    slip : shape (n,), optional
+        Of the samples of a run, for M0; rows of a table need none.
     """
 
     log_likelihood: float
@@ -39,6 +41,7 @@ class HeldOutPrediction:
     predicted: dict[str, FloatArray]
     judged: BoolArray
     numbers: int
+    slip: FloatArray | None = None
 
     def squares(self, channel: str) -> tuple[float, int]:
         """Return the sum of squared errors in a channel, and how many there are."""
@@ -106,11 +109,16 @@ def _scores(runs: Sequence[HeldOutPrediction]) -> dict[str, Scores]:
         judged = criteria(
             np.concatenate([run.measured[channel] for run in own]),
             np.concatenate([run.predicted[channel] for run in own]),
-            np.concatenate([run.judged for run in own]).astype(float),
-            1.0,
+            np.concatenate([np.where(run.judged, _slip(run), np.nan) for run in own]),
+            -np.inf,
+            rows=any(run.slip is None for run in own),
         )
         found[channel] = Scores(judged.R0_N, judged.M0_percent, judged.R2, likelihood)
     return found
+
+
+def _slip(run: HeldOutPrediction) -> FloatArray:
+    return np.zeros(len(run.judged)) if run.slip is None else run.slip
 
 
 def _squares(base: Sequence[HeldOutPrediction], extended: Sequence[HeldOutPrediction], channel: str) -> FloatArray:

@@ -166,12 +166,14 @@ def predict_held_out(
     samples = samples[samples.run == run - first[at]]
     part = fit.problem.parts[at]
     values = simulated(part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples))))
+    slip = np.asarray(samples.conditions.slip)
     return HeldOutPrediction(
         log_likelihood=log_likelihood_of_run(grams, run, fit.keys),
         numbers=int(grams.samples[run]),
         measured={c: samples.measured[c] for c in part.frozen.channels},
         predicted=dict(zip(part.frozen.channels, values, strict=True)),
-        judged=np.asarray(samples.conditions.slip) >= default_slip_threshold(linearised.campaigns[at].campaign.soil),
+        judged=slip >= default_slip_threshold(linearised.campaigns[at].campaign.soil),
+        slip=slip,
     )
 
 

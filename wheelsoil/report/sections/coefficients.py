@@ -228,8 +228,8 @@ def _criteria_table(fit: CampaignFit, channel: str) -> Table:
     role = "fitted" if channel in fit.options.channels else "not fitted"
     reasons = "; ".join(sorted({reason_text(score) for score in scores} - {""}))
     note = (
-        "M₀ is the largest relative error: one sample decides it, and it has no limit where the measured value passes "
-        "zero. R² sees neither offset nor gain. Load of Eq. 7: what the model's sinkage would carry; 1 is consistent."
+        "M₀ is the largest relative error of means in bins of slip. R² sees neither offset nor gain. Load of Eq. 7: "
+        "what the model's sinkage would carry; 1 is consistent."
     )
     over = f"slip ≥ {number(fit.slip_threshold, 2)}"
     return Table(
