@@ -52,7 +52,9 @@ class Slope(Effect):
     """
 
     name = "slope"
-    summary = "The track is not level: the soil holds the weight of rim and tyre along it, and the hub does not feel it."
+    summary = (
+        "The track is not level: the soil holds the weight of rim and tyre along it, and the hub does not feel it."
+    )
     source = "statics of what is outboard of a transducer between rim and hub"
     shows = ("drawbar_pull",)
     parameters = (Parameter("angle_rad", "rad", 0.0, 0.02, -0.3, 0.3, 0.03, "a field that looks level: 1 to 2 deg"),)

@@ -9,7 +9,18 @@ from math import isfinite, nan, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import ON_TIME_BASE, TRANSDUCER_ROLES, Brakes, ChannelDefinition, ClockFit, FloatArray, Note, RunInfo, Use
+from daq import (
+    ON_TIME_BASE,
+    TRANSDUCER_ROLES,
+    Brakes,
+    ChannelDefinition,
+    ClockFit,
+    FloatArray,
+    Note,
+    RunInfo,
+    Use,
+    WheelSection,
+)
 from processing.notes import RunCode
 from processing.options import SLIP_ROLES, ProcessOptions
 from processing.pipeline.filters import standstill_sigma
@@ -20,7 +31,6 @@ from processing.pipeline.quality import combine_reasons, run_notes, sensor_notes
 from processing.pipeline.resampling import OnBase
 from processing.processed_run import ProcessedRun, QualityReport, Reason, Segment, Standstill
 from processing.robust import robust_spread
-
 
 _BRAKED_SHARE = 0.05
 """Of the largest brake signal of a run, above which the brakes are held: a pressure, a pedal or a switch alike."""
@@ -36,8 +46,8 @@ def standstills(
 ) -> tuple[Standstill, ...]:
     """Return one `Standstill` per standing period; arrays of shape (n,).
 
-    `declared` is what vehicle.toml says of the brakes where no channel `brake` shows it. A channel without values in a period is not named there. A second holds about 2.5 times `cutoff_hz` of the filter
-    independent samples.
+    A channel without values in a period is not named there. A second holds about 2.5 times `cutoff_hz` of the filter
+    independent samples. `declared` is what vehicle.toml says of the brakes, where no channel `brake` shows it.
     """
     found = []
     for start, stop in runs_of(segments):
@@ -128,9 +138,10 @@ class FilteredRun:
 
 
 def assemble(
-    filtered: FilteredRun, radius_m: float, run: RunInfo, options: ProcessOptions, brakes: Brakes = "unknown"
+    filtered: FilteredRun, wheel: WheelSection, run: RunInfo, options: ProcessOptions, brakes: Brakes
 ) -> ProcessedRun:
     """Form slip, with the nominal radius of the wheel as in Eq. 6, segments and reasons; `brakes` as declared."""
+    radius_m = wheel.radius_m
     ground, rim = filtered.values("ground_speed"), radius_m * filtered.values("wheel_speed")
     rim_sigma, ground_sigma = radius_m * filtered.sigma("wheel_speed"), filtered.sigma("ground_speed")
     slip = slip_of(rim, ground, options.min_speed_mps)
@@ -160,6 +171,7 @@ def assemble(
         longitude_deg=filtered.longitude_deg,
         segment=segments,
         reason=reason,
+        outboard_mass_kg=wheel.outboard_mass_kg,
         quality=_quality(filtered, slip, segments, reason, radius_m, options, brakes, notes),
     )
 

@@ -193,9 +193,9 @@ def process_stream(
     notes += lowered + gate.notes() + removal.notes()
     filtered = FilteredRun(*base, cutoff_hz, roles, latitude, longitude, brake, clock, tuple(notes), missing)
     brakes = vehicle.vehicle.standstill_brakes
-    processed = assemble(filtered, wheel.radius_m, run or RunInfo(), options, brakes)
+    processed = assemble(filtered, wheel, run or RunInfo(), options, brakes)
     quality = replace(processed.quality, zeros=removal.applied(), transducer_status=gate.words)
-    return replace(processed, quality=quality, outboard_mass_kg=wheel.outboard_mass_kg)
+    return replace(processed, quality=quality)
 
 
 def _wheel(vehicle: VehicleConfig) -> WheelSection:

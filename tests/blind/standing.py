@@ -71,12 +71,12 @@ def on_tilted_ground(physics: Physics, stance: Stance, plan: Plan, rut_n: float,
     else:
         pull, torque = uphill * plan.load_n + free, np.zeros(2)
 
-    def more(m: Moments, z: FloatArray, soil: Ground, size: float) -> tuple[FloatArray, FloatArray]:
+    def more(m: Moments) -> tuple[FloatArray, FloatArray]:
         second, rests = m.distance_m > 0.5 * m.distance_m[-1], 1 - m.rolls
         outboard = -OUTBOARD_KG * GRAVITY_MPS2 * uphill
         return outboard + rests * np.where(second, *pull[::-1]), rests * np.where(second, *torque[::-1])
 
-    return at_hub(more)(physics, 1.0)
+    return at_hub(lambda m, z, soil, size: more(m))(physics, 1.0)
 
 
 def rest_covariance(stance: Stance, load_n: float, rut_n: float, same_rest: FloatArray, rests: FloatArray):

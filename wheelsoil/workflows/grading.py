@@ -107,7 +107,7 @@ def _mostly(run: ProcessedRun) -> str:
 
 
 def _zeros(run: ProcessedRun) -> list[str]:
-    """Return what the transducer's forces read at every standstill with released brakes, where it is more than a little."""
+    """Return what forces read at standstills with released brakes, where that is more than a little."""
     load = run.vertical_load_n[np.isfinite(run.vertical_load_n)]
     if not len(load):
         return []
