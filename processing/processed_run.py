@@ -79,6 +79,12 @@ class SensorFacts:
     systematic_sigma: float = float("nan")
 
 
+LEVEL_DEG = 0.3
+"""Tilt of ground that is taken for level: the soil holds that share of the load at a wheel that stands."""
+RUT_SHARE = 0.01
+"""One-sigma, of the load, of the pull that a rut keeps at a wheel that stands with released brakes."""
+
+
 @dataclass(frozen=True)
 class Standstill:
     """Medians over one standstill: what the zeros of the sensors look like. Nothing is subtracted.

@@ -55,10 +55,10 @@ class Slope(Effect):
     summary = (
         "The track is not level: the soil holds the weight of rim and tyre along it, and the hub does not feel it."
     )
-    source = "statics of what is outboard of a transducer between rim and hub"
+    source = "Newton (1687), statics of what is outboard of a transducer between rim and hub"
     shows = ("drawbar_pull",)
     parameters = (Parameter("angle_rad", "rad", 0.0, 0.02, -0.3, 0.3, 0.03, "a field that looks level: 1 to 2 deg"),)
-    needs = Needs(conditions=("direction",), channels=("drawbar_pull",), both_directions=True)
+    needs = Needs(conditions=("direction", "outboard_mass_kg"), channels=("drawbar_pull",), both_directions=True)
 
     def resultants(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
         """Return the forces without the outboard weight along the slope."""

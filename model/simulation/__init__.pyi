@@ -12,7 +12,6 @@ from .speed_sensors import GnssSetup as GnssSetup
 from .speed_sensors import Track as Track
 from .speed_sensors import WheelSpeedSetup as WheelSpeedSetup
 from .stance import HELD_IN as HELD_IN
-from .stance import LEVEL_DEG as LEVEL_DEG
 from .stance import Stance as Stance
 from .transducer import HostClock as HostClock
 from .transducer import TransducerSetup as TransducerSetup

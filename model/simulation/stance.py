@@ -18,8 +18,6 @@ import numpy as np
 from daq import FloatArray
 from model.simulation.motion import GRAVITY_MPS2, VehicleSetup, static_load_n
 
-LEVEL_DEG = 0.3
-"""Tilt of ground that looks level, at most."""
 HELD_IN = 0.7
 """Share of the drivers who stand on the brake."""
 _MOST_SHARE = 0.6

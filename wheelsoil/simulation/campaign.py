@@ -21,7 +21,6 @@ from daq.can import Decoder, FrameBatch, load_database, resolve_roles, shipped_d
 from model.effects import EFFECTS, Effect
 from model.simulation import (
     HELD_IN,
-    LEVEL_DEG,
     TRUTH_QUADRATURE,
     TRUTH_RATE_HZ,
     SensedRun,
@@ -34,6 +33,7 @@ from model.simulation import (
     virtual_run,
 )
 from model.wheel_soil import LABORATORY_SPREAD, Soil, WheelSoilModel, soil_from_terrain
+from processing import LEVEL_DEG
 from wheelsoil import __version__
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.simulation.vehicle import DBC_FILES, vehicle_config, virtual_frames

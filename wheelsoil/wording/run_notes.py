@@ -166,8 +166,8 @@ SENTENCES: dict[str, Sentence] = {
     ),
     ZeroCode.STANDING_ASSUMED: "neither wheel angle nor wheel speed is known: the wheel is taken to stand",
     ZeroCode.ON_GROUND: (
-        "on the ground: drawbar pull and torque alone, and only if the ground is level and nobody drives or brakes; "
-        "{load_share:.0%} of the load is in their sigma"
+        "on the ground: torque, and drawbar pull only as well as the ground is level and the rut keeps nothing: "
+        "{load_share:.1%} of the load is in its sigma"
     ),
     ZeroCode.WEIGHT_TAKEN_OUT: (
         "wheel axes: the declared outboard mass of {mass_kg:g} kg is taken out of both forces, so that what is left is "

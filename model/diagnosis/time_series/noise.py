@@ -31,12 +31,9 @@ from daq import OUTPUTS, FloatArray, Note
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.samples import AT_REST, Samples
 from model.notes import DiagnosisCode
+from processing import LEVEL_DEG, RUT_SHARE
 
 _LEAST_RADPS = 0.3
-LEVEL_DEG = 0.3
-"""One-sigma of the tilt of ground that is taken for level."""
-RUT_SHARE = 0.01
-"""One-sigma, of the load, of the pull that a rut keeps at a wheel that stands with released brakes."""
 _KNOWN = 0.05
 """One-sigma of the logarithm of a hyper-parameter that the data do not decide."""
 
@@ -126,7 +123,7 @@ def hyper_priors(samples: Samples) -> dict[str, HyperPrior]:
             found[named(c, "wheel_order")] = HyperPrior(0.3 * sigma, 0.8)
             found[named(c, "at_rest")] = HyperPrior(0.2 * sigma, 0.8)
             found[named(c, "standing")] = (
-                HyperPrior(load * _held_share(samples.runs), _KNOWN) if c == "dp" else HyperPrior(0.2 * sigma, 0.8)
+                HyperPrior(load * _held_share(samples.runs), _KNOWN) if c == "dp" else HyperPrior(0.2 * sigma, 0.4)
             )
     speed, weight = _positive(samples.speed_sigma_mps, 0.04), _positive(samples.load_sigma_n, 6e-3 * load)
     return found | {
