@@ -146,7 +146,8 @@ def test_the_command_line_of_all_options_is_read_back(tmp_path: Path, capsys: py
     text = (
         "simulate --soil sandy --effect vasilev:H_m=0.08 --runs 1 --duration 20 --seed 9 --sinkage literal "
         "--added-load 120 --pass-number 3 --inflation 260.5 "
-        "--radius 0.5 --width 0.3 --draw-soil --wheel-axes --tilt -1.5 --brakes released --lifted --noise 0.5 --start 2026-01-02T03:04:05Z"
+        "--radius 0.5 --width 0.3 --draw-soil --wheel-axes --noise 0.5 "
+        "--tilt -1.5 --brakes released --lifted --start 2026-01-02T03:04:05Z"
     )
     assert wheelsoil([*shlex.split(text), "-o", str(tmp_path / "a")]) == 0
     command = tomllib.loads((tmp_path / "a/manifest.toml").read_text())["command"]
@@ -181,7 +182,7 @@ def test_a_zero_of_the_lifted_wheel_is_that_of_the_runs(
     (run,) = json.loads(capsys.readouterr().out)
     stands = run["quality"]["standstills"]
     assert {stand["brakes"] for stand in stands} == {"released"}
-    assert all(abs(stand["levels"]["driving_torque"]) < 6.0 for stand in stands)
+    assert all(abs(stand["levels"]["driving_torque"]) < 12.0 for stand in stands)
     assert all(abs(stand["levels"]["vertical_load"] - 8000.0) < 60.0 for stand in stands)
 
 
