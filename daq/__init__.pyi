@@ -18,6 +18,7 @@ from .clock import ClockFit as ClockFit
 from .clock import fit_clock as fit_clock
 from .config import SOIL_KEYS as SOIL_KEYS
 from .config import ZERO_FILE as ZERO_FILE
+from .config import Brakes as Brakes
 from .config import BusSection as BusSection
 from .config import ChannelZero as ChannelZero
 from .config import Determination as Determination

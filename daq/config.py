@@ -42,6 +42,9 @@ _HEAD = (
     "# Zeros of a wheel force transducer, written by `wheelsoil zero`. A comment is lost when it is written again.\n"
 )
 
+Brakes = Literal["held", "released", "unknown"]
+"""What holds the vehicle at a standstill; `unknown` is taken for held."""
+
 ConfigT = TypeVar("ConfigT", bound=BaseModel)
 
 
@@ -54,6 +57,7 @@ class VehicleSection(_Section):
 
     name: str = "unnamed vehicle"
     mass_kg: Positive | None = None
+    standstill_brakes: Brakes = "unknown"
 
 
 class WheelSection(_Section):
@@ -360,6 +364,10 @@ def _faults(error: ValidationError, kind: type[BaseModel], where: str) -> list[F
             faults.append(Fault(f"unknown key {location!r}", where, expected=nearest(str(item["loc"][-1]), known)))
         elif item["type"] == "missing":
             faults.append(Fault(f"key {location!r} is missing", where, next_step="add it"))
+        elif item["type"] == "literal_error":
+            what, found = f"{location} has a value that is not known", repr(item["input"])
+            expected = item["ctx"]["expected"].replace("'", '"')
+            faults.append(Fault(what, where, found, expected, next_step="write one of these"))
         else:
             faults.append(Fault(f"{location}: {message}", where, found=repr(item["input"])))
     return faults

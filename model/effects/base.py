@@ -34,7 +34,7 @@ class Needs:
         Measured forces without which nothing of it shows.
     two_loads, both_directions, several_passes, several_runs : what the runs must differ in
     pressures : the inflation pressure must be stated
-    standstill, braking : the wheel must stand, or be braked, for some time
+    standstill, braking : the wheel must stand with released brakes, or be braked, for some time
     largest_slip : the driven wheel must reach more than this slip; 0: it need not be driven
     lugs : it cannot be on a tyre that is declared smooth
     """

@@ -13,6 +13,8 @@ from model.wheel_soil.stresses import slip_of_ratio, speed_ratio
 
 REFERENCE_INFLATION_KPA = 340.0
 """Of a tyre whose pressure is not stated."""
+USUAL_OUTBOARD_MASS_KG = 75.0
+"""Of a wheel of 37 inches: rim, tyre and the outer half of the transducer, where it is not stated."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,7 @@ class Conditions:
     pass_number : from 1
     inflation_kpa : of the tyre
     unit_weight_n_m3 : of the soil
+    outboard_mass_kg : between transducer and soil
     """
 
     slip: Number
@@ -62,6 +65,7 @@ class Conditions:
     pass_number: Number = 1.0
     inflation_kpa: Number = np.nan
     unit_weight_n_m3: Number = 16_500.0
+    outboard_mass_kg: Number = USUAL_OUTBOARD_MASS_KG
 
     @property
     def driving_slip(self) -> Number:

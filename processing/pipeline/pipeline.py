@@ -189,9 +189,11 @@ def process_stream(
     roles, left = at_soil(roles, wheel, kernel_sigma_s(cutoff_hz), removal.zero_of_load())
     notes += left
     latitude, longitude = _position(samples, base)
+    brake = interpolated_on_base(samples["brake"], *base) if "brake" in samples else None
     notes += lowered + gate.notes() + removal.notes()
-    filtered = FilteredRun(*base, cutoff_hz, roles, latitude, longitude, clock, tuple(notes), missing)
-    processed = assemble(filtered, wheel.radius_m, run or RunInfo(), options)
+    filtered = FilteredRun(*base, cutoff_hz, roles, latitude, longitude, brake, clock, tuple(notes), missing)
+    brakes = vehicle.vehicle.standstill_brakes
+    processed = assemble(filtered, wheel, run or RunInfo(), options, brakes)
     quality = replace(processed.quality, zeros=removal.applied(), transducer_status=gate.words)
     return replace(processed, quality=quality)
 

@@ -166,6 +166,13 @@ def _soil_out_of_range(bench: Bench) -> list[object]:
     return ["fit", folder]
 
 
+def _other_brakes(bench: Bench) -> list[object]:
+    folder = bench.copy()
+    text = (folder / "vehicle.toml").read_text()
+    (folder / "vehicle.toml").write_text(text.replace('brakes = "released"', 'brakes = "parked"', 1))
+    return ["process", folder]
+
+
 def _several(bench: Bench) -> list[object]:
     return ["process", bench.folder / "a.mcap", bench.folder / "b.log"]
 
@@ -316,6 +323,17 @@ CASES = (
     Case("no force at all", lambda b: ["fit", b.driven(load=np.nan)], 1, ("drawbar_pull",), False),
     Case("NaN in terrain.toml", _nan_soil, 2, ("cohesion_kpa",), False),
     Case("soil out of range", _soil_out_of_range, 2, ("2 faults", "friction_angle_deg", "sinkage_exponent"), False),
+    Case(
+        "brakes of another word",
+        _other_brakes,
+        2,
+        (
+            "vehicle.standstill_brakes",
+            "found: 'parked'",
+            'expected: "held", "released" or "unknown"',
+            "write one of these",
+        ),
+    ),
     Case(
         "negative load in a table",
         lambda b: b.table("0.1,-100,5", "0.2,100,5"),

@@ -116,7 +116,7 @@ def test_a_standstill_in_wheel_axes_leaves_the_weight_out(tmp_path: Path) -> Non
 
 def test_on_the_ground_only_what_must_read_zero(tmp_path: Path) -> None:
     bench = replace(rested(Bench()), ground_n=9500.0, bridges_n=0j)
-    recording = write_lifted(tmp_path / "ground.mcap", bench, 5)
+    recording = write_lifted(tmp_path / "ground.mcap", bench, 5, brakes="released")
     refused = invoke("zero", recording, "-o", tmp_path / "z.toml")
     assert refused.code == 1
     assert "the wheel carries the vehicle" in refused.err
@@ -126,12 +126,25 @@ def test_on_the_ground_only_what_must_read_zero(tmp_path: Path) -> None:
     printed = ok("zero", recording, "--on-ground", "-o", tmp_path / "z.toml", "--json").json
     channels = printed["zeros"][0]["channels"]
     assert set(channels) == {"WFT_Forces.Fx", "WFT_Moments.My"}
-    assert channels["WFT_Forces.Fx"]["offset_sigma"] > 0.009 * 8760
-    wheel = write_lifted(tmp_path / "wheel.mcap", replace(bench, frame="wheel"), 5)
+    level = np.hypot(0.01, np.sin(np.radians(0.3))) * 8760
+    assert level < channels["WFT_Forces.Fx"]["offset_sigma"] < 1.05 * level
+    assert channels["WFT_Moments.My"]["offset_sigma"] < 5
+    wheel = write_lifted(tmp_path / "wheel.mcap", replace(bench, frame="wheel"), 5, brakes="released")
     printed = ok("zero", wheel, "--on-ground", "-o", tmp_path / "w.toml", "--json").json
     assert set(printed["zeros"][0]["channels"]) == {"WFT_Moments.My"}
-    lifted = write_lifted(tmp_path / "lifted.mcap", rested(Bench()), 5)
+    lifted = write_lifted(tmp_path / "lifted.mcap", rested(Bench()), 5, brakes="released")
     assert "does not stand on the wheel" in invoke("zero", lifted, "--on-ground", "-o", tmp_path / "l.toml").err
+
+
+@pytest.mark.parametrize("brakes", ["held", "unknown"])
+def test_a_braked_wheel_on_the_ground_gives_no_zero(brakes: str, tmp_path: Path) -> None:
+    bench = replace(rested(Bench()), ground_n=9500.0)
+    recording = write_lifted(tmp_path / "ground.mcap", bench, 5, brakes=brakes)
+    refused = invoke("zero", recording, "--on-ground", "-o", tmp_path / "z.toml")
+    assert refused.code == 2
+    for part in ("held brakes", f'standstill_brakes = "{brakes}"', 'expected: "released"', "or lift the wheel"):
+        assert part in " ".join(refused.err.split()), part
+    assert ok("zero", write_lifted(tmp_path / "air.mcap", Bench(), 5, brakes=brakes), "-o", tmp_path / "z.toml")
 
 
 def test_a_wrong_mass_and_a_wrong_angle_are_reported(tmp_path: Path) -> None:

@@ -143,6 +143,13 @@ class Format(StrEnum):
     both = "both"
 
 
+class Brakes(StrEnum):
+    """At a standstill."""
+
+    held = "held"
+    released = "released"
+
+
 def simulate_command(
     ctx: typer.Context,
     output: Annotated[
@@ -187,6 +194,17 @@ def simulate_command(
     wheel_axes: Annotated[
         bool, typer.Option("--wheel-axes", help="The transducer sends forces in axes that rotate with the wheel.")
     ] = False,
+    tilt: Annotated[
+        float | None,
+        typer.Option(metavar="DEG", help="Tilt of the ground, uphill on out. [default: drawn, up to 0.3 either way]"),
+    ] = None,
+    brakes: Annotated[
+        Brakes | None,
+        typer.Option(help="At every standstill. [default: drawn, held in 7 of 10 campaigns]", show_default=False),
+    ] = None,
+    lifted: Annotated[
+        bool, typer.Option("--lifted", help="Also record the lifted wheel before and after the runs, for `zero`.")
+    ] = False,
     noise: Annotated[float, typer.Option(help="Factor on every sensor's noise; 0 for ideal sensors.")] = 1.0,
     start: Annotated[
         str | None, typer.Option(metavar="TIME", help="UTC of the first run, ISO 8601; with --live: now.")
@@ -225,6 +243,9 @@ def simulate_command(
         wheel=Wheel(radius, width),
         draw_soil=draw_soil,
         wheel_axes=wheel_axes,
+        tilt_deg=tilt,
+        brakes=brakes.value if brakes else None,
+        lifted=lifted,
         noise=noise,
         start=_start(start, live=live is not None),
     )

@@ -40,7 +40,7 @@ def zero_command(
     on_ground: Annotated[
         bool,
         typer.Option(
-            "--on-ground", help="The wheel stands on level ground, not driven or braked: pull and torque only."
+            "--on-ground", help="The wheel stands on level ground with released brakes: pull and torque only."
         ),
     ] = False,
     max_drift: Annotated[

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from functools import cached_property
 from math import degrees, isfinite
 from pathlib import Path
-from typing import get_args
+from typing import Literal, get_args
 
 from daq import ConfigError, Fault, SoilSection, TerrainConfig, UncertaintySection, load_toml, nearest
 from model import ExtendedModel
@@ -48,6 +48,12 @@ class SimulationOptions:
         Draw the true soil from the laboratory's uncertainty instead of using the values of terrain.toml.
     wheel_axes : bool
         The transducer sends forces in axes that rotate with the wheel.
+    tilt_deg : float, optional
+        Of the ground, uphill on "out"; drawn up to `LEVEL_DEG` either way if not given.
+    brakes : "held" or "released", optional
+        At every standstill; drawn if not given, held in `HELD_IN` of the campaigns.
+    lifted : bool
+        Record the lifted wheel before and after the runs.
     noise : float
         Factor on every sensor's noise and ripple; 0 for ideal sensors.
     start : datetime
@@ -75,6 +81,9 @@ class SimulationOptions:
     wheel: Wheel = field(default_factory=lambda: Wheel(0.47, 0.318))
     draw_soil: bool = False
     wheel_axes: bool = False
+    tilt_deg: float | None = None
+    brakes: Literal["held", "released"] | None = None
+    lifted: bool = False
     noise: float = 1.0
     start: datetime = DEFAULT_START
     known_terrain: TerrainConfig | None = None
@@ -114,6 +123,7 @@ class SimulationOptions:
                 f"{SHORTEST_RUN_S:g} to {LONGEST_RUN_S:g} s",
             ),
             ("seed", self.seed, self.seed >= 0, "0 or more"),
+            ("tilt", self.tilt_deg or 0.0, abs(self.tilt_deg or 0.0) <= 20, "-20 to 20 deg"),
             ("noise", self.noise, 0 <= self.noise <= 10, "0 to 10"),
             ("wheel radius", self.wheel.radius_m, 0.02 <= self.wheel.radius_m <= 3, "0.02 to 3 m"),
             ("wheel width", self.wheel.width_m, 0.01 <= self.wheel.width_m <= 3, "0.01 to 3 m"),
@@ -165,6 +175,9 @@ class SimulationOptions:
         if self.wheel != default.wheel and not self.model_file:
             words += ["--radius", f"{self.wheel.radius_m!r}", "--width", f"{self.wheel.width_m!r}"]
         words += ["--draw-soil"] * self.draw_soil + ["--wheel-axes"] * self.wheel_axes
+        words += [] if self.tilt_deg is None else ["--tilt", f"{self.tilt_deg:g}"]
+        words += [] if self.brakes is None else ["--brakes", self.brakes]
+        words += ["--lifted"] * self.lifted
         if self.noise != default.noise:
             words += ["--noise", f"{self.noise!r}"]
         if self.start != default.start:

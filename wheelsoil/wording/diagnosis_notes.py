@@ -22,6 +22,7 @@ _CONDITIONS = {
     "pass_number": "the number of the pass",
     "inflation_kpa": "the inflation pressure",
     "unit_weight_n_m3": "the soil's unit weight",
+    "outboard_mass_kg": "the outboard mass",
 }
 _ROW_UNITS = {"dp": (1.0, "N"), "t": (1.0, "N m"), "z": (1e3, "mm")}
 
@@ -172,7 +173,10 @@ SENTENCES: dict[str, Sentence] = {
     LackCode.LOW_SLIP: "the slip never was above {slip:g}",
     LackCode.CHANNEL_UNUSED: lambda v: f"{ROLES[v['role']].name} was measured and not looked at",
     LackCode.CHANNEL_MISSING: lambda v: f"{ROLES[v['role']].name} was not measured",
-    LackCode.NOT_AT_STANDSTILL: "no standstill was recorded: it would show the zeros",
+    LackCode.NOT_AT_STANDSTILL: (
+        "no standstill with released brakes was recorded: it would show the zeros "
+        '(standstill_brakes = "released" in vehicle.toml, or a signal brake)'
+    ),
     LackCode.NO_TRACE: _no_trace,
     LackCode.NOT_SETTLED: "the linearisation did not converge at it",
     LackCode.NOT_CHECKED: "with fewer than three runs or conditions no name can be checked against others",

@@ -53,7 +53,7 @@ class BoundRows:
     Attributes
     ----------
     torque_at_rest_nm : float array, shape (n,)
-        What the torque of the row's run reads at standstill; NaN where that is not known.
+        What the torque of the row's run reads at standstill with released brakes; NaN where that is not known.
     lugged : bool
         The rim has lugs: torque may act a tenth of the radius further out.
     speed_scale : float
@@ -202,7 +202,8 @@ def _friction(rows: BoundRows) -> FloatArray:
 
 
 def _torque_at_rest(run: ProcessedRun) -> float:
-    levels = [stop.levels["driving_torque"] for stop in run.quality.standstills if "driving_torque" in stop.levels]
+    stops = [stop for stop in run.quality.standstills if stop.released]
+    levels = [stop.levels["driving_torque"] for stop in stops if "driving_torque" in stop.levels]
     return float(np.median(levels)) if levels else np.nan
 
 

@@ -261,7 +261,7 @@ def _standstills(still: BoolArray, load: FloatArray) -> tuple[Standstill, ...]:
                 "ground_speed": 0.0,
             }
             nothing = dict.fromkeys(levels, float("nan"))
-            found.append(Standstill(float(first / _RATE_HZ), float(duration), levels, nothing))
+            found.append(Standstill(float(first / _RATE_HZ), float(duration), levels, nothing, "released"))
     return tuple(found)
 
 

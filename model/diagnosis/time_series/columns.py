@@ -365,4 +365,7 @@ def _at_rest(
                 out[row, :, width - len(by_run) + i] = turn(rests.wheel_angle_rad)
             elif name == f"zero {channel}":
                 out[row, :, width - len(by_run) + i] = 1.0
+            elif name == f"rest {channel}":
+                weight = np.asarray(rests.conditions.vertical_load_n) / np.median(samples.conditions.vertical_load_n)
+                out[row, :, width - len(by_run) + i] = weight if channel == "dp" else 1.0
     return np.where(present[..., None], out, 0.0), present

@@ -212,7 +212,10 @@ class _Covariance:
         return found
 
 
-OF_FEW = ("_run_to_run", "_at_rest_n", "_at_rest_nm", "_of_run_n", "_of_run_nm", "_of_run_m")
+OF_FEW = (
+    *("_run_to_run", "_at_rest_n", "_at_rest_nm", "_standing_n", "_standing_nm"),
+    *("_of_run_n", "_of_run_nm", "_of_run_m"),
+)
 """Ends of the names of deviations that are estimated from as few values as there are runs or standstills.
 
 Their estimate is the posterior root mean square, not the mode, which would underestimate what differs between runs.

@@ -20,7 +20,7 @@ import numpy as np
 
 from daq import OUTPUTS, REACTIONS, BoolArray, FloatArray, IndexArray, Note
 from model.diagnosis.core.campaign import ONE_LOAD, Campaign, Coverage
-from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, Conditions
+from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, USUAL_OUTBOARD_MASS_KG, Conditions
 from model.wheel_soil.run_conditions import campaign_times, line_positions
 from processing import ProcessedRun, Reason, Standstill
 from processing.pipeline import kernel_sigma_s, slip_of
@@ -35,7 +35,10 @@ _AT_AN_END_S = 0.3
 
 @dataclass(frozen=True)
 class Standstills:
-    """Standstills of all runs; arrays of shape (n,).
+    """Standstills of all runs with released brakes; arrays of shape (n,).
+
+    With held brakes the hub carries an unknown share of the weight along the ground, what the rut keeps, and the torque
+    of both: neither zero shows.
 
     Attributes
     ----------
@@ -65,7 +68,7 @@ class Standstills:
 def standstills_of(
     campaign: Campaign, channels: tuple[str, ...], clocks: list[FloatArray], positions: list[FloatArray]
 ) -> Standstills:
-    """Collect the standstills of a campaign.
+    """Collect the standstills of a campaign that show zeros.
 
     Parameters
     ----------
@@ -76,7 +79,7 @@ def standstills_of(
     rows = []
     for index, (run, clock, x) in enumerate(zip(campaign.runs, clocks, positions, strict=True)):
         angle = np.cumsum(np.nan_to_num(run.wheel_speed_radps)) / run.rate_hz
-        for rest in run.quality.standstills:
+        for rest in (r for r in run.quality.standstills if r.released):
             inside = _inside(run, rest)
             load = _mean(run.vertical_load_n[inside])
             if not load > 0:
@@ -116,6 +119,7 @@ def standstills_of(
         pass_number=table["pass"],
         inflation_kpa=table["kpa"],
         unit_weight_n_m3=np.full(len(rows), campaign.soil.unit_weight_n_m3),
+        outboard_mass_kg=np.full(len(rows), campaign.outboard_mass_kg or USUAL_OUTBOARD_MASS_KG),
     )
     return Standstills(
         run=table["run"].astype(np.intp),
@@ -363,6 +367,7 @@ def _blocks(
         ("pass_number", float(info.pass_number)),
         ("inflation_kpa", info.inflation_kpa or REFERENCE_INFLATION_KPA),
         ("unit_weight_n_m3", campaign.soil.unit_weight_n_m3),
+        ("outboard_mass_kg", campaign.outboard_mass_kg or USUAL_OUTBOARD_MASS_KG),
     ):
         found[name] = np.full(len(starts), value)
     found |= _instants(run, starts, step, found)
