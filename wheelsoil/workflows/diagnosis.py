@@ -39,6 +39,7 @@ from model.diagnosis import (
 from model.effects import EFFECTS
 from model.wheel_soil import Reading, prior_of
 from processing import ProcessedRun
+from wheelsoil.cache.store import kept
 from wheelsoil.workflows.fit import known_soil, load_terrain, observations_of_table, wheel_of
 from wheelsoil.workflows.runs import BenchFiles, Files
 
@@ -215,7 +216,8 @@ def diagnose_campaigns(campaigns: Sequence[Campaign], options: DiagnosisOptions)
     """
     from model.diagnosis import diagnose
 
-    return _with_remarks(diagnose(campaigns, options), campaigns)
+    found = kept("diagnosis", (tuple(campaigns), options), lambda: diagnose(campaigns, options))
+    return _with_remarks(found, campaigns)
 
 
 def bench_of(files: BenchFiles) -> Bench:
@@ -247,7 +249,8 @@ def diagnose_benches(benches: Sequence[Bench], options: DiagnosisOptions) -> Dia
     """
     from model.diagnosis import diagnose_bench
 
-    return _with_remarks(diagnose_bench(benches, options), benches)
+    found = kept("diagnosis", (tuple(benches), options), lambda: diagnose_bench(benches, options))
+    return _with_remarks(found, benches)
 
 
 def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Diagnosis:

@@ -16,6 +16,7 @@ from model import ExtendedModel, FitCode
 from model.fit import CampaignFit, FitOptions, ModelFit, Observations
 from model.wheel_soil import SOILS, Reading, Soil, Wheel, prior_of, soil_from_terrain
 from processing import ProcessedRun
+from wheelsoil.cache.store import kept
 from wheelsoil.wording.fit_text import criteria_json
 from wheelsoil.wording.notes import runs_by_text
 
@@ -144,7 +145,8 @@ def fit_runs(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices,
     first = one_terrain([run for run, _ in processed])
     soil = known_soil(soil_name, first.terrain)
     options = choices.options(soil, None if soil_name else first.terrain)
-    fit = fit_models(whole_runs(runs), wheel_of(first.vehicle, first.vehicle_source), soil, options)
+    given = (whole_runs(runs), wheel_of(first.vehicle, first.vehicle_source), soil, options)
+    fit = kept("fit", given, lambda: fit_models(*given))
     lacking = [(run.run.id, list(run.quality.missing)) for run in runs if run.quality.missing]
     if not lacking:
         return fit
@@ -181,7 +183,8 @@ def fit_table(
     """
     from model.fit import fit_observations
 
-    fit = fit_observations(observations_of_table(table), wheel, soil, choices.options(soil, terrain))
+    given = (observations_of_table(table), wheel, soil, choices.options(soil, terrain))
+    fit = kept("fit", given, lambda: fit_observations(*given))
     left_out = int(np.count_nonzero(table.slip <= 0))
     if not left_out:
         return fit
