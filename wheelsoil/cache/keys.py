@@ -20,7 +20,7 @@ OF_PROCESSING = ("daq", "processing", "wheelsoil.cache", "wheelsoil.workflows")
 """Packages whose code makes a processed run."""
 OF_MODELS = (*OF_PROCESSING, "model")
 """Packages whose code makes a fit or a diagnosis."""
-_LIBRARIES = ("cantools", "mcap", "pydantic", "scipy")
+_LIBRARIES = ("cantools", "scipy")
 _imported_s = time.time()
 
 

@@ -137,8 +137,6 @@ def fit_runs(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices,
     ConfigError, DataError
         See `model.fit.fit.fit_models`; the soil or the wheel is not known, or every run lacks a signal.
     """
-    from model.fit import fit_models
-
     runs = [run for _, run in processed]
     if problem := nothing_whole(runs):
         raise DataError(problem)
@@ -146,7 +144,13 @@ def fit_runs(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices,
     soil = known_soil(soil_name, first.terrain)
     options = choices.options(soil, None if soil_name else first.terrain)
     given = (whole_runs(runs), wheel_of(first.vehicle, first.vehicle_source), soil, options)
-    fit = kept("fit", given, lambda: fit_models(*given))
+
+    def compute() -> CampaignFit:
+        from model.fit import fit_models
+
+        return fit_models(*given)
+
+    fit = kept("fit", given, compute)
     lacking = [(run.run.id, list(run.quality.missing)) for run in runs if run.quality.missing]
     if not lacking:
         return fit
@@ -181,10 +185,14 @@ def fit_table(
     ConfigError, DataError
         See `model.fit.fit.fit_observations`.
     """
-    from model.fit import fit_observations
-
     given = (observations_of_table(table), wheel, soil, choices.options(soil, terrain))
-    fit = kept("fit", given, lambda: fit_observations(*given))
+
+    def compute() -> CampaignFit:
+        from model.fit import fit_observations
+
+        return fit_observations(*given)
+
+    fit = kept("fit", given, compute)
     left_out = int(np.count_nonzero(table.slip <= 0))
     if not left_out:
         return fit

@@ -69,15 +69,14 @@ def place_of(run: Run, options: ProcessOptions, zero: Path | None) -> KeptRun | 
 
 
 def _inputs(run: Run, zero: Path | None) -> tuple[object, ...]:
-    """Return all that a processed run depends on but for the options."""
-    gaps = tuple(gap.note() for gap in run.recording.gaps) if run.recording else ()
+    """Return all that a processed run depends on but for the options; `counts` tells a file that has grown since."""
     counts = run.recording.frame_counts if run.recording else {}
     databases = {
         bus: tuple((database.name, database.sha256, database.lenient) for database in there)
         for bus, there in run.databases.items()
     }
     names = tuple(file.name for file in run.files)
-    return names, content_of(run.files), gaps, counts, run.info, run.vehicle, databases, stated_zeros(run, zero)
+    return names, content_of(run.files), counts, run.info, run.vehicle, databases, stated_zeros(run, zero)
 
 
 def _facts(files: Sequence[Path]) -> _Facts:
