@@ -119,7 +119,7 @@ class _Writer:
         if value.dtype.kind not in _NUMBERS or not value.dtype.itemsize:
             raise NotKeptError(f"array of {value.dtype}")
         order: Any = "F" if value.flags.f_contiguous and not value.flags.c_contiguous else "C"
-        if not any(value.strides) and value.size:
+        if value.size > 1 and not any(value.strides):
             rows = value[(slice(0, 1),) * value.ndim].reshape(1, -1).view(np.uint8)
         else:
             rows = value.ravel(order=order).view(np.uint8).reshape(-1, value.dtype.itemsize)

@@ -158,7 +158,7 @@ def _quantile(y: FloatArray, start: IntArray, count: IntArray, share: float) -> 
     low = np.floor(at)
     first = start + low.astype(np.int64)
     below, above, part = y[first], y[np.minimum(first + 1, start + count - 1)], at - low
-    return np.where(part < 0.5, below + (above - below) * part, above - (above - below) * (1 - part))
+    return np.asarray(np.where(part < 0.5, below + (above - below) * part, above - (above - below) * (1 - part)))
 
 
 def binned(x: FloatArray, y: FloatArray, edges: FloatArray, *, least: int = 5) -> Bins:
