@@ -24,13 +24,6 @@ VALUE = (Note("late_stamps", values={"count": 3}), np.arange(1000.0), float("nan
 
 
 @pytest.fixture
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the folder in which results are kept for a test."""
-    monkeypatch.setenv("WHEELSOIL_CACHE", str(tmp_path / "kept"))
-    return tmp_path / "kept"
-
-
-@pytest.fixture
 def entry(place: Path) -> Path:
     """Return the file of a kept value."""
     put("one-0", VALUE)
@@ -123,8 +116,9 @@ def test_limits(text: str, size: float, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 @pytest.mark.parametrize("text", ["much", "-1", "2 GiB", "1e9", "nan", "2 GB or so"])
+@pytest.mark.usefixtures("place")
 def test_a_limit_that_is_none_is_an_error_before_anything_is_computed(
-    text: str, place: Path, monkeypatch: pytest.MonkeyPatch
+    text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("WHEELSOIL_CACHE_LIMIT", text)
     with pytest.raises(ConfigError, match="WHEELSOIL_CACHE_LIMIT is no size"):
