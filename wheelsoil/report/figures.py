@@ -161,9 +161,9 @@ def _quantile(y: FloatArray, start: IntArray, count: IntArray, share: float) -> 
     return np.asarray(np.where(part < 0.5, below + (above - below) * part, above - (above - below) * (1 - part)))
 
 
-def binned(x: FloatArray, y: FloatArray, edges: FloatArray, *, least: int = 5) -> Bins:
-    """Summarise y in bins of x; bins with fewer than `least` samples are omitted."""
-    return Binning(x, edges).of(y, least=least)
+def binned(x: FloatArray, y: FloatArray, edges: FloatArray) -> Bins:
+    """Summarise y in bins of x; see `Binning.of`."""
+    return Binning(x, edges).of(y)
 
 
 def parted_at_zero(curve: Bins) -> Bins:
