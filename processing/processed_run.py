@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq import ON_TIME_BASE, BoolArray, Brakes, FloatArray, IntArray, Note, RunInfo, Use, data_frame
+from processing.notes import RunCode
+from processing.options import FORCE_ROLES, LOOK, NEEDED_ROLES, SLIP_ROLES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -307,3 +309,19 @@ def _column(run: ProcessedRun, name: str, rows: slice) -> Column:
         words: NDArray[np.str_] = np.array([member.name.lower() for member in _NAMED[name]])
         return np.asarray(words[run.column(name)[rows]])
     return np.ascontiguousarray(run.column(name)[rows])
+
+
+_NOT_WHOLE = (RunCode.ROLE_MISSING, RunCode.NOT_MEASURED, RunCode.NEVER_USABLE)
+
+
+def purposes_served(run: ProcessedRun) -> tuple[str, ...]:
+    """Return the purposes (see `ProcessOptions`) for which the same channels and other options give this very run.
+
+    None where a channel has no usable value, or a speed or a force is missing: what becomes of it depends on the
+    purpose.
+    """
+    facts, notes = run.quality.sensors, run.quality.notes
+    usable = all(one.samples for one in facts.values()) and not any(note.code in _NOT_WHOLE for note in notes)
+    if not usable or not {*SLIP_ROLES, *FORCE_ROLES} <= facts.keys():
+        return ()
+    return (LOOK, *(purpose for purpose, roles in NEEDED_ROLES.items() if facts.keys() >= set(roles)))

@@ -43,6 +43,7 @@ COMMANDS: dict[str, Entry] = {
     ),
     "report": Entry("pages", "Write the fitted-model report of a terrain's runs."),
     "view": Entry("pages", "Explore recordings in the browser: select, fit and diagnose."),
+    "cache": Entry("cache", "List or remove the results that are kept so that nothing is computed twice."),
 }
 """Every subcommand, in the order of a test campaign."""
 

@@ -62,6 +62,23 @@ Jobs = Annotated[
         help="Processes at once (default: one for each core).",
     ),
 ]
+
+
+def keep_nothing(context: typer.Context, off: bool) -> bool:
+    """Let a command neither use nor keep results of earlier ones."""
+    from wheelsoil.cache import nothing_kept
+
+    if off:
+        context.with_resource(nothing_kept())
+    return off
+
+
+NoCache = Annotated[
+    bool,
+    typer.Option(
+        "--no-cache", callback=keep_nothing, help="Compute everything anew; keep nothing (see `wheelsoil cache`)."
+    ),
+]
 LenientDbc = Annotated[
     bool, typer.Option("--lenient-dbc", help="Skip the DBC lines that cantools rejects, and list them.")
 ]

@@ -53,6 +53,7 @@ def report_command(
     diagnose: Annotated[bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs.")] = True,
     min_speed: options.MinSpeed = None,
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
+    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
     force: options.Force = False,
     json: options.Json = False,
@@ -127,6 +128,7 @@ def view_command(
     zero: options.ZeroFile = None,
     soil: options.SoilPreset = None,
     lenient_dbc: options.LenientDbc = False,
+    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     host: Annotated[
         str, typer.Option(metavar="ADDRESS", help="Address of the page; other than loopback it requires a token.")
     ] = "127.0.0.1",

@@ -39,6 +39,7 @@ def process_command(
     ] = None,
     min_speed: options.MinSpeed = None,
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
+    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     choice: options.ChoiceFile = None,
     force: options.Force = False,
     json: options.Json = False,
@@ -123,6 +124,7 @@ def fit_command(
     model: options.ModelFile = None,
     min_speed: options.MinSpeed = None,
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
+    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
     json: options.Json = False,
 ) -> None:
@@ -225,6 +227,7 @@ def sinkage_command(
     zero: options.ZeroFile = None,
     min_speed: options.MinSpeed = None,
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
+    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
     json: options.Json = False,
 ) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daq import ConfigError, Fault
-from wheelsoil.cli.options import PRESETS, Force, Json, Reading
+from wheelsoil.cli.options import PRESETS, Force, Json, NoCache, Reading
 from wheelsoil.console import print_json, print_pairs, progress, say, terminal_width
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ def demo_command(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the hidden effect, the soil and the noise.")] = 10,
     runs: Annotated[int, typer.Option(min=1, help="Number of runs.")] = 6,
     duration: Annotated[float, typer.Option(metavar="S", help="Duration of each run.")] = 40.0,
+    no_cache: NoCache = False,  # noqa: ARG001  # its callback uses it
     json: Json = False,
 ) -> None:
     """Simulate a vehicle with a hidden effect, diagnose its CAN frames, compare with the true value; 15 s to a minute.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -25,22 +25,16 @@ from daq import (
 )
 from daq.runs import RUNS_FILE, TERRAIN_FILE, VEHICLE_FILE, Collected, Run
 from model import DiagnosisCode
-from model.diagnosis import (
-    Bench,
-    Campaign,
-    Diagnosis,
-    DiagnosisOptions,
-    Plan,
-    plan_for,
-    plan_of,
-    planned_campaign,
-    usual_runs,
-)
+from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions
 from model.effects import EFFECTS
 from model.wheel_soil import Reading, prior_of
 from processing import ProcessedRun
+from wheelsoil.cache.store import kept
 from wheelsoil.workflows.fit import known_soil, load_terrain, observations_of_table, wheel_of
 from wheelsoil.workflows.runs import BenchFiles, Files
+
+if TYPE_CHECKING:
+    from model.diagnosis import Plan
 
 Processed = Sequence[tuple[Run, ProcessedRun]]
 
@@ -213,9 +207,14 @@ def diagnose_campaigns(campaigns: Sequence[Campaign], options: DiagnosisOptions)
     ConfigError, DataError
         See `model.diagnosis.time_series.diagnosis.diagnose`.
     """
-    from model.diagnosis import diagnose
 
-    return _with_remarks(diagnose(campaigns, options), campaigns)
+    def compute() -> Diagnosis:
+        from model.diagnosis import diagnose
+
+        return diagnose(campaigns, options)
+
+    found = kept("diagnosis", (tuple(campaigns), options), compute)
+    return _with_remarks(found, campaigns)
 
 
 def bench_of(files: BenchFiles) -> Bench:
@@ -245,9 +244,14 @@ def diagnose_benches(benches: Sequence[Bench], options: DiagnosisOptions) -> Dia
     ConfigError, DataError
         See `model.diagnosis.single_wheel.diagnose.diagnose_bench`.
     """
-    from model.diagnosis import diagnose_bench
 
-    return _with_remarks(diagnose_bench(benches, options), benches)
+    def compute() -> Diagnosis:
+        from model.diagnosis import diagnose_bench
+
+        return diagnose_bench(benches, options)
+
+    found = kept("diagnosis", (tuple(benches), options), compute)
+    return _with_remarks(found, benches)
 
 
 def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Diagnosis:
@@ -297,6 +301,8 @@ def plan_campaigns(
     DataError
         The soil cannot carry the wheel.
     """
+    from model.diagnosis import plan_of
+
     faults = []
     if run_count is not None and not 1 <= run_count <= _MOST_RUNS:
         faults.append(Fault("--planned-runs is out of range", found=str(run_count), expected=f"1 to {_MOST_RUNS}"))
@@ -315,6 +321,8 @@ def plan_campaigns(
 
 
 def _planned(folder: Path | None, files: Files, run_count: int | None, duration_s: float, seed: int) -> Campaign:
+    from model.diagnosis import plan_for, planned_campaign, usual_runs
+
     if folder is not None and not folder.is_dir():
         raise ConfigError(
             Fault("a plan takes no recording", str(folder), expected="a folder with vehicle.toml and terrain.toml")

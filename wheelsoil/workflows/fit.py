@@ -16,6 +16,7 @@ from model import ExtendedModel, FitCode
 from model.fit import CampaignFit, FitOptions, ModelFit, Observations
 from model.wheel_soil import SOILS, Reading, Soil, Wheel, prior_of, soil_from_terrain
 from processing import ProcessedRun
+from wheelsoil.cache.store import kept
 from wheelsoil.wording.fit_text import criteria_json
 from wheelsoil.wording.notes import runs_by_text
 
@@ -136,15 +137,20 @@ def fit_runs(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices,
     ConfigError, DataError
         See `model.fit.fit.fit_models`; the soil or the wheel is not known, or every run lacks a signal.
     """
-    from model.fit import fit_models
-
     runs = [run for _, run in processed]
     if problem := nothing_whole(runs):
         raise DataError(problem)
     first = one_terrain([run for run, _ in processed])
     soil = known_soil(soil_name, first.terrain)
     options = choices.options(soil, None if soil_name else first.terrain)
-    fit = fit_models(whole_runs(runs), wheel_of(first.vehicle, first.vehicle_source), soil, options)
+    given = (whole_runs(runs), wheel_of(first.vehicle, first.vehicle_source), soil, options)
+
+    def compute() -> CampaignFit:
+        from model.fit import fit_models
+
+        return fit_models(*given)
+
+    fit = kept("fit", given, compute)
     lacking = [(run.run.id, list(run.quality.missing)) for run in runs if run.quality.missing]
     if not lacking:
         return fit
@@ -179,9 +185,14 @@ def fit_table(
     ConfigError, DataError
         See `model.fit.fit.fit_observations`.
     """
-    from model.fit import fit_observations
+    given = (observations_of_table(table), wheel, soil, choices.options(soil, terrain))
 
-    fit = fit_observations(observations_of_table(table), wheel, soil, choices.options(soil, terrain))
+    def compute() -> CampaignFit:
+        from model.fit import fit_observations
+
+        return fit_observations(*given)
+
+    fit = kept("fit", given, compute)
     left_out = int(np.count_nonzero(table.slip <= 0))
     if not left_out:
         return fit

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -30,6 +30,7 @@ from wheelsoil.console import progress, say
 from wheelsoil.wording.notes import texts_of
 from wheelsoil.workflows.choice import Choice, RunInUse, runs_in_use
 from wheelsoil.workflows.fit import known_soil, load_terrain, wheel_of
+from wheelsoil.workflows.kept_runs import KeptRun, place_of
 
 
 @dataclass(frozen=True)
@@ -127,25 +128,34 @@ def process_runs(
 ) -> list[tuple[Run, ProcessedRun]]:
     """Process runs that are open; see `open_and_process`."""
 
-    def attempt(used: RunInUse) -> tuple[Run, ProcessedRun | WheelsoilError]:
+    def attempt(given: tuple[Run, KeptRun | None]) -> ProcessedRun | WheelsoilError:
         try:
-            return used.run, _process(used, options, zero, chosen.source)
+            return _process(*given, options, zero)
         except WheelsoilError as error:
-            return used.run, error
+            return error
+
+    def attempts() -> Iterator[ProcessedRun | WheelsoilError]:
+        places = [place_of(used.run, options, zero) for used in in_use]
+        kept = [place.get() if place else None for place in places]
+        rows = zip(in_use, places, kept, strict=True)
+        anew = in_parallel(attempt, [(used.run, place) for used, place, one in rows if one is None])
+        return (next(anew) if one is None else one for one in kept)
 
     collected = Collected()
     processed = []
     chosen = choice or Choice()
     in_use, unfit = runs_in_use(chosen, opened)
     collected.errors += [ConfigError(*unfit)] * bool(unfit)
-    found = progress(in_parallel(attempt, in_use), "processing", len(in_use))
-    for used, (run, one) in zip(in_use, found, strict=True):
+    found = progress(attempts(), "processing", len(in_use))
+    for used, one in zip(in_use, found, strict=True):
+        run = used.run
         for text in texts_of(used.warnings):
             say(f"run {run.id}: {text}")
         if isinstance(one, WheelsoilError):
             collected.errors.append(one)
         else:
-            processed.append((run, one))
+            with collected.catch():
+                processed.append((run, _as_chosen(used, one, chosen.source)))
         if run.recording and run.recording.loss:
             say(f"{run.path}: read without what is damaged: {'; '.join(map(str, run.recording.loss))}")
             if is_being_recorded(run.files[-1]):
@@ -156,23 +166,32 @@ def process_runs(
     return processed
 
 
-def _process(used: RunInUse, options: ProcessOptions, zero: Path | None, source: str) -> ProcessedRun:
-    """Process one run; the run then knows which of its chunks cannot be read."""
+def _process(run: Run, place: KeptRun | None, options: ProcessOptions, zero: Path | None) -> ProcessedRun:
+    """Process one run and keep it; the run then knows which of its chunks cannot be read."""
     from processing.pipeline import process_stream
     from wheelsoil.workflows.zero import zeros_for
 
-    run = used.run
     _check_vehicle(run)
     try:
         unsure = UncertainTimestamps()
         channels = run.channel_batches(watch=unsure.take)
         one = process_stream(channels, run.vehicle, run.info, options, zeros_for(run, zero))
-        gaps = [gap.note() for gap in run.recording.gaps] if run.recording else []
-        notes = (*used.warnings, *unsure.notes(), *gaps, *one.quality.notes)
-        one = replace(one, quality=replace(one.quality, notes=notes))
-        return one if used.keep is None else keep_only(one, used.keep, source)
     except (ConfigError, DataError) as error:
         raise _explained(run, error) from None
+    gaps = [gap.note() for gap in run.recording.gaps] if run.recording else []
+    one = replace(one, quality=replace(one.quality, notes=(*unsure.notes(), *gaps, *one.quality.notes)))
+    if place:
+        place.put(one)
+    return one
+
+
+def _as_chosen(used: RunInUse, one: ProcessedRun, source: str) -> ProcessedRun:
+    """Return a processed run with the warnings about its file, and the parts that are kept of it."""
+    one = replace(one, quality=replace(one.quality, notes=(*used.warnings, *one.quality.notes)))
+    try:
+        return one if used.keep is None else keep_only(one, used.keep, source)
+    except (ConfigError, DataError) as error:
+        raise _explained(used.run, error) from None
 
 
 def _check_vehicle(run: Run) -> None:

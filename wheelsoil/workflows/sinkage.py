@@ -24,6 +24,7 @@ from model.sinkage_from_forces import (
     sinkage_from_forces,
 )
 from processing import ProcessedRun
+from wheelsoil.cache.store import kept
 from wheelsoil.wording.notes import note_text
 
 SCHEMA = "wheelsoil/sinkage/1"
@@ -134,8 +135,12 @@ def sinkage_of_table(table: WheelTable, wheel: WheelSection) -> SinkageFacts:
 
 
 def _facts(source: str, cells: ForceCells, rows: BoundRows, notes: tuple[str, ...]) -> SinkageFacts:
-    found = sinkage_from_forces(cells, np.random.default_rng(_SEED))
-    return SinkageFacts(source, cells.radius_m, found.bins(), found.growth(), len(rows), inconsistent(rows), notes)
+    def compute() -> tuple[list[SlipBin], Growth]:
+        found = sinkage_from_forces(cells, np.random.default_rng(_SEED))
+        return found.bins(), found.growth()
+
+    bins, growth = kept("sinkage", (cells, _SEED), compute)
+    return SinkageFacts(source, cells.radius_m, bins, growth, len(rows), inconsistent(rows), notes)
 
 
 def _lugged(wheel: WheelSection | None) -> bool:

@@ -6,18 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from daq import OUTPUTS, BoolArray, FloatArray
+from daq import OUTPUTS, FloatArray
 from wheelsoil.report.content import Contents, Figure, Panels, section
 from wheelsoil.report.figures import (
     ALL_RUNS,
     EDGES,
     GREY_BAND,
     MEASURED,
+    Binning,
     Bins,
     Trace,
     axes,
     band,
-    binned,
     density,
     dotted_line,
     line,
@@ -80,59 +80,43 @@ def _curves(material: ReportInputs, channel: str, key: str, axis: str, reading: 
             continue
         data: list[Trace] = []
         groups: list[str] = []
+        medians: list[FloatArray] = []
         for choice, chosen in choices.items():
-            traces = _traces(pool.slip, measured, predicted, sigmas, chosen & inside, ends)
+            rows = chosen & inside
+            bins = Binning(pool.slip[rows], EDGES)
+            curves = {name: bins.of(values[rows]) for name, values in predicted.items()}
+            medians += [curve.median for curve in curves.values()]
+            traces = _of_measured(pool.slip[rows], measured[rows], bins, ends)
+            for name, curve in curves.items():
+                traces += _of_model(name, curve, bins.of(sigmas[name][rows], least=1))
             data += traces
             groups += [choice] * len(traces)
         layout = axes("slip", axis, height=430)
         visible = ends if half == "driving" else (float(np.percentile(pool.slip[inside], 0.5)), 0.0)
         set_axis_range(layout, "x", np.array(visible), margin=0.02)
-        set_axis_range(layout, "y", measured[inside], also=_medians(pool.slip, predicted, choices, inside))
+        set_axis_range(layout, "y", measured[inside], also=np.concatenate(medians))
         figures.append(Figure(f"{key}-{half}", half.capitalize(), data, layout, groups))
     errors, numbers = _errors(material, key, axis, measured, predicted)
     lacking = f" Not included because a signal is missing: {material.not_fitted}." if material.not_fitted else ""
     return [Panels(figures, f"{reading}{lacking}", list(choices)), Panels([errors], of_errors)], numbers
 
 
-def _medians(
-    slip: FloatArray,
-    predicted: dict[str, FloatArray],
-    choices: dict[str, BoolArray],
-    inside: BoolArray,
-) -> FloatArray:
-    """Return the points of every model's line for every choice of runs."""
-    rows = [chosen & inside for chosen in choices.values()]
-    return np.concatenate(
-        [binned(slip[keep], values[keep], EDGES).median for values in predicted.values() for keep in rows]
-    )
-
-
-def _traces(
-    slip: FloatArray,
-    measured: FloatArray,
-    predicted: dict[str, FloatArray],
-    sigmas: dict[str, FloatArray],
-    rows: BoolArray,
-    ends: tuple[float, float],
-) -> list[Trace]:
-    """Return the traces of one choice of runs."""
-    s, y = slip[rows], measured[rows]
-    curve = binned(s, y, EDGES)
-    traces = [
-        *density(s, y, ends, "samples"),
+def _of_measured(slip: FloatArray, measured: FloatArray, bins: Binning, ends: tuple[float, float]) -> list[Trace]:
+    """Return the traces of what one choice of runs measured."""
+    curve = bins.of(measured)
+    return [
+        *density(slip, measured, ends, "samples"),
         *band(curve.centre, curve.lower, curve.upper, "middle half", GREY_BAND),
         line(curve.centre, curve.median, "measured", MEASURED, "solid", 2.4),
     ]
-    for name, values in predicted.items():
-        traces += _of_model(name, s, values[rows], sigmas[name][rows])
-    return traces
 
 
-def _of_model(name: str, slip: FloatArray, values: FloatArray, sigma: FloatArray) -> list[Trace]:
+def _of_model(name: str, median: Bins, sigma: Bins) -> list[Trace]:
     """Return a model's median in bins of slip, and the 95 % band of its coefficients if known."""
-    model_style, median = style(name), binned(slip, values, EDGES)
+    model_style = style(name)
     drawn = marked_line(median.centre, median.median, model_style.label, model_style) | {"legendgroup": name}
-    half = _SIGMAS * _binned_sigma(median, slip, sigma)
+    known = dict(zip(sigma.centre.tolist(), sigma.median.tolist(), strict=True))
+    half = _SIGMAS * np.array([known.get(centre, np.nan) for centre in median.centre.tolist()])
     if not np.isfinite(half).any():
         return [drawn]
     edges = band(
@@ -142,28 +126,21 @@ def _of_model(name: str, slip: FloatArray, values: FloatArray, sigma: FloatArray
     return [*hidden, drawn]
 
 
-def _binned_sigma(curve: Bins, slip: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Return the median sigma in each bin of a curve, shape (bins,), NaN if unknown."""
-    found = binned(slip, sigma, EDGES, least=1)
-    known = dict(zip(found.centre.tolist(), found.median.tolist(), strict=True))
-    return np.array([known.get(centre, np.nan) for centre in curve.centre.tolist()])
-
-
 def _errors(
     material: ReportInputs, key: str, axis: str, measured: FloatArray, predicted: dict[str, FloatArray]
 ) -> tuple[Figure, dict[str, Any]]:
     """Return the figure of predicted - measured, and the numbers of the curves."""
-    slip = material.pool.slip
-    numbers: dict[str, Any] = {"measured": binned(slip, measured, EDGES)}
+    bins = Binning(material.pool.slip, EDGES)
+    numbers: dict[str, Any] = {"measured": bins.of(measured)}
     traces: list[Trace] = []
     medians: list[FloatArray] = []
     for name, values in predicted.items():
-        error = binned(slip, values - measured, EDGES)
+        error = bins.of(values - measured)
         driven = error.centre > 0
         model_style = style(name)
         traces.append(marked_line(error.centre[driven], error.median[driven], model_style.label, model_style))
         medians.append(error.median[driven])
-        numbers[name] = {"predicted": binned(slip, values, EDGES), "error": error}
+        numbers[name] = {"predicted": bins.of(values), "error": error}
     unit = axis[axis.index("(") :]
     layout = axes("slip", f"predicted − measured {unit}", height=340)
     set_axis_range(layout, "x", np.array([0.0, 1.0]), margin=0.02)
