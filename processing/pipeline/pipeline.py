@@ -44,6 +44,7 @@ from processing.pipeline.resampling import (
     put_on_base,
     received_span_ns,
 )
+from processing.pipeline.rut import with_ruts
 from processing.pipeline.wheel_frames import at_soil, to_vehicle_axes
 from processing.processed_run import ProcessedRun
 from processing.timebase import make_time_base
@@ -191,7 +192,7 @@ def process_stream(
     latitude, longitude = _position(samples, base)
     notes += lowered + gate.notes() + removal.notes()
     filtered = FilteredRun(*base, cutoff_hz, roles, latitude, longitude, clock, tuple(notes), missing)
-    processed = assemble(filtered, wheel.radius_m, run or RunInfo(), options)
+    processed = with_ruts(assemble(filtered, wheel.radius_m, run or RunInfo(), options))
     quality = replace(processed.quality, zeros=removal.applied(), transducer_status=gate.words)
     return replace(processed, quality=quality)
 
