@@ -26,6 +26,7 @@ from .config import HealthSection as HealthSection
 from .config import LoggerSection as LoggerSection
 from .config import RunInfo as RunInfo
 from .config import RunsConfig as RunsConfig
+from .config import RutReading as RutReading
 from .config import SensorSection as SensorSection
 from .config import SoilSection as SoilSection
 from .config import TerrainConfig as TerrainConfig

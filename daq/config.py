@@ -14,8 +14,10 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    SerializerFunctionWrapHandler,
     ValidationError,
     field_validator,
+    model_serializer,
     model_validator,
 )
 
@@ -204,6 +206,26 @@ class TerrainConfig(_Section):
     uncertainty: UncertaintySection | None = None
 
 
+class RutReading(_Section):
+    """``[[run.rut]]``: the depth of the rut that the run left, by a ruler, at a time, a distance or a position."""
+
+    depth_m: NonNegative
+    sigma_m: Positive
+    time_s: NonNegative | None = None
+    distance_m: NonNegative | None = None
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
+    after_pass: Annotated[int, Field(ge=1)] | None = None
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        if (self.latitude_deg is None) != (self.longitude_deg is None):
+            raise ValueError("latitude_deg and longitude_deg go together")
+        if sum(x is not None for x in (self.time_s, self.distance_m, self.latitude_deg)) != 1:
+            raise ValueError("give one place: time_s, distance_m, or latitude_deg and longitude_deg")
+        return self
+
+
 class RunInfo(_Section):
     """``[[run]]``: what is known of one run besides its frames."""
 
@@ -213,6 +235,11 @@ class RunInfo(_Section):
     pass_number: Annotated[int, Field(ge=1)] = 1
     added_load_kg: Finite = 0.0
     inflation_kpa: Positive | None = None
+    rut: tuple[RutReading, ...] = ()
+
+    @model_serializer(mode="wrap")
+    def _without_empty_rut(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {key: value for key, value in dump(self).items() if key != "rut" or value}
 
 
 class RunsConfig(_Section):

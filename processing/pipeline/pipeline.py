@@ -44,6 +44,7 @@ from processing.pipeline.resampling import (
     put_on_base,
     received_span_ns,
 )
+from processing.pipeline.rut import with_ruts
 from processing.pipeline.wheel_frames import at_soil, to_vehicle_axes
 from processing.processed_run import ProcessedRun
 from processing.timebase import make_time_base
@@ -193,7 +194,7 @@ def process_stream(
     notes += lowered + gate.notes() + removal.notes()
     filtered = FilteredRun(*base, cutoff_hz, roles, latitude, longitude, brake, clock, tuple(notes), missing)
     brakes = vehicle.vehicle.standstill_brakes
-    processed = assemble(filtered, wheel, run or RunInfo(), options, brakes)
+    processed = with_ruts(assemble(filtered, wheel, run or RunInfo(), options, brakes))
     quality = replace(processed.quality, zeros=removal.applied(), transducer_status=gate.words)
     return replace(processed, quality=quality)
 

@@ -334,8 +334,7 @@ def simulate_campaign(
 
 def runs_toml(infos: list[RunInfo]) -> bytes:
     """Return runs.toml, one ``[[run]]`` table each."""
-    tables = (tomli_w.dumps(info.model_dump(mode="json", exclude_none=True)) for info in infos)
-    return "\n".join(f"[[run]]\n{table}" for table in tables).encode()
+    return tomli_w.dumps({"run": [info.model_dump(mode="json", exclude_none=True) for info in infos]}).encode()
 
 
 def to_toml(config: BaseModel) -> bytes:

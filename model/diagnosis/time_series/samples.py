@@ -362,6 +362,8 @@ def _blocks(
     }
     found = {name: np.asarray(x)[rows].mean(axis=1) for name, x in of_run.items()}
     info = run.run
+    if info.rut:
+        found["sinkage_m"] = _of_known(run.sinkage_m[rows])
     for name, value in (
         ("direction", -1.0 if info.direction == "back" else 1.0),
         ("pass_number", float(info.pass_number)),
@@ -374,6 +376,13 @@ def _blocks(
     found["slip"] = slip_of(run.wheel_radius_m * found["wheel_speed_radps"], found["ground_speed_mps"], 0.0)
     keep = _kept(run, found, left_out)
     return {name: x[..., keep] for name, x in found.items()}
+
+
+def _of_known(x: FloatArray) -> FloatArray:
+    """Return the mean of what is known in each row; NaN where nothing is."""
+    known = np.isfinite(x)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.where(known, x, 0.0).sum(axis=1) / known.sum(axis=1))
 
 
 def _calmed(x: FloatArray, sigma: float) -> FloatArray:
