@@ -39,7 +39,8 @@ def sentences_of(found: Diagnosis) -> list[str]:
     if grounds.undecided is not None:
         return _undecided(grounds.undecided)
     said = _of_table(found) if grounds.table_channels else _of_runs(found)
-    said = [*laboratory_words(found.soils), *said, *prior_words(found)]
+    before_next = next((i for i, one in enumerate(said) if one.startswith("Next: ")), len(said))
+    said = [*laboratory_words(found.soils), *said[:before_next], *prior_words(found), *said[before_next:]]
     cautions = _sentences([note_text(note) for note in grounds.cautions])
     return [*cautions, *said] if found.verdict == "unexplained" else [*said, *cautions]
 
