@@ -129,8 +129,19 @@ def one_terrain(runs: Sequence[Run]) -> Run:
     return first
 
 
-def fit_runs(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices, soil_name: str | None) -> CampaignFit:
+def fit_runs(
+    processed: Sequence[tuple[Run, ProcessedRun]],
+    choices: FitChoices,
+    soil_name: str | None,
+    *,
+    keep_predictions: bool = False,
+) -> CampaignFit:
     """Fit the four models to processed runs of one terrain; a note names those that lack a signal and are left out.
+
+    Parameters
+    ----------
+    keep_predictions : bool
+        See `model.fit.fit.fit_models`; a report needs them.
 
     Raises
     ------
@@ -148,9 +159,9 @@ def fit_runs(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices,
     def compute() -> CampaignFit:
         from model.fit import fit_models
 
-        return fit_models(*given)
+        return fit_models(*given, keep_predictions=keep_predictions)
 
-    fit = kept("fit", given, compute)
+    fit = kept("fit", (*given, keep_predictions), compute)
     lacking = [(run.run.id, list(run.quality.missing)) for run in runs if run.quality.missing]
     if not lacking:
         return fit
