@@ -110,7 +110,7 @@ def check_enough(driven: Observations, lost: int, options: FitOptions) -> None:
             "too few driven samples to fit",
             found=found,
             expected=f"at least {needed}",
-            next_step="check wheel, soil and units" if lost else "see `wheelsoil process` for why samples are left out",
+            next_step="check wheel, soil and units" if lost else "see `wheelsoil process` for why samples are excluded",
         )
     )
 

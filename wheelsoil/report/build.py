@@ -207,7 +207,7 @@ def build_report(material: ReportInputs) -> Report:
             _log.debug("section %s", key, exc_info=True)
             left_out[key] = f"a fault in this section ({type(error).__name__}: {error}); please report it"
         if key in left_out:
-            section = Section(key, builder.title, [Text(f"Left out: {left_out[key]}.", "missing")])
+            section = Section(key, builder.title, [Text(f"Omitted: {left_out[key]}.", "missing")])
         sections.append(section)
     terrain = material.terrain or "unknown terrain"
     return Report(

@@ -156,7 +156,7 @@ def _not_driven(runs: Sequence[ProcessedRun]) -> Fault:
         ", ".join(run.run.id or "run" for run in runs),
         found,
         f"slips above {LEAST_SLIP:g}",
-        "record a run that accelerates; `wheelsoil process RUN` says why samples are left out",
+        "record a run that accelerates; `wheelsoil process RUN` says why samples are excluded",
     )
 
 

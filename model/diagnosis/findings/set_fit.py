@@ -355,7 +355,7 @@ def soils_of(fit: SetFit, linearised: LinearisedCampaign, spread: Spread | None 
 
     Parameters
     ----------
-    fit, look, spread
+    fit, linearised, spread
         As for `parameters_of`.
     """
     spread = spread or spread_of(fit.problem, fit.estimate, linearised, fit.keys)
