@@ -28,12 +28,13 @@ _PAGE_PORT = 8100
 _SIGNAL_EXIT = 128
 _LONGEST_ID_BYTES = 200
 _SHOWN = 40
+_VehicleFile = Annotated[
+    Path, typer.Argument(metavar="VEHICLE.toml", help="Names the buses, their interfaces and DBCs.")
+]
 
 
 def doctor_command(
-    vehicle: Annotated[
-        Path, typer.Argument(metavar="VEHICLE.toml", help="Names the buses, their interfaces and DBCs.")
-    ],
+    vehicle: _VehicleFile,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="DIR", readable=False, help="Folder for the recordings.")
     ] = Path(),
@@ -74,9 +75,7 @@ def _print(lines: list[Line]) -> None:
 
 
 def log_command(
-    vehicle: Annotated[
-        Path, typer.Argument(metavar="VEHICLE.toml", help="Names the buses, their interfaces and DBCs.")
-    ],
+    vehicle: _VehicleFile,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="PATH", help="Folder for the recordings, or a name (*.mcap).")
     ] = Path(),
@@ -93,16 +92,11 @@ def log_command(
     lenient_dbc: options.LenientDbc = False,
     view: Annotated[bool, typer.Option(help="Write decoded topics beside the raw frames.")] = True,
     page: Annotated[bool, typer.Option(help="Show a status page.")] = True,
-    page_host: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Address of the page; other than loopback it requires a token.")
-    ] = "127.0.0.1",
+    page_host: options.PageHost = "127.0.0.1",
     page_port: Annotated[
         int | None, typer.Option(min=0, max=65535, metavar="N", help=f"Its port (default: {_PAGE_PORT}).")
     ] = None,
-    page_token_file: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help=f"File with its token (or: environment {options.TOKEN_VARIABLE})."),
-    ] = None,
+    page_token_file: options.TokenFile = None,
     json: options.Json = False,
 ) -> None:
     """Record the vehicle's buses until the time is up or Ctrl-C; the recording is closed in either case.

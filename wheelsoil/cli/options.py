@@ -28,6 +28,13 @@ Runs = Annotated[
         metavar="RUN...", readable=False, help="Recordings, logs or campaign folders."
     ),  # daq.runs.open reports it
 ]
+RunsIfAny = Annotated[list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")]
+TableFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--table", metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, torque, sinkage."
+    ),
+]
 Vehicle = Annotated[
     Path | None, typer.Option("--vehicle", metavar="FILE", help="vehicle.toml; overrides what a run carries.")
 ]
@@ -105,6 +112,9 @@ TOKEN_VARIABLE = "WHEELSOIL_PAGE_TOKEN"
 TokenFile = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help=f"File with the page's token (or: environment {TOKEN_VARIABLE})."),
+]
+PageHost = Annotated[
+    str, typer.Option(metavar="ADDRESS", help="Address of the page; other than loopback it requires a token.")
 ]
 
 

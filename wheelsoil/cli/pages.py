@@ -127,9 +127,7 @@ def view_command(
     zero: options.ZeroFile = None,
     soil: options.SoilPreset = None,
     lenient_dbc: options.LenientDbc = False,
-    host: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Address of the page; other than loopback it requires a token.")
-    ] = "127.0.0.1",
+    host: options.PageHost = "127.0.0.1",
     port: Annotated[
         int | None, typer.Option(min=0, max=65535, metavar="N", help="Its port (default: 8200, or the next free one).")
     ] = None,

@@ -102,12 +102,8 @@ def _blocks(processed: list[ProcessedRun], names: Iterable[str]) -> Iterator[dic
 
 
 def fit_command(
-    runs: Annotated[
-        list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")
-    ] = None,
-    table: Annotated[
-        Path | None, typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, ...")
-    ] = None,
+    runs: options.RunsIfAny = None,
+    table: options.TableFile = None,
     rename: options.Rename = None,
     where: options.Where = None,
     vehicle: options.Vehicle = None,
@@ -211,13 +207,8 @@ def _print_sinkages(comparison: dict[str, Any]) -> None:
 
 
 def sinkage_command(
-    runs: Annotated[
-        list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")
-    ] = None,
-    table: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, torque."),
-    ] = None,
+    runs: options.RunsIfAny = None,
+    table: options.TableFile = None,
     rename: options.Rename = None,
     where: options.Where = None,
     vehicle: options.Vehicle = None,
