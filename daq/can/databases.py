@@ -238,7 +238,7 @@ def shipped_dbc(name: str) -> Path:
     path = folder / name
     if not path.is_file():
         known = nearest(name, (p.name for p in folder.glob("*.dbc")))
-        raise DatabaseError(Fault(f"no DBC called {name!r} ships with wheelsoil", str(folder), expected=known))
+        raise DatabaseError.of(f"no DBC called {name!r} ships with wheelsoil", folder, expected=known)
     return path
 
 
@@ -247,9 +247,9 @@ def _read(path: Path) -> bytes:
         return path.read_bytes()
     except FileNotFoundError:
         known = nearest(path.name, (p.name for p in path.parent.glob("*.dbc"))) if path.parent.is_dir() else ""
-        raise DatabaseError(Fault("no such DBC file", str(path), expected=known, next_step="check the path")) from None
+        raise DatabaseError.of("no such DBC file", path, expected=known, next_step="check the path") from None
     except OSError as error:
-        raise DatabaseError(Fault("the DBC file cannot be read", str(path), str(error))) from None
+        raise DatabaseError.of("the DBC file cannot be read", path, str(error)) from None
 
 
 def _parse(text: str, *, strict: bool) -> tuple[Any, str]:
@@ -270,7 +270,7 @@ def _parse_strict(text: str, where: str) -> Any:
         return parsed
     bad = bad_lines(text, complaint)
     if not bad:
-        raise DatabaseError(Fault("cantools cannot load this DBC", where, complaint, next_step="correct the file"))
+        raise DatabaseError.of("cantools cannot load this DBC", where, complaint, next_step="correct the file")
     texts = [(f"cantools refuses this DBC: {line.why}", f"line {line.number}: {line.text.strip()}") for line in bad]
     raise DatabaseError(*(Fault(what, where, found, "", LENIENT_HINT) for what, found in texts))
 
@@ -285,13 +285,13 @@ def _parse_lenient(text: str, where: str) -> tuple[Any, list[str]]:
         bad = bad_lines(text, complaint)
         if not bad:
             what = "cantools cannot load this DBC, not even leniently"
-            raise DatabaseError(Fault(what, where, complaint, next_step="correct the file"))
+            raise DatabaseError.of(what, where, complaint, next_step="correct the file")
         left_out += bad
         text = without(text, bad)
         parsed, complaint = _parse(text, strict=False)
     if parsed is None or (left_out and not parsed.messages):
         what = f"{len(left_out)} faults, the first: {left_out[0]}" if left_out else "an empty file"
-        raise DatabaseError(Fault("nothing is left of this DBC", where, what))
+        raise DatabaseError.of("nothing is left of this DBC", where, what)
     notes = [f"excluded {line}" for line in sorted(left_out, key=lambda line: line.number)]
     return parsed, notes + _let_pass(parsed)
 

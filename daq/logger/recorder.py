@@ -298,8 +298,7 @@ class Recorder:
             try:
                 make_folder(folder)
             except OSError as error:
-                what = error.strerror or str(error)
-                raise RecordingError(Fault("the folder cannot be made", str(folder), what)) from None
+                raise RecordingError.of("the folder cannot be made", folder, error.strerror or str(error)) from None
             run = new_run(folder, self._base.model_copy(update={"id": ""}), options.vehicle)
             metadata[BETWEEN_KEY] = "yes"
         return PartWriter(

@@ -15,7 +15,7 @@ from typing import Generic, Literal, Protocol, TypeVar, get_args
 import numpy as np
 from mcap.opcode import Opcode
 
-from daq.errors import DataError, Fault
+from daq.errors import DataError
 from daq.recording.chunks import MESSAGE_HEAD_SIZE, ChunkEntry, DamagedError, content_records, message_head, read_chunk
 from daq.recording.contents import Contents, unreadable
 from daq.recording.format import (
@@ -159,7 +159,7 @@ def encode_diagnostics(time_ns: int, statuses: Sequence[DiagnosticStatus]) -> by
     message.uint32(len(statuses))
     for status in statuses:
         if status.level not in range(4):
-            raise DataError(Fault(f"{status.name}: level {status.level}", expected="0 to 3"))
+            raise DataError.of(f"{status.name}: level {status.level}", expected="0 to 3")
         message.uint8(status.level)
         message.text(status.name)
         message.text(status.message)

@@ -106,8 +106,7 @@ def parts_on_disk(first: Path) -> dict[int, Path]:
     except FileNotFoundError:
         return {}
     except OSError as error:
-        what = error.strerror or str(error)
-        raise RecordingError(Fault("the folder cannot be read", str(first.parent), what)) from None
+        raise RecordingError.of("the folder cannot be read", first.parent, error.strerror or str(error)) from None
     numbered = {part_number(path)[1]: path for path in found if part_number(path)[0] == first}
     return dict(sorted(numbered.items()))
 
@@ -179,7 +178,7 @@ class PartWriter:
         self.first_path = Path(path)
         if part_number(self.first_path)[1] > 1:
             what = "a run cannot be called as a part of another run is"
-            raise RecordingError(Fault(what, str(path), next_step='leave ".part" and the number out of its name'))
+            raise RecordingError.of(what, path, next_step='leave ".part" and the number out of its name')
         self._run = run
         self._attachments = dict(attachments or {})
         self._metadata = {**(metadata or {}), "session": session_id}

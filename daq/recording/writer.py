@@ -16,7 +16,7 @@ import numpy as np
 
 from daq.can.frames import FrameArray, FrameBatch, as_bytes, joined
 from daq.config import RunInfo
-from daq.errors import DataError, Fault
+from daq.errors import DataError
 from daq.recording.chunks import Compression
 from daq.recording.decoded_topics import DecodedTopics
 from daq.recording.events import HostTopics
@@ -68,7 +68,7 @@ class RawTopics:
         bus = batch.frames["bus"]
         highest = int(bus.max(initial=0))
         if highest >= len(batch.buses) and len(batch):
-            raise DataError(Fault(f"a frame is of bus {highest}", found=f"{len(batch.buses)} buses in the batch"))
+            raise DataError.of(f"a frame is of bus {highest}", found=f"{len(batch.buses)} buses in the batch")
         for name in batch.buses:
             self._stream(name, batch.is_fd)
         size = batch.frames.dtype.itemsize

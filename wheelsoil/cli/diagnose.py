@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq import ConfigError, Fault
+from daq import ConfigError
 from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, say, terminal_width
 
@@ -88,7 +88,7 @@ def diagnose_command(
     paths = runs or []
     if plan:
         if table or zero or choice:
-            raise ConfigError(Fault("--plan reads no measurement", next_step="omit --table, --zero and --choice"))
+            raise ConfigError.of("--plan reads no measurement", next_step="omit --table, --zero and --choice")
         target = check_output(output, force=force) if output else None
         found = plan_campaigns(paths, files, settings, run_count=planned_runs, duration_s=planned_duration)
         _print_plan(found, target, json=json)

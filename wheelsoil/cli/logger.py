@@ -117,7 +117,7 @@ def log_command(
     _check_run_id(run_id)
     if wait and out.suffix.lower() == ".mcap":
         step = "give a folder with --out, and the run's name on the page or with --run-id"
-        raise ConfigError(Fault("--wait begins between runs, where no file is named", str(out), next_step=step))
+        raise ConfigError.of("--wait begins between runs, where no file is named", out, next_step=step)
     info = options.run_info("", run_id or "", direction, pass_number, added_load, inflation)
     token = options.page_token(page_token_file)
     zero_file = known.vehicle.transducer.zero_file
@@ -161,7 +161,7 @@ def _check_run_id(run_id: str | None) -> None:
     else:
         return
     shown = ascii(run_id if len(run_id) < _SHOWN else f"{run_id[:_SHOWN]}...")
-    raise ConfigError(Fault(what, found=shown, expected=expected, next_step="choose another name"))
+    raise ConfigError.of(what, found=shown, expected=expected, next_step="choose another name")
 
 
 def _detach_from_terminal() -> None:

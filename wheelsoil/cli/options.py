@@ -130,7 +130,7 @@ def configuration(
     """
     files = list(dbc)
     if vehicle and files:
-        raise ConfigError(Fault("--dbc and --vehicle exclude each other", next_step="name the DBCs in vehicle.toml"))
+        raise ConfigError.of("--dbc and --vehicle exclude each other", next_step="name the DBCs in vehicle.toml")
     collected = Collected()
     known = Configuration()
     with collected.catch():
@@ -298,11 +298,9 @@ def page_token(file: Path | None) -> str | None:
     try:
         text = file.read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(Fault("the token cannot be read", str(file), str(error))) from None
+        raise ConfigError.of("the token cannot be read", file, str(error)) from None
     if not text:
-        raise ConfigError(
-            Fault("the file contains no token", str(file), next_step="write the token into it as one line")
-        )
+        raise ConfigError.of("the file contains no token", file, next_step="write the token into it as one line")
     return text
 
 
@@ -325,9 +323,9 @@ def refuse_two_sources(
     """
     if table is not None and (runs or choice):
         other = "RUN" if runs else "--choice"
-        raise ConfigError(Fault(f"{other} and --table exclude each other", next_step=f"{verb} one, then the other"))
+        raise ConfigError.of(f"{other} and --table exclude each other", next_step=f"{verb} one, then the other")
     if table is None and columns:
-        raise ConfigError(Fault("--rename and --where choose from a table", next_step="give --table FILE.csv"))
+        raise ConfigError.of("--rename and --where choose from a table", next_step="give --table FILE.csv")
 
 
 def processed_for(purpose: str, runs: Sequence[Path], files: Files, choice: Choice) -> list[tuple[Run, ProcessedRun]]:

@@ -102,12 +102,10 @@ def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[P
     suffix = output.suffix.lower() if output else ""
     pdf = form is Format.PDF or (form is None and suffix == ".pdf")
     if output and ((pdf and suffix != ".pdf") or (not pdf and suffix == ".pdf")):
-        raise ConfigError(
-            Fault(
-                f"--format {'pdf' if pdf else 'html'} contradicts the output's name",
-                str(output),
-                next_step=f"call it {output.with_suffix('.pdf' if pdf else '.html').name}, or omit --format",
-            )
+        raise ConfigError.of(
+            f"--format {'pdf' if pdf else 'html'} contradicts the output's name",
+            output,
+            next_step=f"call it {output.with_suffix('.pdf' if pdf else '.html').name}, or omit --format",
         )
     if suffix == ".json":
         fault = Fault(

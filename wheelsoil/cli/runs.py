@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from daq import REACTIONS, ConfigError, Fault, number
+from daq import REACTIONS, ConfigError, number
 from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, print_pairs, print_table, say, say_folded
 
@@ -252,7 +252,7 @@ def _sinkage_of_table(
     collected = Collected()
     with collected.catch():
         if vehicle is None:
-            raise ConfigError(Fault("the wheel is not known", next_step="give --vehicle FILE with [wheel] radius_m"))
+            raise ConfigError.of("the wheel is not known", next_step="give --vehicle FILE with [wheel] radius_m")
         described = load_toml(vehicle, VehicleConfig)
         wheel_of(described, str(vehicle))
     with collected.catch():

@@ -54,7 +54,7 @@ class FitChoices:
         """
         threshold = self.slip_threshold
         if threshold is not None and not 0 <= threshold < 1:
-            raise ConfigError(Fault("--slip-threshold is no slip", found=f"{threshold:g}", expected="0 to 1"))
+            raise ConfigError.of("--slip-threshold is no slip", found=f"{threshold:g}", expected="0 to 1")
         prior = prior_of(soil, terrain) if self.soil_prior else None
         return FitOptions(self.reading, self.channels, prior, threshold, extended=self.extended, chosen=self.effects)
 
@@ -89,15 +89,13 @@ def known_soil(name: str | None, terrain: TerrainConfig | None) -> Soil:
     """
     if name is not None:
         if name not in SOILS:
-            raise ConfigError(Fault(f"no soil is called {name!r}", expected=presets_near(name)))
+            raise ConfigError.of(f"no soil is called {name!r}", expected=presets_near(name))
         return SOILS[name]
     if terrain is None:
-        raise ConfigError(
-            Fault(
-                "the soil is not known",
-                expected="terrain.toml in the campaign folder or the recording",
-                next_step="give --terrain FILE (`wheelsoil soil` makes one of plate and shear tests), or --soil PRESET",
-            )
+        raise ConfigError.of(
+            "the soil is not known",
+            expected="terrain.toml in the campaign folder or the recording",
+            next_step="give --terrain FILE (`wheelsoil soil` makes one of plate and shear tests), or --soil PRESET",
         )
     return soil_from_terrain(terrain)
 
@@ -117,13 +115,11 @@ def one_terrain(runs: Sequence[Run]) -> Run:
     ):
         others = [run.id for run, kind in zip(runs, kinds, strict=True) if kind != kinds[0]]
         if others:
-            raise ConfigError(
-                Fault(
-                    f"the runs are of different {what}",
-                    found=f"{', '.join(others)} differ from {first.id}",
-                    expected="runs of one terrain and one wheel",
-                    next_step="fit each terrain by itself, or give --terrain and --vehicle for all",
-                )
+            raise ConfigError.of(
+                f"the runs are of different {what}",
+                found=f"{', '.join(others)} differ from {first.id}",
+                expected="runs of one terrain and one wheel",
+                next_step="fit each terrain by itself, or give --terrain and --vehicle for all",
             )
     return first
 
