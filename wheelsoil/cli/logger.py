@@ -221,10 +221,10 @@ def _page(
     if not wanted:
         yield None, ()
         return
-    from wheelsoil.live import open_page
+    from wheelsoil.live import PagePanel
 
     try:
-        panel = open_page(host, _PAGE_PORT if port is None else port, token, vehicle)
+        panel = PagePanel(host, _PAGE_PORT if port is None else port, token, vehicle)
     except HardwareError as error:
         if port is not None:
             raise

@@ -226,12 +226,13 @@ def fit_as_json(fit: CampaignFit) -> dict[str, Any]:
         "confidence": fit.options.confidence,
         "slip_threshold": fit.slip_threshold,
         "notes": fit.notes,
-        "models": {model.name: _model_as_json(model) for model in fit.models},
+        "models": {model.name: model_as_json(model) for model in fit.models},
         "extended": fit.options.extended.to_mapping() if fit.options.extended else None,
     }
 
 
-def _model_as_json(model: ModelFit) -> dict[str, Any]:
+def model_as_json(model: ModelFit) -> dict[str, Any]:
+    """Return the fit of one model as mappings."""
     return {
         "estimates": {estimate.name: estimate for estimate in model.estimates},
         "effects": model.effects,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import OUTPUTS, FloatArray
-from model.diagnosis import Diagnosis, Gain, PlotData, Scores
+from model.diagnosis import Diagnosis, Gain, PlotData
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import (
     EDGES,
@@ -29,7 +29,7 @@ from wheelsoil.report.figures import (
 )
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, interval, listed, number, signed
-from wheelsoil.wording.diagnosis_text import NO_GAIN, nothing_chosen, reduction
+from wheelsoil.wording.diagnosis_text import NO_GAIN, nothing_chosen, reduction, score_rows
 from wheelsoil.wording.names import effect_name
 
 _MEMBERS = 4
@@ -234,25 +234,8 @@ def _gain_sentence(gain: Gain) -> str:
 
 
 def _gain_table(gain: Gain) -> Table:
-    rows = [
-        _gain_row(channel, which, scores[channel], first=i == 0)
-        for i, channel in enumerate(gain.base)
-        for which, scores in (("base", gain.base), ("extended", gain.extended))
-        if channel in scores
-    ]
     head = ["model", "R₀", "unit", "M₀ (%)", "R²", "log likelihood of a run"]
-    return Table("On held-out runs", head, rows, _GAIN_NOTE)
-
-
-def _gain_row(channel: str, which: str, scores: Scores, *, first: bool) -> list[str]:
-    return [
-        f"{OUTPUTS[channel].name}, {which}",
-        number(scores.R0, 4),
-        OUTPUTS[channel].unit_text,
-        number(scores.M0_percent),
-        number(scores.R2, 4),
-        number(scores.log_likelihood, 5) if first else "",  # of the run, all its channels together
-    ]
+    return Table("On held-out runs", head, score_rows(gain, number), _GAIN_NOTE)
 
 
 def _gain_figure(gain: Gain) -> Figure:
