@@ -346,9 +346,7 @@ def _toml_mapping(text: str, where: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(
-            Fault("not valid TOML", where, str(error), next_step="correct the line named above")
-        ) from None
+        raise ConfigError.of("not valid TOML", where, str(error), next_step="correct the line named above") from None
 
 
 def parse_mapping(raw: Mapping[str, Any], kind: type[ConfigT], where: str) -> ConfigT:
@@ -375,9 +373,9 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise ConfigError(Fault("no such file", str(path), next_step="check the path")) from None
+        raise ConfigError.of("no such file", path, next_step="check the path") from None
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(Fault("the file cannot be read", str(path), str(error))) from None
+        raise ConfigError.of("the file cannot be read", path, str(error)) from None
     return _toml_mapping(text, str(path))
 
 

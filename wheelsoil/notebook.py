@@ -75,7 +75,7 @@ def diagnosis_html(found: Diagnosis) -> str:
         shown.append(html_table(["channel", "where", "by", "sigmas"], wrong, left=2, caption=caption))
     if found.gain is not None:
         rows = _gain_rows(found.gain)
-        head = ["on runs left out", "R0 base", "R0 extended", "unit"]
+        head = ["on held-out runs", "R0 base", "R0 extended", "unit"]
         shown.append(html_table(head, rows, caption=f"gain: {number(found.gain.log_likelihood_gain, 4)} nats"))
     if found.next_run:
         runs = [[run.change, number(run.expected_log_bayes_factor, 3)] for run in found.next_run]

@@ -174,7 +174,7 @@ def _shear_test(table: Table, name: str) -> ShearTest:
     _refuse_other_units(table, "displacement_m", values["displacement_m"])
     normal = _constant(table, "normal_stress_pa", values["normal_stress_pa"], _STEADY)
     if normal < 0:
-        raise DataError(Fault("the normal stress is negative", table.source, f"{normal:g} Pa", "0 Pa or more"))
+        raise DataError.of("the normal stress is negative", table.source, f"{normal:g} Pa", "0 Pa or more")
     return ShearTest(values["displacement_m"], values["shear_stress_pa"], normal, name)
 
 
@@ -186,7 +186,7 @@ def _plate_test(table: Table, name: str, radius_m: float | None, width_m: float 
     sizes |= {key: size for key, size in (("radius_m", radius_m), ("width_m", width_m)) if size is not None}
     for key, size in sizes.items():
         if not (math.isfinite(size) and size > 0):
-            raise ConfigError(Fault(f"{key} must be positive", table.source, found=f"{size:g}"))
+            raise ConfigError.of(f"{key} must be positive", table.source, found=f"{size:g}")
     if ("radius_m" in sizes) == ("width_m" in sizes):
         raise ConfigError(_no_size(table, sizes))
     b = sizes.get("radius_m", sizes.get("width_m", math.nan))
@@ -206,16 +206,14 @@ def _area(table: Table, sizes: Mapping[str, float]) -> float:
         return math.pi * sizes["radius_m"] ** 2
     if "length_m" not in sizes:
         step = "add a column length_m, or give pressure_pa instead of force_n"
-        raise ConfigError(
-            Fault("a force on a rectangular plate needs the plate's length", table.source, next_step=step)
-        )
+        raise ConfigError.of("a force on a rectangular plate needs the plate's length", table.source, next_step=step)
     return sizes["width_m"] * sizes["length_m"]
 
 
 def _constant(table: Table, name: str, values: FloatArray, share: float = 1e-6) -> float:
     if np.ptp(values) > share * np.max(np.abs(values)):
         found, step = f"{np.min(values):g} to {np.max(values):g}", "name the tests in a column 'test'"
-        raise DataError(Fault(f"column {name!r} changes within one test", table.source, found, next_step=step))
+        raise DataError.of(f"column {name!r} changes within one test", table.source, found, next_step=step)
     return float(np.mean(values))
 
 
@@ -223,7 +221,7 @@ def _refuse_other_units(table: Table, name: str, values: FloatArray) -> None:
     longest = float(np.max(np.abs(values)))
     if longest > _LONGEST_M:
         step = f"if it is in millimetres: --rename {name}={name}*0.001"
-        raise DataError(Fault(f"column {name!r} is not in metres", table.source, f"up to {longest:g}", next_step=step))
+        raise DataError.of(f"column {name!r} is not in metres", table.source, f"up to {longest:g}", next_step=step)
 
 
 def _outside(table: Table, name: str, good: Iterable[bool], expected: str) -> list[Fault]:

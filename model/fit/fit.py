@@ -86,14 +86,12 @@ def check_stiffness(soil: Soil, wheel: Wheel) -> None:
     """Raise ConfigError for a soil that does not resist the wheel."""
     stiffness = soil.stiffness(wheel.width_m)
     if not stiffness > 0:
-        raise ConfigError(
-            Fault(
-                "this soil does not resist a wheel of this width: k_c/b + k_phi is not positive",
-                where=f"soil {soil.name}",
-                found=f"k_c {soil.cohesive_modulus:g} N/m^(n+1), k_phi {soil.frictional_modulus:g} N/m^(n+2), "
-                f"b {wheel.width_m:g} m: {stiffness:g} Pa/m^n",
-                next_step="check cohesive_modulus_kn, frictional_modulus_kn and width_m",
-            )
+        raise ConfigError.of(
+            "this soil does not resist a wheel of this width: k_c/b + k_phi is not positive",
+            where=f"soil {soil.name}",
+            found=f"k_c {soil.cohesive_modulus:g} N/m^(n+1), k_phi {soil.frictional_modulus:g} N/m^(n+2), "
+            f"b {wheel.width_m:g} m: {stiffness:g} Pa/m^n",
+            next_step="check cohesive_modulus_kn, frictional_modulus_kn and width_m",
         )
 
 
@@ -107,13 +105,11 @@ def check_enough(driven: Observations, lost: int, options: FitOptions) -> None:
     found = f"{len(driven)} usable samples with s > 0"
     if lost:
         found += f"; {lost} more whose load this soil and wheel do not carry above the axle"
-    raise DataError(
-        Fault(
-            "too few driven samples to fit",
-            found=found,
-            expected=f"at least {needed}",
-            next_step="check wheel, soil and units" if lost else "see `wheelsoil process` for why samples are left out",
-        )
+    raise DataError.of(
+        "too few driven samples to fit",
+        found=found,
+        expected=f"at least {needed}",
+        next_step="check wheel, soil and units" if lost else "see `wheelsoil process` for why samples are excluded",
     )
 
 
@@ -124,12 +120,10 @@ def answered_by_extended(wheel: Wheel, driven: Observations, extended: ExtendedM
     model = WheelSoilModel(wheel, extended.soil, effects, extended.reading)
     found = np.isfinite(model.predict(driven.conditions, extended.values).drawbar_pull_n)
     if answered.any() and not (found & answered).any():
-        raise DataError(
-            Fault(
-                "the extended model has no answer for any sample",
-                found=", ".join(effect.key() for effect in effects) or "no effects",
-                next_step="check that it is of this wheel and soil",
-            )
+        raise DataError.of(
+            "the extended model has no answer for any sample",
+            found=", ".join(effect.key() for effect in effects) or "no effects",
+            next_step="check that it is of this wheel and soil",
         )
     return found
 
@@ -376,7 +370,7 @@ def judge_alike(
                 measured.slip,
                 threshold,
                 vertical_load_n=forces[c],
-                rows=measured.independent,
+                rows=isinstance(measured, Observations) and measured.independent,
             )
             for c in REACTIONS
             if c == "dp" or np.isfinite(measured.measured(c)).any()

@@ -93,7 +93,7 @@ class WheelSoilModel:
         self.quadrature = quadrature or Quadrature()
         names = [name for e in self.effects for name in e.parameter_keys().values()]
         if len(set(names)) != len(names):
-            raise ConfigError(Fault("two effects share a parameter", found=", ".join(names)))
+            raise ConfigError.of("two effects share a parameter", found=", ".join(names))
         self._defaults: dict[str, float] = {
             **{name: float(getattr(soil, name)) for name in SOIL_PARAMETERS},
             "radius_m": wheel.radius_m,

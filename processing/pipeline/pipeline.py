@@ -67,14 +67,12 @@ def _require_any(seen: Collection[str], came: Collection[str], vehicle: VehicleC
     """Check that there is something to look at: roles that have a signal (`seen`) and of which a sample came."""
     named = [role for role in MODEL_ROLES if role in seen]
     if not named:
-        raise ConfigError(
-            Fault(
-                "no signal has a role that can be shown",
-                where="[signals]",
-                found=", ".join(sorted(seen)) or "no roles at all",
-                expected=f"at least one of {', '.join(MODEL_ROLES)}",
-                next_step='add wheel_speed = "Message.Signal" to [signals] of vehicle.toml, and the others alike',
-            )
+        raise ConfigError.of(
+            "no signal has a role that can be shown",
+            where="[signals]",
+            found=", ".join(sorted(seen)) or "no roles at all",
+            expected=f"at least one of {', '.join(MODEL_ROLES)}",
+            next_step='add wheel_speed = "Message.Signal" to [signals] of vehicle.toml, and the others alike',
         )
     if not any(role in came for role in named):
         raise DataError(*(_nothing_received(role, vehicle) for role in named))
@@ -201,8 +199,8 @@ def process_stream(
 
 def _wheel(vehicle: VehicleConfig) -> WheelSection:
     if vehicle.wheel is None:
-        raise ConfigError(
-            Fault("the wheel is not described", "vehicle.toml", next_step="add [wheel] with radius_m and width_m")
+        raise ConfigError.of(
+            "the wheel is not described", "vehicle.toml", next_step="add [wheel] with radius_m and width_m"
         )
     return vehicle.wheel
 

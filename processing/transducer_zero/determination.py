@@ -111,7 +111,7 @@ def determine(
             channels[signal.name] = _channel(signal, fit, part, motion, vehicle, on_ground=on_ground)
             outliers[signal.name] = fit.outliers
     if not channels:
-        raise DataError(Fault("too few samples", expected=f"{_FEWEST_SAMPLES} of each channel in what can be used"))
+        raise DataError.of("too few samples", expected=f"{_FEWEST_SAMPLES} of each channel in what can be used")
     return Lifted(part, channels, outliers, tuple(_remarks(part, motion, vehicle, on_ground=on_ground)))
 
 

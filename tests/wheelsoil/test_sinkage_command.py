@@ -20,7 +20,7 @@ from daq.runs.open import open_runs
 from processing.options import ProcessOptions
 from processing.pipeline.pipeline import process
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.sections.sinkage import sinkage
+from wheelsoil.report.sections.against_slip import sinkage
 from wheelsoil.simulation.campaign import simulated_run
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.simulation.vehicle import virtual_frames

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_support import invoke, ok
-from scipy.stats import beta
+from scipy.stats import binomtest
 from zero_support import SIGNALS, START_NS, Bench, rested, truth, vehicle_toml, write_lifted
 
 from daq.can.databases import shipped_dbc
@@ -81,15 +81,9 @@ def test_the_sigmas_hold_for_correlated_noise(bench: Bench, tmp_path: Path) -> N
         found += [error for name, expected in truth(bench).items() for error in _errors(zero.channels[name], expected)]
     errors = np.abs(found)
     for sigmas, nominal in ((1.0, 0.6827), (2.0, 0.92)):  # of few blocks the tails are Student's
-        low, high = _clopper_pearson(int(np.sum(errors < sigmas)), len(errors))
+        low, high = binomtest(int(np.sum(errors < sigmas)), len(errors)).proportion_ci(0.999)
         assert low < nominal + 0.1
         assert high > nominal, f"{np.mean(errors < sigmas):.3f} within {sigmas} sigma"
-
-
-def _clopper_pearson(hits: int, count: int, level: float = 0.999) -> tuple[float, float]:
-    tail = (1 - level) / 2
-    low = float(beta.ppf(tail, hits, count - hits + 1)) if hits else 0.0
-    return low, float(beta.ppf(1 - tail, hits + 1, count - hits)) if hits < count else 1.0
 
 
 def test_a_standstill_shows_the_sum_at_one_angle(tmp_path: Path) -> None:

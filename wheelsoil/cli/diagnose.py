@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq import ConfigError, Fault
+from daq import ConfigError
 from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, say, terminal_width
 
@@ -17,10 +17,7 @@ if TYPE_CHECKING:
 
 
 def diagnose_command(
-    runs: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders; each folder is a campaign."),
-    ] = None,
+    runs: options.RunsIfAny = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -30,9 +27,7 @@ def diagnose_command(
             help="Write the extended model (TOML); with --plan the matrix of |cos| (CSV).",
         ),
     ] = None,
-    table: Annotated[
-        Path | None, typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, ...")
-    ] = None,
+    table: options.TableFile = None,
     rename: options.Rename = None,
     where: options.Where = None,
     vehicle: options.Vehicle = None,
@@ -70,9 +65,9 @@ def diagnose_command(
 ) -> None:
     """Report the error of the simulation, its cause, and the gain when the model is extended by that cause.
 
-    Several campaigns are diagnosed jointly: causes are shared, soils are not. The verdict is a named cause, one of a
-    few candidates, an unexplained misfit, or nothing detectable (with the minimum detectable effects). Each verdict
-    ends with exit code 0.
+    Each folder is a campaign. Several campaigns are diagnosed jointly: causes are shared, soils are not. The verdict is
+    a named cause, one of a few candidates, an unexplained misfit, or nothing detectable (with the minimum detectable
+    effects). Each verdict ends with exit code 0.
 
     With --plan, RUN is a folder with vehicle.toml, terrain.toml and runs.toml (direction, added load, pass, inflation
     of each planned run), or --vehicle, --terrain and --runs name them; no recording is read.
@@ -94,7 +89,7 @@ def diagnose_command(
     paths = runs or []
     if plan:
         if table or zero or choice:
-            raise ConfigError(Fault("--plan reads no measurement", next_step="omit --table, --zero and --choice"))
+            raise ConfigError.of("--plan reads no measurement", next_step="omit --table, --zero and --choice")
         target = check_output(output, force=force) if output else None
         found = plan_campaigns(paths, files, settings, run_count=planned_runs, duration_s=planned_duration)
         _print_plan(found, target, json=json)

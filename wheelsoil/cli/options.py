@@ -28,6 +28,13 @@ Runs = Annotated[
         metavar="RUN...", readable=False, help="Recordings, logs or campaign folders."
     ),  # daq.runs.open reports it
 ]
+RunsIfAny = Annotated[list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")]
+TableFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--table", metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, torque, sinkage."
+    ),
+]
 Vehicle = Annotated[
     Path | None, typer.Option("--vehicle", metavar="FILE", help="vehicle.toml; overrides what a run carries.")
 ]
@@ -123,6 +130,9 @@ TokenFile = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help=f"File with the page's token (or: environment {TOKEN_VARIABLE})."),
 ]
+PageHost = Annotated[
+    str, typer.Option(metavar="ADDRESS", help="Address of the page; other than loopback it requires a token.")
+]
 
 
 def configuration(
@@ -137,7 +147,7 @@ def configuration(
     """
     files = list(dbc)
     if vehicle and files:
-        raise ConfigError(Fault("--dbc and --vehicle exclude each other", next_step="name the DBCs in vehicle.toml"))
+        raise ConfigError.of("--dbc and --vehicle exclude each other", next_step="name the DBCs in vehicle.toml")
     collected = Collected()
     known = Configuration()
     with collected.catch():
@@ -305,11 +315,9 @@ def page_token(file: Path | None) -> str | None:
     try:
         text = file.read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(Fault("the token cannot be read", str(file), str(error))) from None
+        raise ConfigError.of("the token cannot be read", file, str(error)) from None
     if not text:
-        raise ConfigError(
-            Fault("the file contains no token", str(file), next_step="write the token into it as one line")
-        )
+        raise ConfigError.of("the file contains no token", file, next_step="write the token into it as one line")
     return text
 
 
@@ -332,9 +340,9 @@ def refuse_two_sources(
     """
     if table is not None and (runs or choice):
         other = "RUN" if runs else "--choice"
-        raise ConfigError(Fault(f"{other} and --table exclude each other", next_step=f"{verb} one, then the other"))
+        raise ConfigError.of(f"{other} and --table exclude each other", next_step=f"{verb} one, then the other")
     if table is None and columns:
-        raise ConfigError(Fault("--rename and --where choose from a table", next_step="give --table FILE.csv"))
+        raise ConfigError.of("--rename and --where choose from a table", next_step="give --table FILE.csv")
 
 
 def processed_for(purpose: str, runs: Sequence[Path], files: Files, choice: Choice) -> list[tuple[Run, ProcessedRun]]:

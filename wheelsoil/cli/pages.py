@@ -103,12 +103,10 @@ def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[P
     suffix = output.suffix.lower() if output else ""
     pdf = form is Format.PDF or (form is None and suffix == ".pdf")
     if output and ((pdf and suffix != ".pdf") or (not pdf and suffix == ".pdf")):
-        raise ConfigError(
-            Fault(
-                f"--format {'pdf' if pdf else 'html'} contradicts the output's name",
-                str(output),
-                next_step=f"call it {output.with_suffix('.pdf' if pdf else '.html').name}, or omit --format",
-            )
+        raise ConfigError.of(
+            f"--format {'pdf' if pdf else 'html'} contradicts the output's name",
+            output,
+            next_step=f"call it {output.with_suffix('.pdf' if pdf else '.html').name}, or omit --format",
         )
     if suffix == ".json":
         fault = Fault(
@@ -129,9 +127,7 @@ def view_command(
     soil: options.SoilPreset = None,
     lenient_dbc: options.LenientDbc = False,
     no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
-    host: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Address of the page; other than loopback it requires a token.")
-    ] = "127.0.0.1",
+    host: options.PageHost = "127.0.0.1",
     port: Annotated[
         int | None, typer.Option(min=0, max=65535, metavar="N", help="Its port (default: 8200, or the next free one).")
     ] = None,

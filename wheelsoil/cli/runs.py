@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from daq import REACTIONS, ConfigError, Fault, number
+from daq import REACTIONS, ConfigError, number
 from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, print_pairs, print_table, say, say_folded
 
@@ -103,12 +103,8 @@ def _blocks(processed: list[ProcessedRun], names: Iterable[str]) -> Iterator[dic
 
 
 def fit_command(
-    runs: Annotated[
-        list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")
-    ] = None,
-    table: Annotated[
-        Path | None, typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, ...")
-    ] = None,
+    runs: options.RunsIfAny = None,
+    table: options.TableFile = None,
     rename: options.Rename = None,
     where: options.Where = None,
     vehicle: options.Vehicle = None,
@@ -213,13 +209,8 @@ def _print_sinkages(comparison: dict[str, Any]) -> None:
 
 
 def sinkage_command(
-    runs: Annotated[
-        list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")
-    ] = None,
-    table: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, torque."),
-    ] = None,
+    runs: options.RunsIfAny = None,
+    table: options.TableFile = None,
     rename: options.Rename = None,
     where: options.Where = None,
     vehicle: options.Vehicle = None,
@@ -264,7 +255,7 @@ def _sinkage_of_table(
     collected = Collected()
     with collected.catch():
         if vehicle is None:
-            raise ConfigError(Fault("the wheel is not known", next_step="give --vehicle FILE with [wheel] radius_m"))
+            raise ConfigError.of("the wheel is not known", next_step="give --vehicle FILE with [wheel] radius_m")
         described = load_toml(vehicle, VehicleConfig)
         wheel_of(described, str(vehicle))
     with collected.catch():

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq import ConfigError, Fault
+from daq import ConfigError
 from wheelsoil.cli.options import PRESETS, Force, Json, NoCache, Reading
 from wheelsoil.console import print_json, print_pairs, progress, say, terminal_width
 
@@ -127,12 +127,8 @@ def _check_folder(output: Path) -> None:
 
     campaign = output / _CAMPAIGN
     if campaign.is_dir() and any(campaign.iterdir()) and not (campaign / MANIFEST_FILE).is_file():
-        raise ConfigError(
-            Fault(
-                "the folder contains files that are not from a demo",
-                str(campaign),
-                next_step="choose another: -o FOLDER",
-            )
+        raise ConfigError.of(
+            "the folder contains files that are not from a demo", campaign, next_step="choose another: -o FOLDER"
         )
 
 
@@ -226,7 +222,7 @@ def simulate_command(
     Writes a campaign folder for process, fit and report. Only its manifest.toml contains the true values.
     """
     if output is None and live is None:
-        raise ConfigError(Fault("nothing to do", next_step="give a folder to write with -o, or --live an interface"))
+        raise ConfigError.of("nothing to do", next_step="give a folder to write with -o, or --live an interface")
     from model.wheel_soil import Wheel
     from wheelsoil.simulation.campaign import simulate_campaign
     from wheelsoil.simulation.options import SimulationOptions
@@ -275,7 +271,7 @@ def _effects(texts: list[str]) -> dict[str, dict[str, float]]:
     for text in texts:
         name, values = parse_effect(text)
         if name in effects:
-            raise ConfigError(Fault(f"effect {name} is given twice", next_step="give it once, with all its parameters"))
+            raise ConfigError.of(f"effect {name} is given twice", next_step="give it once, with all its parameters")
         effects[name] = values
     return effects
 
@@ -297,8 +293,8 @@ def _start(text: str | None, *, live: bool) -> datetime:
     try:
         moment = datetime.fromisoformat(text)
     except ValueError:
-        raise ConfigError(
-            Fault("the start is not a time", found=text, expected="ISO 8601, e.g. 2026-05-04T08:00:00Z")
+        raise ConfigError.of(
+            "the start is not a time", found=text, expected="ISO 8601, e.g. 2026-05-04T08:00:00Z"
         ) from None
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 

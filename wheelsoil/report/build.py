@@ -16,7 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from daq import ConfigError, Fault, WheelsoilError
+from daq import ConfigError, WheelsoilError
 from wheelsoil import __version__
 from wheelsoil.report.content import Figure, Section, SectionBuilder, Text, drawn, figures_of, texts_of
 from wheelsoil.report.inputs import ReportInputs
@@ -83,13 +83,11 @@ def find_browser() -> str:
     """Return the path of a browser that can print; `ConfigError` if none is installed."""
     found = next(filter(None, map(shutil.which, BROWSERS)), None)
     if found is None:
-        raise ConfigError(
-            Fault(
-                "no browser that can create a PDF",
-                "PATH",
-                expected=f"one of {', '.join(BROWSERS)}",
-                next_step="apt-get install chromium; or write the page (-o report.html), open it and print it",
-            )
+        raise ConfigError.of(
+            "no browser that can create a PDF",
+            "PATH",
+            expected=f"one of {', '.join(BROWSERS)}",
+            next_step="apt-get install chromium; or write the page (-o report.html), open it and print it",
         )
     return found
 
@@ -101,13 +99,11 @@ def print_page(page: Path, output: Path, browser: str) -> None:
         places = [f"--user-data-dir={folder}/profile", f"--print-to-pdf={made}", page.resolve().as_uri()]
         output_text = _run([browser, *_OPTIONS, *_sandbox(), *places])
         if not made.is_file() or not made.read_bytes().startswith(b"%PDF"):
-            raise PrintError(
-                Fault(
-                    "the browser created no PDF",
-                    browser,
-                    found=output_text.strip().splitlines()[-1][:200] if output_text.strip() else "no message",
-                    next_step="write the page (-o report.html), open it and print it",
-                )
+            raise PrintError.of(
+                "the browser created no PDF",
+                browser,
+                found=output_text.strip().splitlines()[-1][:200] if output_text.strip() else "no message",
+                next_step="write the page (-o report.html), open it and print it",
             )
         shutil.copyfile(made, output)
 
@@ -207,7 +203,7 @@ def build_report(material: ReportInputs) -> Report:
             _log.debug("section %s", key, exc_info=True)
             left_out[key] = f"a fault in this section ({type(error).__name__}: {error}); please report it"
         if key in left_out:
-            section = Section(key, builder.title, [Text(f"Left out: {left_out[key]}.", "missing")])
+            section = Section(key, builder.title, [Text(f"Omitted: {left_out[key]}.", "missing")])
         sections.append(section)
     terrain = material.terrain or "unknown terrain"
     return Report(

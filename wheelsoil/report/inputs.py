@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import OUTPUTS, REACTIONS, DataError, Fault, FloatArray, IntArray, VehicleConfig
+from daq import OUTPUTS, REACTIONS, DataError, FloatArray, IntArray, VehicleConfig
 from daq.recording import Event
 from daq.runs import Run
 from model.diagnosis import Diagnosis
@@ -278,7 +278,7 @@ class Pool:
         values = self._of_runs(OUTPUTS[channel].field)
         if not np.isfinite(values).any():
             what = OUTPUTS[channel].name
-            raise DataError(Fault(f"the {what} was not measured"))
+            raise DataError.of(f"the {what} was not measured")
         return values
 
     def predicted(self, model: str, name: str) -> FloatArray:

@@ -16,7 +16,7 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from daq import SOIL_KEYS, Channel, ConfigError, Fault, FloatArray, RunInfo, SoilSection, TerrainConfig, VehicleConfig
+from daq import SOIL_KEYS, Channel, ConfigError, FloatArray, RunInfo, SoilSection, TerrainConfig, VehicleConfig
 from daq.can import Decoder, FrameBatch, load_database, resolve_roles, shipped_dbc
 from model.effects import EFFECTS, Effect
 from model.simulation import (
@@ -131,13 +131,11 @@ def true_soil(options: SimulationOptions) -> Soil:
         soil = _soil(terrain.soil, mean + root @ rng.standard_normal(len(SOIL_KEYS)))
         if soil and soil.stiffness(options.wheel.width_m) > 0:
             return soil
-    raise ConfigError(
-        Fault(
-            "no soil can be drawn from the covariance",
-            options.soil,
-            f"{_TRIES} draws, each with a value out of its range",
-            next_step="check the covariance: its rows are " + ", ".join(SOIL_KEYS),
-        )
+    raise ConfigError.of(
+        "no soil can be drawn from the covariance",
+        options.soil,
+        f"{_TRIES} draws, each with a value out of its range",
+        next_step="check the covariance: its rows are " + ", ".join(SOIL_KEYS),
     )
 
 
@@ -152,13 +150,11 @@ def _root(covariance: FloatArray, where: str) -> FloatArray:
             raise np.linalg.LinAlgError
         root = np.linalg.cholesky(correlation + _ROUNDING * np.eye(len(covariance)))
     except np.linalg.LinAlgError:
-        raise ConfigError(
-            Fault(
-                "the covariance is not positive semi-definite",
-                where,
-                expected="symmetric, no variance or combination of them below zero",
-                next_step="use the covariance that `wheelsoil soil` writes, or relative one-sigmas under [uncertainty]",
-            )
+        raise ConfigError.of(
+            "the covariance is not positive semi-definite",
+            where,
+            expected="symmetric, no variance or combination of them below zero",
+            next_step="use the covariance that `wheelsoil soil` writes, or relative one-sigmas under [uncertainty]",
         ) from None
     return np.asarray(sigma[:, np.newaxis] * root)
 
@@ -349,11 +345,11 @@ def frames_sha256(frames: FrameBatch) -> str:
 
 def _check_folder(folder: Path, *, force: bool) -> None:
     if folder.exists() and not folder.is_dir():
-        raise ConfigError(Fault("the output is a file", str(folder), next_step="name a folder"))
+        raise ConfigError.of("the output is a file", folder, next_step="name a folder")
     if not folder.parent.is_dir():
-        raise ConfigError(Fault("no such folder", str(folder.parent), next_step="create it or choose another output"))
+        raise ConfigError.of("no such folder", folder.parent, next_step="create it or choose another output")
     if not force and folder.is_dir() and any(folder.iterdir()):
-        raise ConfigError(Fault("the folder is not empty", str(folder), next_step="choose another name, or --force"))
+        raise ConfigError.of("the folder is not empty", folder, next_step="choose another name, or --force")
 
 
 def _write_run(

@@ -139,12 +139,10 @@ class SimulationOptions:
         if self.soil in SOILS:
             return None
         if not self.soil.endswith(".toml"):
-            raise ConfigError(
-                Fault(
-                    f"no soil is called {self.soil!r}",
-                    expected=presets_near(self.soil),
-                    next_step="choose one of these, or give the path of a terrain.toml",
-                )
+            raise ConfigError.of(
+                f"no soil is called {self.soil!r}",
+                expected=presets_near(self.soil),
+                next_step="choose one of these, or give the path of a terrain.toml",
             )
         return load_toml(Path(self.soil), TerrainConfig)
 
@@ -198,7 +196,7 @@ def parse_effect(text: str) -> tuple[str, dict[str, float]]:
     name, _, rest = text.partition(":")
     effect = EFFECTS.get(name)
     if effect is None:
-        raise ConfigError(Fault(f"no effect is called {name!r}", expected=nearest(name, EFFECTS)))
+        raise ConfigError.of(f"no effect is called {name!r}", expected=nearest(name, EFFECTS))
     if not rest:
         return name, {p.name: p.start for p in effect.parameters}
     values: dict[str, float] = {p.name: p.neutral for p in effect.parameters}
@@ -208,8 +206,8 @@ def parse_effect(text: str) -> tuple[str, dict[str, float]]:
             values[key.strip()] = float(number)
         except ValueError:
             example = ",".join(f"{p.name}={p.start:g}" for p in effect.parameters)
-            raise ConfigError(
-                Fault("an effect's parameters cannot be read", found=text, expected=f"{name}:{example}")
+            raise ConfigError.of(
+                "an effect's parameters cannot be read", found=text, expected=f"{name}:{example}"
             ) from None
     return name, values
 
@@ -255,13 +253,11 @@ def with_model(options: SimulationOptions, path: Path, given: Collection[str]) -
     """
     clashes = [name for name in _OF_THE_MODEL if name in given]
     if clashes:
-        raise ConfigError(
-            Fault(
-                "the model file defines soil, wheel and --sinkage",
-                str(path),
-                found=", ".join(f"--{name}" for name in clashes),
-                next_step="omit these options, or edit the file",
-            )
+        raise ConfigError.of(
+            "the model file defines soil, wheel and --sinkage",
+            path,
+            found=", ".join(f"--{name}" for name in clashes),
+            next_step="omit these options, or edit the file",
         )
     model = load_model(path)
     effects = {effect.key: {p.name: p.value for p in effect.parameters} for effect in model.effects}

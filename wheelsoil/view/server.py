@@ -22,7 +22,7 @@ from starlette.responses import Response
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
-from daq import ConfigError, DataError, Fault, WheelsoilError
+from daq import ConfigError, DataError, WheelsoilError
 from wheelsoil.console import printable_addresses
 from wheelsoil.report.figures import styles_script
 from wheelsoil.view.analysis_session import AnalysisSession, UnknownKeyError
@@ -101,7 +101,7 @@ def _get(path: str, answer: Callable[[Callable[[str], str]], Any]) -> Route:
         def of(name: str) -> str:
             given = request.query_params.getlist(name)
             if len(given) != 1:
-                raise ConfigError(Fault(f"{name} is not given exactly once", path, expected=f"?{name}=KEY"))
+                raise ConfigError.of(f"{name} is not given exactly once", path, expected=f"?{name}=KEY")
             return given[0]
 
         return await _answered(lambda: answer(of), 200)

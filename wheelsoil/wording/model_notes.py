@@ -51,7 +51,7 @@ def _combination(v: Values) -> str:
 
 def _without_signals(v: Values) -> str:
     lacking = ", ".join(f"{run} ({', '.join(roles)})" for run, roles in v["signals"])
-    return f"left out of the fit, for want of a signal: {lacking}"
+    return f"excluded from the fit, for want of a signal: {lacking}"
 
 
 def _no_repeats(v: Values) -> str:
@@ -145,10 +145,10 @@ SENTENCES: dict[str, Sentence] = {
     FitCode.NOT_CONVERGED: "not converged ({stop_reason}): the intervals are not to be relied on",
     FitCode.HELD_BY_BOUND: "{names[0]}: held by its bound {value:g}; the intervals of the others take it as known",
     FitCode.SUM_NEGATIVE: "p = {value:.3g} is below 0: the wheel would rise with slip, so that another cause acts",
-    FitCode.LOAD_NOT_CARRIED: "{samples} driven samples left out: the soil does not carry their load above the axle",
+    FitCode.LOAD_NOT_CARRIED: "{samples} driven samples excluded: the soil does not carry their load above the axle",
     FitCode.RUNS_LACK_SIGNALS: _without_signals,
     FitCode.ROWS_NOT_DRIVEN: (
-        "{used} of {rows} rows used: {excluded} with slip <= 0 left out, the models are of a driven wheel"
+        "{used} of {rows} rows used: {excluded} with slip <= 0 excluded, the models are of a driven wheel"
     ),
     FitCode.NO_SAMPLE: "no sample has slip, measured and predicted value",
     FitCode.NO_SLIP: "no slip at or above the threshold {threshold:g}: the largest is {largest:.3g}",

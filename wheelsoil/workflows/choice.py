@@ -156,7 +156,7 @@ def provenance_of(choice: Choice) -> dict[str, Any]:
 
 def _in_words(run: ChosenRun) -> str:
     if not run.use:
-        return f"{run.id or run.file} left out"
+        return f"{run.id or run.file} excluded"
     parts = ["all of it"] if run.keep is None else [f"{first:g} to {last:g} s" for first, last in run.keep]
     return f"{run.id or run.file}: {' and '.join(parts)}"
 

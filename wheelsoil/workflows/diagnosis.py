@@ -324,17 +324,15 @@ def _planned(folder: Path | None, files: Files, run_count: int | None, duration_
     from model.diagnosis import plan_for, planned_campaign, usual_runs
 
     if folder is not None and not folder.is_dir():
-        raise ConfigError(
-            Fault("a plan takes no recording", str(folder), expected="a folder with vehicle.toml and terrain.toml")
+        raise ConfigError.of(
+            "a plan takes no recording", folder, expected="a folder with vehicle.toml and terrain.toml"
         )
     vehicle_file = files.vehicle or _in(folder, VEHICLE_FILE)
     if vehicle_file is None:
-        raise ConfigError(
-            Fault(
-                "the vehicle is not known",
-                str(folder or ""),
-                next_step="give --vehicle FILE with [wheel] and mass_kg, or a folder with vehicle.toml",
-            )
+        raise ConfigError.of(
+            "the vehicle is not known",
+            folder or "",
+            next_step="give --vehicle FILE with [wheel] and mass_kg, or a folder with vehicle.toml",
         )
     collected = Collected()
     with collected.catch():

@@ -55,7 +55,7 @@ class FitChoices:
         """
         threshold = self.slip_threshold
         if threshold is not None and not 0 <= threshold < 1:
-            raise ConfigError(Fault("--slip-threshold is no slip", found=f"{threshold:g}", expected="0 to 1"))
+            raise ConfigError.of("--slip-threshold is no slip", found=f"{threshold:g}", expected="0 to 1")
         prior = prior_of(soil, terrain) if self.soil_prior else None
         return FitOptions(self.reading, self.channels, prior, threshold, extended=self.extended, chosen=self.effects)
 
@@ -90,15 +90,13 @@ def known_soil(name: str | None, terrain: TerrainConfig | None) -> Soil:
     """
     if name is not None:
         if name not in SOILS:
-            raise ConfigError(Fault(f"no soil is called {name!r}", expected=presets_near(name)))
+            raise ConfigError.of(f"no soil is called {name!r}", expected=presets_near(name))
         return SOILS[name]
     if terrain is None:
-        raise ConfigError(
-            Fault(
-                "the soil is not known",
-                expected="terrain.toml in the campaign folder or the recording",
-                next_step="give --terrain FILE (`wheelsoil soil` makes one of plate and shear tests), or --soil PRESET",
-            )
+        raise ConfigError.of(
+            "the soil is not known",
+            expected="terrain.toml in the campaign folder or the recording",
+            next_step="give --terrain FILE (`wheelsoil soil` makes one of plate and shear tests), or --soil PRESET",
         )
     return soil_from_terrain(terrain)
 
@@ -118,13 +116,11 @@ def one_terrain(runs: Sequence[Run]) -> Run:
     ):
         others = [run.id for run, kind in zip(runs, kinds, strict=True) if kind != kinds[0]]
         if others:
-            raise ConfigError(
-                Fault(
-                    f"the runs are of different {what}",
-                    found=f"{', '.join(others)} differ from {first.id}",
-                    expected="runs of one terrain and one wheel",
-                    next_step="fit each terrain by itself, or give --terrain and --vehicle for all",
-                )
+            raise ConfigError.of(
+                f"the runs are of different {what}",
+                found=f"{', '.join(others)} differ from {first.id}",
+                expected="runs of one terrain and one wheel",
+                next_step="fit each terrain by itself, or give --terrain and --vehicle for all",
             )
     return first
 
@@ -252,12 +248,13 @@ def fit_as_json(fit: CampaignFit) -> dict[str, Any]:
         "confidence": fit.options.confidence,
         "slip_threshold": fit.slip_threshold,
         "notes": fit.notes,
-        "models": {model.name: _model_as_json(model) for model in fit.models},
+        "models": {model.name: model_as_json(model) for model in fit.models},
         "extended": fit.options.extended.to_mapping() if fit.options.extended else None,
     }
 
 
-def _model_as_json(model: ModelFit) -> dict[str, Any]:
+def model_as_json(model: ModelFit) -> dict[str, Any]:
+    """Return the fit of one model as mappings."""
     return {
         "estimates": {estimate.name: estimate for estimate in model.estimates},
         "effects": model.effects,

@@ -88,8 +88,8 @@ def read_bench(
         Everything that is wrong with any of them.
     """
     if files.vehicle is None:
-        raise ConfigError(
-            Fault("the wheel is not known", next_step="give --vehicle FILE with [wheel] radius_m and width_m")
+        raise ConfigError.of(
+            "the wheel is not known", next_step="give --vehicle FILE with [wheel] radius_m and width_m"
         )
     collected = Collected()
     with collected.catch():
@@ -196,15 +196,11 @@ def _as_chosen(used: RunInUse, one: ProcessedRun, source: str) -> ProcessedRun:
 
 def _check_vehicle(run: Run) -> None:
     if not run.vehicle.signals:
-        raise ConfigError(
-            Fault(
-                "no vehicle.toml says which signals mean what",
-                str(run.path),
-                found=f"{run.vehicle_source} without [signals]"
-                if run.attachments
-                else "none in the file, none beside it",
-                next_step="give --vehicle FILE with [wheel], [[bus]] and [signals]",
-            )
+        raise ConfigError.of(
+            "no vehicle.toml says which signals mean what",
+            run.path,
+            found=f"{run.vehicle_source} without [signals]" if run.attachments else "none in the file, none beside it",
+            next_step="give --vehicle FILE with [wheel], [[bus]] and [signals]",
         )
 
 
@@ -213,12 +209,10 @@ def _explained(run: Run, error: ConfigError | DataError) -> ConfigError | DataEr
     strangers = no_bus_in_common(run.vehicle, _buses(run)) if isinstance(error, DataError) else ""
     if not strangers:
         return type(error)(*(_placed(run, fault) for fault in error.faults))
-    return DataError(
-        Fault(
-            f"{strangers}: nothing can be decoded",
-            f"{_name(run)}, {run.vehicle_source}",
-            next_step="name them alike: channel under [[bus]], or `wheelsoil import LOG --bus old=new`",
-        )
+    return DataError.of(
+        f"{strangers}: nothing can be decoded",
+        f"{_name(run)}, {run.vehicle_source}",
+        next_step="name them alike: channel under [[bus]], or `wheelsoil import LOG --bus old=new`",
     )
 
 

@@ -72,12 +72,10 @@ def sinkage_of_runs(processed: Sequence[tuple[Run, ProcessedRun]]) -> SinkageFac
     first, *others = [run for run, _ in processed]
     strangers = [run.id for run in others if run.vehicle.wheel != first.vehicle.wheel]
     if strangers:
-        raise ConfigError(
-            Fault(
-                "the runs are of different wheels",
-                found=f"{', '.join(strangers)} differ from {first.id}",
-                next_step="take each wheel by itself, or give --vehicle for all",
-            )
+        raise ConfigError.of(
+            "the runs are of different wheels",
+            found=f"{', '.join(strangers)} differ from {first.id}",
+            next_step="take each wheel by itself, or give --vehicle for all",
         )
     return facts_of_runs([run for _, run in processed], first.vehicle.wheel)
 
@@ -155,13 +153,12 @@ def _lugs(wheel: WheelSection | None) -> tuple[str, ...]:
 
 def _not_driven(runs: Sequence[ProcessedRun]) -> Fault:
     slips = np.concatenate([run.slip[run.used] for run in runs])
-    found = f"slips {np.min(slips):.2f} to {np.max(slips):.2f}" if len(slips) else "no usable sample"
     return Fault(
         "nowhere is the wheel driven for a second with a torque",
         ", ".join(run.run.id or "run" for run in runs),
-        found,
+        f"slips {np.min(slips):.2f} to {np.max(slips):.2f}" if len(slips) else "no usable sample",
         f"slips above {LEAST_SLIP:g}",
-        "record a run that accelerates; `wheelsoil process RUN` says why samples are left out",
+        "record a run that accelerates; `wheelsoil process RUN` says why samples are excluded",
     )
 
 

@@ -20,7 +20,6 @@ from daq import (
     ChannelZero,
     ConfigError,
     Determination,
-    Fault,
     FloatArray,
     IntArray,
     Note,
@@ -431,12 +430,10 @@ def stated_zeros(run: Run, given: Path | None = None) -> RunZeros:
     elif name in attached:
         zeros, source = parse_zeros(attached[name], f"{run.path}: {name}"), name
     else:
-        raise ConfigError(
-            Fault(
-                f"no {name!r} lies beside vehicle.toml, which names it as its zero file, and the run carries none",
-                run.vehicle_source,
-                next_step="determine it (wheelsoil zero), give --zero FILE, or take zero_file out of [transducer]",
-            )
+        raise ConfigError.of(
+            f"no {name!r} lies beside vehicle.toml, which names it as its zero file, and the run carries none",
+            run.vehicle_source,
+            next_step="determine it (wheelsoil zero), give --zero FILE, or take zero_file out of [transducer]",
         )
     return RunZeros(zeros.zero, source)
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from daq import ConfigError, Fault, FloatArray
+from daq import ConfigError, FloatArray
 from model.diagnosis.core.campaign import Bench
 from model.effects.base import Parameter
 from model.wheel_soil.conditions import Wheel
@@ -64,13 +64,11 @@ class SoilCoordinates:
         c, tan_phi, shear, n, kc, kphi = (float(x) for x in bench.soil_prior.mean)
         k = kc / bench.wheel.width_m + kphi
         if not k > 0:
-            raise ConfigError(
-                Fault(
-                    "the soil does not carry the wheel: k_c/b + k_phi is not positive",
-                    bench.name,
-                    f"{k:.4g} Pa/m^n at b = {bench.wheel.width_m:g} m",
-                    next_step="take k of the plate nearest to the wheel's width as frictional_modulus_kn",
-                )
+            raise ConfigError.of(
+                "the soil does not carry the wheel: k_c/b + k_phi is not positive",
+                bench.name,
+                f"{k:.4g} Pa/m^n at b = {bench.wheel.width_m:g} m",
+                next_step="take k of the plate nearest to the wheel's width as frictional_modulus_kn",
             )
         to_coordinates = np.zeros((5, len(SOIL_PARAMETERS)))
         to_coordinates[[0, 1, 2, 3], [0, 1, 2, 3]] = 1.0, 1.0, 1.0 / shear, 1.0

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from daq import OUTPUTS, DataError, Fault, FloatArray, Note, Severity
+from daq import OUTPUTS, DataError, FloatArray, Note, Severity
 from model.cores import one_thread
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.consistency import inconsistencies
@@ -52,7 +52,7 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
     """
     options = options or DiagnosisOptions()
     if not any(len(bench.rows) for bench in benches):
-        raise DataError(Fault("the table has no rows to diagnose", ", ".join(b.name for b in benches)))
+        raise DataError.of("the table has no rows to diagnose", ", ".join(b.name for b in benches))
     clock = Clock()
     with clock.stage("rows"):
         chosen, channels, remarks = _rows(benches, options.channels)

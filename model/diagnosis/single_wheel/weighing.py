@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
-from daq import DataError, Fault, FloatArray
+from daq import DataError, FloatArray
 from model.diagnosis.core.hypotheses import Posterior, listed_sets, probabilities, with_triples
 from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
 from model.diagnosis.single_wheel.noise import ChannelNoise, scatter_of_repeats
@@ -233,12 +233,10 @@ def weigh(problem: BenchProblem, uses: Sequence[CauseUse], most: int, rng: np.ra
 def _refuse_unanswered(null: Optimum, problem: BenchProblem) -> None:
     if np.isfinite(null.log_likelihood):
         return
-    raise DataError(
-        Fault(
-            "the wheel sinks to its axle on every soil near the laboratory's",
-            ", ".join(bench.name for bench in problem.benches),
-            next_step="check cohesive_modulus_kn, frictional_modulus_kn, sinkage_exponent, the wheel and the loads",
-        )
+    raise DataError.of(
+        "the wheel sinks to its axle on every soil near the laboratory's",
+        ", ".join(bench.name for bench in problem.benches),
+        next_step="check cohesive_modulus_kn, frictional_modulus_kn, sinkage_exponent, the wheel and the loads",
     )
 
 

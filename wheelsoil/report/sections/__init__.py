@@ -17,7 +17,6 @@ from wheelsoil.report.sections import (
     planning,
     provenance,
     quality,
-    sinkage,
     track,
     verdict,
 )
@@ -36,8 +35,8 @@ SECTIONS: tuple[SectionBuilder, ...] = (
     evidence.evidence,
     evidence.gain,
     coefficients.criteria,
-    sinkage.sinkage,
-    sinkage.load,
+    against_slip.sinkage,
+    against_slip.load,
     planning.detectable,
     planning.next_run,
     track.track,
