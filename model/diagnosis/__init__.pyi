@@ -9,7 +9,9 @@ from .core import Detectable as Detectable
 from .core import Diagnosis as Diagnosis
 from .core import DiagnosisOptions as DiagnosisOptions
 from .core import Finding as Finding
+from .core import FormUsed as FormUsed
 from .core import Gain as Gain
+from .core import Grounds as Grounds
 from .core import Inconsistent as Inconsistent
 from .core import Kind as Kind
 from .core import NextRun as NextRun

@@ -54,6 +54,14 @@ def diagnose_command(
         typer.Option("--without", metavar="NAME,...", help="Exclude these effects, families, or kinds."),
     ] = None,
     most_causes: Annotated[int, typer.Option(metavar="N", help="Largest set of causes considered, 1 to 3.")] = 3,
+    error_of_form: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PERCENT",
+            help="With --table: by how much of load, load x radius and radius a right model may be off. "
+            "[default: by the repeats; without any 2.5]",
+        ),
+    ] = None,
     next_run: Annotated[bool, typer.Option("--next-run", help="Rank next runs for every verdict.")] = False,
     plan: Annotated[bool, typer.Option("--plan", help="Report which causes a planned campaign can separate.")] = False,
     planned_runs: Annotated[
@@ -88,7 +96,10 @@ def diagnose_command(
         most_causes=most_causes,
         seed=seed,
         next_run=next_run,
+        error_of_form=error_of_form,
     )
+    if error_of_form is not None and table is None:
+        raise ConfigError(Fault("--error-of-form is of single-wheel tables", next_step="give --table FILE.csv"))
     files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc)
     paths = runs or []
     if plan:

@@ -52,6 +52,7 @@ _KINDS = ("physical", "measurement")
 _LOOSE = "runs"
 _SHORTEST_S, _LONGEST_S = 10.0, 600.0
 _MOST_RUNS = 40
+_LARGEST_FORM = 50.0
 
 Given = tuple[Campaign, ...] | tuple[Bench, ...]
 
@@ -65,6 +66,7 @@ def diagnosis_options(
     most_causes: int = 3,
     seed: int = 0,
     next_run: bool = False,
+    error_of_form: float | None = None,
 ) -> DiagnosisOptions:
     """Return the options of a diagnosis.
 
@@ -77,6 +79,8 @@ def diagnosis_options(
     channels : of "dp", "t", "z"
     most_causes, seed, next_run
         See `DiagnosisOptions`.
+    error_of_form : float, optional
+        In percent; see `DiagnosisOptions`.
 
     Raises
     ------
@@ -101,6 +105,9 @@ def diagnosis_options(
         faults.append(_nothing_left(reading))
     if not 1 <= most_causes <= 3:
         faults.append(Fault("--most-causes is out of range", found=str(most_causes), expected="1 to 3"))
+    if error_of_form is not None and not 0 < error_of_form <= _LARGEST_FORM:
+        expected = f"above 0, up to {_LARGEST_FORM:g} (percent of load, load x radius and radius)"
+        faults.append(Fault("--error-of-form is out of range", found=f"{error_of_form:g}", expected=expected))
     if faults:
         raise ConfigError(*faults)
     return DiagnosisOptions(
@@ -110,6 +117,7 @@ def diagnosis_options(
         most_causes=most_causes,
         seed=seed,
         next_run=next_run,
+        error_of_form=None if error_of_form is None else error_of_form / 100.0,
     )
 
 

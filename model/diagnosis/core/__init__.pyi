@@ -16,6 +16,7 @@ from .result import CauseSet as CauseSet
 from .result import Detectable as Detectable
 from .result import Diagnosis as Diagnosis
 from .result import Finding as Finding
+from .result import FormUsed as FormUsed
 from .result import Gain as Gain
 from .result import Grounds as Grounds
 from .result import Inconsistent as Inconsistent

@@ -91,6 +91,8 @@ class DiagnosisOptions:
         Of the resampling of runs and of simulated thresholds.
     next_run : bool
         Rank manoeuvres even where the verdict does not ask for it.
+    error_of_form : float, optional
+        Of single-wheel tables: share of load, load x radius and radius by which a right model may be off.
     """
 
     reading: Reading = "balanced"
@@ -100,6 +102,7 @@ class DiagnosisOptions:
     name_at: float = 0.9
     seed: int = 0
     next_run: bool = False
+    error_of_form: float | None = None
 
 
 @dataclass(frozen=True)

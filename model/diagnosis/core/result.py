@@ -224,6 +224,27 @@ class SoilEstimate:
 
 
 @dataclass(frozen=True)
+class FormUsed:
+    """The error of form that a right model of a single-wheel table may have in one channel.
+
+    Attributes
+    ----------
+    size : float
+        One-sigma, N, N m or m.
+    basis : "given", "assumed", "repeats" or "stated"
+        By a person, as a share of load, load x radius or radius; so by us; by the scatter of repeats; by the table's
+        sigma columns.
+    share : float or None
+        Where it is given or assumed.
+    """
+
+    channel: str
+    size: float
+    basis: str
+    share: float | None
+
+
+@dataclass(frozen=True)
 class Grounds:
     """What the verdict rests on beside the numbers of the diagnosis.
 
@@ -245,6 +266,10 @@ class Grounds:
         What speaks against diagnosing these runs or rows together.
     table_channels : tuple of str
         Channels that were used, of single-wheel tables; empty for driven runs.
+    form_errors : tuple of FormUsed
+        Of single-wheel tables, one for each of these channels.
+    form_matters : Note or None
+        Which verdicts half and twice an error of form that was assumed or given lead to, where they are others.
     """
 
     undecided: Note | None = None
@@ -255,6 +280,8 @@ class Grounds:
     terrains: tuple[tuple[str, ...], tuple[str, ...]] | None = None
     cautions: tuple[Note, ...] = ()
     table_channels: tuple[str, ...] = ()
+    form_errors: tuple[FormUsed, ...] = ()
+    form_matters: Note | None = None
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import numpy as np
 from daq import OUTPUTS, FloatArray, IndexArray
 from model.diagnosis.core.campaign import Bench
 from model.diagnosis.single_wheel.coordinates import CauseCoordinate, SoilCoordinates
-from model.diagnosis.single_wheel.noise import ChannelNoise, groups_of_rows
+from model.diagnosis.single_wheel.noise import ChannelNoise, FormError, groups_of_rows
 from model.effects.catalogue import EFFECTS
 from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.dual import Dual, Number, value_of
@@ -201,7 +201,10 @@ class BenchProblem:
 
     @staticmethod
     def of(
-        benches: Sequence[Bench], channels: Sequence[str] = tuple(OUTPUTS), reading: Reading = "balanced"
+        benches: Sequence[Bench],
+        channels: Sequence[str] = tuple(OUTPUTS),
+        reading: Reading = "balanced",
+        form_error: FormError | None = None,
     ) -> BenchProblem:
         """Return the problem; benches with the same laboratory soil stand on one soil.
 
@@ -240,9 +243,18 @@ class BenchProblem:
             (),
             reading,
         )
-        return problem._with_noise(channels)
+        return problem._with_noise(channels, form_error or FormError())
 
-    def _with_noise(self, channels: Sequence[str]) -> BenchProblem:
+    def with_form_error(self, form_error: FormError) -> BenchProblem:
+        """Return the problem with another error of form in the channels where it is given or assumed."""
+        return self._with_noise(self.channels, form_error)
+
+    @property
+    def form_is_taken(self) -> bool:
+        """Whether an error of form was given or assumed, in any channel."""
+        return any(noise.form_share is not None for noise in self.noises)
+
+    def _with_noise(self, channels: Sequence[str], form_error: FormError) -> BenchProblem:
         noises, rows = [], []
         slopes = self._input_slopes() if any(_uncertain(b) for b in self.benches) else None
         for channel in channels:
@@ -254,8 +266,8 @@ class BenchProblem:
             known = [b.sigmas.get(channel) for b in self.benches]
             sigma = None if any(s is None for s in known) else float(np.mean([s for s in known if s is not None]))
             group = np.unique(self.group[chosen], return_inverse=True)[1]
-            form = ChannelNoise.usual_form(measured[chosen], group, sigma, self.size_of(channel))
-            noises.append(ChannelNoise.of(channel, measured[chosen], group, carried, form, sigma))
+            form, share = ChannelNoise.usual_form(measured[chosen], group, sigma, self.size_of(channel), form_error)
+            noises.append(ChannelNoise.of(channel, measured[chosen], group, carried, form, sigma, share))
             rows.append(chosen)
         return replace(self, noises=tuple(noises), rows=tuple(rows))
 
