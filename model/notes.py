@@ -160,7 +160,8 @@ class BevameterCode(StrEnum):
 class SinkageCode(StrEnum):
     """Facts of the sinkage from forces, and of the bound T/r - Dp <= W tan(theta_1).
 
-    A broken bound has campaign (empty where there is one only), broken, rows, excess_n, sigmas, and what would mend it:
+    A broken bound has campaign (empty where there is one only), broken, rows, excess_n, sigmas, where it is broken
+    (lines of a table, slips; see `model.diagnosis.core.result.Inconsistent`), and what would mend it:
     less_torque_nm, more_sinkage_m, larger_radius (a share, infinite: none), more_pull_n.
     """
 

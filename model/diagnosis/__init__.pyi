@@ -14,6 +14,7 @@ from .core import Gain as Gain
 from .core import Grounds as Grounds
 from .core import Inconsistent as Inconsistent
 from .core import Kind as Kind
+from .core import Lugs as Lugs
 from .core import NextRun as NextRun
 from .core import ParameterEstimate as ParameterEstimate
 from .core import PlotData as PlotData

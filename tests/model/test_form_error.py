@@ -57,7 +57,10 @@ def test_a_name_needs_half_and_twice_the_error(base: Judged, half: Judged, twice
 
 
 def test_what_turns_is_told() -> None:
-    found, why = steady(judged("named", ("slip_sinkage",)), {HALF: judged("unexplained"), TWICE: judged("named", ("slip_sinkage",))}.__getitem__)
+    found, why = steady(
+        judged("named", ("slip_sinkage",)),
+        {HALF: judged("unexplained"), TWICE: judged("named", ("slip_sinkage",))}.__getitem__,
+    )
     assert found.verdict == "one_of"
     assert why is not None
     assert why.code == LackCode.FORM_DECIDES

@@ -30,12 +30,10 @@ def diagnose_command(
             help="Write the extended model (TOML); with --plan the matrix of |cos| (CSV).",
         ),
     ] = None,
-    table: Annotated[
-        Path | None, typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, ...")
-    ] = None,
+    tables: options.Tables = None,
     rename: options.Rename = None,
     where: options.Where = None,
-    vehicle: options.Vehicle = None,
+    vehicle: options.WheelFiles = None,
     terrain: options.Terrain = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
@@ -85,7 +83,8 @@ def diagnose_command(
     of each planned run), or --vehicle, --terrain and --runs name them; no recording is read.
     """
     from wheelsoil.workflows.diagnosis import bench_of, campaigns_of, diagnosis_options, plan_campaigns
-    from wheelsoil.workflows.runs import Files, read_bench
+    from wheelsoil.workflows.runs import Files
+    from wheelsoil.workflows.tables import TableFiles, read_benches
 
     by_hand = options.chosen(choice, sinkage=sinkage, min_speed=min_speed)
     settings = diagnosis_options(
@@ -98,24 +97,28 @@ def diagnose_command(
         next_run=next_run,
         error_of_form=error_of_form,
     )
-    if error_of_form is not None and table is None:
+    if error_of_form is not None and not tables:
         raise ConfigError(Fault("--error-of-form is of single-wheel tables", next_step="give --table FILE.csv"))
-    files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc)
     paths = runs or []
+    if tables and plan:
+        raise ConfigError(Fault("--plan reads no measurement", next_step="omit --table, --zero and --choice"))
+    if tables:
+        options.refuse_two_sources(paths, tables, choice, (), "diagnose")
+        wheels = TableFiles(tuple(vehicle or ()), (terrain,) if terrain else (), soil)
+        benches = tuple(map(bench_of, read_benches(tables, wheels, rename=rename, where=where)))
+        _diagnose(benches, settings, output, force=force, json=json)
+        return
+    files = Files(options.one_file(vehicle), terrain, runs_file, zero, soil, lenient_dbc)
     if plan:
-        if table or zero or choice:
+        if zero or choice:
             raise ConfigError(Fault("--plan reads no measurement", next_step="omit --table, --zero and --choice"))
         target = check_output(output, force=force) if output else None
         found = plan_campaigns(paths, files, settings, run_count=planned_runs, duration_s=planned_duration)
         _print_plan(found, target, json=json)
         return
-    options.refuse_two_sources(paths, table, choice, [*(rename or ()), *(where or ())], "diagnose")
-    given: Given
-    if table is not None:
-        given = (bench_of(read_bench(table, files, rename=rename, where=where)),)
-    else:
-        given = campaigns_of(paths, options.processed_for("diagnose", paths, files, by_hand), soil)
-    _diagnose(given, settings, output, force=force, json=json)
+    options.refuse_two_sources(paths, tables, choice, [*(rename or ()), *(where or ())], "diagnose")
+    campaigns = campaigns_of(paths, options.processed_for("diagnose", paths, files, by_hand), soil)
+    _diagnose(campaigns, settings, output, force=force, json=json)
 
 
 def _diagnose(given: Given, settings: DiagnosisOptions, output: Path | None, *, force: bool, json: bool) -> None:

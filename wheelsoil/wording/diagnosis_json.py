@@ -41,7 +41,9 @@ def _form_errors(found: Diagnosis) -> dict[str, Any]:
     """Return what a table's verdict takes for the error of form, and what half and twice of it turn."""
     turned = found.grounds.form_matters
     return {
-        "channels": {one.channel: {k: v for k, v in vars(one).items() if k != "channel"} for one in found.grounds.form_errors},
+        "channels": {
+            one.channel: {k: v for k, v in vars(one).items() if k != "channel"} for one in found.grounds.form_errors
+        },
         "turned": {how: list(verdict) for how, verdict in turned.values.items()} if turned else {},
     }
 

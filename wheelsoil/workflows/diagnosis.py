@@ -30,6 +30,7 @@ from model.diagnosis import (
     Campaign,
     Diagnosis,
     DiagnosisOptions,
+    Lugs,
     Plan,
     plan_for,
     plan_of,
@@ -40,7 +41,8 @@ from model.effects import EFFECTS
 from model.wheel_soil import Reading, prior_of
 from processing import ProcessedRun
 from wheelsoil.workflows.fit import known_soil, load_terrain, observations_of_table, wheel_of
-from wheelsoil.workflows.runs import BenchFiles, Files
+from wheelsoil.workflows.runs import Files
+from wheelsoil.workflows.tables import BenchFiles
 
 Processed = Sequence[tuple[Run, ProcessedRun]]
 
@@ -194,7 +196,7 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
         wheel=wheel_of(first.vehicle, first.vehicle_source),
         soil=soil,
         soil_prior=prior_of(soil, terrain),
-        tyre=(declared.tyre or "") if declared else "",
+        tyre=declared.tread if declared else "",
         outboard_mass_kg=declared.outboard_mass_kg if declared else 0.0,
     )
 
@@ -234,14 +236,17 @@ def bench_of(files: BenchFiles) -> Bench:
         for key, channel in OUTPUTS.items()
         if channel.field in table.sigma and np.isfinite(table.sigma[channel.field]).any()
     }
+    section = files.wheel_section
     return Bench(
-        name=Path(table.name).stem,
+        name=files.name or Path(table.name).stem,
         rows=observations_of_table(table),
         wheel=files.wheel,
         soil=files.soil,
         soil_prior=prior_of(files.soil, files.terrain),
         sigmas=sigmas,
-        tyre=files.wheel_section.tyre or "",
+        tyre=section.tread,
+        lugs=Lugs(section.lug_height_m, section.lug_count or 0) if section.lug_height_m else None,
+        lines=table.lines,
     )
 
 

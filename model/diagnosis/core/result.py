@@ -135,11 +135,21 @@ class Gain:
 
 @dataclass(frozen=True)
 class Inconsistent:
-    """Rows of a channel that break an exact bound: no soil can do that."""
+    """Rows of a channel that break an exact bound: no soil can do that.
+
+    Attributes
+    ----------
+    lines : tuple of int
+        Lines of a table's file; empty where the rows are of none.
+    slips : tuple of float
+        Of each row; of samples of runs the least and the largest.
+    """
 
     channel: str
     rows: int
     why: Note
+    lines: tuple[int, ...] = ()
+    slips: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -164,9 +164,7 @@ def _judged(
 ) -> tuple[Judgement, tuple[Cause, ...]]:
     """Return the verdict, and its causes with their values."""
     found = weighing.posterior
-    verdict = judgement(
-        found, _adequacy(weighing), gain, known.not_identifiable, options.name_at, error_must_fall=True
-    )
+    verdict = judgement(found, _adequacy(weighing), gain, known.not_identifiable, options.name_at, error_must_fall=True)
     causes = _causes(weighing, verdict.families, rng)
     if (after := confirmed(verdict, found, causes)) == verdict:
         return verdict, causes
