@@ -149,6 +149,7 @@ def read_wheel_tables(
     first = [list(map(str, wheels)).index(kind) for kind in kinds]
     each = [_one_size(sizes, i) for i in first]
     vary = [name for name in sizes if len({str(one.get(name)) for one in each}) > 1]
+    vary = [name for name in vary if name != "lug_count" or vary == ["lug_count"]]
     return [
         replace(_wheel_table(part), wheel=_wheel_name(names[i], {n: one[n] for n in vary if n in one}), sizes=one)
         for part, i, one in zip(parts, first, each, strict=True)

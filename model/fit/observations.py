@@ -59,7 +59,7 @@ class Observations:
         return Conditions(self.slip, self.vertical_load_n, **self.more)
 
     def measured(self, channel: str) -> FloatArray:
-        """Return the measured values of "dp" or "t"."""
+        """Return the measured values of "dp", "t" or "z"."""
         values: FloatArray = getattr(self, OUTPUTS[channel].field)
         return values
 

@@ -95,7 +95,7 @@ ChoiceFile = Annotated[
 ]
 Channels = Annotated[
     str | None,
-    typer.Option("--channels", help="Fitted channels: dp (drawbar pull), or dp,t (and torque). [default: dp]"),
+    typer.Option("--channels", help="Fitted channels: dp (drawbar pull), t (torque), z (sinkage). [default: dp]"),
 ]
 SoilPrior = Annotated[
     bool | None,

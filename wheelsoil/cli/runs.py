@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from daq import REACTIONS, number
+from daq import OUTPUTS, number
 from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, print_pairs, print_table, say, say_folded
 
@@ -167,7 +167,7 @@ def print_fit(fit: CampaignFit) -> None:
     from wheelsoil.workflows.fit import NOT_AT_AN_END, ended
 
     print_table(*coefficients(fit), left=2)
-    for channel in REACTIONS:
+    for channel in OUTPUTS:
         head, rows = criteria_table(fit, channel)
         if rows:
             print()
