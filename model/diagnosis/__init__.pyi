@@ -34,6 +34,8 @@ from .planning import plan_for as plan_for
 from .planning import plan_of as plan_of
 from .planning import planned_campaign as planned_campaign
 from .planning import usual_runs as usual_runs
+from .single_wheel import WheelPair as WheelPair
+from .single_wheel import compare_wheels as compare_wheels
 from .single_wheel import diagnose_bench as diagnose_bench
 from .time_series import diagnose as diagnose
 from .time_series import samples_of as samples_of

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,7 @@ from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, say, terminal_width
 
 if TYPE_CHECKING:
-    from model.diagnosis import Diagnosis, DiagnosisOptions, Plan
+    from model.diagnosis import Bench, Diagnosis, DiagnosisOptions, Plan
     from wheelsoil.workflows.diagnosis import Given
 
 
@@ -60,6 +61,9 @@ def diagnose_command(
             "[default: by the repeats; without any 2.5]",
         ),
     ] = None,
+    paired: Annotated[
+        bool, typer.Option("--paired", help="With two wheels in --table: report what the second one does differently.")
+    ] = False,
     next_run: Annotated[bool, typer.Option("--next-run", help="Rank next runs for every verdict.")] = False,
     plan: Annotated[bool, typer.Option("--plan", help="Report which causes a planned campaign can separate.")] = False,
     planned_runs: Annotated[
@@ -97,8 +101,9 @@ def diagnose_command(
         next_run=next_run,
         error_of_form=error_of_form,
     )
-    if error_of_form is not None and not tables:
-        raise ConfigError(Fault("--error-of-form is of single-wheel tables", next_step="give --table FILE.csv"))
+    if (error_of_form is not None or paired) and not tables:
+        option = "--paired" if paired else "--error-of-form"
+        raise ConfigError(Fault(f"{option} is of single-wheel tables", next_step="give --table FILE.csv"))
     paths = runs or []
     if tables and plan:
         raise ConfigError(Fault("--plan reads no measurement", next_step="omit --table, --zero and --choice"))
@@ -106,7 +111,10 @@ def diagnose_command(
         options.refuse_two_sources(paths, tables, choice, (), "diagnose")
         wheels = TableFiles(tuple(vehicle or ()), (terrain,) if terrain else (), soil)
         benches = tuple(map(bench_of, read_benches(tables, wheels, rename=rename, where=where)))
-        _diagnose(benches, settings, output, force=force, json=json)
+        if paired:
+            _compare(benches, settings, json=json)
+        else:
+            _diagnose(benches, settings, output, force=force, json=json)
         return
     files = Files(options.one_file(vehicle), terrain, runs_file, zero, soil, lenient_dbc)
     if plan:
@@ -132,6 +140,23 @@ def _diagnose(given: Given, settings: DiagnosisOptions, output: Path | None, *, 
     for path, model in zip(targets, models_of(diagnosis, given, settings.reading, command_line()), strict=False):
         path.write_text(model_toml(model), encoding="utf-8")
         say(f"wrote {path}" + ("" if model.effects else ": it has no effect, because no cause is named"))
+
+
+def _compare(benches: Sequence[Bench], settings: DiagnosisOptions, *, json: bool) -> None:
+    from model.diagnosis import compare_wheels
+    from wheelsoil.wording.wheel_pair_text import wheel_pair_json, wheel_pair_lines
+
+    if len(benches) != 2:
+        found = ", ".join(bench.name for bench in benches)
+        step = "give two --table, or one with a column wheel or lug_height_m that holds two; --where chooses rows"
+        raise ConfigError(Fault("--paired compares two wheels", found=found, expected="two", next_step=step))
+    first, second = benches
+    compared = compare_wheels(first, second, settings)
+    if json:
+        print_json(wheel_pair_json(compared, first.name, second.name))
+        return
+    for line in wheel_pair_lines(compared, first.name, second.name, terminal_width()):
+        print(line)
 
 
 def _print_plan(plan: Plan, target: Path | None, *, json: bool) -> None:

@@ -7,7 +7,7 @@ from math import isfinite
 
 from daq import OUTPUTS, ROLES, Note
 from model import LackCode
-from model.diagnosis import Adequacy, Cause, Detectable, Diagnosis, Finding, Gain, Grounds, ParameterEstimate
+from model.diagnosis import Adequacy, Cause, Detectable, Diagnosis, Finding, FormUsed, Gain, Grounds, ParameterEstimate
 from wheelsoil.wording.names import chance, family_of, parameter_name, place_text, plain_name
 from wheelsoil.wording.notes import note_text
 
@@ -71,7 +71,15 @@ def _of_table(found: Diagnosis) -> list[str]:
 
 def _error_of_form(grounds: Grounds) -> list[str]:
     """Return what was taken for the error of form where repeats do not say it, and which verdicts hang on it."""
-    taken = [one for one in grounds.form_errors if one.share is not None]
+    said = form_error_words(grounds.form_errors)
+    if not said or grounds.form_matters is None:
+        return said
+    return [*said, *_sentences([f"the verdict depends on it: {note_text(grounds.form_matters)}"])]
+
+
+def form_error_words(used: Sequence[FormUsed]) -> list[str]:
+    """Return what is given or assumed for the error of form; empty where the table itself says it."""
+    taken = [one for one in used if one.share is not None]
     if not taken:
         return []
     sizes = _listed([f"{_in_unit(one.size, one.channel)} in {OUTPUTS[one.channel].name}" for one in taken])
@@ -81,9 +89,7 @@ def _error_of_form(grounds: Grounds) -> list[str]:
     else:
         why = "there are neither repeats nor _sigma columns, and --error-of-form was not given"
         said = f"The error of form of a right model is assumed to be {share}: {why}"
-    if grounds.form_matters is None:
-        return _sentences([said])
-    return _sentences([said, f"the verdict depends on it: {note_text(grounds.form_matters)}"])
+    return _sentences([said])
 
 
 def _in_unit(size: float, channel: str) -> str:
