@@ -71,6 +71,29 @@ class WheelSection(_Section):
     outboard_mass_kg: NonNegative = 0.0
     outboard_inertia_kgm2: NonNegative = 0.0
     tyre: Literal["smooth", "lugged"] | None = None
+    lug_height_m: NonNegative | None = None
+    lug_count: Annotated[int, Field(ge=0)] | None = None
+
+    @model_validator(mode="after")
+    def _lugs_agree(self) -> Self:
+        height = self.lug_height_m
+        if height is not None and height >= self.radius_m:
+            raise ValueError(
+                f"lug_height_m = {height:g} is not below radius_m = {self.radius_m:g}; "
+                "give the height from the rim to the tip, in metres"
+            )
+        if self.tyre is not None and height is not None and (self.tyre == "lugged") != (height > 0):
+            raise ValueError(f'tyre = "{self.tyre}" contradicts lug_height_m = {height:g}; correct one of them')
+        if self.lug_count and not height:
+            raise ValueError(f"lug_count = {self.lug_count} needs lug_height_m; add it")
+        return self
+
+    @property
+    def tread(self) -> Literal["smooth", "lugged", ""]:
+        """Whether the wheel has lugs, as it is declared or as its lugs say; empty where neither does."""
+        if self.tyre is None and self.lug_height_m is not None:
+            return "lugged" if self.lug_height_m > 0 else "smooth"
+        return self.tyre or ""
 
 
 class BusSection(_Section):

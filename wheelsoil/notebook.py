@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from math import isfinite
 
-from daq import OUTPUTS, REACTIONS, ROLES, number, probability
+from daq import OUTPUTS, ROLES, number, probability
 from daq.runs import Run
 from model.diagnosis import Cause, Diagnosis, Gain
 from model.fit import CampaignFit
@@ -44,7 +44,7 @@ def processed_run_html(run: ProcessedRun) -> str:
 
 def fit_html(fit: CampaignFit) -> str:
     """Return the tables of a fit and its remarks."""
-    tables = [coefficients(fit), *(criteria_table(fit, channel) for channel in REACTIONS)]
+    tables = [coefficients(fit), *(criteria_table(fit, channel) for channel in OUTPUTS)]
     shown = [html_table(head, rows, left=2 if i == 0 else 1) for i, (head, rows) in enumerate(tables) if rows]
     return "".join([*shown, *map(html_paragraph, remarks(fit))])
 

@@ -38,9 +38,9 @@ def check_options(options: FitOptions) -> None:
     """Raise ConfigError for models or channels that there are not, or an extended model of another reading."""
     faults = [Fault(f"there is no model {m!r}", expected=nearest(m, MODELS)) for m in options.models if m not in MODELS]
     faults += [
-        Fault(f"there is no channel {c!r} to fit", expected=", ".join(REACTIONS), next_step="use --channels dp,t")
+        Fault(f"there is no channel {c!r} to fit", expected=", ".join(OUTPUTS), next_step="use --channels dp,t,z")
         for c in options.channels or ("",)
-        if c not in REACTIONS
+        if c not in OUTPUTS
     ]
     if options.extended is not None and options.extended.reading != options.reading:
         faults.append(
@@ -109,8 +109,16 @@ def check_enough(driven: Observations, lost: int, options: FitOptions) -> None:
         "too few driven samples to fit",
         found=found,
         expected=f"at least {needed}",
-        next_step="check wheel, soil and units" if lost else "see `wheelsoil process` for why samples are excluded",
+        next_step=_why_few(driven, lost),
     )
+
+
+def _why_few(driven: Observations, lost: int) -> str:
+    if lost:
+        return "check wheel, soil and units"
+    if driven.independent:
+        return "measure at three slips above 0 or more, and repeat each test"
+    return "see `wheelsoil process` for why samples are left out"
 
 
 def answered_by_extended(wheel: Wheel, driven: Observations, extended: ExtendedModel, answered: BoolArray) -> BoolArray:
@@ -210,13 +218,13 @@ def _answers(
                 for i in range(0, len(own), _BLOCK)
             )
             parts = [_forces(model.predict(one.rows(block), fit.values), slice(None)) for one, block in blocks]
-        return kept, {key: np.concatenate([part[key] for part in parts]) for key in REACTIONS}
+        return kept, {key: np.concatenate([part[key] for part in parts]) for key in OUTPUTS}
 
     return list(in_parallel(of_model, fitted.models))
 
 
 def _forces(prediction: Prediction, rows: IndexArray | slice) -> dict[str, FloatArray]:
-    return {key: getattr(prediction, channel.field)[rows].copy() for key, channel in REACTIONS.items()}
+    return {key: getattr(prediction, channel.field)[rows].copy() for key, channel in OUTPUTS.items()}
 
 
 @one_thread
@@ -252,7 +260,7 @@ def fit_observations(
     fits = list(in_parallel(lambda name: _fit_one(name, driven, wheel, soil, chosen), chosen.names))
     forward = [chosen.forward(wheel, soil, fit.name) for fit in fits]
     predictions = [model.predict(observations.conditions, fit.values) for model, fit in zip(forward, fits, strict=True)]
-    predicted = [{key: getattr(p, channel.field) for key, channel in REACTIONS.items()} for p in predictions]
+    predicted = [{key: getattr(p, channel.field) for key, channel in OUTPUTS.items()} for p in predictions]
     models = judge_alike(fits, observations, predicted, threshold, wheel.radius_m)
     notes = (Note(FitCode.LOAD_NOT_CARRIED, values={"samples": lost}),) if lost else ()
     return CampaignFit(models, wheel, soil, chosen, threshold, observations, notes)
@@ -355,7 +363,7 @@ def judge_alike(
     Parameters
     ----------
     measured : Observations or another `Measured`, n samples
-    predicted : for each fit a mapping channel -> array (n,), N or N m; NaN where the model has no answer
+    predicted : for each fit a mapping channel -> array (n,), N, N m or m; NaN where the model has no answer
     threshold : slip from which on a sample counts
     radius_m : of the wheel: a torque's error is reported relative to load times radius
     """
@@ -369,10 +377,10 @@ def judge_alike(
                 np.where(answered, values[c], np.nan),
                 measured.slip,
                 threshold,
-                vertical_load_n=forces[c],
+                vertical_load_n=forces.get(c),
                 rows=isinstance(measured, Observations) and measured.independent,
             )
-            for c in REACTIONS
+            for c in (*REACTIONS, *(c for c in fit.residual_floor if c not in REACTIONS))
             if c == "dp" or np.isfinite(measured.measured(c)).any()
         }
         judged.append(replace(fit, criteria=found))

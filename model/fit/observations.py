@@ -20,12 +20,13 @@ class Measured:
     vertical_load_n: FloatArray
     drawbar_pull_n: FloatArray
     driving_torque_nm: FloatArray
+    sinkage_m: FloatArray
 
     def __len__(self) -> int:
         return len(self.slip)
 
     def measured(self, channel: str) -> FloatArray:
-        """Return the measured values of "dp" or "t"."""
+        """Return the measured values of "dp", "t" or "z"."""
         values: FloatArray = getattr(self, OUTPUTS[channel].field)
         return values
 

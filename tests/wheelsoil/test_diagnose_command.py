@@ -57,7 +57,7 @@ def check_shape(found: dict[str, Any]) -> None:
         assert isinstance(found["gain"]["reduction_percent"], NUMBER)
         assert len(found["gain"]["interval95"]) == 2
     for item in found["inconsistent"]:
-        assert set(item) == {"channel", "rows", "why"}
+        assert set(item) == {"channel", "rows", "why", "lines", "slips"}
     if found["adequacy"] is not None:
         assert set(found["adequacy"]) == {"statistic", "threshold", "ok"}
     if found["proposal"] is not None:

@@ -38,6 +38,19 @@ TableFile = Annotated[
 Vehicle = Annotated[
     Path | None, typer.Option("--vehicle", metavar="FILE", help="vehicle.toml; overrides what a run carries.")
 ]
+Tables = Annotated[
+    list[Path] | None,
+    typer.Option("--table", metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, ..."),
+]
+WheelFiles = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--vehicle",
+        metavar="FILE",
+        help="vehicle.toml; overrides what a run carries. With --table: one for all tables, one for each, or NAME=FILE "
+        "for each name in a column wheel.",
+    ),
+]
 Terrain = Annotated[
     Path | None, typer.Option("--terrain", metavar="FILE", help="terrain.toml; overrides what a run carries.")
 ]
@@ -106,7 +119,7 @@ ChoiceFile = Annotated[
 ]
 Channels = Annotated[
     str | None,
-    typer.Option("--channels", help="Fitted channels: dp (drawbar pull), or dp,t (and torque). [default: dp]"),
+    typer.Option("--channels", help="Fitted channels: dp (drawbar pull), t (torque), z (sinkage). [default: dp]"),
 ]
 SoilPrior = Annotated[
     bool | None,
@@ -321,8 +334,22 @@ def page_token(file: Path | None) -> str | None:
     return text
 
 
+def one_file(files: Sequence[str] | None) -> Path | None:
+    """Return the only --vehicle, for runs.
+
+    Raises
+    ------
+    ConfigError
+        There are several.
+    """
+    if files and len(files) > 1:
+        step = "give one, or diagnose the vehicles one after the other"
+        raise ConfigError(Fault("runs take one --vehicle", found=", ".join(files), next_step=step))
+    return Path(files[0]) if files else None
+
+
 def refuse_two_sources(
-    runs: Sequence[Path], table: Path | None, choice: Path | None, columns: Sequence[str], verb: str
+    runs: Sequence[Path], table: object, choice: Path | None, columns: Sequence[str], verb: str
 ) -> None:
     """Check that a command takes runs, with the choice of some of them, or a table, with a choice of its columns.
 
@@ -338,10 +365,10 @@ def refuse_two_sources(
     ConfigError
         Options of both are given.
     """
-    if table is not None and (runs or choice):
+    if table and (runs or choice):
         other = "RUN" if runs else "--choice"
         raise ConfigError.of(f"{other} and --table exclude each other", next_step=f"{verb} one, then the other")
-    if table is None and columns:
+    if not table and columns:
         raise ConfigError.of("--rename and --where choose from a table", next_step="give --table FILE.csv")
 
 

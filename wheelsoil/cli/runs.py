@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from daq import REACTIONS, ConfigError, number
+from daq import OUTPUTS, number
 from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, print_pairs, print_table, say, say_folded
 
@@ -131,7 +131,8 @@ def fit_command(
     """
     from wheelsoil.workflows.fit import fit_as_json, fit_runs, fit_table
     from wheelsoil.workflows.model_files import load_model
-    from wheelsoil.workflows.runs import Files, read_bench
+    from wheelsoil.workflows.runs import Files
+    from wheelsoil.workflows.tables import read_bench
 
     options.refuse_two_sources(runs or (), table, choice, [*(rename or ()), *(where or ())], "fit")
     by_hand = options.chosen(
@@ -164,7 +165,7 @@ def print_fit(fit: CampaignFit) -> None:
     from wheelsoil.workflows.fit import NOT_AT_AN_END, ended
 
     print_table(*coefficients(fit), left=2)
-    for channel in REACTIONS:
+    for channel in OUTPUTS:
         head, rows = criteria_table(fit, channel)
         if rows:
             print()
@@ -246,23 +247,12 @@ def sinkage_command(
 def _sinkage_of_table(
     path: Path, rename: list[str] | None, where: list[str] | None, vehicle: Path | None
 ) -> SinkageFacts:
-    from daq import VehicleConfig, load_toml
-    from daq.runs import Collected
-    from daq.series import parse_rename, parse_where, read_wheel_table
-    from wheelsoil.workflows.fit import wheel_of
     from wheelsoil.workflows.sinkage import sinkage_of_table
+    from wheelsoil.workflows.tables import one_wheel, read_wheels
 
-    collected = Collected()
-    with collected.catch():
-        if vehicle is None:
-            raise ConfigError.of("the wheel is not known", next_step="give --vehicle FILE with [wheel] radius_m")
-        described = load_toml(vehicle, VehicleConfig)
-        wheel_of(described, str(vehicle))
-    with collected.catch():
-        rows = read_wheel_table(path, rename=parse_rename(rename or ()), where=parse_where(where or ()))
-    collected.stop_if_any()
-    assert described.wheel is not None
-    return sinkage_of_table(rows, described.wheel)
+    vehicles = (str(vehicle),) if vehicle else ()
+    found = one_wheel(read_wheels([path], vehicles, rename=rename, where=where))
+    return sinkage_of_table(found.rows, found.section)
 
 
 def print_sinkage(facts: SinkageFacts) -> None:

@@ -35,6 +35,18 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "lack_of_fit": [_finding(one, found.median_there(one)) for one in found.grounds.lack_of_fit],
         "prior_sensitivity": [{**vars(one), "families": list(one.families)} for one in found.grounds.prior_shifts],
         "stages_s": found.stages_s,
+        **({"error_of_form": _form_errors(found)} if found.grounds.form_errors else {}),
+    }
+
+
+def _form_errors(found: Diagnosis) -> dict[str, Any]:
+    """Return what a table's verdict takes for the error of form, and what half and twice of it turn."""
+    turned = found.grounds.form_matters
+    return {
+        "channels": {
+            one.channel: {k: v for k, v in vars(one).items() if k != "channel"} for one in found.grounds.form_errors
+        },
+        "turned": {how: list(verdict) for how, verdict in turned.values.items()} if turned else {},
     }
 
 

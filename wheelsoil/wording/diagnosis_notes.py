@@ -94,6 +94,22 @@ def _repeats(v: Values) -> str:
     return f"{OUTPUTS[v['channel']].name}: repeats scatter by {factor * v['scatter']:.2g} {unit}; {usual}"
 
 
+def _stated(v: Values) -> str:
+    factor, unit = _ROW_UNITS[v["channel"]]
+    usual = f"a right model may have an error of form of {factor * v['form_scale']:.2g} {unit}"
+    return f"{OUTPUTS[v['channel']].name}: one-sigma {factor * v['scatter']:.2g} {unit} by the table; {usual}"
+
+
+def _form_decides(v: Values) -> str:
+    verdicts = [
+        f"with {how} the error of form the verdict would be {plain_name(v[how][0])}"
+        + (f" ({' and '.join(map(plain_name, v[how][1]))})" if v[how][0] == "named" else "")
+        for how in ("half", "twice")
+        if how in v
+    ]
+    return ", ".join(verdicts)
+
+
 def _mixed_repeats(v: Values) -> str:
     share = f"{100.0 * v['share']:.0f} % of the load in {OUTPUTS[v['channel']].name}"
     return f"rows of one group scatter by {share}: they may be of different wheels or tests; choose them with --where"
@@ -187,6 +203,7 @@ SENTENCES: dict[str, Sentence] = {
     LackCode.VALUE_AT_LIMIT: _at_limit,
     LackCode.VALUE_MAY_BE_NEUTRAL: _neutral,
     LackCode.NOTHING_USABLE: _nothing_usable,
+    LackCode.FORM_DECIDES: _form_decides,
     LackCode.NO_CHANNEL_MEASURED: "none of the channels that are looked at was measured in these rows",
     LackCode.FEW_ROWS: (
         "{rows} rows at {conditions} slip and load decide nothing: measure at three slips or more, three times each"
@@ -215,6 +232,7 @@ SENTENCES: dict[str, Sentence] = {
         "{load_n:.3g} N)"
     ),
     DiagnosisCode.REPEATS_SCATTER: _repeats,
+    DiagnosisCode.SCATTER_STATED: _stated,
     DiagnosisCode.REPEATS_MIXED: _mixed_repeats,
     DiagnosisCode.LIKELIEST_SET: _likeliest,
     DiagnosisCode.WITHOUT_GATE: _without_gate,

@@ -7,7 +7,18 @@ from math import isfinite
 
 from daq import OUTPUTS, ROLES, Note
 from model import LackCode
-from model.diagnosis import Adequacy, Cause, Detectable, Diagnosis, Finding, Gain, ParameterEstimate, SoilEstimate
+from model.diagnosis import (
+    Adequacy,
+    Cause,
+    Detectable,
+    Diagnosis,
+    Finding,
+    FormUsed,
+    Gain,
+    Grounds,
+    ParameterEstimate,
+    SoilEstimate,
+)
 from wheelsoil.wording.names import SOIL_LETTERS, chance, family_of, parameter_name, place_text, plain_name
 from wheelsoil.wording.notes import note_text
 
@@ -104,6 +115,38 @@ def _by_family(sizes: Mapping[str, Detectable]) -> dict[str, Detectable]:
 
 
 def _of_table(found: Diagnosis) -> list[str]:
+    return [*_verdict_of_table(found), *_error_of_form(found.grounds)]
+
+
+def _error_of_form(grounds: Grounds) -> list[str]:
+    """Return what was taken for the error of form where repeats do not say it, and which verdicts hang on it."""
+    said = form_error_words(grounds.form_errors)
+    if not said or grounds.form_matters is None:
+        return said
+    return [*said, *_sentences([f"the verdict depends on it: {note_text(grounds.form_matters)}"])]
+
+
+def form_error_words(used: Sequence[FormUsed]) -> list[str]:
+    """Return what is given or assumed for the error of form; empty where the table itself says it."""
+    taken = [one for one in used if one.share is not None]
+    if not taken:
+        return []
+    sizes = _listed([f"{_in_unit(one.size, one.channel)} in {OUTPUTS[one.channel].name}" for one in taken])
+    share = f"{100 * (taken[0].share or 0.0):.3g} % of load, load x radius and radius ({sizes})"
+    if taken[0].basis == "given":
+        said = f"The error of form of a right model is given as {share}"
+    else:
+        why = "there are neither repeats nor _sigma columns, and --error-of-form was not given"
+        said = f"The error of form of a right model is assumed to be {share}: {why}"
+    return _sentences([said])
+
+
+def _in_unit(size: float, channel: str) -> str:
+    factor, unit = (1e3, "mm") if OUTPUTS[channel].unit == "m" else (1.0, OUTPUTS[channel].unit_text)
+    return f"{factor * size:.2g} {unit}"
+
+
+def _verdict_of_table(found: Diagnosis) -> list[str]:
     channels = _listed([OUTPUTS[c].name for c in found.grounds.table_channels])
     chances = {one.name: one.probability for one in found.candidates}
     onward = [f"Next: {found.next_run[0].change}."] if found.next_run else []
@@ -118,7 +161,8 @@ def _of_table(found: Diagnosis) -> list[str]:
     if found.verdict == "one_of":
         names = ", ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in found.causes)
         if len(found.causes) == 1:
-            why = "" if found.grounds.barred is None else f": {note_text(found.grounds.barred)}"
+            barred = found.grounds.barred if found.grounds.form_matters is None else None
+            why = "" if barred is None else f": {note_text(barred)}"
             return [f"Most probable: {names}, but not sure enough for a name{why}.", *onward]
         return [f"One of {names}: {channels} of these rows cannot separate them.", *onward]
     if found.verdict == "unexplained":

@@ -36,7 +36,7 @@ _EXPECTED = {
     "cutoff_hz": "a positive number of Hz",
     "min_speed_mps": "a positive number of m/s",
     "sinkage": '"balanced" or "literal"',
-    "channels": '["dp"], ["t"] or ["dp", "t"]',
+    "channels": 'some of ["dp", "t", "z"]',
     "soil_prior": "true or false",
     "effects": "keys of effects, each once: docs/effects/README.md",
     "file": "the name of the recording",
@@ -221,7 +221,9 @@ class _Head(BaseModel):
     cutoff_hz: Positive | None = None
     min_speed_mps: Positive | None = None
     sinkage: Reading | None = None
-    channels: Annotated[tuple[Literal["dp", "t"], ...], Field(min_length=1), AfterValidator(_no_twins)] | None = None
+    channels: Annotated[tuple[Literal["dp", "t", "z"], ...], Field(min_length=1), AfterValidator(_no_twins)] | None = (
+        None
+    )
     soil_prior: Flag | None = None
     effects: Annotated[tuple[Annotated[str, AfterValidator(_known_effect)], ...], AfterValidator(_no_twins)] = ()
 

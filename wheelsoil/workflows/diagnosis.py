@@ -25,13 +25,14 @@ from daq import (
 )
 from daq.runs import RUNS_FILE, TERRAIN_FILE, VEHICLE_FILE, Collected, Run
 from model import DiagnosisCode
-from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions
+from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions, Lugs
 from model.effects import EFFECTS
 from model.wheel_soil import Reading, prior_of
 from processing import ProcessedRun
 from wheelsoil.cache.store import kept
 from wheelsoil.workflows.fit import known_soil, load_terrain, observations_of_table, wheel_of
-from wheelsoil.workflows.runs import BenchFiles, Files
+from wheelsoil.workflows.runs import Files
+from wheelsoil.workflows.tables import BenchFiles
 
 if TYPE_CHECKING:
     from model.diagnosis import Plan
@@ -46,6 +47,7 @@ _KINDS = ("physical", "measurement")
 _LOOSE = "runs"
 _SHORTEST_S, _LONGEST_S = 10.0, 600.0
 _MOST_RUNS = 40
+_LARGEST_FORM = 50.0
 
 Given = tuple[Campaign, ...] | tuple[Bench, ...]
 
@@ -59,6 +61,7 @@ def diagnosis_options(
     most_causes: int = 3,
     seed: int = 0,
     next_run: bool = False,
+    error_of_form: float | None = None,
 ) -> DiagnosisOptions:
     """Return the options of a diagnosis.
 
@@ -71,6 +74,8 @@ def diagnosis_options(
     channels : of "dp", "t", "z"
     most_causes, seed, next_run
         See `DiagnosisOptions`.
+    error_of_form : float, optional
+        In percent; see `DiagnosisOptions`.
 
     Raises
     ------
@@ -95,6 +100,9 @@ def diagnosis_options(
         faults.append(_nothing_left(reading))
     if not 1 <= most_causes <= 3:
         faults.append(Fault("--most-causes is out of range", found=str(most_causes), expected="1 to 3"))
+    if error_of_form is not None and not 0 < error_of_form <= _LARGEST_FORM:
+        expected = f"above 0, up to {_LARGEST_FORM:g} (percent of load, load x radius and radius)"
+        faults.append(Fault("--error-of-form is out of range", found=f"{error_of_form:g}", expected=expected))
     if faults:
         raise ConfigError(*faults)
     return DiagnosisOptions(
@@ -104,6 +112,7 @@ def diagnosis_options(
         most_causes=most_causes,
         seed=seed,
         next_run=next_run,
+        error_of_form=None if error_of_form is None else error_of_form / 100.0,
     )
 
 
@@ -180,7 +189,7 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
         wheel=wheel_of(first.vehicle, first.vehicle_source),
         soil=soil,
         soil_prior=prior_of(soil, terrain),
-        tyre=(declared.tyre or "") if declared else "",
+        tyre=declared.tread if declared else "",
         outboard_mass_kg=declared.outboard_mass_kg if declared else 0.0,
     )
 
@@ -225,14 +234,17 @@ def bench_of(files: BenchFiles) -> Bench:
         for key, channel in OUTPUTS.items()
         if channel.field in table.sigma and np.isfinite(table.sigma[channel.field]).any()
     }
+    section = files.wheel_section
     return Bench(
-        name=Path(table.name).stem,
+        name=files.name or Path(table.name).stem,
         rows=observations_of_table(table),
         wheel=files.wheel,
         soil=files.soil,
         soil_prior=prior_of(files.soil, files.terrain),
         sigmas=sigmas,
-        tyre=files.wheel_section.tyre or "",
+        tyre=section.tread,
+        lugs=Lugs(section.lug_height_m, section.lug_count or 0) if section.lug_height_m else None,
+        lines=table.lines,
     )
 
 

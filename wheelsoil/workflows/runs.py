@@ -1,8 +1,8 @@
-"""Opening and processing of runs and of single-wheel tables, with all faults reported at once."""
+"""Opening and processing of runs, with all faults reported at once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,24 +12,17 @@ from daq import (
     ConfigError,
     DataError,
     Fault,
-    TerrainConfig,
     UncertainTimestamps,
-    VehicleConfig,
-    WheelSection,
     WheelsoilError,
-    load_toml,
 )
 from daq.can import no_bus_in_common
 from daq.logger import is_being_recorded
 from daq.runs import VEHICLE_FILE, Collected, Run, open_runs
-from daq.series import WheelTable, parse_rename, parse_where, read_wheel_table
 from model import in_parallel
-from model.wheel_soil import Soil, Wheel
 from processing import ProcessedRun, ProcessOptions, keep_only
 from wheelsoil.console import progress, say
 from wheelsoil.wording.notes import texts_of
 from wheelsoil.workflows.choice import Choice, RunInUse, runs_in_use
-from wheelsoil.workflows.fit import known_soil, load_terrain, wheel_of
 from wheelsoil.workflows.kept_runs import KeptRun, place_of
 
 
@@ -57,52 +50,6 @@ class Files:
             lenient_dbc=self.lenient_dbc,
             left_out=left_out,
         )
-
-
-@dataclass(frozen=True)
-class BenchFiles:
-    """The rows, the wheel that made them and the soil; `terrain` is None where only a preset was given."""
-
-    rows: WheelTable
-    wheel: Wheel
-    wheel_section: WheelSection
-    soil: Soil
-    terrain: TerrainConfig | None
-
-
-def read_bench(
-    path: Path, files: Files, *, rename: Iterable[str] | None = None, where: Iterable[str] | None = None
-) -> BenchFiles:
-    """Read a bench table and its files.
-
-    Parameters
-    ----------
-    files : Files
-        Of these, vehicle.toml with ``[wheel]`` (it is an error to give none), terrain.toml and the preset are taken.
-    rename, where : iterable of str, optional
-        See `daq.series.tables`.
-
-    Raises
-    ------
-    ConfigError, DataError
-        Everything that is wrong with any of them.
-    """
-    if files.vehicle is None:
-        raise ConfigError.of(
-            "the wheel is not known", next_step="give --vehicle FILE with [wheel] radius_m and width_m"
-        )
-    collected = Collected()
-    with collected.catch():
-        described = load_toml(files.vehicle, VehicleConfig)
-        wheel = wheel_of(described, str(files.vehicle))
-    with collected.catch():
-        lab = load_terrain(files.terrain)
-        ground = known_soil(files.soil, lab)
-    with collected.catch():
-        rows = read_wheel_table(path, rename=parse_rename(rename or ()), where=parse_where(where or ()))
-    collected.stop_if_any()
-    assert described.wheel is not None
-    return BenchFiles(rows, wheel, described.wheel, ground, lab)
 
 
 def open_and_process(

@@ -128,7 +128,7 @@ def sinkage_of_table(table: WheelTable, wheel: WheelSection) -> SinkageFacts:
     left_out = len(table) - len(cells)
     if left_out:
         notes = (*notes, f"{len(cells)} of {len(table)} rows used: {left_out} are not driven or have no torque")
-    rows = bound_rows_of_table(table, wheel.radius_m, lugged=_lugged(wheel))
+    rows = bound_rows_of_table(table, wheel.radius_m, lugged=_lugged(wheel), lug_height_m=wheel.lug_height_m or None)
     return _facts(table.name, cells, rows, notes)
 
 
@@ -142,7 +142,7 @@ def _facts(source: str, cells: ForceCells, rows: BoundRows, notes: tuple[str, ..
 
 
 def _lugged(wheel: WheelSection | None) -> bool:
-    return wheel is not None and wheel.tyre == "lugged"
+    return wheel is not None and wheel.tread == "lugged"
 
 
 def _lugs(wheel: WheelSection | None) -> tuple[str, ...]:

@@ -151,11 +151,21 @@ class Gain:
 
 @dataclass(frozen=True)
 class Inconsistent:
-    """Rows of a channel that break an exact bound: no soil can do that."""
+    """Rows of a channel that break an exact bound: no soil can do that.
+
+    Attributes
+    ----------
+    lines : tuple of int
+        Lines of a table's file; empty where the rows are of none.
+    slips : tuple of float
+        Of each row; of samples of runs the least and the largest.
+    """
 
     channel: str
     rows: int
     why: Note
+    lines: tuple[int, ...] = ()
+    slips: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -268,6 +278,27 @@ class PriorShift:
 
 
 @dataclass(frozen=True)
+class FormUsed:
+    """The error of form that a right model of a single-wheel table may have in one channel.
+
+    Attributes
+    ----------
+    size : float
+        One-sigma, N, N m or m.
+    basis : "given", "assumed", "repeats" or "stated"
+        By a person, as a share of load, load x radius or radius; so by us; by the scatter of repeats; by the table's
+        sigma columns.
+    share : float or None
+        Where it is given or assumed.
+    """
+
+    channel: str
+    size: float
+    basis: str
+    share: float | None
+
+
+@dataclass(frozen=True)
 class Grounds:
     """What the verdict rests on beside the numbers of the diagnosis.
 
@@ -293,6 +324,10 @@ class Grounds:
         What speaks against diagnosing these runs or rows together.
     table_channels : tuple of str
         Channels that were used, of single-wheel tables; empty for driven runs.
+    form_errors : tuple of FormUsed
+        Of single-wheel tables, one for each of these channels.
+    form_matters : Note or None
+        Which verdicts half and twice an error of form that was assumed or given lead to, where they are others.
     """
 
     undecided: Note | None = None
@@ -305,6 +340,8 @@ class Grounds:
     prior_shifts: tuple[PriorShift, ...] = ()
     cautions: tuple[Note, ...] = ()
     table_channels: tuple[str, ...] = ()
+    form_errors: tuple[FormUsed, ...] = ()
+    form_matters: Note | None = None
 
 
 @dataclass(frozen=True)

@@ -134,7 +134,7 @@ def plan_for(
         soil=soil,
         runs=runs or default,
         soil_prior=soil_prior,
-        tyre=vehicle.wheel.tyre or "",
+        tyre=vehicle.wheel.tread,
         name=name,
         duration_s=duration_s,
         vehicle=replace(usual, mass_kg=mass, static_load_n=usual.static_load_n * share),

@@ -270,9 +270,12 @@ def notes_of(
     load_n = problem.typical_load_n
     notes = [Note(DiagnosisCode.PRIOR_SCALED, values={"share": load_n / _USUAL_LOAD_N, "load_n": load_n})]
     for noise in problem.noises:
-        scatter = scatter_of_repeats(noise.measured, noise.groups)
-        facts = {"channel": noise.channel, "scatter": scatter, "form_scale": noise.form_scale}
-        notes.append(Note(DiagnosisCode.REPEATS_SCATTER, values=facts))
+        stated = noise.scatter_is_known
+        scatter = float(noise.scatter[0]) if stated else scatter_of_repeats(noise.measured, noise.groups)
+        if scatter > 0:
+            facts = {"channel": noise.channel, "scatter": scatter, "form_scale": noise.form_scale}
+            code = DiagnosisCode.SCATTER_STATED if stated else DiagnosisCode.REPEATS_SCATTER
+            notes.append(Note(code, values=facts))
     laws = [Note(DiagnosisCode.SKID_LAW, values={"table": name, **asdict(law)}) for name, law in skids.items()]
     return [*notes, *_likeliest(weighing), *_unused_channels(plot_data), *laws]
 
