@@ -28,6 +28,9 @@ NOT_AT_AN_END = (
 )
 """What to do where a fit stopped without an end: "no_progress" or "max_iterations"."""
 
+_FEW_SAMPLES = 1_000_000
+"""Of all runs, whose predictions by every model take 200 MB."""
+
 
 @dataclass(frozen=True)
 class FitChoices:
@@ -137,7 +140,8 @@ def fit_runs(
     Parameters
     ----------
     keep_predictions : bool
-        See `model.fit.fit.fit_models`; a report needs them.
+        See `model.fit.fit.fit_models`; a report needs them. Those of few samples are kept in any case, so that a
+        report after a fit takes it as it is.
 
     Raises
     ------
@@ -155,9 +159,10 @@ def fit_runs(
     def compute() -> CampaignFit:
         from model.fit import fit_models
 
-        return fit_models(*given, keep_predictions=keep_predictions)
+        return fit_models(*given, keep_predictions=keep)
 
-    fit = kept("fit", (*given, keep_predictions), compute)
+    keep = keep_predictions or sum(map(len, runs)) <= _FEW_SAMPLES
+    fit = kept("fit", (*given, keep), compute)
     lacking = [(run.run.id, list(run.quality.missing)) for run in runs if run.quality.missing]
     if not lacking:
         return fit
