@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from daq import OUTPUTS, REACTIONS, BoolArray, ConfigError, DataError, Fault, FloatArray, Note, nearest
+from daq import OUTPUTS, REACTIONS, BoolArray, ConfigError, DataError, Fault, FloatArray, IndexArray, Note, nearest
 from model.cores import in_parallel, one_thread
 from model.effects.base import Effect
 from model.effects.catalogue import EFFECTS
@@ -16,11 +16,11 @@ from model.fit.criteria import criteria
 from model.fit.estimates import correlations, estimates_of, spread_of, warnings_of
 from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
 from model.fit.intervals import Blocks, blocks_of
-from model.fit.observations import Observations, observations_of
+from model.fit.observations import Measured, Observations, measured_of, observations_of
 from model.fit.problem import FitProblem, free_parameters
 from model.fit.result import CHOSEN, EXTENDED, MODELS, CampaignFit, FitOptions, LoadRatio, ModelFit
 from model.notes import FitCode
-from model.wheel_soil.conditions import Wheel
+from model.wheel_soil.conditions import Conditions, Wheel
 from model.wheel_soil.run_conditions import conditions_of
 from model.wheel_soil.soils import SOIL_PARAMETERS, Soil
 from model.wheel_soil.wheel_soil_model import Prediction, WheelSoilModel
@@ -30,6 +30,8 @@ MIN_SAMPLES = 20
 """Driven samples of a time series below which nothing is fitted."""
 
 _RENEWALS = 2
+_BLOCK = 1 << 16
+"""Samples that are predicted at once."""
 
 
 def check_options(options: FitOptions) -> None:
@@ -153,9 +155,19 @@ def _check_needs(driven: Observations, effects: Sequence[type[Effect]], instead:
 
 @one_thread
 def fit_models(
-    runs: Sequence[ProcessedRun], wheel: Wheel, soil: Soil, options: FitOptions | None = None
+    runs: Sequence[ProcessedRun],
+    wheel: Wheel,
+    soil: Soil,
+    options: FitOptions | None = None,
+    *,
+    keep_predictions: bool = True,
 ) -> CampaignFit:
     """Fit the paper's models to processed runs of one terrain.
+
+    Parameters
+    ----------
+    keep_predictions : bool
+        Whether the fits hold what each model predicts for every sample, 2 GB for four models and ten hours.
 
     Raises
     ------
@@ -168,25 +180,49 @@ def fit_models(
     ------
     Yang et al. (2016), sections 1.2, 1.3 and 3.
     """
-    conditions = conditions_of(runs, soil.unit_weight_n_m3)
-    asked = conditions if options and (options.extended or options.chosen) else ()
+    asked = conditions_of(runs, soil.unit_weight_n_m3) if options and (options.extended or options.chosen) else ()
     fitted = fit_observations(observations_of(runs, conditions=asked), wheel, soil, options)
-    everything = observations_of(runs, thinned=False)
+    rows = _judged_rows(runs, fitted.slip_threshold)
+    conditions = asked or conditions_of(runs, soil.unit_weight_n_m3)
+    answers = _answers(fitted, conditions, rows, keep_predictions=keep_predictions)
+    del asked, conditions  # of ten hours: 100 MB
+    models = [replace(fit, predictions=kept) for fit, (kept, _) in zip(fitted.models, answers, strict=True)]
+    predicted = [of_rows for _, of_rows in answers]
+    judged = judge_alike(models, measured_of(runs, rows), predicted, fitted.slip_threshold, wheel.radius_m)
+    return replace(fitted, models=judged)
 
-    def predictions(fit: ModelFit) -> tuple[Prediction, ...]:
-        model = fitted.options.forward(wheel, soil, fit.name)
-        return tuple(model.predict(condition, fit.values) for condition in conditions)
 
-    by_model = in_parallel(predictions, fitted.models)
-    models = [replace(fit, predictions=own) for fit, own in zip(fitted.models, by_model, strict=True)]
-    predicted = [
-        {
-            key: np.concatenate([getattr(p, channel.field)[r.used] for p, r in zip(fit.predictions, runs, strict=True)])
-            for key, channel in REACTIONS.items()
-        }
-        for fit in models
-    ]
-    return replace(fitted, models=judge_alike(models, everything, predicted, fitted.slip_threshold, wheel.radius_m))
+def _judged_rows(runs: Sequence[ProcessedRun], threshold: float) -> list[IndexArray]:
+    """Return the rows of each run that the criteria count; where there are none, all used ones, which tell why."""
+    rows = [np.flatnonzero(run.used & (run.slip >= threshold)) for run in runs]
+    return rows if any(map(len, rows)) else [np.flatnonzero(run.used) for run in runs]
+
+
+def _answers(
+    fitted: CampaignFit, conditions: Sequence[Conditions], rows: Sequence[IndexArray], *, keep_predictions: bool
+) -> list[tuple[tuple[Prediction, ...], dict[str, FloatArray]]]:
+    """Return for each model its predictions, where they are kept, and its forces of some rows of each run."""
+
+    def of_model(fit: ModelFit) -> tuple[tuple[Prediction, ...], dict[str, FloatArray]]:
+        model = fitted.options.forward(fitted.wheel, fitted.soil, fit.name)
+        if keep_predictions:
+            kept = tuple(model.predict(one, fit.values) for one in conditions)
+            parts = [_forces(prediction, own) for prediction, own in zip(kept, rows, strict=True)]
+        else:
+            kept = ()
+            blocks = (
+                (one, own[i : i + _BLOCK])
+                for one, own in zip(conditions, rows, strict=True)
+                for i in range(0, len(own), _BLOCK)
+            )
+            parts = [_forces(model.predict(one.rows(block), fit.values), slice(None)) for one, block in blocks]
+        return kept, {key: np.concatenate([part[key] for part in parts]) for key in REACTIONS}
+
+    return list(in_parallel(of_model, fitted.models))
+
+
+def _forces(prediction: Prediction, rows: IndexArray | slice) -> dict[str, FloatArray]:
+    return {key: getattr(prediction, channel.field)[rows].copy() for key, channel in REACTIONS.items()}
 
 
 @one_thread
@@ -315,7 +351,7 @@ def _load_ratio(prediction: Prediction, driven: Observations) -> LoadRatio:
 
 def judge_alike(
     fits: Sequence[ModelFit],
-    measured: Observations,
+    measured: Measured,
     predicted: Sequence[dict[str, FloatArray]],
     threshold: float,
     radius_m: float,
@@ -324,7 +360,7 @@ def judge_alike(
 
     Parameters
     ----------
-    measured : Observations, n samples
+    measured : Observations or another `Measured`, n samples
     predicted : for each fit a mapping channel -> array (n,), N or N m; NaN where the model has no answer
     threshold : slip from which on a sample counts
     radius_m : of the wheel: a torque's error is reported relative to load times radius

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from daq import IndexArray
 from model.wheel_soil.dual import Number, value_of, where
 from model.wheel_soil.soils import SoilState
 from model.wheel_soil.stresses import slip_of_ratio, speed_ratio
@@ -82,6 +83,10 @@ class Conditions:
     def with_speed_ratio_times(self, factor: Number) -> Conditions:
         """Return the conditions with V/(r omega), and so the slip, changed by a factor."""
         return replace(self, slip=slip_of_ratio(speed_ratio(self.slip) * factor))
+
+    def rows(self, rows: slice | IndexArray) -> Conditions:
+        """Return the conditions of some samples."""
+        return self.map(lambda x: x[rows] if np.ndim(x) else x)
 
     def map(self, function: Callable[[Number], Number]) -> Conditions:
         """Return the conditions with `function` applied to every field."""

@@ -134,7 +134,7 @@ def conditions_of(runs: Sequence[ProcessedRun], unit_weight_n_m3: float) -> list
 
 def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_weight_n_m3: float) -> Conditions:
     def everywhere(value: float) -> FloatArray:
-        return np.full(len(run), value)
+        return np.broadcast_to(np.float64(value), len(run))
 
     acceleration = run.ground_acceleration_mps2
     return Conditions(

@@ -128,8 +128,19 @@ def one_terrain(runs: Sequence[Run]) -> Run:
     return first
 
 
-def fit_runs(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices, soil_name: str | None) -> CampaignFit:
+def fit_runs(
+    processed: Sequence[tuple[Run, ProcessedRun]],
+    choices: FitChoices,
+    soil_name: str | None,
+    *,
+    keep_predictions: bool = False,
+) -> CampaignFit:
     """Fit the four models to processed runs of one terrain; a note names those that lack a signal and are left out.
+
+    Parameters
+    ----------
+    keep_predictions : bool
+        See `model.fit.fit.fit_models`; a report needs them.
 
     Raises
     ------
@@ -144,7 +155,8 @@ def fit_runs(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices,
     first = one_terrain([run for run, _ in processed])
     soil = known_soil(soil_name, first.terrain)
     options = choices.options(soil, None if soil_name else first.terrain)
-    fit = fit_models(whole_runs(runs), wheel_of(first.vehicle, first.vehicle_source), soil, options)
+    wheel = wheel_of(first.vehicle, first.vehicle_source)
+    fit = fit_models(whole_runs(runs), wheel, soil, options, keep_predictions=keep_predictions)
     lacking = [(run.run.id, list(run.quality.missing)) for run in runs if run.quality.missing]
     if not lacking:
         return fit
