@@ -150,7 +150,8 @@ def fit_command(
         bench = read_bench(table, files, rename=rename, where=where)
         fit = fit_table(bench.rows, bench.wheel, bench.soil, choices, bench.terrain)
     else:
-        fit = fit_runs(options.processed_for(choices.purpose, runs or (), files, by_hand), choices, soil)
+        processed = options.processed_for(choices.purpose, runs or (), files, by_hand)
+        fit = fit_runs(processed, choices, soil, keep_predictions=False)
     comparison = _sinkages(fit) if table is not None else None
     if json:
         print_json(fit_as_json(fit) | ({"sinkage": comparison} if comparison else {}))

@@ -106,7 +106,7 @@ def _simulate_to_report(output: Path, options: SimulationOptions) -> tuple[Diagn
     with _step("diagnose"):
         found = diagnose_campaigns(campaigns_of([folder], processed), diagnosis_options())
     with _step("fit four models"):
-        fit = fit_runs(processed, choices, None, keep_predictions=True)
+        fit = fit_runs(processed, choices, None)
     with _step("write the report"):
         report = report_of_processed(processed, choices, process_options, campaign=fit, diagnosed=Diagnosed(found))
         page, numbers = report.write(output / "report.html")

@@ -99,7 +99,7 @@ def _slim(run: ProcessedRun) -> ProcessedRun:
 
 def fit_members(members: Sequence[Member], choices: FitChoices, soil: str | None) -> dict[str, Any]:
     """Return the fit as `fit --json` prints it, and the curve request of each model by its name; see `fit_runs`."""
-    fit = fit_runs(_taken(members, choices.purpose), choices, soil)
+    fit = fit_runs(_taken(members, choices.purpose), choices, soil, keep_predictions=False)
     curves = {
         model.name: {
             "sinkage": choices.reading,

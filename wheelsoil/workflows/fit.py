@@ -133,7 +133,7 @@ def fit_runs(
     choices: FitChoices,
     soil_name: str | None,
     *,
-    keep_predictions: bool = False,
+    keep_predictions: bool = True,
 ) -> CampaignFit:
     """Fit the four models to processed runs of one terrain; a note names those that lack a signal and are left out.
 

@@ -79,7 +79,7 @@ def report_of_processed(
     problem = ""
     if campaign is None:
         try:
-            campaign = fit_runs(processed, choices, soil, keep_predictions=True)
+            campaign = fit_runs(processed, choices, soil)
         except DataError as error:
             problem = "; ".join(fault.what for fault in error.faults)
     material = ReportInputs(
