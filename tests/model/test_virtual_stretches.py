@@ -82,7 +82,7 @@ _LONG_RUN = """
     from memory_support import peak_rss_mb
     from wheelsoil.simulation import SimulationOptions, simulate_campaign
 
-    options = SimulationOptions(soil="sandy", effects={"lyasko": {"m1": 0.6, "m2": 0.03}}, runs=1, duration_s=float(sys.argv[1]))
+    options = SimulationOptions(effects={"lyasko": {"m1": 0.1, "m2": 0.05}}, runs=1, duration_s=float(sys.argv[1]))
     simulate_campaign(Path(sys.argv[2]), options)
     print(peak_rss_mb())
 """
