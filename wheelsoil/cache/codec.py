@@ -164,7 +164,7 @@ class _Reader:
             raise DamagedError("cut off")
         values = np.frombuffer(self._data, dtype, count, start) if count else np.zeros(0, dtype)
         if order == "1":
-            return np.broadcast_to(values[0], shape)
+            return np.broadcast_to(values.reshape(()), shape)
         return values.reshape(shape, order="F" if order == "F" else "C")
 
     def _settings(self, name: str, set_there: list[str], *values: Any) -> Any:
