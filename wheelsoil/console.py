@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from daq import ConfigError, table_lines
-from wheelsoil.wording.to_json import to_json
+from wheelsoil.to_json import to_json
 
 _LEAST_WIDTH = 60
 

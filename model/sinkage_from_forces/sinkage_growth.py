@@ -132,12 +132,13 @@ def sinkage_from_forces(
     """
     shapes = draw_shapes(ranges or ShapeRanges(), draws, rng)
     forces = cells.forces
-    plain = sinkage_of_forces(forces.slip, *forces.ratios(cells.radius_m), cells.radius_m, shapes)
+    ratios = forces.ratios(cells.radius_m)
+    plain = sinkage_of_forces(forces.slip, *ratios, cells.radius_m, shapes, cells.lug_height_m)
     groups = len(cells.names)
     error = cells.noise_m * rng.standard_normal((draws, len(cells)))
     for zero in (cells.pull_zero_m, cells.torque_zero_m):
         error = error + zero * rng.standard_normal((draws, groups))[:, cells.group]
-    central = forces.central_m(cells.radius_m)
+    central = cells.central_m
     share = np.divide(error, central, out=np.zeros_like(error), where=central > 0.0)
     return ForceSinkage(cells, np.maximum(plain * (1.0 + share), 0.0), shapes)
 
@@ -165,7 +166,7 @@ def _levels(cells: ForceCells) -> tuple[IndexArray, Note | None]:
 def _slopes(cells: ForceCells, levels: IndexArray, values: FloatArray) -> FloatArray:
     """Return the slope over slip of every row of values (m, n), each level having its own height; shape (m,)."""
     slip = cells.forces.slip
-    central = cells.forces.central_m(cells.radius_m)
+    central = cells.central_m
     weights = np.where(central > 0.0, 1.0, 0.0) / (cells.noise_m**2 + (_OWN_SHARE * central) ** 2 + 1e-12)
     centred = slip.copy()
     for level in np.unique(levels):

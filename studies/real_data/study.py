@@ -35,8 +35,8 @@ from model.diagnosis.single_wheel import (
 )
 from model.diagnosis.single_wheel import noise as bench_noise
 from model.effects.catalogue import EFFECTS
+from wheelsoil.to_json import to_json
 from wheelsoil.wording.diagnosis_json import diagnosis_json
-from wheelsoil.wording.to_json import to_json
 from wheelsoil.workflows import Files, bench_of, read_bench
 
 HERE = Path(__file__).parent

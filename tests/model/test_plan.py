@@ -26,7 +26,7 @@ from model.diagnosis.planning.plan import (
 from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import SOILS
-from wheelsoil.wording.to_json import to_json
+from wheelsoil.to_json import to_json
 
 EFFECTS = ("vasilev", "slope", "drawbar_pull_zero", "crosstalk", "torque_zero")
 OPTIONS = DiagnosisOptions(effects=EFFECTS)

@@ -61,7 +61,7 @@ def test_growth_is_found_where_the_peak_moves(grows_m: float) -> None:
 
 def test_noise_widens_the_band() -> None:
     quiet, noisy = (table(np.full(9, 0.12), np.zeros(9), sigma) for sigma in (0.0, 300.0))
-    one = ShapeRanges((0.3, 0.3), 0.32, 1.0, (1.0, 1.0), (0.0, 0.0), 1.0, 0.0, 0.0)
+    one = ShapeRanges((0.3, 0.3), 0.32, 1.0, (1.0, 1.0), (0.0, 0.0), 1.0, 0.0, 0.0, (0.0, 0.0), 1.0, 0.0)
     widths = []
     for rows in (quiet, noisy):
         bins = sinkage_from_forces(cells_of_table(rows, 0.47), np.random.default_rng(0), one).bins()

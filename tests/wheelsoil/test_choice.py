@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from daq.errors import ConfigError
 from model.effects.catalogue import EFFECTS
-from wheelsoil.wording.to_json import to_json
+from wheelsoil.to_json import to_json
 from wheelsoil.workflows.choice import SCHEMA, Choice, ChosenRun, load_choice, parse_choice
 from wheelsoil.workflows.fit import FitChoices
 

@@ -8,8 +8,8 @@ import pytest
 from cli_support import invoke, ok, small_campaign
 
 from model.diagnosis.time_series.samples import samples_of
+from wheelsoil.to_json import plain
 from wheelsoil.wording.diagnosis_json import diagnosis_json
-from wheelsoil.wording.to_json import plain
 from wheelsoil.workflows.choice import Choice, ChosenRun, load_choice
 from wheelsoil.workflows.diagnosis import campaigns_of, diagnose_campaigns, diagnosis_options
 from wheelsoil.workflows.fit import fit_runs

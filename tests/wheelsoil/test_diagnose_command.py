@@ -16,8 +16,8 @@ from daq.errors import ConfigError
 from daq.runs.open import open_runs
 from model.effects.catalogue import EFFECTS
 from processing.options import ProcessOptions
+from wheelsoil.to_json import plain
 from wheelsoil.wording.diagnosis_json import diagnosis_json
-from wheelsoil.wording.to_json import plain
 from wheelsoil.workflows.diagnosis import campaigns_of, diagnosis_options
 from wheelsoil.workflows.runs import process_runs
 

@@ -125,8 +125,8 @@ def info_command(
 
 
 def _as_json(facts: FileFacts) -> dict[str, Any]:
+    from wheelsoil.to_json import plain
     from wheelsoil.wording.notes import note_text
-    from wheelsoil.wording.to_json import plain
 
     known: dict[str, Any] = plain(facts)
     return known | {

@@ -10,7 +10,16 @@ import typer
 
 from daq import OUTPUTS, number
 from wheelsoil.cli import options
-from wheelsoil.console import check_output, print_json, print_pairs, print_table, say, say_folded
+from wheelsoil.console import (
+    check_output,
+    folded,
+    print_json,
+    print_pairs,
+    print_table,
+    say,
+    say_folded,
+    terminal_width,
+)
 
 if TYPE_CHECKING:
     from model.fit import CampaignFit
@@ -257,7 +266,7 @@ def _sinkage_of_table(
 
 def print_sinkage(facts: SinkageFacts) -> None:
     """Print the table of sinkage against slip, its growth and the bound; notes on stderr."""
-    from wheelsoil.workflows.sinkage import IN_THE_BAND, growth_rows, growth_sentence
+    from wheelsoil.workflows.sinkage import IN_THE_BAND, agreement_sentence, growth_rows, growth_sentence
 
     measured = any(one.measured_m == one.measured_m for one in facts.bins)
     head = ["slip", "load N", "sinkage mm", "95 % band", "noise mm", *(["measured mm"] if measured else []), "samples"]
@@ -279,6 +288,8 @@ def print_sinkage(facts: SinkageFacts) -> None:
     if grown:
         print_table(["growth from no slip to full slip", "mm", "95 % interval"], grown)
     print(growth_sentence(facts.growth))
+    if facts.agreement is not None:
+        print("\n".join(folded(agreement_sentence(facts.agreement), terminal_width())))
     if facts.checked:
         print(f"bound T/r - Dp <= W tan(theta_1): {_bound(facts)}")
     else:

@@ -121,7 +121,7 @@ def _limits(text: str | None) -> dict[Quantity, float]:
 
 
 def _as_json(target: Path, found: Sequence[Found], rows: Sequence[Drift], remarks: Sequence[Note]) -> dict[str, Any]:
-    from wheelsoil.wording.to_json import plain
+    from wheelsoil.to_json import plain
 
     return {
         "file": target,

@@ -20,8 +20,8 @@ from daq import ConfigError, WheelsoilError
 from wheelsoil import __version__
 from wheelsoil.report.content import Figure, Section, SectionBuilder, Text, drawn, figures_of, texts_of
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
-from wheelsoil.wording.to_json import plain
+from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES
+from wheelsoil.to_json import plain
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
 """Names of browsers on the PATH, in order of preference."""
@@ -219,10 +219,17 @@ def build_report(material: ReportInputs) -> Report:
 def _asked_for(material: ReportInputs) -> list[SectionBuilder]:
     """Return the sections of the page."""
     diagnosed = material.diagnosed is not None or bool(material.no_diagnosis)
-    return [builder for builder in SECTIONS if diagnosed or builder not in OF_THE_DIAGNOSIS]
+    sections = SECTIONS_OF_TABLES if material.tables else SECTIONS
+    return [builder for builder in sections if diagnosed or builder not in OF_THE_DIAGNOSIS]
 
 
 def _subtitle(material: ReportInputs) -> str:
+    if material.tables:
+        wheels = [
+            f"{one.name} (r = {one.wheel.radius_m:g} m, b = {one.wheel.width_m:g} m, {len(one.rows)} rows)"
+            for one in material.tables
+        ]
+        return f"single-wheel tests: {', '.join(wheels)}"
     count = len(material.runs)
     runs = f"{count} run{'s' if count != 1 else ''}"
     wheel = material.vehicle.wheel

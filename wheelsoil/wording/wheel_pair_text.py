@@ -31,13 +31,13 @@ def wheel_pair_lines(found: WheelPair, first: str, second: str, width: int) -> l
     return [
         *wrapped(wheel_pair_sentence(found, first, second), width),
         "",
-        f"{second} less {first}, after load, slip and size (+- one-sigma if nothing is different)",
+        *wrapped(f"{second} less {first}, after load, slip and size (+- one-sigma if nothing is different)", width),
         *(f"  {line}" for line in table_lines(head, rows)),
         "",
-        f"Causes of {second} alone (probability of being among them)",
+        *wrapped(f"Causes of {second} alone (probability of being among them)", width),
         *wrapped(", ".join(families) or "none", width, "  "),
         "",
-        f"Sets of causes (own: of {second} alone)",
+        *wrapped(f"Sets of causes (own: of {second} alone)", width),
         *sets,
     ]
 
@@ -58,9 +58,8 @@ def wheel_pair_sentence(found: WheelPair, first: str, second: str) -> str:
     elif max(families.values(), default=0.0) > _LIKELY and own > _LIKELY:
         why = f"It has a cause of its own ({chance(own)}): {likely[0]}"
     elif likely:
-        why = (
-            f"It has a cause of its own with {chance(own)}, one of {', '.join(likely)}: these rows cannot separate them"
-        )
+        one_of = f"one of {', '.join(likely)}" if len(likely) > 1 else f"most probably {likely[0]}"
+        why = f"It has a cause of its own with {chance(own)}, {one_of}: these rows cannot separate them further"
     else:
         why = f"A cause of its own is not detectable ({chance(own)}): a cause that both share may explain it"
     return " ".join([f"{said}.", f"{why}.", *form_error_words(found.form_errors)])

@@ -17,6 +17,7 @@ from wheelsoil.report.sections import (
     planning,
     provenance,
     quality,
+    tables,
     track,
     verdict,
 )
@@ -45,6 +46,24 @@ SECTIONS: tuple[SectionBuilder, ...] = (
     provenance.provenance,
 )
 """In the order of the page."""
+
+SECTIONS_OF_TABLES: tuple[SectionBuilder, ...] = (
+    glance.glance,
+    tables.verdict,
+    tables.rows,
+    coefficients.coefficients,
+    misfit.misfit,
+    candidates.candidates,
+    evidence.evidence,
+    evidence.gain,
+    coefficients.criteria,
+    tables.sinkage,
+    planning.detectable,
+    planning.next_run,
+    provenance.workings,
+    provenance.provenance,
+)
+"""The same where there are single-wheel tables in place of runs."""
 
 OF_THE_DIAGNOSIS = (
     misfit.misfit,

@@ -61,6 +61,8 @@ def _file_row(source: Source) -> list[str]:
 
 def _used(material: ReportInputs) -> list[tuple[str, object]]:
     """Return the values used for options that may be at their default."""
+    if material.tables:
+        return [("slip threshold used", f"{material.campaign.slip_threshold:g}")] if material.campaign else []
     cutoffs = tuple(dict.fromkeys(f"{run.cutoff_hz:.3g} Hz" for run in material.runs))
     threshold = [("slip threshold used", f"{material.campaign.slip_threshold:g}")] if material.campaign else []
     return [("cut-off used", cutoffs), *threshold]
