@@ -54,7 +54,7 @@ blind: $(STAMP)
 mutants: $(STAMP)
 	PYTHONPATH=tests $(BIN)/python -m mutants.run $(MUTANTS)
 
-# Side by side with the peers, into out/bench/results.md; takes ten minutes on an idle machine.
+# Side by side with the peers, into out/bench/results.md; takes twenty minutes on an idle machine.
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks
 

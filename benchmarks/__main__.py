@@ -20,7 +20,7 @@ from benchmarks.table import Row, page
 HERE = Path(__file__).parent
 RESULTS = HERE.parent / "out" / "bench" / "results.md"
 NAMES = tuple(sorted(path.stem.removeprefix("bench_") for path in HERE.glob("bench_*.py")))
-LIMIT_S = 600.0
+LIMIT_S = 1800.0
 """A benchmark that takes longer has failed."""
 _ROWS_ONLY = "--rows"
 
@@ -31,6 +31,7 @@ class BenchmarkError(Exception):
 
 def main(arguments: Sequence[str]) -> int:
     """Run the benchmarks named, or all; return the exit status."""
+    os.environ["WHEELSOIL_CACHE"] = "off"  # nothing measured was computed before
     if arguments[:1] == [_ROWS_ONLY]:
         signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a shell ignores it
         module = importlib.import_module(f"benchmarks.bench_{arguments[1]}")

@@ -79,7 +79,7 @@ def _forward(what: str, us: float, error: float, most_us: float) -> Row:
 
 
 def _whole_fit() -> list[Row]:
-    run = _run()
+    run = processed_run()
     found = []
     for label, options in (
         ("drawbar pull", FitOptions()),
@@ -90,7 +90,7 @@ def _whole_fit() -> list[Row]:
     return found
 
 
-def _run() -> ProcessedRun:
+def processed_run() -> ProcessedRun:
     """Return a noisy 60 s run at 100 Hz as processing leaves it."""
     n, rng = 6000, np.random.default_rng(1)
     time = np.arange(n) * 0.01

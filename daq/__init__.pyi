@@ -18,6 +18,7 @@ from .clock import ClockFit as ClockFit
 from .clock import fit_clock as fit_clock
 from .config import SOIL_KEYS as SOIL_KEYS
 from .config import ZERO_FILE as ZERO_FILE
+from .config import Brakes as Brakes
 from .config import BusSection as BusSection
 from .config import ChannelZero as ChannelZero
 from .config import Determination as Determination
@@ -25,6 +26,7 @@ from .config import HealthSection as HealthSection
 from .config import LoggerSection as LoggerSection
 from .config import RunInfo as RunInfo
 from .config import RunsConfig as RunsConfig
+from .config import RutReading as RutReading
 from .config import SensorSection as SensorSection
 from .config import SoilSection as SoilSection
 from .config import TerrainConfig as TerrainConfig

@@ -107,6 +107,7 @@ CHANNELS = (
     ChannelDefinition("course", (Quantity.ANGLE,), Use.AID),
     ChannelDefinition("gnss_time", (Quantity.TIME,), Use.AID),
     ChannelDefinition("wheel_angle", (Quantity.ANGLE,), Use.AID),
+    ChannelDefinition("brake", (Quantity.PRESSURE, Quantity.RATIO), Use.AID),
     ChannelDefinition("transducer_status", (Quantity.RATIO,), Use.FLAG),
 )
 """Every channel. A wheel speed given as a speed is that of the rim: omega = v / r."""
@@ -122,7 +123,8 @@ ON_TIME_BASE = tuple(channel for channel in CHANNELS if channel.on_time_base)
 TRANSDUCER_ROLES = tuple(c.role for c in CHANNELS if c.quantities[0] in (Quantity.FORCE, Quantity.MOMENT))
 """What the wheel force transducer measures: its status and its zeros are about these."""
 REACTIONS = {key: channel for key, channel in OUTPUTS.items() if channel.role in TRANSDUCER_ROLES}
-"""Outputs that the transducer measures, by key: both are zero at standstill on level ground."""
+"""Outputs that the transducer measures, by key: zero at standstill on level ground with released brakes, but for
+what the rut keeps of the pull."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from daq.arrays import FloatArray, IntArray
-from daq.errors import DataError, Fault
+from daq.errors import DataError
 
 _DAY_S = 86_400.0
 _TUKEY = 4.685
@@ -90,8 +90,8 @@ def fit_clock(host_ns: IntArray, gnss_s: FloatArray) -> ClockFit:
     """
     host_ns, gnss_s = _fresh(host_ns, gnss_s, np.nan)
     if len(gnss_s) < _LEAST_EPOCHS:
-        raise DataError(
-            Fault("GNSS time cannot be fitted", found=f"{len(gnss_s)} epochs", expected=f"{_LEAST_EPOCHS} or more")
+        raise DataError.of(
+            "GNSS time cannot be fitted", found=f"{len(gnss_s)} epochs", expected=f"{_LEAST_EPOCHS} or more"
         )
     reference_ns = int(host_ns[len(host_ns) // 2])
     elapsed = (host_ns - reference_ns) * 1e-9

@@ -14,8 +14,10 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    SerializerFunctionWrapHandler,
     ValidationError,
     field_validator,
+    model_serializer,
     model_validator,
 )
 
@@ -42,6 +44,9 @@ _HEAD = (
     "# Zeros of a wheel force transducer, written by `wheelsoil zero`. A comment is lost when it is written again.\n"
 )
 
+Brakes = Literal["held", "released", "unknown"]
+"""What holds the vehicle at a standstill; `unknown` is taken for held."""
+
 ConfigT = TypeVar("ConfigT", bound=BaseModel)
 
 
@@ -54,6 +59,7 @@ class VehicleSection(_Section):
 
     name: str = "unnamed vehicle"
     mass_kg: Positive | None = None
+    standstill_brakes: Brakes = "unknown"
 
 
 class WheelSection(_Section):
@@ -65,6 +71,29 @@ class WheelSection(_Section):
     outboard_mass_kg: NonNegative = 0.0
     outboard_inertia_kgm2: NonNegative = 0.0
     tyre: Literal["smooth", "lugged"] | None = None
+    lug_height_m: NonNegative | None = None
+    lug_count: Annotated[int, Field(ge=0)] | None = None
+
+    @model_validator(mode="after")
+    def _lugs_agree(self) -> Self:
+        height = self.lug_height_m
+        if height is not None and height >= self.radius_m:
+            raise ValueError(
+                f"lug_height_m = {height:g} is not below radius_m = {self.radius_m:g}; "
+                "give the height from the rim to the tip, in metres"
+            )
+        if self.tyre is not None and height is not None and (self.tyre == "lugged") != (height > 0):
+            raise ValueError(f'tyre = "{self.tyre}" contradicts lug_height_m = {height:g}; correct one of them')
+        if self.lug_count and not height:
+            raise ValueError(f"lug_count = {self.lug_count} needs lug_height_m; add it")
+        return self
+
+    @property
+    def tread(self) -> Literal["smooth", "lugged", ""]:
+        """Whether the wheel has lugs, as it is declared or as its lugs say; empty where neither does."""
+        if self.tyre is None and self.lug_height_m is not None:
+            return "lugged" if self.lug_height_m > 0 else "smooth"
+        return self.tyre or ""
 
 
 class BusSection(_Section):
@@ -200,6 +229,26 @@ class TerrainConfig(_Section):
     uncertainty: UncertaintySection | None = None
 
 
+class RutReading(_Section):
+    """``[[run.rut]]``: the depth of the rut that the run left, by a ruler, at a time, a distance or a position."""
+
+    depth_m: NonNegative
+    sigma_m: Positive
+    time_s: NonNegative | None = None
+    distance_m: NonNegative | None = None
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
+    after_pass: Annotated[int, Field(ge=1)] | None = None
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        if (self.latitude_deg is None) != (self.longitude_deg is None):
+            raise ValueError("latitude_deg and longitude_deg go together")
+        if sum(x is not None for x in (self.time_s, self.distance_m, self.latitude_deg)) != 1:
+            raise ValueError("give one place: time_s, distance_m, or latitude_deg and longitude_deg")
+        return self
+
+
 class RunInfo(_Section):
     """``[[run]]``: what is known of one run besides its frames."""
 
@@ -209,6 +258,11 @@ class RunInfo(_Section):
     pass_number: Annotated[int, Field(ge=1)] = 1
     added_load_kg: Finite = 0.0
     inflation_kpa: Positive | None = None
+    rut: tuple[RutReading, ...] = ()
+
+    @model_serializer(mode="wrap")
+    def _without_empty_rut(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {key: value for key, value in dump(self).items() if key != "rut" or value}
 
 
 class RunsConfig(_Section):
@@ -315,9 +369,7 @@ def _toml_mapping(text: str, where: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(
-            Fault("not valid TOML", where, str(error), next_step="correct the line named above")
-        ) from None
+        raise ConfigError.of("not valid TOML", where, str(error), next_step="correct the line named above") from None
 
 
 def parse_mapping(raw: Mapping[str, Any], kind: type[ConfigT], where: str) -> ConfigT:
@@ -344,9 +396,9 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise ConfigError(Fault("no such file", str(path), next_step="check the path")) from None
+        raise ConfigError.of("no such file", path, next_step="check the path") from None
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(Fault("the file cannot be read", str(path), str(error))) from None
+        raise ConfigError.of("the file cannot be read", path, str(error)) from None
     return _toml_mapping(text, str(path))
 
 
@@ -360,6 +412,10 @@ def _faults(error: ValidationError, kind: type[BaseModel], where: str) -> list[F
             faults.append(Fault(f"unknown key {location!r}", where, expected=nearest(str(item["loc"][-1]), known)))
         elif item["type"] == "missing":
             faults.append(Fault(f"key {location!r} is missing", where, next_step="add it"))
+        elif item["type"] == "literal_error":
+            what, found = f"{location} has a value that is not known", repr(item["input"])
+            expected = item["ctx"]["expected"].replace("'", '"')
+            faults.append(Fault(what, where, found, expected, next_step="write one of these"))
         else:
             faults.append(Fault(f"{location}: {message}", where, found=repr(item["input"])))
     return faults

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 _LISTED_AT_MOST = 3
 """Up to this number of faults that differ only in their place are listed one by one; more become one fault."""
@@ -57,6 +57,11 @@ class WheelsoilError(Exception):
     def __init__(self, *faults: Fault | str) -> None:
         self.faults: tuple[Fault, ...] = tuple(f if isinstance(f, Fault) else Fault(f) for f in faults)
         super().__init__(_render(self.faults))
+
+    @classmethod
+    def of(cls, what: str, where: object = "", found: str = "", expected: str = "", next_step: str = "") -> Self:
+        """Return the error of one fault; see `Fault`."""
+        return cls(Fault(what, str(where), found, expected, next_step))
 
     def __str__(self) -> str:
         return _render(self.faults)

@@ -7,6 +7,7 @@ processes. The numbers do not depend on how many there are.
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -17,6 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import wraps
+from multiprocessing.connection import Connection
 from typing import Any, ParamSpec, TypeVar
 
 from daq import Fault, WheelsoilError
@@ -77,6 +79,89 @@ def in_parallel(function: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
     return _in_processes(function, listed, count)
 
 
+Ask = Callable[..., list[Any]]
+"""Calls a method, by its name and arguments, of each of several objects."""
+
+
+@contextmanager
+def spread(objects: Sequence[Any]) -> Iterator[Ask]:
+    """Spread objects over as many processes as `processes` allows, and yield what calls a method of each of them.
+
+    What an object keeps from one call to the next stays in its process. Results come in the order of the objects.
+
+    Raises
+    ------
+    WheelsoilError
+        See `in_parallel`, as of exceptions.
+    """
+    count = min(_count.get(), len(objects)) if sys.platform == "linux" else 1
+    context = multiprocessing.get_context("fork")
+    lines, helpers = [], []
+    for i in range(1, count):
+        line, far = context.Pipe()
+        helper = context.Process(target=_serve, args=(far, objects[i::count]), daemon=True)
+        with _without_fork_warning():
+            helper.start()
+        far.close()
+        lines.append(line)
+        helpers.append(helper)
+    share = max(count, 1)
+
+    def ask(method: str, *args: Any) -> list[Any]:
+        try:
+            for line in lines:
+                line.send((method, args))
+            answers = [_answer(objects[::share], method, args), *(line.recv() for line in lines)]
+        except (EOFError, ConnectionError):
+            raise _ended() from None
+        found: list[Any] = [None] * len(objects)
+        for i, answer in enumerate(answers):
+            if isinstance(answer, Exception):
+                raise answer
+            found[i::share] = answer
+        return found
+
+    try:
+        yield ask
+    finally:
+        for helper, line in zip(helpers, lines, strict=True):
+            line.close()
+            helper.terminate()
+            helper.join()
+
+
+def _serve(line: Connection, objects: Sequence[Any]) -> None:
+    """Call methods of objects until nobody asks any more."""
+    _begin()
+    with contextlib.suppress(EOFError):
+        while True:
+            line.send(_answer(objects, *line.recv()))
+
+
+def _answer(objects: Sequence[Any], method: str, args: tuple[Any, ...]) -> list[Any] | Exception:
+    """Return what a method of each object returns, or what it raises."""
+    try:
+        return [getattr(one, method)(*args) for one in objects]
+    except Exception as error:  # noqa: BLE001 - it is raised where the method was asked for
+        return error
+
+
+@contextmanager
+def _without_fork_warning() -> Iterator[None]:
+    with warnings.catch_warnings():  # Python 3.12 warns where there are threads; ours hold no lock here
+        warnings.simplefilter("ignore", DeprecationWarning)
+        yield
+
+
+def _ended() -> WheelsoilError:
+    return WheelsoilError(
+        Fault(
+            "a process that worked on a part of this ended, as the system does when memory is short",
+            next_step="give --jobs 1, or close other programs",
+        )
+    )
+
+
 def _in_processes(function: Callable[[T], R], items: Sequence[T], count: int) -> Iterator[R]:
     from concurrent.futures import ProcessPoolExecutor
     from concurrent.futures.process import BrokenProcessPool
@@ -85,17 +170,11 @@ def _in_processes(function: Callable[[T], R], items: Sequence[T], count: int) ->
     context = multiprocessing.get_context("fork")
     pool = ProcessPoolExecutor(count, context, initializer=_begin, initargs=(lambda index: function(items[index]),))
     try:
-        with warnings.catch_warnings():  # Python 3.12 warns where there are threads; ours hold no lock here
-            warnings.simplefilter("ignore", DeprecationWarning)
+        with _without_fork_warning():
             found = pool.map(_call, range(len(items)))
         yield from found
     except BrokenProcessPool:
-        raise WheelsoilError(
-            Fault(
-                "a process that worked on a part of this ended, as the system does when memory is short",
-                next_step="give --jobs 1, or close other programs",
-            )
-        ) from None
+        raise _ended() from None
     except BaseException:
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
@@ -104,10 +183,11 @@ def _in_processes(function: Callable[[T], R], items: Sequence[T], count: int) ->
         pool.shutdown(cancel_futures=True)
 
 
-def _begin(task: Callable[[int], Any]) -> None:
+def _begin(task: Callable[[int], Any] | None = None) -> None:
     """Prepare a process: it ends with Ctrl-C without a word, and when its parent ends."""
     global _task
-    _task = task
+    if task is not None:
+        _task = task
     _count.set(1)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -30,12 +30,21 @@ class LackCode(StrEnum):
     NOT_SETTLED = "not_settled"
     NOT_CHECKED = "not_checked"
     NO_BETTER = "no_better"
+    """nats, least"""
+    CHANNEL_WORSE = "channel_worse"
+    """channel, percent, low, high: by how much its held-out error grows"""
+    PARTS_CANCEL = "parts_cancel"
+    """families, without: the family that the set does as well without"""
+    PEAK_MAY_SHIFT = "peak_may_shift"
+    """family, probability"""
     VALUE_AT_LIMIT = "value_at_limit"
     """family, parameter, value, unit"""
     VALUE_MAY_BE_NEUTRAL = "value_may_be_neutral"
     """family, parameter, neutral, low, high, unit"""
     NOTHING_USABLE = "nothing_usable"
     """faults: one of each campaign"""
+    FORM_DECIDES = "form_decides"
+    """half, twice: (verdict, families) with half and twice the error of form, where they are others"""
     NO_CHANNEL_MEASURED = "no_channel_measured"
     FEW_ROWS = "few_rows"
     """rows, conditions"""
@@ -66,6 +75,8 @@ class DiagnosisCode(StrEnum):
     PRIOR_SCALED = "prior_scaled"
     """share, load_n"""
     REPEATS_SCATTER = "repeats_scatter"
+    """channel, scatter, form_scale"""
+    SCATTER_STATED = "scatter_stated"
     """channel, scatter, form_scale"""
     REPEATS_MIXED = "repeats_mixed"
     """channel, share"""
@@ -156,7 +167,8 @@ class BevameterCode(StrEnum):
 class SinkageCode(StrEnum):
     """Facts of the sinkage from forces, and of the bound T/r - Dp <= W tan(theta_1).
 
-    A broken bound has campaign (empty where there is one only), broken, rows, excess_n, sigmas, and what would mend it:
+    A broken bound has campaign (empty where there is one only), broken, rows, excess_n, sigmas, where it is broken
+    (lines of a table, slips; see `model.diagnosis.core.result.Inconsistent`), and what would mend it:
     less_torque_nm, more_sinkage_m, larger_radius (a share, infinite: none), more_pull_n.
     """
 

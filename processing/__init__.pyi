@@ -8,6 +8,8 @@ from .pipeline.quality import Interval as Interval
 from .pipeline.quality import check_within as check_within
 from .pipeline.quality import keep_only as keep_only
 from .pipeline.quality import with_by_hand as with_by_hand
+from .processed_run import LEVEL_DEG as LEVEL_DEG
+from .processed_run import RUT_SHARE as RUT_SHARE
 from .processed_run import ProcessedRun as ProcessedRun
 from .processed_run import QualityReport as QualityReport
 from .processed_run import Reason as Reason
@@ -15,6 +17,7 @@ from .processed_run import Segment as Segment
 from .processed_run import SensorFacts as SensorFacts
 from .processed_run import Standstill as Standstill
 from .processed_run import block_of as block_of
+from .processed_run import purposes_served as purposes_served
 from .processed_run import units_of as units_of
 from .timebase import in_order as in_order
 from .timebase import interpolate as interpolate

@@ -24,7 +24,7 @@ class RunCode(StrEnum):
     """scale, sigma"""
     NO_STANDSTILL = "no_standstill"
     ZERO_AT_STANDSTILL = "zero_at_standstill"
-    """role, levels, sigmas: one of each standstill"""
+    """role, levels, sigmas: one of each standstill; brakes: of all of them, each word once"""
     CHANNEL_GAPS = "channel_gaps"
     """role, share"""
     LOAD_NEGATIVE = "load_negative"

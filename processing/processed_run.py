@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import ON_TIME_BASE, BoolArray, FloatArray, IntArray, Note, RunInfo, Use, data_frame
+from daq import ON_TIME_BASE, BoolArray, Brakes, FloatArray, IntArray, Note, RunInfo, Use, data_frame
+from processing.notes import RunCode
+from processing.options import FORCE_ROLES, LOOK, NEEDED_ROLES, SLIP_ROLES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,6 +81,12 @@ class SensorFacts:
     systematic_sigma: float = float("nan")
 
 
+LEVEL_DEG = 0.3
+"""Tilt of ground that is taken for level: the soil holds that share of the load at a wheel that stands."""
+RUT_SHARE = 0.01
+"""One-sigma, of the load, of the pull that a rut keeps at a wheel that stands with released brakes."""
+
+
 @dataclass(frozen=True)
 class Standstill:
     """Medians over one standstill: what the zeros of the sensors look like. Nothing is subtracted.
@@ -89,12 +97,20 @@ class Standstill:
     ----------
     levels, sigmas : mapping role -> float
         Median of drawbar pull, torque, load and ground speed, and its one-sigma, SI.
+    brakes : "held", "released" or "unknown"
+        As the brake's channel shows or, without one, as vehicle.toml declares.
     """
 
     start_s: float
     duration_s: float
     levels: dict[str, float]
     sigmas: dict[str, float]
+    brakes: Brakes = "unknown"
+
+    @property
+    def released(self) -> bool:
+        """Whether it shows zeros: a wheel that a brake holds carries an unknown force and its torque."""
+        return self.brakes == "released"
 
 
 @dataclass(frozen=True)
@@ -182,6 +198,8 @@ class ProcessedRun:
     latitude_deg, longitude_deg : NaN without position.
     extras : mapping str -> float64 array
         Values and one-sigma of channels that no model takes, by the names of their columns; only those measured.
+    outboard_mass_kg : float
+        As vehicle.toml declares it, 0 where it does not: its inertia is taken off the drawbar pull, its weight is not.
     """
 
     run: RunInfo
@@ -213,6 +231,7 @@ class ProcessedRun:
     reason: NDArray[np.uint8]
     quality: QualityReport
     extras: dict[str, FloatArray] = field(default_factory=dict)
+    outboard_mass_kg: float = 0.0
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -290,3 +309,19 @@ def _column(run: ProcessedRun, name: str, rows: slice) -> Column:
         words: NDArray[np.str_] = np.array([member.name.lower() for member in _NAMED[name]])
         return np.asarray(words[run.column(name)[rows]])
     return np.ascontiguousarray(run.column(name)[rows])
+
+
+_NOT_WHOLE = (RunCode.ROLE_MISSING, RunCode.NOT_MEASURED, RunCode.NEVER_USABLE)
+
+
+def purposes_served(run: ProcessedRun) -> tuple[str, ...]:
+    """Return the purposes (see `ProcessOptions`) for which the same channels and other options give this very run.
+
+    None where a channel has no usable value, or a speed or a force is missing: what becomes of it depends on the
+    purpose.
+    """
+    facts, notes = run.quality.sensors, run.quality.notes
+    usable = all(one.samples for one in facts.values()) and not any(note.code in _NOT_WHOLE for note in notes)
+    if not usable or not {*SLIP_ROLES, *FORCE_ROLES} <= facts.keys():
+        return ()
+    return (LOOK, *(purpose for purpose, roles in NEEDED_ROLES.items() if facts.keys() >= set(roles)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from daq import DataError, Fault, FloatArray, IndexArray, IntArray
+from daq import DataError, FloatArray, IndexArray, IntArray
 
 LATE_NS = 100_000_000
 """A stamp this much behind its predecessor is a step of the clock or a rogue, not a frame that queued."""
@@ -119,26 +119,22 @@ def make_time_base(spans_ns: dict[str, tuple[int, int]], rate_hz: float) -> tupl
     last_ns = max(last for _, last in spans_ns.values())
     shown = "; ".join(f"{role} {_utc(a)} to {_utc(b)}" for role, (a, b) in spans_ns.items())
     if max(first for first, _ in spans_ns.values()) > min(last for _, last in spans_ns.values()):
-        raise DataError(
-            Fault(
-                "the channels are never there at the same time",
-                found=shown,
-                next_step="check that they come from one recording and one clock",
-            )
+        raise DataError.of(
+            "the channels are never there at the same time",
+            found=shown,
+            next_step="check that they come from one recording and one clock",
         )
     step_ns = round(1e9 / rate_hz)
     start_ns = -(-first_ns // step_ns) * step_ns
     count = int((last_ns - start_ns) * rate_hz / 1e9) + 1
     if last_ns < start_ns or count < 2:
-        raise DataError(Fault("the run is too short for one slip value", found=shown, expected="a second or more"))
+        raise DataError.of("the run is too short for one slip value", found=shown, expected="a second or more")
     if count > _MAX_SAMPLES:
-        raise DataError(
-            Fault(
-                f"the run would span {(last_ns - first_ns) / 3.6e12:.4g} hours",
-                found=shown,
-                expected=f"at most {_MAX_SAMPLES / rate_hz / 3600:.0f} hours at {rate_hz:g} Hz",
-                next_step="check the clock of the channel that starts or ends apart, or cut the recording",
-            )
+        raise DataError.of(
+            f"the run would span {(last_ns - first_ns) / 3.6e12:.4g} hours",
+            found=shown,
+            expected=f"at most {_MAX_SAMPLES / rate_hz / 3600:.0f} hours at {rate_hz:g} Hz",
+            next_step="check the clock of the channel that starts or ends apart, or cut the recording",
         )
     return start_ns, np.arange(count) / rate_hz
 

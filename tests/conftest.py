@@ -12,6 +12,7 @@ from typing import Any
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else every command that a test starts compiles all of us anew
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: threads of two workers wait for each other
 os.environ.setdefault("WHEELSOIL_JOBS", "1")  # tests use all cores already
+os.environ["WHEELSOIL_CACHE"] = "off"  # else what a test made would be what the next one sees; no test touches a home
 os.environ["COLUMNS"] = "96"  # what a command prints is folded to the terminal: not to that of whoever runs the tests
 
 import pytest

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -17,12 +18,15 @@ from model.wheel_soil.soils import prior_of
 from wheelsoil.simulation.campaign import simulated_run
 from wheelsoil.simulation.options import SimulationOptions, parse_effect
 
+LEVEL: Any = {"tilt_deg": 0.0, "brakes": "released"}
+"""Of `SimulationOptions`: every standstill shows the zeros exactly."""
+
 
 @lru_cache(maxsize=8)
 def simulated_campaign(soil: str = "clay", seed: int = 0, runs: int = 6, effect: str = "") -> Campaign:
     """Return a campaign of 40 s runs, with an effect as ``--effect`` takes it, or with none."""
     options = SimulationOptions(
-        soil=soil, seed=seed, runs=runs, draw_soil=True, effects=dict([parse_effect(effect)] if effect else [])
+        soil=soil, seed=seed, runs=runs, draw_soil=True, **LEVEL, effects=dict([parse_effect(effect)] if effect else [])
     )
     laboratory = options.laboratory_soil
     return Campaign(
@@ -49,7 +53,7 @@ def with_sinkage(campaign: Campaign, effect: str = "", sigma_m: float = 0.003) -
     """Return a campaign of `simulated_campaign` with a sinkage sensor: the truth and coloured noise."""
     soil, seed = campaign.name.split()
     options = SimulationOptions(
-        soil=soil, seed=int(seed), draw_soil=True, effects=dict([parse_effect(effect)] if effect else [])
+        soil=soil, seed=int(seed), draw_soil=True, **LEVEL, effects=dict([parse_effect(effect)] if effect else [])
     )
     runs = []
     for index, run in enumerate(campaign.runs):

@@ -9,8 +9,7 @@ from contextlib import contextmanager
 from http.client import HTTPConnection, HTTPResponse
 from typing import Any, TypeVar
 
-from wheelsoil.live import open_page
-from wheelsoil.live.panel import PagePanel
+from wheelsoil.live.panel import RESTART_S, PagePanel
 
 T = TypeVar("T")
 PATIENCE_S = 30.0
@@ -19,7 +18,7 @@ PATIENCE_S = 30.0
 @contextmanager
 def page(host: str = "127.0.0.1", token: str | None = None, restart_s: float = 0.0) -> Iterator[PagePanel]:
     """A page on a free port."""
-    panel = PagePanel(host, 0, token, "a tractor", restart_s) if restart_s else open_page(host, 0, token, "a tractor")
+    panel = PagePanel(host, 0, token, "a tractor", restart_s or RESTART_S)
     try:
         yield panel
     finally:

@@ -57,13 +57,15 @@ def write_everything(path: Path) -> None:
                 frames = random_frames(2 * number + bus, int(rng.integers(1, _MOST_FRAMES)))
                 frames["time_ns"] += time_ns - START_NS
                 writer.write_frames(FrameBatch(frames, (name,)))
-                writer.write_clock(time_ns, name, number * 2_000_000, -number)
+                writer.host.write_clock(time_ns, name, number * 2_000_000, -number)
             stamps = time_ns + np.arange(4) * 10_000_000
-            writer.write_decoded("Speed", "can0", stamps, {"V": rng.normal(size=4)}, {"V": "km/h"})
-            writer.write_position("can0", stamps, rng.normal(size=4), rng.normal(size=4))
-            writer.write_event(Event(time_ns, "mark", f"mark {number}"))
+            writer.decoded.write("Speed", "can0", stamps, {"V": rng.normal(size=4)}, {"V": "km/h"})
+            writer.decoded.write_position("can0", stamps, rng.normal(size=4), rng.normal(size=4))
+            writer.host.write_event(Event(time_ns, "mark", f"mark {number}"))
             if number % 2 == 0:
-                writer.write_diagnostics(time_ns, [DiagnosticStatus(0, "bus/can0", "ok", values={"n": str(number)})])
+                writer.host.write_diagnostics(
+                    time_ns, [DiagnosticStatus(0, "bus/can0", "ok", values={"n": str(number)})]
+                )
                 writer.add_metadata("losses", {"kernel.can0": str(number)})
             writer.flush()
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from functools import lru_cache
 
+from diagnosis_support import LEVEL
+
 from benchmarks.recovery import processed_campaign
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
@@ -17,7 +19,7 @@ from wheelsoil.simulation.options import SimulationOptions, parse_effect
 def driven(effect: str = "", soil: str = "clay", runs: int = 4, seed: int = 3) -> Campaign:
     """Return runs of 20 s at three loads, every second one back, with an effect as ``--effect`` takes it."""
     effects = dict([parse_effect(effect)] if effect else [])
-    options = SimulationOptions(soil=soil, runs=runs, duration_s=20.0, seed=seed, effects=effects)
+    options = SimulationOptions(soil=soil, runs=runs, duration_s=20.0, seed=seed, effects=effects, **LEVEL)
     return Campaign(
         soil, processed_campaign(options), options.wheel, options.laboratory_soil, prior_of(options.laboratory_soil)
     )

@@ -64,11 +64,12 @@ class Bench:
     status: tuple[float, float] = field(default=(0.0, 0.0))  # from, to: overrange
 
 
-def vehicle_toml(bench: Bench, *, zero: str = "spin", zero_file: str = "") -> str:
+def vehicle_toml(bench: Bench, *, zero: str = "spin", zero_file: str = "", brakes: str = "unknown") -> str:
     """Return the vehicle.toml of a bench."""
     lines = [
         "[vehicle]",
         "mass_kg = 3600.0",
+        f'standstill_brakes = "{brakes}"',
         "[wheel]",
         "radius_m = 0.47",
         "width_m = 0.318",

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from daq import ConfigError, Fault, table_lines
-from wheelsoil.wording.to_json import to_json
+from daq import ConfigError, table_lines
+from wheelsoil.to_json import to_json
 
 _LEAST_WIDTH = 60
 
@@ -101,9 +101,9 @@ def check_output(path: Path, *, force: bool = False) -> Path:
         Its folder does not exist, it is a folder, or it exists already and `force` is not set.
     """
     if path.is_dir():
-        raise ConfigError(Fault("the output is a folder", str(path), next_step="name a file in it"))
+        raise ConfigError.of("the output is a folder", path, next_step="name a file in it")
     if not path.parent.is_dir():
-        raise ConfigError(Fault("no such folder", str(path.parent), next_step="create it or choose another output"))
+        raise ConfigError.of("no such folder", path.parent, next_step="create it or choose another output")
     if path.exists() and not force:
-        raise ConfigError(Fault("the output exists already", str(path), next_step="choose another name, or --force"))
+        raise ConfigError.of("the output exists already", path, next_step="choose another name, or --force")
     return path

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from math import isfinite
 
-from daq import OUTPUTS, REACTIONS, ROLES, number, probability
+from daq import OUTPUTS, ROLES, number, probability
 from daq.runs import Run
 from model.diagnosis import Cause, Diagnosis, Gain
 from model.fit import CampaignFit
@@ -44,7 +44,7 @@ def processed_run_html(run: ProcessedRun) -> str:
 
 def fit_html(fit: CampaignFit) -> str:
     """Return the tables of a fit and its remarks."""
-    tables = [coefficients(fit), *(criteria_table(fit, channel) for channel in REACTIONS)]
+    tables = [coefficients(fit), *(criteria_table(fit, channel) for channel in OUTPUTS)]
     shown = [html_table(head, rows, left=2 if i == 0 else 1) for i, (head, rows) in enumerate(tables) if rows]
     return "".join([*shown, *map(html_paragraph, remarks(fit))])
 
@@ -75,7 +75,7 @@ def diagnosis_html(found: Diagnosis) -> str:
         shown.append(html_table(["channel", "where", "by", "sigmas"], wrong, left=2, caption=caption))
     if found.gain is not None:
         rows = _gain_rows(found.gain)
-        head = ["on runs left out", "R0 base", "R0 extended", "unit"]
+        head = ["on held-out runs", "R0 base", "R0 extended", "unit"]
         shown.append(html_table(head, rows, caption=f"gain: {number(found.gain.log_likelihood_gain, 4)} nats"))
     if found.next_run:
         runs = [[run.change, number(run.expected_log_bayes_factor, 3)] for run in found.next_run]

@@ -15,7 +15,7 @@ from daq.can.bits import Message, RawKind, Signal
 from daq.config import VehicleConfig
 from daq.errors import DatabaseError, Fault, nearest
 
-_BLOCK = re.compile(r"^\s*BO_\s+(\d+)\s+(\S+?)\s*:", re.MULTILINE)
+_MESSAGE_LINE = re.compile(r"^\s*BO_\s+(\d+)\s+(\S+?)\s*:", re.MULTILINE)
 _DANGLING = re.compile(r"^\s*((?:VAL_|SIG_VALTYPE_) \d+ \w+)\s*$", re.MULTILINE)
 _OVERLONG = re.compile(r"(Standard|Extended) frame id 0x[0-9a-f]+ is more than (\d+) bits")
 _SYNTAX = re.compile(r"[Ii]nvalid syntax at line (\d+), column (\d+)")
@@ -24,7 +24,7 @@ _MULTIPLEXER = re.compile(r"\s*SG_\s+\S+\s+(?:m\d+)?M\s*:")
 _WITH_SEMICOLON = ("VAL_", "CM_", "BA_", "SIG_VALTYPE_", "VAL_TABLE_", "SIG_GROUP_", "BO_TX_BU_", "SG_MUL_VAL_")
 _STATEMENTS = ("BO_", "SG_", *_WITH_SEMICOLON)
 
-LENIENT_HINT = "correct the file, or load it without what is refused: --lenient-dbc (what was left out is listed)"
+LENIENT_HINT = "correct the file, or load it without what is refused: --lenient-dbc (what was excluded is listed)"
 MAX_SIGNAL_BITS = 64
 _SILENT = logging.NullHandler()  # what cantools warns of (names and identifiers twice) is said by us
 
@@ -99,7 +99,7 @@ def _dangling_lines(lines: list[str], names: list[str]) -> list[BadLine]:
 def _overlong_blocks(lines: list[str]) -> list[BadLine]:
     found = []
     for i, line in enumerate(lines, 1):
-        block = _BLOCK.match(line)
+        block = _MESSAGE_LINE.match(line)
         if not block:
             continue
         number = int(block[1])
@@ -131,7 +131,7 @@ def _statement_at(lines: list[str], number: int, column: int) -> list[BadLine]:
 def _signal_lines(lines: list[str], message: str, signals: list[str], complaint: str) -> list[BadLine]:
     inside, found = False, []
     for i, line in enumerate(lines, 1):
-        block = _BLOCK.match(line)
+        block = _MESSAGE_LINE.match(line)
         inside = block[2] == message if block else inside
         name = re.match(r"\s*SG_\s+(\w+)", line)
         if inside and name and name[1] in signals:
@@ -179,7 +179,7 @@ class Database:
     content : bytes
         The file as it was read.
     left_out : tuple of str
-        What a lenient load left out or let pass, a sentence each; empty after a strict load.
+        What a lenient load excluded or let pass, a sentence each; empty after a strict load.
     lenient : bool
         How it was loaded; a recording keeps this, so that it can be loaded again.
     """
@@ -238,7 +238,7 @@ def shipped_dbc(name: str) -> Path:
     path = folder / name
     if not path.is_file():
         known = nearest(name, (p.name for p in folder.glob("*.dbc")))
-        raise DatabaseError(Fault(f"no DBC called {name!r} ships with wheelsoil", str(folder), expected=known))
+        raise DatabaseError.of(f"no DBC called {name!r} ships with wheelsoil", folder, expected=known)
     return path
 
 
@@ -247,9 +247,9 @@ def _read(path: Path) -> bytes:
         return path.read_bytes()
     except FileNotFoundError:
         known = nearest(path.name, (p.name for p in path.parent.glob("*.dbc"))) if path.parent.is_dir() else ""
-        raise DatabaseError(Fault("no such DBC file", str(path), expected=known, next_step="check the path")) from None
+        raise DatabaseError.of("no such DBC file", path, expected=known, next_step="check the path") from None
     except OSError as error:
-        raise DatabaseError(Fault("the DBC file cannot be read", str(path), str(error))) from None
+        raise DatabaseError.of("the DBC file cannot be read", path, str(error)) from None
 
 
 def _parse(text: str, *, strict: bool) -> tuple[Any, str]:
@@ -270,7 +270,7 @@ def _parse_strict(text: str, where: str) -> Any:
         return parsed
     bad = bad_lines(text, complaint)
     if not bad:
-        raise DatabaseError(Fault("cantools cannot load this DBC", where, complaint, next_step="correct the file"))
+        raise DatabaseError.of("cantools cannot load this DBC", where, complaint, next_step="correct the file")
     texts = [(f"cantools refuses this DBC: {line.why}", f"line {line.number}: {line.text.strip()}") for line in bad]
     raise DatabaseError(*(Fault(what, where, found, "", LENIENT_HINT) for what, found in texts))
 
@@ -285,14 +285,14 @@ def _parse_lenient(text: str, where: str) -> tuple[Any, list[str]]:
         bad = bad_lines(text, complaint)
         if not bad:
             what = "cantools cannot load this DBC, not even leniently"
-            raise DatabaseError(Fault(what, where, complaint, next_step="correct the file"))
+            raise DatabaseError.of(what, where, complaint, next_step="correct the file")
         left_out += bad
         text = without(text, bad)
         parsed, complaint = _parse(text, strict=False)
     if parsed is None or (left_out and not parsed.messages):
         what = f"{len(left_out)} faults, the first: {left_out[0]}" if left_out else "an empty file"
-        raise DatabaseError(Fault("nothing is left of this DBC", where, what))
-    notes = [f"left out {line}" for line in sorted(left_out, key=lambda line: line.number)]
+        raise DatabaseError.of("nothing is left of this DBC", where, what)
+    notes = [f"excluded {line}" for line in sorted(left_out, key=lambda line: line.number)]
     return parsed, notes + _let_pass(parsed)
 
 
@@ -316,10 +316,10 @@ def _without_doubles(messages: list[Message], where: str, *, lenient: bool) -> t
     if doubled and not lenient:
         texts = [(m.id_text(), f"{m.name}, {last[m.key].name}") for m in doubled]
         raise DatabaseError(*(Fault(f"{i} is defined twice", where, names, "", LENIENT_HINT) for i, names in texts))
-    notes = [f"left out {m.name}: {last[m.key].name} has the same identifier {m.id_text()}" for m in doubled]
+    notes = [f"excluded {m.name}: {last[m.key].name} has the same identifier {m.id_text()}" for m in doubled]
     for key, message in last.items():
         long = [s for s in message.signals if s.length_bits > MAX_SIGNAL_BITS]
-        notes += [f"left out {message.name}.{s.name}: longer than {MAX_SIGNAL_BITS} bits" for s in long]
+        notes += [f"excluded {message.name}.{s.name}: longer than {MAX_SIGNAL_BITS} bits" for s in long]
         if long:
             last[key] = replace(message, signals=tuple(s for s in message.signals if s not in long))
     return list(last.values()), notes

@@ -18,7 +18,7 @@ from types import FrameType
 
 from daq.can.databases import Database
 from daq.config import BusSection, RunInfo, VehicleConfig
-from daq.errors import ConfigError, Fault, HardwareError
+from daq.errors import ConfigError, HardwareError
 from daq.host_clock import HostClock
 from daq.logger.health.watched_messages import unknown_names, usable_roles
 from daq.logger.host_monitor import DiskGuard
@@ -138,7 +138,7 @@ def log(
         If the recording is there already.
     """
     if not vehicle.bus:
-        raise ConfigError(Fault("the vehicle has no bus to record", next_step="add a [[bus]] to vehicle.toml"))
+        raise ConfigError.of("the vehicle has no bus to record", next_step="add a [[bus]] to vehicle.toml")
     known = _Known(vehicle, Path(out), run or RunInfo(), attachments or {}, databases or {}, metadata or {}, view, wait)
     opener = opener or partial(open_source, buffer_bytes=vehicle.logger.receive_buffer_bytes)
     with ExitStack() as stack:
@@ -256,11 +256,9 @@ def _check_folder(folder: Path) -> None:
     """See that recordings can be made in a folder, or the folder in one that is there."""
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not there.is_dir():
-        raise ConfigError(
-            Fault("the folder cannot be made", str(folder), f"{there} is a file", next_step=_OTHER_FOLDER)
-        )
+        raise ConfigError.of("the folder cannot be made", folder, f"{there} is a file", next_step=_OTHER_FOLDER)
     if not os.access(there, os.W_OK | os.X_OK):
-        raise ConfigError(Fault("the folder cannot be written to", str(there), next_step=_OTHER_FOLDER))
+        raise ConfigError.of("the folder cannot be written to", there, next_step=_OTHER_FOLDER)
 
 
 def _make_folder(folder: Path) -> None:
@@ -268,4 +266,4 @@ def _make_folder(folder: Path) -> None:
         make_folder(folder)
     except OSError as error:
         found = error.strerror or str(error)
-        raise ConfigError(Fault("the folder cannot be made", str(folder), found, next_step=_OTHER_FOLDER)) from None
+        raise ConfigError.of("the folder cannot be made", folder, found, next_step=_OTHER_FOLDER) from None

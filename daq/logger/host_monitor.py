@@ -18,9 +18,10 @@ from pathlib import Path
 
 from daq.errors import Fault, HardwareError
 from daq.host_clock import HostClock
-from daq.logger.health.report import BusStatus, HostStatus, Level, Reason, reason
+from daq.logger.health.report import HostStatus, Level, Reason, reason
 from daq.logger.listener import Arrival, ByteQueue, Listener
 from daq.recording.events import Severity
+from daq.sources.can_source import BusStatus
 
 _MB = 1_000_000
 _GROWTH_OVER_S = 60.0

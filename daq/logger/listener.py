@@ -14,7 +14,7 @@ from typing import Generic, TypeVar
 
 from daq.can.frames import FrameBatch, concatenate
 from daq.host_clock import HostClock, StampTracker
-from daq.logger.health.report import BusStatus
+from daq.sources.can_source import BusStatus
 from daq.sources.reconnect import ReconnectingSource
 
 T = TypeVar("T")

@@ -203,7 +203,7 @@ class Recorder:
         batch, offset_ns = self._time.frames(arrival.batch), arrival.realtime_minus_monotonic_ns
         self._writer.write_frames(batch)
         last_ns = int(batch.frames["time_ns"][-1])
-        self._writer.write_clock(last_ns, arrival.bus, offset_ns, self._time.base_ns - offset_ns)
+        self._writer.host.write_clock(last_ns, arrival.bus, offset_ns, self._time.base_ns - offset_ns)
         self._note_part()
 
     def write_decoded(self, decoded: Mapping[tuple[str, str], Channel]) -> None:
@@ -213,16 +213,16 @@ class Recorder:
 
     def write_health(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Write the health statuses."""
-        self._writer.write_diagnostics(time_ns + self._time.shift_ns, statuses)
+        self._writer.host.write_diagnostics(time_ns + self._time.shift_ns, statuses)
 
     def event(self, name: str, text: str, severity: Severity = "info") -> None:
         """Write that something happened."""
-        self._writer.write_event(Event(self.now_ns(), name, text, severity))
+        self._writer.host.write_event(Event(self.now_ns(), name, text, severity))
 
     def mark(self, text: str) -> None:
         """Put a mark into the file."""
         self._marks.append(Event(self.now_ns(), "mark", text))
-        self._writer.write_event(self._marks[-1])
+        self._writer.host.write_event(self._marks[-1])
         self._writer.flush()
 
     def start(self, run_id: str) -> str:
@@ -298,8 +298,7 @@ class Recorder:
             try:
                 make_folder(folder)
             except OSError as error:
-                what = error.strerror or str(error)
-                raise RecordingError(Fault("the folder cannot be made", str(folder), what)) from None
+                raise RecordingError.of("the folder cannot be made", folder, error.strerror or str(error)) from None
             run = new_run(folder, self._base.model_copy(update={"id": ""}), options.vehicle)
             metadata[BETWEEN_KEY] = "yes"
         return PartWriter(

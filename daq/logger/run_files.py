@@ -17,7 +17,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from daq.config import RunInfo, VehicleConfig
-from daq.errors import Fault, HardwareError, RecordingError
+from daq.errors import HardwareError, RecordingError
 from daq.formatting import file_name
 from daq.recording import Recording
 from daq.recording.contents import MAGIC
@@ -57,12 +57,10 @@ def folder_lock(folder: Path) -> Iterator[None]:
         try:
             _take(descriptor)
         except BlockingIOError:
-            raise HardwareError(
-                Fault(
-                    "another logger records into this folder",
-                    str(folder),
-                    next_step="end it, or give this one a folder of its own: --out",
-                )
+            raise HardwareError.of(
+                "another logger records into this folder",
+                folder,
+                next_step="end it, or give this one a folder of its own: --out",
             ) from None
         except OSError:
             pass
@@ -176,7 +174,7 @@ def named_run(first: Path, run: RunInfo, vehicle: VehicleConfig) -> RunFiles:
         return RunFiles(first, part, run, f"there is nothing in {there[-1].name}: run {run.id!r} begins in {path.name}")
     if not _was_cut_off(recording) or _vehicle_of(recording) != vehicle.vehicle.name:
         what = "there is a file already"
-        raise RecordingError(Fault(what, str(recording.path), next_step="choose another name, e.g. with --run-id"))
+        raise RecordingError.of(what, recording.path, next_step="choose another name, e.g. with --run-id")
     return _continued(first, recording) if _time_goes_on(recording) else _after(recording, first.parent, run, vehicle)
 
 

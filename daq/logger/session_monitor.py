@@ -353,16 +353,16 @@ class SessionMonitor:
     def _state(self) -> SessionState:
         recorder, now_ns = self._recorder, self._recorder.now_ns()
         run = RunState(
-            state="stopping" if self._stopping else "between" if recorder.between else "recording",
             id=recorder.run_id,
             file=recorder.path.name,
             since_s=(now_ns - recorder.begun_ns) * 1e-9,
             part=recorder.part,
             frames=recorder.run_frames,
-            size_bytes=recorder.run_bytes,
+            mb=recorder.run_bytes * 1e-6,
         )
         return SessionState(
             vehicle=self._parts.vehicle,
+            state="stopping" if self._stopping else "between" if recorder.between else "recording",
             file_ns=now_ns,
             started_ns=self._started_ns,
             session_ns=self._parts.clock.now_ns(),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -85,15 +85,13 @@ class Traces:
 class RunState:
     """What is recorded now."""
 
-    state: str
-    """``"recording"``, ``"between"`` or ``"stopping"``."""
     id: str
     file: str
     since_s: float
     """How long it has lasted."""
     part: int
     frames: int
-    size_bytes: int
+    mb: float
 
 
 @dataclass(frozen=True)
@@ -102,6 +100,7 @@ class SessionState:
 
     Attributes
     ----------
+    state : {"recording", "between", "stopping"}
     file_ns : int
         Time now, as the file tells it.
     session_ns, started_ns : int
@@ -118,6 +117,7 @@ class SessionState:
     """
 
     vehicle: VehicleConfig
+    state: str
     file_ns: int
     session_ns: int
     started_ns: int
@@ -145,12 +145,12 @@ def snapshot(state: SessionState) -> dict[str, Any]:
     return {
         "schema": SNAPSHOT_SCHEMA,
         "vehicle": state.vehicle.vehicle.name,
-        "state": state.run.state,
+        "state": state.state,
         "level": _level(worst_level(reasons)),
         "time_utc_s": state.file_ns * 1e-9,
         "session_s": (state.session_ns - state.started_ns) * 1e-9,
-        "run": _run(state.run),
-        "reasons": [_reason(reason) for reason in reasons[:_REASONS]],
+        "run": asdict(state.run),
+        "reasons": [asdict(one) | {"level": _level(one.level)} for one in reasons[:_REASONS]],
         "buses": _buses(state),
         "values": _values(state),
         "traces": {role: _trace(samples, state.started_ns) for role, samples in state.traces.items()},
@@ -168,27 +168,6 @@ def snapshot(state: SessionState) -> dict[str, Any]:
         "gnss": _gnss(report),
         "marks": [{"time_utc_s": mark.time_ns * 1e-9, "text": mark.text} for mark in state.marks],
         "remarks": list(state.remarks[-_REMARKS:]),
-    }
-
-
-def _run(run: RunState) -> dict[str, Any]:
-    return {
-        "id": run.id,
-        "since_s": run.since_s,
-        "part": run.part,
-        "file": run.file,
-        "mb": run.size_bytes * 1e-6,
-        "frames": run.frames,
-    }
-
-
-def _reason(reason: Reason) -> dict[str, Any]:
-    return {
-        "code": reason.code,
-        "level": _level(reason.level),
-        "where": reason.where,
-        "what": reason.what,
-        "next_step": reason.next_step,
     }
 
 

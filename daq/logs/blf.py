@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from daq.arrays import IndexArray
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FD_LENGTHS, FrameArray, FrameBatch, FrameFlag
-from daq.errors import Fault, RecordingError
+from daq.errors import RecordingError
 from daq.logs.report import LogReport
 
 MAGIC = b"LOBJ"
@@ -227,7 +227,7 @@ def _start_ns(file: BinaryIO, report: LogReport) -> int:
     head = file.read(_FILE_HEADER.size)
     if len(head) < _FILE_HEADER.size:
         what, found = "the BLF file ends within its header", f"{len(head)} bytes"
-        raise RecordingError(Fault(what, report.path, found, next_step="copy it again"))
+        raise RecordingError.of(what, report.path, found, next_step="copy it again")
     fields = _FILE_HEADER.unpack(head)
     file.read(min(max(fields[1] - len(head), 0), _LARGEST_BYTES))
     year, month, _, day, hour, minute, second, millisecond = (int(field) for field in fields[6:14])

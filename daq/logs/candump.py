@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from daq.arrays import BoolArray, IndexArray, IntArray
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag
-from daq.errors import DataError, Fault, RecordingError
+from daq.errors import DataError, RecordingError
 from daq.logs.report import LogReport
 
 LINE = re.compile(
@@ -260,7 +260,7 @@ def write_candump(batches: Iterable[FrameBatch], path: str | Path) -> int:
     except RecordingError:
         raise
     except OSError as error:
-        raise RecordingError(Fault("the log cannot be written", str(path), error.strerror or str(error))) from None
+        raise RecordingError.of("the log cannot be written", path, error.strerror or str(error)) from None
     return written
 
 
@@ -268,7 +268,7 @@ def candump_text(batch: FrameBatch) -> bytes:
     """Return the lines of a batch; see `write_candump`."""
     frames = batch.frames
     if len(frames) and frames["time_ns"].min() < 0:
-        raise DataError(Fault("candump text has no times before 1970", found=f"{frames['time_ns'].min()} ns"))
+        raise DataError.of("candump text has no times before 1970", found=f"{frames['time_ns'].min()} ns")
     flags = frames["flags"] & ~np.uint8(FrameFlag.TRANSMITTED)
     shape = frames["bus"].astype(np.uint32) << 16 | flags.astype(np.uint32) << 8 | frames["length"]
     shapes, shape_of = np.unique(shape, return_inverse=True)

@@ -137,6 +137,6 @@ def _remarks(reports: Sequence[LogReport], known: Configuration, frames: Mapping
 
 
 def lenient_remarks(databases: Mapping[str, tuple[Database, ...]]) -> list[str]:
-    """Return what lenient loads left out, a sentence each, every file once."""
+    """Return what lenient loads excluded, a sentence each, every file once."""
     files = {database.name: database for bus in databases.values() for database in bus}
     return [f"{name}: {line}" for name, database in files.items() for line in database.left_out]

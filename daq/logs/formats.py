@@ -150,7 +150,7 @@ def chosen_format(path: Path, head: bytes) -> LogFormat:
         advice = "wheelsoil reads " + ", ".join(known.name for known in LOG_FORMATS)
     named = f"a name for {by_suffix.name}" if by_suffix else "no name of a log"
     text = detected.name if isinstance(detected, LogFormat) else detected
-    raise RecordingError(Fault(f"this looks like {text}", str(path), named, next_step=advice))
+    raise RecordingError.of(f"this looks like {text}", path, named, next_step=advice)
 
 
 def open_log(path: Path) -> tuple[io.BufferedReader, LogFormat]:
@@ -169,13 +169,13 @@ def open_log(path: Path) -> tuple[io.BufferedReader, LogFormat]:
     except FileNotFoundError:
         raise no_such_file(path) from None
     except OSError as error:
-        raise RecordingError(Fault("the log cannot be read", str(path), error.strerror or str(error))) from None
+        raise RecordingError.of("the log cannot be read", path, error.strerror or str(error)) from None
     try:
         if not head:
-            raise RecordingError(Fault("the log is empty", str(path), next_step="record it again"))
+            raise RecordingError.of("the log is empty", path, next_step="record it again")
         known = chosen_format(path, head)
         if packed and known is _MF4:
-            raise RecordingError(Fault("a gzipped MF4 file", str(path), next_step="unpack it with gunzip"))
+            raise RecordingError.of("a gzipped MF4 file", path, next_step="unpack it with gunzip")
     except RecordingError:
         file.close()
         raise
@@ -186,7 +186,7 @@ def no_such_file(path: Path) -> RecordingError:
     """Return the error of a file that is not there, with names that are."""
     names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
     expected = nearest(path.name, names) if names else ""
-    return RecordingError(Fault("no such file", str(path), expected=expected, next_step="check the path"))
+    return RecordingError.of("no such file", path, expected=expected, next_step="check the path")
 
 
 def _by_suffix(path: Path) -> LogFormat | None:
@@ -280,7 +280,7 @@ def _guarded(batches: Iterator[FrameBatch], file: io.BufferedReader, report: Log
     except RecordingError:
         raise
     except OSError as error:
-        raise RecordingError(Fault("the log cannot be read any further", report.path, str(error))) from None
+        raise RecordingError.of("the log cannot be read any further", report.path, str(error)) from None
     if isinstance(raw, Gunzip) and raw.damage:
         report.damage = raw.damage
 
@@ -303,4 +303,4 @@ def _regrouped(batches: Iterator[FrameBatch], size: int) -> Iterator[FrameBatch]
 def _nothing_readable(report: LogReport) -> RecordingError:
     found = "; ".join(report.remarks()) or "no line that looks like a frame"
     step = "check that this is the right file; wheelsoil names a format by the file's suffix"
-    return RecordingError(Fault(f"no frame could be read as {report.format}", report.path, found, next_step=step))
+    return RecordingError.of(f"no frame could be read as {report.format}", report.path, found, next_step=step)

@@ -8,7 +8,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameArray, FrameBatch, FrameFlag, joined
-from daq.errors import ConfigError, Fault, RecordingError
+from daq.errors import ConfigError, RecordingError
 from daq.logs.report import LogReport
 
 _RECORDS = 65_536
@@ -33,7 +33,7 @@ def read_mf4(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
         import asammdf
     except ImportError:
         what = "MF4 files are read through asammdf, which is not installed"
-        raise ConfigError(Fault(what, report.path, next_step="pip install 'wheelsoil[mf4]'")) from None
+        raise ConfigError.of(what, report.path, next_step="pip install 'wheelsoil[mf4]'") from None
     file.close()  # asammdf wants the path
     try:
         with asammdf.MDF(report.path) as mdf:
@@ -47,7 +47,7 @@ def read_mf4(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
                 report.note_frames(frames, lambda i: f"frame {report.frames + i + 1}")
                 yield FrameBatch(frames, tuple(report.buses))
     except asammdf.blocks.utils.MdfException as error:
-        raise RecordingError(Fault("asammdf cannot read this MF4 file", report.path, str(error))) from None
+        raise RecordingError.of("asammdf cannot read this MF4 file", report.path, str(error)) from None
 
 
 def _kind(group: Any) -> str | None:

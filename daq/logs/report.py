@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from daq.can.frames import FrameArray
-from daq.errors import Fault, RecordingError
+from daq.errors import RecordingError
 
 EARLIEST_DATE_NS = 631_152_000 * 10**9
 """1990-01-01: a time stamp before it is not a date but counts from some zero of the logger's own."""
@@ -53,7 +53,7 @@ class LogReport:
         """Return the position of a bus, adding its name when it is new."""
         if name not in self.buses:
             if len(self.buses) == 256:
-                raise RecordingError(Fault("more than 256 different buses", self.path, f"{name!r} is the 257th"))
+                raise RecordingError.of("more than 256 different buses", self.path, f"{name!r} is the 257th")
             self.buses.append(name)
         return self.buses.index(name)
 

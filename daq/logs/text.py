@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, BinaryIO
 
 from daq.can.frames import FrameBatch, frames_from_messages
-from daq.errors import Fault, RecordingError
+from daq.errors import RecordingError
 from daq.logs.report import LogReport
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ class _Lines:
         if _RELATIVE.match(line):
             what, where = "an ASC file whose times are relative to the line before", f"line {self.number}"
             step = "export it again with absolute time stamps"
-            raise RecordingError(Fault(what, f"{self.report.path}, {where}", line.strip(), "timestamps absolute", step))
+            raise RecordingError.of(what, f"{self.report.path}, {where}", line.strip(), "timestamps absolute", step)
         if match := _DATE.match(line):
             self.start_ns = _utc_ns(match)
 
@@ -169,7 +169,7 @@ def _batches(
                     break
                 except NotImplementedError as error:
                     what = "python-can cannot read this version"
-                    raise RecordingError(Fault(what, report.path, str(error))) from None
+                    raise RecordingError.of(what, report.path, str(error)) from None
                 except _UNREADABLE:
                     if lines.number == failed_at:  # at the end of the file, the reader still misses its header
                         ended = True

@@ -11,7 +11,7 @@ from typing import BinaryIO, Literal, NamedTuple, Self, get_args
 
 from mcap.opcode import Opcode
 
-from daq.errors import ConfigError, Fault, nearest
+from daq.errors import ConfigError, nearest
 
 Compression = Literal["zstd", "lz4", "none"]
 
@@ -195,7 +195,7 @@ def compressor(compression: Compression) -> Callable[[bytes], bytes]:
     if compression == "none":
         return lambda data: data
     known = get_args(Compression)
-    raise ConfigError(Fault(f"unknown compression {compression!r}", expected=nearest(compression, known)))
+    raise ConfigError.of(f"unknown compression {compression!r}", expected=nearest(compression, known))
 
 
 def message_head(content: bytes, start: int, length: int) -> tuple[int, int]:

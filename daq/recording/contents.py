@@ -31,7 +31,7 @@ from mcap.records import (
     Statistics,
 )
 
-from daq.errors import Fault, RecordingError
+from daq.errors import RecordingError
 from daq.recording.chunks import RECORD, ChunkEntry, DamagedError, content_records, message_head, read_at, read_chunk
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -124,7 +124,7 @@ def parsed(reader: Callable[[ReadDataStream], RecordT], body: bytes) -> RecordT:
 
 def unreadable(path: Path, error: OSError) -> RecordingError:
     """Return what to raise where the file is gone, or the disk fails."""
-    return RecordingError(Fault("the recording cannot be read", str(path), error.strerror or str(error)))
+    return RecordingError.of("the recording cannot be read", path, error.strerror or str(error))
 
 
 def read_record(file: BinaryIO, offset: int, size: int | None, opcode: int) -> bytes:
@@ -320,9 +320,9 @@ def read_contents(path: Path) -> Contents:
             _define_channels(file, contents)
             return contents
     except FileNotFoundError:
-        raise RecordingError(Fault("no such file", str(path), next_step="check the path")) from None
+        raise RecordingError.of("no such file", path, next_step="check the path") from None
     except IsADirectoryError:
-        raise RecordingError(Fault("a folder, not a recording", str(path), expected="an .mcap file")) from None
+        raise RecordingError.of("a folder, not a recording", path, expected="an .mcap file") from None
     except OSError as error:
         if isinstance(error, RecordingError):
             raise
@@ -333,10 +333,10 @@ def _check_magic(file: BinaryIO, contents: Contents) -> None:
     head = read_at(file, 0, len(MAGIC))
     if not head:
         step = "nothing was recorded; look for another file"
-        raise RecordingError(Fault("the file is empty", str(contents.path), next_step=step))
+        raise RecordingError.of("the file is empty", contents.path, next_step=step)
     if head != MAGIC:
         found, step = f"it begins with {head!r}", "a log of another format goes through `wheelsoil import`"
-        raise RecordingError(Fault("not an MCAP file", str(contents.path), found, repr(MAGIC), step))
+        raise RecordingError.of("not an MCAP file", contents.path, found, repr(MAGIC), step)
 
 
 def _take_header(file: BinaryIO, contents: Contents) -> None:

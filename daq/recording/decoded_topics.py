@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import keyword
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from daq.can.roles import resolve_roles
 from daq.channels import Channel
 from daq.config import VehicleConfig
 from daq.errors import DataError, Fault, nearest
-from daq.recording.events import DiagnosticStatus, Event, HostTopics
+from daq.recording.events import GatheredTopics
 from daq.recording.format import (
     HEADER_DEFINITIONS,
     NAVSATFIX_SCHEMA,
@@ -124,16 +124,23 @@ class _Topic:
     kept_ns: int | None = None
     pending: list[NDArray[np.void]] = field(default_factory=list)
 
+    def release(self) -> MessageGroup | None:
+        if not self.pending:
+            return None
+        records, self.pending = joined(self.pending), []
+        offsets = np.arange(len(records), dtype=np.int64) * records.dtype.itemsize
+        return MessageGroup(self.channel_id, [records.tobytes()], index_entries(records["log_time"], offsets))
 
-class DecodedTopics:
+
+class DecodedTopics(GatheredTopics[_Topic]):
     """The decoded topics of a recording that is being written, thinned to `rate_hz`; None: all samples are kept."""
 
-    def __init__(self, sink: McapSink, names: TopicNames, rate_hz: float | None) -> None:
-        self._sink = sink
+    def __init__(
+        self, sink: McapSink, chunk_bytes: int, tick: Callable[[], None], names: TopicNames, rate_hz: float | None
+    ) -> None:
+        super().__init__(sink, chunk_bytes, tick)
         self._names = names
         self._rate_hz = rate_hz
-        self._topics: dict[tuple[str, str | None], _Topic] = {}
-        self.pending_bytes = 0
 
     def write(
         self,
@@ -143,7 +150,17 @@ class DecodedTopics:
         signals: Mapping[str, FloatArray],
         units: Mapping[str, str],
     ) -> None:
-        """Gather samples of a DBC message; see `RecordingWriter.write_decoded`."""
+        """Write a DBC message's physical values as a topic of its own.
+
+        Parameters
+        ----------
+        time_ns : int64 array, shape (n,)
+            Host receive time.
+        signals : mapping str -> float64 array, shape (n,)
+            NaN where a frame did not carry the signal.
+        units : mapping str -> str
+            Unit of every signal of the message; the first call for a message fixes the set of signals.
+        """
         topic = self._topics.get((bus, message)) or self._new_topic(message, bus, units)
         assert topic.layout is not None
         _check(message, topic.layout, time_ns, signals)
@@ -152,7 +169,7 @@ class DecodedTopics:
         self._gather(topic, topic.layout.records(topic.channel_id, topic.sequence, time_ns[rows], values))
 
     def write_position(self, bus: str, time_ns: IntArray, latitude_deg: FloatArray, longitude_deg: FloatArray) -> None:
-        """Gather positions; see `RecordingWriter.write_position`."""
+        """Write positions as a ROS 2 NavSatFix topic, for map panels; NaN is written as "no fix"."""
         topic = self._topics.get((bus, None))
         if topic is None:
             schema_id = self._sink.add_schema(NAVSATFIX_SCHEMA, NAVSATFIX_TEXT)
@@ -168,11 +185,6 @@ class DecodedTopics:
         records["service"] = _SERVICE_GPS
         self._gather(topic, records)
 
-    def write_chunk(self) -> None:
-        """Write what is gathered, in a chunk of its own: readers of raw frames skip it whole."""
-        self._sink.write_chunk(_group(topic) for topic in self._topics.values() if topic.pending)
-        self.pending_bytes = 0
-
     def _new_topic(self, message: str, bus: str, units: Mapping[str, str]) -> _Topic:
         layout = decoded_layout(self._names.type_name(bus, message), bus, message, units)
         schema_id = self._sink.add_schema(layout.schema_name, layout.schema_text)
@@ -184,7 +196,7 @@ class DecodedTopics:
         if len(records):
             topic.sequence += len(records)
             topic.pending.append(records)
-            self.pending_bytes += records.nbytes
+        self._count(records.nbytes)
 
     def _thinned(self, topic: _Topic, time_ns: IntArray) -> IndexArray:
         """Return the rows to keep: all where the rate allows, else the first of each period."""
@@ -219,96 +231,12 @@ def _check(message: str, layout: DecodedLayout, time_ns: IntArray, signals: Mapp
         raise DataError(*faults)
 
 
-def _group(topic: _Topic) -> MessageGroup:
-    records = joined(topic.pending)
-    topic.pending = []
-    offsets = np.arange(len(records), dtype=np.int64) * records.dtype.itemsize
-    return MessageGroup(topic.channel_id, [records.tobytes()], index_entries(records["log_time"], offsets))
-
-
-@dataclass(frozen=True)
-class Topics:
-    """The topics of one file beside the raw ones.
-
-    A chunk is written at an uncompressed size of `chunk_bytes`; `tick` is called after every write.
-    """
-
-    decoded: DecodedTopics
-    host: HostTopics
-    chunk_bytes: int
-    tick: Callable[[], None]
-
-    def write_if_full(self, written: DecodedTopics | HostTopics) -> None:
-        """Write a chunk if there is enough for one."""
-        if written.pending_bytes >= self.chunk_bytes:
-            written.write_chunk()
-        self.tick()
-
-
-class TopicWriter(ABC):
-    """What decoded values, events, diagnostics and clock offsets are written to."""
+class DecodingWriter(Protocol):
+    """A writer of a recording with decoded topics."""
 
     @property
-    @abstractmethod
-    def topics(self) -> Topics:
-        """Of the file that is written now."""
-
-    def write_decoded(
-        self,
-        message: str,
-        bus: str,
-        time_ns: IntArray,
-        signals: Mapping[str, FloatArray],
-        units: Mapping[str, str],
-    ) -> None:
-        """Write a DBC message's physical values as a topic of its own.
-
-        Parameters
-        ----------
-        time_ns : int64 array, shape (n,)
-            Host receive time.
-        signals : mapping str -> float64 array, shape (n,)
-            NaN where a frame did not carry the signal.
-        units : mapping str -> str
-            Unit of every signal of the message; the first call for a message fixes the set of signals.
-        """
-        self.topics.decoded.write(message, bus, time_ns, signals, units)
-        self.topics.write_if_full(self.topics.decoded)
-
-    def write_position(self, bus: str, time_ns: IntArray, latitude_deg: FloatArray, longitude_deg: FloatArray) -> None:
-        """Write positions as a ROS 2 NavSatFix topic, for map panels; NaN is written as "no fix"."""
-        self.topics.decoded.write_position(bus, time_ns, latitude_deg, longitude_deg)
-        self.topics.write_if_full(self.topics.decoded)
-
-    def write_event(self, event: Event) -> None:
-        """Write an event, topic ``/events``."""
-        self.topics.host.write_event(event)
-        self.topics.write_if_full(self.topics.host)
-
-    def write_diagnostics(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Write the statuses of one moment, topic ``/diagnostics``; DataError if a level is none of 0 to 3."""
-        self.topics.host.write_diagnostics(time_ns, statuses)
-        self.topics.write_if_full(self.topics.host)
-
-    def write_clock(
-        self, time_ns: int, bus: str, realtime_minus_monotonic_ns: int, file_minus_realtime_ns: int
-    ) -> None:
-        """Write the clock offsets of the frames of a bus, topic ``/clock/host``.
-
-        To be called with every batch: it is written when an offset differs by more than 1 ms from what was written
-        last, and once a second.
-
-        Parameters
-        ----------
-        time_ns : int
-            On the recording's time base.
-        realtime_minus_monotonic_ns : int
-            The host's CLOCK_REALTIME less its monotonic clock (`daq.host_clock.monotonic_ns`: on Linux CLOCK_BOOTTIME).
-        file_minus_realtime_ns : int
-            The recording's time base less the host's CLOCK_REALTIME.
-        """
-        self.topics.host.write_clock(time_ns, bus, realtime_minus_monotonic_ns, file_minus_realtime_ns)
-        self.topics.write_if_full(self.topics.host)
+    def decoded(self) -> DecodedTopics:
+        """Decoded topics of the file that is written now."""
 
 
 class DecodedWriter:
@@ -321,7 +249,7 @@ class DecodedWriter:
     """
 
     def __init__(
-        self, writer: TopicWriter, vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]
+        self, writer: DecodingWriter, vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]
     ) -> None:
         self._writer = writer
         self._units = {
@@ -340,7 +268,7 @@ class DecodedWriter:
         for (bus, message), signals in messages.items():
             time_ns = next(iter(signals.values())).time_ns
             values = {name: channel.values for name, channel in signals.items()}
-            self._writer.write_decoded(message, bus, time_ns, values, self._units[bus, message])
+            self._writer.decoded.write(message, bus, time_ns, values, self._units[bus, message])
         self._write_position(decoded)
 
     def _write_position(self, decoded: Mapping[tuple[str, str], Channel]) -> None:
@@ -356,7 +284,7 @@ class DecodedWriter:
         nearest = np.where(late, before, after)
         rows = np.abs(longitude.time_ns[nearest] - latitude.time_ns) < _SAME_FIX_NS
         in_si = {role: self._position[role].to_si(channel) for role, channel in found.items() if channel is not None}
-        self._writer.write_position(
+        self._writer.decoded.write_position(
             self._position["latitude"].bus,
             latitude.time_ns[rows],
             np.degrees(in_si["latitude"].values[rows]),

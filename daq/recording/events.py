@@ -10,12 +10,12 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Generic, Literal, Protocol, TypeVar, get_args
 
 import numpy as np
 from mcap.opcode import Opcode
 
-from daq.errors import DataError, Fault
+from daq.errors import DataError
 from daq.recording.chunks import MESSAGE_HEAD_SIZE, ChunkEntry, DamagedError, content_records, message_head, read_chunk
 from daq.recording.contents import Contents, unreadable
 from daq.recording.format import (
@@ -159,7 +159,7 @@ def encode_diagnostics(time_ns: int, statuses: Sequence[DiagnosticStatus]) -> by
     message.uint32(len(statuses))
     for status in statuses:
         if status.level not in range(4):
-            raise DataError(Fault(f"{status.name}: level {status.level}", expected="0 to 3"))
+            raise DataError.of(f"{status.name}: level {status.level}", expected="0 to 3")
         message.uint8(status.level)
         message.text(status.name)
         message.text(status.message)
@@ -171,36 +171,91 @@ def encode_diagnostics(time_ns: int, statuses: Sequence[DiagnosticStatus]) -> by
     return message.message()
 
 
+class GatheredTopic(Protocol):
+    """A topic with messages that are gathered for a chunk."""
+
+    def release(self) -> MessageGroup | None:
+        """Return the gathered messages and forget them; None where there are none."""
+
+
+TopicT = TypeVar("TopicT", bound=GatheredTopic)
+
+
+class GatheredTopics(Generic[TopicT]):
+    """Topics beside the raw ones, in chunks of their own: readers of raw frames skip them whole.
+
+    A chunk is written at an uncompressed size of `chunk_bytes`; `tick` is called after every message.
+    """
+
+    def __init__(self, sink: McapSink, chunk_bytes: int, tick: Callable[[], None]) -> None:
+        self._sink = sink
+        self._chunk_bytes = chunk_bytes
+        self._tick = tick
+        self._topics: dict[object, TopicT] = {}
+        self._pending_bytes = 0
+
+    def write_chunk(self) -> None:
+        """Write what is gathered."""
+        groups = [topic.release() for topic in self._topics.values()]
+        self._sink.write_chunk(group for group in groups if group is not None)
+        self._pending_bytes = 0
+
+    def _count(self, gathered_bytes: int) -> None:
+        self._pending_bytes += gathered_bytes
+        if self._pending_bytes >= self._chunk_bytes:
+            self.write_chunk()
+        self._tick()
+
+
 @dataclass
-class _Topic:
+class _HostTopic:
     channel_id: int
     sequence: int = 0
     records: list[bytes] = field(default_factory=list)
     times_ns: list[int] = field(default_factory=list)
 
+    def release(self) -> MessageGroup | None:
+        records, times_ns = self.records, self.times_ns
+        if not records:
+            return None
+        self.records, self.times_ns = [], []
+        sizes = np.array([0, *map(len, records[:-1])], np.int64)
+        return MessageGroup(self.channel_id, records, index_entries(np.array(times_ns), np.cumsum(sizes)))
 
-class HostTopics:
+
+class HostTopics(GatheredTopics[_HostTopic]):
     """The topics of a recording about the logger and its machine."""
 
-    def __init__(self, sink: McapSink) -> None:
-        self._sink = sink
-        self._topics: dict[str, _Topic] = {}
+    def __init__(self, sink: McapSink, chunk_bytes: int, tick: Callable[[], None]) -> None:
+        super().__init__(sink, chunk_bytes, tick)
         self._clocks: dict[str, tuple[int, int, int]] = {}
-        self.pending_bytes = 0
 
     def write_event(self, event: Event) -> None:
-        """Gather an event."""
+        """Write an event, topic ``/events``."""
         self._gather(EVENT_TOPIC, EVENT_SCHEMA, EVENT_TEXT, event.time_ns, encode_event(event))
 
     def write_diagnostics(self, time_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Gather the statuses of one moment."""
+        """Write the statuses of one moment, topic ``/diagnostics``; DataError if a level is none of 0 to 3."""
         data = encode_diagnostics(time_ns, statuses)
         self._gather(DIAGNOSTIC_TOPIC, DIAGNOSTIC_SCHEMA, DIAGNOSTIC_TEXT, time_ns, data)
 
     def write_clock(
         self, time_ns: int, bus: str, realtime_minus_monotonic_ns: int, file_minus_realtime_ns: int
     ) -> None:
-        """Gather a bus's clock offsets if they changed or a second has passed; see `RecordingWriter.write_clock`."""
+        """Write the clock offsets of the frames of a bus, topic ``/clock/host``.
+
+        To be called with every batch: it is written when an offset differs by more than 1 ms from what was written
+        last, and once a second.
+
+        Parameters
+        ----------
+        time_ns : int
+            On the recording's time base.
+        realtime_minus_monotonic_ns : int
+            The host's CLOCK_REALTIME less its monotonic clock (`daq.host_clock.monotonic_ns`: on Linux CLOCK_BOOTTIME).
+        file_minus_realtime_ns : int
+            The recording's time base less the host's CLOCK_REALTIME.
+        """
         written = self._clocks.get(bus)
         if (
             written is not None
@@ -217,30 +272,18 @@ class HostTopics:
             message.int64(number)
         self._gather(CLOCK_TOPIC, CLOCK_SCHEMA, CLOCK_TEXT, time_ns, message.message())
 
-    def write_chunk(self) -> None:
-        """Write what is gathered."""
-        self._sink.write_chunk(_group(topic) for topic in self._topics.values() if topic.records)
-        self.pending_bytes = 0
-
     def _gather(self, name: str, schema: str, text: str, time_ns: int, data: bytes) -> None:
         topic = self._topics.get(name)
         if topic is None:
             schema_id = self._sink.add_schema(schema, text)
-            topic = self._topics[name] = _Topic(self._sink.add_channel(name, schema_id, {}))
+            topic = self._topics[name] = _HostTopic(self._sink.add_channel(name, schema_id, {}))
         length = _HEAD.size - RECORD_HEAD_SIZE + len(data)
         sequence, unsigned_ns = topic.sequence & 0xFFFFFFFF, max(time_ns, 0)
         head = _HEAD.pack(MESSAGE_OPCODE, length, topic.channel_id, sequence, unsigned_ns, unsigned_ns)
         topic.sequence += 1
         topic.records.append(head + data)
         topic.times_ns.append(unsigned_ns)
-        self.pending_bytes += len(head) + len(data)
-
-
-def _group(topic: _Topic) -> MessageGroup:
-    records, times_ns = topic.records, topic.times_ns
-    topic.records, topic.times_ns = [], []
-    sizes = np.array([0, *map(len, records[:-1])], np.int64)
-    return MessageGroup(topic.channel_id, records, index_entries(np.array(times_ns), np.cumsum(sizes)))
+        self._count(len(head) + len(data))
 
 
 def read_events(path: Path, contents: Contents, damaged: Callable[[ChunkEntry, str], None]) -> tuple[Event, ...]:

@@ -18,7 +18,8 @@ from daq.can.frames import FrameBatch
 from daq.config import RunInfo
 from daq.errors import Fault, HardwareError, RecordingError
 from daq.recording.chunks import Compression
-from daq.recording.decoded_topics import Topics, TopicWriter
+from daq.recording.decoded_topics import DecodedTopics
+from daq.recording.events import HostTopics
 from daq.recording.format import LOSSES
 from daq.recording.writer import RecordingWriter
 
@@ -105,8 +106,7 @@ def parts_on_disk(first: Path) -> dict[int, Path]:
     except FileNotFoundError:
         return {}
     except OSError as error:
-        what = error.strerror or str(error)
-        raise RecordingError(Fault("the folder cannot be read", str(first.parent), what)) from None
+        raise RecordingError.of("the folder cannot be read", first.parent, error.strerror or str(error)) from None
     numbered = {part_number(path)[1]: path for path in found if part_number(path)[0] == first}
     return dict(sorted(numbered.items()))
 
@@ -131,7 +131,7 @@ class WriterOptions(TypedDict, total=False):
     clock: Callable[[], float]
 
 
-class PartWriter(TopicWriter):
+class PartWriter:
     """Writes a run into one recording after the other, each complete in itself.
 
     The next file is opened before the one before it is closed. Where it cannot be opened, the run goes on in the
@@ -178,7 +178,7 @@ class PartWriter(TopicWriter):
         self.first_path = Path(path)
         if part_number(self.first_path)[1] > 1:
             what = "a run cannot be called as a part of another run is"
-            raise RecordingError(Fault(what, str(path), next_step='leave ".part" and the number out of its name'))
+            raise RecordingError.of(what, path, next_step='leave ".part" and the number out of its name')
         self._run = run
         self._attachments = dict(attachments or {})
         self._metadata = {**(metadata or {}), "session": session_id}
@@ -206,11 +206,6 @@ class PartWriter(TopicWriter):
         return self._part
 
     @property
-    def failed(self) -> bool:
-        """Whether a write has failed; nothing is written any more then."""
-        return self._writer.failed
-
-    @property
     def frame_counts(self) -> dict[str, int]:
         """Frames taken so far in all parts of this session, per bus."""
         return total([self._frames_before, self._writer.frame_counts])
@@ -226,14 +221,14 @@ class PartWriter(TopicWriter):
         self._rotate_if_due()
 
     @property
-    def topics(self) -> Topics:
-        """Of the file that is written now."""
-        return self._writer.topics
+    def decoded(self) -> DecodedTopics:
+        """Decoded topics of the file that is written now."""
+        return self._writer.decoded
 
-    def attach(self, name: str, data: bytes) -> None:
-        """Add an attachment to this part and those that follow."""
-        self._attachments[name] = data
-        self._writer.attach(name, data)
+    @property
+    def host(self) -> HostTopics:
+        """Topics about the logger and its machine in the file that is written now."""
+        return self._writer.host
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Add a metadata record to this part; a run's later values win over its earlier ones."""
@@ -255,10 +250,6 @@ class PartWriter(TopicWriter):
     def flush(self) -> None:
         """See `RecordingWriter.flush`."""
         self._writer.flush()
-
-    def sync(self) -> None:
-        """See `RecordingWriter.sync`."""
-        self._writer.sync()
 
     @property
     def flush_due_s(self) -> float:

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 
 from daq.can.frames import FrameArray, FrameBatch, concatenate, frames_between, joined
 from daq.config import RunInfo
-from daq.errors import DataError, Fault, RecordingError, nearest
+from daq.errors import DataError, RecordingError, nearest
 from daq.recording.chunks import MESSAGE_HEAD_SIZE, ChunkEntry, DamagedError, content_records, message_head, read_chunk
 from daq.recording.contents import Contents, Loss, parsed, read_contents, read_record, unreadable
 from daq.recording.events import Event, read_events
@@ -259,7 +259,7 @@ class Recording:
         try:
             return None if text is None else RunInfo.model_validate_json(text)
         except ValidationError:
-            raise RecordingError(Fault("the run information cannot be read", str(self.path), found=str(text))) from None
+            raise RecordingError.of("the run information cannot be read", self.path, found=str(text)) from None
 
     @cached_property
     def time_range_ns(self) -> tuple[int, int] | None:
@@ -320,7 +320,7 @@ class Recording:
         if not self._raw and RUN_START not in self.metadata:
             raise self._no_raw_topics()
         if bus is not None and bus not in self.buses:
-            raise DataError(Fault(f"no bus is called {bus!r}", str(self.path), expected=nearest(bus, self.buses)))
+            raise DataError.of(f"no bus is called {bus!r}", self.path, expected=nearest(bus, self.buses))
         channels = {i: channel for i, channel in self._raw.items() if bus in (None, channel.bus)}
         low = -(2**63) if start_ns is None else start_ns
         high = 2**63 if end_ns is None else end_ns
@@ -352,7 +352,7 @@ class Recording:
         what = "this MCAP file holds no wheelsoil raw topics, so there are no CAN frames to read"
         found = f"topics {shown}" if topics else "no topics"
         step = "`wheelsoil info` shows what it holds; `wheelsoil import` makes recordings of CAN logs"
-        return RecordingError(Fault(what, str(self.path), found, "topics /can/<bus>/raw", step))
+        return RecordingError.of(what, self.path, found, "topics /can/<bus>/raw", step)
 
 
 def _attachment(body: bytes) -> Attachment:

@@ -10,7 +10,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from daq.errors import Fault, RecordingError
+from daq.errors import RecordingError
 from daq.recording.chunks import ChunkEntry, DamagedError, content_records, message_head, read_packed, unpacked
 from daq.recording.contents import Contents, Loss
 from daq.recording.format import with_checksum
@@ -56,13 +56,11 @@ def recover(source: str | Path, target: str | Path, *, overwrite: bool = False) 
     recording = Recording.open(source)
     path = Path(target)
     if path.exists() and path.samefile(recording.path):
-        raise RecordingError(
-            Fault("a recording cannot be recovered onto itself", str(path), next_step="choose another name")
-        )
+        raise RecordingError.of("a recording cannot be recovered onto itself", path, next_step="choose another name")
     contents = recording.contents
     if not contents.chunks and not contents.has_summary:
         what = "there is nothing in it to save: it was cut off before anything was recorded"
-        raise RecordingError(Fault(what, str(recording.path), f"{contents.size:,} bytes"))
+        raise RecordingError.of(what, recording.path, f"{contents.size:,} bytes")
     sink = McapSink(path, overwrite=overwrite, profile=contents.profile)
     try:
         for name, data in recording.attachments.items():

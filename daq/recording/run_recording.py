@@ -11,7 +11,7 @@ from typing import Self
 
 from daq.can.frames import FrameBatch, concatenate, renumbered
 from daq.config import RunInfo
-from daq.errors import DataError, Fault, RecordingError, nearest
+from daq.errors import DataError, RecordingError, nearest
 from daq.notes import Note, RecordingCode
 from daq.recording.contents import Loss
 from daq.recording.events import Event
@@ -235,7 +235,7 @@ class RunRecording:
             If there is no such bus.
         """
         if bus is not None and self.has_raw_frames and bus not in self.buses:
-            raise DataError(Fault(f"no bus is called {bus!r}", str(self.path), expected=nearest(bus, self.buses)))
+            raise DataError.of(f"no bus is called {bus!r}", self.path, expected=nearest(bus, self.buses))
         if not self.has_raw_frames:
             return self.parts[0].frame_batches(bus)
         return self._chained(bus, start_ns, end_ns)

@@ -42,7 +42,7 @@ from mcap.records import (
 from numpy.typing import NDArray
 
 from daq.arrays import IntArray
-from daq.errors import Fault, HardwareError, RecordingError
+from daq.errors import HardwareError, RecordingError
 from daq.recording.chunks import Compression, PackedChunk, compressor
 from daq.recording.contents import MAGIC
 from daq.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
@@ -88,7 +88,7 @@ class DiskFile:
     def write(self, *parts: bytes | memoryview) -> None:
         """Append all of `parts`, or nothing."""
         if self.failed:
-            raise HardwareError(Fault("the recording was given up after a failed write", str(self._path)))
+            raise HardwareError.of("the recording was given up after a failed write", self._path)
         self._raise_sync_error()
         end = self.position + sum(map(len, parts))
         try:
@@ -145,7 +145,7 @@ class DiskFile:
     def _given_up(self, error: OSError) -> HardwareError:
         self.failed = True
         what, step = "the recording cannot be written on", "free the disk; what was written before stays readable"
-        return HardwareError(Fault(what, str(self._path), error.strerror or str(error), next_step=step))
+        return HardwareError.of(what, self._path, error.strerror or str(error), next_step=step)
 
     def _cut_back(self) -> None:
         """Take off a half-written record, so that only whole ones stay."""
@@ -159,10 +159,10 @@ def _create(path: Path, overwrite: bool) -> FileIO:
         return FileIO(path, "w" if overwrite else "x")
     except FileExistsError:
         step = "choose another name, or say that it may be replaced"
-        raise RecordingError(Fault("there is a file already", str(path), next_step=step)) from None
+        raise RecordingError.of("there is a file already", path, next_step=step) from None
     except OSError as error:
         what, found = "the recording cannot be made", error.strerror or str(error)
-        raise RecordingError(Fault(what, str(path), found, next_step="check the folder")) from None
+        raise RecordingError.of(what, path, found, next_step="check the folder") from None
 
 
 def make_folder(folder: Path) -> None:

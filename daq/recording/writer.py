@@ -16,9 +16,9 @@ import numpy as np
 
 from daq.can.frames import FrameArray, FrameBatch, as_bytes, joined
 from daq.config import RunInfo
-from daq.errors import DataError, Fault
+from daq.errors import DataError
 from daq.recording.chunks import Compression
-from daq.recording.decoded_topics import DecodedTopics, Topics, TopicWriter
+from daq.recording.decoded_topics import DecodedTopics
 from daq.recording.events import HostTopics
 from daq.recording.format import (
     CLASSIC_SCHEMA,
@@ -68,7 +68,7 @@ class RawTopics:
         bus = batch.frames["bus"]
         highest = int(bus.max(initial=0))
         if highest >= len(batch.buses) and len(batch):
-            raise DataError(Fault(f"a frame is of bus {highest}", found=f"{len(batch.buses)} buses in the batch"))
+            raise DataError.of(f"a frame is of bus {highest}", found=f"{len(batch.buses)} buses in the batch")
         for name in batch.buses:
             self._stream(name, batch.is_fd)
         size = batch.frames.dtype.itemsize
@@ -155,7 +155,7 @@ class _Stream:
         return MessageGroup(self.channel_id, records, np.array(entries, INDEX_ENTRY))
 
 
-class RecordingWriter(TopicWriter):
+class RecordingWriter:
     """Writes frames, and views of them, into one MCAP file.
 
     Frames are gathered and written as a chunk when there are enough or when `flush_every_s` has passed; what a kill
@@ -180,6 +180,11 @@ class RecordingWriter(TopicWriter):
         Whether a file that is there may be replaced.
     clock : callable
         Monotonic time, s.
+
+    Attributes
+    ----------
+    decoded, host : DecodedTopics, HostTopics
+        Write the topics beside the raw ones.
 
     Raises
     ------
@@ -211,9 +216,8 @@ class RecordingWriter(TopicWriter):
         self._sink = McapSink(self.path, compression=compression, overwrite=overwrite, clock=clock)
         names = TopicNames()
         self._raw = RawTopics(self._sink, names, chunk_bytes)
-        self._beside = Topics(
-            DecodedTopics(self._sink, names, decoded_rate_hz), HostTopics(self._sink), chunk_bytes, self.tick
-        )
+        self.decoded = DecodedTopics(self._sink, chunk_bytes, self.tick, names, decoded_rate_hz)
+        self.host = HostTopics(self._sink, chunk_bytes, self.tick)
         self._closed = False
         self._settled = self._counts_hold = True
         self._flushed_at = self._synced_at = clock()
@@ -262,11 +266,6 @@ class RecordingWriter(TopicWriter):
         self._raw.write(batch)
         self._settled = True
         self.tick()
-
-    @property
-    def topics(self) -> Topics:
-        """Of the file that is written now."""
-        return self._beside
 
     def attach(self, name: str, data: bytes) -> None:
         """Add an attachment."""
@@ -363,8 +362,8 @@ class RecordingWriter(TopicWriter):
         self._flushed_at = self._clock()
         self._raw.write_chunk()
         if decoded:
-            self._beside.decoded.write_chunk()
-        self._beside.host.write_chunk()
+            self.decoded.write_chunk()
+        self.host.write_chunk()
         self._settled = True
 
     def _begin(self) -> None:

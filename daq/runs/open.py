@@ -122,7 +122,7 @@ def open_runs(
         Everything that is wrong with any of them, at once.
     """
     if not paths:
-        raise ConfigError(Fault("no run is given", next_step="name a recording, a log or a campaign folder"))
+        raise ConfigError.of("no run is given", next_step="name a recording, a log or a campaign folder")
     collected = Collected()
     named = {VEHICLE_FILE: vehicle, TERRAIN_FILE: terrain, RUNS_FILE: runs}
     given = _configuration(
@@ -217,7 +217,7 @@ def is_recording(path: Path) -> bool:
             return True
         raise no_such_file(path) from None
     except OSError as error:
-        raise RecordingError(Fault("the file cannot be read", str(path), error.strerror or str(error))) from None
+        raise RecordingError.of("the file cannot be read", path, error.strerror or str(error)) from None
 
 
 def _is_lenient(path: Path) -> bool:

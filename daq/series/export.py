@@ -73,20 +73,19 @@ def write_blocks(path: str | Path, blocks: Iterable[Columns], units: Mapping[str
     write = _WRITERS.get(target.suffix.lower())
     if write is None:
         what = f"tables are not written as {target.suffix or 'a file without a suffix'}"
-        step = "choose one of these suffixes"
-        raise ConfigError(Fault(what, str(target), expected=", ".join(_WRITERS), next_step=step))
+        raise ConfigError.of(what, target, expected=", ".join(_WRITERS), next_step="choose one of these suffixes")
     checked = (_checked(block, units) for block in blocks)
     first = next(checked)
     try:
         with target.open("wb") as file:
             write(file, first, checked, units)
     except (FileNotFoundError, NotADirectoryError, IsADirectoryError, PermissionError) as error:
-        raise ConfigError(
-            Fault("the table cannot be made", str(target), error.strerror or str(error), next_step="check the folder")
+        raise ConfigError.of(
+            "the table cannot be made", target, error.strerror or str(error), next_step="check the folder"
         ) from None
     except OSError as error:
-        raise HardwareError(
-            Fault("the table cannot be written", str(target), error.strerror or str(error), next_step="free the disk")
+        raise HardwareError.of(
+            "the table cannot be written", target, error.strerror or str(error), next_step="free the disk"
         ) from None
     return target
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,8 @@ from daq.series.tables import Source, Table, read_table
 
 WHEEL_REQUIRED = ("slip", "vertical_load_n", "drawbar_pull_n")
 WHEEL_OPTIONAL = ("driving_torque_nm", "sinkage_m")
+WHEEL_SIZES = ("radius_m", "width_m", "lug_height_m", "lug_count")
+"""Columns that describe the wheel of a row, beside its name in a column ``wheel``."""
 SIZES = ("radius_m", "width_m", "length_m")
 _LONGEST_M = 2.0  # a longer sinkage or displacement is in millimetres
 _STEADY = 0.05  # share by which a measured normal stress may vary within a test
@@ -32,6 +34,12 @@ class WheelTable:
         Position in `group_names`; rows of one group belong together (one soil preparation, one speed).
     sigma : mapping name -> array
         One-sigma of a column, from ``<name>_sigma``; only those that are there.
+    lines : tuple of int
+        Line of each row in the file; empty where the rows are of no file.
+    wheel : str
+        From a column ``wheel``; of several wheels without it, what differs.
+    sizes : mapping name -> float
+        Of `WHEEL_SIZES` those that the table has: one value for all rows.
     """
 
     name: str
@@ -43,6 +51,9 @@ class WheelTable:
     group: IndexArray
     group_names: tuple[str, ...]
     sigma: dict[str, FloatArray] = field(default_factory=dict)
+    lines: tuple[int, ...] = ()
+    wheel: str = ""
+    sizes: dict[str, float] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.slip)
@@ -85,16 +96,90 @@ class ShearTest:
 def read_wheel_table(
     path: Path, *, rename: Mapping[str, Source] | None = None, where: Mapping[str, str] | None = None
 ) -> WheelTable:
+    """Read single-wheel tests of one wheel; see `read_wheel_tables`.
+
+    Raises
+    ------
+    ConfigError
+        Also where the rows are of several wheels.
+    DataError
+        See `read_wheel_tables`.
+    """
+    tables = read_wheel_tables(path, rename=rename, where=where)
+    if len(tables) > 1:
+        raise ConfigError(several_wheels(tables))
+    return tables[0]
+
+
+def several_wheels(tables: Sequence[WheelTable]) -> Fault:
+    """Return that the rows of one file are of several wheels, where one is expected."""
+    names = [table.wheel for table in tables]
+    step = "choose the rows of one: --where COLUMN=VALUE; `wheelsoil diagnose` takes several wheels"
+    return Fault("the rows are of several wheels", tables[0].name, "; ".join(names), "one wheel", step)
+
+
+def read_wheel_tables(
+    path: Path, *, rename: Mapping[str, Source] | None = None, where: Mapping[str, str] | None = None
+) -> list[WheelTable]:
     """Read single-wheel tests: columns ``slip, vertical_load_n, drawbar_pull_n`` and what else there is.
+
+    Returns
+    -------
+    list of WheelTable
+        One for each wheel: rows that agree in the columns ``wheel`` and `WHEEL_SIZES`, as far as there are any.
 
     Raises
     ------
     ConfigError
         See `read_table`; a required column is missing.
     DataError
-        A cell is not a number, a load is not positive, a slip is not in -1 to 1, a sigma is negative.
+        A cell is not a number, a load is not positive, a slip is not in -1 to 1, a sinkage or a sigma is negative, a
+        wheel has no positive size, or lugs that are as high as its radius.
     """
     table = read_table(path, rename=rename, where=where)
+    sizes = table.numbers((), WHEEL_SIZES)
+    _refuse_sizes(table, sizes)
+    names = table.columns.get("wheel", ("",) * len(table))
+    wheels = [(name, *(float(column[i]) for column in sizes.values())) for i, name in enumerate(names)]
+    kinds = list(dict.fromkeys(map(str, wheels)))
+    parts = [table.kept([str(wheel) == kind for wheel in wheels]) for kind in kinds]
+    whole = _wheel_table(table)
+    if len(parts) == 1:
+        return [replace(whole, wheel=names[0], sizes=_one_size(sizes, 0))]
+    first = [list(map(str, wheels)).index(kind) for kind in kinds]
+    each = [_one_size(sizes, i) for i in first]
+    vary = [name for name in sizes if len({str(one.get(name)) for one in each}) > 1]
+    vary = [name for name in vary if name != "lug_count" or vary == ["lug_count"]]
+    return [
+        replace(_wheel_table(part), wheel=_wheel_name(names[i], {n: one[n] for n in vary if n in one}), sizes=one)
+        for part, i, one in zip(parts, first, each, strict=True)
+    ]
+
+
+def _wheel_name(name: str, varying: Mapping[str, float]) -> str:
+    return name or ", ".join(f"{key} {value:g}" for key, value in varying.items()) or "no size"
+
+
+def _one_size(sizes: Mapping[str, FloatArray], row: int) -> dict[str, float]:
+    return {name: float(column[row]) for name, column in sizes.items() if math.isfinite(column[row])}
+
+
+def _refuse_sizes(table: Table, sizes: Mapping[str, FloatArray]) -> None:
+    """Raise DataError for sizes that no wheel has."""
+    faults = []
+    for name, column in sizes.items():
+        positive = name in ("radius_m", "width_m")
+        good = ~(column <= 0) if positive else ~(column < 0)
+        faults += _outside(table, name, good, "a positive size" if positive else "0 or more")
+    if "lug_height_m" in sizes and "radius_m" in sizes:
+        good = ~(sizes["lug_height_m"] >= sizes["radius_m"])
+        step = "lug_height_m is in metres, from the rim to the tip: --rename lug_height_m=lug_height_m*0.001"
+        faults += _outside(table, "lug_height_m", good, "lugs lower than the wheel's radius", step)
+    if faults:
+        raise DataError(*faults)
+
+
+def _wheel_table(table: Table) -> WheelTable:
     measured = (*WHEEL_REQUIRED, *WHEEL_OPTIONAL)
     values = table.numbers(WHEEL_REQUIRED, (*WHEEL_OPTIONAL, *(f"{name}_sigma" for name in measured)))
     sigma = {name: values[f"{name}_sigma"] for name in measured if f"{name}_sigma" in values}
@@ -102,6 +187,10 @@ def read_wheel_table(
         *_outside(table, "vertical_load_n", values["vertical_load_n"] > 0, "a positive load"),
         *_outside(table, "slip", np.abs(values["slip"]) <= 1, "a slip from -1 to 1"),
     ]
+    if "sinkage_m" in values:
+        downwards = "sinkage counts downwards: --rename sinkage_m=sinkage_m*-1 turns it, or exclude the rows"
+        faults += _outside(table, "sinkage_m", ~(values["sinkage_m"] < 0), "0 m or more", downwards)
+        _refuse_other_units(table, "sinkage_m", values["sinkage_m"])
     for name, column in sigma.items():
         faults += _outside(table, f"{name}_sigma", ~(column < 0), "a one-sigma that is not negative")
     if faults:
@@ -111,10 +200,15 @@ def read_wheel_table(
     absent = np.full(len(table), np.nan)
     return WheelTable(
         name=table.source,
-        **{name: values.get(name, absent) for name in measured},
+        slip=values["slip"],
+        vertical_load_n=values["vertical_load_n"],
+        drawbar_pull_n=values["drawbar_pull_n"],
+        driving_torque_nm=values.get("driving_torque_nm", absent),
+        sinkage_m=values.get("sinkage_m", absent),
         group=np.array([names.index(cell) for cell in cells], np.intp),
         group_names=names,
         sigma=sigma,
+        lines=table.lines,
     )
 
 
@@ -174,7 +268,7 @@ def _shear_test(table: Table, name: str) -> ShearTest:
     _refuse_other_units(table, "displacement_m", values["displacement_m"])
     normal = _constant(table, "normal_stress_pa", values["normal_stress_pa"], _STEADY)
     if normal < 0:
-        raise DataError(Fault("the normal stress is negative", table.source, f"{normal:g} Pa", "0 Pa or more"))
+        raise DataError.of("the normal stress is negative", table.source, f"{normal:g} Pa", "0 Pa or more")
     return ShearTest(values["displacement_m"], values["shear_stress_pa"], normal, name)
 
 
@@ -186,7 +280,7 @@ def _plate_test(table: Table, name: str, radius_m: float | None, width_m: float 
     sizes |= {key: size for key, size in (("radius_m", radius_m), ("width_m", width_m)) if size is not None}
     for key, size in sizes.items():
         if not (math.isfinite(size) and size > 0):
-            raise ConfigError(Fault(f"{key} must be positive", table.source, found=f"{size:g}"))
+            raise ConfigError.of(f"{key} must be positive", table.source, found=f"{size:g}")
     if ("radius_m" in sizes) == ("width_m" in sizes):
         raise ConfigError(_no_size(table, sizes))
     b = sizes.get("radius_m", sizes.get("width_m", math.nan))
@@ -206,33 +300,31 @@ def _area(table: Table, sizes: Mapping[str, float]) -> float:
         return math.pi * sizes["radius_m"] ** 2
     if "length_m" not in sizes:
         step = "add a column length_m, or give pressure_pa instead of force_n"
-        raise ConfigError(
-            Fault("a force on a rectangular plate needs the plate's length", table.source, next_step=step)
-        )
+        raise ConfigError.of("a force on a rectangular plate needs the plate's length", table.source, next_step=step)
     return sizes["width_m"] * sizes["length_m"]
 
 
 def _constant(table: Table, name: str, values: FloatArray, share: float = 1e-6) -> float:
     if np.ptp(values) > share * np.max(np.abs(values)):
         found, step = f"{np.min(values):g} to {np.max(values):g}", "name the tests in a column 'test'"
-        raise DataError(Fault(f"column {name!r} changes within one test", table.source, found, next_step=step))
+        raise DataError.of(f"column {name!r} changes within one test", table.source, found, next_step=step)
     return float(np.mean(values))
 
 
 def _refuse_other_units(table: Table, name: str, values: FloatArray) -> None:
-    longest = float(np.max(np.abs(values)))
+    longest = float(np.nanmax(np.abs(values), initial=0.0))
     if longest > _LONGEST_M:
         step = f"if it is in millimetres: --rename {name}={name}*0.001"
-        raise DataError(Fault(f"column {name!r} is not in metres", table.source, f"up to {longest:g}", next_step=step))
+        raise DataError.of(f"column {name!r} is not in metres", table.source, f"up to {longest:g}", next_step=step)
 
 
-def _outside(table: Table, name: str, good: Iterable[bool], expected: str) -> list[Fault]:
+def _outside(table: Table, name: str, good: Iterable[bool], expected: str, next_step: str = "") -> list[Fault]:
     bad: Sequence[int] = np.flatnonzero(~np.asarray(good)).tolist()
     if not bad:
         return []
     listed = ", ".join(f"line {table.lines[i]}: {table.columns[name][i]}" for i in bad[:5])
     more = f" and {len(bad) - 5} more" if len(bad) > 5 else ""
-    return [Fault(f"column {name!r} has impossible values", table.source, listed + more, expected)]
+    return [Fault(f"column {name!r} has impossible values", table.source, listed + more, expected, next_step)]
 
 
 def _test_name(path: Path, label: str) -> str:

@@ -257,18 +257,18 @@ def _parsed(path: Path) -> Table:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
-        raise ConfigError(Fault("no such file", str(path), next_step="check the path")) from None
+        raise ConfigError.of("no such file", path, next_step="check the path") from None
     except (OSError, UnicodeDecodeError) as error:
         fault = Fault("the file cannot be read as text", str(path), str(error), next_step="save it as CSV, UTF-8")
         raise ConfigError(fault) from None
     numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if _has_cells(line)]
     if not numbered:
-        raise DataError(Fault("the table is empty", str(path), next_step="give a CSV file with a line of column names"))
+        raise DataError.of("the table is empty", path, next_step="give a CSV file with a line of column names")
     delimiter = max(",;\t", key=numbered[0][1].count)
     try:
         rows = [next(csv.reader([line], delimiter=delimiter, strict=True)) for _, line in numbered]
     except csv.Error as error:
-        raise DataError(Fault("not a CSV file", str(path), str(error))) from None
+        raise DataError.of("not a CSV file", path, str(error)) from None
     rows = [[cell.strip() for cell in row] for row in rows]
     return _squared(str(path), rows, [i for i, _ in numbered])
 
@@ -319,7 +319,7 @@ def _chosen(table: Table, where: Mapping[str, str]) -> Table:
         if not len(kept):
             found = f"{name}: {', '.join(list(dict.fromkeys(table.columns[name]))[:12])}"
             step = "choose one of the values that are there"
-            raise ConfigError(Fault(f"--where {name}={value}: no row is left", table.source, found, next_step=step))
+            raise ConfigError.of(f"--where {name}={value}: no row is left", table.source, found, next_step=step)
         table = kept
     return table
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 from daq.can.frames import FrameArray, FrameBatch
 from daq.errors import HardwareError
+
+BusState = Literal["up", "down", "bus_off"]
 
 
 class InterfaceDownError(HardwareError):
@@ -33,6 +35,29 @@ class SourceCounters:
     dropped: int | None
     error_frames: int
     buffer_bytes: int | None
+
+
+@dataclass(frozen=True)
+class BusStatus:
+    """Status of a bus as the logger knows it; counts are since the logger started.
+
+    Attributes
+    ----------
+    state : {"up", "down", "bus_off"}
+    kernel_drops : int or None
+        Lost because nobody fetched them in time; None where the interface does not count them.
+    queue_drops : int
+        Given up by the logger itself.
+    detail : str
+        Why it is down; empty when it is up.
+    """
+
+    state: BusState
+    received: int
+    kernel_drops: int | None
+    queue_drops: int = 0
+    reconnects: int = 0
+    detail: str = ""
 
 
 class Source(Protocol):

@@ -307,9 +307,7 @@ def replay(
             stack.callback(sinks[bus].close)
         summary = replay_batches(rounds, sinks, speed=speed, send_error_frames=send_error_frames)
     if not sum(summary.frames.values()) and not summary.interrupted:
-        raise DataError(
-            Fault("no frame lies in this part of the recording", str(recording), next_step="change from and to")
-        )
+        raise DataError.of("no frame lies in this part of the recording", recording, next_step="change from and to")
     return replace(summary, rounds=rounds.begun)
 
 
@@ -348,13 +346,12 @@ def replay_batches(
 
 def _check(speed: float | None, loops: int | None = None, *seconds: float | None) -> None:
     if speed is not None and not 0 < speed < float("inf"):
-        expected = "e.g. 1, or 10 for ten times faster"
-        raise ConfigError(Fault("speed must be positive", found=f"{speed}", expected=expected))
+        raise ConfigError.of("speed must be positive", found=f"{speed}", expected="e.g. 1, or 10 for ten times faster")
     if loops is not None and loops < 1:
-        raise ConfigError(Fault("a recording is sent at least once", found=f"{loops} loops", expected="1 or more"))
+        raise ConfigError.of("a recording is sent at least once", found=f"{loops} loops", expected="1 or more")
     if any(bound is not None and not isfinite(bound) for bound in seconds):
         found = " to ".join(f"{bound}" for bound in seconds)
-        raise ConfigError(Fault("from and to must be numbers of seconds", found=found))
+        raise ConfigError.of("from and to must be numbers of seconds", found=found)
 
 
 @dataclass(frozen=True)
@@ -371,7 +368,7 @@ def _opened(path: Path) -> _Opened:
         recording = RunRecording.open(path)
         span = recording.time_range_ns
         if span is None:
-            raise DataError(Fault("the recording holds no frames", str(path)))
+            raise DataError.of("the recording holds no frames", path)
         return _Opened(lambda low, high: recording.frame_batches(None, low, high), recording.buses, span[0])
     buses: set[str] = set()
     first: int | None = None

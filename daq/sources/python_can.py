@@ -174,7 +174,7 @@ def open_bus(bus: BusSection) -> can.BusABC:
     interface = bus.interface or "socketcan"
     if interface not in can.VALID_INTERFACES:
         known = nearest(interface, can.VALID_INTERFACES)
-        raise ConfigError(Fault(f"python-can knows no interface {interface!r}", f"bus {bus.channel}", expected=known))
+        raise ConfigError.of(f"python-can knows no interface {interface!r}", f"bus {bus.channel}", expected=known)
     options: dict[str, Any] = {"fd": True} if bus.fd else {}
     if bus.bitrate is not None:
         options["bitrate"] = bus.bitrate
@@ -187,7 +187,7 @@ def open_bus(bus: BusSection) -> can.BusABC:
         # NameError: what python-can's kvaser raises without its driver
         what, found = f"the {interface} interface cannot be opened", str(error) or type(error).__name__
         step = _next_step(interface, bus.channel, error)
-        raise HardwareError(Fault(what, f"bus {bus.channel}", found, next_step=step)) from None
+        raise HardwareError.of(what, f"bus {bus.channel}", found, next_step=step) from None
 
 
 def _hear_only_its_group(bus: can.BusABC) -> None:

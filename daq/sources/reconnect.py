@@ -12,16 +12,14 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from daq.can.frames import ErrorClass, FrameBatch, FrameFlag
 from daq.config import BusSection
 from daq.errors import ConfigError, Fault, HardwareError
-from daq.logger.health.report import BusState, BusStatus
 from daq.recording.events import Severity
-from daq.sources.can_source import InterfaceDownError, Source, SourceCounters
+from daq.sources.can_source import BusState, BusStatus, InterfaceDownError, Source, SourceCounters
 
 FIRST_RETRY_S = 0.5
 RETRY_S = 2.0
@@ -178,7 +176,7 @@ class ReconnectingSource:
         _close(source)
         self._retry_at = time.monotonic() + FIRST_RETRY_S
 
-    def _go(self, state: Literal["up", "down", "bus_off"], fault: Fault | None) -> None:
+    def _go(self, state: BusState, fault: Fault | None) -> None:
         self._fault = fault
         if state == self._state:
             return

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import ConfigError, Fault, FloatArray, Note
+from daq import ConfigError, FloatArray, Note
 from daq.series import PlateTest
 from model.bevameter.joint import JointFit, fit_jointly
 from model.bevameter.window import (
@@ -199,14 +199,12 @@ def fit_pressure_sinkage(tests: Sequence[PlateTest], options: WindowOptions | No
     Bekker (1969); Yang et al. (2016), Eq. 2 and Tab. 1.
     """
     if not tests:
-        raise ConfigError(
-            Fault("there is no plate test", next_step="give at least one; two widths part k_c from k_phi")
-        )
+        raise ConfigError.of("there is no plate test", next_step="give at least one; two widths part k_c from k_phi")
     if any(not test.width_m > 0 for test in tests):
-        raise ConfigError(Fault("a plate's width must be positive", found=str([test.width_m for test in tests])))
+        raise ConfigError.of("a plate's width must be positive", found=str([test.width_m for test in tests]))
     options = options or WindowOptions()
     if not options.from_m < options.to_m:
-        raise ConfigError(Fault("the window is empty", found=f"from {options.from_m:g} to {options.to_m:g} m"))
+        raise ConfigError.of("the window is empty", found=f"from {options.from_m:g} to {options.to_m:g} m")
     plates = each_fitted(tests, lambda test: fit_plate(test, options))
     reference = float(np.median([plate.reference_sinkage_m for plate in plates]))
     widths = _distinct([plate.width_m for plate in plates])

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq import ConfigError, DataError, Fault, FloatArray, Note
+from daq import ConfigError, DataError, FloatArray, Note
 from daq.series import ShearTest
 from model.bevameter.joint import JointFit, fit_jointly
 from model.bevameter.window import (
@@ -114,17 +114,15 @@ def fit_shear(test: ShearTest, *, to_m: float = float("inf")) -> ShearFit:
 def _counted(test: ShearTest, to_m: float) -> tuple[FloatArray, FloatArray]:
     j, tau = np.asarray(test.displacement_m, float), np.asarray(test.shear_stress_pa, float)
     if j.ndim != 1 or j.shape != tau.shape or not (np.isfinite(j).all() and np.isfinite(tau).all()):
-        raise DataError(Fault("displacement and shear stress must be lists of numbers of the same length", test.name))
+        raise DataError.of("displacement and shear stress must be lists of numbers of the same length", test.name)
     counted = (j >= 0) & (j <= to_m)
     if counted.sum() < MIN_POINTS or not tau[counted].max() > 0 or not j[counted].max() > 0:
-        raise DataError(
-            Fault(
-                "too few samples with shear stress in the window",
-                test.name,
-                found=f"{counted.sum()} samples",
-                expected=f"at least {MIN_POINTS} with displacement from 0 to {to_m:g} m",
-                next_step="check the signs of displacement and stress, and the window",
-            )
+        raise DataError.of(
+            "too few samples with shear stress in the window",
+            test.name,
+            found=f"{counted.sum()} samples",
+            expected=f"at least {MIN_POINTS} with displacement from 0 to {to_m:g} m",
+            next_step="check the signs of displacement and stress, and the window",
         )
     return j[counted], tau[counted]
 
@@ -204,8 +202,8 @@ def fit_shear_strength(tests: Sequence[ShearTest], *, to_m: float = float("inf")
     Janosi & Hanamoto (1961); Yang et al. (2016), Eq. 4 and Tab. 1.
     """
     if not tests:
-        raise ConfigError(
-            Fault("there is no shear test", next_step="give at least one; two normal stresses part c and phi")
+        raise ConfigError.of(
+            "there is no shear test", next_step="give at least one; two normal stresses part c and phi"
         )
     shears = each_fitted(tests, lambda test: fit_shear(test, to_m=to_m))
     stress = np.array([shear.normal_stress_pa for shear in shears])
@@ -226,12 +224,10 @@ def _of_several(shears: Sequence[ShearFit], stress: FloatArray) -> tuple[JointFi
         start = np.array([_mean_strength(shears), 0.0])
     joint = _fit(shears, lines, start.tolist(), SEPARATE[:2])
     if joint["tan_phi"] <= 0:
-        raise DataError(
-            Fault(
-                "the strength does not rise with the normal stress",
-                found=f"tan phi = {joint['tan_phi']:.3g}",
-                next_step="check the normal stresses of the tests; a purely cohesive soil has no friction angle",
-            )
+        raise DataError.of(
+            "the strength does not rise with the normal stress",
+            found=f"tan phi = {joint['tan_phi']:.3g}",
+            next_step="check the normal stresses of the tests; a purely cohesive soil has no friction angle",
         )
     if joint["cohesion_pa"] >= 0:
         return joint, []

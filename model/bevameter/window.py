@@ -150,7 +150,7 @@ def windowed(test: PlateTest, options: WindowOptions) -> tuple[FloatArray, Float
     """
     z, p = np.asarray(test.sinkage_m, float), np.asarray(test.pressure_pa, float)
     if z.ndim != 1 or z.shape != p.shape or not (np.isfinite(z).all() and np.isfinite(p).all()):
-        raise DataError(Fault("sinkage and pressure must be lists of numbers of the same length", test.name))
+        raise DataError.of("sinkage and pressure must be lists of numbers of the same length", test.name)
     loading = _loading(z)
     unloading = z.size - int(loading.sum())
     z, p = z[loading], p[loading]

@@ -9,9 +9,12 @@ from .core import Detectable as Detectable
 from .core import Diagnosis as Diagnosis
 from .core import DiagnosisOptions as DiagnosisOptions
 from .core import Finding as Finding
+from .core import FormUsed as FormUsed
 from .core import Gain as Gain
+from .core import Grounds as Grounds
 from .core import Inconsistent as Inconsistent
 from .core import Kind as Kind
+from .core import Lugs as Lugs
 from .core import NextRun as NextRun
 from .core import ParameterEstimate as ParameterEstimate
 from .core import PlotData as PlotData
@@ -31,6 +34,8 @@ from .planning import plan_for as plan_for
 from .planning import plan_of as plan_of
 from .planning import planned_campaign as planned_campaign
 from .planning import usual_runs as usual_runs
+from .single_wheel import WheelPair as WheelPair
+from .single_wheel import compare_wheels as compare_wheels
 from .single_wheel import diagnose_bench as diagnose_bench
 from .time_series import diagnose as diagnose
 from .time_series import samples_of as samples_of

@@ -34,7 +34,7 @@ class Needs:
         Measured forces without which nothing of it shows.
     two_loads, both_directions, several_passes, several_runs : what the runs must differ in
     pressures : the inflation pressure must be stated
-    standstill, braking : the wheel must stand, or be braked, for some time
+    standstill, braking : the wheel must stand with released brakes, or be braked, for some time
     largest_slip : the driven wheel must reach more than this slip; 0: it need not be driven
     lugs : it cannot be on a tyre that is declared smooth
     """
@@ -79,6 +79,8 @@ class Parameter:
     side : 1, -1 or 0
         The only plausible side of neutral (a half-normal prior): above or below it; 0 for both.
     in_radii : the prior scale is a share of the wheel's radius
+    usual : (mean, one-sigma), optional
+        What it usually is in nature, where that is not neutral.
     """
 
     name: str
@@ -91,6 +93,7 @@ class Parameter:
     source: str = ""
     side: Literal[-1, 0, 1] = 0
     in_radii: bool = False
+    usual: tuple[float, float] | None = None
 
     @property
     def one_sided(self) -> bool:

@@ -37,8 +37,12 @@ class StressPeakShift(Effect):
     summary = "The pressure under the wheel peaks ahead of its lowest point, and farther ahead the more it slips."
     source = "Wong & Reece (1967), J. Terramechanics 4(1):81-98"
     parameters = (
-        Parameter("c1", "1", 0.0, 0.2, 0.0, 0.9, 0.3, "Wong & Reece (1967): .18 loose, .43 compact sand", side=1),
-        Parameter("c2", "1", 0.0, 0.2, 0.0, 0.9, 0.3, "Wong & Reece (1967): .32", side=1),
+        Parameter(
+            *("c1", "1", 0.0, 0.2, 0.0, 0.9, 0.3, "Wong & Reece (1967): .18 loose, .43 compact sand"),
+            side=1,
+            usual=(0.30, 0.12),
+        ),
+        Parameter("c2", "1", 0.0, 0.2, 0.0, 0.9, 0.3, "Wong & Reece (1967): .32", side=1, usual=(0.32, 0.15)),
     )
 
     def patch(self, patch: Patch, conditions: Conditions, values: Values) -> Patch:

@@ -37,7 +37,8 @@ class DrawbarPullGain(Effect):
         """Return what the transducer reads, compensated for the outboard mass."""
         mass = state.conditions.compensated_mass_kg
         added = where(value_of(mass) > 0.0, mass * state.conditions.ground_acceleration_mps2, 0.0)
-        return replace(reaction, drawbar_pull=reaction.drawbar_pull + values["relative"] * (reaction.drawbar_pull - added))
+        read = reaction.drawbar_pull - added
+        return replace(reaction, drawbar_pull=reaction.drawbar_pull + values["relative"] * read)
 
     def sensed(self, signals: Signals, values: Mapping[str, float]) -> Signals:
         """Return the signals with what the transducer makes of them."""

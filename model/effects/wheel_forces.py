@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from model.effects.base import Effect, Needs, Parameter, Values
+from model.wheel_soil.conditions import USUAL_OUTBOARD_MASS_KG
+from processing.pipeline import STANDARD_GRAVITY_MPS2
 
 if TYPE_CHECKING:
     from model.wheel_soil.conditions import Reaction, WheelState
 
-MASS_KG = 75.0
+MASS_KG = USUAL_OUTBOARD_MASS_KG
 INERTIA_KGM2 = 8.0
 
 
@@ -43,20 +45,25 @@ class Bulldozing(Effect):
 
 
 class Slope(Effect):
-    """Dp -= direction W sin a; uphill on "out" is positive, and on "back" it is downhill."""
+    """Dp -= direction m_o g sin a; uphill on "out" is positive, and on "back" it is downhill.
+
+    A transducer between rim and hub reads the soil's pull in the vehicle's axes, whatever the slope; only the weight of
+    what is outboard of it hangs on the soil and not on the hub.
+    """
 
     name = "slope"
-    summary = "The track is not level: part of the wheel's load pulls it back uphill and forward downhill."
-    source = "statics; Wong (2008), Theory of Ground Vehicles, grade resistance"
+    summary = (
+        "The track is not level: the soil holds the weight of rim and tyre along it, and the hub does not feel it."
+    )
+    source = "Newton (1687), statics of what is outboard of a transducer between rim and hub"
     shows = ("drawbar_pull",)
     parameters = (Parameter("angle_rad", "rad", 0.0, 0.02, -0.3, 0.3, 0.03, "a field that looks level: 1 to 2 deg"),)
-    needs = Needs(conditions=("direction",), channels=("drawbar_pull",), both_directions=True, standstill=True)
-    at_standstill = True
+    needs = Needs(conditions=("direction", "outboard_mass_kg"), channels=("drawbar_pull",), both_directions=True)
 
     def resultants(self, reaction: Reaction, state: WheelState, values: Values) -> Reaction:
-        """Return the forces with the load's share along the slope."""
+        """Return the forces without the outboard weight along the slope."""
         share = state.conditions.direction * np.sin(values["angle_rad"])
-        pull = reaction.drawbar_pull - state.conditions.vertical_load_n * share
+        pull = reaction.drawbar_pull - state.conditions.outboard_mass_kg * STANDARD_GRAVITY_MPS2 * share
         return replace(reaction, drawbar_pull=pull)
 
 

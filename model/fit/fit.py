@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from daq import OUTPUTS, REACTIONS, BoolArray, ConfigError, DataError, Fault, FloatArray, Note, nearest
+from daq import OUTPUTS, REACTIONS, BoolArray, ConfigError, DataError, Fault, FloatArray, IndexArray, Note, nearest
 from model.cores import in_parallel, one_thread
 from model.effects.base import Effect
 from model.effects.catalogue import EFFECTS
@@ -16,11 +16,11 @@ from model.fit.criteria import criteria
 from model.fit.estimates import correlations, estimates_of, spread_of, warnings_of
 from model.fit.gauss_newton import GaussNewtonOptions, GaussNewtonResult, gauss_newton
 from model.fit.intervals import Blocks, blocks_of
-from model.fit.observations import Observations, observations_of
+from model.fit.observations import Measured, Observations, measured_of, observations_of
 from model.fit.problem import FitProblem, free_parameters
 from model.fit.result import CHOSEN, EXTENDED, MODELS, CampaignFit, FitOptions, LoadRatio, ModelFit
 from model.notes import FitCode
-from model.wheel_soil.conditions import Wheel
+from model.wheel_soil.conditions import Conditions, Wheel
 from model.wheel_soil.run_conditions import conditions_of
 from model.wheel_soil.soils import SOIL_PARAMETERS, Soil
 from model.wheel_soil.wheel_soil_model import Prediction, WheelSoilModel
@@ -30,15 +30,17 @@ MIN_SAMPLES = 20
 """Driven samples of a time series below which nothing is fitted."""
 
 _RENEWALS = 2
+_BLOCK = 1 << 16
+"""Samples that are predicted at once."""
 
 
 def check_options(options: FitOptions) -> None:
     """Raise ConfigError for models or channels that there are not, or an extended model of another reading."""
     faults = [Fault(f"there is no model {m!r}", expected=nearest(m, MODELS)) for m in options.models if m not in MODELS]
     faults += [
-        Fault(f"there is no channel {c!r} to fit", expected=", ".join(REACTIONS), next_step="use --channels dp,t")
+        Fault(f"there is no channel {c!r} to fit", expected=", ".join(OUTPUTS), next_step="use --channels dp,t,z")
         for c in options.channels or ("",)
-        if c not in REACTIONS
+        if c not in OUTPUTS
     ]
     if options.extended is not None and options.extended.reading != options.reading:
         faults.append(
@@ -84,14 +86,12 @@ def check_stiffness(soil: Soil, wheel: Wheel) -> None:
     """Raise ConfigError for a soil that does not resist the wheel."""
     stiffness = soil.stiffness(wheel.width_m)
     if not stiffness > 0:
-        raise ConfigError(
-            Fault(
-                "this soil does not resist a wheel of this width: k_c/b + k_phi is not positive",
-                where=f"soil {soil.name}",
-                found=f"k_c {soil.cohesive_modulus:g} N/m^(n+1), k_phi {soil.frictional_modulus:g} N/m^(n+2), "
-                f"b {wheel.width_m:g} m: {stiffness:g} Pa/m^n",
-                next_step="check cohesive_modulus_kn, frictional_modulus_kn and width_m",
-            )
+        raise ConfigError.of(
+            "this soil does not resist a wheel of this width: k_c/b + k_phi is not positive",
+            where=f"soil {soil.name}",
+            found=f"k_c {soil.cohesive_modulus:g} N/m^(n+1), k_phi {soil.frictional_modulus:g} N/m^(n+2), "
+            f"b {wheel.width_m:g} m: {stiffness:g} Pa/m^n",
+            next_step="check cohesive_modulus_kn, frictional_modulus_kn and width_m",
         )
 
 
@@ -105,14 +105,20 @@ def check_enough(driven: Observations, lost: int, options: FitOptions) -> None:
     found = f"{len(driven)} usable samples with s > 0"
     if lost:
         found += f"; {lost} more whose load this soil and wheel do not carry above the axle"
-    raise DataError(
-        Fault(
-            "too few driven samples to fit",
-            found=found,
-            expected=f"at least {needed}",
-            next_step="check wheel, soil and units" if lost else "see `wheelsoil process` for why samples are left out",
-        )
+    raise DataError.of(
+        "too few driven samples to fit",
+        found=found,
+        expected=f"at least {needed}",
+        next_step=_why_few(driven, lost),
     )
+
+
+def _why_few(driven: Observations, lost: int) -> str:
+    if lost:
+        return "check wheel, soil and units"
+    if driven.independent:
+        return "measure at three slips above 0 or more, and repeat each test"
+    return "see `wheelsoil process` for why samples are left out"
 
 
 def answered_by_extended(wheel: Wheel, driven: Observations, extended: ExtendedModel, answered: BoolArray) -> BoolArray:
@@ -122,12 +128,10 @@ def answered_by_extended(wheel: Wheel, driven: Observations, extended: ExtendedM
     model = WheelSoilModel(wheel, extended.soil, effects, extended.reading)
     found = np.isfinite(model.predict(driven.conditions, extended.values).drawbar_pull_n)
     if answered.any() and not (found & answered).any():
-        raise DataError(
-            Fault(
-                "the extended model has no answer for any sample",
-                found=", ".join(effect.key() for effect in effects) or "no effects",
-                next_step="check that it is of this wheel and soil",
-            )
+        raise DataError.of(
+            "the extended model has no answer for any sample",
+            found=", ".join(effect.key() for effect in effects) or "no effects",
+            next_step="check that it is of this wheel and soil",
         )
     return found
 
@@ -153,9 +157,19 @@ def _check_needs(driven: Observations, effects: Sequence[type[Effect]], instead:
 
 @one_thread
 def fit_models(
-    runs: Sequence[ProcessedRun], wheel: Wheel, soil: Soil, options: FitOptions | None = None
+    runs: Sequence[ProcessedRun],
+    wheel: Wheel,
+    soil: Soil,
+    options: FitOptions | None = None,
+    *,
+    keep_predictions: bool = True,
 ) -> CampaignFit:
     """Fit the paper's models to processed runs of one terrain.
+
+    Parameters
+    ----------
+    keep_predictions : bool
+        Whether the fits hold what each model predicts for every sample, 2 GB for four models and ten hours.
 
     Raises
     ------
@@ -168,25 +182,49 @@ def fit_models(
     ------
     Yang et al. (2016), sections 1.2, 1.3 and 3.
     """
-    conditions = conditions_of(runs, soil.unit_weight_n_m3)
-    asked = conditions if options and (options.extended or options.chosen) else ()
+    asked = conditions_of(runs, soil.unit_weight_n_m3) if options and (options.extended or options.chosen) else ()
     fitted = fit_observations(observations_of(runs, conditions=asked), wheel, soil, options)
-    everything = observations_of(runs, thinned=False)
+    rows = _judged_rows(runs, fitted.slip_threshold)
+    conditions = asked or conditions_of(runs, soil.unit_weight_n_m3)
+    answers = _answers(fitted, conditions, rows, keep_predictions=keep_predictions)
+    del asked, conditions  # of ten hours: 100 MB
+    models = [replace(fit, predictions=kept) for fit, (kept, _) in zip(fitted.models, answers, strict=True)]
+    predicted = [of_rows for _, of_rows in answers]
+    judged = judge_alike(models, measured_of(runs, rows), predicted, fitted.slip_threshold, wheel.radius_m)
+    return replace(fitted, models=judged)
 
-    def predictions(fit: ModelFit) -> tuple[Prediction, ...]:
-        model = fitted.options.forward(wheel, soil, fit.name)
-        return tuple(model.predict(condition, fit.values) for condition in conditions)
 
-    by_model = in_parallel(predictions, fitted.models)
-    models = [replace(fit, predictions=own) for fit, own in zip(fitted.models, by_model, strict=True)]
-    predicted = [
-        {
-            key: np.concatenate([getattr(p, channel.field)[r.used] for p, r in zip(fit.predictions, runs, strict=True)])
-            for key, channel in REACTIONS.items()
-        }
-        for fit in models
-    ]
-    return replace(fitted, models=judge_alike(models, everything, predicted, fitted.slip_threshold, wheel.radius_m))
+def _judged_rows(runs: Sequence[ProcessedRun], threshold: float) -> list[IndexArray]:
+    """Return the rows of each run that the criteria count; where there are none, all used ones, which tell why."""
+    rows = [np.flatnonzero(run.used & (run.slip >= threshold)) for run in runs]
+    return rows if any(map(len, rows)) else [np.flatnonzero(run.used) for run in runs]
+
+
+def _answers(
+    fitted: CampaignFit, conditions: Sequence[Conditions], rows: Sequence[IndexArray], *, keep_predictions: bool
+) -> list[tuple[tuple[Prediction, ...], dict[str, FloatArray]]]:
+    """Return for each model its predictions, where they are kept, and its forces of some rows of each run."""
+
+    def of_model(fit: ModelFit) -> tuple[tuple[Prediction, ...], dict[str, FloatArray]]:
+        model = fitted.options.forward(fitted.wheel, fitted.soil, fit.name)
+        if keep_predictions:
+            kept = tuple(model.predict(one, fit.values) for one in conditions)
+            parts = [_forces(prediction, own) for prediction, own in zip(kept, rows, strict=True)]
+        else:
+            kept = ()
+            blocks = (
+                (one, own[i : i + _BLOCK])
+                for one, own in zip(conditions, rows, strict=True)
+                for i in range(0, len(own), _BLOCK)
+            )
+            parts = [_forces(model.predict(one.rows(block), fit.values), slice(None)) for one, block in blocks]
+        return kept, {key: np.concatenate([part[key] for part in parts]) for key in OUTPUTS}
+
+    return list(in_parallel(of_model, fitted.models))
+
+
+def _forces(prediction: Prediction, rows: IndexArray | slice) -> dict[str, FloatArray]:
+    return {key: getattr(prediction, channel.field)[rows].copy() for key, channel in OUTPUTS.items()}
 
 
 @one_thread
@@ -222,7 +260,7 @@ def fit_observations(
     fits = list(in_parallel(lambda name: _fit_one(name, driven, wheel, soil, chosen), chosen.names))
     forward = [chosen.forward(wheel, soil, fit.name) for fit in fits]
     predictions = [model.predict(observations.conditions, fit.values) for model, fit in zip(forward, fits, strict=True)]
-    predicted = [{key: getattr(p, channel.field) for key, channel in REACTIONS.items()} for p in predictions]
+    predicted = [{key: getattr(p, channel.field) for key, channel in OUTPUTS.items()} for p in predictions]
     models = judge_alike(fits, observations, predicted, threshold, wheel.radius_m)
     notes = (Note(FitCode.LOAD_NOT_CARRIED, values={"samples": lost}),) if lost else ()
     return CampaignFit(models, wheel, soil, chosen, threshold, observations, notes)
@@ -315,7 +353,7 @@ def _load_ratio(prediction: Prediction, driven: Observations) -> LoadRatio:
 
 def judge_alike(
     fits: Sequence[ModelFit],
-    measured: Observations,
+    measured: Measured,
     predicted: Sequence[dict[str, FloatArray]],
     threshold: float,
     radius_m: float,
@@ -324,8 +362,8 @@ def judge_alike(
 
     Parameters
     ----------
-    measured : Observations, n samples
-    predicted : for each fit a mapping channel -> array (n,), N or N m; NaN where the model has no answer
+    measured : Observations or another `Measured`, n samples
+    predicted : for each fit a mapping channel -> array (n,), N, N m or m; NaN where the model has no answer
     threshold : slip from which on a sample counts
     radius_m : of the wheel: a torque's error is reported relative to load times radius
     """
@@ -339,9 +377,10 @@ def judge_alike(
                 np.where(answered, values[c], np.nan),
                 measured.slip,
                 threshold,
-                vertical_load_n=forces[c],
+                vertical_load_n=forces.get(c),
+                rows=isinstance(measured, Observations) and measured.independent,
             )
-            for c in REACTIONS
+            for c in (*REACTIONS, *(c for c in fit.residual_floor if c not in REACTIONS))
             if c == "dp" or np.isfinite(measured.measured(c)).any()
         }
         judged.append(replace(fit, criteria=found))

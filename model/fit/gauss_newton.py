@@ -59,13 +59,13 @@ _UNSEEN = 1e-12  # share of the cost below which a predicted gain drowns in roun
 class TrustRadius:
     """The radius within which the linearised residual is believed, and the unit D it is measured in.
 
-    That of the first damped step is the length of the scaled start.
+    That of the first damped step is the length of the scaled start. `tried` counts the steps.
     """
 
     def __init__(self, problem: BoundedProblem) -> None:
         self._size = np.maximum(np.abs(problem.start), problem.scale) * problem.free
         self._norms = np.zeros(problem.start.size)
-        self._untried = True
+        self.tried = 0
         self.radius = np.inf
 
     def norms_seen(self, jacobian: FloatArray) -> FloatArray:
@@ -75,8 +75,8 @@ class TrustRadius:
 
     def keeps(self, ratio: float, length: float) -> bool:
         """Set the radius by the ratio of seen to predicted gain of a step; return whether the step is kept."""
-        if self._untried:
-            self._untried = False
+        self.tried += 1
+        if self.tried == 1:
             first = float(np.linalg.norm(self._norms * self._size)) or np.inf
             if abs(ratio - 1) <= 0.25:
                 self.radius = max(first, length)
@@ -122,16 +122,6 @@ class GaussNewtonOptions:
 
 
 @dataclass(frozen=True)
-class IterationRecord:
-    """One evaluation: the estimate tried, its cost (may be NaN), the damping mu, and whether it was kept."""
-
-    estimate: FloatArray
-    cost: float
-    damping: float
-    kept: bool
-
-
-@dataclass(frozen=True)
 class GaussNewtonResult:
     """Where the iteration ended and why.
 
@@ -149,7 +139,6 @@ class GaussNewtonResult:
         what the data determine, which is not every parameter.
     at_bound : bool, shape (p,)
         Parameters that ended on a bound (a parameter with equal bounds included).
-    condition_number : of the sensitivities with columns of unit length
     warnings : tuple of Note
         What cannot be separated, and what else a reader must know.
     """
@@ -163,9 +152,7 @@ class GaussNewtonResult:
     iterations: int
     stop_reason: StopReason
     at_bound: BoolArray
-    condition_number: float
     warnings: tuple[Note, ...]
-    history: tuple[IterationRecord, ...]
 
     @property
     def converged(self) -> bool:
@@ -213,10 +200,9 @@ def gauss_newton(
     options = options or GaussNewtonOptions()
     _check_options(options)
     problem = BoundedProblem.checked(residual_and_jacobian, start, lower, upper, scale, names)
-    history: list[IterationRecord] = []
     point = problem.evaluate(problem.start)
     if not point.finite:
-        return _result(problem, point, StopReason.NOT_FINITE, history, options)
+        return _result(problem, point, StopReason.NOT_FINITE, 0, options)
     trust = TrustRadius(problem)
     rounding = point.residual.size * np.finfo(float).eps ** 2 * point.cost
     reason = None
@@ -224,8 +210,8 @@ def gauss_newton(
         linear = problem.linearised(point, trust.norms_seen(point.jacobian))
         reason = _converged(problem, point, linear, options, rounding)
         if reason is None:
-            point, reason = _search(problem, point, linear, trust, history, options)
-    return _result(problem, point, reason, history, options)
+            point, reason = _search(problem, point, linear, trust, options)
+    return _result(problem, point, reason, trust.tried, options)
 
 
 def _converged(
@@ -245,14 +231,13 @@ def _search(
     point: Point,
     linear: LinearProblem,
     trust: TrustRadius,
-    history: list[IterationRecord],
     options: GaussNewtonOptions,
 ) -> tuple[Point, StopReason | None]:
     """Try steps with a shrinking radius until one lowers the cost; return the new point, or why there is none."""
     left = linear.predicted_gain(linear.newton_step)
     unseen = left <= _UNSEEN * point.cost
-    while len(history) < options.max_iterations:
-        step, damping = linear.step_within(trust.radius)
+    while trust.tried < options.max_iterations:
+        step, _ = linear.step_within(trust.radius)
         trial = problem.evaluate(problem.moved(point.x, step / linear.unit))
         predicted = linear.predicted_gain(step)
         ratio = _seen_gain(point, trial) / predicted if predicted > 0 else -np.inf
@@ -260,7 +245,6 @@ def _search(
         if unseen and not kept and trial.finite:
             onward = problem.linearised(trial, trust.norms_seen(trial.jacobian))
             kept = onward.predicted_gain(onward.newton_step) < left / 2
-        history.append(IterationRecord(trial.x, trial.cost, damping, kept))
         if kept:
             return trial, None
         if unseen:
@@ -280,7 +264,7 @@ def _result(
     problem: BoundedProblem,
     point: Point,
     reason: StopReason,
-    history: list[IterationRecord],
+    iterations: int,
     options: GaussNewtonOptions,
 ) -> GaussNewtonResult:
     at_bound = (point.x <= problem.lower) | (point.x >= problem.upper)
@@ -300,12 +284,10 @@ def _result(
         residual=point.residual,
         jacobian=point.jacobian,
         cost=point.cost,
-        iterations=len(history),
+        iterations=iterations,
         stop_reason=reason,
         at_bound=at_bound,
-        condition_number=spread.condition_number,
         warnings=tuple(warnings),
-        history=tuple(history),
     )
 
 

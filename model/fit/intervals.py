@@ -26,6 +26,7 @@ from typing import Protocol
 import numpy as np
 
 from daq import FloatArray, IndexArray
+from model.cores import in_parallel
 from model.fit.gauss_newton import GaussNewtonOptions, gauss_newton
 
 _OPTIONS = GaussNewtonOptions(epsilon=1e-4, cost_tolerance=1e-6, max_iterations=30)
@@ -97,12 +98,9 @@ def profile_of_sum(
         return float(np.sqrt(max(cost - least, 0.0))) if np.isfinite(cost) else np.inf  # a wheel sunk to its axle
 
     reach = max(0.25 * abs(centre), 0.05) if span is None else span
-    edges = (float(lower[i] + lower[j]), float(upper[i] + upper[j]))
+    edges = {-1.0: float(lower[i] + lower[j]), 1.0: float(upper[i] + upper[j])}
     target = float(np.sqrt(allowed))
-    low, high = (
-        _edge(excess, centre, side * reach, edge, target, precision)
-        for side, edge in zip((-1.0, 1.0), edges, strict=True)
-    )
+    low, high = in_parallel(lambda side: _edge(excess, centre, side * reach, edges[side], target, precision), edges)
     return low, high
 
 

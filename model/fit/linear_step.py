@@ -232,7 +232,7 @@ class BoundedProblem:
         """Return the problem, or raise ConfigError with all that is wrong with it."""
         x = np.array(start, float)
         if x.ndim != 1 or x.size == 0:
-            raise ConfigError(Fault("the start must be a list of at least one number", found=f"shape {x.shape}"))
+            raise ConfigError.of("the start must be a list of at least one number", found=f"shape {x.shape}")
         low, high, size = (
             _filled(value, default, x.size, what)
             for value, default, what in ((lower, -np.inf, "lower"), (upper, np.inf, "upper"), (scale, 0.0, "scale"))
@@ -294,7 +294,7 @@ class BoundedProblem:
 def _filled(value: ArrayLike | None, default: float, count: int, what: str) -> FloatArray:
     filled = np.full(count, default) if value is None else np.array(value, float)
     if filled.shape != (count,):
-        raise ConfigError(
-            Fault(f"{what} must have one number a parameter", found=f"shape {filled.shape}", expected=f"({count},)")
+        raise ConfigError.of(
+            f"{what} must have one number a parameter", found=f"shape {filled.shape}", expected=f"({count},)"
         )
     return filled

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -13,7 +13,26 @@ from processing import ProcessedRun
 
 
 @dataclass(frozen=True)
-class Observations:
+class Measured:
+    """What predictions are held to: samples one after the other; every array has shape (n,), NaN: not measured."""
+
+    slip: FloatArray
+    vertical_load_n: FloatArray
+    drawbar_pull_n: FloatArray
+    driving_torque_nm: FloatArray
+    sinkage_m: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.slip)
+
+    def measured(self, channel: str) -> FloatArray:
+        """Return the measured values of "dp", "t" or "z"."""
+        values: FloatArray = getattr(self, OUTPUTS[channel].field)
+        return values
+
+
+@dataclass(frozen=True)
+class Observations(Measured):
     """Measured samples of one terrain, one after the other; every array has shape (n,).
 
     Attributes
@@ -28,10 +47,6 @@ class Observations:
         Further fields of `Conditions`, for effects that ask for them.
     """
 
-    slip: FloatArray
-    vertical_load_n: FloatArray
-    drawbar_pull_n: FloatArray
-    driving_torque_nm: FloatArray
     sinkage_m: FloatArray
     slip_sigma: FloatArray
     vertical_load_sigma_n: FloatArray
@@ -40,9 +55,6 @@ class Observations:
     names: tuple[str, ...]
     independent: bool = False
     more: dict[str, FloatArray] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        return len(self.slip)
 
     def __getitem__(self, rows: BoolArray | slice) -> Observations:
         arrays = {
@@ -58,27 +70,20 @@ class Observations:
         """What the wheel was put through, as a model takes it."""
         return Conditions(self.slip, self.vertical_load_n, **self.more)
 
-    def measured(self, channel: str) -> FloatArray:
-        """Return the measured values of "dp" or "t"."""
-        values: FloatArray = getattr(self, OUTPUTS[channel].field)
-        return values
 
+def observations_of(runs: Sequence[ProcessedRun], *, conditions: Sequence[Conditions] = ()) -> Observations:
+    """Collect the usable samples of processed runs, thinned.
 
-def observations_of(
-    runs: Sequence[ProcessedRun], *, thinned: bool = True, conditions: Sequence[Conditions] = ()
-) -> Observations:
-    """Collect the usable samples of processed runs.
+    Only every k-th sample is kept, so that the rate is still 2.5 times the filter's cutoff: what is excluded holds no
+    information that its neighbours do not have.
 
     Parameters
     ----------
-    thinned : bool
-        Keep only every k-th sample, so that the rate is still 2.5 times the filter's cutoff: what is excluded
-        holds no information that its neighbours do not have.
     conditions : sequence of Conditions, optional
         Of every sample of each run (`model.wheel_soil.run_conditions.conditions_of`), for effects that ask for more
         than slip and load.
     """
-    chosen = [_rows(run, _step(run) if thinned else 1) for run in runs]
+    chosen = [np.flatnonzero(run.used & (np.arange(len(run)) % _step(run) == 0)) for run in runs]
 
     def joined(name: str) -> FloatArray:
         return np.concatenate([getattr(run, name)[rows] for run, rows in zip(runs, chosen, strict=True)])
@@ -103,9 +108,11 @@ def observations_of(
     )
 
 
+def measured_of(runs: Sequence[ProcessedRun], rows: Sequence[IndexArray]) -> Measured:
+    """Collect some rows of each processed run."""
+    chosen = list(zip(runs, rows, strict=True))
+    return Measured(*(np.concatenate([getattr(run, f.name)[own] for run, own in chosen]) for f in fields(Measured)))
+
+
 def _step(run: ProcessedRun) -> int:
     return max(1, int(run.rate_hz / (2.5 * run.cutoff_hz))) if np.isfinite(run.cutoff_hz) else 1
-
-
-def _rows(run: ProcessedRun, step: int) -> IndexArray:
-    return np.flatnonzero(run.used & (np.arange(len(run)) % step == 0))

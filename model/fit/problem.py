@@ -75,9 +75,9 @@ class FitProblem:
     Attributes
     ----------
     driven : Observations, the n samples to fit
-    channels : of "dp" and "t"
+    channels : of "dp", "t" and "z"
     free : the parameters, p of them
-    variance : mapping channel -> array (n,), N^2 or (N m)^2
+    variance : mapping channel -> array (n,), N^2, (N m)^2 or m^2
     tempering : share of the data's information that counts against the prior: 1 / (samples per independent sample)
     static_sinkage_m : array (n,), optional
         Z0 where no free parameter moves it, so that it is solved for once.

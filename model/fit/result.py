@@ -34,7 +34,7 @@ class FitOptions:
     Attributes
     ----------
     reading : "balanced" or "literal"
-    channels : of "dp" and "t"
+    channels : of "dp", "t" and "z"
     soil_prior : SoilPrior, optional
         Frees the soil's parameters within it; without it the soil is fixed, as in the paper.
     slip_threshold : for the criteria only; default 0.2 on clay, else 0.1, as in the paper

@@ -1,7 +1,9 @@
+from .lifted import lifted_run as lifted_run
 from .motion import SHORTEST_RUN_S as SHORTEST_RUN_S
 from .motion import DrivingStyle as DrivingStyle
 from .motion import VehicleSetup as VehicleSetup
 from .run import TRUTH_RATE_HZ as TRUTH_RATE_HZ
+from .run import SensedRun as SensedRun
 from .run import VirtualRun as VirtualRun
 from .run import VirtualSetup as VirtualSetup
 from .run import drawn_soil as drawn_soil
@@ -9,6 +11,8 @@ from .run import virtual_run as virtual_run
 from .speed_sensors import GnssSetup as GnssSetup
 from .speed_sensors import Track as Track
 from .speed_sensors import WheelSpeedSetup as WheelSpeedSetup
+from .stance import HELD_IN as HELD_IN
+from .stance import Stance as Stance
 from .transducer import HostClock as HostClock
 from .transducer import TransducerSetup as TransducerSetup
 from .truth import TRUTH_QUADRATURE as TRUTH_QUADRATURE

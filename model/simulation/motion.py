@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq import ConfigError, Fault, FloatArray
+from daq import ConfigError, FloatArray
 
 GRAVITY_MPS2 = 9.80665
 _REFERENCE_WAVENUMBER_PER_M = 0.1  # of ISO 8608
@@ -186,13 +186,11 @@ def drive(
         The run is too short for one cycle between two standstills.
     """
     if not duration_s >= SHORTEST_RUN_S:
-        raise ConfigError(
-            Fault(
-                "the run is too short for one cycle between two standstills",
-                found=f"{duration_s:g} s",
-                expected=f"at least {SHORTEST_RUN_S:g} s",
-                next_step="give a longer duration",
-            )
+        raise ConfigError.of(
+            "the run is too short for one cycle between two standstills",
+            found=f"{duration_s:g} s",
+            expected=f"at least {SHORTEST_RUN_S:g} s",
+            next_step="give a longer duration",
         )
     speed_knots, ratio_knots = _knots(duration_s, _log_ratio(coast_slip), rng, style or DrivingStyle())
     time_s = np.arange(round(duration_s * rate_hz)) / rate_hz

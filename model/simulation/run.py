@@ -11,6 +11,7 @@ import numpy as np
 from daq import Channel, ConfigError, Fault, FloatArray, RunInfo, nearest
 from model.effects.base import Effect, Signals
 from model.simulation.motion import (
+    GRAVITY_MPS2,
     DrivingStyle,
     Motion,
     VehicleSetup,
@@ -20,8 +21,9 @@ from model.simulation.motion import (
     vertical_load_n,
 )
 from model.simulation.speed_sensors import GnssSetup, Track, WheelSpeedSetup, measure_gnss, measure_wheel_speed
+from model.simulation.stance import Stance, standing_forces
 from model.simulation.transducer import HostClock, HubLoads, Readings, TransducerSetup, measure_loads
-from model.simulation.truth import Circumstances, Truth, campaign_line_m, free_rolling_slip, soil_reaction
+from model.simulation.truth import Circumstances, Truth, campaign_line_m, soil_reaction, towed
 from model.wheel_soil.soils import LABORATORY_SPREAD, Soil
 from model.wheel_soil.wheel_soil_model import WheelSoilModel
 
@@ -78,12 +80,13 @@ class VirtualSetup:
     wheel_speed: WheelSpeedSetup = field(default_factory=WheelSpeedSetup)
     gnss: GnssSetup = field(default_factory=GnssSetup)
     track: Track = field(default_factory=Track)
+    stance: Stance = field(default_factory=Stance)
     clock: HostClock = field(default_factory=HostClock)
 
 
 @dataclass(frozen=True)
-class VirtualRun:
-    """What happened, and what the sensors say of it.
+class SensedRun:
+    """What the sensors say of a recording.
 
     Attributes
     ----------
@@ -95,8 +98,14 @@ class VirtualRun:
 
     info: RunInfo
     start_ns: int
-    truth: Truth
     sensors: dict[str, dict[str, Channel]]
+
+
+@dataclass(frozen=True)
+class VirtualRun(SensedRun):
+    """What happened, and what the sensors say of it."""
+
+    truth: Truth
 
 
 def virtual_run(
@@ -138,7 +147,7 @@ def virtual_run(
     DataError
         The soil cannot carry the wheel.
     """
-    driving, road, loads, wheel, fixes, stamps = rng.spawn(6)
+    driving, road, loads, wheel, fixes, stamps, standing = rng.spawn(7)
     radius = model.wheel.radius_m
     circumstances = Circumstances(
         info,
@@ -147,7 +156,10 @@ def virtual_run(
         elapsed_s + setup.duration_s if campaign_s is None else campaign_s,
         campaign_line_m(setup.track.length_m, setup.duration_s),
     )
-    coast = free_rolling_slip(model, values, static_load_n(setup.vehicle, info.added_load_kg), circumstances)
+    coast, resistance_n = towed(model, values, static_load_n(setup.vehicle, info.added_load_kg), circumstances)
+    at_rest = standing_forces(
+        setup.stance, setup.vehicle, circumstances.direction, info.added_load_kg, radius, resistance_n, standing
+    )
     fine = drive(setup.duration_s, radius, driving, rate_hz=_MOTION_RATE_HZ, coast_slip=coast, style=setup.style)
     coarse = _every(fine, _UPSAMPLE)
     load = vertical_load_n(
@@ -159,31 +171,58 @@ def virtual_run(
         road,
     )
     position = setup.track.position_m(coarse.distance_m, info.direction)
-    truth = soil_reaction(model, values, coarse, load, position, circumstances)
-    hub, seen = _faulty(faults, _hub_loads(setup.vehicle, truth, fine), fine, circumstances)
+    truth = soil_reaction(model, values, coarse, load, position, circumstances, at_rest)
+    uphill = setup.stance.uphill(circumstances.direction)
+    hub = _hub_loads(setup.vehicle, truth, fine, uphill)
+    streams = [loads, wheel, fixes, stamps]
+    said = sensed_run(setup, hub, fine, circumstances, start_ns, radius, streams, ring, faults)
+    return VirtualRun(said.info, said.start_ns, said.sensors, truth)
+
+
+def sensed_run(
+    setup: VirtualSetup,
+    hub: HubLoads,
+    motion: Motion,
+    circumstances: Circumstances,
+    start_ns: int,
+    wheel_radius_m: float,
+    streams: Sequence[np.random.Generator],
+    ring: np.random.Generator,
+    faults: Faults = (),
+) -> SensedRun:
+    """Return what the sensors say of what happens at the hub.
+
+    Parameters
+    ----------
+    hub, motion : at the rate of the motion
+    streams : of the transducer, the wheel speed, the GNSS receiver and the time stamps
+    start_ns, ring, faults : see `virtual_run`
+    """
+    hub, seen = _faulty(faults, hub, motion, circumstances)
+    info, elapsed_s, (loads, wheel, fixes, stamps) = circumstances.info, circumstances.elapsed_s, streams
     day_s = (start_ns // _NS) % _SECONDS_PER_DAY + (start_ns % _NS) / _NS
     readings = {
-        "transducer": measure_loads(setup.transducer, hub, radius, setup.vehicle.outboard_mass_kg, loads),
+        "transducer": measure_loads(setup.transducer, hub, wheel_radius_m, setup.vehicle.outboard_mass_kg, loads),
         "wheel_speed": measure_wheel_speed(setup.wheel_speed, seen, ring, wheel),
-        "gnss": measure_gnss(setup.gnss, fine, setup.track, info.direction, day_s, fixes, seen.distance_m),
+        "gnss": measure_gnss(setup.gnss, motion, setup.track, info.direction, day_s, fixes, seen.distance_m),
     }
     sensors = {
         name: _stamped(reading, setup.clock, start_ns, elapsed_s, stream)
         for (name, reading), stream in zip(readings.items(), stamps.spawn(len(readings)), strict=True)
     }
-    return VirtualRun(info, start_ns, truth, sensors)
+    return SensedRun(info, start_ns, sensors)
 
 
 def _every(motion: Motion, step: int) -> Motion:
     return replace(motion, **{f.name: getattr(motion, f.name)[::step] for f in fields(motion)})
 
 
-def _hub_loads(vehicle: VehicleSetup, truth: Truth, motion: Motion) -> HubLoads:
-    """Return what the transducer feels: the soil's forces less what moves the outboard parts."""
+def _hub_loads(vehicle: VehicleSetup, truth: Truth, motion: Motion, uphill: float) -> HubLoads:
+    """Return what the transducer feels: the soil's forces less what moves the outboard parts and holds them uphill."""
     return HubLoads(
         time_s=motion.time_s,
         longitudinal_n=_upsampled(truth.drawbar_pull_n, len(motion.time_s))
-        - vehicle.outboard_mass_kg * motion.ground_acceleration_mps2,
+        - vehicle.outboard_mass_kg * (motion.ground_acceleration_mps2 + GRAVITY_MPS2 * uphill),
         vertical_n=_upsampled(truth.vertical_load_n, len(motion.time_s)),
         torque_nm=_upsampled(truth.driving_torque_nm, len(motion.time_s))
         + vehicle.outboard_inertia_kgm2 * motion.wheel_acceleration_radps2,

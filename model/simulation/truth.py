@@ -9,6 +9,7 @@ import numpy as np
 
 from daq import DataError, Fault, FloatArray, RunInfo
 from model.simulation.motion import Motion
+from model.simulation.stance import StandingForces
 from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.contact import Quadrature
 from model.wheel_soil.stresses import speed_ratio
@@ -135,7 +136,14 @@ class Truth:
 def free_rolling_slip(
     model: WheelSoilModel, values: Mapping[str, float], vertical_load_n: float, circumstances: Circumstances
 ) -> float:
-    """Return the slip at which the wheel transmits no torque: it is towed, and skids a little.
+    """Return the slip at which the wheel transmits no torque: it is towed, and skids a little; see `towed`."""
+    return towed(model, values, vertical_load_n, circumstances)[0]
+
+
+def towed(
+    model: WheelSoilModel, values: Mapping[str, float], vertical_load_n: float, circumstances: Circumstances
+) -> tuple[float, float]:
+    """Return the slip of a wheel that transmits no torque, and its resistance in N.
 
     Raises
     ------
@@ -144,10 +152,12 @@ def free_rolling_slip(
     """
     slip = np.linspace(-0.6, 0.0, 121)
     conditions = circumstances.usual_conditions(model, slip, vertical_load_n)
-    torque = model.predict(conditions, dict(values)).driving_torque_nm
+    said = model.predict(conditions, dict(values))
+    torque = said.driving_torque_nm
     if not np.isfinite(torque).all():
         raise DataError(_lost(model, "at standstill", 0.0, vertical_load_n))
-    return float(np.interp(0.0, torque, slip))
+    free = float(np.interp(0.0, torque, slip))
+    return free, -float(np.interp(free, slip, said.drawbar_pull_n))
 
 
 def soil_reaction(
@@ -157,6 +167,7 @@ def soil_reaction(
     vertical_load_n: FloatArray,
     track_position_m: FloatArray,
     circumstances: Circumstances,
+    standing: StandingForces | None = None,
 ) -> Truth:
     """Put a motion and a load through the wheel-soil model.
 
@@ -169,6 +180,8 @@ def soil_reaction(
         With its physical effects and its quadrature.
     values : parameters of the effects, as the model takes them
     vertical_load_n, track_position_m : float64 array, shape (n,)
+    standing : StandingForces, optional
+        What holds the vehicle at rest; by default nothing has to.
 
     Raises
     ------
@@ -185,6 +198,9 @@ def soil_reaction(
         raise DataError(_lost(model, where, motion.slip[i], load[i]))
     rolling = -np.expm1(-((motion.ground_speed_mps / _SETTLED_SPEED_MPS) ** 2))
     pull_at_rest, torque_at_rest = model.at_rest(conditions, dict(values))
+    if standing is not None:
+        pull, torque = standing.along(motion.distance_m)
+        pull_at_rest, torque_at_rest = pull_at_rest + pull, torque_at_rest + torque
     return Truth(
         time_s=motion.time_s,
         slip=motion.slip,

@@ -1,8 +1,12 @@
+from .agreement import Agreement as Agreement
+from .agreement import agreement_of as agreement_of
 from .force_cells import LEAST_SLIP as LEAST_SLIP
 from .force_cells import ForceCells as ForceCells
 from .force_cells import cells_of_runs as cells_of_runs
 from .force_cells import cells_of_table as cells_of_table
 from .sinkage import ShapeRanges as ShapeRanges
+from .sinkage import draw_shapes as draw_shapes
+from .sinkage import sinkage_of_forces as sinkage_of_forces
 from .sinkage_growth import Estimate as Estimate
 from .sinkage_growth import Growth as Growth
 from .sinkage_growth import SlipBin as SlipBin

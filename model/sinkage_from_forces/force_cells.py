@@ -35,15 +35,15 @@ class Forces:
         load = self.vertical_load_n
         return self.drawbar_pull_n / load, self.driving_torque_nm / (radius_m * load)
 
-    def central_m(self, radius_m: float) -> FloatArray:
+    def central_m(self, radius_m: float, lug_height_m: float = 0.0) -> FloatArray:
         """Return the sinkage with the `CENTRAL` shape of the stress."""
-        drawn = sinkage_of_forces(self.slip, *self.ratios(radius_m), radius_m, CENTRAL)
+        drawn = sinkage_of_forces(self.slip, *self.ratios(radius_m), radius_m, CENTRAL, lug_height_m)
         return np.asarray(drawn[0], np.float64)
 
-    def change_m(self, radius_m: float, **more: FloatArray) -> FloatArray:
+    def change_m(self, radius_m: float, lug_height_m: float = 0.0, **more: FloatArray) -> FloatArray:
         """Return how the central sinkage changes with more of a channel."""
         moved = replace(self, **{name: getattr(self, name) + np.nan_to_num(by) for name, by in more.items()})
-        return moved.central_m(radius_m) - self.central_m(radius_m)
+        return moved.central_m(radius_m, lug_height_m) - self.central_m(radius_m, lug_height_m)
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,8 @@ class ForceCells:
         What one sigma of a zero adds to the sinkage, alike in all cells of a group; 0 where not known.
     measured_m : float array
         Sinkage; NaN where it was not measured.
+    lug_height_m : float
+        As declared: torque acts at the radius and a part of it.
     """
 
     forces: Forces
@@ -76,21 +78,29 @@ class ForceCells:
     measured_m: FloatArray
     names: tuple[str, ...]
     radius_m: float
+    lug_height_m: float = 0.0
+
+    @property
+    def central_m(self) -> FloatArray:
+        """Sinkage of every cell with the `CENTRAL` shape of the stress."""
+        return self.forces.central_m(self.radius_m, self.lug_height_m)
 
     def __len__(self) -> int:
         return len(self.bin)
 
 
-def cells_of_runs(runs: Sequence[ProcessedRun]) -> ForceCells:
+def cells_of_runs(runs: Sequence[ProcessedRun], lug_height_m: float = 0.0) -> ForceCells:
     """Average the driven samples of runs that carry a torque, per run and range of slip.
 
     Parameters
     ----------
     runs : sequence of ProcessedRun
         Of one wheel, at least one.
+    lug_height_m : float
+        As declared.
     """
     radius_m = runs[0].wheel_radius_m
-    parts = [part for i, run in enumerate(runs) for part in _cells(i, run, _blocks(run))]
+    parts = [part for i, run in enumerate(runs) for part in _cells(i, run, _blocks(run), lug_height_m)]
 
     def column(name: str) -> FloatArray:
         return np.array([part[name] for part in parts], np.float64)
@@ -102,15 +112,16 @@ def cells_of_runs(runs: Sequence[ProcessedRun]) -> ForceCells:
         group=column("group").astype(np.intp),
         samples=column("samples").astype(np.intp),
         noise_m=column("noise_m"),
-        pull_zero_m=forces.change_m(radius_m, drawbar_pull_n=column("pull_zero_n")),
-        torque_zero_m=forces.change_m(radius_m, driving_torque_nm=column("torque_zero_nm")),
+        pull_zero_m=forces.change_m(radius_m, lug_height_m, drawbar_pull_n=column("pull_zero_n")),
+        torque_zero_m=forces.change_m(radius_m, lug_height_m, driving_torque_nm=column("torque_zero_nm")),
         measured_m=column("sinkage_m"),
         names=tuple(run.run.id or f"run {i + 1}" for i, run in enumerate(runs)),
         radius_m=radius_m,
+        lug_height_m=lug_height_m,
     )
 
 
-def cells_of_table(table: WheelTable, radius_m: float) -> ForceCells:
+def cells_of_table(table: WheelTable, radius_m: float, lug_height_m: float = 0.0) -> ForceCells:
     """Return the driven rows of a bench table that have a torque, each a cell of its own.
 
     Noise is what the table's sigma columns state.
@@ -119,7 +130,7 @@ def cells_of_table(table: WheelTable, radius_m: float) -> ForceCells:
     rows = np.flatnonzero(driven)
     forces = Forces(*(getattr(table, name)[rows] for name in Forces.__dataclass_fields__))
     changes = [
-        forces.change_m(radius_m, **{name: table.sigma[name][rows]})
+        forces.change_m(radius_m, lug_height_m, **{name: table.sigma[name][rows]})
         for name in ("vertical_load_n", "drawbar_pull_n", "driving_torque_nm")
         if name in table.sigma
     ]
@@ -135,6 +146,7 @@ def cells_of_table(table: WheelTable, radius_m: float) -> ForceCells:
         measured_m=table.sinkage_m[rows],
         names=table.group_names,
         radius_m=radius_m,
+        lug_height_m=lug_height_m,
     )
 
 
@@ -156,10 +168,12 @@ def _blocks(run: ProcessedRun) -> dict[str, FloatArray]:
     return {name: means(name) for name in (*Forces.__dataclass_fields__, "sinkage_m")}
 
 
-def _cells(group: int, run: ProcessedRun, blocks: dict[str, FloatArray]) -> Iterator[dict[str, float]]:
+def _cells(
+    group: int, run: ProcessedRun, blocks: dict[str, FloatArray], lug_height_m: float
+) -> Iterator[dict[str, float]]:
     """Average blocks of one run over ranges of slip; noise is the scatter of their sinkage."""
     forces = Forces(*(blocks[name] for name in Forces.__dataclass_fields__))
-    sinkage = forces.central_m(run.wheel_radius_m)
+    sinkage = forces.central_m(run.wheel_radius_m, lug_height_m)
     bins = np.floor((forces.slip - LEAST_SLIP) / BIN_WIDTH + 1e-9).astype(np.intp)
     zeros = {role: _zero_sigma(run, role) for role in ("drawbar_pull", "driving_torque")}
     for number in np.unique(bins).tolist():

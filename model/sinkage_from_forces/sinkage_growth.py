@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from daq import BoolArray, FloatArray, IndexArray, Note
 from model.notes import SinkageCode
@@ -131,12 +132,13 @@ def sinkage_from_forces(
     """
     shapes = draw_shapes(ranges or ShapeRanges(), draws, rng)
     forces = cells.forces
-    plain = sinkage_of_forces(forces.slip, *forces.ratios(cells.radius_m), cells.radius_m, shapes)
+    ratios = forces.ratios(cells.radius_m)
+    plain = sinkage_of_forces(forces.slip, *ratios, cells.radius_m, shapes, cells.lug_height_m)
     groups = len(cells.names)
     error = cells.noise_m * rng.standard_normal((draws, len(cells)))
     for zero in (cells.pull_zero_m, cells.torque_zero_m):
         error = error + zero * rng.standard_normal((draws, groups))[:, cells.group]
-    central = forces.central_m(cells.radius_m)
+    central = cells.central_m
     share = np.divide(error, central, out=np.zeros_like(error), where=central > 0.0)
     return ForceSinkage(cells, np.maximum(plain * (1.0 + share), 0.0), shapes)
 
@@ -164,7 +166,7 @@ def _levels(cells: ForceCells) -> tuple[IndexArray, Note | None]:
 def _slopes(cells: ForceCells, levels: IndexArray, values: FloatArray) -> FloatArray:
     """Return the slope over slip of every row of values (m, n), each level having its own height; shape (m,)."""
     slip = cells.forces.slip
-    central = cells.forces.central_m(cells.radius_m)
+    central = cells.central_m
     weights = np.where(central > 0.0, 1.0, 0.0) / (cells.noise_m**2 + (_OWN_SHARE * central) ** 2 + 1e-12)
     centred = slip.copy()
     for level in np.unique(levels):
@@ -186,10 +188,8 @@ def _measured_growth(cells: ForceCells, levels: IndexArray) -> Estimate:
     freedom = len(slip) - columns.shape[1]
     if freedom < 1 or np.ptp(slip) < _LEAST_SPAN or np.linalg.matrix_rank(columns) < columns.shape[1]:
         return Estimate(np.nan, (np.nan, np.nan))
-    from scipy.stats import t as student
-
     found = np.linalg.lstsq(columns, measured, rcond=None)[0]
     left = measured - columns @ found
     variance = np.linalg.inv(columns.T @ columns)[0, 0] * (left @ left) / freedom
-    half = float(student.ppf(0.975, freedom) * np.sqrt(variance))
+    half = float(stdtrit(freedom, 0.975) * np.sqrt(variance))
     return Estimate(float(found[0]), (float(found[0]) - half, float(found[0]) + half))

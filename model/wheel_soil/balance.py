@@ -26,6 +26,8 @@ LoadOf = Callable[[Any, Any], Any]
 """Eq. 7 of a sinkage (m, 1) for the samples `index`: W in N, (m, 1)."""
 
 _TOLERANCE = 1e-7
+_FIRST = 0.1
+"""Of the radius: where the search starts if Eq. 10 has no answer, as for n of 3 and above."""
 _DEEPEST = 0.999
 """Of the radius: a wheel sunk to its axle is beyond the model."""
 
@@ -193,7 +195,7 @@ def balanced(
     Parameters
     ----------
     load, start, radius, exponent : arrays, shape (n, 1)
-        W > 0 in N, a first guess of Z0 in m, r in m, n.
+        W > 0 in N, a first guess of Z0 in m (any number where there is none), r in m, n.
     load_of : callable
         ``load_of(sinkage, index)``: Eq. 7 for the samples `index`.
 
@@ -209,7 +211,7 @@ def balanced(
     n = len(load)
     target = np.log(load)
     low, high = np.full((n, 1), -np.inf), np.log(_DEEPEST * radius)
-    y = np.minimum(np.log(start), high - 1e-3)
+    y = np.minimum(np.log(np.where(np.isfinite(start) & (start > 0.0), start, _FIRST * radius)), high - 1e-3)
     slope = exponent + 0.5
     old_y, old_miss = np.full((n, 1), np.nan), np.full((n, 1), np.nan)
     result = np.full((n, 1), np.nan)

@@ -7,12 +7,15 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from daq import IndexArray
 from model.wheel_soil.dual import Number, value_of, where
 from model.wheel_soil.soils import SoilState
 from model.wheel_soil.stresses import slip_of_ratio, speed_ratio
 
 REFERENCE_INFLATION_KPA = 340.0
 """Of a tyre whose pressure is not stated."""
+USUAL_OUTBOARD_MASS_KG = 75.0
+"""Of a wheel of 37 inches: rim, tyre and the outer half of the transducer, where it is not stated."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,7 @@ class Conditions:
     inflation_kpa : of the tyre
     unit_weight_n_m3 : of the soil
     compensated_mass_kg : outboard mass whose acceleration was added to the measured drawbar pull
+    outboard_mass_kg : between transducer and soil
     """
 
     slip: Number
@@ -66,6 +70,7 @@ class Conditions:
     inflation_kpa: Number = np.nan
     unit_weight_n_m3: Number = 16_500.0
     compensated_mass_kg: Number = 0.0
+    outboard_mass_kg: Number = USUAL_OUTBOARD_MASS_KG
 
     @property
     def driving_slip(self) -> Number:
@@ -86,6 +91,10 @@ class Conditions:
     def with_speed_ratio_times(self, factor: Number) -> Conditions:
         """Return the conditions with V/(r omega), and so the slip, changed by a factor."""
         return replace(self, slip=slip_of_ratio(speed_ratio(self.slip) * factor))
+
+    def rows(self, rows: slice | IndexArray) -> Conditions:
+        """Return the conditions of some samples."""
+        return self.map(lambda x: x[rows] if np.ndim(x) else x)
 
     def map(self, function: Callable[[Number], Number]) -> Conditions:
         """Return the conditions with `function` applied to every field."""

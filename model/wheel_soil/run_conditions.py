@@ -8,7 +8,7 @@ import numpy as np
 
 from daq import FloatArray, Note
 from model.notes import DiagnosisCode
-from model.wheel_soil.conditions import Conditions
+from model.wheel_soil.conditions import USUAL_OUTBOARD_MASS_KG, Conditions
 from processing import ProcessedRun
 
 _EARTH_RADIUS_M = 6_371_008.8
@@ -134,7 +134,7 @@ def conditions_of(runs: Sequence[ProcessedRun], unit_weight_n_m3: float) -> list
 
 def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_weight_n_m3: float) -> Conditions:
     def everywhere(value: float) -> FloatArray:
-        return np.full(len(run), value)
+        return np.broadcast_to(np.float64(value), len(run))
 
     acceleration = run.ground_acceleration_mps2
     return Conditions(
@@ -151,4 +151,5 @@ def _of_run(run: ProcessedRun, position: FloatArray, clock: FloatArray, unit_wei
         pass_number=everywhere(float(run.run.pass_number)),
         inflation_kpa=everywhere(run.run.inflation_kpa or np.nan),
         unit_weight_n_m3=everywhere(unit_weight_n_m3),
+        outboard_mass_kg=everywhere(run.outboard_mass_kg or USUAL_OUTBOARD_MASS_KG),
     )

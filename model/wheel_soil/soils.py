@@ -153,6 +153,12 @@ class SoilPrior:
     covariance: FloatArray
     source: str
 
+    def sized(self) -> dict[str, tuple[float, float]]:
+        """Return mean and one-sigma of the parameters that are not known exactly."""
+        sigmas = np.sqrt(np.diag(self.covariance)).tolist()
+        each = zip(SOIL_PARAMETERS, self.mean.tolist(), sigmas, strict=True)
+        return {name: (mean, sigma) for name, mean, sigma in each if sigma > 0}
+
     def sigma_of(self, name: str) -> float:
         """Return the one-sigma of one of `SOIL_PARAMETERS`; 0 where it is exactly known."""
         return float(np.sqrt(self.covariance.diagonal()[SOIL_PARAMETERS.index(name)]))

@@ -20,6 +20,8 @@ Reading = Literal["balanced", "literal"]
 """How the slip-sinkage laws are read (docs/decisions/sinkage-readings.md)."""
 
 INPUTS = ("slip", "vertical_load_n")
+_BLOCK = 1 << 16
+"""Samples at once: a long run's temporaries stay small."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ class WheelSoilModel:
         self.quadrature = quadrature or Quadrature()
         names = [name for e in self.effects for name in e.parameter_keys().values()]
         if len(set(names)) != len(names):
-            raise ConfigError(Fault("two effects share a parameter", found=", ".join(names)))
+            raise ConfigError.of("two effects share a parameter", found=", ".join(names))
         self._defaults: dict[str, float] = {
             **{name: float(getattr(soil, name)) for name in SOIL_PARAMETERS},
             "radius_m": wheel.radius_m,
@@ -132,6 +134,23 @@ class WheelSoilModel:
             An unknown parameter.
         """
         parameters = self._parameters(values or {}, wrt)
+        count = max(np.size(conditions.slip), np.size(conditions.vertical_load_n))
+        parts = []
+        for start in range(0, max(count, 1), _BLOCK):
+            rows = slice(start, start + _BLOCK)
+            given = (None if x is None else np.asarray(x)[rows] for x in (sinkage_m, static_sinkage_m))
+            parts.append(self._predict(conditions.rows(rows), parameters, wrt, *given))
+        return _joined(parts)
+
+    def _predict(
+        self,
+        conditions: Conditions,
+        parameters: Mapping[str, Number],
+        wrt: Sequence[str],
+        sinkage_m: FloatArray | None,
+        static_sinkage_m: FloatArray | None,
+    ) -> Prediction:
+        """Return what `predict` does, of some samples."""
         slip, load = (np.asarray(x, float) for x in (conditions.slip, conditions.vertical_load_n))
         valid = np.isfinite(slip) & np.isfinite(load) & (load > 0) & (np.abs(slip) <= 1)
         for given in (sinkage_m, static_sinkage_m):
@@ -237,6 +256,23 @@ class WheelSoilModel:
             )
         parameters: dict[str, Number] = {**self._defaults, **values}
         return {k: Dual(v, {k: 1.0}) if k in wrt else v for k, v in parameters.items()}
+
+
+def _joined(parts: list[Prediction]) -> Prediction:
+    if len(parts) == 1:
+        return parts[0]
+    names = [name for name in Prediction.__dataclass_fields__ if name != "sensitivities"]
+    fields = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    sensitivities = {
+        key: Sensitivity(
+            **{
+                name: np.concatenate([getattr(part.sensitivities[key], name) for part in parts])
+                for name in Sensitivity.__dataclass_fields__
+            }
+        )
+        for key in parts[0].sensitivities
+    }
+    return Prediction(**fields, sensitivities=sensitivities)
 
 
 def _read(active: Active, reaction: Reaction, state: WheelState) -> Reaction:

@@ -9,7 +9,18 @@ from math import isfinite, nan, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from daq import ON_TIME_BASE, TRANSDUCER_ROLES, ChannelDefinition, ClockFit, FloatArray, Note, RunInfo, Use
+from daq import (
+    ON_TIME_BASE,
+    TRANSDUCER_ROLES,
+    Brakes,
+    ChannelDefinition,
+    ClockFit,
+    FloatArray,
+    Note,
+    RunInfo,
+    Use,
+    WheelSection,
+)
 from processing.notes import RunCode
 from processing.options import SLIP_ROLES, ProcessOptions
 from processing.pipeline.filters import standstill_sigma
@@ -21,14 +32,22 @@ from processing.pipeline.resampling import OnBase
 from processing.processed_run import ProcessedRun, QualityReport, Reason, Segment, Standstill
 from processing.robust import robust_spread
 
+_BRAKED_SHARE = 0.05
+"""Of the largest brake signal of a run, above which the brakes are held: a pressure, a pedal or a switch alike."""
+
 
 def standstills(
-    time_s: FloatArray, segments: NDArray[np.uint8], channels: Mapping[str, FloatArray], cutoff_hz: float
+    time_s: FloatArray,
+    segments: NDArray[np.uint8],
+    channels: Mapping[str, FloatArray],
+    cutoff_hz: float,
+    brake: FloatArray | None = None,
+    declared: Brakes = "unknown",
 ) -> tuple[Standstill, ...]:
     """Return one `Standstill` per standing period; arrays of shape (n,).
 
     A channel without values in a period is not named there. A second holds about 2.5 times `cutoff_hz` of the filter
-    independent samples.
+    independent samples. `declared` is what vehicle.toml says of the brakes, where no channel `brake` shows it.
     """
     found = []
     for start, stop in runs_of(segments):
@@ -44,8 +63,18 @@ def standstills(
             middle = float(np.median(part))
             levels[role] = middle
             sigmas[role] = 1.25 * robust_spread(part - middle) / sqrt(independent)
-        found.append(Standstill(float(time_s[start]), float(time_s[stop - 1] - time_s[start]), levels, sigmas))
+        brakes = declared if brake is None else _brakes(brake, slice(start, stop))
+        duration_s = float(time_s[stop - 1] - time_s[start])
+        found.append(Standstill(float(time_s[start]), duration_s, levels, sigmas, brakes))
     return tuple(found)
+
+
+def _brakes(brake: FloatArray, period: slice) -> Brakes:
+    """Return whether the brake's channel exceeds a share of its largest value of the run within a period."""
+    part = brake[period]
+    if not np.isfinite(part).any():
+        return "unknown"
+    return "held" if np.nanmax(part) > _BRAKED_SHARE * np.nanmax(brake) else "released"
 
 
 def distance_of(time_s: FloatArray, ground_speed_mps: FloatArray) -> tuple[FloatArray, float]:
@@ -68,7 +97,8 @@ def distance_of(time_s: FloatArray, ground_speed_mps: FloatArray) -> tuple[Float
 class FilteredRun:
     """Everything on one time base; arrays of shape (n,), NaN where not known.
 
-    `roles` has those that the run carries, one of them at least; `missing` is that of `QualityReport`.
+    `roles` has those that the run carries, one of them at least; `missing` is that of `QualityReport`. `brake` is in
+    whatever unit, None without its channel.
     """
 
     start_ns: int
@@ -77,6 +107,7 @@ class FilteredRun:
     roles: dict[str, OnBase]
     latitude_deg: FloatArray
     longitude_deg: FloatArray
+    brake: FloatArray | None
     clock: ClockFit | None
     notes: tuple[Note, ...]
     missing: dict[str, Note]
@@ -106,8 +137,11 @@ class FilteredRun:
         return np.broadcast_to(np.float64(value), self.time_s.shape)
 
 
-def assemble(filtered: FilteredRun, radius_m: float, run: RunInfo, options: ProcessOptions) -> ProcessedRun:
-    """Form slip, with the nominal radius of the wheel as in Eq. 6, segments and reasons."""
+def assemble(
+    filtered: FilteredRun, wheel: WheelSection, run: RunInfo, options: ProcessOptions, brakes: Brakes
+) -> ProcessedRun:
+    """Form slip, with the nominal radius of the wheel as in Eq. 6, segments and reasons; `brakes` as declared."""
+    radius_m = wheel.radius_m
     ground, rim = filtered.values("ground_speed"), radius_m * filtered.values("wheel_speed")
     rim_sigma, ground_sigma = radius_m * filtered.sigma("wheel_speed"), filtered.sigma("ground_speed")
     slip = slip_of(rim, ground, options.min_speed_mps)
@@ -137,7 +171,8 @@ def assemble(filtered: FilteredRun, radius_m: float, run: RunInfo, options: Proc
         longitude_deg=filtered.longitude_deg,
         segment=segments,
         reason=reason,
-        quality=_quality(filtered, slip, segments, reason, radius_m, options, notes),
+        outboard_mass_kg=wheel.outboard_mass_kg,
+        quality=_quality(filtered, slip, segments, reason, radius_m, options, brakes, notes),
     )
 
 
@@ -170,6 +205,7 @@ def _quality(
     reason: NDArray[np.uint8],
     radius_m: float,
     options: ProcessOptions,
+    brakes: Brakes,
     notes: list[Note],
 ) -> QualityReport:
     speeds = _compare(filtered, radius_m, options.rate_hz)
@@ -178,6 +214,8 @@ def _quality(
         segments,
         {role: filtered.values(role) for role in (*TRANSDUCER_ROLES, "ground_speed") if role in filtered.roles},
         filtered.cutoff_hz,
+        filtered.brake,
+        brakes,
     )
     sensors = {role: on_base.facts for role, on_base in filtered.roles.items()}
     clock = filtered.clock

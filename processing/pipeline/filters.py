@@ -45,12 +45,12 @@ from processing.timebase import stretch_of, stretches
 
 CUTOFF_PER_RATE = 0.2
 """Highest cut-off as a share of a channel's own rate."""
-_REACH = 4.0
-_EDGE = 2.0
-_BLOCK = 1 << 16
+_KERNEL_REACH_SIGMAS = 4.0
+_EDGE_SIGMAS = 2.0
+_ROWS_AT_ONCE = 1 << 16
 _LEAST_STANDSTILL_SAMPLES = 10
 _LEAST_SAMPLES = 20
-_MARGIN = 1.2
+_WHITE_NOISE_MARGIN = 1.2
 
 
 def kernel_sigma_s(cutoff_hz: float) -> float:
@@ -112,12 +112,12 @@ def smooth(
     inside = np.flatnonzero(which >= 0)
     weight = _time_weight(time_s, pairs)
     narrowed = sqrt(max(sigma_s**2 - spread_s2, 0.25 * sigma_s**2))
-    for start in range(0, len(inside), _BLOCK):
-        rows = inside[start : start + _BLOCK]
+    for start in range(0, len(inside), _ROWS_AT_ONCE):
+        rows = inside[start : start + _ROWS_AT_ONCE]
         bounds = pairs[which[rows]]
         out[rows], slope[rows] = _line_under_kernel(at_s[rows], time_s, values, weight, bounds, narrowed)
         first, last = time_s[bounds[:, 0]], time_s[bounds[:, 1] - 1]
-        edge[rows] = np.minimum(at_s[rows] - first, last - at_s[rows]) < _EDGE * sigma_s
+        edge[rows] = np.minimum(at_s[rows] - first, last - at_s[rows]) < _EDGE_SIGMAS * sigma_s
     return Smoothed(out, slope, np.isfinite(out), edge)
 
 
@@ -136,8 +136,8 @@ def _line_under_kernel(
     at_s: FloatArray, time_s: FloatArray, values: FloatArray, weight: FloatArray, bounds: IntArray, sigma_s: float
 ) -> FloatArray:
     """Return value and slope of the weighted straight line at each instant, shape (2, n)."""
-    low = np.maximum(np.searchsorted(time_s, at_s - _REACH * sigma_s), bounds[:, 0])
-    high = np.minimum(np.searchsorted(time_s, at_s + _REACH * sigma_s), bounds[:, 1])
+    low = np.maximum(np.searchsorted(time_s, at_s - _KERNEL_REACH_SIGMAS * sigma_s), bounds[:, 0])
+    high = np.minimum(np.searchsorted(time_s, at_s + _KERNEL_REACH_SIGMAS * sigma_s), bounds[:, 1])
     s0, s1, s2, m0, m1 = np.zeros((5, len(at_s)))
     for tap in range(int((high - low).max(initial=0))):
         index = np.minimum(low + tap, len(time_s) - 1)
@@ -178,7 +178,7 @@ def filtered_sigma(
         white = samples.rough**2 if samples.node_s else min(white, samples.rough**2)
         white = min(white, total) if isfinite(white) else total
     passed = white * min(interval_s * white_noise_bandwidth(kernel_sigma_s), 1.0)
-    return sqrt(passed + max(total - _MARGIN * white, 0.0)), source
+    return sqrt(passed + max(total - _WHITE_NOISE_MARGIN * white, 0.0)), source
 
 
 def standstill_sigma(values: FloatArray, segments: NDArray[np.uint8], rate_hz: float, cutoff_hz: float) -> float:

@@ -28,7 +28,7 @@ from processing.timebase import as_of, nearest
 
 MODEL_ROLES = tuple(channel.role for channel in ON_TIME_BASE if channel.required)
 """Channels that a used sample must have, where the run carries them at all."""
-_AIDS = ("ground_speed_valid", "latitude", "longitude", "gnss_time")
+_AIDS = ("ground_speed_valid", "latitude", "longitude", "gnss_time", "brake")
 _STALE_INTERVALS = 1.75
 _HELD_INTERVALS = 5
 _HELD_NS = 100_000_000

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from daq import BoolArray, FloatArray, IntArray
 from processing.processed_run import Segment
 
-_BLOCK = 1 << 16
+_ROWS_AT_ONCE = 1 << 16
 """Rows at once: a long run's temporaries stay small."""
 _REST_MPS = 0.15
 _MOVING_MPS = 0.3
@@ -16,7 +16,7 @@ _REST_SECONDS = 0.5
 _SHORTEST_SECONDS = 0.3
 _LOW_TRACTION = 0.03
 _DRIVE_MPS2, _BRAKE_MPS2 = 0.2, 0.5
-_SLIP = 0.05
+_DRIVEN_SLIP = 0.05
 
 
 def slip_of(rim_speed_mps: FloatArray, ground_speed_mps: FloatArray, min_speed_mps: float) -> FloatArray:
@@ -43,8 +43,8 @@ def slip_sigma(
     All arrays have shape (n,); NaN where the larger speed is below `min_speed_mps`.
     """
     sigma = np.empty(len(rim_speed_mps))
-    for start in range(0, len(sigma), _BLOCK):
-        rows = slice(start, start + _BLOCK)
+    for start in range(0, len(sigma), _ROWS_AT_ONCE):
+        rows = slice(start, start + _ROWS_AT_ONCE)
         speeds = np.stack([rim_speed_mps[rows], ground_speed_mps[rows]])
         sigmas = np.stack([rim_sigma_mps[rows], ground_sigma_mps[rows]])
         sigma[rows] = _sigma(speeds, sigmas, min_speed_mps)
@@ -106,7 +106,7 @@ def _driven(
         threshold = _LOW_TRACTION * float(np.median(scale) if len(scale) else size.max())
         up, down = _both_ways(force, threshold, threshold, ~known)
     else:
-        by_slip = _both_ways(slip, _SLIP, _SLIP, ~known)
+        by_slip = _both_ways(slip, _DRIVEN_SLIP, _DRIVEN_SLIP, ~known)
         by_speed = _both_ways(acceleration, _DRIVE_MPS2, _BRAKE_MPS2, ~known)
         up, down = by_slip[0] | by_speed[0], by_slip[1] | by_speed[1]
         up, down = up & ~by_slip[1], down & ~by_slip[0]

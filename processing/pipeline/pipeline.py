@@ -44,6 +44,7 @@ from processing.pipeline.resampling import (
     put_on_base,
     received_span_ns,
 )
+from processing.pipeline.rut import with_ruts
 from processing.pipeline.wheel_frames import at_soil, to_vehicle_axes
 from processing.processed_run import ProcessedRun
 from processing.timebase import make_time_base
@@ -66,14 +67,12 @@ def _require_any(seen: Collection[str], came: Collection[str], vehicle: VehicleC
     """Check that there is something to look at: roles that have a signal (`seen`) and of which a sample came."""
     named = [role for role in MODEL_ROLES if role in seen]
     if not named:
-        raise ConfigError(
-            Fault(
-                "no signal has a role that can be shown",
-                where="[signals]",
-                found=", ".join(sorted(seen)) or "no roles at all",
-                expected=f"at least one of {', '.join(MODEL_ROLES)}",
-                next_step='add wheel_speed = "Message.Signal" to [signals] of vehicle.toml, and the others alike',
-            )
+        raise ConfigError.of(
+            "no signal has a role that can be shown",
+            where="[signals]",
+            found=", ".join(sorted(seen)) or "no roles at all",
+            expected=f"at least one of {', '.join(MODEL_ROLES)}",
+            next_step='add wheel_speed = "Message.Signal" to [signals] of vehicle.toml, and the others alike',
         )
     if not any(role in came for role in named):
         raise DataError(*(_nothing_received(role, vehicle) for role in named))
@@ -189,17 +188,19 @@ def process_stream(
     roles, left = at_soil(roles, wheel, kernel_sigma_s(cutoff_hz), removal.zero_of_load())
     notes += left
     latitude, longitude = _position(samples, base)
+    brake = interpolated_on_base(samples["brake"], *base) if "brake" in samples else None
     notes += lowered + gate.notes() + removal.notes()
-    filtered = FilteredRun(*base, cutoff_hz, roles, latitude, longitude, clock, tuple(notes), missing)
-    processed = assemble(filtered, wheel.radius_m, run or RunInfo(), options)
+    filtered = FilteredRun(*base, cutoff_hz, roles, latitude, longitude, brake, clock, tuple(notes), missing)
+    brakes = vehicle.vehicle.standstill_brakes
+    processed = with_ruts(assemble(filtered, wheel, run or RunInfo(), options, brakes))
     quality = replace(processed.quality, zeros=removal.applied(), transducer_status=gate.words)
     return replace(processed, quality=quality)
 
 
 def _wheel(vehicle: VehicleConfig) -> WheelSection:
     if vehicle.wheel is None:
-        raise ConfigError(
-            Fault("the wheel is not described", "vehicle.toml", next_step="add [wheel] with radius_m and width_m")
+        raise ConfigError.of(
+            "the wheel is not described", "vehicle.toml", next_step="add [wheel] with radius_m and width_m"
         )
     return vehicle.wheel
 

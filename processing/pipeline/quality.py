@@ -210,5 +210,7 @@ def _zero_notes(standing: tuple[Standstill, ...]) -> list[Note]:
         seen = [(s.levels[role], s.sigmas[role]) for s in standing if role in s.levels]
         if seen and all(abs(level) > 3 * sigma for level, sigma in seen):
             levels, sigmas = zip(*seen, strict=True)
-            notes.append(Note(RunCode.ZERO_AT_STANDSTILL, values={"role": role, "levels": levels, "sigmas": sigmas}))
+            brakes = tuple(sorted({s.brakes for s in standing if role in s.levels}))
+            facts = {"role": role, "levels": levels, "sigmas": sigmas, "brakes": brakes}
+            notes.append(Note(RunCode.ZERO_AT_STANDSTILL, values=facts))
     return notes

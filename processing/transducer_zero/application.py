@@ -17,7 +17,6 @@ from daq import (
     ChannelZero,
     ConfigError,
     Determination,
-    Fault,
     FloatArray,
     IntArray,
     Note,
@@ -148,12 +147,10 @@ class ZeroRemoval:
         frame = vehicle.transducer.frame
         others = [one for one in zeros.determinations if one.frame != frame]
         if others:
-            raise ConfigError(
-                Fault(
-                    f"the zero was taken in {others[0].frame} axes, and vehicle.toml says {frame} axes",
-                    f"{zeros.source}, {others[0].recording}",
-                    next_step="determine the zero with this vehicle.toml: wheelsoil zero",
-                )
+            raise ConfigError.of(
+                f"the zero was taken in {others[0].frame} axes, and vehicle.toml says {frame} axes",
+                f"{zeros.source}, {others[0].recording}",
+                next_step="determine the zero with this vehicle.toml: wheelsoil zero",
             )
         self._zeros = zeros
         self._vehicle = vehicle

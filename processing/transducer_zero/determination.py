@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot, isfinite, sqrt
+from math import hypot, isfinite, radians, sin, sqrt
 
 import numpy as np
 
-from daq import ChannelZero, DataError, Fault, FloatArray, Note, VehicleConfig
+from daq import ChannelZero, ConfigError, DataError, Fault, FloatArray, Note, VehicleConfig
 from processing.notes import ZeroCode
 from processing.pipeline.wheel_frames import STANDARD_GRAVITY_MPS2, interpolate_angle, rotate
+from processing.processed_run import LEVEL_DEG, RUT_SHARE
 from processing.transducer_zero.parts import Harmonics, Motion, Part, find_spin, find_standstill, fit_harmonics
 
 _LIFTED_SHARE = 0.2
 """A lifted wheel reads less than this share of a quarter of the vehicle's weight, its zeros included."""
 _LIFTED_WITHOUT_MASS_N = 1500.0
-_ROLLING_RESISTANCE = 0.01
-"""What a wheel that stands on the ground may hold of its load as a pull, although nobody drives or brakes it."""
+_ON_GROUND_SHARE = hypot(RUT_SHARE, sin(radians(LEVEL_DEG)))
+"""One-sigma of the pull at a released wheel on the ground, of its load."""
 _NOTABLE_CHANGE = 0.2
 """Of the speed over the spin, as a share."""
 _FEWEST_SAMPLES = 50
@@ -89,11 +90,14 @@ def determine(
     ------
     DataError
         The wheel carries the vehicle, or nothing of the recording can be used.
+    ConfigError
+        On the ground: the brakes are not declared to be released.
     """
     limit_n = _lifted_limit_n(vehicle)
     _check_there(signals, angle, vehicle)
     motion = Motion(_load(signals, angle, vehicle), angle, speed)
     if on_ground:
+        _check_released(vehicle)
         part = find_standstill(motion, (limit_n, np.inf))
     else:
         part = find_spin(motion, limit_n) or find_standstill(motion, (0.0, limit_n))
@@ -107,8 +111,23 @@ def determine(
             channels[signal.name] = _channel(signal, fit, part, motion, vehicle, on_ground=on_ground)
             outliers[signal.name] = fit.outliers
     if not channels:
-        raise DataError(Fault("too few samples", expected=f"{_FEWEST_SAMPLES} of each channel in what can be used"))
+        raise DataError.of("too few samples", expected=f"{_FEWEST_SAMPLES} of each channel in what can be used")
     return Lifted(part, channels, outliers, tuple(_remarks(part, motion, vehicle, on_ground=on_ground)))
+
+
+def _check_released(vehicle: VehicleConfig) -> None:
+    """Raise a ConfigError unless the vehicle is declared to stand with released brakes."""
+    brakes = vehicle.vehicle.standstill_brakes
+    if brakes != "released":
+        raise ConfigError(
+            Fault(
+                "held brakes keep an unknown pull and torque in the hub: this is no zero",
+                "vehicle.toml",
+                found=f'[vehicle] standstill_brakes = "{brakes}"',
+                expected='"released"',
+                next_step='record with the brakes released and write standstill_brakes = "released", or lift the wheel',
+            )
+        )
 
 
 def _lifted_limit_n(vehicle: VehicleConfig) -> float:
@@ -184,7 +203,7 @@ def _nothing(motion: Motion, limit_n: float, *, on_ground: bool) -> Fault:
 
 
 def _on_ground(signals: Sequence[TransducerSignal], vehicle: VehicleConfig) -> list[TransducerSignal]:
-    """Return what must read zero on level ground, nobody driving or braking: pull (vehicle axes) and torque."""
+    """Return what must read zero on level ground with released brakes: pull (vehicle axes) and torque."""
     roles = ("driving_torque",) if vehicle.transducer.frame == "wheel" else ("drawbar_pull", "driving_torque")
     return [signal for signal in signals if signal.role in roles]
 
@@ -222,11 +241,10 @@ def _channel(
             unit=signal.unit,
         )
     offset, offset_sigma = float(p[0]), float(sigma[0])
-    if on_ground:
-        arm = vehicle.wheel.radius_m if signal.role == "driving_torque" and vehicle.wheel else 1.0
-        held = _ROLLING_RESISTANCE * arm * float(np.median(np.abs(motion.load[1])))
+    if on_ground and signal.role == "drawbar_pull":
+        held = _ON_GROUND_SHARE * float(np.median(np.abs(motion.load[1])))
         offset_sigma = hypot(offset_sigma, held / abs(signal.si_factor))
-    elif vehicle.transducer.frame == "wheel":
+    elif not on_ground and vehicle.transducer.frame == "wheel":
         offset -= _weight_n(signal.role, part.angle_rad, vehicle) / signal.si_factor
     return ChannelZero(offset=offset, offset_sigma=offset_sigma, unit=signal.unit)
 
@@ -248,7 +266,7 @@ def _remarks(part: Part, motion: Motion, vehicle: VehicleConfig, *, on_ground: b
     if not isfinite(part.angle_rad) and motion.speed is None:
         remarks.append(Note(ZeroCode.STANDING_ASSUMED))
     if on_ground:
-        remarks.append(Note(ZeroCode.ON_GROUND, values={"load_share": _ROLLING_RESISTANCE}))
+        remarks.append(Note(ZeroCode.ON_GROUND, values={"load_share": _ON_GROUND_SHARE}))
     elif vehicle.transducer.frame == "wheel":
         mass = vehicle.wheel.outboard_mass_kg if vehicle.wheel else 0.0
         remarks.append(Note(ZeroCode.WEIGHT_TAKEN_OUT, values={"mass_kg": mass}))

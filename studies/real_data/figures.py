@@ -13,9 +13,8 @@ from plotly.subplots import make_subplots
 
 from daq import FloatArray
 from model.diagnosis import DiagnosisOptions, PlotData, diagnose_bench
-from model.diagnosis.single_wheel import Weighed, Weighing, driven_rows, skid_law
+from model.diagnosis.single_wheel import Weighed, Weighing, compare_wheels, driven_rows, skid_law
 from studies.real_data.study import CHANNELS, HERE, bench, plate_tests, weighed
-from studies.real_data.transfer import transfer
 
 IMAGES = HERE.parents[1] / "docs" / "images"
 WIDTH, HEIGHT = 1120, 460
@@ -166,7 +165,7 @@ def band(figure: go.Figure, x: FloatArray, low: FloatArray, high: FloatArray, co
 def carried_over() -> go.Figure:
     """Draw what the smooth wheel foretells of the grousered one."""
     figure = canvas(("Grousered wheel: drawbar pull", "Grousered wheel: sinkage"))
-    found = transfer(bench("smooth"), bench("grousered"), DiagnosisOptions(channels=("dp", "z"), most_causes=2))
+    found = compare_wheels(bench("smooth"), bench("grousered"), DiagnosisOptions(channels=("dp", "z"), most_causes=2))
     rows = driven_rows(bench("grousered")).rows
     for column, (channel, factor) in enumerate((("dp", 1.0), ("z", 1e3)), 1):
         mean, spread = factor * found.predicted[channel], factor * found.predicted_sigma[channel]

@@ -19,10 +19,13 @@ from daq import FloatArray
 from model.diagnosis import Bench, Diagnosis, DiagnosisOptions, diagnose_bench
 from model.diagnosis.core import rms
 from model.diagnosis.single_wheel import (
+    OWN,
     BenchProblem,
     CauseUse,
     Hypothesis,
     Weighing,
+    WheelPair,
+    compare_wheels,
     driven_rows,
     library,
     parameter_draws,
@@ -32,9 +35,8 @@ from model.diagnosis.single_wheel import (
 )
 from model.diagnosis.single_wheel import noise as bench_noise
 from model.effects.catalogue import EFFECTS
-from studies.real_data.transfer import OWN, Transfer, transfer
+from wheelsoil.to_json import to_json
 from wheelsoil.wording.diagnosis_json import diagnosis_json
-from wheelsoil.wording.to_json import to_json
 from wheelsoil.workflows import Files, bench_of, read_bench
 
 HERE = Path(__file__).parent
@@ -174,7 +176,7 @@ def sensitivity(one: Bench) -> dict[str, dict[str, float]]:
     return found
 
 
-def transfer_numbers(found: Transfer) -> dict[str, Any]:
+def transfer_numbers(found: WheelPair) -> dict[str, Any]:
     """Return what became of the smooth wheel's calibration on the grousered one."""
     own_h = [
         w for w in found.both.sets if CauseUse("vasilev", OWN) in w.hypothesis and CauseUse("vasilev") in w.hypothesis
@@ -210,7 +212,7 @@ def transfer_numbers(found: Transfer) -> dict[str, Any]:
     return numbers
 
 
-def study() -> tuple[dict[str, Any], dict[str, Diagnosis], dict[str, Transfer]]:
+def study() -> tuple[dict[str, Any], dict[str, Diagnosis], dict[str, WheelPair]]:
     """Return all numbers, the diagnoses and the transfers."""
     smooth, grousered = bench("smooth"), bench("grousered")
     diagnoses = {
@@ -218,7 +220,8 @@ def study() -> tuple[dict[str, Any], dict[str, Diagnosis], dict[str, Transfer]]:
         for name, channels in CHANNELS.items()
     }
     transfers = {
-        name: transfer(smooth, grousered, DiagnosisOptions(channels=channels)) for name, channels in CHANNELS.items()
+        name: compare_wheels(smooth, grousered, DiagnosisOptions(channels=channels))
+        for name, channels in CHANNELS.items()
     }
     weighings = {name: weighed(smooth, channels) for name, channels in CHANNELS.items()}
     numbers = {

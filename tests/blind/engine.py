@@ -36,7 +36,7 @@ _GIVEN_EVERY = 3
 
 def campaign_from_channels(day: FieldDay, hidden: Sequence[tuple[str, float]]) -> Campaign:
     """Process the channels without frames between."""
-    vehicle = vehicle_config(day.suite, day.vendor)
+    vehicle = vehicle_config(day.suite, day.vendor, day.stance)
     runs = tuple(
         process(channels, vehicle, run_info(plan), OPTIONS)
         for plan, channels in zip(day.plans, driven(day, hidden), strict=True)

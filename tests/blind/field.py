@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from blind.causes import ALL
-from blind.driving import DURATION_S, RATE_HZ, Motion, Plan, load_history, moments_of, motion, plans
+from blind.driving import DURATION_S, LOADS_N, RATE_HZ, Motion, Plan, load_history, moments_of, motion, plans
 from blind.ground import Ground, Patchiness, drawn_field, run_scatter
 from blind.sensors import Suite, measured
+from blind.standing import Stance, on_tilted_ground, towed
 from blind.vendors import VENDORS, Vendor
-from blind.wheel import RADIUS_M, Care, Moments, Physics, Reading, readings, soil_forces
+from blind.wheel import Care, Moments, Physics, Reading, readings
 from blind.world import OWN, World
 
 from daq import FloatArray
@@ -34,6 +35,8 @@ class FieldDay:
     scatter : tuple of mapping
         Of each run's soil.
     patchiness, suite, vendor
+    stance : Stance
+    rut_n : mapping load -> towing resistance, N
     seed : tuple of int
         Of what is drawn while the runs are driven: the same whatever is hidden.
     world : World
@@ -49,18 +52,10 @@ class FieldDay:
     patchiness: Patchiness
     suite: Suite
     vendor: Vendor
+    stance: Stance
+    rut_n: dict[float, float]
     seed: tuple[int, ...]
     world: World = OWN
-
-
-def free_slip(ground: Ground, load_n: float) -> float:
-    """Return the slip at which the wheel passes no torque."""
-    slip = np.linspace(-0.35, 0.0, 36)
-    ones = np.ones(len(slip))
-    m = Moments(*(ones,) * 12)
-    m = replace(m, omega=(1 + slip) / RADIUS_M, load=load_n * ones)
-    torque = soil_forces(Physics(), ground, m)[1]
-    return float(np.interp(0.0, torque, slip))
 
 
 def field_day(
@@ -76,7 +71,8 @@ def field_day(
     patchiness = world.ground(Patchiness.drawn(rng))
     planned = plans(rng, runs)
     streams = [np.random.default_rng(s) for s in driving.spawn(len(planned))]
-    driven = [motion(r, free_slip(ground, p.load_n)) for r, p in zip(streams, planned, strict=True)]
+    tow = {load: towed(ground, load) for load in LOADS_N}
+    driven = [motion(r, tow[p.load_n][0]) for r, p in zip(streams, planned, strict=True)]
     length = max(float(m.distance_m[-1]) for m in driven)
     line, span = (0.0, length), planned[-1].start_s + DURATION_S
     loads = [load_history(p, m, r) for p, m, r in zip(planned, driven, streams, strict=True)]
@@ -94,6 +90,8 @@ def field_day(
         patchiness,
         suite,
         chosen,
+        Stance.drawn(np.random.default_rng((*seed, 11))),
+        {load: resistance for load, (_, resistance) in tow.items()},
         (*seed, 7),
         world,
     )
@@ -123,7 +121,9 @@ def driven(day: FieldDay, hidden: Sequence[tuple[str, float]]) -> list[dict[str,
 
 def true_reading(day: FieldDay, index: int, physics: Physics, rng: np.random.Generator) -> Reading:
     """Return what perfect sensors would say of a run over soil that varies along it, at `RATE_HZ`."""
-    moments = day.moments[index]
+    moments, plan = day.moments[index], day.plans[index]
+    standing = np.random.default_rng((*day.seed, index, 2))
+    physics = on_tilted_ground(physics, day.stance, plan, day.rut_n[plan.load_n], standing)
     patchy = day.patchiness.along(moments.distance_m, rng)
     soil = day.ground.changed(day.scatter[index]).changed(patchy)
     return readings(physics, soil, moments, Care(every=_SOLVE_EVERY))[0]

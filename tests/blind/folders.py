@@ -12,6 +12,7 @@ from blind.driving import INFLATION_KPA, MASS_KG, Plan
 from blind.field import FieldDay, driven
 from blind.ground import LABORATORY, SPREAD, UNIT_WEIGHT_N_M3
 from blind.sensors import Suite
+from blind.standing import Stance
 from blind.vendors import Vendor
 from blind.wheel import OUTBOARD_KG, OUTBOARD_KGM2, RADIUS_M, WIDTH_M
 
@@ -28,8 +29,10 @@ from daq.recording import RecordingWriter
 BUS = "can1"
 
 
-def vehicle_config(suite: Suite, vendor: Vendor, *, wheel_axes: bool = False, bus: str = BUS) -> VehicleConfig:
-    """Return vehicle.toml: what the owner knows."""
+def vehicle_config(
+    suite: Suite, vendor: Vendor, stance: Stance, *, wheel_axes: bool = False, bus: str = BUS
+) -> VehicleConfig:
+    """Return vehicle.toml: what the owner knows, and of the brakes only whether they were released."""
     latencies = {
         **dict.fromkeys(("drawbar_pull", "vertical_load", "driving_torque", "wheel_angle"), suite.force_latency_s),
         "wheel_speed": suite.wheel_latency_s,
@@ -48,10 +51,11 @@ def vehicle_config(suite: Suite, vendor: Vendor, *, wheel_axes: bool = False, bu
         for role, latency in latencies.items()
         if role in vendor.signals
     }
+    brakes = {} if stance.held else {"standstill_brakes": "released"}
     rotated = {"frame": "wheel", "angle_offset_deg": 25.0, "angle_direction": -1} if wheel_axes else {}
     return VehicleConfig.model_validate(
         {
-            "vehicle": {"name": f"{vendor.name} test vehicle", "mass_kg": MASS_KG},
+            "vehicle": {"name": f"{vendor.name} test vehicle", "mass_kg": MASS_KG, **brakes},
             "wheel": {
                 "radius_m": RADIUS_M,
                 "width_m": WIDTH_M,
@@ -111,7 +115,7 @@ def write_campaign(
 ) -> None:
     """Write a campaign folder that any command takes."""
     vendor = day.vendor
-    vehicle = vehicle_config(day.suite, vendor, wheel_axes=vendor.wheel_axes, bus=bus)
+    vehicle = vehicle_config(day.suite, vendor, day.stance, wheel_axes=vendor.wheel_axes, bus=bus)
     carried = {
         f"{vendor.name}.dbc": vendor.dbc.encode(),
         "vehicle.toml": _toml(vehicle),

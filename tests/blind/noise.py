@@ -9,6 +9,7 @@ from blind.driving import RATE_HZ
 from blind.field import FieldDay
 from blind.ground import RUN_SCATTER
 from blind.sight import Sight
+from blind.standing import rest_covariance
 
 from daq import FloatArray
 
@@ -93,10 +94,14 @@ def run_covariance(day: FieldDay, sight: Sight, index: int) -> tuple[FloatArray,
     ripple = f.ripple(m.omega) * np.exp(1j * _angle(day, index, m.time_s))
     turning = np.real(np.outer(ripple, np.conj(ripple)))
     white = 1e-2 * np.eye(len(rows))
+    load_n = day.plans[index].load_n
+    standing = rest_covariance(day.stance, load_n, day.rut_n[load_n], same_rest, np.outer(1 - moving, 1 - moving))
     blocks[0, :, 0] = suite.pull_n**2 * (force * share + white) + suite.rest_pull_n**2 * same_rest
     blocks[0, :, 0] += 0.5 * float(np.sum(np.square(suite.ripple_n))) * turning + suite.zero_pull_n**2
     blocks[1, :, 1] = suite.torque_nm**2 * (force * share + white) + suite.rest_torque_nm**2 * same_rest
     blocks[1, :, 1] += 0.5 * suite.ripple_nm**2 * turning * np.outer(moving, moving) + suite.zero_torque_nm**2
+    blocks[0, :, 0] += standing[0]
+    blocks[1, :, 1] += standing[1]
     speed = suite.speed_mps**2 * f.coloured(apart, suite.speed_memory_s)
     speed += suite.speed_white_mps**2 * f.white(apart, suite.gnss_hz)
     metres = np.abs(m.distance_m[:, None] - m.distance_m)

@@ -6,10 +6,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from blind.driving import GRAVITY_MPS2
 from blind.ground import UNIT_WEIGHT_N_M3, Ground
 from blind.hooks import Hidden, also, at_hub, braking_part, driving_part, sinks, softer
 from blind.rim import Column, janosi
-from blind.wheel import RADIUS_M, WIDTH_M, Moments, Physics
+from blind.wheel import OUTBOARD_KG, RADIUS_M, WIDTH_M, Moments, Physics
 
 from daq import FloatArray
 
@@ -306,10 +307,10 @@ PHYSICAL = (
         "slope",
         "slope",
         "angle_rad",
-        0.02,
-        (-0.2, 0.2),
-        "Dp -= direction W sin a",
-        at_hub(lambda m, z, soil, a: (-m.direction * m.load * np.sin(a), 0.0)),
+        0.1,
+        (-0.3, 0.3),
+        "Dp -= direction m_o g sin a",
+        at_hub(lambda m, z, soil, a: (-m.direction * OUTBOARD_KG * GRAVITY_MPS2 * np.sin(a), 0.0)),
         both=True,
     ),
     Hidden(

@@ -100,7 +100,7 @@ def run(wanted: list[Case], out: Path, jobs: int, *, only_truth: bool = False) -
     truths, answers = read_lines(out / "truth.jsonl"), read_lines(out / "answers.jsonl")
     done = truths if only_truth else answers
     left = [case for case in wanted if case.name not in done]
-    os.environ.update(ONE_THREAD)
+    os.environ.update(ONE_THREAD | {"WHEELSOIL_CACHE": "off"})
     failed = 0
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=context) as pool:

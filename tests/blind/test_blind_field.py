@@ -43,7 +43,7 @@ def test_frames_and_channels_say_the_same(vendor: str, tmp_path: Path) -> None:
     day = field_day("clay", (5, 0), vendor)
     hidden = [("vasilev", 0.03)]
     write_campaign(tmp_path, day, hidden, runs=2)
-    config = vehicle_config(day.suite, day.vendor)
+    config = vehicle_config(day.suite, day.vendor, day.stance)
     [*framed] = (run for _, run in process_runs(open_runs([tmp_path]), ProcessOptions(purpose="fit")))
     direct = [process(c, config, run_info(p)) for p, c in zip(day.plans[:2], driven(day, hidden), strict=False)]
     for one, other in zip(framed, direct, strict=True):
@@ -112,7 +112,7 @@ def test_the_covariance_of_the_oracle_is_that_of_the_recordings(soil: str, seed:
     """Nothing hidden: measured less simulated on the true soil, whitened, has unit variance (stones add some)."""
     day = field_day(soil, (9, seed))
     yardstick = Yardstick(day)
-    config = vehicle_config(day.suite, day.vendor)
+    config = vehicle_config(day.suite, day.vendor, day.stance)
     runs = [process(c, config, run_info(p)) for p, c in zip(day.plans, driven(day, []), strict=True)]
     whitened = []
     for run, (root, rows) in zip(runs, yardstick._roots, strict=True):

@@ -104,6 +104,7 @@ def _json_runs(campaign: Path, folder: Path) -> dict[str, list[object]]:
         "zero": [write_lifted(lifted / "spin.mcap", Bench(), 0), "-o", folder / "zero.toml"],
         "replay": [first, "--interface", "virtual", "--speed", 0, "--to", 1],
         "demo": ["-o", folder / "demo", "--runs", 1, "--duration", 20],
+        "cache": [],
     }
 
 

@@ -17,8 +17,8 @@ from daq.runs.open import open_runs
 from processing.options import ProcessOptions
 from wheelsoil.report.content import Panels, Section, SectionBuilder, Table
 from wheelsoil.report.inputs import ReportInputs, source_of, versions
-from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
-from wheelsoil.wording.to_json import to_json
+from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES
+from wheelsoil.to_json import to_json
 from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.runs import process_runs
 
@@ -45,8 +45,9 @@ def test_every_section_of_every_file_is_listed():
     modules = [import_module(f"{package.__name__}.{one.name}") for one in iter_modules(package.__path__)]
     written = [[one for one in vars(module).values() if isinstance(one, SectionBuilder)] for module in modules]
     assert all(written), "a file without a section"
-    assert {one.key for ones in written for one in ones} == {one.key for one in SECTIONS}
+    assert {one for ones in written for one in ones} == {*SECTIONS, *SECTIONS_OF_TABLES}
     assert len({one.key for one in SECTIONS}) == len({one.title for one in SECTIONS}) == len(SECTIONS)
+    assert len({one.key for one in SECTIONS_OF_TABLES}) == len(SECTIONS_OF_TABLES)
     assert set(OF_THE_DIAGNOSIS) <= set(SECTIONS)
 
 

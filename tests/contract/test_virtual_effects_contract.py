@@ -47,6 +47,8 @@ def options(key: str | None) -> SimulationOptions:
         duration_s=30.0,
         seed=5,
         noise=0.0,
+        tilt_deg=0.0,
+        brakes="released",
         pass_number=(2,),
         inflation_kpa=(250.0,),
     )

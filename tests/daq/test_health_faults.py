@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from daq.can.frames import FrameArray, FrameBatch, FrameFlag, concatenate
 from daq.config import VehicleConfig
-from daq.logger.health.report import BusState, BusStatus, HostStatus, Level
+from daq.logger.health.report import HostStatus, Level
 from daq.runs.open import open_runs
 from daq.runs.run import Run
+from daq.sources.can_source import BusState, BusStatus
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 FORCES, MOMENTS, WHEEL, SPEEDS, GNSS_2, GNSS_3 = 256, 257, 258, 464, 770, 771

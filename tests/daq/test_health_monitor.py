@@ -21,10 +21,11 @@ from daq.can.frames import CLASSIC_DTYPE, FD_DTYPE, FrameBatch, FrameFlag, conca
 from daq.config import VehicleConfig
 from daq.logger.health.bus_health import bits_on_wire
 from daq.logger.health.monitor import HealthMonitor, statuses
-from daq.logger.health.report import Board, BusStatus, HostStatus, Level, Recent, Since, reason
+from daq.logger.health.report import Board, HostStatus, Level, Recent, Since, reason
 from daq.logger.health.watched_messages import SATURATED_RUN, SignalValues
 from daq.recording.events import encode_diagnostics
 from daq.runs.open import open_runs
+from daq.sources.can_source import BusStatus
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 SECOND_NS = 10**9

@@ -203,7 +203,7 @@ def test_an_old_cut_off_run_goes_on_only_when_it_is_asked_for(tmp_path: Path) ->
         tmp_path / "r.mcap", run=RunInfo(id="r"), session_id="s", metadata={"vehicle": "test rig", "created_ns": "1"}
     )
     writer.write_frames(some_frames(np.random.default_rng(1), 100))  # of November 2023
-    writer.sync()
+    writer.flush()
     assert record(tmp_path).name.startswith("test-rig_")
     assert record(tmp_path, run=RunInfo(id="r")).name == "r.part2.mcap"
     writer.close()

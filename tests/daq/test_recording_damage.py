@@ -40,7 +40,7 @@ def whole(request, tmp_path_factory):
     ) as writer:
         for batch in BATCHES:
             writer.write_frames(batch)
-            writer.write_decoded("Speed", "can0", TIMES, {"V": np.arange(8.0)}, {"V": "km/h"})
+            writer.decoded.write("Speed", "can0", TIMES, {"V": np.arange(8.0)}, {"V": "km/h"})
             writer.flush()
     return path, path.read_bytes(), by_topic(path)
 

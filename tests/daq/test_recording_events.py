@@ -29,7 +29,7 @@ def test_events_come_back_in_the_order_of_the_file(tmp_path_factory, events, flu
     path = tmp_path_factory.mktemp("events") / "run.mcap"
     with RecordingWriter(path, compression=compression, chunk_bytes=300, flush_every_s=None) as writer:
         for number, event in enumerate(events):
-            writer.write_event(event)
+            writer.host.write_event(event)
             writer.write_frames(FrameBatch(random_frames(number, 3), ("can0",)))
             if flush_every and number % flush_every == 0:
                 writer.flush()
@@ -72,7 +72,7 @@ def test_others_read_the_same_diagnostics(tmp_path_factory, statuses):
 
     path = tmp_path_factory.mktemp("diagnostics") / "run.mcap"
     with RecordingWriter(path) as writer:
-        writer.write_diagnostics(START_NS, statuses)
+        writer.host.write_diagnostics(START_NS, statuses)
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         ((_, _, _, decoded),) = reader.iter_decoded_messages()
@@ -89,12 +89,12 @@ def _number(level: int | bytes) -> int:
 
 def test_a_level_that_does_not_exist_is_refused(tmp_path):
     with RecordingWriter(tmp_path / "run.mcap") as writer, pytest.raises(DataError, match="level 4"):
-        writer.write_diagnostics(START_NS, [DiagnosticStatus(4, "x")])
+        writer.host.write_diagnostics(START_NS, [DiagnosticStatus(4, "x")])
 
 
 def test_what_is_no_text_does_not_stop_a_recording(tmp_path):
     with RecordingWriter(tmp_path / "run.mcap") as writer:
-        writer.write_event(Event(START_NS, "ma\0rk", "\ud800"))
+        writer.host.write_event(Event(START_NS, "ma\0rk", "\ud800"))
     assert Recording.open(tmp_path / "run.mcap").events() == (Event(START_NS, "mark", "?"),)
 
 
@@ -103,7 +103,7 @@ def test_clock_offsets_are_reported_every_second_and_when_they_change(tmp_path):
     with RecordingWriter(tmp_path / "run.mcap") as writer:
         for number, offset in enumerate(offsets):
             for bus in ("can0", "can1"):
-                writer.write_clock(START_NS + number * 10_000_000, bus, offset, -offset)
+                writer.host.write_clock(START_NS + number * 10_000_000, bus, offset, -offset)
     (topic,) = Recording.open(tmp_path / "run.mcap").topics
     assert (topic.name, topic.message_count) == ("/clock/host", 2 * (3 + 1))
 
@@ -112,8 +112,8 @@ def test_readers_of_frames_skip_what_the_host_tells(tmp_path):
     path = tmp_path / "run.mcap"
     with RecordingWriter(path, flush_every_s=None) as writer:
         writer.write_frames(FrameBatch(random_frames(1, 5), ("can0",)))
-        writer.write_event(Event(START_NS, "mark", ""))
-        writer.write_diagnostics(START_NS, [])
-        writer.write_clock(START_NS, "can0", 1, 2)
+        writer.host.write_event(Event(START_NS, "mark", ""))
+        writer.host.write_diagnostics(START_NS, [])
+        writer.host.write_clock(START_NS, "can0", 1, 2)
     contents = Recording.open(path).contents
     assert [len(chunk.channel_ids or ()) for chunk in contents.chunks] == [1, 3]

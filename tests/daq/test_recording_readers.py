@@ -48,16 +48,16 @@ def recording(request, tmp_path_factory):
             for batch in split(FrameBatch(frames, ("can0", "2nd-Bus")), 500):
                 writer.write_frames(batch)
                 writer.flush()
-        writer.write_decoded("WFT_Force", "can0", TIMES, VALUES, UNITS)
-        writer.write_decoded("raw", "can0", TIMES, {"V": VALUES["Fx"]}, {"V": "m/s"})
-        writer.write_position("can0", TIMES, LATITUDE, -LATITUDE)
+        writer.decoded.write("WFT_Force", "can0", TIMES, VALUES, UNITS)
+        writer.decoded.write("raw", "can0", TIMES, {"V": VALUES["Fx"]}, {"V": "m/s"})
+        writer.decoded.write_position("can0", TIMES, LATITUDE, -LATITUDE)
         for event in EVENTS:
-            writer.write_event(event)
+            writer.host.write_event(event)
             writer.flush()
-        writer.write_diagnostics(START_NS, STATUSES)
-        writer.write_diagnostics(START_NS + 10**9, [])
+        writer.host.write_diagnostics(START_NS, STATUSES)
+        writer.host.write_diagnostics(START_NS + 10**9, [])
         for offsets in CLOCK:
-            writer.write_clock(*offsets)
+            writer.host.write_clock(*offsets)
     return path
 
 
@@ -195,7 +195,7 @@ def test_decoded_topics_are_thinned_to_the_rate(tmp_path, step_ns, batch):
     with RecordingWriter(tmp_path / "run.mcap", decoded_rate_hz=100.0, flush_every_s=None) as writer:
         for start in range(0, len(times), batch):
             part = times[start : start + batch]
-            writer.write_decoded("M", "can0", part, {"v": part * 1.0}, {"v": ""})
+            writer.decoded.write("M", "can0", part, {"v": part * 1.0}, {"v": ""})
     (topic,) = Recording.open(tmp_path / "run.mcap").topics
     span_s = (times[-1] - times[0]) * 1e-9
     if step_ns >= 9_500_000:

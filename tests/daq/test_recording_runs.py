@@ -30,7 +30,7 @@ def rotated(first: Path, *, drops: tuple[int, ...] = (0, 1, 4, 4)) -> Path:
     parts = PartWriter(first, run=RUN, session_id="a", attachments={"x.txt": b"x"})
     for number, batch in enumerate(BATCHES):
         parts.write_frames(batch)
-        parts.write_event(Event(int(batch.frames["time_ns"][0]), "mark", str(number)))
+        parts.host.write_event(Event(int(batch.frames["time_ns"][0]), "mark", str(number)))
         parts.note_losses({"can0": drops[number]}, {"kernel.can0": drops[number]})
         if number < len(BATCHES) - 1:
             parts.rotate()

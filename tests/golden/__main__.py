@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: as in the tests
+os.environ["WHEELSOIL_CACHE"] = "off"  # the numbers are those of this code
 
 from golden.cases import CASES, Case
 from golden.comparison import report

@@ -23,6 +23,8 @@ SIMULATED = {
     "short": "--soil clay --effect lyasko:m1=0.1,m2=0.05 --runs 2 --duration 15 --seed 14",
 }
 """Campaigns by the options of ``simulate``: an error of measurement, braking, the laws as published, a short one."""
+_STANCE = "--tilt 0 --brakes released"
+
 
 WHERE: dict[str, Path] = {
     "clay": ROOT / "recordings" / "clay",
@@ -48,7 +50,7 @@ class Inputs(dict[str, Path]):
     def __missing__(self, name: str) -> Path:
         if name in SIMULATED:
             target = self.folder / name
-            ok("simulate", *shlex.split(SIMULATED[name]), "-o", target)
+            ok("simulate", *shlex.split(f"{SIMULATED[name]} {_STANCE}"), "-o", target)
         else:
             target = _MADE[name](self.folder)
         self[name] = target

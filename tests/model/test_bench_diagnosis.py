@@ -15,7 +15,7 @@ from model.diagnosis.core.result import Diagnosis
 from model.diagnosis.core.shapes import Rows
 from model.diagnosis.single_wheel.diagnose import diagnose_bench
 from model.diagnosis.single_wheel.problem import CauseUse
-from studies.real_data.transfer import transfer
+from model.diagnosis.single_wheel.wheel_pair import compare_wheels
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.names import place_text
 from wheelsoil.wording.notes import texts_of
@@ -107,11 +107,11 @@ def test_two_benches_share_causes() -> None:
 def test_carrying_over_to_a_like_wheel_and_to_an_unlike_one() -> None:
     rng = np.random.default_rng(6)
     first = bench(rng, {"vasilev": {"H_m": 0.01}})
-    like = transfer(first, bench(rng, {"vasilev": {"H_m": 0.01}}), _options())
+    like = compare_wheels(first, bench(rng, {"vasilev": {"H_m": 0.01}}), _options())
     assert like.p_value > 0.001
     assert like.own_cause < 0.5
     assert like.measured["z"] == pytest.approx(like.predicted["z"], abs=4 * like.predicted_sigma["z"].max())
-    unlike = transfer(first, bench(rng, {"vasilev": {"H_m": 0.03}}), _options())
+    unlike = compare_wheels(first, bench(rng, {"vasilev": {"H_m": 0.03}}), _options())
     assert unlike.p_value < 1e-3
     assert unlike.own_cause > 0.95
     assert next(iter(unlike.families())) == "slip_sinkage"

@@ -16,7 +16,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from daq import DataError, Fault, WheelsoilError
-from model.cores import in_parallel, one_thread, processes
+from model.cores import in_parallel, one_thread, processes, spread
 
 
 def threads() -> set[int]:
@@ -50,6 +50,9 @@ def test_one_thread_inside_and_the_callers_outside(fails: bool) -> None:
 
 def test_without_a_number_of_processes_all_is_done_here() -> None:
     assert list(in_parallel(lambda _: os.getpid(), range(3))) == [os.getpid()] * 3
+
+
+WITH_SPREAD = "with spread([Worker(), Worker()]) as ask: ask('work', 1)"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are copied on Linux only")
@@ -93,24 +96,76 @@ class TestProcesses:
             list(in_parallel(ends, range(4)))
         assert not multiprocessing.active_children()
 
+    @pytest.mark.parametrize("work", ["list(in_parallel(Worker().work, range(4)))", WITH_SPREAD])
     @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
-    def test_with_the_parent_all_end(self, tmp_path: Path, sent: signal.Signals) -> None:
+    def test_with_the_parent_all_end(self, tmp_path: Path, sent: signal.Signals, work: str) -> None:
         """Ctrl-C and a kill of the parent alone leave nobody working."""
         script = (
             "import os, pathlib, time\n"
-            "from model import in_parallel, processes\n"
+            "from model.cores import in_parallel, processes, spread\n"
             f"folder = pathlib.Path({str(tmp_path)!r})\n"
-            "def work(i):\n"
-            "    (folder / str(os.getpid())).touch()\n"
-            "    time.sleep(60)\n"
+            "class Worker:\n"
+            "    def work(self, i):\n"
+            "        (folder / str(os.getpid())).touch()\n"
+            "        time.sleep(60)\n"
             "with processes(2):\n"
-            "    list(in_parallel(work, range(4)))\n"
+            f"    {work}\n"
         )
         parent = subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.DEVNULL)
         wait_until(lambda: len(list(tmp_path.iterdir())) == 2)
         parent.send_signal(sent)
         parent.wait(20)
         wait_until(lambda: not any(Path(f"/proc/{path.name}").exists() for path in tmp_path.iterdir()))
+
+
+class Counter:
+    """Keeps what it has seen."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.seen: list[int] = []
+
+    def add(self, number: int) -> tuple[str, list[int], int]:
+        if number < 0:
+            raise DataError(Fault("a negative number", self.name, str(number), "a count"))
+        self.seen.append(number)
+        return self.name, self.seen, os.getpid()
+
+    def end(self) -> None:
+        if self.name == "b":
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 9])
+def test_spread_objects_keep_what_they_have_seen_in_their_own_process(count: int) -> None:
+    with processes(count), spread([Counter(name) for name in "abcd"]) as ask:
+        ask("add", 1)
+        found = ask("add", 2)
+    assert [name for name, _, _ in found] == list("abcd")
+    assert all(seen == [1, 2] for _, seen, _ in found)
+    assert len({pid for _, _, pid in found}) == (min(count, 4) if sys.platform == "linux" else 1)
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_an_error_of_a_spread_object_comes_as_it_is(count: int) -> None:
+    with processes(count), spread([Counter(name) for name in "ab"]) as ask:
+        with pytest.raises(DataError, match="a negative number") as caught:
+            ask("add", -1)
+        assert caught.value.faults[0].where == "a"
+        assert [seen for _, seen, _ in ask("add", 3)] == [[3], [3]]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are copied on Linux only")
+def test_a_process_of_spread_objects_that_ends_is_an_error_with_a_next_step() -> None:
+    with processes(2), pytest.raises(WheelsoilError, match="--jobs 1"), spread([Counter(name) for name in "ab"]) as ask:
+        ask("end")
+    assert not multiprocessing.active_children()
+
+
+def test_nothing_spread_is_nothing() -> None:
+    with processes(2), spread([]) as ask:
+        assert ask("add", 1) == []
 
 
 def wait_until(true: Callable[[], bool]) -> None:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from random import Random
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from daq import Note
-from model.fit.criteria import criteria
+from model.fit.criteria import BIN_WIDTH, criteria
 from model.notes import FitCode
 from wheelsoil.wording.notes import note_text
 
@@ -76,9 +78,83 @@ def test_nothing_above_the_threshold_is_a_result_with_its_reason() -> None:
     assert criteria([], [], [], 0.2).samples == 0
 
 
-def test_a_measured_zero_makes_m0_infinite_unless_it_is_met() -> None:
-    assert criteria([0.0, 2.0], [1.0, 2.0], [1, 1], 0).M0_percent == np.inf
-    assert criteria([0.0, 2.0], [0.0, 2.0], [1, 1], 0).M0_percent == 0
+def test_m0_of_samples_is_infinite_at_a_measured_zero_unless_it_is_predicted() -> None:
+    assert criteria([0.0, 2.0], [1.0, 2.0], [1, 1], 0).M0_sample_percent == np.inf
+    assert criteria([0.0, 2.0], [0.0, 2.0], [1, 1], 0).M0_sample_percent == 0
+    assert criteria([0.0, 0.0], [0.0, 0.0], [1, 1], 0).M0_percent == 0
+    assert criteria([0.0, 0.0], [1.0, 0.0], [1, 1], 0).M0_percent == np.inf
+
+
+curves = st.lists(st.tuples(st.floats(50, 400), st.floats(-400, 400), st.floats(1, 300)), min_size=1, max_size=16)
+"""Of bins: measured mean, error of the prediction, half the width of the noise."""
+
+
+def samples_of(curve: list[tuple[float, float, float]], count: int = 40) -> NDArray[np.float64]:
+    """Return measured, predicted and slip of `count` samples in each bin; noise and its sign cancel in the mean."""
+    rng = np.random.default_rng(len(curve))
+    sign = np.tile([1.0, -1.0], count // 2)
+    bins = [
+        (mean + noise * sign, np.full(count, mean + error), BIN_WIDTH * (4 + i + rng.uniform(0.01, 0.99, count)))
+        for i, (mean, error, noise) in enumerate(curve)
+    ]
+    return np.concatenate(bins, axis=1)
+
+
+@given(curves, st.randoms(use_true_random=False), st.floats(0.01, 100), st.sampled_from([-1, 1]))
+def test_m0_is_that_of_the_curve_in_bins_whatever_noise_order_scale_or_sign(
+    curve: list[tuple[float, float, float]], random: Random, scale: float, sign: int
+) -> None:
+    actual, predicted, slip = samples_of(curve)
+    expected = 100 * max(abs(error) / mean for mean, error, _ in curve)  # means of 50 to 400: all of them count
+    order = random.sample(range(len(slip)), len(slip))
+    found = criteria(sign * scale * actual[order], sign * scale * predicted[order], slip[order], 0.2)
+    assert found.M0_percent == pytest.approx(expected, rel=1e-6, abs=1e-6)
+    twice = criteria(*np.tile([actual, predicted, slip], 2), 0.2)
+    assert twice.M0_percent == pytest.approx(expected, rel=1e-6, abs=1e-6)
+
+
+@given(pairs())
+def test_m0_of_bins_is_at_most_that_of_samples_of_one_sign(
+    data: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+) -> None:
+    actual, predicted, slip = data
+    found = criteria(np.abs(actual) + 1, predicted, slip, -1.0)
+    assert found.M0_percent <= found.M0_sample_percent * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(("mean", "counts"), [(9.0, False), (-9.0, False), (11.0, True), (-11.0, True)])
+def test_a_bin_where_the_measured_mean_is_near_zero_does_not_count(mean: float, counts: bool) -> None:
+    curve = [(100.0, 10.0, 30.0), (mean, 20.0, 30.0), (-60.0, 3.0, 30.0)]
+    found = criteria(*samples_of(curve), 0.2)
+    assert found.M0_percent == pytest.approx(100 * 20 / abs(mean) if counts else 10.0)
+    assert found.samples == 120 and found.M0_sample_percent > 50
+
+
+@pytest.mark.parametrize(("few", "counts"), [(3, False), (5, True)])
+def test_a_bin_with_less_than_a_hundredth_of_the_samples_does_not_count(few: int, counts: bool) -> None:
+    many = samples_of([(100.0, 10.0, 5.0)], 400)
+    rest = np.array([[1000.0, 2000.0, 0.9]] * few).T
+    found = criteria(*np.concatenate([many, rest], axis=1), 0.2)
+    assert found.M0_percent == pytest.approx(100.0 if counts else 10.0)  # nor does it set what is near zero
+
+
+def test_bins_begin_at_multiples_of_their_width_and_empty_ones_do_not_matter() -> None:
+    slip = [0.15, 0.199, 0.2, 0.249, 0.9]
+    actual, predicted = np.array([100, 300, 200, 100, 50.0]), np.array([140, 300, 200, 130, 55.0])
+    found = criteria(actual, predicted, slip, 0.1)
+    assert found.M0_percent == pytest.approx(10.0)  # means 200, 150 and 50; errors 20, 15 and 5
+    assert criteria(actual, predicted, slip, 0.15).M0_percent == pytest.approx(10.0)
+    assert criteria(actual, predicted, slip, 0.16).M0_percent == pytest.approx(10.0)
+    assert criteria(actual, predicted, slip, 0.2).M0_percent == pytest.approx(10.0)
+    assert criteria(actual, predicted, slip, 0.21).M0_percent == pytest.approx(30.0)
+
+
+def test_each_row_of_a_single_wheel_test_is_a_bin() -> None:
+    table = ([100.0, 200.0, 5.0], [130.0, 180.0, 50.0], [0.51, 0.52, 0.53], 0.2)
+    assert criteria(*table, rows=True).M0_percent == pytest.approx(30.0)
+    assert criteria(*table).M0_percent == pytest.approx(100 * 55 / 305)
+    many = (np.full(300, 10.0), np.r_[np.full(299, 10.0), 12.0], np.full(300, 0.5), 0.2)
+    assert criteria(*many, rows=True).M0_percent == pytest.approx(20.0)
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from diagnosis_support import simulated_campaign
 
+from model.cores import spread
 from model.diagnosis.core.campaign import Campaign, considered
 from model.diagnosis.time_series import hyper as noise_blocks
 from model.diagnosis.time_series.columns import Columns, columns_of
@@ -15,16 +17,19 @@ from model.diagnosis.time_series.hyper import (
     LONGEST,
     MOST,
     OF_FEW,
+    Block,
+    Objective,
+    Piece,
+    _Covariance,
     _pieces,
     blocks_of,
-    derivatives,
     estimated,
     likelihood,
 )
 from model.diagnosis.time_series.linearise import Linear, Point, Simulation, linearise, soil_space
 from model.diagnosis.time_series.noise import constants, hyper_priors, loading, processes
 from model.diagnosis.time_series.samples import Samples, coverage_of, samples_of
-from model.diagnosis.time_series.whitening import joined, run_grams
+from model.diagnosis.time_series.whitening import run_grams
 from model.effects.catalogue import EFFECTS
 
 
@@ -46,11 +51,16 @@ def seen_of(campaign: Campaign, samples: Samples) -> tuple[Samples, Linear, Colu
     return samples, linear, columns_of(simulation, samples, linear, np.zeros(len(samples)))
 
 
+def objective(blocks: Sequence[Block], values: Mapping[str, float]) -> Objective:
+    with spread([Piece(block) for block in blocks]) as pieces:
+        return likelihood(pieces, values, list(values))
+
+
 def test_blocks_and_the_filter_agree(seen: tuple[Samples, Linear, Columns]) -> None:
     samples, linear, columns = seen
     values = {name: b.centre for name, b in hyper_priors(samples).items()}
     variance = np.full(len(samples), 9e-4)
-    found = likelihood(blocks_of(samples, linear, columns, variance, values), values, list(values))
+    found = objective(blocks_of(samples, linear, columns, variance, values), values)
     grams = run_grams(samples, linear, columns, values, variance)
     total = grams.matrices.sum(axis=0)
     inner = np.eye(len(total) - 1) + total[1:, 1:]
@@ -63,11 +73,10 @@ def test_the_gradient_is_that_of_the_likelihood(seen: tuple[Samples, Linear, Col
     samples, linear, columns = seen
     values = {name: b.centre for name, b in hyper_priors(samples).items()}
     blocks = blocks_of(samples, linear, columns, np.full(len(samples), 9e-4), values)[:1]
-    names = list(values)
-    found = likelihood(blocks, values, names)
-    for i, name in enumerate(names):
+    found = objective(blocks, values)
+    for i, name in enumerate(values):
         up, down = ({**values, name: values[name] * np.exp(side * 1e-4)} for side in (1, -1))
-        slope = (likelihood(blocks, up, names).value - likelihood(blocks, down, names).value) / 2e-4
+        slope = (objective(blocks, up).value - objective(blocks, down).value) / 2e-4
         assert found.gradient[i] == pytest.approx(slope, rel=1e-4, abs=1e-4), name
 
 
@@ -83,7 +92,7 @@ def test_hyper_parameters_are_found_again(seen: tuple[Samples, Linear, Columns])
         blocks = blocks_of(samples, linear, columns, np.zeros(len(samples)), truth)
         drawn = []
         for block in blocks:
-            root = np.linalg.cholesky(derivatives(block, truth)[0])
+            root = np.linalg.cholesky(_Covariance(block, truth, names).matrix())
             residual = root @ rng.standard_normal(len(root))
             drawn.append(replace(block, columns=np.concatenate([residual[:, None], block.columns[:, 1:]], axis=1)))
         found = estimated(drawn, prior)

@@ -33,8 +33,8 @@ REACTION = Reaction(np.full(2, 1000.0), np.full(2, 700.0))
     [
         # m dV/dt is not felt as pull, I domega/dt is felt as torque, for a transducer inboard of the wheel
         ("wheel_inertia", {"scale": 1.0}, [-MASS_KG / 2, MASS_KG / 2], [3 * INERTIA_KGM2, -3 * INERTIA_KGM2]),
-        # uphill out, downhill back
-        ("slope", {"angle_rad": 0.02}, [-8e3 * np.sin(0.02), 8e3 * np.sin(0.02)], [0, 0]),
+        # uphill out, downhill back: of 75 kg outboard of the transducer
+        ("slope", {"angle_rad": 0.02}, [-75 * 9.80665 * np.sin(0.02), 75 * 9.80665 * np.sin(0.02)], [0, 0]),
         ("crosstalk", {"coefficient": 0.01}, [80.0, 80.0], [0, 0]),
         # d is the whole span of the campaign
         ("zero_drift", {"campaign_span_n": 100.0}, [-50.0, 50.0], [0, 0]),

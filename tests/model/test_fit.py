@@ -218,6 +218,17 @@ def test_models_are_judged_on_the_same_samples() -> None:
         np.testing.assert_allclose([m.criteria["dp"].R0_N for m in judged], [10.0, 20.0])
 
 
+@pytest.mark.parametrize(("independent", "expected"), [(True, 50.0), (False, 20.0)])
+def test_m0_is_of_each_row_of_a_table_and_of_the_curve_of_runs(independent: bool, expected: float) -> None:
+    data = measured(11, "lyasko")
+    fits = fit_observations(data, WHEEL, SOILS["clay"], FitOptions(models=("wong",))).models
+    slip, pull = np.full(len(data), 0.5), np.full(len(data), 100.0)
+    table = replace(data, slip=slip, drawbar_pull_n=pull, independent=independent)
+    predicted = pull + np.where(np.arange(len(data)) % 2, 50.0, -10.0)
+    (judged,) = judge_alike(fits, table, [{"dp": predicted, "t": data.driving_torque_nm}], 0.2, 0.47)
+    assert judged.criteria["dp"].M0_percent == pytest.approx(expected, rel=0.02)
+
+
 def test_a_bound_gives_a_limit_and_p_below_zero_is_flagged() -> None:
     """An offset that looks like the opposite of slip sinkage: no law may claim to explain it."""
     data = measured(9, "wong")

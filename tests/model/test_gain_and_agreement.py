@@ -9,27 +9,52 @@ import pytest
 from gram_support import column, world
 from scipy.stats import chi2, norm
 
-from model.diagnosis.core.gain import _interval, _reduction
+from model.diagnosis.core.gain import HeldOutPrediction, _reduction, gain_of
 from model.diagnosis.core.result import Cause, ParameterEstimate
 from model.diagnosis.findings.agreement import disagreements
 
 
 def test_the_gain_is_of_the_error_and_not_of_its_square() -> None:
-    assert _reduction(np.array([[400.0, 100.0, 10.0], [0.0, 0.0, 10.0]])) == pytest.approx(50.0)
-    assert _reduction(np.array([[100.0, 400.0, 10.0]])) == pytest.approx(-100.0)
-    assert np.isnan(_reduction(np.array([[0.0, 1.0, 10.0]])))
+    assert _reduction(np.array([[400.0, 100.0], [0.0, 0.0]])).percent == pytest.approx(50.0)
+    assert _reduction(np.array([[100.0, 400.0]])).percent == pytest.approx(-100.0)
+    assert np.isnan(_reduction(np.array([[0.0, 1.0]])).percent)
 
 
 def test_its_interval_is_that_of_many_runs() -> None:
     """With many runs the gain is normal: 1.96 of its standard deviations to either side."""
     rng = np.random.default_rng(1)
-    squares = np.column_stack([np.full(400, 100.0), rng.uniform(10.0, 90.0, 400), np.full(400, 10.0)])
-    low, high = _interval(squares, np.random.default_rng(0))
+    squares = np.column_stack([np.full(400, 100.0), rng.uniform(10.0, 90.0, 400)])
+    low, high = _reduction(squares).interval95
     share = squares[:, 1].mean() / 100.0
     sigma = 100.0 * np.std(squares[:, 1] / 100.0) / np.sqrt(400) / (2 * np.sqrt(share))
-    assert high - low == pytest.approx(2 * norm.ppf(0.975) * sigma, rel=0.08)
-    assert np.isnan(_interval(squares[:2], np.random.default_rng(0))).all()
-    assert np.isfinite(_interval(squares[:3], np.random.default_rng(0))).all()
+    assert high - low == pytest.approx(2 * norm.ppf(0.975) * sigma, rel=0.03)
+    assert np.isnan(_reduction(squares[:2]).interval95).all()
+
+
+@pytest.mark.parametrize("folds", [3, 4, 5, 12])
+def test_its_interval_holds_with_few_runs(folds: int) -> None:
+    """Runs that differ by a quarter; the truth is the ratio of expected squares."""
+    rng = np.random.default_rng(folds)
+    before, after = (x * rng.lognormal(0.0, 0.25, (1000, folds)) for x in (400.0, 100.0))
+    held = 0
+    for squares in np.stack([before, after], axis=-1):
+        low, high = _reduction(squares).interval95
+        held += low < 50.0 < high
+    assert held > 930
+
+
+@pytest.mark.parametrize(("of_runs", "expected"), [(True, 10.0), (False, 40.0)])
+def test_m0_is_of_the_curve_against_slip_over_all_runs_and_of_each_row_of_a_table(
+    of_runs: bool, expected: float
+) -> None:
+    slip = np.array([0.3, 0.3, 0.5, 0.1])
+    pulls = {"dp": np.array([100.0, 100.0, 200.0, 100.0])}
+    folds = [
+        HeldOutPrediction(-1.0, pulls, {"dp": pulls["dp"] + error}, slip >= 0.2, 3, slip if of_runs else None)
+        for error in (np.array([40.0, -20.0, 0.0, 500.0]), np.array([20.0, 0.0, 20.0, -500.0]))
+    ]
+    gain = gain_of(folds, folds, [(), ()], "dp")
+    assert gain.base["dp"].M0_percent == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("campaigns", [2, 3])

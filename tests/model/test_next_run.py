@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from diagnosis_support import LEVEL
 from short_campaign import driven, noise_of
 
 from model.diagnosis.core.bayes_factors import against_rest
@@ -44,7 +45,7 @@ def seen_of(*indices: int) -> LinearisedCampaign:
 
 def driven_with(*added_load_kg: float) -> Campaign:
     """Return runs of 20 s with these added loads."""
-    options = SimulationOptions(runs=len(added_load_kg), duration_s=20.0, seed=5, added_load_kg=added_load_kg)
+    options = SimulationOptions(runs=len(added_load_kg), duration_s=20.0, seed=5, added_load_kg=added_load_kg, **LEVEL)
     runs = tuple(process(*simulated_roles(options, index)) for index in range(options.runs))
     return Campaign("clay", runs, options.wheel, options.laboratory_soil, prior_of(options.laboratory_soil))
 
@@ -75,7 +76,7 @@ def parted(seen: LinearisedCampaign, one: Member, other: Member) -> float:
 
 def test_the_other_direction_parts_slope_from_a_zero_and_does_so_when_driven() -> None:
     seen = seen_of(0, 2)
-    pair = members(slope=0.3, drawbar_pull_zero=0.4)
+    pair = members(slope=3.0, drawbar_pull_zero=0.4)
     ranked = next_runs(seen, pair, most=20)
     worth = {run.change: run.expected_log_bayes_factor for run in ranked}
     back = next(change for change in worth if "the other direction" in change)

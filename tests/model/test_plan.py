@@ -26,7 +26,7 @@ from model.diagnosis.planning.plan import (
 from model.diagnosis.time_series.linearised_campaign import linearise_campaigns
 from model.wheel_soil.conditions import Wheel
 from model.wheel_soil.soils import SOILS
-from wheelsoil.wording.to_json import to_json
+from wheelsoil.to_json import to_json
 
 EFFECTS = ("vasilev", "slope", "drawbar_pull_zero", "crosstalk", "torque_zero")
 OPTIONS = DiagnosisOptions(effects=EFFECTS)
@@ -34,8 +34,10 @@ CLAY = CampaignPlan(Wheel(0.47, 0.318), SOILS["clay"], usual_runs(4), duration_s
 
 
 @lru_cache(maxsize=4)
-def planned(runs: int = 4, one_way: bool = False, advise: bool = False) -> Plan:
+def planned(runs: int = 4, one_way: bool = False, one_load: bool = False, advise: bool = False) -> Plan:
     infos = usual_runs(runs)
+    if one_load:
+        infos = tuple(info.model_copy(update={"added_load_kg": 0.0}) for info in infos)
     if one_way:
         infos = tuple(info.model_copy(update={"direction": "out"}) for info in infos)
     return plan_of([planned_campaign(replace(CLAY, runs=infos))], OPTIONS, advise=advise)
@@ -66,7 +68,7 @@ def test_more_runs_tell_smaller_effects() -> None:
 
 
 def test_look_alikes_come_with_what_would_part_them() -> None:
-    told = planned(one_way=True, advise=True)
+    told = planned(one_load=True, advise=True)
     groups = {frozenset(a.families): a.next_runs for a in told.confounded}
     group = next(g for g in groups if "drawbar_pull_zero" in g and "crosstalk" in g)
     assert "wheel lifted" in groups[group][0].change

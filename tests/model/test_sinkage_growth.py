@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from diagnosis_support import LEVEL
 from stressed_wheel import StressedWheel
 
 from daq.channels import Channel
@@ -60,7 +61,7 @@ def test_growth_is_found_where_the_peak_moves(grows_m: float) -> None:
 
 def test_noise_widens_the_band() -> None:
     quiet, noisy = (table(np.full(9, 0.12), np.zeros(9), sigma) for sigma in (0.0, 300.0))
-    one = ShapeRanges((0.3, 0.3), 0.32, 1.0, (1.0, 1.0), (0.0, 0.0), 1.0, 0.0, 0.0)
+    one = ShapeRanges((0.3, 0.3), 0.32, 1.0, (1.0, 1.0), (0.0, 0.0), 1.0, 0.0, 0.0, (0.0, 0.0), 1.0, 0.0)
     widths = []
     for rows in (quiet, noisy):
         bins = sinkage_from_forces(cells_of_table(rows, 0.47), np.random.default_rng(0), one).bins()
@@ -100,7 +101,7 @@ def test_braked_rows_and_rows_without_torque_are_left_out() -> None:
 def runs(H_m: float) -> tuple[list[ProcessedRun], np.ndarray, np.ndarray]:
     """Return two runs of the virtual test with slip sinkage, their true slip and sinkage."""
     effects = {"vasilev": {"H_m": H_m}} if H_m else {}
-    options = SimulationOptions(soil="sandy", effects=effects, runs=2, duration_s=40.0, seed=2)
+    options = SimulationOptions(soil="sandy", effects=effects, runs=2, duration_s=40.0, seed=2, **LEVEL)
     processed, slip, sinkage = [], [], []
     for index in range(options.runs):
         channels, vehicle, info = simulated_roles(options, index)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -31,6 +33,22 @@ def solved(share: float, exponent: float, guess: float) -> float:
 @given(st.floats(1e-4, 0.998), st.floats(0.3, 1.5), st.floats(1e-3, 2.0))
 def test_the_balance_is_solved_up_to_the_axle(share: float, exponent: float, guess: float) -> None:
     assert solved(share, exponent, guess) == pytest.approx(share, rel=1e-10)
+
+
+@pytest.mark.parametrize("guess", [np.nan, -0.3, 0.0, np.inf])
+@pytest.mark.parametrize("share", [1e-3, 0.3, 0.9])
+def test_the_balance_needs_no_first_guess(share: float, guess: float) -> None:
+    assert solved(share, 3.5, guess) == pytest.approx(share, rel=1e-10)
+
+
+@settings(deadline=None)
+@given(st.floats(2.5, 6.0), st.floats(5.0, 500.0))
+def test_the_load_is_carried_where_the_closed_form_has_no_answer(exponent: float, load: float) -> None:
+    """Eq. 10 divides by 3 - n; Eq. 7 has a sinkage for any n."""
+    soil = replace(SOILS["lunar"], sinkage_exponent=exponent, frictional_modulus=1e12)
+    found = WheelSoilModel(Wheel(0.1, 0.08), soil).predict(Conditions(np.full(1, 0.3), np.full(1, load)))
+    assert 0 < found.sinkage_m[0] < 0.1
+    assert found.vertical_load_n[0] == pytest.approx(load, rel=1e-6)
 
 
 @pytest.mark.parametrize("share", [1.001, 1.5, 10.0])

@@ -9,9 +9,9 @@ import pytest
 from gram_support import column, world
 
 from daq.notes import Note
-from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, short_set
-from model.diagnosis.core.naming import Judgement, judgement
-from model.diagnosis.core.result import Adequacy, CauseSet, Gain, Scores
+from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, listed_sets, short_set
+from model.diagnosis.core.naming import Judgement, asked_again, judgement, prior_shifts
+from model.diagnosis.core.result import Adequacy, CauseSet, Gain, Reduction, Scores
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import hypotheses
 from model.notes import LackCode
@@ -59,7 +59,7 @@ def test_a_cause_of_no_use_on_other_runs_is_nothing_unless_none_is_unlikely(gram
     surely = made(grams, {(): 0.01, ("a",): 0.99})
     barred = judgement(surely, FINE, gain(-0.5))
     assert barred.verdict == "one_of"
-    assert barred.barred == Note(LackCode.NO_BETTER)
+    assert barred.barred is not None and barred.barred.code == LackCode.NO_BETTER
 
 
 def test_a_family_is_named_and_not_its_form(grams: Grams) -> None:
@@ -93,9 +93,69 @@ def test_without_other_runs_there_is_no_name(grams: Grams, without: dict[str, bo
 
 def test_a_cause_with_which_the_error_grows_is_not_named(grams: Grams) -> None:
     found = made(grams, {("a",): 0.99, (): 0.01})
-    said = judgement(found, FINE, replace(gain(9.0), reduction_percent=-1.0), error_must_fall=True)
-    assert (said.verdict, said.families) == ("one_of", ("a",))
-    assert said.barred == Note(LackCode.NO_BETTER)
+    for worse, named in (((-95.0, (-140.0, -60.0)), False), ((-5.0, (-12.0, 2.0)), True), ((30.0, (20.0, 40.0)), True)):
+        reductions = {"dp": Reduction(20.0, (10.0, 30.0)), "t": Reduction(*worse)}
+        said = judgement(found, FINE, replace(gain(9.0), reductions=reductions))
+        assert (said.verdict == "named") == named
+        if not named:
+            facts = {"channel": "t", "percent": 95.0, "low": 60.0, "high": 140.0}
+            assert said.barred == Note(LackCode.CHANNEL_WORSE, values=facts)
+
+
+def test_a_name_needs_three_nats_on_held_out_runs(grams: Grams) -> None:
+    found = made(grams, {("a",): 0.99, (): 0.01})
+    assert judgement(found, FINE, gain(3.0)).verdict == "named"
+    said = judgement(found, FINE, gain(2.9))
+    assert said.barred == Note(LackCode.NO_BETTER, values={"nats": 2.9, "least": 3.0})
+
+
+def test_parts_that_cancel_are_not_named(grams: Grams) -> None:
+    why = Note(LackCode.PARTS_CANCEL, values={"families": ("a", "b"), "without": "b"})
+    found = made(grams, {("a", "b"): 0.99, (): 0.01})
+    assert judgement(found, FINE, gain(9.0), cancelling=why) == Judgement("one_of", short_set(found), barred=why)
+
+
+def test_a_lone_family_that_is_not_named_stands_beside_its_nearest_rival(grams: Grams) -> None:
+    found = made(grams, {("a",): 0.97, ("b",): 0.012, ("d",): 0.008, (): 0.01})
+    assert judgement(found, FINE, gain(1.0)).families == ("a", "b")
+
+
+def test_a_physical_cause_is_asked_again_beside_the_usual_soil(grams: Grams) -> None:
+    """The families of the catalogue: what becomes of a name when the stress peak may lie ahead."""
+    found = made(grams, {("a",): 1.0})
+    named = Judgement("named", ("slip_sinkage", "torque_zero"))
+    families = ("slip_sinkage", "torque_zero")
+
+    def again(p: float) -> Posterior:
+        listed = listed_sets({"vasilev": "slip_sinkage", "torque_zero": "torque_zero"}, 2)
+        probability = np.zeros(len(listed))
+        probability[listed.index_of(("vasilev",))] = p
+        probability[0] = 1.0 - p
+        return Posterior(listed, np.zeros(len(listed)), probability, calibrated=True)
+
+    assert asked_again(named, again(0.95), ("stress_peak_shift",), 0.9) == named
+    lost = asked_again(named, again(0.6), ("stress_peak_shift",), 0.9)
+    assert lost.verdict == "one_of" and lost.families == ("slip_sinkage", "stress_peak_shift", "torque_zero")
+    assert lost.barred is not None and lost.barred.code == LackCode.PEAK_MAY_SHIFT
+    measured = Judgement("named", ("torque_zero",))
+    assert asked_again(measured, again(0.0), ("stress_peak_shift",), 0.9) == measured
+    assert asked_again(Judgement("one_of", families), again(0.0), ("stress_peak_shift",), 0.9).barred is None
+    assert found.calibrated
+
+
+def test_a_prior_that_decides_is_said(grams: Grams) -> None:
+    """.91 is named and .77 not; a third of the prior of "a" makes .99 to .97, which changes nothing."""
+    close, sure = (made(grams, {("a",): p, ("b",): 1.0 - p}) for p in (0.91, 0.99))
+
+    def judge(found: Posterior) -> Judgement:
+        return judgement(found, FINE, gain(9.0))
+
+    shifts = prior_shifts(close, judge(close), judge)
+    assert {(one.family, one.factor > 1, one.verdict) for one in shifts} == {
+        ("a", False, "one_of"),
+        ("b", True, "one_of"),
+    }
+    assert prior_shifts(sure, judge(sure), judge) == ()
 
 
 def test_what_cannot_be_told_is_not_named(grams: Grams) -> None:

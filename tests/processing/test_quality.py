@@ -12,7 +12,7 @@ from daq.channels import Channel
 from processing.pipeline.latency import SpeedComparison
 from processing.pipeline.pipeline import process
 from processing.pipeline.quality import speed_notes
-from processing.processed_run import SensorFacts
+from processing.processed_run import ProcessedRun, SensorFacts
 from wheelsoil.wording.notes import note_text, texts_of
 
 
@@ -75,14 +75,57 @@ def test_standstill_shows_a_zero_and_subtracts_nothing(zero_n: float) -> None:
 
     pull = zero_n + 20 * rng.standard_normal(len(at)) + 500 * (speed(at) > 0)
     felt = {"drawbar_pull": channel("D", at, pull), "driving_torque": channel("T", at, pull)}
-    run = process(speeds(40.0, 0.1, speed=speed) | felt, vehicle())
+    run = process(speeds(40.0, 0.1, speed=speed) | felt, vehicle(vehicle={"standstill_brakes": "released"}))
     (standing,) = run.quality.standstills
+    assert standing.released
     assert standing.levels["drawbar_pull"] == pytest.approx(zero_n, abs=5 * standing.sigmas["drawbar_pull"])
     assert standing.duration_s == pytest.approx(8.2, abs=0.5)
     for name, unit in (("drawbar pull", "N"), ("driving torque", "N m")):
         said = re.compile(rf"{name} at standstill reads 1[12]\d\.\d \+- \d\.\d {unit}: a zero")
         assert any(said.match(note) for note in texts_of(run.quality.notes)) == (zero_n > 0)
     np.testing.assert_allclose(np.median(run.drawbar_pull_n[run.used]), zero_n + 500, atol=5)
+
+
+def standing_run(declared: str = "unknown", brake: Channel | None = None) -> ProcessedRun:
+    """Return a run that stands 10 s, drives 10 s and stands again, with 120 N and 30 N m read at rest."""
+    at = stamps(30.0, 200.0)
+
+    def speed(time: np.ndarray) -> np.ndarray:
+        return np.clip(np.minimum(time - 10.0, 20.0 - time), 0.0, 2.0)
+
+    noise = np.random.default_rng(2).standard_normal((2, len(at)))
+    felt = {"drawbar_pull": channel("D", at, 120.0 + noise[0]), "driving_torque": channel("T", at, 30.0 + noise[1])}
+    shown = {"brake": brake} if brake else {}
+    return process(speeds(30.0, 0.1, speed=speed) | felt | shown, vehicle(vehicle={"standstill_brakes": declared}))
+
+
+@pytest.mark.parametrize(
+    ("declared", "said"),
+    [
+        ("released", "N: a zero, the ground's tilt or the rut; not subtracted"),
+        ("held", "N with held brakes: this is no zero"),
+        ("unknown", "N: not taken for a zero, brakes may hold it; say standstill_brakes in vehicle.toml"),
+    ],
+)
+def test_what_a_standstill_shows_depends_on_the_brakes(declared: str, said: str) -> None:
+    run = standing_run(declared)
+    assert [stand.brakes for stand in run.quality.standstills] == [declared, declared]
+    assert [stand.released for stand in run.quality.standstills] == [declared == "released"] * 2
+    (note,) = (text for text in texts_of(run.quality.notes) if "drawbar pull at standstill" in text)
+    assert note.endswith(said)
+
+
+@pytest.mark.parametrize("full", [1.0, 40e5])
+def test_the_brakes_channel_says_more_than_the_declaration(full: float) -> None:
+    """A switch or a pressure: pressed where the run ends, a residue of 2 % where it begins, silent in between."""
+    at = stamps(30.0, 50.0)
+    pressed = np.where(at > 15.0, full, 0.02 * full)
+    run = standing_run("held", channel("brake", at, pressed))
+    assert [stand.brakes for stand in run.quality.standstills] == ["released", "held"]
+    never = standing_run("held", channel("brake", at, np.zeros(len(at))))
+    assert [stand.brakes for stand in never.quality.standstills] == ["released", "released"]
+    late = standing_run("released", channel("brake", at[at > 12.0], pressed[at > 12.0]))
+    assert [stand.brakes for stand in late.quality.standstills] == ["unknown", "held"]
 
 
 def test_a_run_that_never_stands_says_that_zeros_were_not_checked() -> None:

@@ -46,7 +46,7 @@ begin() {{
   before=$(recorded)
   $WHEELSOIL log vehicle.toml --out "${{out:-out}}" --json "$@" > summary.json 2> said.txt &
   logger=$!
-  until test $(recorded) -gt $before; do sleep 0.05; kill -0 $logger; done
+  until test $(recorded) -gt $before && grep -qs raw /proc/net/can/rcvlist_all; do sleep 0.05; kill -0 $logger; done
 }}
 end() {{ kill -TERM $logger; wait $logger || test $? = {TERMINATED}; }}
 sending() {{

@@ -45,6 +45,13 @@ def pytest_runtest_teardown(nextitem: pytest.Item | None) -> None:
         _chromium[0].close()
 
 
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder in which results are kept for a test."""
+    monkeypatch.setenv("WHEELSOIL_CACHE", str(tmp_path / "kept"))
+    return tmp_path / "kept"
+
+
 @pytest.fixture(scope="module")
 def shared_panel() -> Iterator[PagePanel]:
     """Return the status page of a logger, for a file's tests."""

@@ -166,6 +166,13 @@ def _soil_out_of_range(bench: Bench) -> list[object]:
     return ["fit", folder]
 
 
+def _other_brakes(bench: Bench) -> list[object]:
+    folder = bench.copy()
+    text = (folder / "vehicle.toml").read_text()
+    (folder / "vehicle.toml").write_text(text.replace('brakes = "released"', 'brakes = "parked"', 1))
+    return ["process", folder]
+
+
 def _several(bench: Bench) -> list[object]:
     return ["process", bench.folder / "a.mcap", bench.folder / "b.log"]
 
@@ -174,6 +181,20 @@ def _hostile_id(bench: Bench) -> list[object]:
     with RecordingWriter(bench.folder / "x.mcap", run=RunInfo(id="../../evil")) as writer:
         writer.write_frames(bench.frames()[:100])
     return ["export", bench.folder / "x.mcap", "-o", bench.folder / "out"]
+
+
+def _table(*rows: str, head: str = FIT_HEAD, verb: str = "diagnose", wheel: str = "", soil: bool = True) -> Make:
+    """Return what makes the command on a single-wheel table."""
+
+    def make(bench: Bench) -> list[object]:
+        table = bench.write("rows.csv", "\n".join([head, *rows, ""]))
+        vehicle = bench.write("wheel.toml", f"[wheel]\nradius_m = 0.1\nwidth_m = 0.08\n{wheel}\n")
+        return [verb, "--table", table, "--vehicle", vehicle, *(["--soil", "lunar"] if soil else [])]
+
+    return make
+
+
+_ROWS = ("0.1,25,5", "0.3,25,8", "0.5,25,9")
 
 
 @dataclass(frozen=True)
@@ -186,6 +207,27 @@ class Case:
 
 
 CASES = (
+    Case("table without a soil", _table(*_ROWS, soil=False), 2, ("the soil of the table is not known", "--terrain")),
+    Case("table with one row", _table(_ROWS[0], verb="fit"), 1, ("too few driven samples", "three slips")),
+    Case(
+        "mixed wheels and one wheel file",
+        _table("0.1,25,5,smooth", "0.1,25,7,lugged", head=f"{FIT_HEAD},wheel"),
+        2,
+        ("rows of several wheels, and one wheel file", "smooth, lugged", "--where wheel=NAME"),
+    ),
+    Case(
+        "negative sinkage",
+        _table("0.1,25,5,-0.004", head=f"{FIT_HEAD},sinkage_m"),
+        1,
+        ("line 2: -0.004", "--rename sinkage_m=sinkage_m*-1"),
+    ),
+    Case("lugs above the radius", _table(*_ROWS, wheel="lug_height_m = 0.12"), 2, ("not below radius_m",), False),
+    Case(
+        "lugs above the radius in a table",
+        _table("0.1,25,5,0.1,12", head=f"{FIT_HEAD},radius_m,lug_height_m"),
+        1,
+        ("line 2: 12", "lug_height_m*0.001"),
+    ),
     Case("missing file", lambda b: ["process", b.folder / "nowhere.mcap"], 3, ("no such file", "nowhere.mcap")),
     Case(
         "missing folder of the output",
@@ -316,6 +358,17 @@ CASES = (
     Case("no force at all", lambda b: ["fit", b.driven(load=np.nan)], 1, ("drawbar_pull",), False),
     Case("NaN in terrain.toml", _nan_soil, 2, ("cohesion_kpa",), False),
     Case("soil out of range", _soil_out_of_range, 2, ("2 faults", "friction_angle_deg", "sinkage_exponent"), False),
+    Case(
+        "brakes of another word",
+        _other_brakes,
+        2,
+        (
+            "vehicle.standstill_brakes",
+            "found: 'parked'",
+            'expected: "held", "released" or "unknown"',
+            "write one of these",
+        ),
+    ),
     Case(
         "negative load in a table",
         lambda b: b.table("0.1,-100,5", "0.2,100,5"),

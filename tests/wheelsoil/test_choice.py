@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from daq.errors import ConfigError
 from model.effects.catalogue import EFFECTS
-from wheelsoil.wording.to_json import to_json
+from wheelsoil.to_json import to_json
 from wheelsoil.workflows.choice import SCHEMA, Choice, ChosenRun, load_choice, parse_choice
 from wheelsoil.workflows.fit import FitChoices
 
@@ -84,7 +84,7 @@ slip_threshold = 1.5
 cutoff_hz = -2
 min_speed_mps = nan
 sinkage = "deep"
-channels = ["z"]
+channels = ["x"]
 soil_prior = 1
 effects = ["lasko", "vasilev"]
 [[run]]
@@ -107,7 +107,7 @@ SAID = (
     ("cutoff_hz", "found: -2"),
     ("min_speed_mps", "finite"),
     ("sinkage", "'balanced' or 'literal'"),
-    ("channels", "'z'"),
+    ("channels", "'x'"),
     ("soil_prior", "true or false"),
     ("no effect is called 'lasko'", "lyasko"),
     ("keep.4.0", "-1"),

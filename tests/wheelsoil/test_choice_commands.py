@@ -8,8 +8,8 @@ import pytest
 from cli_support import invoke, ok, small_campaign
 
 from model.diagnosis.time_series.samples import samples_of
+from wheelsoil.to_json import plain
 from wheelsoil.wording.diagnosis_json import diagnosis_json
-from wheelsoil.wording.to_json import plain
 from wheelsoil.workflows.choice import Choice, ChosenRun, load_choice
 from wheelsoil.workflows.diagnosis import campaigns_of, diagnose_campaigns, diagnosis_options
 from wheelsoil.workflows.fit import fit_runs
@@ -128,14 +128,14 @@ def test_the_report_says_what_was_chosen(clay, write, tmp_path):
     numbers = Path(said["numbers"]).read_text(encoding="utf-8")
     for text in (
         "run-1: 3 to 6.5 s and 10 to 13 s",
-        "run-2.mcap left out",
+        "run-2.mcap excluded",
         sha256_of(choice),
         '"BY_HAND"',
         '"chosen"',
     ):
         assert text in numbers, text
     shown = page.read_text(encoding="utf-8")
-    for text in ("choice.toml", "run-2.mcap left out", "excluded by hand"):
+    for text in ("choice.toml", "run-2.mcap excluded", "excluded by hand"):
         assert text in shown, text
 
 

@@ -151,7 +151,7 @@ def test_a_lenient_import_is_opened_again_without_asking(tmp_path):
     assert refused.code == 2
     assert "line 753" in refused.err and "--lenient-dbc" in refused.err
     allowed = ok(*args, "--lenient-dbc")
-    assert "left out line 753" in allowed.err
+    assert "excluded line 753" in allowed.err
     (run,) = open_runs([tmp_path / "rav4.mcap"])
     key = np.load(folder / "processed_log" / "CAN" / "wheel_speed" / "value.npy")[:, 2]
     channel = run.channels(("wheel_speed",))["wheel_speed"]
@@ -319,7 +319,7 @@ def test_fit_of_a_table_says_which_rows_it_left_out(tmp_path):
     head = "slip,vertical_load_n,drawbar_pull_n,sinkage_m"
     (tmp_path / "t.csv").write_text("\n".join([head, *rows]))
     text = ok(*args)
-    assert "12 of 14 rows used: 2 with slip <= 0 left out" in text.err
+    assert "12 of 14 rows used: 2 with slip <= 0 excluded" in text.err
     assert "sinkage mm at slip" in text.out
     assert any("12 of 14 rows used" in note for note in ok(*args, "--json").json["notes"])
     (tmp_path / "t.csv").write_text("\n".join([head, *rows[2:]]))

@@ -16,8 +16,8 @@ from daq.errors import ConfigError
 from daq.runs.open import open_runs
 from model.effects.catalogue import EFFECTS
 from processing.options import ProcessOptions
+from wheelsoil.to_json import plain
 from wheelsoil.wording.diagnosis_json import diagnosis_json
-from wheelsoil.wording.to_json import plain
 from wheelsoil.workflows.diagnosis import campaigns_of, diagnosis_options
 from wheelsoil.workflows.runs import process_runs
 
@@ -57,7 +57,7 @@ def check_shape(found: dict[str, Any]) -> None:
         assert isinstance(found["gain"]["reduction_percent"], NUMBER)
         assert len(found["gain"]["interval95"]) == 2
     for item in found["inconsistent"]:
-        assert set(item) == {"channel", "rows", "why"}
+        assert set(item) == {"channel", "rows", "why", "lines", "slips"}
     if found["adequacy"] is not None:
         assert set(found["adequacy"]) == {"statistic", "threshold", "ok"}
     if found["proposal"] is not None:

@@ -28,7 +28,7 @@ from model.diagnosis.single_wheel.predictions import predict_held_out
 from model.diagnosis.single_wheel.problem import CauseUse
 from model.diagnosis.single_wheel.sets import skid_law
 from model.diagnosis.single_wheel.weighing import Weighing
-from studies.real_data.transfer import transfer
+from model.diagnosis.single_wheel.wheel_pair import compare_wheels
 from wheelsoil.cli.app import run
 
 REAL = Path(__file__).parents[2] / "studies" / "real_data"
@@ -173,7 +173,7 @@ def test_slip_sinkage_is_too_large_by_drawbar_pull_alone(blind: Weighing, seeing
 
 @pytest.mark.slow
 def test_calibration_does_not_carry_over(smooth: Bench, grousered: Bench) -> None:
-    found = transfer(smooth, grousered, DiagnosisOptions(channels=DP, most_causes=1))
+    found = compare_wheels(smooth, grousered, DiagnosisOptions(channels=DP, most_causes=1))
     assert found.p_value < 1e-3
     assert found.own_cause > 0.8
     assert found.difference["dp"] == pytest.approx([0.0, 1.2, 1.9, 2.7, 3.1], abs=0.4)
@@ -183,7 +183,7 @@ def test_calibration_does_not_carry_over(smooth: Bench, grousered: Bench) -> Non
 @pytest.mark.slow
 @pytest.mark.parametrize("channels", [DP, BOTH])
 def test_the_grousered_wheel_has_a_cause_of_its_own(smooth: Bench, grousered: Bench, channels: tuple[str, ...]) -> None:
-    found = transfer(smooth, grousered, DiagnosisOptions(channels=channels))
+    found = compare_wheels(smooth, grousered, DiagnosisOptions(channels=channels))
     assert found.p_value < 1e-3
     assert found.own_cause >= (0.95 if channels == BOTH else 0.8)
     named = [family for family, p in found.families().items() if p > 0.9]

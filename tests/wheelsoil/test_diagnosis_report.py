@@ -20,7 +20,7 @@ from wheelsoil.report.build import Report, build_report
 from wheelsoil.report.content import Figure, Panels, Section, Table, Text
 from wheelsoil.report.inputs import ReportInputs, versions
 from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
-from wheelsoil.wording.to_json import to_json
+from wheelsoil.to_json import to_json
 from wheelsoil.workflows.fit import FitChoices, fit_runs
 from wheelsoil.workflows.runs import process_runs
 

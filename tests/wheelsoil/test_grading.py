@@ -82,7 +82,7 @@ def test_losses_make_a_good_run_fair(run):
 
 @pytest.mark.parametrize(("levels", "level"), [((400.0, 390.0), "fair"), ((400.0, -390.0), "good"), ((40.0,), "good")])
 def test_a_zero_tells_where_it_is_large_and_stays(run, levels, level):
-    stands = tuple(Standstill(0.0, 2.0, {"drawbar_pull": n}, {"drawbar_pull": 5.0}) for n in levels)
+    stands = tuple(Standstill(0.0, 2.0, {"drawbar_pull": n}, {"drawbar_pull": 5.0}, "released") for n in levels)
     grade = grade_of(replace(run, quality=replace(run.quality, standstills=stands)))
     assert grade.level == level
     assert level == "good" or grade.reasons == ("drawbar pull reads 395 N at standstill: take a zero",)

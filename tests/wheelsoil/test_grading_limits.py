@@ -69,7 +69,7 @@ def test_a_zero_is_larger_than_a_fiftieth_of_the_load_and_three_sigmas(
     """Of the torque: of the load times the radius."""
     role = "driving_torque" if arm_m else "drawbar_pull"
     value = share * LOAD_N * (arm_m or 1.0)
-    stands = (Standstill(0.0, 2.0, {role: value}, {role: value / sigmas}),)
+    stands = (Standstill(0.0, 2.0, {role: value}, {role: value / sigmas}, "released"),)
     assert grade_of(run_with(standstills=stands)).level == level
 
 

@@ -18,15 +18,14 @@ from live_support import snapshot
 
 from daq.errors import ConfigError, HardwareError
 from daq.logger.panel import Command
-from wheelsoil.live import open_page
 from wheelsoil.live.hub import MOST_STREAMS
 from wheelsoil.live.panel import PagePanel
 from wheelsoil.web.listening import listen
 
 _LOGGER = """
 import sys, time
-from wheelsoil.live import open_page
-panel = open_page("127.0.0.1", int(sys.argv[1]), None, "a tractor")
+from wheelsoil.live import PagePanel
+panel = PagePanel("127.0.0.1", int(sys.argv[1]), None, "a tractor")
 while panel.pid is None:
     time.sleep(0.01)
 print(panel.pid, panel.port, flush=True)
@@ -180,7 +179,7 @@ def test_the_page_dies_with_a_killed_logger_and_its_port_is_free_at_once() -> No
         os.kill(pid, signal.SIGSTOP)  # even one that could not notice by itself
         logger.kill()
         logger.wait()
-        panel = open_page("127.0.0.1", port, None, "its successor")
+        panel = PagePanel("127.0.0.1", port, None, "its successor")
         panel.close()
         until(lambda: not _alive(pid), "the page's end")
 
@@ -198,7 +197,7 @@ def test_a_taken_port_is_one_clear_fault() -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(HardwareError, match=f"port {port} is taken") as caught:
-            open_page("127.0.0.1", port, None, "a tractor")
+            PagePanel("127.0.0.1", port, None, "a tractor")
         assert caught.value.exit_code == 4 and caught.value.faults[0].next_step
 
 
@@ -248,15 +247,15 @@ def _opens(panel: PagePanel) -> bool:
 @pytest.mark.parametrize("host", ["192.0.2.1", "no-such-host.invalid"])
 def test_an_address_of_another_machine_is_one_clear_fault(host: str) -> None:
     with pytest.raises(HardwareError, match="cannot listen on this address"):
-        open_page(host, 0, None, "a tractor")
+        PagePanel(host, 0, None, "a tractor")
 
 
 def test_no_such_port_and_no_such_token() -> None:
     with pytest.raises(ConfigError, match="no such port"):
-        open_page("127.0.0.1", 65536, None, "a tractor")
+        PagePanel("127.0.0.1", 65536, None, "a tractor")
     for token in ("short", "with blanks in it", "für-alle-da"):
         with pytest.raises(ConfigError, match="token"):
-            open_page("127.0.0.1", 0, token, "a tractor")
+            PagePanel("127.0.0.1", 0, token, "a tractor")
 
 
 def test_only_others_are_asked_for_a_token_and_the_address_holds_it() -> None:
@@ -270,7 +269,7 @@ def test_only_others_are_asked_for_a_token_and_the_address_holds_it() -> None:
 
 def test_the_package_is_imported_without_a_server() -> None:
     script = (
-        "import sys; from wheelsoil.live import open_page; print({'starlette', 'uvicorn', 'numpy'} & set(sys.modules))"
+        "import sys; from wheelsoil.live import PagePanel; print({'starlette', 'uvicorn', 'numpy'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq.config import RunInfo
-from wheelsoil.wording.to_json import plain, to_json
+from wheelsoil.to_json import plain, to_json
 
 
 class Colour(IntEnum):

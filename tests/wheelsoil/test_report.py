@@ -149,7 +149,7 @@ def test_a_missing_channel_costs_its_section(material):
     report = build_report(without(material, driving_torque_nm=np.nan))
     assert list(report.left_out) == ["torque"]
     assert "driving torque was not measured" in report.left_out["torque"]
-    assert "Left out" in text_of(report, "torque")
+    assert "Omitted" in text_of(report, "torque")
     assert "nothing independent checks" in text_of(report, "verdict")
 
 

@@ -51,9 +51,7 @@ def test_where_both_say_slip_sinkage_the_checks_count(material):
 
 def test_two_errors_of_drawbar_pull_are_distinguished(material):
     said = text(verdict.build(replace(material, diagnosed=diagnosis("named"))))
-    assert (
-        "the gain's 120 N without and 66.0 N with what was found are over 5 Hz means of runs that were left out" in said
-    )
+    assert "the gain's 120 N without and 66.0 N with what was found are over 5 Hz means of held-out runs" in said
     assert "the soil as the laboratory states it" in said
     assert "Two errors" not in text(verdict.build(replace(material, diagnosed=replace(diagnosis(), gain=None))))
 

@@ -59,7 +59,7 @@ def test_what_is_missing_is_said_and_what_is_there_is_drawn(campaign, tmp_path, 
     numbers, page = reported(rewritten(campaign, tmp_path / "c", **{role: ""}), tmp_path / "r.html")
     why = f"{role} is missing; name it under [signals] of vehicle.toml"
     assert numbers["left_out"] == dict.fromkeys(OF_THE_FIT | OF_THE_DIAGNOSIS, why)
-    assert page.count(f"Left out: {why}.") == len(numbers["left_out"])
+    assert page.count(f"Omitted: {why}.") == len(numbers["left_out"])
     glance = numbers["sections"]["glance"]
     assert glance["sentence"] == f"No result: {why}." and glance["sentence"] in page
     assert glance["grades"]["run-1"]["level"] == "poor" and glance["grades"]["run-1"]["reasons"][0] == why
@@ -133,7 +133,7 @@ def test_figures_of_the_models_hold_the_fitted_runs_only_and_say_so(campaign, tm
             for axis in set("xyz") & set(theirs):
                 assert np.array(ours[axis], float) == pytest.approx(np.array(theirs[axis], float), nan_ok=True)
     assert mixed["sections"]["verdict"]["sentence"] == alone["sections"]["verdict"]["sentence"]
-    assert f"left out of the fit, for want of a signal: run-1 ({role})." in text_of(report, "verdict")
+    assert f"excluded from the fit, for want of a signal: run-1 ({role})." in text_of(report, "verdict")
     assert "only the blue part is fitted, and nothing of run-1" in text_of(report, "quality")
     assert "Not included because a signal is missing: run-1." in text_of(report, "slip")
     names = [trace["name"] for trace in mixed["figures"]["time-t"]["traces"] if trace["shown_for"] == "run-1"]

@@ -109,7 +109,7 @@ def test_a_notebook_shows_gain_next_run_and_no_certainty():
     sure = replace(found, causes=tuple(replace(cause, probability=0.99999) for cause in found.causes))
     page = diagnosis_html(sure)
     assert "&gt;0.999" in page and "1.000" not in page
-    assert "on runs left out" in diagnosis_html(diagnosis("named"))
+    assert "on held-out runs" in diagnosis_html(diagnosis("named"))
     assert "next run, best first" in page
 
 

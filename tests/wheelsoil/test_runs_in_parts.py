@@ -42,7 +42,7 @@ def rotated(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         ) as parts:
             for batch in split(frames, _BATCH):
                 if sum(parts.frame_counts.values()) >= parts.part * len(frames) / 5:
-                    parts.write_event(Event(int(batch.frames["time_ns"][0]), "mark", f"end of {parts.part}\nhere"))
+                    parts.host.write_event(Event(int(batch.frames["time_ns"][0]), "mark", f"end of {parts.part}\nhere"))
                     parts.rotate()
                 parts.write_frames(batch)
             parts.note_losses({"can0": 3, "can1": 0}, {"kernel.can0": 2, "queue.can0": 1, "counter.can0.WFT_Wheel": 3})

@@ -36,6 +36,8 @@ def options(name: str) -> SimulationOptions:
         effects={effect["name"]: effect["parameters"] for effect in truth["effect"]},
         reading=truth["reading"],
         seed=truth["seed"],
+        tilt_deg=truth["tilt_deg"],
+        brakes=truth["brakes"],
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import threading
 import time
@@ -145,13 +146,44 @@ def test_the_command_line_of_all_options_is_read_back(tmp_path: Path, capsys: py
     text = (
         "simulate --soil sandy --effect vasilev:H_m=0.08 --runs 1 --duration 20 --seed 9 --sinkage literal "
         "--added-load 120 --pass-number 3 --inflation 260.5 "
-        "--radius 0.5 --width 0.3 --draw-soil --wheel-axes --noise 0.5 --start 2026-01-02T03:04:05Z"
+        "--radius 0.5 --width 0.3 --draw-soil --wheel-axes --noise 0.5 "
+        "--tilt -1.5 --brakes released --lifted --start 2026-01-02T03:04:05Z"
     )
     assert wheelsoil([*shlex.split(text), "-o", str(tmp_path / "a")]) == 0
     command = tomllib.loads((tmp_path / "a/manifest.toml").read_text())["command"]
     assert wheelsoil([*shlex.split(command)[1:], "-o", str(tmp_path / "b")]) == 0
     assert (tmp_path / "a/manifest.toml").read_text() == (tmp_path / "b/manifest.toml").read_text()
     assert capsys.readouterr().out.split() == [str(tmp_path / "a"), str(tmp_path / "b")]
+
+
+@pytest.mark.parametrize("wheel_axes", [False, True])
+def test_a_zero_of_the_lifted_wheel_is_that_of_the_runs(
+    tmp_path: Path, wheel_axes: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    effects = {"torque_zero": {"offset_nm": 30.0}}
+    options = SimulationOptions(
+        effects=effects, runs=1, duration_s=15.0, wheel_axes=wheel_axes, lifted=True, brakes="released"
+    )
+    written = simulate_campaign(tmp_path / "a", options)
+    assert [path.name for path in written.files] == ["run-1.mcap", "lifted-before.mcap", "lifted-after.mcap"]
+    assert [run.info.id for run in open_runs([tmp_path / "a"])] == ["run-1"]
+    lifted = [str(path) for path in written.files[1:]]
+    assert wheelsoil(["zero", *lifted, "--max-drift", "N=50,Nm=20", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert [one["method"] for one in printed["zeros"]] == ["spin", "spin"]
+    for one in printed["zeros"]:
+        moment, pull = (one["channels"][name] for name in ("WFT_Moments.My", "WFT_Forces.Fx"))
+        assert moment["offset"] == pytest.approx(30.0, abs=5 * moment["offset_sigma"])
+        zero = 25.0 if wheel_axes else 0.0
+        assert pull["offset"] == pytest.approx(zero, abs=5 * pull["offset_sigma"])
+    vehicle = tmp_path / "a" / "vehicle.toml"
+    vehicle.write_text(vehicle.read_text().replace("[transducer]", '[transducer]\nzero_file = "zero.toml"'))
+    assert wheelsoil(["process", str(tmp_path / "a"), "--json"]) == 0
+    (run,) = json.loads(capsys.readouterr().out)
+    stands = run["quality"]["standstills"]
+    assert {stand["brakes"] for stand in stands} == {"released"}
+    assert all(abs(stand["levels"]["driving_torque"]) < 12.0 for stand in stands)
+    assert all(abs(stand["levels"]["vertical_load"] - 8000.0) < 60.0 for stand in stands)
 
 
 @pytest.mark.parametrize("wheel_axes", [False, True])

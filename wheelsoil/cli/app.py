@@ -12,7 +12,7 @@ import typer
 import typer.core
 import typer.main
 
-from daq import ConfigError, Fault, HardwareError, WheelsoilError, nearest
+from daq import ConfigError, HardwareError, WheelsoilError, nearest
 from wheelsoil import __version__
 
 
@@ -43,6 +43,7 @@ COMMANDS: dict[str, Entry] = {
     ),
     "report": Entry("pages", "Write the fitted-model report of a terrain's runs."),
     "view": Entry("pages", "Explore recordings in the browser: select, fit and diagnose."),
+    "cache": Entry("cache", "List or remove the results that are kept so that nothing is computed twice."),
 }
 """Every subcommand, in the order of a test campaign."""
 
@@ -169,5 +170,5 @@ def _from_system(error: OSError) -> WheelsoilError:
     if isinstance(
         error, FileNotFoundError | FileExistsError | PermissionError | IsADirectoryError | NotADirectoryError
     ):
-        return ConfigError(Fault(what, where, next_step="check the path and its permissions"))
-    return HardwareError(Fault(what, where, next_step="check the disk and the device"))
+        return ConfigError.of(what, where, next_step="check the path and its permissions")
+    return HardwareError.of(what, where, next_step="check the disk and the device")

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq import ConfigError, Fault
+from daq import ConfigError
 from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, say, terminal_width
 
 if TYPE_CHECKING:
-    from model.diagnosis import Diagnosis, DiagnosisOptions, Plan
+    from model.diagnosis import Bench, Diagnosis, DiagnosisOptions, Plan
     from wheelsoil.workflows.diagnosis import Given
 
 
 def diagnose_command(
-    runs: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders; each folder is a campaign."),
-    ] = None,
+    runs: options.RunsIfAny = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -30,12 +28,10 @@ def diagnose_command(
             help="Write the extended model (TOML); with --plan the matrix of |cos| (CSV).",
         ),
     ] = None,
-    table: Annotated[
-        Path | None, typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, ...")
-    ] = None,
+    tables: options.Tables = None,
     rename: options.Rename = None,
     where: options.Where = None,
-    vehicle: options.Vehicle = None,
+    vehicle: options.WheelFiles = None,
     terrain: options.Terrain = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
@@ -54,6 +50,17 @@ def diagnose_command(
         typer.Option("--without", metavar="NAME,...", help="Exclude these effects, families, or kinds."),
     ] = None,
     most_causes: Annotated[int, typer.Option(metavar="N", help="Largest set of causes considered, 1 to 3.")] = 3,
+    error_of_form: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PERCENT",
+            help="With --table: by how much of load, load x radius and radius a right model may be off. "
+            "[default: by the repeats; without any 2.5]",
+        ),
+    ] = None,
+    paired: Annotated[
+        bool, typer.Option("--paired", help="With two wheels in --table: report what the second one does differently.")
+    ] = False,
     next_run: Annotated[bool, typer.Option("--next-run", help="Rank next runs for every verdict.")] = False,
     plan: Annotated[bool, typer.Option("--plan", help="Report which causes a planned campaign can separate.")] = False,
     planned_runs: Annotated[
@@ -63,21 +70,23 @@ def diagnose_command(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the resampling of runs.")] = 0,
     min_speed: options.MinSpeed = None,
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
+    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
     """Report the error of the simulation, its cause, and the gain when the model is extended by that cause.
 
-    Several campaigns are diagnosed jointly: causes are shared, soils are not. The verdict is a named cause, one of a
-    few candidates, an unexplained misfit, or nothing detectable (with the minimum detectable effects). Each verdict
-    ends with exit code 0.
+    Each folder is a campaign. Several campaigns are diagnosed jointly: causes are shared, soils are not. The verdict is
+    a named cause, one of a few candidates, an unexplained misfit, or nothing detectable (with the minimum detectable
+    effects). Each verdict ends with exit code 0.
 
     With --plan, RUN is a folder with vehicle.toml, terrain.toml and runs.toml (direction, added load, pass, inflation
     of each planned run), or --vehicle, --terrain and --runs name them; no recording is read.
     """
     from wheelsoil.workflows.diagnosis import bench_of, campaigns_of, diagnosis_options, plan_campaigns
-    from wheelsoil.workflows.runs import Files, read_bench
+    from wheelsoil.workflows.runs import Files
+    from wheelsoil.workflows.tables import TableFiles, read_benches
 
     by_hand = options.chosen(choice, sinkage=sinkage, min_speed=min_speed)
     settings = diagnosis_options(
@@ -88,23 +97,34 @@ def diagnose_command(
         most_causes=most_causes,
         seed=seed,
         next_run=next_run,
+        error_of_form=error_of_form,
     )
-    files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc)
+    if (error_of_form is not None or paired) and not tables:
+        option = "--paired" if paired else "--error-of-form"
+        raise ConfigError.of(f"{option} is of single-wheel tables", next_step="give --table FILE.csv")
     paths = runs or []
+    if tables and plan:
+        raise ConfigError.of("--plan reads no measurement", next_step="omit --table, --zero and --choice")
+    if tables:
+        options.refuse_two_sources(paths, tables, choice, (), "diagnose")
+        wheels = TableFiles(tuple(vehicle or ()), (terrain,) if terrain else (), soil)
+        benches = tuple(map(bench_of, read_benches(tables, wheels, rename=rename, where=where)))
+        if paired:
+            _compare(benches, settings, json=json)
+        else:
+            _diagnose(benches, settings, output, force=force, json=json)
+        return
+    files = Files(options.one_file(vehicle), terrain, runs_file, zero, soil, lenient_dbc)
     if plan:
-        if table or zero or choice:
-            raise ConfigError(Fault("--plan reads no measurement", next_step="omit --table, --zero and --choice"))
+        if zero or choice:
+            raise ConfigError.of("--plan reads no measurement", next_step="omit --table, --zero and --choice")
         target = check_output(output, force=force) if output else None
         found = plan_campaigns(paths, files, settings, run_count=planned_runs, duration_s=planned_duration)
         _print_plan(found, target, json=json)
         return
-    options.refuse_two_sources(paths, table, choice, [*(rename or ()), *(where or ())], "diagnose")
-    given: Given
-    if table is not None:
-        given = (bench_of(read_bench(table, files, rename=rename, where=where)),)
-    else:
-        given = campaigns_of(paths, options.processed_for("diagnose", paths, files, by_hand), soil)
-    _diagnose(given, settings, output, force=force, json=json)
+    options.refuse_two_sources(paths, tables, choice, [*(rename or ()), *(where or ())], "diagnose")
+    campaigns = campaigns_of(paths, options.processed_for("diagnose", paths, files, by_hand), soil)
+    _diagnose(campaigns, settings, output, force=force, json=json)
 
 
 def _diagnose(given: Given, settings: DiagnosisOptions, output: Path | None, *, force: bool, json: bool) -> None:
@@ -118,6 +138,23 @@ def _diagnose(given: Given, settings: DiagnosisOptions, output: Path | None, *, 
     for path, model in zip(targets, models_of(diagnosis, given, settings.reading, command_line()), strict=False):
         path.write_text(model_toml(model), encoding="utf-8")
         say(f"wrote {path}" + ("" if model.effects else ": it has no effect, because no cause is named"))
+
+
+def _compare(benches: Sequence[Bench], settings: DiagnosisOptions, *, json: bool) -> None:
+    from model.diagnosis import compare_wheels
+    from wheelsoil.wording.wheel_pair_text import wheel_pair_json, wheel_pair_lines
+
+    if len(benches) != 2:
+        found = ", ".join(bench.name for bench in benches)
+        step = "give two --table, or one with a column wheel or lug_height_m that holds two; --where chooses rows"
+        raise ConfigError.of("--paired compares two wheels", found=found, expected="two", next_step=step)
+    first, second = benches
+    compared = compare_wheels(first, second, settings)
+    if json:
+        print_json(wheel_pair_json(compared, first.name, second.name))
+        return
+    for line in wheel_pair_lines(compared, first.name, second.name, terminal_width()):
+        print(line)
 
 
 def _print_plan(plan: Plan, target: Path | None, *, json: bool) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq import ConfigError, Fault
+from daq import ConfigError
 from wheelsoil.cli import options
 from wheelsoil.console import check_output, counter, print_json, print_pairs, say
 
@@ -159,9 +159,7 @@ def _loops(text: str) -> int | None:
     if text == "forever":
         return None
     if not text.isdecimal() or int(text) < 1:
-        raise ConfigError(
-            Fault("--loop is not understood", found=text, expected='a number of at least 1, or "forever"')
-        )
+        raise ConfigError.of("--loop is not understood", found=text, expected='a number of at least 1, or "forever"')
     return int(text)
 
 

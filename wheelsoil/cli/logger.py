@@ -28,12 +28,13 @@ _PAGE_PORT = 8100
 _SIGNAL_EXIT = 128
 _LONGEST_ID_BYTES = 200
 _SHOWN = 40
+_VehicleFile = Annotated[
+    Path, typer.Argument(metavar="VEHICLE.toml", help="Names the buses, their interfaces and DBCs.")
+]
 
 
 def doctor_command(
-    vehicle: Annotated[
-        Path, typer.Argument(metavar="VEHICLE.toml", help="Names the buses, their interfaces and DBCs.")
-    ],
+    vehicle: _VehicleFile,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="DIR", readable=False, help="Folder for the recordings.")
     ] = Path(),
@@ -74,9 +75,7 @@ def _print(lines: list[Line]) -> None:
 
 
 def log_command(
-    vehicle: Annotated[
-        Path, typer.Argument(metavar="VEHICLE.toml", help="Names the buses, their interfaces and DBCs.")
-    ],
+    vehicle: _VehicleFile,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="PATH", help="Folder for the recordings, or a name (*.mcap).")
     ] = Path(),
@@ -93,16 +92,11 @@ def log_command(
     lenient_dbc: options.LenientDbc = False,
     view: Annotated[bool, typer.Option(help="Write decoded topics beside the raw frames.")] = True,
     page: Annotated[bool, typer.Option(help="Show a status page.")] = True,
-    page_host: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Address of the page; other than loopback it requires a token.")
-    ] = "127.0.0.1",
+    page_host: options.PageHost = "127.0.0.1",
     page_port: Annotated[
         int | None, typer.Option(min=0, max=65535, metavar="N", help=f"Its port (default: {_PAGE_PORT}).")
     ] = None,
-    page_token_file: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help=f"File with its token (or: environment {options.TOKEN_VARIABLE})."),
-    ] = None,
+    page_token_file: options.TokenFile = None,
     json: options.Json = False,
 ) -> None:
     """Record the vehicle's buses until the time is up or Ctrl-C; the recording is closed in either case.
@@ -123,7 +117,7 @@ def log_command(
     _check_run_id(run_id)
     if wait and out.suffix.lower() == ".mcap":
         step = "give a folder with --out, and the run's name on the page or with --run-id"
-        raise ConfigError(Fault("--wait begins between runs, where no file is named", str(out), next_step=step))
+        raise ConfigError.of("--wait begins between runs, where no file is named", out, next_step=step)
     info = options.run_info("", run_id or "", direction, pass_number, added_load, inflation)
     token = options.page_token(page_token_file)
     zero_file = known.vehicle.transducer.zero_file
@@ -167,7 +161,7 @@ def _check_run_id(run_id: str | None) -> None:
     else:
         return
     shown = ascii(run_id if len(run_id) < _SHOWN else f"{run_id[:_SHOWN]}...")
-    raise ConfigError(Fault(what, found=shown, expected=expected, next_step="choose another name"))
+    raise ConfigError.of(what, found=shown, expected=expected, next_step="choose another name")
 
 
 def _detach_from_terminal() -> None:
@@ -227,10 +221,10 @@ def _page(
     if not wanted:
         yield None, ()
         return
-    from wheelsoil.live import open_page
+    from wheelsoil.live import PagePanel
 
     try:
-        panel = open_page(host, _PAGE_PORT if port is None else port, token, vehicle)
+        panel = PagePanel(host, _PAGE_PORT if port is None else port, token, vehicle)
     except HardwareError as error:
         if port is not None:
             raise

@@ -28,8 +28,28 @@ Runs = Annotated[
         metavar="RUN...", readable=False, help="Recordings, logs or campaign folders."
     ),  # daq.runs.open reports it
 ]
+RunsIfAny = Annotated[list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")]
+TableFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--table", metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, torque, sinkage."
+    ),
+]
 Vehicle = Annotated[
     Path | None, typer.Option("--vehicle", metavar="FILE", help="vehicle.toml; overrides what a run carries.")
+]
+Tables = Annotated[
+    list[Path] | None,
+    typer.Option("--table", metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, ..."),
+]
+WheelFiles = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--vehicle",
+        metavar="FILE",
+        help="vehicle.toml; overrides what a run carries. With --table: one for all tables, one for each, or NAME=FILE "
+        "for each name in a column wheel.",
+    ),
 ]
 Terrain = Annotated[
     Path | None, typer.Option("--terrain", metavar="FILE", help="terrain.toml; overrides what a run carries.")
@@ -62,6 +82,23 @@ Jobs = Annotated[
         help="Processes at once (default: one for each core).",
     ),
 ]
+
+
+def keep_nothing(context: typer.Context, off: bool) -> bool:
+    """Let a command neither use nor keep results of earlier ones."""
+    from wheelsoil.cache import nothing_kept
+
+    if off:
+        context.with_resource(nothing_kept())
+    return off
+
+
+NoCache = Annotated[
+    bool,
+    typer.Option(
+        "--no-cache", callback=keep_nothing, help="Compute everything anew; keep nothing (see `wheelsoil cache`)."
+    ),
+]
 LenientDbc = Annotated[
     bool, typer.Option("--lenient-dbc", help="Skip the DBC lines that cantools rejects, and list them.")
 ]
@@ -82,7 +119,7 @@ ChoiceFile = Annotated[
 ]
 Channels = Annotated[
     str | None,
-    typer.Option("--channels", help="Fitted channels: dp (drawbar pull), or dp,t (and torque). [default: dp]"),
+    typer.Option("--channels", help="Fitted channels: dp (drawbar pull), t (torque), z (sinkage). [default: dp]"),
 ]
 SoilPrior = Annotated[
     bool | None,
@@ -106,6 +143,9 @@ TokenFile = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help=f"File with the page's token (or: environment {TOKEN_VARIABLE})."),
 ]
+PageHost = Annotated[
+    str, typer.Option(metavar="ADDRESS", help="Address of the page; other than loopback it requires a token.")
+]
 
 
 def configuration(
@@ -120,7 +160,7 @@ def configuration(
     """
     files = list(dbc)
     if vehicle and files:
-        raise ConfigError(Fault("--dbc and --vehicle exclude each other", next_step="name the DBCs in vehicle.toml"))
+        raise ConfigError.of("--dbc and --vehicle exclude each other", next_step="name the DBCs in vehicle.toml")
     collected = Collected()
     known = Configuration()
     with collected.catch():
@@ -288,16 +328,28 @@ def page_token(file: Path | None) -> str | None:
     try:
         text = file.read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(Fault("the token cannot be read", str(file), str(error))) from None
+        raise ConfigError.of("the token cannot be read", file, str(error)) from None
     if not text:
-        raise ConfigError(
-            Fault("the file contains no token", str(file), next_step="write the token into it as one line")
-        )
+        raise ConfigError.of("the file contains no token", file, next_step="write the token into it as one line")
     return text
 
 
+def one_file(files: Sequence[str] | None) -> Path | None:
+    """Return the only --vehicle, for runs.
+
+    Raises
+    ------
+    ConfigError
+        There are several.
+    """
+    if files and len(files) > 1:
+        step = "give one, or diagnose the vehicles one after the other"
+        raise ConfigError(Fault("runs take one --vehicle", found=", ".join(files), next_step=step))
+    return Path(files[0]) if files else None
+
+
 def refuse_two_sources(
-    runs: Sequence[Path], table: Path | None, choice: Path | None, columns: Sequence[str], verb: str
+    runs: Sequence[Path], table: object, choice: Path | None, columns: Sequence[str], verb: str
 ) -> None:
     """Check that a command takes runs, with the choice of some of them, or a table, with a choice of its columns.
 
@@ -313,11 +365,11 @@ def refuse_two_sources(
     ConfigError
         Options of both are given.
     """
-    if table is not None and (runs or choice):
+    if table and (runs or choice):
         other = "RUN" if runs else "--choice"
-        raise ConfigError(Fault(f"{other} and --table exclude each other", next_step=f"{verb} one, then the other"))
-    if table is None and columns:
-        raise ConfigError(Fault("--rename and --where choose from a table", next_step="give --table FILE.csv"))
+        raise ConfigError.of(f"{other} and --table exclude each other", next_step=f"{verb} one, then the other")
+    if not table and columns:
+        raise ConfigError.of("--rename and --where choose from a table", next_step="give --table FILE.csv")
 
 
 def processed_for(purpose: str, runs: Sequence[Path], files: Files, choice: Choice) -> list[tuple[Run, ProcessedRun]]:

@@ -22,7 +22,9 @@ class Format(StrEnum):
 
 
 def report_command(
-    runs: options.Runs,
+    runs: Annotated[
+        list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -39,7 +41,10 @@ def report_command(
             "--format", help="pdf needs an installed Chromium or Chrome. [default: by the suffix of FILE, else html]"
         ),
     ] = None,
-    vehicle: options.Vehicle = None,
+    tables: options.Tables = None,
+    rename: options.Rename = None,
+    where: options.Where = None,
+    vehicle: options.WheelFiles = None,
     terrain: options.Terrain = None,
     runs_file: options.RunsFile = None,
     zero: options.ZeroFile = None,
@@ -53,18 +58,23 @@ def report_command(
     diagnose: Annotated[bool, typer.Option("--diagnosis/--no-diagnosis", help="Whether to diagnose the runs.")] = True,
     min_speed: options.MinSpeed = None,
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
+    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
     """Write the fitted-model report of a terrain's runs: one page that needs no network, and its numbers as JSON.
 
+    With --table the page is of single-wheel tests.
+
     A section whose channel is missing is omitted, with the reason; the other sections are complete.
     """
     from wheelsoil.workflows.model_files import load_model
-    from wheelsoil.workflows.report import report_of
+    from wheelsoil.workflows.report import report_of, report_of_tables
     from wheelsoil.workflows.runs import Files
+    from wheelsoil.workflows.tables import TableFiles, read_benches
 
+    options.refuse_two_sources(runs or (), tables, choice, [*(rename or ()), *(where or ())], "report")
     target, browser = _target(output, form, force=force)
     extended = load_model(model) if model else None
     by_hand = options.chosen(
@@ -75,8 +85,13 @@ def report_command(
         slip_threshold=slip_threshold,
         min_speed=min_speed,
     )
-    files = Files(vehicle, terrain, runs_file, zero, soil, lenient_dbc)
-    report = report_of(runs, by_hand, files, extended=extended, diagnose=diagnose)
+    if tables:
+        wheels = TableFiles(tuple(vehicle or ()), (terrain,) if terrain else (), soil)
+        benches = read_benches(tables, wheels, rename=rename, where=where)
+        report = report_of_tables(benches, by_hand.fit_choices(extended), diagnose=diagnose)
+    else:
+        files = Files(options.one_file(vehicle), terrain, runs_file, zero, soil, lenient_dbc)
+        report = report_of(runs or (), by_hand, files, extended=extended, diagnose=diagnose)
     page, numbers = report.print(target, browser) if browser else report.write(target)
     for key, why in report.left_out.items():
         say(f"section {key} omitted: {why}")
@@ -102,12 +117,10 @@ def _target(output: Path | None, form: Format | None, *, force: bool) -> tuple[P
     suffix = output.suffix.lower() if output else ""
     pdf = form is Format.PDF or (form is None and suffix == ".pdf")
     if output and ((pdf and suffix != ".pdf") or (not pdf and suffix == ".pdf")):
-        raise ConfigError(
-            Fault(
-                f"--format {'pdf' if pdf else 'html'} contradicts the output's name",
-                str(output),
-                next_step=f"call it {output.with_suffix('.pdf' if pdf else '.html').name}, or omit --format",
-            )
+        raise ConfigError.of(
+            f"--format {'pdf' if pdf else 'html'} contradicts the output's name",
+            output,
+            next_step=f"call it {output.with_suffix('.pdf' if pdf else '.html').name}, or omit --format",
         )
     if suffix == ".json":
         fault = Fault(
@@ -127,9 +140,8 @@ def view_command(
     zero: options.ZeroFile = None,
     soil: options.SoilPreset = None,
     lenient_dbc: options.LenientDbc = False,
-    host: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Address of the page; other than loopback it requires a token.")
-    ] = "127.0.0.1",
+    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
+    host: options.PageHost = "127.0.0.1",
     port: Annotated[
         int | None, typer.Option(min=0, max=65535, metavar="N", help="Its port (default: 8200, or the next free one).")
     ] = None,

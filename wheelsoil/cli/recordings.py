@@ -65,9 +65,9 @@ def export_command(
     from wheelsoil.workflows.recordings import export_recording, export_tables
 
     if decode and signal:
-        raise ConfigError(Fault("--decode writes every signal", next_step="omit --signal"))
+        raise ConfigError.of("--decode writes every signal", next_step="omit --signal")
     if not output.parent.is_dir():
-        raise ConfigError(Fault("no such folder", str(output.parent), next_step="create it or choose another output"))
+        raise ConfigError.of("no such folder", output.parent, next_step="create it or choose another output")
     opened = open_runs(runs, vehicle=vehicle, runs=runs_file, lenient_dbc=lenient_dbc, left_out=say)
     without = [run for run in opened if not run.databases]
     if without:
@@ -125,8 +125,8 @@ def info_command(
 
 
 def _as_json(facts: FileFacts) -> dict[str, Any]:
+    from wheelsoil.to_json import plain
     from wheelsoil.wording.notes import note_text
-    from wheelsoil.wording.to_json import plain
 
     known: dict[str, Any] = plain(facts)
     return known | {
@@ -288,19 +288,17 @@ def recover_command(
     json: Json = False,
 ) -> None:
     """Write the readable content of a cut-off or damaged recording, or of a part of one, to a new file."""
-    from daq import Fault, RecordingError
+    from daq import RecordingError
     from daq.logger import is_being_recorded
     from daq.recording import Recording, part_number, part_path, recover
 
     first, part = part_number(recording)
     clean = part_path(first.with_name(f"{first.stem}-recovered.mcap"), part)
     if is_being_recorded(recording) and not Recording.open(recording).contents.has_summary:
-        raise RecordingError(
-            Fault(
-                "a logger is still recording into this file",
-                str(recording),
-                next_step="end the run first; every other command reads the part written so far",
-            )
+        raise RecordingError.of(
+            "a logger is still recording into this file",
+            recording,
+            next_step="end the run first; every other command reads the part written so far",
         )
     target = check_output(output or clean, force=force)
     done = recover(recording, target, overwrite=force)

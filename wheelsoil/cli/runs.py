@@ -8,9 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from daq import REACTIONS, ConfigError, Fault, number
+from daq import OUTPUTS, number
 from wheelsoil.cli import options
-from wheelsoil.console import check_output, print_json, print_pairs, print_table, say, say_folded
+from wheelsoil.console import (
+    check_output,
+    folded,
+    print_json,
+    print_pairs,
+    print_table,
+    say,
+    say_folded,
+    terminal_width,
+)
 
 if TYPE_CHECKING:
     from model.fit import CampaignFit
@@ -39,6 +48,7 @@ def process_command(
     ] = None,
     min_speed: options.MinSpeed = None,
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
+    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     choice: options.ChoiceFile = None,
     force: options.Force = False,
     json: options.Json = False,
@@ -102,12 +112,8 @@ def _blocks(processed: list[ProcessedRun], names: Iterable[str]) -> Iterator[dic
 
 
 def fit_command(
-    runs: Annotated[
-        list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")
-    ] = None,
-    table: Annotated[
-        Path | None, typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, ...")
-    ] = None,
+    runs: options.RunsIfAny = None,
+    table: options.TableFile = None,
     rename: options.Rename = None,
     where: options.Where = None,
     vehicle: options.Vehicle = None,
@@ -123,6 +129,7 @@ def fit_command(
     model: options.ModelFile = None,
     min_speed: options.MinSpeed = None,
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
+    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
     json: options.Json = False,
 ) -> None:
@@ -133,7 +140,8 @@ def fit_command(
     """
     from wheelsoil.workflows.fit import fit_as_json, fit_runs, fit_table
     from wheelsoil.workflows.model_files import load_model
-    from wheelsoil.workflows.runs import Files, read_bench
+    from wheelsoil.workflows.runs import Files
+    from wheelsoil.workflows.tables import read_bench
 
     options.refuse_two_sources(runs or (), table, choice, [*(rename or ()), *(where or ())], "fit")
     by_hand = options.chosen(
@@ -166,7 +174,7 @@ def print_fit(fit: CampaignFit) -> None:
     from wheelsoil.workflows.fit import NOT_AT_AN_END, ended
 
     print_table(*coefficients(fit), left=2)
-    for channel in REACTIONS:
+    for channel in OUTPUTS:
         head, rows = criteria_table(fit, channel)
         if rows:
             print()
@@ -211,13 +219,8 @@ def _print_sinkages(comparison: dict[str, Any]) -> None:
 
 
 def sinkage_command(
-    runs: Annotated[
-        list[Path] | None, typer.Argument(metavar="RUN...", help="Recordings, logs or campaign folders.")
-    ] = None,
-    table: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.csv", help="Single-wheel tests instead of runs: slip, load, pull, torque."),
-    ] = None,
+    runs: options.RunsIfAny = None,
+    table: options.TableFile = None,
     rename: options.Rename = None,
     where: options.Where = None,
     vehicle: options.Vehicle = None,
@@ -225,6 +228,7 @@ def sinkage_command(
     zero: options.ZeroFile = None,
     min_speed: options.MinSpeed = None,
     jobs: options.Jobs = None,  # noqa: ARG001  # its callback uses it
+    no_cache: options.NoCache = False,  # noqa: ARG001  # its callback uses it
     lenient_dbc: options.LenientDbc = False,
     json: options.Json = False,
 ) -> None:
@@ -252,28 +256,17 @@ def sinkage_command(
 def _sinkage_of_table(
     path: Path, rename: list[str] | None, where: list[str] | None, vehicle: Path | None
 ) -> SinkageFacts:
-    from daq import VehicleConfig, load_toml
-    from daq.runs import Collected
-    from daq.series import parse_rename, parse_where, read_wheel_table
-    from wheelsoil.workflows.fit import wheel_of
     from wheelsoil.workflows.sinkage import sinkage_of_table
+    from wheelsoil.workflows.tables import one_wheel, read_wheels
 
-    collected = Collected()
-    with collected.catch():
-        if vehicle is None:
-            raise ConfigError(Fault("the wheel is not known", next_step="give --vehicle FILE with [wheel] radius_m"))
-        described = load_toml(vehicle, VehicleConfig)
-        wheel_of(described, str(vehicle))
-    with collected.catch():
-        rows = read_wheel_table(path, rename=parse_rename(rename or ()), where=parse_where(where or ()))
-    collected.stop_if_any()
-    assert described.wheel is not None
-    return sinkage_of_table(rows, described.wheel)
+    vehicles = (str(vehicle),) if vehicle else ()
+    found = one_wheel(read_wheels([path], vehicles, rename=rename, where=where))
+    return sinkage_of_table(found.rows, found.section)
 
 
 def print_sinkage(facts: SinkageFacts) -> None:
     """Print the table of sinkage against slip, its growth and the bound; notes on stderr."""
-    from wheelsoil.workflows.sinkage import IN_THE_BAND, growth_rows, growth_sentence
+    from wheelsoil.workflows.sinkage import IN_THE_BAND, agreement_sentence, growth_rows, growth_sentence
 
     measured = any(one.measured_m == one.measured_m for one in facts.bins)
     head = ["slip", "load N", "sinkage mm", "95 % band", "noise mm", *(["measured mm"] if measured else []), "samples"]
@@ -295,6 +288,8 @@ def print_sinkage(facts: SinkageFacts) -> None:
     if grown:
         print_table(["growth from no slip to full slip", "mm", "95 % interval"], grown)
     print(growth_sentence(facts.growth))
+    if facts.agreement is not None:
+        print("\n".join(folded(agreement_sentence(facts.agreement), terminal_width())))
     if facts.checked:
         print(f"bound T/r - Dp <= W tan(theta_1): {_bound(facts)}")
     else:

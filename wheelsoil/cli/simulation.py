@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq import ConfigError, Fault
-from wheelsoil.cli.options import PRESETS, Force, Json, Reading
+from daq import ConfigError
+from wheelsoil.cli.options import PRESETS, Force, Json, NoCache, Reading
 from wheelsoil.console import print_json, print_pairs, progress, say, terminal_width
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ def demo_command(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the hidden effect, the soil and the noise.")] = 10,
     runs: Annotated[int, typer.Option(min=1, help="Number of runs.")] = 6,
     duration: Annotated[float, typer.Option(metavar="S", help="Duration of each run.")] = 40.0,
+    no_cache: NoCache = False,  # noqa: ARG001  # its callback uses it
     json: Json = False,
 ) -> None:
     """Simulate a vehicle with a hidden effect, diagnose its CAN frames, compare with the true value; 15 s to a minute.
@@ -106,7 +107,7 @@ def _simulate_to_report(output: Path, options: SimulationOptions) -> tuple[Diagn
     with _step("diagnose"):
         found = diagnose_campaigns(campaigns_of([folder], processed), diagnosis_options())
     with _step("fit four models"):
-        fit = fit_runs(processed, choices, None)
+        fit = fit_runs(processed, choices, None, keep_predictions=True)
     with _step("write the report"):
         report = report_of_processed(processed, choices, process_options, campaign=fit, diagnosed=Diagnosed(found))
         page, numbers = report.write(output / "report.html")
@@ -126,12 +127,8 @@ def _check_folder(output: Path) -> None:
 
     campaign = output / _CAMPAIGN
     if campaign.is_dir() and any(campaign.iterdir()) and not (campaign / MANIFEST_FILE).is_file():
-        raise ConfigError(
-            Fault(
-                "the folder contains files that are not from a demo",
-                str(campaign),
-                next_step="choose another: -o FOLDER",
-            )
+        raise ConfigError.of(
+            "the folder contains files that are not from a demo", campaign, next_step="choose another: -o FOLDER"
         )
 
 
@@ -141,6 +138,13 @@ class Format(StrEnum):
     mcap = "mcap"
     candump = "candump"
     both = "both"
+
+
+class Brakes(StrEnum):
+    """At a standstill."""
+
+    held = "held"
+    released = "released"
 
 
 def simulate_command(
@@ -187,6 +191,17 @@ def simulate_command(
     wheel_axes: Annotated[
         bool, typer.Option("--wheel-axes", help="The transducer sends forces in axes that rotate with the wheel.")
     ] = False,
+    tilt: Annotated[
+        float | None,
+        typer.Option(metavar="DEG", help="Tilt of the ground, uphill on out. [default: drawn, up to 0.3 either way]"),
+    ] = None,
+    brakes: Annotated[
+        Brakes | None,
+        typer.Option(help="At every standstill. [default: drawn, held in 7 of 10 campaigns]", show_default=False),
+    ] = None,
+    lifted: Annotated[
+        bool, typer.Option("--lifted", help="Also record the lifted wheel before and after the runs, for `zero`.")
+    ] = False,
     noise: Annotated[float, typer.Option(help="Factor on every sensor's noise; 0 for ideal sensors.")] = 1.0,
     start: Annotated[
         str | None, typer.Option(metavar="TIME", help="UTC of the first run, ISO 8601; with --live: now.")
@@ -207,7 +222,7 @@ def simulate_command(
     Writes a campaign folder for process, fit and report. Only its manifest.toml contains the true values.
     """
     if output is None and live is None:
-        raise ConfigError(Fault("nothing to do", next_step="give a folder to write with -o, or --live an interface"))
+        raise ConfigError.of("nothing to do", next_step="give a folder to write with -o, or --live an interface")
     from model.wheel_soil import Wheel
     from wheelsoil.simulation.campaign import simulate_campaign
     from wheelsoil.simulation.options import SimulationOptions
@@ -225,6 +240,9 @@ def simulate_command(
         wheel=Wheel(radius, width),
         draw_soil=draw_soil,
         wheel_axes=wheel_axes,
+        tilt_deg=tilt,
+        brakes=brakes.value if brakes else None,
+        lifted=lifted,
         noise=noise,
         start=_start(start, live=live is not None),
     )
@@ -253,7 +271,7 @@ def _effects(texts: list[str]) -> dict[str, dict[str, float]]:
     for text in texts:
         name, values = parse_effect(text)
         if name in effects:
-            raise ConfigError(Fault(f"effect {name} is given twice", next_step="give it once, with all its parameters"))
+            raise ConfigError.of(f"effect {name} is given twice", next_step="give it once, with all its parameters")
         effects[name] = values
     return effects
 
@@ -275,8 +293,8 @@ def _start(text: str | None, *, live: bool) -> datetime:
     try:
         moment = datetime.fromisoformat(text)
     except ValueError:
-        raise ConfigError(
-            Fault("the start is not a time", found=text, expected="ISO 8601, e.g. 2026-05-04T08:00:00Z")
+        raise ConfigError.of(
+            "the start is not a time", found=text, expected="ISO 8601, e.g. 2026-05-04T08:00:00Z"
         ) from None
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 

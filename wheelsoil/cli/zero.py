@@ -40,7 +40,7 @@ def zero_command(
     on_ground: Annotated[
         bool,
         typer.Option(
-            "--on-ground", help="The wheel stands on level ground, not driven or braked: pull and torque only."
+            "--on-ground", help="The wheel stands on level ground with released brakes: pull and torque only."
         ),
     ] = False,
     max_drift: Annotated[
@@ -121,7 +121,7 @@ def _limits(text: str | None) -> dict[Quantity, float]:
 
 
 def _as_json(target: Path, found: Sequence[Found], rows: Sequence[Drift], remarks: Sequence[Note]) -> dict[str, Any]:
-    from wheelsoil.wording.to_json import plain
+    from wheelsoil.to_json import plain
 
     return {
         "file": target,

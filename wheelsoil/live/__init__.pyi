@@ -1,1 +1,1 @@
-from .panel import open_page as open_page
+from .panel import PagePanel as PagePanel

@@ -34,7 +34,24 @@ class PagePanel:
     A pair of datagram sockets, kept over restarts of the page, connects the two processes. A datagram that does not
     fit because the page is slow, stopped or dead is dropped and counted. A thread starts the process and waits for
     its end, so that the logger's own thread never does. The kernel kills the process when the logger dies.
-    See `open_page` for arguments and errors.
+
+    Parameters
+    ----------
+    host : str
+        Address to listen on. Any address except this machine's loopback requires a token.
+    port : int
+        0: a free one.
+    token : str or None
+        Token that the page requires. None: no token on a loopback address, a new random one elsewhere.
+    vehicle : str
+        Name that the page shows before the first snapshot.
+
+    Raises
+    ------
+    HardwareError
+        The address cannot be listened on, or the port is taken.
+    ConfigError
+        The token or the port cannot be used.
 
     Attributes
     ----------
@@ -143,27 +160,3 @@ class PagePanel:
         with suppress(BrokenPipeError), process.stdin as settings:
             settings.write(self._settings)  # not on the command line: the token is a secret
         return process
-
-
-def open_page(host: str, port: int, token: str | None, vehicle: str) -> PagePanel:
-    """Open the status page.
-
-    Parameters
-    ----------
-    host : str
-        Address to listen on. Any address except this machine's loopback requires a token.
-    port : int
-        0: a free one.
-    token : str or None
-        Token that the page requires. None: no token on a loopback address, a new random one elsewhere.
-    vehicle : str
-        Name that the page shows before the first snapshot.
-
-    Raises
-    ------
-    HardwareError
-        The address cannot be listened on, or the port is taken.
-    ConfigError
-        The token or the port cannot be used.
-    """
-    return PagePanel(host, port, token, vehicle)

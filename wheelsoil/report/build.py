@@ -16,12 +16,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from daq import ConfigError, Fault, WheelsoilError
+from daq import ConfigError, WheelsoilError
 from wheelsoil import __version__
 from wheelsoil.report.content import Figure, Section, SectionBuilder, Text, drawn, figures_of, texts_of
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS
-from wheelsoil.wording.to_json import plain
+from wheelsoil.report.sections import OF_THE_DIAGNOSIS, SECTIONS, SECTIONS_OF_TABLES
+from wheelsoil.to_json import plain
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
 """Names of browsers on the PATH, in order of preference."""
@@ -83,13 +83,11 @@ def find_browser() -> str:
     """Return the path of a browser that can print; `ConfigError` if none is installed."""
     found = next(filter(None, map(shutil.which, BROWSERS)), None)
     if found is None:
-        raise ConfigError(
-            Fault(
-                "no browser that can create a PDF",
-                "PATH",
-                expected=f"one of {', '.join(BROWSERS)}",
-                next_step="apt-get install chromium; or write the page (-o report.html), open it and print it",
-            )
+        raise ConfigError.of(
+            "no browser that can create a PDF",
+            "PATH",
+            expected=f"one of {', '.join(BROWSERS)}",
+            next_step="apt-get install chromium; or write the page (-o report.html), open it and print it",
         )
     return found
 
@@ -101,13 +99,11 @@ def print_page(page: Path, output: Path, browser: str) -> None:
         places = [f"--user-data-dir={folder}/profile", f"--print-to-pdf={made}", page.resolve().as_uri()]
         output_text = _run([browser, *_OPTIONS, *_sandbox(), *places])
         if not made.is_file() or not made.read_bytes().startswith(b"%PDF"):
-            raise PrintError(
-                Fault(
-                    "the browser created no PDF",
-                    browser,
-                    found=output_text.strip().splitlines()[-1][:200] if output_text.strip() else "no message",
-                    next_step="write the page (-o report.html), open it and print it",
-                )
+            raise PrintError.of(
+                "the browser created no PDF",
+                browser,
+                found=output_text.strip().splitlines()[-1][:200] if output_text.strip() else "no message",
+                next_step="write the page (-o report.html), open it and print it",
             )
         shutil.copyfile(made, output)
 
@@ -207,7 +203,7 @@ def build_report(material: ReportInputs) -> Report:
             _log.debug("section %s", key, exc_info=True)
             left_out[key] = f"a fault in this section ({type(error).__name__}: {error}); please report it"
         if key in left_out:
-            section = Section(key, builder.title, [Text(f"Left out: {left_out[key]}.", "missing")])
+            section = Section(key, builder.title, [Text(f"Omitted: {left_out[key]}.", "missing")])
         sections.append(section)
     terrain = material.terrain or "unknown terrain"
     return Report(
@@ -223,10 +219,17 @@ def build_report(material: ReportInputs) -> Report:
 def _asked_for(material: ReportInputs) -> list[SectionBuilder]:
     """Return the sections of the page."""
     diagnosed = material.diagnosed is not None or bool(material.no_diagnosis)
-    return [builder for builder in SECTIONS if diagnosed or builder not in OF_THE_DIAGNOSIS]
+    sections = SECTIONS_OF_TABLES if material.tables else SECTIONS
+    return [builder for builder in sections if diagnosed or builder not in OF_THE_DIAGNOSIS]
 
 
 def _subtitle(material: ReportInputs) -> str:
+    if material.tables:
+        wheels = [
+            f"{one.name} (r = {one.wheel.radius_m:g} m, b = {one.wheel.width_m:g} m, {len(one.rows)} rows)"
+            for one in material.tables
+        ]
+        return f"single-wheel tests: {', '.join(wheels)}"
     count = len(material.runs)
     runs = f"{count} run{'s' if count != 1 else ''}"
     wheel = material.vehicle.wheel

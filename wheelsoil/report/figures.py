@@ -6,6 +6,7 @@ import html
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -126,19 +127,43 @@ def thinned_by_sign(x: FloatArray, y: FloatArray) -> IntArray:
     return np.concatenate([half[thinned_rows(x[half], y[half])] for half in halves])
 
 
-def binned(x: FloatArray, y: FloatArray, edges: FloatArray, *, least: int = 5) -> Bins:
-    """Summarise y in bins of x; bins with fewer than `least` samples are omitted."""
-    finite = np.isfinite(x) & np.isfinite(y)
-    which = np.digitize(x, edges) - 1
-    centre, quartiles, count = [], [], []
-    for i in range(len(edges) - 1):
-        inside = y[finite & (which == i)]
-        if len(inside) >= least:
-            centre.append((edges[i] + edges[i + 1]) / 2)
-            quartiles.append(np.percentile(inside, [25, 50, 75]))
-            count.append(len(inside))
-    table = np.array(quartiles, float).reshape(-1, 3)
-    return Bins(np.array(centre, float), table[:, 1], table[:, 0], table[:, 2], np.array(count, np.int64))
+class Binning:
+    """Samples in bins of x, for one or several y; `edges` ascend."""
+
+    def __init__(self, x: FloatArray, edges: FloatArray) -> None:
+        which = np.digitize(x, edges).astype(np.int16)
+        self._order = np.argsort(which, kind="stable")
+        self._number = which[self._order]
+        self._bins = np.arange(1, len(edges))
+        self._centre = (edges[:-1] + edges[1:]) / 2
+
+    def of(self, y: FloatArray, *, least: int = 5) -> Bins:
+        """Summarise y, shape as x; bins with fewer than `least` samples are omitted."""
+        y, number = y[self._order], self._number
+        finite = np.isfinite(y)
+        if not finite.all():
+            y, number = y[finite], number[finite]
+        start, stop = (np.searchsorted(number, self._bins, side) for side in ("left", "right"))
+        kept = stop - start >= max(least, 1)
+        start, count = start[kept], (stop - start)[kept]
+        for first, size in zip(start.tolist(), count.tolist(), strict=True):
+            y[first : first + size].sort()
+        lower, median, upper = (_quantile(y, start, count, share) for share in (0.25, 0.5, 0.75))
+        return Bins(self._centre[kept], median, lower, upper, count)
+
+
+def _quantile(y: FloatArray, start: IntArray, count: IntArray, share: float) -> FloatArray:
+    """Return the quantile of pieces of y that are in order, between two samples as numpy's."""
+    at = (count - 1) * share
+    low = np.floor(at)
+    first = start + low.astype(np.int64)
+    below, above, part = y[first], y[np.minimum(first + 1, start + count - 1)], at - low
+    return np.asarray(np.where(part < 0.5, below + (above - below) * part, above - (above - below) * (1 - part)))
+
+
+def binned(x: FloatArray, y: FloatArray, edges: FloatArray) -> Bins:
+    """Summarise y in bins of x; see `Binning.of`."""
+    return Binning(x, edges).of(y)
 
 
 def parted_at_zero(curve: Bins) -> Bins:
@@ -170,7 +195,8 @@ def translucent(colour: str) -> str:
 
 def numbers(values: FloatArray, digits: int = 5) -> list[float | None]:
     """Return values rounded to `digits` significant digits, NaN as None."""
-    return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in values.tolist()]
+    form = f".{digits}g"
+    return [float(format(v, form)) if isfinite(v) else None for v in values.tolist()]
 
 
 def line(x: FloatArray, y: FloatArray, name: str, colour: str, dash: str = "solid", width: float = 2.0) -> Trace:

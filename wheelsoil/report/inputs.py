@@ -8,11 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from daq import OUTPUTS, REACTIONS, DataError, Fault, FloatArray, IntArray, VehicleConfig
+from daq import OUTPUTS, REACTIONS, DataError, FloatArray, IntArray, VehicleConfig
 from daq.recording import Event
 from daq.runs import Run
 from model.diagnosis import Diagnosis
@@ -26,6 +27,7 @@ from wheelsoil.wording.notes import note_text
 from wheelsoil.workflows.fit import whole_runs
 from wheelsoil.workflows.grading import Grade, grade_of
 from wheelsoil.workflows.recordings import sha256_of
+from wheelsoil.workflows.tables import BenchFiles
 
 _PER_BIN = 4
 """Samples of a run and a bin of slip for which it is worked out: the band is smooth."""
@@ -167,6 +169,8 @@ class ReportInputs:
     versions : mapping program -> version
     no_diagnosis : str
         Why there is none; empty where none was asked for, and then the page says nothing of it.
+    tables : tuple of BenchFiles
+        Single-wheel tables in place of runs.
     """
 
     runs: tuple[ProcessedRun, ...]
@@ -180,6 +184,7 @@ class ReportInputs:
     versions: dict[str, str] = field(default_factory=dict)
     diagnosed: Diagnosis | None = None
     no_diagnosis: str = ""
+    tables: tuple[BenchFiles, ...] = ()
 
     @property
     def diagnosis(self) -> Diagnosis:
@@ -278,7 +283,7 @@ class Pool:
         values = self._of_runs(OUTPUTS[channel].field)
         if not np.isfinite(values).any():
             what = OUTPUTS[channel].name
-            raise DataError(Fault(f"the {what} was not measured"))
+            raise DataError.of(f"the {what} was not measured")
         return values
 
     def predicted(self, model: str, name: str) -> FloatArray:
@@ -310,6 +315,12 @@ def source_of(run: Run) -> Source:
         clock_steps=recording.metadata.get("clock_steps", {}) if recording else {},
         events=tuple(e for e in recording.events() if e.name == "mark" or e.severity != "info") if recording else (),
     )
+
+
+def source_of_table(one: BenchFiles) -> Source:
+    """Return what a report says of a table's file."""
+    path = Path(one.rows.name)
+    return Source(one.name, path.name, path.stat().st_size, sha256_of(path), frames=None, dropped_frames=None)
 
 
 def versions() -> dict[str, str]:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from daq import Quantity, unit_suffix, unit_text
 from wheelsoil.report.figures import STYLES
+from wheelsoil.wording.names import SOIL_LETTERS
 
 PARAMETERS = {
     "H_m": "H",
@@ -15,12 +16,7 @@ PARAMETERS = {
     "m2": "m₂",
     "p": "p = m₁ + m₂",
     "n1": "n₁",
-    "cohesion_pa": "c",
-    "tan_phi": "tan φ",
-    "shear_modulus_m": "K",
-    "sinkage_exponent": "n",
-    "cohesive_modulus": "k_c",
-    "frictional_modulus": "k_φ",
+    **SOIL_LETTERS,
 }
 """The textbook's letters."""
 

@@ -7,7 +7,7 @@ effect, seed, soil of the field).
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -16,19 +16,24 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from daq import SOIL_KEYS, Channel, ConfigError, Fault, FloatArray, RunInfo, SoilSection, TerrainConfig, VehicleConfig
+from daq import SOIL_KEYS, Channel, ConfigError, FloatArray, RunInfo, SoilSection, TerrainConfig, VehicleConfig
 from daq.can import Decoder, FrameBatch, load_database, resolve_roles, shipped_dbc
-from model.effects import EFFECTS
+from model.effects import EFFECTS, Effect
 from model.simulation import (
+    HELD_IN,
     TRUTH_QUADRATURE,
     TRUTH_RATE_HZ,
+    SensedRun,
+    Stance,
     TransducerSetup,
     VirtualRun,
     VirtualSetup,
     drawn_soil,
+    lifted_run,
     virtual_run,
 )
 from model.wheel_soil import LABORATORY_SPREAD, Soil, WheelSoilModel, soil_from_terrain
+from processing import LEVEL_DEG
 from wheelsoil import __version__
 from wheelsoil.simulation.options import SimulationOptions
 from wheelsoil.simulation.vehicle import DBC_FILES, vehicle_config, virtual_frames
@@ -59,10 +64,12 @@ def simulated_setup(options: SimulationOptions) -> VirtualSetup:
     setup = VirtualSetup(duration_s=options.duration_s)
     transducer = setup.transducer
     if options.wheel_axes:
-        transducer = replace(transducer, frame="wheel", angle_offset_deg=_ANGLE_OFFSET_DEG)
+        zero = "spin" if options.lifted else transducer.zero  # the weight turns: no tare takes it off
+        transducer = replace(transducer, frame="wheel", angle_offset_deg=_ANGLE_OFFSET_DEG, zero=zero)
     k, ring, gnss = options.noise, setup.wheel_speed, setup.gnss
     return replace(
         setup,
+        stance=true_stance(options),
         transducer=_quieter(transducer, k),
         wheel_speed=replace(ring, pitch_error=k * ring.pitch_error, eccentricity=k * ring.eccentricity),
         gnss=replace(
@@ -85,6 +92,15 @@ def _quieter(setup: TransducerSetup, factor: float) -> TransducerSetup:
         white_noise_n=factor * setup.white_noise_n,
         white_noise_nm=factor * setup.white_noise_nm,
         zero_offset_n=(factor * x, factor * z),
+    )
+
+
+def true_stance(options: SimulationOptions) -> Stance:
+    """Return the tilt of the ground and the brakes at the standstills, drawn where they are not given."""
+    rng = _stream(options, 0, 0)
+    tilt_deg, held = float(rng.uniform(-LEVEL_DEG, LEVEL_DEG)), bool(rng.random() < HELD_IN)
+    return Stance(
+        tilt_deg if options.tilt_deg is None else options.tilt_deg, options.brakes or ("held" if held else "released")
     )
 
 
@@ -115,13 +131,11 @@ def true_soil(options: SimulationOptions) -> Soil:
         soil = _soil(terrain.soil, mean + root @ rng.standard_normal(len(SOIL_KEYS)))
         if soil and soil.stiffness(options.wheel.width_m) > 0:
             return soil
-    raise ConfigError(
-        Fault(
-            "no soil can be drawn from the covariance",
-            options.soil,
-            f"{_TRIES} draws, each with a value out of its range",
-            next_step="check the covariance: its rows are " + ", ".join(SOIL_KEYS),
-        )
+    raise ConfigError.of(
+        "no soil can be drawn from the covariance",
+        options.soil,
+        f"{_TRIES} draws, each with a value out of its range",
+        next_step="check the covariance: its rows are " + ", ".join(SOIL_KEYS),
     )
 
 
@@ -136,13 +150,11 @@ def _root(covariance: FloatArray, where: str) -> FloatArray:
             raise np.linalg.LinAlgError
         root = np.linalg.cholesky(correlation + _ROUNDING * np.eye(len(covariance)))
     except np.linalg.LinAlgError:
-        raise ConfigError(
-            Fault(
-                "the covariance is not positive semi-definite",
-                where,
-                expected="symmetric, no variance or combination of them below zero",
-                next_step="use the covariance that `wheelsoil soil` writes, or relative one-sigmas under [uncertainty]",
-            )
+        raise ConfigError.of(
+            "the covariance is not positive semi-definite",
+            where,
+            expected="symmetric, no variance or combination of them below zero",
+            next_step="use the covariance that `wheelsoil soil` writes, or relative one-sigmas under [uncertainty]",
         ) from None
     return np.asarray(sigma[:, np.newaxis] * root)
 
@@ -187,18 +199,52 @@ def simulated_run(options: SimulationOptions, index: int) -> VirtualRun:
         model,
         {key: value for effect, values in acting for key, value in effect.keyed(values).items()},
         info,
-        start_ns=round((options.start.timestamp() + elapsed_s) * 1e6) * 1000,
+        start_ns=_start_ns(options, elapsed_s),
         elapsed_s=elapsed_s,
         rng=_stream(options, 2 + index),
         ring=_stream(options, 1),
         campaign_s=(options.runs - 1) * interval_s + options.duration_s,
-        faults=[(effect, values) for effect, values in chosen if effect.kind == "measurement"],
+        faults=_measurement_effects(options),
     )
 
 
-def _stream(options: SimulationOptions, number: int) -> np.random.Generator:
-    """Return an independent stream: 0 the soil, 1 the toothed ring, from 2 on the runs."""
-    return np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=(number,)))
+def _stream(options: SimulationOptions, *number: int) -> np.random.Generator:
+    """Return an independent stream: 0 the soil, (0, 0) the stance, (0, 1) and (0, 2) the lifted wheel before and after.
+
+    1 is the toothed ring, from 2 on the runs.
+    """
+    return np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=number))
+
+
+def lifted_runs(options: SimulationOptions) -> tuple[SensedRun, ...]:
+    """Return the recordings of the lifted wheel before and after the runs; none where none is asked for."""
+    between_s = options.duration_s + _BETWEEN_RUNS_S
+    campaign_s = (options.runs - 1) * between_s + options.duration_s
+    return tuple(
+        lifted_run(
+            simulated_setup(options),
+            RunInfo(id=f"lifted-{name}"),
+            start_ns=_start_ns(options, elapsed_s),
+            elapsed_s=elapsed_s,
+            campaign_s=campaign_s,
+            wheel_radius_m=options.wheel.radius_m,
+            rng=_stream(options, 0, number),
+            ring=_stream(options, 1),
+            faults=_measurement_effects(options),
+        )
+        for number, (name, elapsed_s) in enumerate(
+            (("before", -_BETWEEN_RUNS_S), ("after", campaign_s + _BETWEEN_RUNS_S)) if options.lifted else (), 1
+        )
+    )
+
+
+def _start_ns(options: SimulationOptions, elapsed_s: float) -> int:
+    return round((options.start.timestamp() + elapsed_s) * 1e6) * 1000
+
+
+def _measurement_effects(options: SimulationOptions) -> list[tuple[type[Effect], Mapping[str, float]]]:
+    chosen = [(EFFECTS[name], values) for name, values in options.effects.items()]
+    return [(effect, values) for effect, values in chosen if effect.kind == "measurement"]
 
 
 def campaign_frames(options: SimulationOptions) -> Iterator[tuple[VirtualRun, FrameBatch]]:
@@ -271,6 +317,11 @@ def simulate_campaign(
         infos.append(info)
         files += paths
         entries.append({"file": paths[0].name, "frames": len(frames), "frames_sha256": frames_sha256(frames)})
+    for lifted in lifted_runs(options):
+        paths = [folder / f"{lifted.info.id}{suffix}" for suffix in suffixes]
+        for path in paths:
+            _write_run(path, lifted.info, virtual_frames(lifted, BUS), carried, vehicle if decoded else None)
+        files += paths
     (folder / "runs.toml").write_bytes(runs_toml(infos))
     (folder / MANIFEST_FILE).write_bytes(_manifest(options, entries))
     files.sort(key=lambda path: suffixes.index(path.suffix))
@@ -279,8 +330,7 @@ def simulate_campaign(
 
 def runs_toml(infos: list[RunInfo]) -> bytes:
     """Return runs.toml, one ``[[run]]`` table each."""
-    tables = (tomli_w.dumps(info.model_dump(mode="json", exclude_none=True)) for info in infos)
-    return "\n".join(f"[[run]]\n{table}" for table in tables).encode()
+    return tomli_w.dumps({"run": [info.model_dump(mode="json", exclude_none=True) for info in infos]}).encode()
 
 
 def to_toml(config: BaseModel) -> bytes:
@@ -295,11 +345,11 @@ def frames_sha256(frames: FrameBatch) -> str:
 
 def _check_folder(folder: Path, *, force: bool) -> None:
     if folder.exists() and not folder.is_dir():
-        raise ConfigError(Fault("the output is a file", str(folder), next_step="name a folder"))
+        raise ConfigError.of("the output is a file", folder, next_step="name a folder")
     if not folder.parent.is_dir():
-        raise ConfigError(Fault("no such folder", str(folder.parent), next_step="create it or choose another output"))
+        raise ConfigError.of("no such folder", folder.parent, next_step="create it or choose another output")
     if not force and folder.is_dir() and any(folder.iterdir()):
-        raise ConfigError(Fault("the folder is not empty", str(folder), next_step="choose another name, or --force"))
+        raise ConfigError.of("the folder is not empty", folder, next_step="choose another name, or --force")
 
 
 def _write_run(
@@ -339,6 +389,7 @@ def _manifest(options: SimulationOptions, runs: list[dict[str, Any]]) -> bytes:
             "quadrature": asdict(TRUTH_QUADRATURE),
             "wheel": asdict(options.wheel),
             "soil": asdict(soil),
+            **asdict(true_stance(options)),
             "effect": [{"name": name, "parameters": dict(values)} for name, values in options.effects.items()],
         },
         "run": runs,

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from functools import cached_property
 from math import degrees, isfinite
 from pathlib import Path
-from typing import get_args
+from typing import Literal, get_args
 
 from daq import ConfigError, Fault, SoilSection, TerrainConfig, UncertaintySection, load_toml, nearest
 from model import ExtendedModel
@@ -48,6 +48,12 @@ class SimulationOptions:
         Draw the true soil from the laboratory's uncertainty instead of using the values of terrain.toml.
     wheel_axes : bool
         The transducer sends forces in axes that rotate with the wheel.
+    tilt_deg : float, optional
+        Of the ground, uphill on "out"; drawn up to `LEVEL_DEG` either way if not given.
+    brakes : "held" or "released", optional
+        At every standstill; drawn if not given, held in `HELD_IN` of the campaigns.
+    lifted : bool
+        Record the lifted wheel before and after the runs.
     noise : float
         Factor on every sensor's noise and ripple; 0 for ideal sensors.
     start : datetime
@@ -75,6 +81,9 @@ class SimulationOptions:
     wheel: Wheel = field(default_factory=lambda: Wheel(0.47, 0.318))
     draw_soil: bool = False
     wheel_axes: bool = False
+    tilt_deg: float | None = None
+    brakes: Literal["held", "released"] | None = None
+    lifted: bool = False
     noise: float = 1.0
     start: datetime = DEFAULT_START
     known_terrain: TerrainConfig | None = None
@@ -114,6 +123,7 @@ class SimulationOptions:
                 f"{SHORTEST_RUN_S:g} to {LONGEST_RUN_S:g} s",
             ),
             ("seed", self.seed, self.seed >= 0, "0 or more"),
+            ("tilt", self.tilt_deg or 0.0, abs(self.tilt_deg or 0.0) <= 20, "-20 to 20 deg"),
             ("noise", self.noise, 0 <= self.noise <= 10, "0 to 10"),
             ("wheel radius", self.wheel.radius_m, 0.02 <= self.wheel.radius_m <= 3, "0.02 to 3 m"),
             ("wheel width", self.wheel.width_m, 0.01 <= self.wheel.width_m <= 3, "0.01 to 3 m"),
@@ -129,12 +139,10 @@ class SimulationOptions:
         if self.soil in SOILS:
             return None
         if not self.soil.endswith(".toml"):
-            raise ConfigError(
-                Fault(
-                    f"no soil is called {self.soil!r}",
-                    expected=presets_near(self.soil),
-                    next_step="choose one of these, or give the path of a terrain.toml",
-                )
+            raise ConfigError.of(
+                f"no soil is called {self.soil!r}",
+                expected=presets_near(self.soil),
+                next_step="choose one of these, or give the path of a terrain.toml",
             )
         return load_toml(Path(self.soil), TerrainConfig)
 
@@ -165,6 +173,9 @@ class SimulationOptions:
         if self.wheel != default.wheel and not self.model_file:
             words += ["--radius", f"{self.wheel.radius_m!r}", "--width", f"{self.wheel.width_m!r}"]
         words += ["--draw-soil"] * self.draw_soil + ["--wheel-axes"] * self.wheel_axes
+        words += [] if self.tilt_deg is None else ["--tilt", f"{self.tilt_deg:g}"]
+        words += [] if self.brakes is None else ["--brakes", self.brakes]
+        words += ["--lifted"] * self.lifted
         if self.noise != default.noise:
             words += ["--noise", f"{self.noise!r}"]
         if self.start != default.start:
@@ -185,7 +196,7 @@ def parse_effect(text: str) -> tuple[str, dict[str, float]]:
     name, _, rest = text.partition(":")
     effect = EFFECTS.get(name)
     if effect is None:
-        raise ConfigError(Fault(f"no effect is called {name!r}", expected=nearest(name, EFFECTS)))
+        raise ConfigError.of(f"no effect is called {name!r}", expected=nearest(name, EFFECTS))
     if not rest:
         return name, {p.name: p.start for p in effect.parameters}
     values: dict[str, float] = {p.name: p.neutral for p in effect.parameters}
@@ -195,8 +206,8 @@ def parse_effect(text: str) -> tuple[str, dict[str, float]]:
             values[key.strip()] = float(number)
         except ValueError:
             example = ",".join(f"{p.name}={p.start:g}" for p in effect.parameters)
-            raise ConfigError(
-                Fault("an effect's parameters cannot be read", found=text, expected=f"{name}:{example}")
+            raise ConfigError.of(
+                "an effect's parameters cannot be read", found=text, expected=f"{name}:{example}"
             ) from None
     return name, values
 
@@ -242,13 +253,11 @@ def with_model(options: SimulationOptions, path: Path, given: Collection[str]) -
     """
     clashes = [name for name in _OF_THE_MODEL if name in given]
     if clashes:
-        raise ConfigError(
-            Fault(
-                "the model file defines soil, wheel and --sinkage",
-                str(path),
-                found=", ".join(f"--{name}" for name in clashes),
-                next_step="omit these options, or edit the file",
-            )
+        raise ConfigError.of(
+            "the model file defines soil, wheel and --sinkage",
+            path,
+            found=", ".join(f"--{name}" for name in clashes),
+            next_step="omit these options, or edit the file",
         )
     model = load_model(path)
     effects = {effect.key: {p.name: p.value for p in effect.parameters} for effect in model.effects}

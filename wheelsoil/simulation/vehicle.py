@@ -22,7 +22,7 @@ from daq import (
     find_unit,
 )
 from daq.can import FrameBatch, Message, Signal, encode, load_database, merge, rolling_counter, shipped_dbc
-from model.simulation import VirtualRun, VirtualSetup
+from model.simulation import SensedRun, VirtualSetup
 from model.wheel_soil import Wheel
 
 DBC_FILES = ("wft.dbc", "wheel_speed.dbc", "gnss.dbc")
@@ -98,7 +98,9 @@ def vehicle_config(setup: VirtualSetup, wheel: Wheel, bus: str) -> VehicleConfig
     delays |= dict.fromkeys(("gnss_time", "latitude", "longitude"), gnss.transport_s)
     delays |= {"wheel_speed": setup.wheel_speed.latency_s, "ground_speed": gnss.latency_s, "course": gnss.latency_s}
     return VehicleConfig(
-        vehicle=VehicleSection(name="virtual test vehicle", mass_kg=vehicle.mass_kg),
+        vehicle=VehicleSection(
+            name="virtual test vehicle", mass_kg=vehicle.mass_kg, standstill_brakes=setup.stance.brakes
+        ),
         wheel=WheelSection(
             radius_m=wheel.radius_m,
             width_m=wheel.width_m,
@@ -122,7 +124,7 @@ def vehicle_config(setup: VirtualSetup, wheel: Wheel, bus: str) -> VehicleConfig
     )
 
 
-def virtual_frames(run: VirtualRun, bus: str = "can0") -> FrameBatch:
+def virtual_frames(run: SensedRun, bus: str = "can0") -> FrameBatch:
     """Encode a run as frames of a bus that transmits one frame at a time.
 
     Returns

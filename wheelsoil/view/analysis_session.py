@@ -189,7 +189,7 @@ class AnalysisSession:
             if run.state == "failed":
                 raise DataError(*run.faults)
             if run.plot_data is None or run.state != "ready":
-                raise NotReadyError(Fault("the run is not processed yet", run.run.id, found=run.state))
+                raise NotReadyError.of("the run is not processed yet", run.run.id, found=run.state)
             return run.plot_data, campaign.keeps().get(run.key)
 
     def parameters(self, key: str) -> dict[str, Any]:
@@ -298,7 +298,7 @@ class AnalysisSession:
         with self.lock:
             campaign = self.campaign(key)
             if any(other.diagnosis.state == "running" for other in self.campaigns):
-                raise NotReadyError(Fault("a diagnosis is running already", next_step="wait until it has ended"))
+                raise NotReadyError.of("a diagnosis is running already", next_step="wait until it has ended")
             members, choices = campaign.members(), campaign.choice.fit_choices()
             asked = self._slow.ask(jobs.diagnose_members, members, self.paths, self.files.soil, choices)
             mine = campaign.diagnosis = DiagnosisOnPage("running", asked)
@@ -324,7 +324,7 @@ class AnalysisSession:
             if diagnosis.faults:
                 raise DataError(*diagnosis.faults)
             if diagnosis.found is None:
-                raise NotReadyError(Fault("there is no diagnosis", found=diagnosis.state, next_step="start one"))
+                raise NotReadyError.of("there is no diagnosis", found=diagnosis.state, next_step="start one")
             return diagnosis.found
 
     def save(self, key: str, name: str, *, replace_it: bool) -> dict[str, Any]:
@@ -345,13 +345,12 @@ class AnalysisSession:
 def _of_key(where: Sequence[_Keyed], key: str, what: str) -> _Keyed:
     found = next((one for one in where if one.key == key), None)
     if found is None:
-        known = ", ".join(one.key for one in where)
-        raise UnknownKeyError(Fault(f"there is no such {what}", what, repr(key), known))
+        raise UnknownKeyError.of(f"there is no such {what}", what, repr(key), ", ".join(one.key for one in where))
     return found
 
 
 def _changed_meanwhile(campaign: ViewedCampaign, step: str) -> NotReadyError:
-    return NotReadyError(Fault("the choice was changed in the meantime", campaign.name, next_step=step))
+    return NotReadyError.of("the choice was changed in the meantime", campaign.name, next_step=step)
 
 
 def _faults_of(error: BaseException) -> tuple[Fault, ...]:

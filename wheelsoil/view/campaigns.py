@@ -193,7 +193,7 @@ class ViewedCampaign:
         pending = sum(run.state != "ready" for run in used)
         if pending:
             what = f"{pending} of {len(used)} runs are not processed yet"
-            raise NotReadyError(Fault(what, self.name, next_step="wait until they are, or switch them off"))
+            raise NotReadyError.of(what, self.name, next_step="wait until they are, or switch them off")
         lacking = [(run, text) for run in used if run.plot_data for text in run.plot_data.missing.values()]
         if lacking:
             step = "correct vehicle.toml and open the page again, or switch the run off"

@@ -141,7 +141,7 @@ class Helper:
 
 def _ended() -> HelperEndedError:
     what, step = "the helper process of the page ended", "try again; close programs if memory is short"
-    return HelperEndedError(Fault(what, next_step=step))
+    return HelperEndedError.of(what, next_step=step)
 
 
 def serve(pipe: Connection) -> None:

@@ -17,10 +17,10 @@ from daq.runs import Run
 from model.wheel_soil import SOIL_PARAMETERS
 from processing import Interval, ProcessedRun, ProcessOptions, keep_only, require_roles
 from wheelsoil.report.inputs import source_of
+from wheelsoil.to_json import plain
 from wheelsoil.view.trace import Trace, trace_of
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.notes import note_text, texts_of
-from wheelsoil.wording.to_json import plain
 from wheelsoil.workflows.diagnosis import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
 from wheelsoil.workflows.fit import FitChoices, fit_as_json, fit_runs
 from wheelsoil.workflows.runs import process_runs

@@ -87,9 +87,9 @@ def asked_of(body: bytes, kind: type[Asked]) -> Asked:
     try:
         raw = json.loads(body, parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
-        raise ConfigError(Fault("the body is not valid JSON", found=str(error)[:200])) from None
+        raise ConfigError.of("the body is not valid JSON", found=str(error)[:200]) from None
     if not isinstance(raw, dict):
-        raise ConfigError(Fault("the body is not a JSON object", found=type(raw).__name__))
+        raise ConfigError.of("the body is not a JSON object", found=type(raw).__name__)
     return parse_mapping(raw, kind, "request")
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import BoolArray, ConfigError, Fault, FloatArray
+from daq import BoolArray, ConfigError, FloatArray
 from processing import ProcessedRun, Reason
 from wheelsoil.view.campaigns import ViewedCampaign
 from wheelsoil.view.messages import SelectedAsked
@@ -74,7 +74,7 @@ def saved(campaign: ViewedCampaign, name: str, *, replace_it: bool) -> Path:
     """
     path = _target(campaign.folder, name)
     if path.name.lower() in _OURS or (replace_it and _is_another(path)):
-        raise ConfigError(Fault("this file is not a choice", str(path), next_step="choose another name"))
+        raise ConfigError.of("this file is not a choice", path, next_step="choose another name")
     text = complete(campaign).to_toml().encode("utf-8", "replace")
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
@@ -83,11 +83,10 @@ def saved(campaign: ViewedCampaign, name: str, *, replace_it: bool) -> Path:
         if replace_it:
             beside.replace(path)
     except FileExistsError:
-        step = "choose another name, or replace it"
-        raise ConfigError(Fault("the file exists already", str(path), next_step=step)) from None
+        raise ConfigError.of("the file exists already", path, next_step="choose another name, or replace it") from None
     except OSError as error:
         why = error.strerror or str(error)
-        raise ConfigError(Fault("the choice cannot be written", str(path), why, next_step="check the folder")) from None
+        raise ConfigError.of("the choice cannot be written", path, why, next_step="check the folder") from None
     finally:
         if replace_it:
             with suppress(OSError):
@@ -123,5 +122,5 @@ def _target(folder: Path, name: str) -> Path:
     )
     if unfit or not stripped.lower().endswith(_SUFFIX):
         expected = f"a file name without a folder that ends in {_SUFFIX}: the file is written beside the runs"
-        raise ConfigError(Fault("the choice cannot have this name", "name", repr(name), expected))
+        raise ConfigError.of("the choice cannot have this name", "name", repr(name), expected)
     return folder / stripped

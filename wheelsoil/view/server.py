@@ -22,9 +22,10 @@ from starlette.responses import Response
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
-from daq import ConfigError, DataError, Fault, WheelsoilError
+from daq import ConfigError, DataError, WheelsoilError
 from wheelsoil.console import printable_addresses
 from wheelsoil.report.figures import styles_script
+from wheelsoil.to_json import to_json
 from wheelsoil.view.analysis_session import AnalysisSession, UnknownKeyError
 from wheelsoil.view.campaigns import NotReadyError
 from wheelsoil.view.messages import (
@@ -40,7 +41,6 @@ from wheelsoil.view.messages import (
 )
 from wheelsoil.web.listening import PortTakenError, checked_token, listen, page_addresses
 from wheelsoil.web.serving import POLICY, Guard, Rules, files_in, routes_of, server_of
-from wheelsoil.wording.to_json import to_json
 from wheelsoil.workflows.runs import Files
 
 LARGEST_BODY_BYTES = 1 << 18
@@ -101,7 +101,7 @@ def _get(path: str, answer: Callable[[Callable[[str], str]], Any]) -> Route:
         def of(name: str) -> str:
             given = request.query_params.getlist(name)
             if len(given) != 1:
-                raise ConfigError(Fault(f"{name} is not given exactly once", path, expected=f"?{name}=KEY"))
+                raise ConfigError.of(f"{name} is not given exactly once", path, expected=f"?{name}=KEY")
             return given[0]
 
         return await _answered(lambda: answer(of), 200)

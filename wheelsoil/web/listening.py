@@ -38,7 +38,7 @@ def listen(host: str, port: int, patience_s: float = PATIENCE_S, *, page: str = 
         There is no such port.
     """
     if not 0 <= port <= 0xFFFF:
-        raise ConfigError(Fault("there is no such port", page, str(port), "1 to 65535"))
+        raise ConfigError.of("there is no such port", page, str(port), "1 to 65535")
     until = time.monotonic() + patience_s
     while True:
         try:
@@ -64,12 +64,10 @@ def checked_token(token: str | None, host: str) -> str | None:
     if token is None:
         return None if is_loopback(host) else secrets.token_urlsafe(16)
     if len(token) < _SHORTEST_TOKEN or not token.isascii() or not token.isprintable() or " " in token:
-        raise ConfigError(
-            Fault(
-                "the page's token cannot be used",
-                expected=f"at least {_SHORTEST_TOKEN} ASCII characters without spaces",
-                next_step="omit it: a random one is created and printed",
-            )
+        raise ConfigError.of(
+            "the page's token cannot be used",
+            expected=f"at least {_SHORTEST_TOKEN} ASCII characters without spaces",
+            next_step="omit it: a random one is created and printed",
         )
     return token
 

@@ -87,7 +87,7 @@ def evaluate(
         Tests that cannot be fitted.
     """
     if not plates and not shears:
-        raise ConfigError(Fault("there is no test", next_step="give --plate FILE..., --shear FILE..., or both"))
+        raise ConfigError.of("there is no test", next_step="give --plate FILE..., --shear FILE..., or both")
     try:
         return BenchSoil(
             pressure=fit_pressure_sinkage(plates, window) if plates else None,

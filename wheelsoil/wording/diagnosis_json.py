@@ -31,8 +31,22 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "cannot_tell": {family: note_text(why) for family, why in found.not_identifiable.items()},
         "notes": texts_of(found.notes),
         "noise": found.noise,
-        "soils": [vars(soil) for soil in found.soils],
+        "soils": [{**vars(soil), "off_laboratory_sigmas": soil.off_laboratory} for soil in found.soils],
+        "lack_of_fit": [_finding(one, found.median_there(one)) for one in found.grounds.lack_of_fit],
+        "prior_sensitivity": [{**vars(one), "families": list(one.families)} for one in found.grounds.prior_shifts],
         "stages_s": found.stages_s,
+        **({"error_of_form": _form_errors(found)} if found.grounds.form_errors else {}),
+    }
+
+
+def _form_errors(found: Diagnosis) -> dict[str, Any]:
+    """Return what a table's verdict takes for the error of form, and what half and twice of it turn."""
+    turned = found.grounds.form_matters
+    return {
+        "channels": {
+            one.channel: {k: v for k, v in vars(one).items() if k != "channel"} for one in found.grounds.form_errors
+        },
+        "turned": {how: list(verdict) for how, verdict in turned.values.items()} if turned else {},
     }
 
 
@@ -75,6 +89,10 @@ def _gain_json(gain: Gain) -> dict[str, Any]:
         "held_out": {"base": scores(gain.base), "extended": scores(gain.extended)},
         "reduction_percent": gain.reduction_percent,
         "interval95": list(gain.interval95),
+        "reductions": {
+            channel: {"percent": one.percent, "interval95": list(one.interval95)}
+            for channel, one in gain.reductions.items()
+        },
         "log_likelihood_gain": gain.log_likelihood_gain,
         "chosen": [list(keys) for keys in gain.chosen],
     }

@@ -22,6 +22,7 @@ _CONDITIONS = {
     "pass_number": "the number of the pass",
     "inflation_kpa": "the inflation pressure",
     "unit_weight_n_m3": "the soil's unit weight",
+    "outboard_mass_kg": "the outboard mass",
 }
 _ROW_UNITS = {"dp": (1.0, "N"), "t": (1.0, "N m"), "z": (1e3, "mm")}
 
@@ -93,6 +94,22 @@ def _repeats(v: Values) -> str:
     return f"{OUTPUTS[v['channel']].name}: repeats scatter by {factor * v['scatter']:.2g} {unit}; {usual}"
 
 
+def _stated(v: Values) -> str:
+    factor, unit = _ROW_UNITS[v["channel"]]
+    usual = f"a right model may have an error of form of {factor * v['form_scale']:.2g} {unit}"
+    return f"{OUTPUTS[v['channel']].name}: one-sigma {factor * v['scatter']:.2g} {unit} by the table; {usual}"
+
+
+def _form_decides(v: Values) -> str:
+    verdicts = [
+        f"with {how} the error of form the verdict would be {plain_name(v[how][0])}"
+        + (f" ({' and '.join(map(plain_name, v[how][1]))})" if v[how][0] == "named" else "")
+        for how in ("half", "twice")
+        if how in v
+    ]
+    return ", ".join(verdicts)
+
+
 def _mixed_repeats(v: Values) -> str:
     share = f"{100.0 * v['share']:.0f} % of the load in {OUTPUTS[v['channel']].name}"
     return f"rows of one group scatter by {share}: they may be of different wheels or tests; choose them with --where"
@@ -133,6 +150,32 @@ def _terrains(v: Values) -> str:
     )
 
 
+def _no_better(v: Mapping[str, Any]) -> str:
+    return (
+        f"held-out runs or conditions are not predicted well enough: the log score rises by {v['nats']:.2g} nats, "
+        f"less than {v['least']:g}"
+    )
+
+
+def _worse(v: Mapping[str, Any]) -> str:
+    return (
+        f"it contradicts {OUTPUTS[v['channel']].name}, whose held-out error grows by {v['percent']:.0f} % "
+        f"({v['low']:.0f} to {v['high']:.0f})"
+    )
+
+
+def _cancel(v: Mapping[str, Any]) -> str:
+    families = " and ".join(plain_name(f) for f in v["families"])
+    return f"{families} cancel each other, and what remains is explained as well without {plain_name(v['without'])}"
+
+
+def _peak(v: Mapping[str, Any]) -> str:
+    return (
+        "its probability is "
+        f"{chance(v['probability'])} where the stress peak lies ahead of the wheel's bottom, as it does on most soils"
+    )
+
+
 SENTENCES: dict[str, Sentence] = {
     LackCode.INPUT_UNKNOWN: _inputs,
     LackCode.SMOOTH_TYRE: "the tyre is declared smooth",
@@ -146,14 +189,21 @@ SENTENCES: dict[str, Sentence] = {
     LackCode.LOW_SLIP: "the slip never was above {slip:g}",
     LackCode.CHANNEL_UNUSED: lambda v: f"{ROLES[v['role']].name} was measured and not looked at",
     LackCode.CHANNEL_MISSING: lambda v: f"{ROLES[v['role']].name} was not measured",
-    LackCode.NOT_AT_STANDSTILL: "no standstill was recorded: it would show the zeros",
+    LackCode.NOT_AT_STANDSTILL: (
+        "no standstill with released brakes was recorded: it would show the zeros "
+        '(standstill_brakes = "released" in vehicle.toml, or a signal brake)'
+    ),
     LackCode.NO_TRACE: _no_trace,
     LackCode.NOT_SETTLED: "the linearisation did not converge at it",
     LackCode.NOT_CHECKED: "with fewer than three runs or conditions no name can be checked against others",
-    LackCode.NO_BETTER: "it does not predict held-out runs or conditions any better",
+    LackCode.NO_BETTER: _no_better,
+    LackCode.CHANNEL_WORSE: _worse,
+    LackCode.PARTS_CANCEL: _cancel,
+    LackCode.PEAK_MAY_SHIFT: _peak,
     LackCode.VALUE_AT_LIMIT: _at_limit,
     LackCode.VALUE_MAY_BE_NEUTRAL: _neutral,
     LackCode.NOTHING_USABLE: _nothing_usable,
+    LackCode.FORM_DECIDES: _form_decides,
     LackCode.NO_CHANNEL_MEASURED: "none of the channels that are looked at was measured in these rows",
     LackCode.FEW_ROWS: (
         "{rows} rows at {conditions} slip and load decide nothing: measure at three slips or more, three times each"
@@ -182,6 +232,7 @@ SENTENCES: dict[str, Sentence] = {
         "{load_n:.3g} N)"
     ),
     DiagnosisCode.REPEATS_SCATTER: _repeats,
+    DiagnosisCode.SCATTER_STATED: _stated,
     DiagnosisCode.REPEATS_MIXED: _mixed_repeats,
     DiagnosisCode.LIKELIEST_SET: _likeliest,
     DiagnosisCode.WITHOUT_GATE: _without_gate,

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from math import isfinite
 
 from daq import OUTPUTS, ROLES, Note, Use, number, table_lines
 from daq import probability as as_probability
-from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain, Scores
-from wheelsoil.wording.names import effect_name, family_of, parameter_name, place_text, plain_name
+from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain
+from wheelsoil.wording.names import SOIL_LETTERS, effect_name, family_of, parameter_name, place_text, plain_name
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.verdict import sentence_of
 
@@ -91,6 +91,7 @@ def diagnosis_lines(diagnosis: Diagnosis, width: int = 96) -> list[str]:
         _candidates(diagnosis, width),
         _sets(diagnosis, width),
         _inconsistent(diagnosis, width),
+        _soils(diagnosis, width),
         _what_is_wrong(diagnosis, width),
         _gain(diagnosis, width),
         _adequacy(diagnosis, width),
@@ -206,12 +207,7 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
     if gain is None:
         return []
     head = ["held out", "R0", "unit", "M0 %", "R2", "ln L of a run"]
-    rows = [
-        _score_row(channel, which, scores[channel], first=i == 0)
-        for i, channel in enumerate(gain.base)
-        for which, scores in (("base", gain.base), ("extended", gain.extended))
-        if channel in scores
-    ]
+    rows = score_rows(gain, number)
     return [
         "Gain on held-out data, used neither for the choice of the cause nor for the fit",
         *_indented(table_lines(head, rows, width=width - 2)),
@@ -219,14 +215,20 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
     ]
 
 
-def _score_row(channel: str, which: str, scores: Scores, *, first: bool) -> list[str]:
+def score_rows(gain: Gain, number: Callable[[float, int], str]) -> list[list[str]]:
+    """Return model, R0, unit, M0, R2 and log-likelihood of every channel, without and with the extension."""
     return [
-        f"{OUTPUTS[channel].name}, {which}",
-        number(scores.R0, 4),
-        OUTPUTS[channel].unit_text,
-        number(scores.M0_percent, 3),
-        number(scores.R2, 4),
-        number(scores.log_likelihood, 5) if first else "",  # of the run, all its channels together
+        [
+            f"{OUTPUTS[channel].name}, {which}",
+            number(scores[channel].R0, 4),
+            OUTPUTS[channel].unit_text,
+            number(scores[channel].M0_percent, 3),
+            number(scores[channel].R2, 4),
+            number(scores[channel].log_likelihood, 5) if i == 0 else "",  # of the run, all its channels together
+        ]
+        for i, channel in enumerate(gain.base)
+        for which, scores in (("base", gain.base), ("extended", gain.extended))
+        if channel in scores
     ]
 
 
@@ -242,6 +244,15 @@ def gain_text(gain: Gain) -> str:
         f"R0 of the {OUTPUTS[gain.channel].name} {how} by {number(abs(gain.reduction_percent), 3)} %{within}; "
         f"the log likelihood gains {number(gain.log_likelihood_gain, 4)} nats{folds}."
     )
+
+
+def _soils(diagnosis: Diagnosis, width: int) -> list[str]:
+    lines = []
+    for soil in diagnosis.soils:
+        off = [f"{SOIL_LETTERS[name]} {x:+.1f}" for name, x in soil.off_laboratory.items()]
+        name = f"{soil.campaign}: " if len(diagnosis.soils) > 1 else ""
+        lines += wrapped(f"{name}{', '.join(off)}", width, "  ", "    ") if off else []
+    return ["Soil here less the laboratory's, in the laboratory's sigma", *lines] if lines else []
 
 
 def _adequacy(diagnosis: Diagnosis, width: int) -> list[str]:

@@ -8,8 +8,6 @@ from daq import OUTPUTS, number
 from model.fit import CampaignFit, Criteria, ModelFit
 from wheelsoil.wording.notes import note_text
 
-_LARGE_M0_PERCENT = 1e3
-
 Table = tuple[list[str], list[list[str]]]
 """Head and rows."""
 
@@ -34,9 +32,7 @@ def remarks(fit: CampaignFit) -> list[str]:
     first = f"soil {fit.soil.name}, slip sinkage {reading}, criteria at slips from {fit.slip_threshold:g} on"
     reasons = {reason_text(m.criteria["dp"]) for m in fit.models if "dp" in m.criteria} - {""}
     warnings = [f"{m.name}: {note_text(w)}" for m in fit.models for w in m.warnings]
-    large = any(score.M0_percent > _LARGE_M0_PERCENT for model in fit.models for score in model.criteria.values())
-    advice = ["M0 is large where the measured value passes through zero; compare R0"] if large else []
-    return [first, *map(note_text, fit.notes), *advice, *sorted(reasons), *warnings]
+    return [first, *map(note_text, fit.notes), *sorted(reasons), *warnings]
 
 
 def reason_text(criteria: Criteria) -> str:

@@ -10,6 +10,9 @@ import numpy as np
 from model import BevameterCode, FitCode, SinkageCode
 from wheelsoil.wording.run_notes import Sentence, Values
 
+_MOST_PLACES = 8
+"""Rows that a sentence names."""
+
 
 def _listed(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
@@ -51,7 +54,7 @@ def _combination(v: Values) -> str:
 
 def _without_signals(v: Values) -> str:
     lacking = ", ".join(f"{run} ({', '.join(roles)})" for run, roles in v["signals"])
-    return f"left out of the fit, for want of a signal: {lacking}"
+    return f"excluded from the fit, for want of a signal: {lacking}"
 
 
 def _no_repeats(v: Values) -> str:
@@ -114,14 +117,27 @@ def _cohesion(v: Values) -> str:
     )
 
 
+def _places(v: Values) -> str:
+    """Return which rows, in brackets; empty where nothing says it."""
+    lines, slips = v.get("lines", ()), v.get("slips", ())
+    if lines:
+        named = [f"line {line}, slip {slip:.3g}" for line, slip in zip(lines, slips, strict=True)]
+    elif len(slips) == v["broken"]:
+        named = [f"slip {slip:.3g}" for slip in slips]
+    else:
+        named = [f"slips {slips[0]:.2g} to {slips[-1]:.2g}"] if slips else []
+    more = f"; and {len(named) - _MOST_PLACES} more" if len(named) > _MOST_PLACES else ""
+    return f" ({'; '.join(named[:_MOST_PLACES])}{more})" if named else ""
+
+
 def _bound(v: Values, because: str) -> str:
     radius = v["larger_radius"]
     size = f"{100 * abs(radius):.2g} % {'larger' if radius > 0 else 'smaller'}"
     wheel = f"a wheel {size}" if isfinite(radius) else "no other radius"
     before = f"{v['campaign']}: " if v["campaign"] else ""
     return (
-        f"{before}T/r - Dp is above W tan(theta_1), which no soil can do, in {v['broken']} of {v['rows']} driven rows, "
-        f"by up to {v['excess_n']:.3g} N ({v['sigmas']:.3g} sigma); {because}. What would mend it: "
+        f"{before}T/r - Dp is above W tan(theta_1), which no soil can do, in {v['broken']} of {v['rows']} driven rows"
+        f"{_places(v)}, by up to {v['excess_n']:.3g} N ({v['sigmas']:.3g} sigma); {because}. What would mend it: "
         f"{v['less_torque_nm']:.3g} N m less torque, {1e3 * v['more_sinkage_m']:.3g} mm more sinkage, {wheel}, "
         f"or {v['more_pull_n']:.3g} N more drawbar pull"
     )
@@ -145,10 +161,10 @@ SENTENCES: dict[str, Sentence] = {
     FitCode.NOT_CONVERGED: "not converged ({stop_reason}): the intervals are not to be relied on",
     FitCode.HELD_BY_BOUND: "{names[0]}: held by its bound {value:g}; the intervals of the others take it as known",
     FitCode.SUM_NEGATIVE: "p = {value:.3g} is below 0: the wheel would rise with slip, so that another cause acts",
-    FitCode.LOAD_NOT_CARRIED: "{samples} driven samples left out: the soil does not carry their load above the axle",
+    FitCode.LOAD_NOT_CARRIED: "{samples} driven samples excluded: the soil does not carry their load above the axle",
     FitCode.RUNS_LACK_SIGNALS: _without_signals,
     FitCode.ROWS_NOT_DRIVEN: (
-        "{used} of {rows} rows used: {excluded} with slip <= 0 left out, the models are of a driven wheel"
+        "{used} of {rows} rows used: {excluded} with slip <= 0 excluded, the models are of a driven wheel"
     ),
     FitCode.NO_SAMPLE: "no sample has slip, measured and predicted value",
     FitCode.NO_SLIP: "no slip at or above the threshold {threshold:g}: the largest is {largest:.3g}",

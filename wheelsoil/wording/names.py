@@ -34,6 +34,16 @@ _TEXTS = {
     Kind.LOAD_ERROR_WITH_LOAD: "as a sensor error, growing with the load",
 }
 
+SOIL_LETTERS = {
+    "cohesion_pa": "c",
+    "tan_phi": "tan φ",
+    "shear_modulus_m": "K",
+    "sinkage_exponent": "n",
+    "cohesive_modulus": "k_c",
+    "frictional_modulus": "k_φ",
+}
+"""The textbook's letters of the soil's parameters."""
+
 
 def plain_name(name: str) -> str:
     """Return the name of a family or a channel as people write it."""

@@ -31,7 +31,13 @@ def _standing(v: Values) -> str:
     pairs = list(zip(v["levels"], v["sigmas"], strict=True))[:_MOST_LEVELS]
     values = ", ".join(f"{level:.1f} +- {sigma:.1f}" for level, sigma in pairs)
     of = ROLES[v["role"]]
-    return f"{of.name} at standstill reads {values} {of.unit_text}: a zero, a slope or a held brake; not subtracted"
+    read = f"{of.name} at standstill reads {values} {of.unit_text}"
+    if v["brakes"] == ("released",):
+        what = "a zero, the ground's tilt or the rut" if v["role"] == "drawbar_pull" else "a zero"
+        return f"{read}: {what}; not subtracted"
+    if "unknown" in v["brakes"]:
+        return f"{read}: not taken for a zero, brakes may hold it; say standstill_brakes in vehicle.toml"
+    return f"{read} with held brakes: this is no zero"
 
 
 def _missing(v: Values) -> str:
@@ -160,8 +166,8 @@ SENTENCES: dict[str, Sentence] = {
     ),
     ZeroCode.STANDING_ASSUMED: "neither wheel angle nor wheel speed is known: the wheel is taken to stand",
     ZeroCode.ON_GROUND: (
-        "on the ground: drawbar pull and torque alone, and only if the ground is level and nobody drives or brakes; "
-        "{load_share:.0%} of the load is in their sigma"
+        "on the ground: torque, and drawbar pull only as well as the ground is level and the rut keeps nothing: "
+        "{load_share:.1%} of the load is in its sigma"
     ),
     ZeroCode.WEIGHT_TAKEN_OUT: (
         "wheel axes: the declared outboard mass of {mass_kg:g} kg is taken out of both forces, so that what is left is "

@@ -7,10 +7,28 @@ from math import isfinite
 
 from daq import OUTPUTS, ROLES, Note
 from model import LackCode
-from model.diagnosis import Adequacy, Cause, Detectable, Diagnosis, Finding, Gain, ParameterEstimate
-from wheelsoil.wording.names import chance, family_of, parameter_name, place_text, plain_name
+from model.diagnosis import (
+    Adequacy,
+    Cause,
+    Detectable,
+    Diagnosis,
+    Finding,
+    FormUsed,
+    Gain,
+    Grounds,
+    ParameterEstimate,
+    SoilEstimate,
+)
+from wheelsoil.wording.names import SOIL_LETTERS, chance, family_of, parameter_name, place_text, plain_name
 from wheelsoil.wording.notes import note_text
 
+REFUTED_AT = 3.0
+"""One-sigmas of the laboratory by which a soil's parameter may be off."""
+VERDICT_WORDS = {
+    "one_of": "one of several",
+    "nothing_detectable": "nothing detectable",
+    "unexplained": "unexplained",
+}
 _MOST_EXAMPLES = 3
 _WORTH_SAYING = 0.2
 _NO_CHANGE = 0.5
@@ -32,8 +50,39 @@ def sentences_of(found: Diagnosis) -> list[str]:
     if grounds.undecided is not None:
         return _undecided(grounds.undecided)
     said = _of_table(found) if grounds.table_channels else _of_runs(found)
+    before_next = next((i for i, one in enumerate(said) if one.startswith("Next: ")), len(said))
+    said = [*laboratory_words(found.soils), *said[:before_next], *prior_words(found), *said[before_next:]]
     cautions = _sentences([note_text(note) for note in grounds.cautions])
     return [*cautions, *said] if found.verdict == "unexplained" else [*said, *cautions]
+
+
+def laboratory_words(soils: Sequence[SoilEstimate]) -> list[str]:
+    """Return the sentence that the laboratory's soil is refuted; empty where it is not."""
+    several = len(soils) > 1
+    off = [
+        f"{SOIL_LETTERS[name]} is {abs(sigmas):.1f} sigma {'above' if sigmas > 0 else 'below'}"
+        + (f" in {soil.campaign}" if several else "")
+        for soil in soils
+        for name, sigmas in soil.off_laboratory.items()
+        if abs(sigmas) > REFUTED_AT
+    ]
+    return _sentences([f"the laboratory's soil does not hold here: {_listed(off)} its value"] if off else [])
+
+
+def prior_words(found: Diagnosis) -> list[str]:
+    """Return the sentence that the verdict depends on the prior; empty where it does not."""
+    shifts = found.grounds.prior_shifts
+    if not shifts or found.verdict not in ("named", "one_of"):
+        return []
+    first = shifts[0]
+    times = "three times as large" if first.factor > 1 else "a third as large"
+    named = first.verdict == "named"
+    other = f"{_listed([plain_name(f) for f in first.families])} named" if named else VERDICT_WORDS[first.verdict]
+    more = f" ({len(shifts)} such changes change it)" if len(shifts) > 1 else ""
+    return [
+        f"The prior decides here: with a probability of {plain_name(first.family)} beforehand that is {times}, "
+        f"the verdict is {other}{more}."
+    ]
 
 
 def _undecided(why: Note) -> list[str]:
@@ -51,7 +100,7 @@ def _of_runs(found: Diagnosis) -> list[str]:
     elif found.verdict == "one_of":
         said = one_of_words(found, chances, none)
     elif found.verdict == "unexplained" and found.adequacy is not None:
-        said = unexplained_words(found.adequacy, found.what_is_wrong, grounds.most_probable, grounds.terrains)
+        said = unexplained_words(found.adequacy, grounds.lack_of_fit, grounds.most_probable, grounds.terrains)
     else:
         said = nothing_words(chances, none, _by_family(found.minimum_detectable), found.what_is_wrong)
     return [*said, *want_words(found.not_identifiable)]
@@ -66,6 +115,38 @@ def _by_family(sizes: Mapping[str, Detectable]) -> dict[str, Detectable]:
 
 
 def _of_table(found: Diagnosis) -> list[str]:
+    return [*_verdict_of_table(found), *_error_of_form(found.grounds)]
+
+
+def _error_of_form(grounds: Grounds) -> list[str]:
+    """Return what was taken for the error of form where repeats do not say it, and which verdicts hang on it."""
+    said = form_error_words(grounds.form_errors)
+    if not said or grounds.form_matters is None:
+        return said
+    return [*said, *_sentences([f"the verdict depends on it: {note_text(grounds.form_matters)}"])]
+
+
+def form_error_words(used: Sequence[FormUsed]) -> list[str]:
+    """Return what is given or assumed for the error of form; empty where the table itself says it."""
+    taken = [one for one in used if one.share is not None]
+    if not taken:
+        return []
+    sizes = _listed([f"{_in_unit(one.size, one.channel)} in {OUTPUTS[one.channel].name}" for one in taken])
+    share = f"{100 * (taken[0].share or 0.0):.3g} % of load, load x radius and radius ({sizes})"
+    if taken[0].basis == "given":
+        said = f"The error of form of a right model is given as {share}"
+    else:
+        why = "there are neither repeats nor _sigma columns, and --error-of-form was not given"
+        said = f"The error of form of a right model is assumed to be {share}: {why}"
+    return _sentences([said])
+
+
+def _in_unit(size: float, channel: str) -> str:
+    factor, unit = (1e3, "mm") if OUTPUTS[channel].unit == "m" else (1.0, OUTPUTS[channel].unit_text)
+    return f"{factor * size:.2g} {unit}"
+
+
+def _verdict_of_table(found: Diagnosis) -> list[str]:
     channels = _listed([OUTPUTS[c].name for c in found.grounds.table_channels])
     chances = {one.name: one.probability for one in found.candidates}
     onward = [f"Next: {found.next_run[0].change}."] if found.next_run else []
@@ -80,13 +161,17 @@ def _of_table(found: Diagnosis) -> list[str]:
     if found.verdict == "one_of":
         names = ", ".join(f"{plain_name(c.name)} ({chance(c.probability)})" for c in found.causes)
         if len(found.causes) == 1:
-            why = "" if found.grounds.barred is None else f": {note_text(found.grounds.barred)}"
+            barred = found.grounds.barred if found.grounds.form_matters is None else None
+            why = "" if barred is None else f": {note_text(barred)}"
             return [f"Most probable: {names}, but not sure enough for a name{why}.", *onward]
         return [f"One of {names}: {channels} of these rows cannot separate them.", *onward]
     if found.verdict == "unexplained":
+        left = found.grounds.lack_of_fit
+        where = [f"The most probable set is off most in {_findings(left)}."] if left else []
         return [
             f"No cause of the library, alone or with two others, explains {channels} to within what repeats scatter "
-            "and a right model may miss."
+            "and a right model may miss.",
+            *where,
         ]
     return [f"No cause is detectable in {channels}: the soil within the laboratory's spread explains them."]
 
@@ -142,7 +227,7 @@ def unexplained_words(
     Parameters
     ----------
     left : sequence of Finding
-        Residuals that the most probable set leaves.
+        Where the most probable set fails most.
     best : sequence of str
         Families of that set.
     soils : two sequences of str, optional
@@ -154,7 +239,7 @@ def unexplained_words(
         f"is {judged.statistic:.2f}, where noise leaves up to {judged.threshold:.2f}"
     ]
     if left:
-        said.append(f"It shows in {_findings(left)}")
+        said.append(f"It is off most in {_findings(left)}")
     if soils:
         one, other = (_listed(runs) for runs in soils)
         said.append(

@@ -36,7 +36,7 @@ _EXPECTED = {
     "cutoff_hz": "a positive number of Hz",
     "min_speed_mps": "a positive number of m/s",
     "sinkage": '"balanced" or "literal"',
-    "channels": '["dp"], ["t"] or ["dp", "t"]',
+    "channels": 'some of ["dp", "t", "z"]',
     "soil_prior": "true or false",
     "effects": "keys of effects, each once: docs/effects/README.md",
     "file": "the name of the recording",
@@ -156,7 +156,7 @@ def provenance_of(choice: Choice) -> dict[str, Any]:
 
 def _in_words(run: ChosenRun) -> str:
     if not run.use:
-        return f"{run.id or run.file} left out"
+        return f"{run.id or run.file} excluded"
     parts = ["all of it"] if run.keep is None else [f"{first:g} to {last:g} s" for first, last in run.keep]
     return f"{run.id or run.file}: {' and '.join(parts)}"
 
@@ -221,7 +221,9 @@ class _Head(BaseModel):
     cutoff_hz: Positive | None = None
     min_speed_mps: Positive | None = None
     sinkage: Reading | None = None
-    channels: Annotated[tuple[Literal["dp", "t"], ...], Field(min_length=1), AfterValidator(_no_twins)] | None = None
+    channels: Annotated[tuple[Literal["dp", "t", "z"], ...], Field(min_length=1), AfterValidator(_no_twins)] | None = (
+        None
+    )
     soil_prior: Flag | None = None
     effects: Annotated[tuple[Annotated[str, AfterValidator(_known_effect)], ...], AfterValidator(_no_twins)] = ()
 

@@ -16,8 +16,8 @@ Outcome = Literal["found", "in the set", "not named", "not seen", "wrong", "righ
 
 NONE = "none"
 _NOTHING_SHARE = 0.08
-_LEAST, _MOST = 0.6, 1.6
-_STREAM = 1 << 20
+_LEAST_SIZE, _LARGEST_SIZE = 0.6, 1.6
+_HIDDEN_STREAM = 1 << 20
 """Far from the streams of the simulation, which are numbered from 0."""
 
 
@@ -53,7 +53,7 @@ def draw_hidden(seed: int, wheel: Wheel) -> Hidden:
 
     Families are equally likely. A size is 0.6 to 1.6 times plausible by the prior, within the bounds.
     """
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_HIDDEN_STREAM,)))
     if rng.random() < _NOTHING_SHARE:
         return Hidden(NONE)
     families: dict[str, list[type[Effect]]] = {}
@@ -67,7 +67,7 @@ def draw_hidden(seed: int, wheel: Wheel) -> Hidden:
 
 def _size(parameter: Parameter, wheel: Wheel, rng: np.random.Generator) -> float:
     side = parameter.side or (1 if rng.random() < 0.5 else -1)
-    value = parameter.neutral + side * parameter.scale(wheel) * rng.uniform(_LEAST, _MOST)
+    value = parameter.neutral + side * parameter.scale(wheel) * rng.uniform(_LEAST_SIZE, _LARGEST_SIZE)
     return float(f"{np.clip(value, parameter.lower, parameter.upper):.4g}")
 
 

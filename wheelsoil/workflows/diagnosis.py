@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -25,22 +25,17 @@ from daq import (
 )
 from daq.runs import RUNS_FILE, TERRAIN_FILE, VEHICLE_FILE, Collected, Run
 from model import DiagnosisCode
-from model.diagnosis import (
-    Bench,
-    Campaign,
-    Diagnosis,
-    DiagnosisOptions,
-    Plan,
-    plan_for,
-    plan_of,
-    planned_campaign,
-    usual_runs,
-)
+from model.diagnosis import Bench, Campaign, Diagnosis, DiagnosisOptions, Lugs
 from model.effects import EFFECTS
 from model.wheel_soil import Reading, prior_of
 from processing import ProcessedRun
+from wheelsoil.cache.store import kept
 from wheelsoil.workflows.fit import known_soil, load_terrain, observations_of_table, wheel_of
-from wheelsoil.workflows.runs import BenchFiles, Files
+from wheelsoil.workflows.runs import Files
+from wheelsoil.workflows.tables import BenchFiles
+
+if TYPE_CHECKING:
+    from model.diagnosis import Plan
 
 Processed = Sequence[tuple[Run, ProcessedRun]]
 
@@ -52,6 +47,7 @@ _KINDS = ("physical", "measurement")
 _LOOSE = "runs"
 _SHORTEST_S, _LONGEST_S = 10.0, 600.0
 _MOST_RUNS = 40
+_LARGEST_FORM = 50.0
 
 Given = tuple[Campaign, ...] | tuple[Bench, ...]
 
@@ -65,6 +61,7 @@ def diagnosis_options(
     most_causes: int = 3,
     seed: int = 0,
     next_run: bool = False,
+    error_of_form: float | None = None,
 ) -> DiagnosisOptions:
     """Return the options of a diagnosis.
 
@@ -77,6 +74,8 @@ def diagnosis_options(
     channels : of "dp", "t", "z"
     most_causes, seed, next_run
         See `DiagnosisOptions`.
+    error_of_form : float, optional
+        In percent; see `DiagnosisOptions`.
 
     Raises
     ------
@@ -101,6 +100,9 @@ def diagnosis_options(
         faults.append(_nothing_left(reading))
     if not 1 <= most_causes <= 3:
         faults.append(Fault("--most-causes is out of range", found=str(most_causes), expected="1 to 3"))
+    if error_of_form is not None and not 0 < error_of_form <= _LARGEST_FORM:
+        expected = f"above 0, up to {_LARGEST_FORM:g} (percent of load, load x radius and radius)"
+        faults.append(Fault("--error-of-form is out of range", found=f"{error_of_form:g}", expected=expected))
     if faults:
         raise ConfigError(*faults)
     return DiagnosisOptions(
@@ -110,6 +112,7 @@ def diagnosis_options(
         most_causes=most_causes,
         seed=seed,
         next_run=next_run,
+        error_of_form=None if error_of_form is None else error_of_form / 100.0,
     )
 
 
@@ -186,7 +189,7 @@ def _campaign(folder: str, members: Processed, soil_name: str | None) -> Campaig
         wheel=wheel_of(first.vehicle, first.vehicle_source),
         soil=soil,
         soil_prior=prior_of(soil, terrain),
-        tyre=(declared.tyre or "") if declared else "",
+        tyre=declared.tread if declared else "",
         outboard_mass_kg=declared.outboard_mass_kg if declared else 0.0,
     )
 
@@ -213,9 +216,14 @@ def diagnose_campaigns(campaigns: Sequence[Campaign], options: DiagnosisOptions)
     ConfigError, DataError
         See `model.diagnosis.time_series.diagnosis.diagnose`.
     """
-    from model.diagnosis import diagnose
 
-    return _with_remarks(diagnose(campaigns, options), campaigns)
+    def compute() -> Diagnosis:
+        from model.diagnosis import diagnose
+
+        return diagnose(campaigns, options)
+
+    found = kept("diagnosis", (tuple(campaigns), options), compute)
+    return _with_remarks(found, campaigns)
 
 
 def bench_of(files: BenchFiles) -> Bench:
@@ -226,14 +234,17 @@ def bench_of(files: BenchFiles) -> Bench:
         for key, channel in OUTPUTS.items()
         if channel.field in table.sigma and np.isfinite(table.sigma[channel.field]).any()
     }
+    section = files.wheel_section
     return Bench(
-        name=Path(table.name).stem,
+        name=files.name or Path(table.name).stem,
         rows=observations_of_table(table),
         wheel=files.wheel,
         soil=files.soil,
         soil_prior=prior_of(files.soil, files.terrain),
         sigmas=sigmas,
-        tyre=files.wheel_section.tyre or "",
+        tyre=section.tread,
+        lugs=Lugs(section.lug_height_m, section.lug_count or 0) if section.lug_height_m else None,
+        lines=table.lines,
     )
 
 
@@ -245,9 +256,14 @@ def diagnose_benches(benches: Sequence[Bench], options: DiagnosisOptions) -> Dia
     ConfigError, DataError
         See `model.diagnosis.single_wheel.diagnose.diagnose_bench`.
     """
-    from model.diagnosis import diagnose_bench
 
-    return _with_remarks(diagnose_bench(benches, options), benches)
+    def compute() -> Diagnosis:
+        from model.diagnosis import diagnose_bench
+
+        return diagnose_bench(benches, options)
+
+    found = kept("diagnosis", (tuple(benches), options), compute)
+    return _with_remarks(found, benches)
 
 
 def _with_remarks(diagnosis: Diagnosis, given: Sequence[Campaign | Bench]) -> Diagnosis:
@@ -297,6 +313,8 @@ def plan_campaigns(
     DataError
         The soil cannot carry the wheel.
     """
+    from model.diagnosis import plan_of
+
     faults = []
     if run_count is not None and not 1 <= run_count <= _MOST_RUNS:
         faults.append(Fault("--planned-runs is out of range", found=str(run_count), expected=f"1 to {_MOST_RUNS}"))
@@ -315,18 +333,18 @@ def plan_campaigns(
 
 
 def _planned(folder: Path | None, files: Files, run_count: int | None, duration_s: float, seed: int) -> Campaign:
+    from model.diagnosis import plan_for, planned_campaign, usual_runs
+
     if folder is not None and not folder.is_dir():
-        raise ConfigError(
-            Fault("a plan takes no recording", str(folder), expected="a folder with vehicle.toml and terrain.toml")
+        raise ConfigError.of(
+            "a plan takes no recording", folder, expected="a folder with vehicle.toml and terrain.toml"
         )
     vehicle_file = files.vehicle or _in(folder, VEHICLE_FILE)
     if vehicle_file is None:
-        raise ConfigError(
-            Fault(
-                "the vehicle is not known",
-                str(folder or ""),
-                next_step="give --vehicle FILE with [wheel] and mass_kg, or a folder with vehicle.toml",
-            )
+        raise ConfigError.of(
+            "the vehicle is not known",
+            folder or "",
+            next_step="give --vehicle FILE with [wheel] and mass_kg, or a folder with vehicle.toml",
         )
     collected = Collected()
     with collected.catch():

@@ -16,6 +16,7 @@ from model import ExtendedModel, FitCode
 from model.fit import CampaignFit, FitOptions, ModelFit, Observations
 from model.wheel_soil import SOILS, Reading, Soil, Wheel, prior_of, soil_from_terrain
 from processing import ProcessedRun
+from wheelsoil.cache.store import kept
 from wheelsoil.wording.fit_text import criteria_json
 from wheelsoil.wording.notes import runs_by_text
 
@@ -26,6 +27,9 @@ NOT_AT_AN_END = (
     "frictional_modulus_kn, sinkage_exponent and the wheel's radius_m"
 )
 """What to do where a fit stopped without an end: "no_progress" or "max_iterations"."""
+
+_FEW_SAMPLES = 1_000_000
+"""Of all runs, whose predictions by every model take 200 MB."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,7 @@ class FitChoices:
         """
         threshold = self.slip_threshold
         if threshold is not None and not 0 <= threshold < 1:
-            raise ConfigError(Fault("--slip-threshold is no slip", found=f"{threshold:g}", expected="0 to 1"))
+            raise ConfigError.of("--slip-threshold is no slip", found=f"{threshold:g}", expected="0 to 1")
         prior = prior_of(soil, terrain) if self.soil_prior else None
         return FitOptions(self.reading, self.channels, prior, threshold, extended=self.extended, chosen=self.effects)
 
@@ -89,15 +93,13 @@ def known_soil(name: str | None, terrain: TerrainConfig | None) -> Soil:
     """
     if name is not None:
         if name not in SOILS:
-            raise ConfigError(Fault(f"no soil is called {name!r}", expected=presets_near(name)))
+            raise ConfigError.of(f"no soil is called {name!r}", expected=presets_near(name))
         return SOILS[name]
     if terrain is None:
-        raise ConfigError(
-            Fault(
-                "the soil is not known",
-                expected="terrain.toml in the campaign folder or the recording",
-                next_step="give --terrain FILE (`wheelsoil soil` makes one of plate and shear tests), or --soil PRESET",
-            )
+        raise ConfigError.of(
+            "the soil is not known",
+            expected="terrain.toml in the campaign folder or the recording",
+            next_step="give --terrain FILE (`wheelsoil soil` makes one of plate and shear tests), or --soil PRESET",
         )
     return soil_from_terrain(terrain)
 
@@ -117,34 +119,50 @@ def one_terrain(runs: Sequence[Run]) -> Run:
     ):
         others = [run.id for run, kind in zip(runs, kinds, strict=True) if kind != kinds[0]]
         if others:
-            raise ConfigError(
-                Fault(
-                    f"the runs are of different {what}",
-                    found=f"{', '.join(others)} differ from {first.id}",
-                    expected="runs of one terrain and one wheel",
-                    next_step="fit each terrain by itself, or give --terrain and --vehicle for all",
-                )
+            raise ConfigError.of(
+                f"the runs are of different {what}",
+                found=f"{', '.join(others)} differ from {first.id}",
+                expected="runs of one terrain and one wheel",
+                next_step="fit each terrain by itself, or give --terrain and --vehicle for all",
             )
     return first
 
 
-def fit_runs(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices, soil_name: str | None) -> CampaignFit:
+def fit_runs(
+    processed: Sequence[tuple[Run, ProcessedRun]],
+    choices: FitChoices,
+    soil_name: str | None,
+    *,
+    keep_predictions: bool = False,
+) -> CampaignFit:
     """Fit the four models to processed runs of one terrain; a note names those that lack a signal and are left out.
+
+    Parameters
+    ----------
+    keep_predictions : bool
+        See `model.fit.fit.fit_models`; a report needs them. Those of few samples are kept in any case, so that a
+        report after a fit takes it as it is.
 
     Raises
     ------
     ConfigError, DataError
         See `model.fit.fit.fit_models`; the soil or the wheel is not known, or every run lacks a signal.
     """
-    from model.fit import fit_models
-
     runs = [run for _, run in processed]
     if problem := nothing_whole(runs):
         raise DataError(problem)
     first = one_terrain([run for run, _ in processed])
     soil = known_soil(soil_name, first.terrain)
     options = choices.options(soil, None if soil_name else first.terrain)
-    fit = fit_models(whole_runs(runs), wheel_of(first.vehicle, first.vehicle_source), soil, options)
+    given = (whole_runs(runs), wheel_of(first.vehicle, first.vehicle_source), soil, options)
+
+    def compute() -> CampaignFit:
+        from model.fit import fit_models
+
+        return fit_models(*given, keep_predictions=keep)
+
+    keep = keep_predictions or sum(map(len, runs)) <= _FEW_SAMPLES
+    fit = kept("fit", (*given, keep), compute)
     lacking = [(run.run.id, list(run.quality.missing)) for run in runs if run.quality.missing]
     if not lacking:
         return fit
@@ -179,9 +197,14 @@ def fit_table(
     ConfigError, DataError
         See `model.fit.fit.fit_observations`.
     """
-    from model.fit import fit_observations
+    given = (observations_of_table(table), wheel, soil, choices.options(soil, terrain))
 
-    fit = fit_observations(observations_of_table(table), wheel, soil, choices.options(soil, terrain))
+    def compute() -> CampaignFit:
+        from model.fit import fit_observations
+
+        return fit_observations(*given)
+
+    fit = kept("fit", given, compute)
     left_out = int(np.count_nonzero(table.slip <= 0))
     if not left_out:
         return fit
@@ -230,12 +253,13 @@ def fit_as_json(fit: CampaignFit) -> dict[str, Any]:
         "confidence": fit.options.confidence,
         "slip_threshold": fit.slip_threshold,
         "notes": fit.notes,
-        "models": {model.name: _model_as_json(model) for model in fit.models},
+        "models": {model.name: model_as_json(model) for model in fit.models},
         "extended": fit.options.extended.to_mapping() if fit.options.extended else None,
     }
 
 
-def _model_as_json(model: ModelFit) -> dict[str, Any]:
+def model_as_json(model: ModelFit) -> dict[str, Any]:
+    """Return the fit of one model as mappings."""
     return {
         "estimates": {estimate.name: estimate for estimate in model.estimates},
         "effects": model.effects,

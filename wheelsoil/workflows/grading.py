@@ -107,13 +107,13 @@ def _mostly(run: ProcessedRun) -> str:
 
 
 def _zeros(run: ProcessedRun) -> list[str]:
-    """Return what the transducer's forces read at every standstill, where that is more than a little."""
+    """Return what forces read at standstills with released brakes, where that is more than a little."""
     load = run.vertical_load_n[np.isfinite(run.vertical_load_n)]
     if not len(load):
         return []
     said = []
     for role, unit, arm_m in (("drawbar_pull", "N", 1.0), ("driving_torque", "N m", run.wheel_radius_m)):
-        seen = [(s.levels[role], s.sigmas[role]) for s in run.quality.standstills if role in s.levels]
+        seen = [(s.levels[role], s.sigmas[role]) for s in run.quality.standstills if s.released and role in s.levels]
         levels = np.array([level for level, _ in seen])
         sure = all(abs(level) > _MANY_SIGMAS * sigma for level, sigma in seen)
         one_sided = len(levels) > 0 and (bool((levels > 0).all()) or bool((levels < 0).all()))

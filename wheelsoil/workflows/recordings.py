@@ -303,7 +303,7 @@ def export_recording(run: Run, folder: Path, *, overwrite: bool = False) -> Path
     """
     target = folder / f"{file_name(run.id)}.mcap"
     if target.exists() and any(target.samefile(file) for file in run.files):
-        raise ConfigError(Fault("the output is the run itself", str(target), next_step="choose another folder"))
+        raise ConfigError.of("the output is the run itself", target, next_step="choose another folder")
     writer = RecordingWriter(
         target,
         run=run.info.model_copy(update={"file": target.name}),

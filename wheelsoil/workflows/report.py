@@ -7,17 +7,25 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from daq import DataError, WheelsoilError
+from daq import DataError, VehicleConfig, WheelsoilError
 from model import ExtendedModel
-from model.diagnosis import Diagnosis
+from model.diagnosis import Diagnosis, DiagnosisOptions
 from model.fit import CampaignFit
 from processing import LOOK, ProcessOptions
 from wheelsoil.report.build import Report, build_report
-from wheelsoil.report.inputs import ReportInputs, command_line, source_of, versions
+from wheelsoil.report.inputs import ReportInputs, command_line, source_of, source_of_table, versions
 from wheelsoil.workflows.choice import Choice, provenance_of
-from wheelsoil.workflows.diagnosis import Processed, campaigns_of, diagnose_campaigns, diagnosis_options
-from wheelsoil.workflows.fit import FitChoices, fit_runs, nothing_whole, one_terrain
+from wheelsoil.workflows.diagnosis import (
+    Processed,
+    bench_of,
+    campaigns_of,
+    diagnose_benches,
+    diagnose_campaigns,
+    diagnosis_options,
+)
+from wheelsoil.workflows.fit import FitChoices, fit_runs, fit_table, nothing_whole, one_terrain
 from wheelsoil.workflows.runs import Files, open_and_process
+from wheelsoil.workflows.tables import BenchFiles
 
 
 @dataclass(frozen=True)
@@ -79,7 +87,7 @@ def report_of_processed(
     problem = ""
     if campaign is None:
         try:
-            campaign = fit_runs(processed, choices, soil)
+            campaign = fit_runs(processed, choices, soil, keep_predictions=True)
         except DataError as error:
             problem = "; ".join(fault.what for fault in error.faults)
     material = ReportInputs(
@@ -101,6 +109,59 @@ def report_of_processed(
         no_diagnosis=diagnosed.why_not,
     )
     return build_report(material)
+
+
+def report_of_tables(
+    benches: Sequence[BenchFiles],
+    choices: FitChoices,
+    *,
+    options: DiagnosisOptions | None = None,
+    diagnose: bool = True,
+) -> Report:
+    """Fit and diagnose single-wheel tables, and build the report.
+
+    Parameters
+    ----------
+    options : DiagnosisOptions, optional
+        Of the diagnosis.
+
+    Raises
+    ------
+    ConfigError
+        The options are wrong. A table that cannot be fitted or diagnosed gives a report that says why.
+    """
+    found = _diagnosed_tables(benches, options or diagnosis_options(choices.reading)) if diagnose else NOT_DIAGNOSED
+    campaign, problem = None, ""
+    if len(benches) > 1:
+        problem = "the tables are of several wheels; `wheelsoil fit --table` takes one at a time"
+    else:
+        try:
+            campaign = fit_table(benches[0].rows, benches[0].wheel, benches[0].soil, choices, benches[0].terrain)
+        except DataError as error:
+            problem = "; ".join(fault.what for fault in error.faults)
+    soils = dict.fromkeys(one.soil.name for one in benches)
+    material = ReportInputs(
+        runs=(),
+        campaign=campaign,
+        no_fit=problem,
+        vehicle=VehicleConfig(wheel=benches[0].wheel_section),
+        terrain=" and ".join(soils),
+        sources=tuple(map(source_of_table, benches)),
+        command=command_line(),
+        options=_plain(choices),
+        versions=versions(),
+        diagnosed=found.diagnosis,
+        no_diagnosis=found.why_not,
+        tables=tuple(benches),
+    )
+    return build_report(material)
+
+
+def _diagnosed_tables(benches: Sequence[BenchFiles], options: DiagnosisOptions) -> Diagnosed:
+    try:
+        return Diagnosed(diagnose_benches(tuple(map(bench_of, benches)), options))
+    except WheelsoilError as error:
+        return Diagnosed(why_not="; ".join(fault.what for fault in error.faults))
 
 
 def _plain(choices: FitChoices) -> dict[str, object]:

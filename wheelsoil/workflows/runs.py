@@ -1,8 +1,8 @@
-"""Opening and processing of runs and of single-wheel tables, with all faults reported at once."""
+"""Opening and processing of runs, with all faults reported at once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,24 +12,18 @@ from daq import (
     ConfigError,
     DataError,
     Fault,
-    TerrainConfig,
     UncertainTimestamps,
-    VehicleConfig,
-    WheelSection,
     WheelsoilError,
-    load_toml,
 )
 from daq.can import no_bus_in_common
 from daq.logger import is_being_recorded
 from daq.runs import VEHICLE_FILE, Collected, Run, open_runs
-from daq.series import WheelTable, parse_rename, parse_where, read_wheel_table
 from model import in_parallel
-from model.wheel_soil import Soil, Wheel
 from processing import ProcessedRun, ProcessOptions, keep_only
 from wheelsoil.console import progress, say
 from wheelsoil.wording.notes import texts_of
 from wheelsoil.workflows.choice import Choice, RunInUse, runs_in_use
-from wheelsoil.workflows.fit import known_soil, load_terrain, wheel_of
+from wheelsoil.workflows.kept_runs import KeptRun, place_of
 
 
 @dataclass(frozen=True)
@@ -58,52 +52,6 @@ class Files:
         )
 
 
-@dataclass(frozen=True)
-class BenchFiles:
-    """The rows, the wheel that made them and the soil; `terrain` is None where only a preset was given."""
-
-    rows: WheelTable
-    wheel: Wheel
-    wheel_section: WheelSection
-    soil: Soil
-    terrain: TerrainConfig | None
-
-
-def read_bench(
-    path: Path, files: Files, *, rename: Iterable[str] | None = None, where: Iterable[str] | None = None
-) -> BenchFiles:
-    """Read a bench table and its files.
-
-    Parameters
-    ----------
-    files : Files
-        Of these, vehicle.toml with ``[wheel]`` (it is an error to give none), terrain.toml and the preset are taken.
-    rename, where : iterable of str, optional
-        See `daq.series.tables`.
-
-    Raises
-    ------
-    ConfigError, DataError
-        Everything that is wrong with any of them.
-    """
-    if files.vehicle is None:
-        raise ConfigError(
-            Fault("the wheel is not known", next_step="give --vehicle FILE with [wheel] radius_m and width_m")
-        )
-    collected = Collected()
-    with collected.catch():
-        described = load_toml(files.vehicle, VehicleConfig)
-        wheel = wheel_of(described, str(files.vehicle))
-    with collected.catch():
-        lab = load_terrain(files.terrain)
-        ground = known_soil(files.soil, lab)
-    with collected.catch():
-        rows = read_wheel_table(path, rename=parse_rename(rename or ()), where=parse_where(where or ()))
-    collected.stop_if_any()
-    assert described.wheel is not None
-    return BenchFiles(rows, wheel, described.wheel, ground, lab)
-
-
 def open_and_process(
     paths: Sequence[Path], options: ProcessOptions, files: Files | None = None, *, choice: Choice | None = None
 ) -> list[tuple[Run, ProcessedRun]]:
@@ -127,25 +75,34 @@ def process_runs(
 ) -> list[tuple[Run, ProcessedRun]]:
     """Process runs that are open; see `open_and_process`."""
 
-    def attempt(used: RunInUse) -> tuple[Run, ProcessedRun | WheelsoilError]:
+    def attempt(given: tuple[Run, KeptRun | None]) -> ProcessedRun | WheelsoilError:
         try:
-            return used.run, _process(used, options, zero, chosen.source)
+            return _process(*given, options, zero)
         except WheelsoilError as error:
-            return used.run, error
+            return error
+
+    def attempts() -> Iterator[ProcessedRun | WheelsoilError]:
+        places = [place_of(used.run, options, zero) for used in in_use]
+        kept = [place.get() if place else None for place in places]
+        rows = zip(in_use, places, kept, strict=True)
+        anew = in_parallel(attempt, [(used.run, place) for used, place, one in rows if one is None])
+        return (next(anew) if one is None else one for one in kept)
 
     collected = Collected()
     processed = []
     chosen = choice or Choice()
     in_use, unfit = runs_in_use(chosen, opened)
     collected.errors += [ConfigError(*unfit)] * bool(unfit)
-    found = progress(in_parallel(attempt, in_use), "processing", len(in_use))
-    for used, (run, one) in zip(in_use, found, strict=True):
+    found = progress(attempts(), "processing", len(in_use))
+    for used, one in zip(in_use, found, strict=True):
+        run = used.run
         for text in texts_of(used.warnings):
             say(f"run {run.id}: {text}")
         if isinstance(one, WheelsoilError):
             collected.errors.append(one)
         else:
-            processed.append((run, one))
+            with collected.catch():
+                processed.append((run, _as_chosen(used, one, chosen.source)))
         if run.recording and run.recording.loss:
             say(f"{run.path}: read without what is damaged: {'; '.join(map(str, run.recording.loss))}")
             if is_being_recorded(run.files[-1]):
@@ -156,36 +113,41 @@ def process_runs(
     return processed
 
 
-def _process(used: RunInUse, options: ProcessOptions, zero: Path | None, source: str) -> ProcessedRun:
-    """Process one run; the run then knows which of its chunks cannot be read."""
+def _process(run: Run, place: KeptRun | None, options: ProcessOptions, zero: Path | None) -> ProcessedRun:
+    """Process one run and keep it; the run then knows which of its chunks cannot be read."""
     from processing.pipeline import process_stream
     from wheelsoil.workflows.zero import zeros_for
 
-    run = used.run
     _check_vehicle(run)
     try:
         unsure = UncertainTimestamps()
         channels = run.channel_batches(watch=unsure.take)
         one = process_stream(channels, run.vehicle, run.info, options, zeros_for(run, zero))
-        gaps = [gap.note() for gap in run.recording.gaps] if run.recording else []
-        notes = (*used.warnings, *unsure.notes(), *gaps, *one.quality.notes)
-        one = replace(one, quality=replace(one.quality, notes=notes))
-        return one if used.keep is None else keep_only(one, used.keep, source)
     except (ConfigError, DataError) as error:
         raise _explained(run, error) from None
+    gaps = [gap.note() for gap in run.recording.gaps] if run.recording else []
+    one = replace(one, quality=replace(one.quality, notes=(*unsure.notes(), *gaps, *one.quality.notes)))
+    if place:
+        place.put(one)
+    return one
+
+
+def _as_chosen(used: RunInUse, one: ProcessedRun, source: str) -> ProcessedRun:
+    """Return a processed run with the warnings about its file, and the parts that are kept of it."""
+    one = replace(one, quality=replace(one.quality, notes=(*used.warnings, *one.quality.notes)))
+    try:
+        return one if used.keep is None else keep_only(one, used.keep, source)
+    except (ConfigError, DataError) as error:
+        raise _explained(used.run, error) from None
 
 
 def _check_vehicle(run: Run) -> None:
     if not run.vehicle.signals:
-        raise ConfigError(
-            Fault(
-                "no vehicle.toml says which signals mean what",
-                str(run.path),
-                found=f"{run.vehicle_source} without [signals]"
-                if run.attachments
-                else "none in the file, none beside it",
-                next_step="give --vehicle FILE with [wheel], [[bus]] and [signals]",
-            )
+        raise ConfigError.of(
+            "no vehicle.toml says which signals mean what",
+            run.path,
+            found=f"{run.vehicle_source} without [signals]" if run.attachments else "none in the file, none beside it",
+            next_step="give --vehicle FILE with [wheel], [[bus]] and [signals]",
         )
 
 
@@ -194,12 +156,10 @@ def _explained(run: Run, error: ConfigError | DataError) -> ConfigError | DataEr
     strangers = no_bus_in_common(run.vehicle, _buses(run)) if isinstance(error, DataError) else ""
     if not strangers:
         return type(error)(*(_placed(run, fault) for fault in error.faults))
-    return DataError(
-        Fault(
-            f"{strangers}: nothing can be decoded",
-            f"{_name(run)}, {run.vehicle_source}",
-            next_step="name them alike: channel under [[bus]], or `wheelsoil import LOG --bus old=new`",
-        )
+    return DataError.of(
+        f"{strangers}: nothing can be decoded",
+        f"{_name(run)}, {run.vehicle_source}",
+        next_step="name them alike: channel under [[bus]], or `wheelsoil import LOG --bus old=new`",
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 from math import isfinite
@@ -20,7 +20,6 @@ from daq import (
     ChannelZero,
     ConfigError,
     Determination,
-    Fault,
     FloatArray,
     IntArray,
     Note,
@@ -409,8 +408,8 @@ def append(path: Path, found: Sequence[Found]) -> ZeroConfig:
     return zeros
 
 
-def zeros_for(run: Run, given: Path | None = None) -> RunZeros:
-    """Return the determinations that a run is to be zeroed with.
+def stated_zeros(run: Run, given: Path | None = None) -> RunZeros:
+    """Return the determinations that a run is to be zeroed with; no frame is read.
 
     Parameters
     ----------
@@ -431,11 +430,15 @@ def zeros_for(run: Run, given: Path | None = None) -> RunZeros:
     elif name in attached:
         zeros, source = parse_zeros(attached[name], f"{run.path}: {name}"), name
     else:
-        raise ConfigError(
-            Fault(
-                f"no {name!r} lies beside vehicle.toml, which names it as its zero file, and the run carries none",
-                run.vehicle_source,
-                next_step="determine it (wheelsoil zero), give --zero FILE, or take zero_file out of [transducer]",
-            )
+        raise ConfigError.of(
+            f"no {name!r} lies beside vehicle.toml, which names it as its zero file, and the run carries none",
+            run.vehicle_source,
+            next_step="determine it (wheelsoil zero), give --zero FILE, or take zero_file out of [transducer]",
         )
-    return RunZeros(zeros.zero, source, first_temperature_degc(run) if zeros.zero else None)
+    return RunZeros(zeros.zero, source)
+
+
+def zeros_for(run: Run, given: Path | None = None) -> RunZeros:
+    """Return the determinations that a run is to be zeroed with, and its temperature; raises as `stated_zeros`."""
+    zeros = stated_zeros(run, given)
+    return replace(zeros, temperature_degc=first_temperature_degc(run)) if zeros.determinations else zeros

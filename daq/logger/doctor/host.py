@@ -25,19 +25,19 @@ from daq.logger.doctor.situation import Line, Situation, failed, from_fault, pas
 from daq.logger.run_files import folder_lock
 
 _FIRST_YEAR, _LAST_YEAR = 2025, 2100
-_STEP_S = 0.001
+_CLOCK_STEP_S = 0.001
 _STA_UNSYNC = 0x0040
 """linux/timex.h"""
 _LEAP_S = 18.0
-_FAR_S = 1.0
+_GNSS_FAR_S = 1.0
 _CHRONY = (
     "install chrony or systemd-timesyncd (`timedatectl set-ntp true`); without a network feed chrony from the GNSS"
 )
 
 _MB = 1e6
-_BLOCK = 64 * 1024
-_BLOCKS = 50
-_SLOW_S = 0.2
+_SYNCED_BYTES = 64 * 1024
+_SYNCED_BLOCKS = 50
+_SLOW_SYNC_S = 0.2
 _OWN_IT = "give the folder to the logger's user, mount it writable, or choose another: --out"
 
 _SLOW_IMPORT_S = 5.0
@@ -62,7 +62,7 @@ def judged_time(moment: datetime) -> Line:
 
 def clock_steps(now: Situation) -> Iterator[Line]:
     """Check whether the host's clock is left alone."""
-    if abs(now.clock_moved_s) > _STEP_S:
+    if abs(now.clock_moved_s) > _CLOCK_STEP_S:
         step = (
             "wait until the clock is synchronised; a step while recording is noted, and the file's time stays monotonic"
         )
@@ -123,9 +123,9 @@ def gnss_time(now: Situation) -> Iterator[Line]:
         yield warned("gnss_time", "the GNSS time does not advance", "wait for a fix, or listen longer: --listen 10")
         return
     found = f"host minus GNSS {fit.offset_s:+.3f} s (delay included), jitter {1e3 * fit.residual_s:.1f} ms"
-    if abs(fit.offset_s + _LEAP_S) < _FAR_S:
+    if abs(fit.offset_s + _LEAP_S) < _GNSS_FAR_S:
         yield passed("gnss_time", f"{found}: GPS time, which has no leap seconds")
-    elif abs(fit.offset_s) > _FAR_S:
+    elif abs(fit.offset_s) > _GNSS_FAR_S:
         step = f"the fit allows for it, but set the clock if it is the host's that is wrong: {_CHRONY}"
         yield warned("gnss_time", found, step)
     else:
@@ -194,19 +194,19 @@ def disk_speed(now: Situation) -> Iterator[Line]:
 def judged_times(where: str, took_s: list[float], needed_bytes_per_s: float) -> Line:
     """Return the line for the times of `sync_times_s`, and for the rate that the buses need."""
     typical, slowest = np.quantile(took_s, [0.5, 0.99])
-    speed = _BLOCK / float(np.mean(took_s))
+    speed = _SYNCED_BYTES / float(np.mean(took_s))
     found = f"64 kB written and synced in {1e3 * typical:.1f} ms (median), {1e3 * slowest:.1f} ms (99 %)"
     step = "use an SSD or an industrial SD card; close other programs that write"
     if speed < needed_bytes_per_s:
         return failed(where, f"{found}: {speed / _MB:.2f} MB/s, {needed_bytes_per_s / _MB:.2f} are needed", step)
-    if slowest > _SLOW_S:
+    if slowest > _SLOW_SYNC_S:
         return warned(where, f"{found}: a power cut may take more than the last second", step)
     return passed(where, found)
 
 
-def sync_times_s(where: Path, blocks: int = _BLOCKS) -> list[float]:
+def sync_times_s(where: Path, blocks: int = _SYNCED_BLOCKS) -> list[float]:
     """Return how long each of some blocks of 64 kB takes until it is on the disk."""
-    content = np.random.default_rng(0).bytes(_BLOCK)
+    content = np.random.default_rng(0).bytes(_SYNCED_BYTES)
     took = []
     with tempfile.TemporaryFile(dir=where) as file:
         for _ in range(blocks):

@@ -140,7 +140,7 @@ def gather(
         There is no such file. Faults inside it are reported by the checks.
     """
     if not vehicle_file.is_file():
-        raise ConfigError(Fault("no such file", str(vehicle_file), next_step="check the path"))
+        raise ConfigError.of("no such file", vehicle_file, next_step="check the path")
     try:
         vehicle = load_toml(vehicle_file, VehicleConfig)
     except ConfigError as error:

@@ -15,7 +15,6 @@ from daq.can.frames import ErrorClass, FrameArray, FrameFlag
 from daq.logger.health.report import (
     RECENT_NS,
     BusHealth,
-    BusStatus,
     HostStatus,
     Level,
     Reason,
@@ -23,6 +22,7 @@ from daq.logger.health.report import (
     reason,
     worst,
 )
+from daq.sources.can_source import BusStatus
 
 _OVERFLOW, _WARNING, _PASSIVE, _ACTIVE = 0x01, 0x0C, 0x30, 0x40
 _PROTOCOL_NAMES = {

@@ -6,9 +6,9 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import Literal
 
 from daq.clock import ClockFit
+from daq.sources.can_source import BusStatus
 
 NEXT_STEPS = {
     "bus_down": "ip link set {bus} up; check the adapter and its cable: recording continues by itself when it is back",
@@ -60,7 +60,6 @@ NEXT_STEPS = {
 The levels, the meaning with its thresholds and the usual cause of each code are in docs/health.md.
 """
 
-BusState = Literal["up", "down", "bus_off"]
 
 STAYS_NS = 3_000_000_000
 """A reason is kept this long after it last held, with its level."""
@@ -95,29 +94,6 @@ class Reason:
     where: str
     what: str
     next_step: str
-
-
-@dataclass(frozen=True)
-class BusStatus:
-    """Status of a bus as the logger knows it; counts are since the logger started.
-
-    Attributes
-    ----------
-    state : {"up", "down", "bus_off"}
-    kernel_drops : int or None
-        Lost because nobody fetched them in time; None where the interface does not count them.
-    queue_drops : int
-        Given up by the logger itself.
-    detail : str
-        Why it is down; empty when it is up.
-    """
-
-    state: BusState
-    received: int
-    kernel_drops: int | None
-    queue_drops: int = 0
-    reconnects: int = 0
-    detail: str = ""
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@ from .campaign import Bench as Bench
 from .campaign import Campaign as Campaign
 from .campaign import Coverage as Coverage
 from .campaign import DiagnosisOptions as DiagnosisOptions
+from .campaign import Lugs as Lugs
 from .campaign import considered as considered
 from .campaign import not_identifiable as not_identifiable
 from .consistency import BoundRows as BoundRows
@@ -16,6 +17,7 @@ from .result import CauseSet as CauseSet
 from .result import Detectable as Detectable
 from .result import Diagnosis as Diagnosis
 from .result import Finding as Finding
+from .result import FormUsed as FormUsed
 from .result import Gain as Gain
 from .result import Grounds as Grounds
 from .result import Inconsistent as Inconsistent

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from math import pi
 
 from daq import OUTPUTS, Note
 from model.effects.base import Effect, Needs
@@ -46,6 +47,36 @@ class Campaign:
     outboard_mass_kg: float = 0.0
 
 
+_WEDGE = 3.0**0.5
+"""Length of the soil that a lug moves in front of it, in lug heights: Rankine's tan(45 deg + phi/2) at phi = 30 deg."""
+
+
+@dataclass(frozen=True)
+class Lugs:
+    """Declared lugs of a wheel.
+
+    Attributes
+    ----------
+    height_m : float
+        From the rim to the tip, above 0.
+    count : int
+        Around the wheel; 0: not known.
+    """
+
+    height_m: float
+    count: int = 0
+
+    def sheared_m(self, radius_m: float) -> float:
+        """Return by how much the soil should shear outside the rim: all of the height where lugs hold what is between.
+
+        A lug moves a wedge of soil in front of it (Rankine); few lugs leave part of the rim's circumference to itself.
+        """
+        if not self.count:
+            return self.height_m
+        held = self.count * _WEDGE * self.height_m / (2.0 * pi * radius_m)
+        return self.height_m * min(1.0, held)
+
+
 @dataclass(frozen=True)
 class Bench:
     """Rows of single-wheel tests on one soil, independent of each other.
@@ -60,6 +91,10 @@ class Bench:
         Empty where the table states none: then it is estimated from repeats.
     wheel, soil, soil_prior, tyre
         See `Campaign`.
+    lugs : Lugs, optional
+        As vehicle.toml or the table declares them.
+    lines : tuple of int
+        Line of each row in the table's file; empty where they are of no file.
     """
 
     name: str
@@ -69,6 +104,8 @@ class Bench:
     soil_prior: SoilPrior
     sigmas: dict[str, float] = field(default_factory=dict)
     tyre: str = ""
+    lugs: Lugs | None = None
+    lines: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -91,6 +128,8 @@ class DiagnosisOptions:
         Of the resampling of runs and of simulated thresholds.
     next_run : bool
         Rank manoeuvres even where the verdict does not ask for it.
+    error_of_form : float, optional
+        Of single-wheel tables: share of load, load x radius and radius by which a right model may be off.
     """
 
     reading: Reading = "balanced"
@@ -100,6 +139,7 @@ class DiagnosisOptions:
     name_at: float = 0.9
     seed: int = 0
     next_run: bool = False
+    error_of_form: float | None = None
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ tan phi_s > 5 at phi = .2), cohesion alone on a long rear patch could.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -39,6 +40,8 @@ _SCALE_OFF = 0.05
 """Share by which the rim's speed of a hardly slipping wheel must be off for its radius to be suspected."""
 _HIGHEST_LUG = 0.1
 """In radii."""
+_MOST_NAMED = 200
+"""Rows of which those that break the bound are named one by one; of more the range of slip is."""
 _MOST_SUSPECTS = 500
 """Rows, the worst ones, from which changes are computed."""
 
@@ -53,11 +56,16 @@ class BoundRows:
     Attributes
     ----------
     torque_at_rest_nm : float array, shape (n,)
-        What the torque of the row's run reads at standstill; NaN where that is not known.
+        What the torque of the row's run reads at standstill with released brakes; NaN where that is not known.
     lugged : bool
         The rim has lugs: torque may act a tenth of the radius further out.
     speed_scale : float
         Ground speed over rim speed where the wheel hardly slips; NaN where that is not known.
+    slip : float array, shape (n,); empty where it is not known
+    lines : int array, shape (n,)
+        Lines in a table's file; empty where the rows are of none.
+    lug_share : float
+        Height of lugs in radii; of a lugged rim.
     """
 
     vertical_load_n: FloatArray
@@ -72,6 +80,9 @@ class BoundRows:
     radius_m: float
     lugged: bool = False
     speed_scale: float = np.nan
+    slip: FloatArray = field(default_factory=lambda: np.zeros(0))
+    lines: IndexArray = field(default_factory=lambda: np.zeros(0, np.intp))
+    lug_share: float = _HIGHEST_LUG
 
     def __len__(self) -> int:
         return len(self.sinkage_m)
@@ -81,12 +92,19 @@ class BoundRows:
             self,
             **{name: getattr(self, name)[rows] for name in _MEASURED},
             torque_at_rest_nm=self.torque_at_rest_nm[rows],
+            slip=self.slip[rows] if len(self.slip) else self.slip,
+            lines=self.lines[rows] if len(self.lines) else self.lines,
         )
+
+    @property
+    def is_series(self) -> bool:
+        """Whether they are samples of runs, too many to be named one by one."""
+        return len(self) > _MOST_NAMED
 
     @property
     def excess_n(self) -> FloatArray:
         """T/r - Dp - W tan(theta_1): what is left over."""
-        arm_m = self.radius_m * (1.0 + _HIGHEST_LUG * self.lugged)
+        arm_m = self.radius_m * (1.0 + self.lug_share * self.lugged)
         resistance = self.driving_torque_nm / arm_m - self.drawbar_pull_n
         return resistance - self.vertical_load_n * _tangent(self.sinkage_m, self.radius_m)
 
@@ -114,19 +132,35 @@ def bound_rows_of_runs(runs: Sequence[ProcessedRun], *, lugged: bool = False) ->
 
     rests = [np.full(int(chosen.sum()), _torque_at_rest(run)) for run, chosen in zip(runs, rows, strict=True)]
     scales = [run.quality.speed_scale for run in runs if np.isfinite(run.quality.speed_scale)]
+    columns: dict[str, Any] = {name: np.nan_to_num(joined(name)) for name in _MEASURED}
     return BoundRows(
-        **{name: np.nan_to_num(joined(name)) for name in _MEASURED},
+        **columns,
         torque_at_rest_nm=np.concatenate(rests),
         radius_m=runs[0].wheel_radius_m,
         lugged=lugged,
         speed_scale=float(np.median(scales)) if scales else np.nan,
+        slip=joined("slip"),
     )
 
 
-def bound_rows_of_table(table: WheelTable | Observations, radius_m: float, *, lugged: bool = False) -> BoundRows:
+def bound_rows_of_table(
+    table: WheelTable | Observations,
+    radius_m: float,
+    *,
+    lugged: bool = False,
+    lug_height_m: float | None = None,
+    lines: Sequence[int] = (),
+) -> BoundRows:
     """Return the driven rows of a bench table that hold torque and sinkage.
 
     Sigmas are those that a `WheelTable` states; of `Observations` only that of the load is known.
+
+    Parameters
+    ----------
+    lug_height_m : float, optional
+        Where it is declared; else a tenth of the radius is allowed for.
+    lines : sequence of int
+        Of the rows of `Observations` in their file; a `WheelTable` has its own.
     """
     rows = (table.slip > 0.0) & np.isfinite(table.driving_torque_nm + table.sinkage_m)
     stated = table.sigma if isinstance(table, WheelTable) else {"vertical_load_n": table.vertical_load_sigma_n}
@@ -134,7 +168,16 @@ def bound_rows_of_table(table: WheelTable | Observations, radius_m: float, *, lu
     for name, sigma in _SIGMA_OF.items():
         columns[sigma] = np.nan_to_num(stated[name][rows]) if name in stated else np.zeros(int(rows.sum()))
     at_rest = np.full(int(rows.sum()), np.nan)
-    return BoundRows(**columns, torque_at_rest_nm=at_rest, radius_m=radius_m, lugged=lugged)
+    numbers = np.array(table.lines if isinstance(table, WheelTable) else lines, np.intp)
+    return BoundRows(
+        **columns,
+        torque_at_rest_nm=at_rest,
+        radius_m=radius_m,
+        lugged=lugged,
+        slip=table.slip[rows],
+        lines=numbers[rows] if len(numbers) else numbers,
+        lug_share=_HIGHEST_LUG if lug_height_m is None else lug_height_m / radius_m,
+    )
 
 
 def inconsistent(rows: BoundRows) -> tuple[Inconsistent, ...]:
@@ -153,6 +196,12 @@ def inconsistent(rows: BoundRows) -> tuple[Inconsistent, ...]:
     change = _change(seen)
     channel, code, found = _suspect(seen, change["less_torque_nm"])
     excess = float(rows.excess_n[worst[0]])
+    places = rows[np.flatnonzero(over > 0.0)]
+    slips = np.sort(places.slip) if rows.is_series else places.slip
+    where: dict[str, tuple[Any, ...]] = {
+        "lines": tuple(places.lines.tolist()),
+        "slips": tuple((slips[[0, -1]] if rows.is_series and len(slips) else slips).tolist()),
+    }
     values = {
         "campaign": "",
         "broken": broken,
@@ -160,7 +209,8 @@ def inconsistent(rows: BoundRows) -> tuple[Inconsistent, ...]:
         "excess_n": excess,
         "sigmas": excess / max(float(rows.sigma_n[worst[0]]), 1e-9),
     }
-    return (Inconsistent(channel, broken, Note(code, values={**values, **found, **change})),)
+    why = Note(code, values={**values, **where, **found, **change})
+    return (Inconsistent(channel, broken, why, **where),)
 
 
 def _change(rows: BoundRows) -> dict[str, float]:
@@ -170,7 +220,7 @@ def _change(rows: BoundRows) -> dict[str, float]:
     sinkage_m = float((rows.radius_m * (1.0 - np.cos(np.arctan(tangent))) - rows.sinkage_m).max())
     shares = np.linspace(-0.6, 2.0, 521)
     radii = rows.radius_m * (1.0 + shares[:, None])
-    arms = radii * (1.0 + _HIGHEST_LUG * rows.lugged)
+    arms = radii * (1.0 + rows.lug_share * rows.lugged)
     resistance = rows.driving_torque_nm / arms - rows.drawbar_pull_n
     fine = (resistance - rows.vertical_load_n * _tangent(rows.sinkage_m, radii) <= 0.0).all(axis=1)
     return {
@@ -202,7 +252,8 @@ def _friction(rows: BoundRows) -> FloatArray:
 
 
 def _torque_at_rest(run: ProcessedRun) -> float:
-    levels = [stop.levels["driving_torque"] for stop in run.quality.standstills if "driving_torque" in stop.levels]
+    stops = [stop for stop in run.quality.standstills if stop.released]
+    levels = [stop.levels["driving_torque"] for stop in stops if "driving_torque" in stop.levels]
     return float(np.median(levels)) if levels else np.nan
 
 
@@ -226,7 +277,8 @@ def _rows(part: Campaign | Bench) -> BoundRows:
     lugged = part.tyre == "lugged"
     if isinstance(part, Campaign):
         return bound_rows_of_runs(part.runs, lugged=lugged)
-    rows = bound_rows_of_table(part.rows, part.wheel.radius_m, lugged=lugged)
+    height = part.lugs.height_m if part.lugs else None
+    rows = bound_rows_of_table(part.rows, part.wheel.radius_m, lugged=lugged, lug_height_m=height, lines=part.lines)
 
     def sigma(channel: str) -> FloatArray:
         return np.full(len(rows), part.sigmas.get(channel, 0.0))

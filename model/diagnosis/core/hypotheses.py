@@ -226,6 +226,17 @@ def short_set(found: Posterior, given: tuple[str, ...] = ()) -> tuple[str, ...]:
     return tuple(sorted((h.families[i] for i in chosen), key=lambda family: -order[family]))
 
 
+def nearest_rival(found: Posterior, family: str) -> tuple[str, ...]:
+    """Return the family that would take the place of another: of the most probable set of causes without that one."""
+    h = found.hypotheses
+    left = found.probability * ~h.has_family[:, h.families.index(family)] * h.has_family.any(axis=1)
+    if not left.any():
+        return ()
+    best = h.has_family[int(np.argmax(left))]
+    chances = found.families()
+    return (max((h.families[i] for i in np.flatnonzero(best)), key=lambda name: chances[name]),)
+
+
 def candidates(found: Posterior) -> tuple[Candidate, ...]:
     """Return every family's probability of being among the causes, and that of "none", most probable first."""
     chances = {**found.families(), "none": found.none}

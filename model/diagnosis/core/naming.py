@@ -1,28 +1,37 @@
-"""The verdict, in the published order.
+"""The verdict, in the published order, of driven runs and of single-wheel tables alike.
 
 1. Lack of fit above its threshold: `unexplained`.
 2. "None" not unlikely: above `NOTHING_AT`, or above `IDLE_AT` where the causes that are chosen do not predict
    held-out runs any better: `nothing_detectable`.
-3. A family above `name_at`, with which held-out runs are predicted better than with no cause, in likelihood, and of a
-   table in the error of the first channel too: `named`. Of driven runs that error is no demand: a zero of the torque or
-   a cause of the braked wheel shows in the likelihood only (docs/decisions/diagnosis-intervals.md).
-4. Else `one_of`: the shortest set of families of which one acts with 95 % probability, given that any cause acts.
+3. A family above `name_at` is `named` where
+
+   - the log score of held-out runs, over all channels, rises by `LEAST_NATS`;
+   - the held-out error of no measured channel grows for certain, also where the channel was not used;
+   - the named causes do not cancel each other to a small remainder that one of them less explains as well;
+   - the data identify the family (what stands in ``not_identifiable`` may be a member of a set only);
+   - its value bears the name, see `confirmed`;
+   - it is no physical cause that loses its name once the stress peak may lie ahead of the bottom, as it does in nature
+     (`model.diagnosis.findings.usual_soil`).
+
+   That R0 of the drawbar pull falls is no demand: a zero of the torque or a cause of the braked wheel shows in the
+   score only (docs/decisions/naming.md).
+4. Else `one_of`: the shortest set of families of which one acts with 95 % probability, given that any cause acts; a
+   family that is alone in it and not named stands beside its nearest rival.
 
 A name needs three runs or more (of a table: three conditions), since its probability must be calibrated and its gain
-be measured, and data that identify the family: what stands in ``not_identifiable`` is never named, however probable,
-but may be a member of a set. What is named must have a value that bears the name, see `confirmed`.
+be measured.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from daq import Note
-from model.diagnosis.core.hypotheses import Posterior, short_set
-from model.diagnosis.core.result import Adequacy, Cause, Gain, Verdict
+from model.diagnosis.core.hypotheses import Posterior, nearest_rival, short_set
+from model.diagnosis.core.result import Adequacy, Cause, Gain, PriorShift, Verdict
 from model.effects.catalogue import EFFECTS
 from model.notes import LackCode
 
@@ -30,6 +39,8 @@ NOTHING_AT = 0.2
 """Probability of "none" from which on no cause is reported: a false alarm costs more than a further run."""
 IDLE_AT = 0.05
 """The same where the causes that are chosen are of no use on held-out runs."""
+LEAST_NATS = 3.0
+"""Rise of the held-out log score that a name needs."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +70,7 @@ def judgement(
     not_identifiable: Mapping[str, Note] | None = None,
     name_at: float = 0.9,
     converged: bool = True,
-    error_must_fall: bool = False,
+    cancelling: Note | None = None,
 ) -> Judgement:
     """Return the verdict.
 
@@ -73,8 +84,8 @@ def judgement(
         On held-out runs, the causes chosen anew in each fold.
     converged : bool
         Whether the linearisation converged.
-    error_must_fall : bool
-        Whether a name also needs a held-out error that does not grow in the first channel, as in a table.
+    cancelling : Note or None
+        Which of the most probable causes cancel each other.
     """
     if not judged.ok:
         return Judgement("unexplained")
@@ -82,20 +93,33 @@ def judgement(
     if found.none >= (IDLE_AT if idle else NOTHING_AT):
         return Judgement("nothing_detectable")
     sure = [family for family, p in found.families().items() if p > name_at]
-    barred = _barred(found, gain, error_must_fall) or (None if converged else Note(LackCode.NOT_SETTLED))
+    barred = _barred(found, gain) or cancelling or (None if converged else Note(LackCode.NOT_SETTLED))
     if sure and not barred:
         named = tuple(family for family in sure if family not in (not_identifiable or {}))
         if named:
             return Judgement("named", named, short_set(found, named))
         barred = (not_identifiable or {})[sure[0]]
-    return Judgement("one_of", short_set(found), barred=barred if sure else None)
+    return one_of(found, barred if sure else None)
 
 
-def _barred(found: Posterior, gain: Gain | None, error_must_fall: bool) -> Note | None:
+def one_of(found: Posterior, barred: Note | None) -> Judgement:
+    """Return the verdict that one of a set of families acts; one that is alone and barred with its nearest rival."""
+    families = short_set(found)
+    if barred is not None and len(families) == 1:
+        families = (*families, *nearest_rival(found, families[0]))
+    return Judgement("one_of", families, barred=barred)
+
+
+def _barred(found: Posterior, gain: Gain | None) -> Note | None:
     if not found.calibrated or gain is None:
         return Note(LackCode.NOT_CHECKED)
-    if not gain.log_likelihood_gain > 0 or (error_must_fall and gain.reduction_percent < 0):
-        return Note(LackCode.NO_BETTER)
+    if gain.log_likelihood_gain < LEAST_NATS:
+        return Note(LackCode.NO_BETTER, values={"nats": gain.log_likelihood_gain, "least": LEAST_NATS})
+    for channel, change in gain.reductions.items():
+        if change.grows:
+            low, high = sorted(-x for x in change.interval95)
+            facts = {"channel": channel, "percent": -change.percent, "low": low, "high": high}
+            return Note(LackCode.CHANNEL_WORSE, values=facts)
     return None
 
 
@@ -108,7 +132,32 @@ def confirmed(verdict: Judgement, found: Posterior, causes: Sequence[Cause]) -> 
         Of the verdict, with their values.
     """
     if verdict.verdict == "named" and (why := doubtful(causes)):
-        return Judgement("one_of", short_set(found), barred=why)
+        return one_of(found, why)
+    return verdict
+
+
+def asked_again(verdict: Judgement, found: Posterior, rivals: Sequence[str], name_at: float) -> Judgement:
+    """Return the verdict once its physical causes were asked again beside what soils usually do.
+
+    One that does not stay above `name_at` loses its name to the set of it and its rivals. Errors of measurement are
+    exempt.
+
+    Parameters
+    ----------
+    found : Posterior
+        Beside what soils usually do.
+    rivals : sequence of str
+        Families of that.
+    """
+    if verdict.verdict != "named":
+        return verdict
+    chances = found.families()
+    for family in verdict.families:
+        physical = any(e.name == family and e.kind == "physical" for e in EFFECTS.values())
+        if physical and family not in rivals and not chances.get(family, 0.0) > name_at:
+            why = Note(LackCode.PEAK_MAY_SHIFT, values={"family": family, "probability": chances.get(family, 0.0)})
+            kept = tuple(other for other in verdict.families if other != family)
+            return Judgement("one_of", (family, *rivals, *kept), barred=why)
     return verdict
 
 
@@ -135,3 +184,23 @@ def doubtful(causes: Sequence[Cause]) -> Note | None:
                 facts = {"family": cause.name, "parameter": found.name, "neutral": own.neutral, "unit": found.unit}
                 return Note(LackCode.VALUE_MAY_BE_NEUTRAL, values={**facts, "low": low, "high": high})
     return None
+
+
+def prior_shifts(
+    found: Posterior, verdict: Judgement, judge: Callable[[Posterior], Judgement], factor: float = 3.0
+) -> tuple[PriorShift, ...]:
+    """Return every change of one family's prior by a factor, up or down, that changes the verdict.
+
+    Parameters
+    ----------
+    judge : callable
+        Returns the verdict of other probabilities, all else being the same.
+    """
+    shifts = []
+    for i, family in enumerate(found.hypotheses.families):
+        for times in (factor, 1.0 / factor):
+            weighted = found.probability * np.where(found.hypotheses.has_family[:, i], times, 1.0)
+            other = judge(replace(found, probability=weighted / weighted.sum()))
+            if (other.verdict, set(other.families)) != (verdict.verdict, set(verdict.families)):
+                shifts.append(PriorShift(family, times, other.verdict, other.families))
+    return tuple(shifts)

@@ -110,6 +110,19 @@ class Scores:
 
 
 @dataclass(frozen=True)
+class Reduction:
+    """By how much R0 of a channel falls, percent; with the 95 % interval, NaN with fewer than three runs."""
+
+    percent: float
+    interval95: tuple[float, float]
+
+    @property
+    def grows(self) -> bool:
+        """Whether the error grows for certain: the interval of its fall is below 0."""
+        return self.interval95[1] < 0.0
+
+
+@dataclass(frozen=True)
 class Gain:
     """Gain of the extension on runs that neither the choice nor the fit has used.
 
@@ -117,11 +130,13 @@ class Gain:
     ----------
     base, extended : mapping channel ("dp", "t", "z") -> Scores
     reduction_percent : of R0 of `channel`
-    interval95 : of it, by bootstrap over runs
+    interval95 : of it
     log_likelihood_gain : nats, sum over held-out runs
     chosen : tuple of tuple of str
         Keys of the causes that each fold chose.
     channel : "dp", "t" or "z"
+    reductions : mapping channel -> Reduction
+        Of every measured channel.
     """
 
     base: dict[str, Scores]
@@ -131,15 +146,26 @@ class Gain:
     log_likelihood_gain: float
     chosen: tuple[tuple[str, ...], ...]
     channel: str = "dp"
+    reductions: dict[str, Reduction] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Inconsistent:
-    """Rows of a channel that break an exact bound: no soil can do that."""
+    """Rows of a channel that break an exact bound: no soil can do that.
+
+    Attributes
+    ----------
+    lines : tuple of int
+        Lines of a table's file; empty where the rows are of none.
+    slips : tuple of float
+        Of each row; of samples of runs the least and the largest.
+    """
 
     channel: str
     rows: int
     why: Note
+    lines: tuple[int, ...] = ()
+    slips: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -216,11 +242,60 @@ class PlotData:
 
 @dataclass(frozen=True)
 class SoilEstimate:
-    """The soil as the data leave it, with the named causes (or none) in the model."""
+    """The soil as the data leave it, with the named causes (or none) in the model.
+
+    Attributes
+    ----------
+    laboratory : mapping parameter -> (value, one-sigma)
+        What was known before; without those that it is said to know exactly.
+    """
 
     campaign: str
     values: dict[str, float]
     sigmas: dict[str, float]
+    laboratory: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def off_laboratory(self) -> dict[str, float]:
+        """By how many of the laboratory's one-sigmas each parameter is off."""
+        return {name: (self.values[name] - x) / s for name, (x, s) in self.laboratory.items() if name in self.values}
+
+
+@dataclass(frozen=True)
+class PriorShift:
+    """What the verdict would be with another prior of a family.
+
+    Attributes
+    ----------
+    factor : float
+        On the prior odds of the sets that hold it.
+    """
+
+    family: str
+    factor: float
+    verdict: Verdict
+    families: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class FormUsed:
+    """The error of form that a right model of a single-wheel table may have in one channel.
+
+    Attributes
+    ----------
+    size : float
+        One-sigma, N, N m or m.
+    basis : "given", "assumed", "repeats" or "stated"
+        By a person, as a share of load, load x radius or radius; so by us; by the scatter of repeats; by the table's
+        sigma columns.
+    share : float or None
+        Where it is given or assumed.
+    """
+
+    channel: str
+    size: float
+    basis: str
+    share: float | None
 
 
 @dataclass(frozen=True)
@@ -241,10 +316,18 @@ class Grounds:
         Families of the most probable set.
     terrains : two tuples of str, optional
         Runs that ask for one soil, and those that ask for another.
+    lack_of_fit : tuple of Finding
+        Where it is off most, of "unexplained": the largest members of the worst kind of shape, or the worst rows.
+    prior_shifts : tuple of PriorShift
+        Changes of one family's prior that change the verdict.
     cautions : tuple of Note
         What speaks against diagnosing these runs or rows together.
     table_channels : tuple of str
         Channels that were used, of single-wheel tables; empty for driven runs.
+    form_errors : tuple of FormUsed
+        Of single-wheel tables, one for each of these channels.
+    form_matters : Note or None
+        Which verdicts half and twice an error of form that was assumed or given lead to, where they are others.
     """
 
     undecided: Note | None = None
@@ -253,8 +336,12 @@ class Grounds:
     confounded: tuple[str, ...] = ()
     most_probable: tuple[str, ...] = ()
     terrains: tuple[tuple[str, ...], tuple[str, ...]] | None = None
+    lack_of_fit: tuple[Finding, ...] = ()
+    prior_shifts: tuple[PriorShift, ...] = ()
     cautions: tuple[Note, ...] = ()
     table_channels: tuple[str, ...] = ()
+    form_errors: tuple[FormUsed, ...] = ()
+    form_matters: Note | None = None
 
 
 @dataclass(frozen=True)

@@ -120,16 +120,9 @@ def adequacy(
     left = left_over(grams, keys)
     if not left.score.size:
         return Adequacy(0.0, SLACK, ok=True)
-    groups = _kinds(grams.all_shapes()[0])
     small = np.zeros(left.score.size) if sizes is None else PRACTICAL / np.maximum(sizes, _LEAST_SIZE)
-    kinds = [_kind(left.information, shapes, small) for shapes in groups]
-    before = left_over(grams)
-    form = FORM / max(len(keys), 1)
-    ratios = []
-    for kind, shapes in zip(kinds, groups, strict=True):
-        found = float(kind.statistic(left.score))
-        explained = float(_kind(before.information, shapes, small).statistic(before.score)) - found
-        ratios.append(found / (kind.far + kind.small + form**2 * max(explained, 0.0)))
+    kinds = [_kind(left.information, shapes, small) for shapes in _kinds(grams.all_shapes()[0])]
+    ratios = _ratios(grams, keys, left, kinds)
     values, vectors = np.linalg.eigh(left.information)
     root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T  # whatever signs a processor gives the vectors
     drawn = rng.normal(size=(_DRAWS, values.size)) @ root
@@ -148,6 +141,42 @@ def shape_sizes(campaigns: Sequence[CampaignData]) -> FloatArray:
         units = [amplitude_of(data.samples, channel) / AMPLITUDE for channel in data.linear.channels]
         found.append(data.columns.sizes(data.samples.run, np.array(units)))
     return np.concatenate(found)
+
+
+def _ratios(grams: Grams, keys: tuple[str, ...], left: LeftOver, kinds: Sequence[_Kind]) -> list[float]:
+    """Return T of each kind over what noise, a shape too small to matter and the causes' formulas may make it."""
+    before = left_over(grams)
+    nothing = np.zeros(before.score.size)
+    form = FORM / max(len(keys), 1)
+    ratios = []
+    for kind in kinds:
+        found = float(kind.statistic(left.score))
+        explained = float(_kind(before.information, kind.shapes, nothing).statistic(before.score)) - found
+        ratios.append(found / (kind.far + kind.small + form**2 * max(explained, 0.0)))
+    return ratios
+
+
+def lack_of_fit(
+    grams: Grams, campaigns: tuple[CampaignData, ...], keys: tuple[str, ...], excess: float = 1.0
+) -> tuple[Finding, ...]:
+    """Return the three largest members of the kind of shapes by which a set of causes fails most.
+
+    Parameters
+    ----------
+    campaigns : tuple of CampaignData
+        For the shapes' heights.
+    excess : float
+        Factor on the noise's variance.
+    """
+    shapes, left = grams.all_shapes()[0], left_over(grams, keys)
+    if not shapes:
+        return ()
+    small = PRACTICAL / np.maximum(shape_sizes(campaigns), _LEAST_SIZE)
+    kinds = [_kind(left.information, group, small) for group in _kinds(shapes)]
+    worst = kinds[int(np.argmax(_ratios(grams, keys, left, kinds)))].shapes
+    heights = np.concatenate([data.columns.heights(data.samples.run) for data in campaigns])
+    own = LeftOver(left.misfit, left.score[worst], left.information[np.ix_(worst, worst)])
+    return tuple(found_in(own, tuple(shapes[i] for i in worst), heights[worst], excess, least=0.0, most=3))
 
 
 def excess(grams: Grams, keys: tuple[str, ...]) -> float:
@@ -231,7 +260,15 @@ def findings(
     return found_in(left, tuple(shapes[i] for i in asked), heights[asked], excess)
 
 
-def found_in(left: LeftOver, shapes: tuple[Shape, ...], height: FloatArray, excess: float = 1.0) -> list[Finding]:
+def found_in(
+    left: LeftOver,
+    shapes: tuple[Shape, ...],
+    height: FloatArray,
+    excess: float = 1.0,
+    *,
+    least: float = LEAST,
+    most: int = MOST,
+) -> list[Finding]:
     """Return the shapes that stand out, one after the other.
 
     Parameters
@@ -240,16 +277,18 @@ def found_in(left: LeftOver, shapes: tuple[Shape, ...], height: FloatArray, exce
         Of each shape with a coefficient of 1, in the unit of its channel or input.
     excess : float
         Factor on the noise's variance.
+    least, most
+        Smallest statistic and largest number of shapes.
     """
     score, information = left.score.copy(), left.information.copy()
     whole = np.maximum(np.diag(information), 1e-12)
     found: list[Finding] = []
-    for _ in range(min(MOST, len(shapes))):
+    for _ in range(min(most, len(shapes))):
         own = np.diag(information)
         known = own > _LEAST_SHARE_LEFT * whole
         z = np.where(known, score / np.sqrt(np.where(known, own * excess, 1.0)), 0.0)
         worst = int(np.argmax(np.abs(z)))
-        if abs(z[worst]) < LEAST:
+        if abs(z[worst]) < least or not known[worst]:
             break
         shape = shapes[worst]
         size = float(score[worst] / own[worst] * height[worst])

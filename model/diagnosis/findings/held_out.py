@@ -22,13 +22,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
-from daq import OUTPUTS, Note
+from daq import OUTPUTS, FloatArray, Note
 from model.cores import in_parallel
 from model.diagnosis.core.gain import HeldOutPrediction, gain_of
 from model.diagnosis.core.hypotheses import Posterior, probabilities
+from model.diagnosis.core.naming import LEAST_NATS
 from model.diagnosis.core.result import Gain
 from model.diagnosis.findings.adequacy import excess
 from model.diagnosis.findings.set_fit import SetFit, fit_sets
@@ -42,8 +44,9 @@ from model.diagnosis.time_series.evidence import (
 )
 from model.diagnosis.time_series.linearise import simulated
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
+from model.effects.catalogue import EFFECTS
 from model.fit.fit import default_slip_threshold
-from model.notes import DiagnosisCode
+from model.notes import DiagnosisCode, LackCode
 
 REPLICATES = 64
 FEWEST_RUNS = 3
@@ -97,15 +100,12 @@ Keys = tuple[str, ...]
 
 def held_out(
     linearised: LinearisedCampaign,
-    rng: np.random.Generator,
     fits: Mapping[Keys, SetFit] | None = None,
 ) -> tuple[Gain | None, tuple[Note, ...]]:
     """Measure the gain of the extension by leaving out one run at a time.
 
     Parameters
     ----------
-    rng : Generator
-        For the interval of the gain.
     fits : mapping, optional
         Sets that are fitted already.
 
@@ -131,7 +131,7 @@ def held_out(
 
     base, extended = zip(*in_parallel(predicted, range(count)), strict=True)
     channel = next(c for c in OUTPUTS if any(c in run.measured for run in base))
-    gain = gain_of(base, extended, chosen, channel, rng)
+    gain = gain_of(base, extended, chosen, channel)
     return gain, (Note(DiagnosisCode.TWO_RUNS),) * (count == 2)
 
 
@@ -166,10 +166,46 @@ def predict_held_out(
     samples = samples[samples.run == run - first[at]]
     part = fit.problem.parts[at]
     values = simulated(part.simulation, samples, replace(point, speed_mps=np.zeros(len(samples))))
+    slip = np.asarray(samples.conditions.slip)
     return HeldOutPrediction(
         log_likelihood=log_likelihood_of_run(grams, run, fit.keys),
         numbers=int(grams.samples[run]),
         measured={c: samples.measured[c] for c in part.frozen.channels},
         predicted=dict(zip(part.frozen.channels, values, strict=True)),
-        judged=np.asarray(samples.conditions.slip) >= default_slip_threshold(linearised.campaigns[at].campaign.soil),
+        judged=slip >= default_slip_threshold(linearised.campaigns[at].campaign.soil),
+        slip=slip,
     )
+
+
+_REMAINDER = 0.5
+"""Share of the smaller of two causes below which what they leave together is a small remainder."""
+
+
+def cancelling(linearised: LinearisedCampaign) -> Note | None:
+    """Return which two causes of the most probable set cancel each other where one of them less would do as well.
+
+    As well means that held-out runs lose less than `LEAST_NATS` without it.
+    """
+    grams, keys = linearised.grams, linearised.best.keys
+    if len(keys) < 2:
+        return None
+    found = estimate(grams, keys)
+    inner = without_soil(grams, grams.total)[1 : 1 + len(grams.causes), 1 : 1 + len(grams.causes)]
+    parts = {key: np.where([c.key == key for c in grams.causes], found.coefficients, 0.0) for key in keys}
+
+    def size(part: FloatArray) -> float:
+        return float(np.sqrt(part @ inner @ part))
+
+    for one, other in combinations(keys, 2):
+        if size(parts[one] + parts[other]) > _REMAINDER * min(size(parts[one]), size(parts[other])):
+            continue
+        for key in (one, other):
+            fewer = tuple(kept for kept in keys if kept != key)
+            if _held_out_score(grams, keys) - _held_out_score(grams, fewer) < LEAST_NATS:
+                facts = {"families": tuple(EFFECTS[k].name for k in (one, other)), "without": EFFECTS[key].name}
+                return Note(LackCode.PARTS_CANCEL, values=facts)
+    return None
+
+
+def _held_out_score(grams: Grams, keys: Keys) -> float:
+    return sum(log_likelihood_of_run(grams, run, keys) for run in range(len(grams.run_names)))

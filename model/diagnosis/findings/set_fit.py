@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy.special import stdtrit
 
 from daq import BoolArray, FloatArray
 from model.cores import in_parallel, one_thread
@@ -136,9 +137,7 @@ def spread_of(problem: SetProblem, x: FloatArray, linearised: LinearisedCampaign
 
 def interval(value: float, sigma: float, degrees: float) -> tuple[float, float]:
     """Return Student's 95 % interval."""
-    from scipy.stats import t
-
-    reach = float(t.ppf(0.5 + 0.5 * CONFIDENCE, degrees)) * sigma
+    reach = float(stdtrit(degrees, 0.5 + 0.5 * CONFIDENCE)) * sigma
     return value - reach, value + reach
 
 
@@ -236,9 +235,10 @@ def fit_set(
         problem = problem.refrozen(start)
     if not start.size:
         return SetFit(keys, problem.refrozen(start), start, np.zeros(0, bool), float("nan"))
-    found = _solved(problem, start)
-    for other in _others(problem, start) if starts == "several" else ():
-        tried = _solved(problem, other, _GLANCE)
+    others = _others(problem, start) if starts == "several" else ()
+    tasks = [(start, _OPTIONS), *((other, _GLANCE) for other in others)]
+    found, *glances = in_parallel(lambda task: _solved(problem, *task), tasks)
+    for tried in glances:
         if tried.cost < found.cost + _PROMISING:
             found = min(found, _solved(problem, tried.estimate), key=lambda result: result.cost)
     problem = problem.refrozen(found.estimate)
@@ -355,7 +355,7 @@ def soils_of(fit: SetFit, linearised: LinearisedCampaign, spread: Spread | None 
 
     Parameters
     ----------
-    fit, look, spread
+    fit, linearised, spread
         As for `parameters_of`.
     """
     spread = spread or spread_of(fit.problem, fit.estimate, linearised, fit.keys)
@@ -370,6 +370,7 @@ def soils_of(fit: SetFit, linearised: LinearisedCampaign, spread: Spread | None 
                 data.campaign.name,
                 space.values(u),
                 {name: float(s) for name, s in zip(SOIL_PARAMETERS, sigmas, strict=True)},
+                data.campaign.soil_prior.sized(),
             )
         )
     return tuple(found)

@@ -15,7 +15,16 @@ import numpy as np
 from daq import FloatArray
 from model.diagnosis.time_series.columns import CauseColumn, Columns, Grams, columns_of
 from model.diagnosis.time_series.evidence import box
-from model.diagnosis.time_series.linearise import Linear, Point, Simulation, at_point, at_rest, at_speed, derivatives, linearise
+from model.diagnosis.time_series.linearise import (
+    Linear,
+    Point,
+    Simulation,
+    at_point,
+    at_rest,
+    at_speed,
+    derivatives,
+    linearise,
+)
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import joined, run_grams, whitened_rows
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import BoolArray, FloatArray
-from model.diagnosis.time_series.samples import Instants, Samples, Standstills
+from model.diagnosis.time_series.samples import Instants, Samples
+from model.diagnosis.time_series.standstills import Standstills
 from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.stresses import slip_of_ratio, speed_ratio
 from processing.pipeline import STANDARD_GRAVITY_MPS2
@@ -92,7 +93,7 @@ def _variants(run: Samples, all_runs: Samples) -> Iterator[tuple[str, Samples]]:
     yield "a run with slip ramps half as fast, twice as long", slower_ramps(run)
     yield "a run at half the speed", with_speed_times(run, 0.5)
     yield "a second pass in the same rut", with_pass(run, float(np.max(run.conditions.pass_number)) + 1.0)
-    yield f"a run with {_STANDSTILLS} standstills of {_STANDSTILL_S:.0f} s", with_standstills(run)
+    yield f"a run with {_STANDSTILLS} standstills of {_STANDSTILL_S:.0f} s, brakes released", with_standstills(run)
     if "z" not in run.measured:
         yield "a run with a sinkage sensor, or the depth of the rut", with_channel(run, "z", _SINKAGE_SIGMA_M)
     if "t" not in run.measured:
@@ -201,7 +202,7 @@ def braked(run: Samples) -> Samples:
 
 
 def with_standstills(run: Samples) -> Samples:
-    """Return the run with some standstills instead of those that it has."""
+    """Return the run with some standstills with released brakes instead of those that it has."""
     now, count = run.rests, _STANDSTILLS
     load = float(np.mean(run.conditions.vertical_load_n))
     rows = np.linspace(0, len(run) - 1, count).round().astype(np.intp)

@@ -24,13 +24,15 @@ but one confounded cause is worth little.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from math import exp
 
 import numpy as np
 
 from daq import FloatArray
+from model.cores import in_parallel
 from model.diagnosis.core.bayes_factors import WORTH_SAYING, best_first, comes_apart, expected_nats
 from model.diagnosis.core.result import NextRun
 from model.diagnosis.findings.isolability import Projected, least_left, own_columns
@@ -40,7 +42,8 @@ from model.diagnosis.time_series.columns import Grams, columns_of
 from model.diagnosis.time_series.linearise import Point, Simulation, at_rest, linearise
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.diagnosis.time_series.noise import Noise, hyper_priors, rest_variance
-from model.diagnosis.time_series.samples import AT_REST, Samples
+from model.diagnosis.time_series.samples import Samples
+from model.diagnosis.time_series.standstills import AT_REST
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import joined, run_grams
 from model.wheel_soil.conditions import Conditions
@@ -265,8 +268,10 @@ def next_runs(linearised: LinearisedCampaign, members: tuple[Member, ...], most:
         return ()
     keys = tuple(dict.fromkeys((*(member.key for member in own), *linearised.best.keys)))
     found: dict[str, NextRun] = {}
-    for change, added in _candidates(linearised, keys):
-        result = split(linearised.grams, added, own)
+    candidates = list(_candidates(linearised, keys))
+    for one, matrix in zip(candidates, in_parallel(lambda one: one.products(), candidates), strict=True):
+        change = one.change
+        result = split(linearised.grams, embedded(linearised, one.campaign, one.simulation, matrix), own)
         families = tuple(dict.fromkeys(known[key] for key in result.parted))
         said = NextRun(change, families, result.expected_log_bayes_factor)
         if change not in found or found[change].expected_log_bayes_factor < said.expected_log_bayes_factor:
@@ -277,8 +282,17 @@ def next_runs(linearised: LinearisedCampaign, members: tuple[Member, ...], most:
     return tuple(r for r in ranked if r.expected_log_bayes_factor > least or r.change.endswith(LIKE_OTHERS))[:most]
 
 
-def _candidates(linearised: LinearisedCampaign, keys: tuple[str, ...]) -> Iterator[tuple[str, FloatArray]]:
-    """Yield what could be done and the cross products that it would give."""
+@dataclass(frozen=True)
+class _Candidate:
+    """What could be done: its name, the number of its campaign, and what computes the cross products that it gives."""
+
+    change: str
+    campaign: int
+    simulation: Simulation
+    products: Callable[[], FloatArray]
+
+
+def _candidates(linearised: LinearisedCampaign, keys: tuple[str, ...]) -> Iterator[_Candidate]:
     for index, data in enumerate(linearised.campaigns):
         if not len(data.samples):
             continue
@@ -286,19 +300,25 @@ def _candidates(linearised: LinearisedCampaign, keys: tuple[str, ...]) -> Iterat
         effects = tuple(e for e in data.simulation.effects if e.key() in keys)
         simulation = replace(data.simulation, effects=effects)
         for manoeuvre in manoeuvres(data.samples):
-            yield (
-                several + manoeuvre.change,
-                embedded(linearised, index, simulation, run_matrix(data, simulation, manoeuvre)),
-            )
+            products = partial(run_matrix, data, simulation, manoeuvre)
+            yield _Candidate(several + manoeuvre.change, index, simulation, products)
         typical = typical_run(data.samples)
-        for change, causes in (
-            ("the zero with the wheel lifted, at standstill", lifted_wheel(data, simulation, typical)),
-            (COASTING, hard_ground(data, simulation, typical)),
+        for change, of_causes in (
+            ("the zero with the wheel lifted, at standstill", lifted_wheel),
+            (COASTING, hard_ground),
         ):
-            q = len(simulation.space)
-            matrix = np.zeros((1 + q + len(causes), 1 + q + len(causes)))
-            matrix[1 + q :, 1 + q :] = causes
-            yield several + change, embedded(linearised, index, simulation, matrix)
+            products = partial(_without_soil, of_causes, data, simulation, typical)
+            yield _Candidate(several + change, index, simulation, products)
+
+
+def _without_soil(
+    of_causes: Callable[[CampaignData, Simulation, Samples], FloatArray],
+    data: CampaignData,
+    simulation: Simulation,
+    typical: Samples,
+) -> FloatArray:
+    """Return the cross products of what shows nothing of the soil."""
+    return np.pad(of_causes(data, simulation, typical), (1 + len(simulation.space), 0))
 
 
 def run_matrix(data: CampaignData, simulation: Simulation, manoeuvre: Manoeuvre) -> FloatArray:

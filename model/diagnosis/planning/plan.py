@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import OUTPUTS, REACTIONS, BoolArray, ConfigError, DataError, Fault, FloatArray, Note, RunInfo, VehicleConfig
+from daq import OUTPUTS, REACTIONS, BoolArray, ConfigError, DataError, FloatArray, Note, RunInfo, VehicleConfig
 from model.cores import one_thread
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.result import Detectable, NextRun
@@ -121,8 +121,8 @@ def plan_for(
         The wheel is not described.
     """
     if vehicle.wheel is None:
-        raise ConfigError(
-            Fault("the wheel is not described", "vehicle.toml", next_step="add [wheel] with radius_m and width_m")
+        raise ConfigError.of(
+            "the wheel is not described", "vehicle.toml", next_step="add [wheel] with radius_m and width_m"
         )
     usual = VehicleSetup()
     mass = vehicle.vehicle.mass_kg or usual.mass_kg
@@ -134,7 +134,7 @@ def plan_for(
         soil=soil,
         runs=runs or default,
         soil_prior=soil_prior,
-        tyre=vehicle.wheel.tyre or "",
+        tyre=vehicle.wheel.tread,
         name=name,
         duration_s=duration_s,
         vehicle=replace(usual, mass_kg=mass, static_load_n=usual.static_load_n * share),
@@ -154,7 +154,7 @@ def planned_campaign(plan: CampaignPlan) -> Campaign:
         The soil cannot carry the wheel.
     """
     if not plan.runs:
-        raise ConfigError(Fault("no run is planned", plan.name, expected="at least one run"))
+        raise ConfigError.of("no run is planned", plan.name, expected="at least one run")
     model = WheelSoilModel(plan.wheel, plan.soil)
     streams = np.random.default_rng(plan.seed).spawn(len(plan.runs))
     runs = tuple(_run(plan, model, info, i, rng) for i, (info, rng) in enumerate(zip(plan.runs, streams, strict=True)))
@@ -176,13 +176,11 @@ def _run(
     said = model.predict(Conditions(motion.slip, load))
     lost = ~np.isfinite(said.drawbar_pull_n)
     if lost.any():
-        raise DataError(
-            Fault(
-                "the soil cannot carry the wheel on this run",
-                f"{plan.name}: {info.id}",
-                found=f"{load[lost].min():.0f} to {load[lost].max():.0f} N on soil {plan.soil.name!r}",
-                next_step="plan less load, or check the soil and the wheel",
-            )
+        raise DataError.of(
+            "the soil cannot carry the wheel on this run",
+            f"{plan.name}: {info.id}",
+            found=f"{load[lost].min():.0f} to {load[lost].max():.0f} N on soil {plan.soil.name!r}",
+            next_step="plan less load, or check the soil and the wheel",
         )
     moving = motion.ground_speed_mps >= _LEAST_SPEED_MPS
     still = motion.ground_speed_mps < _STILL_MPS
@@ -261,7 +259,7 @@ def _standstills(still: BoolArray, load: FloatArray) -> tuple[Standstill, ...]:
                 "ground_speed": 0.0,
             }
             nothing = dict.fromkeys(levels, float("nan"))
-            found.append(Standstill(float(first / _RATE_HZ), float(duration), levels, nothing))
+            found.append(Standstill(float(first / _RATE_HZ), float(duration), levels, nothing, "released"))
     return tuple(found)
 
 

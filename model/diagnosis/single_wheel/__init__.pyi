@@ -19,3 +19,7 @@ from .weighing import Weighed as Weighed
 from .weighing import Weighing as Weighing
 from .weighing import weigh as weigh
 from .weighing import weighed as weighed
+from .wheel_pair import OWN as OWN
+from .wheel_pair import WheelPair as WheelPair
+from .wheel_pair import compare_wheels as compare_wheels
+from .wheel_pair import own_part as own_part

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from daq import ConfigError, Fault, FloatArray
+from daq import ConfigError, FloatArray
 from model.diagnosis.core.campaign import Bench
 from model.effects.base import Parameter
 from model.wheel_soil.conditions import Wheel
@@ -64,13 +64,11 @@ class SoilCoordinates:
         c, tan_phi, shear, n, kc, kphi = (float(x) for x in bench.soil_prior.mean)
         k = kc / bench.wheel.width_m + kphi
         if not k > 0:
-            raise ConfigError(
-                Fault(
-                    "the soil does not carry the wheel: k_c/b + k_phi is not positive",
-                    bench.name,
-                    f"{k:.4g} Pa/m^n at b = {bench.wheel.width_m:g} m",
-                    next_step="take k of the plate nearest to the wheel's width as frictional_modulus_kn",
-                )
+            raise ConfigError.of(
+                "the soil does not carry the wheel: k_c/b + k_phi is not positive",
+                bench.name,
+                f"{k:.4g} Pa/m^n at b = {bench.wheel.width_m:g} m",
+                next_step="take k of the plate nearest to the wheel's width as frictional_modulus_kn",
             )
         to_coordinates = np.zeros((5, len(SOIL_PARAMETERS)))
         to_coordinates[[0, 1, 2, 3], [0, 1, 2, 3]] = 1.0, 1.0, 1.0 / shear, 1.0
@@ -126,12 +124,13 @@ class SoilCoordinates:
 
 @dataclass(frozen=True)
 class CauseCoordinate:
-    """One parameter of one cause: ``neutral + scale * x``, x a cut-off standard normal.
+    """One parameter of one cause: ``centre + scale * x``, x a cut-off standard normal.
 
     Attributes
     ----------
     name, unit : of the parameter
-    neutral, scale : in its unit
+    neutral, centre, scale : in its unit
+        Where the cause does not act; where it is expected, if it does: the neutral value unless something is declared.
     lower, upper : of x
     """
 
@@ -141,10 +140,13 @@ class CauseCoordinate:
     scale: float
     lower: float
     upper: float
+    centre: float
 
     @staticmethod
-    def of(parameter: Parameter, wheel: Wheel, load_n: float) -> CauseCoordinate:
-        """Return the coordinate for a wheel under a typical load.
+    def of(
+        parameter: Parameter, wheel: Wheel, load_n: float, declared: tuple[float, float] | None = None
+    ) -> CauseCoordinate:
+        """Return the coordinate for a wheel under a typical load; `declared` are centre and scale, if they are known.
 
         Scales in N and N m are stated for a vehicle's wheel under 10 kN and shrink with the load (moments with the
         load only: a bench's torque sensor has the range that its loads ask for).
@@ -152,10 +154,12 @@ class CauseCoordinate:
         scale = parameter.scale(wheel)
         if parameter.unit in _LOAD_UNITS:
             scale *= load_n / _TYPICAL_LOAD_N
-        lower, upper = sorted((bound - parameter.neutral) / scale for bound in (parameter.lower, parameter.upper))
-        lower = max(lower, 0.0) if parameter.side > 0 else lower
-        upper = min(upper, 0.0) if parameter.side < 0 else upper
-        return CauseCoordinate(parameter.name, parameter.unit, parameter.neutral, scale, lower, upper)
+        centre, scale = declared or (parameter.neutral, scale)
+        bounds = sorted((parameter.lower, parameter.upper))
+        least = max(bounds[0], parameter.neutral) if parameter.side > 0 else bounds[0]
+        most = min(bounds[1], parameter.neutral) if parameter.side < 0 else bounds[1]
+        lower, upper = (least - centre) / scale, (most - centre) / scale
+        return CauseCoordinate(parameter.name, parameter.unit, parameter.neutral, scale, lower, upper, centre)
 
     @property
     def side(self) -> float:
@@ -165,11 +169,11 @@ class CauseCoordinate:
     def values(self, standard: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the parameter and its derivative by the standard-normal coordinate, shape (m,) each."""
         x, slope = cut_off(standard, self.lower, self.upper)
-        return self.neutral + self.scale * x, self.scale * slope
+        return self.centre + self.scale * x, self.scale * slope
 
     def standard(self, value: float) -> float:
         """Return the standard-normal coordinate of a value inside the bounds."""
-        x = (value - self.neutral) / self.scale
+        x = (value - self.centre) / self.scale
         above, below = ndtr(-self.lower), ndtr(-self.upper)
         return float(-ndtri(np.clip((ndtr(-x) - below) / (above - below), 1e-12, 1 - 1e-12)))
 

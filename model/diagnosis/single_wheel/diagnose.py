@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from daq import OUTPUTS, DataError, Fault, FloatArray, Note, Severity
+from daq import OUTPUTS, DataError, FloatArray, Note, Severity
 from model.cores import one_thread
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.consistency import inconsistencies
-from model.diagnosis.core.hypotheses import candidates, cause_of, likely_sets, most_probable_form
-from model.diagnosis.core.naming import confirmed, judgement
+from model.diagnosis.core.hypotheses import Posterior, candidates, cause_of, likely_sets, most_probable_form
+from model.diagnosis.core.naming import Judgement, confirmed, judgement, prior_shifts
 from model.diagnosis.core.result import Adequacy, Cause, Clock, Diagnosis, Gain, Grounds, Verdict, undecided
 from model.diagnosis.single_wheel.findings import (
     detectable_in_rows,
@@ -26,6 +26,8 @@ from model.diagnosis.single_wheel.findings import (
     soils_of,
     with_posterior,
 )
+from model.diagnosis.single_wheel.form_error import Judged, form_errors_of, steady
+from model.diagnosis.single_wheel.noise import FormError
 from model.diagnosis.single_wheel.predictions import held_out, next_tests
 from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse
 from model.diagnosis.single_wheel.sets import NO_SLIP, Library, library, skid_law
@@ -52,11 +54,11 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
     """
     options = options or DiagnosisOptions()
     if not any(len(bench.rows) for bench in benches):
-        raise DataError(Fault("the table has no rows to diagnose", ", ".join(b.name for b in benches)))
+        raise DataError.of("the table has no rows to diagnose", ", ".join(b.name for b in benches))
     clock = Clock()
     with clock.stage("rows"):
         chosen, channels, remarks = _rows(benches, options.channels)
-        problem = BenchProblem.of(chosen, channels, options.reading)
+        problem = BenchProblem.of(chosen, channels, options.reading, FormError(options.error_of_form))
         known = library(problem, options.effects)
     few = _too_few(problem)
     if few:
@@ -68,7 +70,30 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
     with clock.stage("held_out"):
         gain = held_out(weighing, rng)
     with clock.stage("verdict"):
-        return _diagnosis(benches, weighing, known, gain, remarks, options, clock, rng)
+        verdict, causes = _judged(weighing, known, gain, options, rng)
+        shifts = prior_shifts(
+            weighing.posterior, verdict, lambda other: _verdict(other, weighing, known, gain, options)
+        )
+    turned = None
+    if problem.form_is_taken:
+        with clock.stage("error_of_form"):
+            base = Judged(verdict, weighing.posterior)
+            after, turned = steady(base, lambda factor: _again(weighing, known, options, factor))
+            if after != verdict:
+                verdict, causes = after, _causes(weighing, after.families, rng)
+    grounds = Grounds(
+        barred=verdict.barred,
+        beside=verdict.beside,
+        lack_of_fit=findings_of(weighing, weighing.sets[0])[:3] if verdict.verdict == "unexplained" else (),
+        prior_shifts=shifts,
+        cautions=mixed_repeats(problem),
+        table_channels=problem.channels,
+        form_errors=form_errors_of(problem, given=options.error_of_form is not None),
+        form_matters=turned,
+    )
+    with clock.stage("verdict"):
+        found = _diagnosis(benches, weighing, known, (verdict.verdict, causes), remarks, options, rng)
+    return replace(found, gain=gain, grounds=grounds, stages_s=clock.stages_s)
 
 
 def _rows(benches: Sequence[Bench], channels: tuple[str, ...]) -> tuple[list[Bench], tuple[str, ...], list[Note]]:
@@ -106,51 +131,68 @@ def _diagnosis(
     benches: Sequence[Bench],
     weighing: Weighing,
     known: Library,
-    gain: Gain | None,
+    judged: tuple[Verdict, tuple[Cause, ...]],
     remarks: Sequence[Note],
     options: DiagnosisOptions,
-    clock: Clock,
     rng: np.random.Generator,
 ) -> Diagnosis:
     problem = weighing.problem
     found = weighing.posterior
-    judged = Adequacy(_least_misfit(weighing), weighing.threshold, weighing.any_adequate)
-    verdict = judgement(found, judged, gain, known.not_identifiable, options.name_at, error_must_fall=True)
-    causes = _causes(weighing, verdict.families, rng)
-    if (after := confirmed(verdict, found, causes)) != verdict:
-        verdict = after
-        causes = _causes(weighing, verdict.families, rng)
-    best = with_posterior(weighing, _extension(weighing, verdict.verdict, causes), rng)
+    verdict, causes = judged
+    best = with_posterior(weighing, _extension(weighing, verdict, causes), rng)
     shown = _shown(weighing, causes)
     plot_data = plot_data_of(weighing, best, shown)
-    runs = next_tests(weighing, rng) if verdict.verdict == "one_of" or options.next_run else ()
+    runs = next_tests(weighing, rng) if verdict == "one_of" or options.next_run else ()
     skids = {bench.name: law for bench in benches if (law := skid_law(bench)) is not None}
     null = weighing.of_set(())
     return Diagnosis(
-        verdict=verdict.verdict,
+        verdict=verdict,
         causes=causes,
         candidates=candidates(found),
         what_is_wrong=findings_of(weighing),
-        gain=gain,
         inconsistent=inconsistencies(benches),
-        adequacy=judged,
+        adequacy=_adequacy(weighing),
         proposal=None,
         minimum_detectable=detectable_in_rows(problem, known, null.optima[0], options.name_at),
         next_run=runs,
         not_identifiable=known.not_identifiable,
         notes=(*remarks, *notes_of(problem, plot_data, skids, weighing)),
-        grounds=Grounds(
-            barred=verdict.barred,
-            beside=verdict.beside,
-            cautions=mixed_repeats(problem),
-            table_channels=problem.channels,
-        ),
         noise=_noise(problem, mean_of(weighing.sets[0].posterior)),
         soils=soils_of(weighing, best),
         plot_data=plot_data,
-        stages_s=clock.stages_s,
         sets=likely_sets(found),
     )
+
+
+def _judged(
+    weighing: Weighing, known: Library, gain: Gain | None, options: DiagnosisOptions, rng: np.random.Generator
+) -> tuple[Judgement, tuple[Cause, ...]]:
+    """Return the verdict, and its causes with their values."""
+    found = weighing.posterior
+    verdict = _verdict(found, weighing, known, gain, options)
+    causes = _causes(weighing, verdict.families, rng)
+    if (after := confirmed(verdict, found, causes)) == verdict:
+        return verdict, causes
+    return after, _causes(weighing, after.families, rng)
+
+
+def _verdict(
+    found: Posterior, weighing: Weighing, known: Library, gain: Gain | None, options: DiagnosisOptions
+) -> Judgement:
+    return judgement(found, _adequacy(weighing), gain, known.not_identifiable, options.name_at)
+
+
+def _again(weighing: Weighing, known: Library, options: DiagnosisOptions, factor: float) -> Judged:
+    """Return the verdict with the error of form times a factor."""
+    rng = np.random.default_rng(options.seed)
+    problem = weighing.problem.with_form_error(FormError(options.error_of_form, factor))
+    other = weigh(problem, known.uses, options.most_causes, rng, near=weighing)
+    verdict, _ = _judged(other, known, held_out(other, rng), options, rng)
+    return Judged(verdict, other.posterior)
+
+
+def _adequacy(weighing: Weighing) -> Adequacy:
+    return Adequacy(_least_misfit(weighing), weighing.threshold, weighing.any_adequate)
 
 
 def _causes(weighing: Weighing, families: Sequence[str], rng: np.random.Generator) -> tuple[Cause, ...]:

@@ -79,10 +79,10 @@ def plot_data_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tu
     return tuple(found)
 
 
-def findings_of(weighing: Weighing) -> tuple[Finding, ...]:
-    """Return where the simulation with its re-calibrated soil is off, worst first."""
-    problem, null = weighing.problem, weighing.of_set(())
-    said = mean_of(null.posterior)
+def findings_of(weighing: Weighing, chosen: Weighed | None = None) -> tuple[Finding, ...]:
+    """Return where the simulation with its re-calibrated soil, or with a set of causes, is off, worst first."""
+    problem, least = weighing.problem, _SIGNIFICANT if chosen is None else 0.0
+    said = mean_of(weighing.of_set(()).posterior) if chosen is None else chosen.optima[0].said
     found = []
     for noise, rows in zip(problem.noises, problem.rows, strict=True):
         error = noise.measured - said[noise.channel][rows]
@@ -91,7 +91,7 @@ def findings_of(weighing: Weighing) -> tuple[Finding, ...]:
             own = noise.groups == group
             size = float(error[own].mean())
             statistic = size / float(np.hypot(scatter / np.sqrt(own.sum()), noise.form_scale))
-            if abs(statistic) > _SIGNIFICANT:
+            if abs(statistic) > least:
                 place = _place(problem, rows[own])
                 found.append(Finding(OUTPUTS[noise.channel].role, place, size, statistic))
     return tuple(sorted(found, key=lambda f: -abs(f.statistic)))
@@ -244,7 +244,10 @@ def soils_of(weighing: Weighing, weighed: Weighed) -> tuple[SoilEstimate, ...]:
         names = [b.name for b, of in zip(problem.benches, problem.soil_of, strict=True) if of == i]
         found.append(
             SoilEstimate(
-                " and ".join(names), {n: d.value for n, d in draws.items()}, {n: d.sigma for n, d in draws.items()}
+                " and ".join(names),
+                {n: d.value for n, d in draws.items()},
+                {n: d.sigma for n, d in draws.items()},
+                bench.soil_prior.sized(),
             )
         )
     return tuple(found)
@@ -267,9 +270,12 @@ def notes_of(
     load_n = problem.typical_load_n
     notes = [Note(DiagnosisCode.PRIOR_SCALED, values={"share": load_n / _USUAL_LOAD_N, "load_n": load_n})]
     for noise in problem.noises:
-        scatter = scatter_of_repeats(noise.measured, noise.groups)
-        facts = {"channel": noise.channel, "scatter": scatter, "form_scale": noise.form_scale}
-        notes.append(Note(DiagnosisCode.REPEATS_SCATTER, values=facts))
+        stated = noise.scatter_is_known
+        scatter = float(noise.scatter[0]) if stated else scatter_of_repeats(noise.measured, noise.groups)
+        if scatter > 0:
+            facts = {"channel": noise.channel, "scatter": scatter, "form_scale": noise.form_scale}
+            code = DiagnosisCode.SCATTER_STATED if stated else DiagnosisCode.REPEATS_SCATTER
+            notes.append(Note(code, values=facts))
     laws = [Note(DiagnosisCode.SKID_LAW, values={"table": name, **asdict(law)}) for name, law in skids.items()]
     return [*notes, *_likeliest(weighing), *_unused_channels(plot_data), *laws]
 

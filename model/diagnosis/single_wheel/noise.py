@@ -23,11 +23,28 @@ from daq import FloatArray, IndexArray
 FORM_PER_SCATTER = 2.0
 """Error of form that a right model may well have, in one-sigmas of a single row."""
 FORM_SHARE = 0.025
-"""The same where there are no repeats: of W, of W r, of r."""
+"""The same where nothing says how much repeats scatter, as a share of W, of W r, of r: an assumption."""
 _LEAST_SHARE = 0.005
 """And at least: repeats that agree better are of a simulation."""
 _SCATTER_NODES = 9
 _FORM_NODES = 13
+
+
+@dataclass(frozen=True)
+class FormError:
+    """What is taken for the error of form that a right model may have.
+
+    Attributes
+    ----------
+    share : float or None
+        Of W, W r and r, as a person gives it for every channel; None: twice the scatter of repeats, and `FORM_SHARE`
+        in a channel without.
+    factor : float
+        What a given or an assumed share is multiplied by.
+    """
+
+    share: float | None = None
+    factor: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -49,6 +66,8 @@ class ChannelNoise:
         One-sigmas.
     log_weight : array, shape (nodes,)
         Of each node; sums to 1.
+    form_share : float or None
+        Share of W, W r or r that `form_scale` was given or assumed as; None where the scatter of repeats says it.
     """
 
     channel: str
@@ -59,6 +78,7 @@ class ChannelNoise:
     scatter: FloatArray
     form: FloatArray
     log_weight: FloatArray
+    form_share: float | None = None
 
     @staticmethod
     def of(
@@ -68,6 +88,7 @@ class ChannelNoise:
         carried: FloatArray,
         form_scale: float,
         sigma: float | None,
+        form_share: float | None = None,
     ) -> ChannelNoise:
         """Return the noise of a channel; `sigma` is the scatter of repeats where it is known."""
         if sigma is not None:
@@ -89,13 +110,35 @@ class ChannelNoise:
             np.repeat(scatter, _FORM_NODES),
             np.tile(form, len(scatter)),
             np.log(np.outer(scatter_weight, form_weight)).ravel(),
+            form_share,
         )
 
     @staticmethod
-    def usual_form(measured: FloatArray, groups: IndexArray, sigma: float | None, size: float) -> float:
-        """Return the error of form that a right model may well have; `size` is W, W r or r."""
+    def usual_form(
+        measured: FloatArray, groups: IndexArray, sigma: float | None, size: float, form_error: FormError
+    ) -> tuple[float, float | None]:
+        """Return the error of form that a right model may well have, and what share of `size` was taken for it.
+
+        Parameters
+        ----------
+        size : float
+            W, W r or r.
+
+        Returns
+        -------
+        tuple of float and float or None
+            None: no share was taken, the scatter of repeats says it.
+        """
         scatter = scatter_of_repeats(measured, groups) if sigma is None else sigma
-        return max(FORM_PER_SCATTER * scatter, _LEAST_SHARE * size) if scatter > 0 else FORM_SHARE * size
+        if form_error.share is None and scatter > 0:
+            return max(FORM_PER_SCATTER * scatter, _LEAST_SHARE * size), None
+        share = form_error.factor * (FORM_SHARE if form_error.share is None else form_error.share)
+        return share * size, share
+
+    @property
+    def scatter_is_known(self) -> bool:
+        """Whether the table states the scatter of repeats."""
+        return len(np.unique(self.scatter)) == 1
 
     @cached_property
     def members(self) -> FloatArray:

@@ -66,7 +66,7 @@ def held_out(weighing: Weighing, rng: np.random.Generator) -> Gain | None:
         base.append(_predicted(problem, fold, weighing.of_set(()).optima, rng))
         extended.append(_predicted(problem, fold, best, rng) if best[0].hypothesis else base[-1])
         chosen.append(tuple(use.key for use in best[0].hypothesis))
-    return gain_of(base, extended, chosen, problem.channels[0], rng)
+    return gain_of(base, extended, chosen, problem.channels[0])
 
 
 @dataclass(frozen=True)

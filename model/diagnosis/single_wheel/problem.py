@@ -15,14 +15,17 @@ from typing import Any
 
 import numpy as np
 
-from daq import OUTPUTS, FloatArray, IndexArray
+from daq import OUTPUTS, BoolArray, FloatArray, IndexArray
 from model.diagnosis.core.campaign import Bench
 from model.diagnosis.single_wheel.coordinates import CauseCoordinate, SoilCoordinates
-from model.diagnosis.single_wheel.noise import ChannelNoise, groups_of_rows
+from model.diagnosis.single_wheel.noise import ChannelNoise, FormError, groups_of_rows
 from model.effects.catalogue import EFFECTS
 from model.wheel_soil.conditions import Conditions
 from model.wheel_soil.dual import Dual, Number, value_of
 from model.wheel_soil.wheel_soil_model import Reading, WheelSoilModel
+
+_LUG_SPREAD = 0.5
+"""One-sigma of the height at which soil shears, over the height that is expected of declared lugs."""
 
 
 @dataclass(frozen=True)
@@ -115,12 +118,12 @@ class Columns:
             for key, p in zip(effect.parameter_keys().values(), effect.parameters, strict=True)
         }
         partials: dict[str, dict[str, FloatArray]] = {key: {} for key in values}
-        for (key, bench, slot), (coordinate, members) in self._slots().items():
-            rows = np.ones(shape[1], bool) if bench is None else problem.bench == bench
+        for (name, key, bench, slot), (coordinate, members) in self._slots().items():
+            rows = problem.acts_on(CauseUse(key, bench))
             value, slope = coordinate.values(self.standard[members, problem.soil_offsets[-1] + slot])
             block = np.ix_(np.array(members), rows)
-            values[key][block] = value[:, None]
-            partials[key].setdefault(f"c{slot}", np.zeros(shape))[block] = slope[:, None]
+            values[name][block] = value[:, None]
+            partials[name].setdefault(f"c{slot}", np.zeros(shape))[block] = slope[:, None]
         if not self.slopes:
             return {key: value.reshape(-1, 1) for key, value in values.items()}
         return {
@@ -128,9 +131,9 @@ class Columns:
             for key, value in values.items()
         }
 
-    def _slots(self) -> dict[tuple[str, int | None, int], tuple[CauseCoordinate, list[int]]]:
+    def _slots(self) -> dict[tuple[str, str, int | None, int], tuple[CauseCoordinate, list[int]]]:
         """Return which hypotheses have which parameter of the model in which of their own coordinates."""
-        found: dict[tuple[str, int | None, int], tuple[CauseCoordinate, list[int]]] = {}
+        found: dict[tuple[str, str, int | None, int], tuple[CauseCoordinate, list[int]]] = {}
         alike: dict[Hypothesis, list[int]] = {}
         for member, hypothesis in enumerate(self.hypotheses):
             alike.setdefault(hypothesis, []).append(member)
@@ -139,10 +142,10 @@ class Columns:
             for use in hypothesis:
                 names = EFFECTS[use.key].parameter_keys().values()
                 for name, coordinate in zip(names, self.problem.coordinates(use), strict=True):
-                    found.setdefault((name, use.bench, slot), (coordinate, []))[1].extend(members)
+                    found.setdefault((name, use.key, use.bench, slot), (coordinate, []))[1].extend(members)
                     slot += 1
         # a bench's own value replaces the value for all
-        return dict(sorted(found.items(), key=lambda item: item[0][1] is not None))
+        return dict(sorted(found.items(), key=lambda item: item[0][2] is not None))
 
     def of_each(self, said: Number) -> FloatArray:
         """Return a column of the model as one row for each hypothesis, shape (B, n)."""
@@ -201,7 +204,10 @@ class BenchProblem:
 
     @staticmethod
     def of(
-        benches: Sequence[Bench], channels: Sequence[str] = tuple(OUTPUTS), reading: Reading = "balanced"
+        benches: Sequence[Bench],
+        channels: Sequence[str] = tuple(OUTPUTS),
+        reading: Reading = "balanced",
+        form_error: FormError | None = None,
     ) -> BenchProblem:
         """Return the problem; benches with the same laboratory soil stand on one soil.
 
@@ -240,9 +246,18 @@ class BenchProblem:
             (),
             reading,
         )
-        return problem._with_noise(channels)
+        return problem._with_noise(channels, form_error or FormError())
 
-    def _with_noise(self, channels: Sequence[str]) -> BenchProblem:
+    def with_form_error(self, form_error: FormError) -> BenchProblem:
+        """Return the problem with another error of form in the channels where it is given or assumed."""
+        return self._with_noise(self.channels, form_error)
+
+    @property
+    def form_is_taken(self) -> bool:
+        """Whether an error of form was given or assumed, in any channel."""
+        return any(noise.form_share is not None for noise in self.noises)
+
+    def _with_noise(self, channels: Sequence[str], form_error: FormError) -> BenchProblem:
         noises, rows = [], []
         slopes = self._input_slopes() if any(_uncertain(b) for b in self.benches) else None
         for channel in channels:
@@ -254,8 +269,8 @@ class BenchProblem:
             known = [b.sigmas.get(channel) for b in self.benches]
             sigma = None if any(s is None for s in known) else float(np.mean([s for s in known if s is not None]))
             group = np.unique(self.group[chosen], return_inverse=True)[1]
-            form = ChannelNoise.usual_form(measured[chosen], group, sigma, self.size_of(channel))
-            noises.append(ChannelNoise.of(channel, measured[chosen], group, carried, form, sigma))
+            form, share = ChannelNoise.usual_form(measured[chosen], group, sigma, self.size_of(channel), form_error)
+            noises.append(ChannelNoise.of(channel, measured[chosen], group, carried, form, sigma, share))
             rows.append(chosen)
         return replace(self, noises=tuple(noises), rows=tuple(rows))
 
@@ -287,9 +302,24 @@ class BenchProblem:
         """Return the coordinates of a cause."""
         if use not in self._coordinates:
             wheel, load_n = self.benches[use.bench or 0].wheel, self.typical_load_n
-            parameters = EFFECTS[use.key].parameters
-            self._coordinates[use] = tuple(CauseCoordinate.of(p, wheel, load_n) for p in parameters)
+            parameters, declared = EFFECTS[use.key].parameters, self._declared(use)
+            self._coordinates[use] = tuple(CauseCoordinate.of(p, wheel, load_n, declared) for p in parameters)
         return self._coordinates[use]
+
+    def _declared(self, use: CauseUse) -> tuple[float, float] | None:
+        """Return centre and one-sigma of a cause's prior where the wheel's lugs are declared; else nothing."""
+        if not EFFECTS[use.key].needs.lugs:
+            return None
+        benches = self.benches if use.bench is None else (self.benches[use.bench],)
+        heights = [b.lugs.sheared_m(b.wheel.radius_m) for b in benches if b.lugs is not None]
+        return (float(np.mean(heights)), _LUG_SPREAD * float(np.mean(heights))) if heights else None
+
+    def acts_on(self, use: CauseUse) -> BoolArray:
+        """Return on which rows a cause acts, shape (n,): on its own bench or all, a lugged wheel's on no smooth one."""
+        rows = np.ones(len(self.slip), bool) if use.bench is None else self.bench == use.bench
+        if EFFECTS[use.key].needs.lugs:
+            rows = rows & np.array([b.tyre != "smooth" for b in self.benches])[self.bench]
+        return np.asarray(rows)
 
     @cached_property
     def _coordinates(self) -> dict[CauseUse, tuple[CauseCoordinate, ...]]:

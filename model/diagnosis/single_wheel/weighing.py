@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
-from daq import DataError, Fault, FloatArray
+from daq import DataError, FloatArray
 from model.diagnosis.core.hypotheses import Posterior, listed_sets, probabilities, with_triples
 from model.diagnosis.single_wheel.evidence import SetPosterior, posterior_of
 from model.diagnosis.single_wheel.noise import ChannelNoise, scatter_of_repeats
@@ -77,8 +77,7 @@ def threshold(problem: BenchProblem, rng: np.random.Generator, rows: FloatArray 
 
 
 def _scatter(noise: ChannelNoise) -> float:
-    known = len(np.unique(noise.scatter)) == 1
-    return float(noise.scatter[0]) if known else scatter_of_repeats(noise.measured, noise.groups)
+    return float(noise.scatter[0]) if noise.scatter_is_known else scatter_of_repeats(noise.measured, noise.groups)
 
 
 def _fixed(noise: ChannelNoise) -> ChannelNoise:
@@ -201,13 +200,21 @@ class Weighing:
         return next(w for w in self.sets if w.hypothesis == hypothesis)
 
 
-def weigh(problem: BenchProblem, uses: Sequence[CauseUse], most: int, rng: np.random.Generator) -> Weighing:
+def weigh(
+    problem: BenchProblem,
+    uses: Sequence[CauseUse],
+    most: int,
+    rng: np.random.Generator,
+    near: Weighing | None = None,
+) -> Weighing:
     """Weigh every set of up to `most` causes.
 
     Parameters
     ----------
     most : int
         0 to 3; sets of three are made of promising pairs.
+    near : Weighing, optional
+        Of the same rows with another noise: the search starts where its sets fit best.
 
     Raises
     ------
@@ -217,6 +224,8 @@ def weigh(problem: BenchProblem, uses: Sequence[CauseUse], most: int, rng: np.ra
     listed = listed_uses(uses, most)
     log_prior = sets_of(uses, listed)
     found = Optima(problem)
+    if near is not None:
+        found.add_from([(w.hypothesis, w.optima[0].standard) for w in near.sets])
     for size in range(min(most, 2) + 1):
         found.add_all(h for h in log_prior if len(h) == size)
         if not size:
@@ -233,12 +242,10 @@ def weigh(problem: BenchProblem, uses: Sequence[CauseUse], most: int, rng: np.ra
 def _refuse_unanswered(null: Optimum, problem: BenchProblem) -> None:
     if np.isfinite(null.log_likelihood):
         return
-    raise DataError(
-        Fault(
-            "the wheel sinks to its axle on every soil near the laboratory's",
-            ", ".join(bench.name for bench in problem.benches),
-            next_step="check cohesive_modulus_kn, frictional_modulus_kn, sinkage_exponent, the wheel and the loads",
-        )
+    raise DataError.of(
+        "the wheel sinks to its axle on every soil near the laboratory's",
+        ", ".join(bench.name for bench in problem.benches),
+        next_step="check cohesive_modulus_kn, frictional_modulus_kn, sinkage_exponent, the wheel and the loads",
     )
 
 

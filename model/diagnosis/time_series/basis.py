@@ -25,7 +25,8 @@ import numpy as np
 from daq import BoolArray, FloatArray, IndexArray
 from model.diagnosis.core.shapes import Kind, Shape
 from model.diagnosis.time_series.linearise import Linear
-from model.diagnosis.time_series.samples import AT_REST, Samples
+from model.diagnosis.time_series.samples import Samples
+from model.diagnosis.time_series.standstills import AT_REST
 from model.wheel_soil.conditions import Conditions
 
 LOAD_SPREAD = 0.15

@@ -22,7 +22,8 @@ from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.basis import CatchAll, RunShapes, basis, no_basis
 from model.diagnosis.time_series.linearise import Linear, Simulation
 from model.diagnosis.time_series.noise import constants, loading
-from model.diagnosis.time_series.samples import AT_REST, Samples
+from model.diagnosis.time_series.samples import Samples
+from model.diagnosis.time_series.standstills import AT_REST
 
 
 @dataclass(frozen=True)
@@ -410,4 +411,7 @@ def _at_rest(
                 out[row, :, width - len(by_run) + i] = turn(rests.wheel_angle_rad)
             elif name == f"zero {channel}":
                 out[row, :, width - len(by_run) + i] = 1.0
+            elif name == f"rest {channel}":
+                weight = np.asarray(rests.conditions.vertical_load_n) / np.median(samples.conditions.vertical_load_n)
+                out[row, :, width - len(by_run) + i] = weight if channel == "dp" else 1.0
     return np.where(present[..., None], out, 0.0), present

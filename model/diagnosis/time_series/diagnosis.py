@@ -16,7 +16,7 @@ from model.cores import one_thread
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.consistency import inconsistencies
 from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets
-from model.diagnosis.core.naming import Judgement, confirmed, judgement
+from model.diagnosis.core.naming import Judgement, asked_again, confirmed, judgement, prior_shifts
 from model.diagnosis.core.result import (
     Adequacy,
     Cause,
@@ -27,9 +27,10 @@ from model.diagnosis.core.result import (
     Gain,
     Grounds,
     NextRun,
+    PriorShift,
     undecided,
 )
-from model.diagnosis.findings.adequacy import adequacy, excess, findings, shape_sizes
+from model.diagnosis.findings.adequacy import adequacy, excess, findings, lack_of_fit, shape_sizes
 from model.diagnosis.findings.agreement import disagreement_notes, disagreements, other_forms, runs_of, two_soils
 from model.diagnosis.findings.explained import (
     Confounded,
@@ -40,10 +41,11 @@ from model.diagnosis.findings.explained import (
     explain,
     plot_data_of,
 )
-from model.diagnosis.findings.held_out import bagged, held_out
+from model.diagnosis.findings.held_out import bagged, cancelling, held_out
 from model.diagnosis.findings.isolability import detectable_in_runs
 from model.diagnosis.findings.proposal import propose_for
 from model.diagnosis.findings.set_fit import parameters_of
+from model.diagnosis.findings.usual_soil import posterior_with_usual_soil, usual_effects
 from model.diagnosis.planning.next_run import members_of, next_runs, plausible_grams
 from model.diagnosis.time_series.evidence import posterior
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, linearise_campaigns
@@ -111,6 +113,8 @@ class _Weighed:
     gain: Gain | None
     verdict: Judgement
     wrong: list[Finding]
+    lack: tuple[Finding, ...]
+    shifts: tuple[PriorShift, ...]
 
 
 def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes: tuple[Note, ...]) -> Diagnosis:
@@ -118,7 +122,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
     with clock.stage("adequacy"):
         judged, factor = _judged(linearised, rng)
     fits = Fits(linearised, "several" if judged.ok else "one")
-    weighed, remarks = _weighed(fits, judged, factor, options.name_at, options.seed, clock, rng)
+    weighed, remarks = _weighed(fits, judged, factor, options.name_at, clock, rng)
     verdict, found = weighed.verdict, weighed.found
     with clock.stage("final"):
         explained = explain(fits, verdict, found)
@@ -141,6 +145,8 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
             confounded=tuple(one.family for one in confounded),
             most_probable=tuple(EFFECTS[key].name for key in linearised.best.keys),
             terrains=two_soils(linearised.grams) if one_campaign else None,
+            lack_of_fit=weighed.lack,
+            prior_shifts=weighed.shifts,
             cautions=disputes,
         )
     few = (Note(DiagnosisCode.FEW_RUNS),) if not found.calibrated else ()
@@ -183,7 +189,6 @@ def _weighed(
     judged: Adequacy,
     factor: float,
     name_at: float,
-    seed: int,
     clock: Clock,
     rng: np.random.Generator,
 ) -> tuple[_Weighed, tuple[Note, ...]]:
@@ -197,13 +202,26 @@ def _weighed(
     if judged.ok:
         with clock.stage("held_out"):
             fits.fit((), linearised.best.keys)
-            gain, remarks = held_out(linearised, np.random.default_rng(seed), fits.known)
-    verdict = judgement(found, judged, gain, linearised.not_identifiable, name_at, linearised.converged)
+            gain, remarks = held_out(linearised, fits.known)
+
+    def judge(other: Posterior) -> Judgement:
+        return judgement(
+            *(other, judged, gain, linearised.not_identifiable, name_at, linearised.converged), cancelling(linearised)
+        )
+
+    verdict = judge(found)
+    shifts = prior_shifts(found, verdict, judge)
+    usual = usual_effects(linearised.grams)
+    if verdict.verdict == "named" and usual:
+        with clock.stage("usual soil"):
+            again = posterior_with_usual_soil(linearised, rng, factor, Clock())
+            verdict = asked_again(verdict, again, tuple(EFFECTS[key].name for key in usual), name_at)
     with clock.stage("where"):
         unnamed = verdict.verdict == "unexplained"
         left_by = linearised.best.keys if unnamed else ()
+        lack = lack_of_fit(linearised.grams, linearised.campaigns, left_by, factor) if unnamed else ()
         wrong = findings(linearised.grams, linearised.campaigns, left_by, factor, inputs=unnamed)
-    return _Weighed(judged, found, sizes, gain, verdict, wrong), remarks
+    return _Weighed(judged, found, sizes, gain, verdict, wrong, lack, shifts), remarks
 
 
 def _onward(

@@ -19,12 +19,13 @@ Source: Patterson & Thompson (1971), Biometrika 58:545; Gilmour, Thompson & Cull
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from daq import BoolArray, FloatArray, IndexArray
+from model.cores import Ask, spread
 from model.diagnosis.time_series.columns import Columns
 from model.diagnosis.time_series.linearise import Linear
 from model.diagnosis.time_series.noise import (
@@ -38,7 +39,8 @@ from model.diagnosis.time_series.noise import (
     processes,
     rest_variance,
 )
-from model.diagnosis.time_series.samples import AT_REST, Samples
+from model.diagnosis.time_series.samples import Samples
+from model.diagnosis.time_series.standstills import AT_REST
 
 LONGEST = 200
 """Samples whose covariance is formed at once."""
@@ -57,10 +59,8 @@ class Block:
         Residual first.
     seconds, metres : array, shape (samples, samples)
         Distance of two samples in time and along the track.
-    sample : int array, shape (driving rows,)
-        Sample of each driving row.
-    processes : tuple of (Process, array of shape (driving rows,))
-        With what each row sees of it.
+    processes : tuple of (Process, sparse array of shape (samples, m))
+        With what each row sees of it, at the row's sample.
     constants : tuple of (hyper-parameter, array of shape (m,))
     white : tuple of (hyper-parameter, bool array of shape (m,))
     fixed : array, shape (m,)
@@ -70,8 +70,7 @@ class Block:
     columns: FloatArray
     seconds: FloatArray
     metres: FloatArray
-    sample: IndexArray
-    processes: tuple[tuple[Process, FloatArray], ...]
+    processes: tuple[tuple[Process, csr_array], ...]
     constants: tuple[tuple[str, FloatArray], ...]
     white: tuple[tuple[str, BoolArray], ...]
     fixed: FloatArray
@@ -128,6 +127,11 @@ def _block(
     def of_drive(x: FloatArray) -> FloatArray:
         return np.asarray(x[channel, at])
 
+    def by_sample(x: FloatArray) -> csr_array:
+        seen = csr_array((of_drive(x), (sample, np.arange(drives))), shape=(len(piece), len(both)))
+        seen.eliminate_zeros()
+        return seen
+
     turning = both[:, columns.varying :]
     white = []
     for i, c in enumerate(channels):
@@ -139,126 +143,73 @@ def _block(
         columns=both[:, : columns.shared],
         seconds=np.abs(samples.time_s[piece, None] - samples.time_s[piece]),
         metres=np.abs(samples.distance_m[piece, None] - samples.distance_m[piece]),
-        sample=sample,
-        processes=tuple((p, of_drive(loading(linear, samples, p.loading))) for p in processes(channels)),
+        processes=tuple((p, by_sample(loading(linear, samples, p.loading))) for p in processes(channels)),
         constants=tuple((name, turning[:, i]) for i, (name, _) in enumerate(constants(channels))),
         white=tuple(white),
         fixed=np.concatenate([of_drive(second), resting[row, standing]]),
     )
 
 
-class Slope(Protocol):
-    """Derivative of a block's covariance by the logarithm of a hyper-parameter."""
+class _Covariance:
+    """Covariance of a block's noise (m, m), and its derivatives by the logarithms of h hyper-parameters.
 
-    @property
-    def name(self) -> str:
-        """Of the hyper-parameter."""
-        ...
-
-    def trace_with(self, other: FloatArray) -> float:
-        """Return the trace of its product with a symmetric matrix, shape (m, m)."""
-        ...
-
-    def times(self, x: FloatArray) -> FloatArray:
-        """Return its product with a vector, shape (m,)."""
-        ...
-
-
-@dataclass(frozen=True)
-class _Diagonal:
-    """A slope with `values` on the diagonal, at some rows."""
-
-    name: str
-    rows: IndexArray
-    values: FloatArray
-
-    def trace_with(self, other: FloatArray) -> float:
-        return float(other[self.rows, self.rows] @ self.values)
-
-    def times(self, x: FloatArray) -> FloatArray:
-        return _spread(self.values * x[self.rows], self.rows, len(x))
-
-
-@dataclass(frozen=True)
-class _Outer:
-    """A slope that is the outer product of `values` at some rows."""
-
-    name: str
-    rows: IndexArray
-    values: FloatArray
-
-    def trace_with(self, other: FloatArray) -> float:
-        return float(self.values @ _square_of(other, self.rows) @ self.values)
-
-    def times(self, x: FloatArray) -> FloatArray:
-        return _spread(self.values * float(self.values @ x[self.rows]), self.rows, len(x))
-
-
-@dataclass(frozen=True)
-class _Process:
-    """A slope, or a covariance, of a process: loads_i K(sample_i, sample_j) loads_j at some rows.
-
-    Only the kernel over samples is kept: a row for each channel repeats it.
+    A process is kept over samples, since a row for each channel would repeat its kernel.
     """
 
-    name: str
-    rows: IndexArray
-    sample: IndexArray
-    loads: FloatArray
-    kernel: FloatArray
+    def __init__(self, block: Block, values: Mapping[str, float], names: Sequence[str]) -> None:
+        place = {name: i for i, name in enumerate(names)}
+        self._fixed = block.fixed
+        self._processes = []
+        for process, loads in block.processes:
+            slopes, kernel = [], np.eye(len(block.seconds))
+            if process.time is not None:
+                lag = (block.metres if process.over_distance else block.seconds) / values[process.time]
+                kernel = np.exp(-lag)
+                slopes.append((place[process.time], lag * kernel))
+            slopes.append((place[process.deviation], 2.0 * kernel))
+            scaled = values[process.deviation] * loads
+            self._processes.append((scaled, scaled.T.tocsr(), kernel, slopes))
+        self._constants = np.column_stack([values[name] * loads for name, loads in block.constants])
+        self._of_constant = np.array([place[name] for name, _ in block.constants])
+        self._white = np.column_stack([values[name] ** 2 * chosen for name, chosen in block.white])
+        self._of_white = np.array([place[name] for name, _ in block.white])
+        self._count = len(names)
 
-    def over_rows(self) -> FloatArray:
-        """Return it over its rows."""
-        return np.asarray(self._kernel() * self.loads * self.loads[:, None])
+    def matrix(self) -> FloatArray:
+        """Return it."""
+        found = self._constants @ self._constants.T
+        for _, back, kernel, _ in self._processes:
+            found += back @ (back @ kernel).T
+        found[np.diag_indices_from(found)] += self._fixed + self._white.sum(axis=1)
+        return np.asarray(found)
 
-    def trace_with(self, other: FloatArray) -> float:
-        return float(self.loads @ (_square_of(other, self.rows) * self._kernel()) @ self.loads)
+    def slopes_times(self, x: FloatArray) -> FloatArray:
+        """Return the product of each derivative with a vector (m,), shape (m, h)."""
+        found = np.zeros((self._count, len(x)))
+        for loads, back, _, slopes in self._processes:
+            by_sample = loads @ x
+            for place, slope in slopes:
+                found[place] += back @ (slope @ by_sample)
+        np.add.at(found, self._of_constant, 2.0 * self._constants.T * (x @ self._constants)[:, None])
+        np.add.at(found, self._of_white, 2.0 * self._white.T * x)
+        return found.T
 
-    def times(self, x: FloatArray) -> FloatArray:
-        by_sample = np.bincount(self.sample, self.loads * x[self.rows], minlength=len(self.kernel))
-        return _spread(self.loads * (self.kernel @ by_sample)[self.sample], self.rows, len(x))
-
-    def _kernel(self) -> FloatArray:
-        return self.kernel.take(self.sample, 0).take(self.sample, 1)
-
-
-def _square_of(matrix: FloatArray, rows: IndexArray) -> FloatArray:
-    return matrix if len(rows) == len(matrix) else matrix[np.ix_(rows, rows)]
-
-
-def _spread(values: FloatArray, rows: IndexArray, length: int) -> FloatArray:
-    out = np.zeros(length)
-    out[rows] = values
-    return out
-
-
-def derivatives(block: Block, values: Mapping[str, float]) -> tuple[FloatArray, list[Slope]]:
-    """Return the covariance, shape (m, m), and its derivatives."""
-    covariance = np.diag(block.fixed)
-    slopes: list[Slope] = []
-    for process, loads in block.processes:
-        rows = np.flatnonzero(loads)
-        scaled, kernel = values[process.deviation] * loads[rows], np.eye(len(block.seconds))
-        if process.time is not None:
-            lag = (block.metres if process.over_distance else block.seconds) / values[process.time]
-            kernel = np.exp(-lag)
-            slopes.append(_Process(process.time, rows, block.sample[rows], scaled, lag * kernel))
-        own = _Process(process.deviation, rows, block.sample[rows], scaled, kernel)
-        covariance[np.ix_(rows, rows)] += own.over_rows()
-        slopes.append(replace(own, kernel=2.0 * kernel))
-    for name, loads in block.constants:
-        rows = np.flatnonzero(loads)
-        scaled = values[name] * loads[rows]
-        covariance[np.ix_(rows, rows)] += np.outer(scaled, scaled)
-        slopes.append(_Outer(name, rows, np.sqrt(2.0) * scaled))
-    for name, chosen in block.white:
-        rows = np.flatnonzero(chosen)
-        covariance[rows, rows] += values[name] ** 2
-        slopes.append(_Diagonal(name, rows, np.full(len(rows), 2.0 * values[name] ** 2)))
-    return covariance, slopes
+    def slope_traces(self, other: FloatArray) -> FloatArray:
+        """Return the trace of each derivative's product with a symmetric matrix (m, m), shape (h,)."""
+        found = np.zeros(self._count)
+        for loads, _, _, slopes in self._processes:
+            seen = loads @ (loads @ other).T
+            for place, slope in slopes:
+                found[place] += np.vdot(seen, slope)
+        np.add.at(found, self._of_constant, 2.0 * (self._constants * (other @ self._constants)).sum(axis=0))
+        np.add.at(found, self._of_white, 2.0 * np.diag(other) @ self._white)
+        return found
 
 
-OF_FEW = ("_run_to_run", "_at_rest_n", "_at_rest_nm", "_of_run_n", "_of_run_nm", "_of_run_m")
+OF_FEW = (
+    *("_run_to_run", "_at_rest_n", "_at_rest_nm", "_standing_n", "_standing_nm"),
+    *("_of_run_n", "_of_run_nm", "_of_run_m"),
+)
 """Ends of the names of deviations that are estimated from as few values as there are runs or standstills.
 
 Their estimate is the posterior root mean square, not the mode, which would underestimate what differs between runs.
@@ -294,32 +245,31 @@ def estimated(
     centre = np.log([hyper_priors[name].centre for name in names])
     weight = np.array([hyper_priors[name].log_sigma for name in names]) ** -2.0
     at = np.log([start[name] for name in names]) if start else centre
-    found = _posterior(blocks, names, at, centre, weight)
-    damping = 0.0
-    for _ in range(_MOST_STEPS):
-        step = -np.linalg.solve(found.information + damping * np.diag(np.diag(found.information)), found.gradient)
-        if -0.5 * float(step @ found.gradient) < _ENOUGH:
-            break
-        step *= min(1.0, _LARGEST_STEP / max(float(np.abs(step).max()), 1e-300))
-        tried = _posterior(blocks, names, at + step, centre, weight)
-        if tried.value <= found.value:
-            at, found, damping = at + step, tried, damping / 4.0
-        else:
-            damping = max(4.0 * damping, 0.5)
-    spread = np.sqrt(np.diag(np.linalg.inv(found.information)))
+    with spread([Piece(block) for block in blocks]) as pieces:
+        found = _posterior(pieces, names, at, centre, weight)
+        damping = 0.0
+        for _ in range(_MOST_STEPS):
+            step = -np.linalg.solve(found.information + damping * np.diag(np.diag(found.information)), found.gradient)
+            if -0.5 * float(step @ found.gradient) < _ENOUGH:
+                break
+            step *= min(1.0, _LARGEST_STEP / max(float(np.abs(step).max()), 1e-300))
+            tried = _posterior(pieces, names, at + step, centre, weight)
+            if tried.value <= found.value:
+                at, found, damping = at + step, tried, damping / 4.0
+            else:
+                damping = max(4.0 * damping, 0.5)
+    log_sigmas = np.sqrt(np.diag(np.linalg.inv(found.information)))
     of_few = np.array([name.endswith(OF_FEW) for name in names])
-    values = np.exp(at + np.where(of_few, spread**2, 0.0))
+    values = np.exp(at + np.where(of_few, log_sigmas**2, 0.0))
     return Noise(
         {name: float(x) for name, x in zip(names, values, strict=True)},
-        {name: float(s) for name, s in zip(names, spread, strict=True)},
+        {name: float(s) for name, s in zip(names, log_sigmas, strict=True)},
     )
 
 
-def _posterior(
-    blocks: Sequence[Block], names: list[str], at: FloatArray, centre: FloatArray, weight: FloatArray
-) -> Objective:
+def _posterior(pieces: Ask, names: list[str], at: FloatArray, centre: FloatArray, weight: FloatArray) -> Objective:
     values = {name: float(np.exp(x)) for name, x in zip(names, at, strict=True)}
-    data = likelihood(blocks, values, names)
+    data = likelihood(pieces, values, names)
     off = at - centre
     return Objective(
         data.value + 0.5 * float(weight @ off**2),
@@ -328,40 +278,73 @@ def _posterior(
     )
 
 
-def likelihood(blocks: Sequence[Block], values: Mapping[str, float], names: list[str]) -> Objective:
-    """Return minus the log marginal likelihood, and its gradient and information by the logarithms of `names`."""
-    width = blocks[0].columns.shape[1] - 1 if blocks else 0
-    inner, side, square, log_determinant = np.eye(width), np.zeros(width), 0.0, 0.0
-    parts = []
-    for block in blocks:
-        covariance, slopes = derivatives(block, values)
-        inverse, log_det = _inverse(covariance)
-        solved = inverse @ block.columns
-        inner += block.columns[:, 1:].T @ solved[:, 1:]
-        side += block.columns[:, 1:].T @ solved[:, 0]
-        square += float(block.columns[:, 0] @ solved[:, 0])
-        log_determinant += log_det
-        parts.append((slopes, inverse, solved))
+@dataclass(frozen=True)
+class _Sums:
+    """What a block adds to the likelihood: of the columns and the residual."""
+
+    inner: FloatArray
+    side: FloatArray
+    square: float
+    log_determinant: float
+
+
+class Piece:
+    """A block at the hyper-parameters that were given last."""
+
+    def __init__(self, block: Block) -> None:
+        self._columns = block.columns
+        self._block = block
+
+    def sums(self, values: Mapping[str, float], names: Sequence[str]) -> _Sums:
+        """Return what it adds to the likelihood."""
+        self._covariance = _Covariance(self._block, values, names)
+        self._inverse, log_determinant = _inverse(self._covariance.matrix())
+        self._solved = self._inverse @ self._columns
+        total = self._columns.T @ self._solved
+        return _Sums(total[1:, 1:], total[1:, 0], float(total[0, 0]), log_determinant)
+
+    def slopes(self, best: FloatArray, back: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what it adds to gradient (h,) and information (h, h), and the slopes seen by the columns (w, h).
+
+        Parameters
+        ----------
+        best : array, shape (w,)
+            The columns' coefficients.
+        back : array, shape (w, w)
+            Whose square is their covariance.
+        """
+        left = self._solved @ np.r_[1.0, -best]
+        moved = self._covariance.slopes_times(left)
+        information = 0.5 * moved.T @ self._inverse @ moved
+        across = self._solved[:, 1:].T @ moved
+        self._inverse -= _square(self._solved[:, 1:] @ back) + np.outer(left, left)
+        return 0.5 * self._covariance.slope_traces(self._inverse), information, across
+
+
+def likelihood(pieces: Ask, values: Mapping[str, float], names: Sequence[str]) -> Objective:
+    """Return minus the log marginal likelihood, and its gradient and information by the logarithms of `names`.
+
+    Parameters
+    ----------
+    pieces : callable
+        Those of all blocks, spread over processes.
+    """
+    found: list[_Sums] = pieces("sums", values, names)
+    width = len(found[0].side) if found else 0
+    inner = sum((one.inner for one in found), np.eye(width))
+    side = sum((one.side for one in found), np.zeros(width))
     root = np.linalg.cholesky(inner)
     best = np.linalg.solve(inner, side)
-    back = np.linalg.inv(root).T
-    place = {name: i for i, name in enumerate(names)}
     gradient, information = np.zeros(len(names)), np.zeros((len(names), len(names)))
     across = np.zeros((width, len(names)))
-    for slopes, inverse, solved in parts:
-        left = solved[:, 0] - solved[:, 1:] @ best
-        moved = np.zeros((len(left), len(names)))
-        for slope in slopes:
-            moved[:, place[slope.name]] += slope.times(left)
-        information += 0.5 * moved.T @ inverse @ moved
-        across += solved[:, 1:].T @ moved
-        inverse -= _square(solved[:, 1:] @ back)
-        inverse -= np.outer(left, left)
-        for slope in slopes:
-            gradient[place[slope.name]] += 0.5 * slope.trace_with(inverse)
+    for of_gradient, of_information, of_across in pieces("slopes", best, np.linalg.inv(root).T):
+        gradient += of_gradient
+        information += of_information
+        across += of_across
     information -= 0.5 * across.T @ np.linalg.solve(inner, across)
-    value = 0.5 * (log_determinant + 2.0 * float(np.log(np.diag(root)).sum()) + square - float(side @ best))
-    return Objective(value, gradient, information)
+    log_determinant = sum(one.log_determinant for one in found) + 2.0 * float(np.log(np.diag(root)).sum())
+    square = sum(one.square for one in found) - float(side @ best)
+    return Objective(0.5 * (log_determinant + square), gradient, information)
 
 
 def _square(x: FloatArray) -> FloatArray:

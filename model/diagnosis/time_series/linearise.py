@@ -8,13 +8,15 @@ slip than the residual's let the fit rebuild the noise.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from daq import OUTPUTS, BoolArray, FloatArray
+from model.cores import in_parallel
 from model.diagnosis.time_series.samples import STENCIL, Samples
 from model.effects.base import Effect
 from model.effects.speed_errors import SpeedLatency
@@ -219,24 +221,33 @@ def linearise(simulation: Simulation, samples: Samples, point: Point) -> Linear:
     channels = tuple(c for c in OUTPUTS if c in samples.measured)
     conditions = at_speed(samples, point.speed_mps)
     soil = simulation.space.values(point.soil)
-    found = derivatives(simulation, samples, conditions, {**soil, **point.causes}, channels)
     plain = simulation.model(point.causes)
     values = {**soil, **point.causes}
-
-    def said(at: Conditions) -> FloatArray:
-        return _stacked(plain.predict(at, values), channels)
-
-    centre = found.pop("value")
-    causes = found.pop("causes")
-    for i, (effect, _, key) in enumerate(simulation.parameters):
-        if effect.secant and key not in point.causes:
-            causes[..., i] = _secant(simulation, conditions, values, effect, key, channels, centre)
     v = conditions.ground_speed_mps
     step = np.minimum(_SPEED_STEP, 0.25 * v)
-    up, down = (said(_moved(conditions, v + side * step, samples.wheel_radius_m)) for side in (1.0, -1.0))
-    value = simulated(simulation, samples, point)
+    secants = {
+        i: (effect, key)
+        for i, (effect, _, key) in enumerate(simulation.parameters)
+        if effect.secant and key not in point.causes
+    }
+
+    def at_other_speed(side: float) -> FloatArray:
+        moved = _moved(conditions, v + side * step, samples.wheel_radius_m)
+        return _stacked(plain.predict(moved, values), channels)
+
+    parts: list[Callable[[], Any]] = [
+        lambda: derivatives(simulation, samples, conditions, values, channels),
+        lambda: simulated(simulation, samples, point),
+        lambda: at_other_speed(1.0),
+        lambda: at_other_speed(-1.0),
+        *(partial(_by_secant, simulation, conditions, values, e, key, channels) for e, key in secants.values()),
+    ]
+    found, value, up, down, *moved = in_parallel(lambda part: part(), parts)
+    centre, causes = found["value"], found["causes"]
+    for i, (by, share) in zip(secants, moved, strict=True):
+        causes[..., i] = (by - centre) / share
     jacobian = simulation.space.jacobian(point.soil)
-    by_soil = found.pop("soil")
+    by_soil = found["soil"]
     rest_value, rest_causes = at_rest(simulation, samples, values)
     sound = [np.isfinite(x).all(axis=axes) for x, axes in ((value, 0), (causes, (0, 2)), (by_soil, (0, 2)))]
     at = dict(zip(SOIL_PARAMETERS, np.moveaxis(by_soil, -1, 0), strict=True))
@@ -322,20 +333,19 @@ def _stacked(prediction: Any, channels: Sequence[str]) -> FloatArray:
     return np.stack([getattr(prediction, OUTPUTS[c].field) for c in channels])
 
 
-def _secant(
+def _by_secant(
     simulation: Simulation,
     conditions: Conditions,
     values: Mapping[str, float],
     effect: type[Effect],
     key: str,
     channels: Sequence[str],
-    centre: FloatArray,
-) -> FloatArray:
-    """Return the mean slope of a cause between neutral and a fraction of its scale."""
+) -> tuple[FloatArray, float]:
+    """Return the model's value with a fraction of a cause's scale, whose mean slope is wanted, and that fraction."""
     parameter = {k: p for p, k in zip(effect.parameters, effect.parameter_keys().values(), strict=True)}[key]
     step = SECANT_SHARE * parameter.towards(simulation.wheel)
     moved = {**values, key: parameter.neutral + step}
-    return np.asarray((_stacked(simulation.model(moved).predict(conditions, moved), channels) - centre) / step)
+    return _stacked(simulation.model(moved).predict(conditions, moved), channels), step
 
 
 def simulated(simulation: Simulation, samples: Samples, point: Point) -> FloatArray:

@@ -213,7 +213,7 @@ def relinearise(
     while True:
         fixed = keep_noise or not chosen_sets
         campaigns = [campaign_data(s, at, clock, fixed=fixed) for s, at in zip(starts, points, strict=True)]
-        grams = joined([(v.campaign.name, v.samples.run_names, v.columns, v.grams) for v in campaigns])
+        grams = joined_grams(campaigns)
         with clock.stage("evidence"):
             found = choose(grams, best)
         converged = best is not None and _same(best, found)
@@ -247,6 +247,11 @@ def campaign_data(start: Start, at: LinearisationPoint, clock: Clock, *, fixed: 
     with clock.stage("whitening"):
         grams = run_grams(samples, linear, columns, noise.values, variance)
     return CampaignData(start.campaign, samples, start.simulation, linear, columns, noise, grams, variance)
+
+
+def joined_grams(campaigns: Sequence[CampaignData]) -> Grams:
+    """Return the Gram matrices of all campaigns as one."""
+    return joined([(v.campaign.name, v.samples.run_names, v.columns, v.grams) for v in campaigns])
 
 
 def _same(one: SetEstimate, other: SetEstimate) -> bool:
@@ -310,6 +315,8 @@ class LinearisedCampaign:
         Of all runs of all campaigns, about the last point.
     campaigns : tuple of CampaignData
         One for each campaign, in their order; runs follow each other in `grams` likewise.
+    starts : tuple of Start
+        What each campaign's linearisation started from.
     best : SetEstimate
         The most probable set of causes, about which was linearised.
     not_identifiable : mapping family -> why
@@ -325,6 +332,7 @@ class LinearisedCampaign:
 
     grams: Grams
     campaigns: tuple[CampaignData, ...]
+    starts: tuple[Start, ...]
     best: SetEstimate
     not_identifiable: dict[str, Note]
     excluded: frozenset[str]
@@ -378,6 +386,7 @@ def linearise_campaigns(
     return LinearisedCampaign(
         grams=best_found.grams,
         campaigns=best_found.campaigns,
+        starts=tuple(starts),
         best=best_found.best,
         not_identifiable=not_identifiable_in_any(starts),
         excluded=_traceless(best_found.grams),

@@ -12,6 +12,8 @@ wheel's delay      of the wheel speed: beyond the declared one, and what     all
                    waiting for an edge of its ring adds at low speed
 wheel order        a zero that turns with the wheel: two amplitudes a run    its channel, by cos, sin
 zero of the run    one value a run: taken anew, or drifted between runs      its channel, at rest too
+force at rest      one value a run, of all its standstills: for the pull      its channel, at rest only
+                   the ground's tilt and what the rut keeps
 remainder          white                                                     its channel
 =================  ========================================================  =============================
 
@@ -27,10 +29,14 @@ import numpy as np
 
 from daq import OUTPUTS, FloatArray, Note
 from model.diagnosis.time_series.linearise import Linear
-from model.diagnosis.time_series.samples import AT_REST, BLOCK_S, CALMING_S, Samples
+from model.diagnosis.time_series.samples import BLOCK_S, CALMING_S, Samples
+from model.diagnosis.time_series.standstills import AT_REST
 from model.notes import DiagnosisCode
+from processing import LEVEL_DEG, RUT_SHARE
 
 _LEAST_RADPS = 0.3
+_KNOWN = 0.05
+"""One-sigma of the logarithm of a hyper-parameter that the data do not decide."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +92,7 @@ def constants(channels: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     """Return deviation and loading of what is one value a run."""
     turning = [(named(c, "wheel_order"), f"{side} {c}") for c in channels if c != "z" for side in ("cos", "sin")]
     zeros = [(named(c, "of_run"), f"zero {c}") for c in channels]
+    resting = [(named(c, "standing"), f"rest {c}") for c in channels if c in AT_REST]
     return (
         ("stiffness_run_to_run", "stiffness"),
         ("friction_run_to_run", "friction"),
@@ -94,6 +101,7 @@ def constants(channels: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
         ("wheel_edge_delay_rad", "edge"),
         *turning,
         *zeros,
+        *resting,
     )
 
 
@@ -115,6 +123,9 @@ def hyper_priors(samples: Samples) -> dict[str, HyperPrior]:
         if c != "z":
             found[named(c, "wheel_order")] = HyperPrior(0.3 * sigma, 0.8)
             found[named(c, "at_rest")] = HyperPrior(0.2 * sigma, 0.8)
+            found[named(c, "standing")] = (
+                HyperPrior(load * _held_share(samples.runs), _KNOWN) if c == "dp" else HyperPrior(0.2 * sigma, 0.4)
+            )
     speed, weight = _positive(samples.speed_sigma_mps, 0.04), _positive(samples.load_sigma_n, 6e-3 * load)
     return found | {
         "speed_noise_mps": HyperPrior(0.9 * speed, 0.5),
@@ -131,6 +142,14 @@ def hyper_priors(samples: Samples) -> dict[str, HyperPrior]:
         "wheel_speed_delay_s": HyperPrior(0.005, 0.7),
         "wheel_edge_delay_rad": HyperPrior(0.03, 0.8),
     }
+
+
+def _held_share(runs: int) -> float:
+    """Return the pull that soil may hold at a released wheel at rest, as a share of the load, for a value a run.
+
+    The tilt is that of all runs: as one value a run it is larger, so that their mean is as uncertain as it is.
+    """
+    return float(np.hypot(np.sqrt(runs) * np.sin(np.radians(LEVEL_DEG)), RUT_SHARE))
 
 
 def named(channel: str, what: str) -> str:
@@ -150,6 +169,8 @@ def loading(linear: Linear, samples: Samples, name: str) -> FloatArray:
         return np.asarray(linear.speed * _late_wheel(linear, edge=name == "edge"))
     out = np.zeros(linear.value.shape)
     side, _, channel = name.rpartition(" ")
+    if side == "rest":
+        return out
     angle = samples.wheel_angle_rad
     out[linear.channels.index(channel)] = {"cos": np.cos(angle), "sin": np.sin(angle)}.get(side, 1.0)
     return out

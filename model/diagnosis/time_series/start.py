@@ -114,7 +114,7 @@ def _too_few(campaign: Campaign, samples: Samples) -> Fault:
     return Fault(
         "too few usable samples for a diagnosis",
         campaign.name,
-        found=f"{len(samples)} samples of {samples.block_s:g} s (left out: {left_out or 'nothing'})",
+        found=f"{len(samples)} samples of {samples.block_s:g} s (excluded: {left_out or 'nothing'})",
         expected=f"at least {FEWEST}",
         next_step="drive longer, with more slip, above 0.5 m/s",
     )

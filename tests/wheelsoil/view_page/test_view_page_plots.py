@@ -102,7 +102,7 @@ def test_samples_that_are_left_out_are_shown_with_their_reason(page: Page, view:
     share = f"^Standstill {100 * data['shares']['standstill']:.1f} %"
     page.get_by_role("button", name=re.compile(share)).click()
     assert picked(page, "time-drawbar_pull_n") == standing > 0
-    left_out = trace(page, "time-drawbar_pull_n", "left out")
+    left_out = trace(page, "time-drawbar_pull_n", "excluded")
     assert "standstill" in left_out["customdata"]
     kinds = {
         shape["name"] for shape in page.evaluate("() => document.getElementById('time-drawbar_pull_n').layout.shapes")
@@ -110,7 +110,7 @@ def test_samples_that_are_left_out_are_shown_with_their_reason(page: Page, view:
     assert {"drive", "brake", "standstill"} <= kinds
     page.locator("#show-left-out").uncheck()
     page.wait_for_function(
-        "() => !document.getElementById('time-drawbar_pull_n').data.some((trace) => trace.name === 'left out')"
+        "() => !document.getElementById('time-drawbar_pull_n').data.some((trace) => trace.name === 'excluded')"
     )
 
 

@@ -17,7 +17,7 @@ from wheelsoil.report.sections import (
     planning,
     provenance,
     quality,
-    sinkage,
+    tables,
     track,
     verdict,
 )
@@ -36,8 +36,8 @@ SECTIONS: tuple[SectionBuilder, ...] = (
     evidence.evidence,
     evidence.gain,
     coefficients.criteria,
-    sinkage.sinkage,
-    sinkage.load,
+    against_slip.sinkage,
+    against_slip.load,
     planning.detectable,
     planning.next_run,
     track.track,
@@ -46,6 +46,24 @@ SECTIONS: tuple[SectionBuilder, ...] = (
     provenance.provenance,
 )
 """In the order of the page."""
+
+SECTIONS_OF_TABLES: tuple[SectionBuilder, ...] = (
+    glance.glance,
+    tables.verdict,
+    tables.rows,
+    coefficients.coefficients,
+    misfit.misfit,
+    candidates.candidates,
+    evidence.evidence,
+    evidence.gain,
+    coefficients.criteria,
+    tables.sinkage,
+    planning.detectable,
+    planning.next_run,
+    provenance.workings,
+    provenance.provenance,
+)
+"""The same where there are single-wheel tables in place of runs."""
 
 OF_THE_DIAGNOSIS = (
     misfit.misfit,

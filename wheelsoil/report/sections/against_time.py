@@ -24,7 +24,7 @@ from wheelsoil.report.inputs import ReportInputs
 
 _READING = (
     "black is measured, a coloured line what a model predicts from the measured slip and load; where they part, the "
-    "model is wrong. The ground says what the vehicle did (plain: it coasted); gaps are samples that were left out. "
+    "model is wrong. The ground says what the vehicle did (plain: it coasted); gaps are excluded samples. "
     "The axis holds what was driven, which is what is fitted."
 )
 _READING_OF_ALL = (

@@ -17,6 +17,7 @@ from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import count, interval, letter, listed, measured, number, unit
 from wheelsoil.wording.fit_text import criteria_json, reason_text
 from wheelsoil.wording.notes import note_text
+from wheelsoil.workflows.fit import model_as_json
 
 _STRONG = 0.9
 _NOT_SHOWN = 0.1
@@ -38,6 +39,7 @@ _STATISTICS = [
 ]
 
 _JUDGED = ("dp", "t")
+_OF_CRITERIA = ("effects", "criteria", "load_ratio")
 
 
 @section("coefficients", "Parameters")
@@ -157,19 +159,12 @@ def _meaning(model: ModelFit) -> str:
 
 
 def _numbers(fit: CampaignFit, model: ModelFit, limits: dict[str, tuple[float, float, float]]) -> dict[str, Any]:
-    return {
+    of_fit = {key: value for key, value in model_as_json(model).items() if key not in _OF_CRITERIA}
+    return of_fit | {
         "estimates": model.estimates,
         "relative_error": {estimate.name: relative_error(estimate) for estimate in model.estimates},
         "limits": {name: dict(zip(("initial", "min", "max"), values, strict=True)) for name, values in limits.items()},
-        "held": model.fixed,
-        "correlation": {" ".join(pair): value for pair, value in model.correlation.items()},
-        "warnings": model.warnings,
-        "stop_reason": model.stop_reason,
-        "iterations": model.iterations,
         "variables": len([e for e in model.estimates if not e.derived]),
-        "samples": model.samples,
-        "independent_blocks": model.blocks.count,
-        "block_length_s": model.blocks.length_s,
         "residual_floor": {c: value for c, value in model.residual_floor.items() if c in fit.options.channels},
     }
 
@@ -228,8 +223,8 @@ def _criteria_table(fit: CampaignFit, channel: str) -> Table:
     role = "fitted" if channel in fit.options.channels else "not fitted"
     reasons = "; ".join(sorted({reason_text(score) for score in scores} - {""}))
     note = (
-        "M₀ is the largest relative error: one sample decides it, and it has no limit where the measured value passes "
-        "zero. R² sees neither offset nor gain. Load of Eq. 7: what the model's sinkage would carry; 1 is consistent."
+        "M₀ is the largest relative error of means in bins of slip. R² sees neither offset nor gain. Load of Eq. 7: "
+        "what the model's sinkage would carry; 1 is consistent."
     )
     over = f"slip ≥ {number(fit.slip_threshold, 2)}"
     return Table(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq import OUTPUTS, FloatArray
-from model.diagnosis import Diagnosis, Gain, PlotData, Scores
+from model.diagnosis import Diagnosis, Gain, PlotData
 from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
 from wheelsoil.report.figures import (
     EDGES,
@@ -29,7 +29,7 @@ from wheelsoil.report.figures import (
 )
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.report.words import form_name, interval, listed, number, signed
-from wheelsoil.wording.diagnosis_text import NO_GAIN, nothing_chosen, reduction
+from wheelsoil.wording.diagnosis_text import NO_GAIN, nothing_chosen, reduction, score_rows
 from wheelsoil.wording.names import effect_name
 
 _MEMBERS = 4
@@ -50,13 +50,13 @@ _DIAGONAL = (
 )
 
 _GAIN_NOTE = (
-    "Each run was left out once: the cause was chosen, and soil and cause fitted, on the others only. The log "
-    "likelihood is that of a run that was left out, in nats; R₀ alone says nothing about whether a model knows how "
+    "Each run was held out once: the cause was chosen, and soil and cause fitted, on the others only. The log "
+    "likelihood is that of a held-out run, in nats; R₀ alone says nothing about whether a model knows how "
     "uncertain it is."
 )
 _GAIN_READING = (
-    "R₀ of the base simulation is 100 %; the blue bar is what is left of it with the cause in the model, both on runs "
-    "left out. A bar that is not shorter than 100 % is no gain, however well the model fits what it has seen."
+    "R₀ of the base simulation is 100 %; the blue bar is what is left of it with the cause in the model, both on "
+    "held-out runs. A bar that is not shorter than 100 % is no gain, however well the model fits what it has seen."
 )
 
 
@@ -205,7 +205,7 @@ def gain(material: ReportInputs) -> Contents:
         why = (
             "nothing explains these runs: there is no extension whose gain could be measured."
             if found.verdict == "unexplained"
-            else "it takes at least two runs, one of which is left out."
+            else "it takes at least two runs, one of which is held out."
         )
         return [Text(f"No gain could be measured: {why}")], {"gain": None}
     gain = found.gain
@@ -228,31 +228,14 @@ def _gain_sentence(gain: Gain) -> str:
     spread = "" if within == "–" else f" (95 %: {within} %)"
     nats = signed(gain.log_likelihood_gain, ".1f")
     return (
-        f"On runs left out, R₀ of the {OUTPUTS[gain.channel].name} {how} by {abs(gain.reduction_percent):.1f} % with "
+        f"On held-out runs, R₀ of the {OUTPUTS[gain.channel].name} {how} by {abs(gain.reduction_percent):.1f} % with "
         f"the extension{spread}; the log likelihood of what was measured gains {nats} nats."
     )
 
 
 def _gain_table(gain: Gain) -> Table:
-    rows = [
-        _gain_row(channel, which, scores[channel], first=i == 0)
-        for i, channel in enumerate(gain.base)
-        for which, scores in (("base", gain.base), ("extended", gain.extended))
-        if channel in scores
-    ]
     head = ["model", "R₀", "unit", "M₀ (%)", "R²", "log likelihood of a run"]
-    return Table("On runs left out", head, rows, _GAIN_NOTE)
-
-
-def _gain_row(channel: str, which: str, scores: Scores, *, first: bool) -> list[str]:
-    return [
-        f"{OUTPUTS[channel].name}, {which}",
-        number(scores.R0, 4),
-        OUTPUTS[channel].unit_text,
-        number(scores.M0_percent),
-        number(scores.R2, 4),
-        number(scores.log_likelihood, 5) if first else "",  # of the run, all its channels together
-    ]
+    return Table("On held-out runs", head, score_rows(gain, number), _GAIN_NOTE)
 
 
 def _gain_figure(gain: Gain) -> Figure:
@@ -264,7 +247,7 @@ def _gain_figure(gain: Gain) -> Figure:
         bars(names, [100.0] * len(names), "base", "#bdbdbd", "/"),
         bars(names, [round(share, 2) for share in shares], "extended", "#0072B2", ""),
     ]
-    layout = axes("R₀ on runs left out (% of the base's)", "", height=130 + 60 * len(names), barmode="group")
+    layout = axes("R₀ on held-out runs (% of the base's)", "", height=130 + 60 * len(names), barmode="group")
     layout["yaxis"] |= {"autorange": "reversed", "type": "category"}
     layout["xaxis"] |= {"rangemode": "tozero"}
     return Figure("gain", "What is left of the error", data, layout)
@@ -276,4 +259,4 @@ def _choices(gain: Gain) -> str:
         f"{listed([form_name(effect_name(key)) for key in keys]) if keys else 'no cause'} in {count}"
         for keys, count in counts.most_common()
     ]
-    return f"Of {len(gain.chosen)} choices without the run left out: {listed(said)}."
+    return f"Of {len(gain.chosen)} choices without the held-out run: {listed(said)}."

@@ -29,7 +29,8 @@ def glance(material: ReportInputs) -> Contents:
         for name, grade in grades.items()
     ]
     lead, *others = sentences = _sentences(material)
-    blocks: list[Block] = [Text(lead, "lead"), Text(f"{step[0].upper()}{step[1:]}", "next"), Lights("Runs", lights)]
+    blocks: list[Block] = [Text(lead, "lead"), Text(f"{step[0].upper()}{step[1:]}", "next")]
+    blocks += [Lights("Runs", lights)] if lights else []
     below = [one for one in others if not (one.startswith("Next: ") and one[len("Next: ") : -1] in step)]
     blocks += [Text(" ".join(below))] if below else []
     return blocks, {"sentence": " ".join(sentences), "next_step": step, "grades": grades}
@@ -39,6 +40,8 @@ def _sentences(material: ReportInputs) -> list[str]:
     """Return the result: a diagnosis says its own, so that no fault in judging the fit can take it."""
     if material.diagnosed is not None:
         return sentences_of(material.diagnosed)
+    if material.tables:
+        return [f"No diagnosis: {material.no_diagnosis or 'none was asked for'}."]
     try:
         return fit_sentences(material, rank(material))
     except DataError as error:
@@ -59,7 +62,7 @@ def next_step(material: ReportInputs, grades: dict[str, Grade]) -> str:
     if poor:
         said = listed(poor) if len(poor) <= 5 else f"{len(poor)} of {len(grades)} runs"
         return f"look at data quality first; {said} {'is' if len(poor) == 1 else 'are'} poor."
-    if material.campaign is None:
+    if material.campaign is None and not material.tables:
         return "see below why the runs could not be fitted."
     found = material.diagnosed
     if found is None and material.no_diagnosis:

@@ -12,6 +12,7 @@ from wheelsoil.wording.notes import texts_of
 
 _FILE_HEAD = ["run", "file", "size (MB)", "frames", "SHA-256 (16 of its 64 digits; all in the JSON)"]
 
+_SOIL_HEAD = ["parameter", "value", "sigma", "unit", "off the laboratory's (its sigmas)"]
 _SOIL = {
     "cohesion_pa": "Pa",
     "tan_phi": "",
@@ -60,6 +61,8 @@ def _file_row(source: Source) -> list[str]:
 
 def _used(material: ReportInputs) -> list[tuple[str, object]]:
     """Return the values used for options that may be at their default."""
+    if material.tables:
+        return [("slip threshold used", f"{material.campaign.slip_threshold:g}")] if material.campaign else []
     cutoffs = tuple(dict.fromkeys(f"{run.cutoff_hz:.3g} Hz" for run in material.runs))
     threshold = [("slip threshold used", f"{material.campaign.slip_threshold:g}")] if material.campaign else []
     return [("cut-off used", cutoffs), *threshold]
@@ -85,13 +88,17 @@ def workings(material: ReportInputs) -> Contents:
         blocks.append(Table("Noise model", ["quantity", "value", "unit"], rows, note))
     for soil in found.soils:
         rows = [
-            [letter(name), number(value, 4), _sigma(soil.sigmas.get(name, float("nan"))), _SOIL[name]]
+            [
+                letter(name),
+                number(value, 4),
+                _sigma(soil.sigmas.get(name, float("nan"))),
+                _SOIL[name],
+                f"{soil.off_laboratory[name]:+.1f}" if name in soil.off_laboratory else "–",
+            ]
             for name, value in soil.values.items()
         ]
         note = "With the named cause in the model, or none where none is named."
-        blocks.append(
-            Table(f"Soil as the data leave it: {soil.campaign}", ["parameter", "value", "sigma", "unit"], rows, note)
-        )
+        blocks.append(Table(f"Soil as the data leave it: {soil.campaign}", _SOIL_HEAD, rows, note))
     if found.stages_s:
         rows = [[plain_name(name), f"{seconds:.2f}"] for name, seconds in found.stages_s.items()]
         blocks.append(Table("Stages", ["stage", "time (s)"], rows))

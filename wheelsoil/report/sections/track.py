@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import BoolArray, DataError, Fault, FloatArray
+from daq import BoolArray, DataError, FloatArray
 from processing import ProcessedRun
 from wheelsoil.report.content import Contents, Figure, Panels, Table, section
 from wheelsoil.report.figures import ALL_RUNS, Trace, axes, words
@@ -78,7 +78,7 @@ def track(material: ReportInputs) -> Contents:
 def _tracks(runs: tuple[ProcessedRun, ...]) -> tuple[list[_Track], tuple[float, float]]:
     placed = [run for run in runs if _known(run).any()]
     if not placed:
-        raise DataError(Fault("the position was not measured: no run has latitude and longitude"))
+        raise DataError.of("the position was not measured: no run has latitude and longitude")
     latitude = float(np.mean(np.concatenate([run.latitude_deg[_known(run)] for run in placed])))
     longitudes = np.concatenate([run.longitude_deg[_known(run)] for run in placed])
     longitude = float(_wrapped(longitudes[0] + np.mean(_wrapped(longitudes - longitudes[0]))))

@@ -149,7 +149,7 @@ def _two_errors(material: ReportInputs, ranking: Ranking, gain: Gain) -> str:
     return (
         f"Two errors of one channel: {number(ranking.r0_n)} N is over all samples of runs that the model was fitted "
         f"to, the soil {soil}; the gain's {number(gain.base['dp'].R0)} N without and "
-        f"{number(gain.extended['dp'].R0)} N with what was found are over 5 Hz means of runs that were left out, the "
+        f"{number(gain.extended['dp'].R0)} N with what was found are over 5 Hz means of held-out runs, the "
         "soil re-calibrated. They are not to be compared with each other."
     )
 

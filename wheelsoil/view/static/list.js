@@ -104,7 +104,7 @@ function showView() {
   write(get("waiting"), run ? pending : "there is no run to show");
 }
 
-/** A button for each reason, with its share of all samples: it selects those that are left out for it. */
+/** A button for each reason, with its share of all samples: it selects those that are excluded for it. */
 function showReasons(data) {
   const rows = Object.entries(data?.shares ?? {}).sort((a, b) => b[1] - a[1]);
   const make = () => {

@@ -90,7 +90,7 @@ export function legendOf() {
   if (a) items.push([`${a.id}, used`, dot(ink, "circle")]);
   if (b) items.push([`${b.id}, used`, dot("none", "diamond", B_COLOUR)]);
   if (state.b && state.b.run === null) items.push(["all runs of the other campaign", dot("none", "diamond", B_COLOUR)]);
-  if (state.leftOut) items.push(["left out", dot("none", "cross", soft)]);
+  if (state.leftOut) items.push(["excluded", dot("none", "cross", soft)]);
   if (state.others) items.push(["other runs", dot(soft, "small")]);
   if (state.selection) items.push(["selected", dot(PICKED, "circle", ink)]);
   for (const each of state.curves) items.push([each.label ?? each.name, line(each.colour, each.dash, each.width)]);

@@ -33,7 +33,7 @@ export function selectedIn(data) {
 
 function said({ samples, of, seconds, left_out: out, slip, drawbar_pull_n: pull }, run) {
   const parts = [`${samples} of ${of} samples of ${run.id}, ${sensible(seconds, 3)} s`];
-  if (out) parts.push(`${out} of them left out`);
+  if (out) parts.push(`${out} of them excluded`);
   if (slip) parts.push(`slip ${sensible(slip[0], 2)} to ${sensible(slip[1], 2)}`);
   if (pull !== null) parts.push(`mean drawbar pull${out && out < samples ? " of those used" : ""} ${sensible(pull, 3)} N`);
   return `${parts.join(", ")}.`;

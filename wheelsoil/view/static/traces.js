@@ -1,4 +1,4 @@
-// A run's samples as plotly's traces. Samples that are left out are shown as such, with their reason.
+// A run's samples as plotly's traces. Excluded samples are shown as such, with their reason.
 
 import { axisTitle, has, limits } from "./channels.js";
 import { B_COLOUR, colour, layoutOf, words } from "./drawing.js";
@@ -22,12 +22,12 @@ const only = (values, rows) => values.map((value, i) => (rows(i) ? value : null)
 
 function overTime(place, data, about, look) {
   const y = data[about.key];
-  // a line ends at its last used sample; what is left out begins there, so that neither floats alone
+  // a line ends at its last used sample; what is excluded begins there, so that neither floats alone
   const out = (i) => !data.used[i] || !data.used[i - 1] || !data.used[i + 1];
   const line = (rows, more) => ({ type: "scatter", mode: "lines", x: data.time_s, y: only(y, rows), connectgaps: false, ...more });
   const traces = [];
   if (state.leftOut || !data.used.some(Boolean)) { // else there would be nothing to see
-    traces.push(line(out, { name: "left out", line: { color: colour("soft"), width: 1, dash: "dot" }, customdata: data.reason.map((code) => words(spaced(code || "used"))), hovertemplate: hover(place, about, "time", "<br>%{customdata}") }));
+    traces.push(line(out, { name: "excluded", line: { color: colour("soft"), width: 1, dash: "dot" }, customdata: data.reason.map((code) => words(spaced(code || "used"))), hovertemplate: hover(place, about, "time", "<br>%{customdata}") }));
   }
   traces.push(line((i) => data.used[i], { name: "used", line: { color: look.colour, width: 1.6, dash: look.dash }, hovertemplate: hover(place, about, "time") }));
   return traces;
@@ -39,7 +39,7 @@ function overSlip(place, data, about, look) {
   const traces = [];
   if (state.leftOut) {
     const at = rows(false);
-    traces.push(dots(at, { name: "left out", marker: { color: colour("soft"), symbol: "x-thin-open", size: 5 }, customdata: at.map((i) => [data.time_s[i], words(spaced(data.reason[i]))]), hovertemplate: hover(place, about, "slip", "<br>at %{customdata[0]:.1f} s<br>left out: %{customdata[1]}") }));
+    traces.push(dots(at, { name: "excluded", marker: { color: colour("soft"), symbol: "x-thin-open", size: 5 }, customdata: at.map((i) => [data.time_s[i], words(spaced(data.reason[i]))]), hovertemplate: hover(place, about, "slip", "<br>at %{customdata[0]:.1f} s<br>excluded: %{customdata[1]}") }));
   }
   const at = rows(true);
   traces.push(dots(at, { name: "used", marker: { color: look.colour, symbol: look.symbol, size: look.size, opacity: look.opacity }, customdata: at.map((i) => data.time_s[i]), hovertemplate: hover(place, about, "slip", "<br>at %{customdata:.1f} s") }));

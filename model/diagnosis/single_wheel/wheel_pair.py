@@ -1,11 +1,12 @@
-"""Whether what one wheel taught holds for another on the same soil, and if not, what is of that wheel alone.
+"""Two wheels on one soil: whether the calibration of the first holds for the second, and if not, what is different.
 
 If nothing is different, the second wheel's group means differ from the first one's by what their loads and slips
 differ, predicted with the first wheel's soil and causes, and by the scatter of repeats; the model's error of form is
 the same for both at one condition and drops out. Where that is rejected, causes that act on the second wheel alone,
 each with a value of its own, are weighed with the rows of both wheels.
 
-Repeats of one condition are often made on one day: what a soil differs from day to day is not in their scatter.
+Repeats of one condition are often made on one day: what a soil differs from day to day is not in their scatter. Without
+repeats each row may be off by the error of form that is given or assumed.
 """
 
 from __future__ import annotations
@@ -15,29 +16,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtrc
+from scipy.special import chdtrc, fdtrc
 
-from daq import FloatArray
+from daq import DataError, Fault, FloatArray
 from model.cores import one_thread
-from model.diagnosis import Bench, DiagnosisOptions
-from model.diagnosis.single_wheel import (
-    BenchProblem,
-    CauseUse,
-    Hypothesis,
-    Library,
-    Optima,
-    Weighed,
-    Weighing,
-    driven_rows,
-    family_of,
-    library,
-    listed_uses,
-    noise_of,
-    scatter_of_repeats,
-    sets_of,
-    weigh,
-    weighed,
-)
+from model.diagnosis.core.campaign import Bench, DiagnosisOptions
+from model.diagnosis.core.result import FormUsed
+from model.diagnosis.single_wheel.findings import noise_of
+from model.diagnosis.single_wheel.form_error import form_errors_of
+from model.diagnosis.single_wheel.noise import ChannelNoise, FormError, scatter_of_repeats
+from model.diagnosis.single_wheel.problem import BenchProblem, CauseUse, Hypothesis
+from model.diagnosis.single_wheel.search import Optima
+from model.diagnosis.single_wheel.sets import Library, driven_rows, family_of, library, listed_uses, sets_of
+from model.diagnosis.single_wheel.weighing import Weighed, Weighing, weigh, weighed
 
 _DRAWS = 400
 _SAME_SLIP = 0.05
@@ -47,12 +38,13 @@ _SHARED = 0.9
 _MOST_SHARED = 4
 _PAIRED = 3
 """Families of causes of the second wheel alone that get another one beside them."""
+_LEAST_ROWS = 4
 OWN = 1
 """Position of the second wheel."""
 
 
 @dataclass(frozen=True)
-class Transfer:
+class WheelPair:
     """What became of the first wheel's calibration on the second wheel.
 
     Attributes
@@ -64,7 +56,10 @@ class Transfer:
     measured, difference : mapping channel -> array, shape (groups,)
         Means of the second wheel's groups, and what they differ from the first one's at the same slip, less what
         load and slip differ; NaN where the first wheel has no such group.
+    difference_sigma : mapping channel -> array, shape (groups,)
+        Of the difference, if nothing is different.
     slip : array, shape (groups,)
+    form_errors : tuple of FormUsed
     first, both : Weighing
         Of the first wheel alone; of both with causes of the second alone.
     library : Library
@@ -76,7 +71,9 @@ class Transfer:
     predicted_sigma: dict[str, FloatArray]
     measured: dict[str, FloatArray]
     difference: dict[str, FloatArray]
+    difference_sigma: dict[str, FloatArray]
     slip: FloatArray
+    form_errors: tuple[FormUsed, ...]
     first: Weighing
     both: Weighing
     library: Library
@@ -110,7 +107,7 @@ def own_part(hypothesis: Hypothesis) -> Hypothesis:
 
 
 @one_thread
-def transfer(first: Bench, second: Bench, options: DiagnosisOptions | None = None) -> Transfer:
+def compare_wheels(first: Bench, second: Bench, options: DiagnosisOptions | None = None) -> WheelPair:
     """Carry the soil and the causes of one wheel over to another, and weigh what is different.
 
     Parameters
@@ -118,24 +115,35 @@ def transfer(first: Bench, second: Bench, options: DiagnosisOptions | None = Non
     first, second : Bench
         Rows of driven wheels; the second takes the first one's laboratory soil.
     options : DiagnosisOptions, optional
+
+    Raises
+    ------
+    ConfigError
+        A laboratory soil that cannot carry a wheel.
+    DataError
+        A wheel without driven rows, too few conditions of the first one, or no soil near the laboratory's carries it.
     """
     options = options or DiagnosisOptions()
     rng = np.random.default_rng(options.seed)
     one = driven_rows(first)
     two = replace(driven_rows(second), soil=first.soil, soil_prior=first.soil_prior)
-    alone = BenchProblem.of([one], options.channels, options.reading)
+    _refuse_few(one, two)
+    form_error = FormError(options.error_of_form)
+    alone = BenchProblem.of([one], options.channels, options.reading, form_error)
     weighing = weigh(alone, library(alone, options.effects).uses, options.most_causes, rng)
-    both = BenchProblem.of([one, two], options.channels, options.reading)
+    both = BenchProblem.of([one, two], options.channels, options.reading, form_error)
     known = library(both, options.effects, OWN)
     carried = _Carried.of(weighing, both, rng)
-    p_value, difference = carried.paired()
-    return Transfer(
+    p_value, difference, sigma = carried.paired()
+    return WheelPair(
         p_value,
         {c: carried.predicted(c) for c in both.channels},
         {c: carried.sigma(c) for c in both.channels},
         {c: carried.measured(c, OWN) for c in both.channels},
         difference,
+        sigma,
         np.array([both.slip[both.group == g].mean() for g in carried.groups(OWN)]),
+        form_errors_of(both, given=options.error_of_form is not None),
         weighing,
         _weigh_own(weighing, both, known, options.most_causes, rng),
         known,
@@ -185,29 +193,37 @@ class _Carried:
         variance = self._draws(channel, OWN).var(axis=0) + noise[1] ** 2 + noise[0] ** 2 / repeats
         return np.asarray(np.sqrt(variance))
 
-    def paired(self) -> tuple[float, dict[str, FloatArray]]:
-        """Return the probability of the differences if there are none, and the differences of each channel."""
+    def paired(self) -> tuple[float, dict[str, FloatArray], dict[str, FloatArray]]:
+        """Return the probability of the differences if there are none, and the differences of each channel.
+
+        With their one-sigmas if there are none.
+        """
         total, count, freedom = 0.0, 0, 0
-        found = {}
+        found, sigmas = {}, {}
         for noise, rows in zip(self.both.noises, self.both.rows, strict=True):
             channel = noise.channel
             partner = [self._partner(g) for g in self.groups(OWN)]
             theirs, ours = self._draws(channel, 0), self._draws(channel, OWN)
             first = self.measured(channel, 0)
-            difference = np.full(len(partner), np.nan)
-            scatter = scatter_of_repeats(noise.measured, noise.groups)
-            freedom += len(rows) - len(np.unique(noise.groups))
+            difference, sigma = np.full((2, len(partner)), np.nan)
+            scatter, known = _scatter(noise)
+            freedom += 0 if known else len(rows) - len(np.unique(noise.groups))
             for i, j in enumerate(partner):
                 if j is None:
                     continue
                 apart = ours[:, i] - theirs[:, j]
                 difference[i] = self.measured(channel, OWN)[i] - first[j] - apart.mean()
                 sizes = [np.count_nonzero(self.both.group == g) for g in (self.groups(OWN)[i], self.groups(0)[j])]
-                total += difference[i] ** 2 / (scatter**2 * sum(1.0 / size for size in sizes) + apart.var())
-                count += 1
-            found[channel] = difference
-        # F distribution: the scatter is itself estimated from the repeats
-        return float(fdtrc(count, freedom, total / count)) if count and freedom else 1.0, found
+                sigma[i] = np.sqrt(scatter**2 * sum(1.0 / size for size in sizes) + apart.var())
+                if np.isfinite(difference[i]):
+                    total += (difference[i] / sigma[i]) ** 2
+                    count += 1
+            found[channel], sigmas[channel] = difference, sigma
+        if not count:
+            return 1.0, found, sigmas
+        # F distribution: the scatter is itself estimated from the repeats, where it is not known
+        p_value = fdtrc(count, freedom, total / count) if freedom else chdtrc(count, total)
+        return float(p_value), found, sigmas
 
     def _partner(self, group: int) -> int | None:
         """Return the first wheel's group at the same slip and load, None where there is none."""
@@ -222,6 +238,30 @@ class _Carried:
             ):
                 return j
         return None
+
+
+def _scatter(noise: ChannelNoise) -> tuple[float, bool]:
+    """Return the one-sigma of a row, and whether it is stated or taken rather than estimated from repeats."""
+    if noise.scatter_is_known:
+        return float(noise.scatter[0]), True
+    scatter = scatter_of_repeats(noise.measured, noise.groups)
+    return (scatter, False) if scatter > 0 else (noise.form_scale, True)
+
+
+def _refuse_few(one: Bench, two: Bench) -> None:
+    faults = [
+        Fault(
+            "too few driven rows to compare wheels",
+            bench.name,
+            f"{len(bench.rows)} with slip of 0 or more",
+            f"{least} or more",
+            "measure at the same slips with both wheels",
+        )
+        for bench, least in ((one, _LEAST_ROWS), (two, 1))
+        if len(bench.rows) < least
+    ]
+    if faults:
+        raise DataError(*faults)
 
 
 def _means_of(weighing: Weighing) -> dict[str, FloatArray]:

@@ -1,0 +1,92 @@
+"""Readings of the rut's depth: the sinkage at single places of a run in which no sensor measures it.
+
+The wheel was deeper than the rut that it left: soil rises when it is unloaded. By Wong's unloading stiffness
+k_u = k_0 + A_u z (dry sand: k_0 = 0, A_u = 503 MN/m4) it rises by p / k_u, which is 3 to 8 mm under a loaded wheel that
+sinks by 40 to 100 mm. What differs from that between runs is a zero of the sinkage, which the diagnosis estimates.
+
+Source: Wong (2010), Terramechanics and Off-Road Vehicle Engineering, 2nd ed., ch. 4 (response to repetitive loading).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from math import cos, radians
+
+import numpy as np
+
+from daq import ConfigError, DataError, Fault, FloatArray, RutReading
+from processing.processed_run import ProcessedRun
+
+REBOUND_M, REBOUND_SIGMA_M = 0.005, 0.003
+"""What is added to a rut's depth, and how well it is known for soils in general."""
+_NEAR_M = 3.0
+"""Distance of a position from the track below which it is on it: what GNSS receivers differ by."""
+_DEGREE_M = 111_195.0
+
+
+def with_ruts(run: ProcessedRun) -> ProcessedRun:
+    """Return the run with its rut readings as sinkage at the nearest samples; NaN everywhere else.
+
+    Raises
+    ------
+    ConfigError
+        A reading beside a sinkage signal, or of another pass.
+    DataError
+        A reading before or behind the run, or off its track.
+    """
+    if not run.run.rut:
+        return run
+    if np.isfinite(run.sinkage_m).any():
+        raise ConfigError(
+            Fault(
+                "the run has both a sinkage signal and rut readings",
+                _where(run),
+                next_step="leave out [[run.rut]], or the signal sinkage in vehicle.toml",
+            )
+        )
+    faults = [fault for i, reading in enumerate(run.run.rut, 1) for fault in _misplaced(run, reading, i)]
+    if faults:
+        raise DataError(*faults)
+    sinkage, sigma = np.full(len(run), np.nan), np.full(len(run), np.nan)
+    for reading in run.run.rut:
+        row = int(np.nanargmin(_distance_to(run, reading)))
+        sinkage[row], sigma[row] = reading.depth_m + REBOUND_M, reading.sigma_m
+    return replace(run, sinkage_m=sinkage, sinkage_sigma_m=sigma)
+
+
+def _distance_to(run: ProcessedRun, reading: RutReading) -> FloatArray:
+    """Return how far each sample is from a reading: seconds or metres; NaN where not known."""
+    if reading.time_s is not None:
+        return np.abs(run.time_s - reading.time_s)
+    if reading.distance_m is not None:
+        return np.abs(run.distance_m - reading.distance_m)
+    latitude, longitude = reading.latitude_deg or 0.0, reading.longitude_deg or 0.0
+    east_m = (run.longitude_deg - longitude) * _DEGREE_M * cos(radians(latitude))
+    return np.hypot((run.latitude_deg - latitude) * _DEGREE_M, east_m)
+
+
+def _misplaced(run: ProcessedRun, reading: RutReading, number: int) -> Iterator[Fault]:
+    """Yield why a reading is none of this run."""
+    where = f"{_where(run)}, [[run.rut]] {number}"
+    if reading.after_pass is not None and reading.after_pass != run.run.pass_number:
+        yield Fault(
+            "the rut was read after another pass",
+            where,
+            f"after_pass = {reading.after_pass}",
+            f"{run.run.pass_number}, the pass of this run",
+            "give the reading to the run that made the pass",
+        )
+    away = _distance_to(run, reading)
+    if not np.isfinite(away).any():
+        yield Fault("the run has no positions", where, next_step="place the reading by time_s or distance_m")
+    elif reading.time_s is not None and np.nanmin(away) > 1.0 / run.rate_hz:
+        found, expected = f"time_s = {reading.time_s:g}", f"{run.time_s[0]:.1f} to {run.time_s[-1]:.1f} s"
+        yield Fault("a rut reading is outside the run", where, found, expected, "give the time from the run's start")
+    elif reading.time_s is None and np.nanmin(away) > _NEAR_M:
+        found, expected = f"{np.nanmin(away):.0f} m from its track", f"{_NEAR_M:g} m or less"
+        yield Fault("a rut reading is outside the run", where, found, expected, "check the place, and the run it is of")
+
+
+def _where(run: ProcessedRun) -> str:
+    return f"runs.toml: run {run.run.id or run.run.file!r}"

@@ -1,0 +1,119 @@
+"""The error of form of a table without repeats: given, assumed, and what half and twice of it turn."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bench_samples import REPEATS, bench
+from hypothesis import given
+from hypothesis import strategies as st
+
+from model.diagnosis.core.campaign import Bench, DiagnosisOptions
+from model.diagnosis.core.hypotheses import Posterior, listed_sets
+from model.diagnosis.core.naming import Judgement
+from model.diagnosis.core.result import Diagnosis
+from model.diagnosis.single_wheel.diagnose import diagnose_bench
+from model.diagnosis.single_wheel.form_error import HALF, TWICE, Judged, steady
+from model.diagnosis.single_wheel.noise import FORM_SHARE, FormError
+from model.diagnosis.single_wheel.problem import BenchProblem
+from model.notes import LackCode
+from wheelsoil.wording.verdict import sentence_of
+
+FAMILIES = {"vasilev": "slip_sinkage", "grouser": "grouser", "exit_angle": "exit_angle"}
+FEW = ("vasilev", "interface_friction")
+
+
+def judged(verdict: str, families: tuple[str, ...] = ()) -> Judged:
+    listed = listed_sets(FAMILIES, 1)
+    share = np.array([0.1, 0.6, 0.2, 0.1])
+    return Judged(Judgement(verdict, families), Posterior(listed, np.log(share), share, calibrated=True))  # type: ignore[arg-type]
+
+
+VERDICTS = st.sampled_from(
+    [
+        judged("named", ("slip_sinkage",)),
+        judged("named", ("grouser",)),
+        judged("one_of", ("slip_sinkage", "grouser")),
+        judged("unexplained"),
+        judged("nothing_detectable"),
+    ]
+)
+
+
+@given(VERDICTS, VERDICTS, VERDICTS)
+def test_a_name_needs_half_and_twice_the_error(base: Judged, half: Judged, twice: Judged) -> None:
+    found, why = steady(base, {HALF: half, TWICE: twice}.__getitem__)
+    all_name = base.judgement == half.judgement == twice.judgement and base.judgement.verdict == "named"
+    assert (found.verdict == "named") == all_name
+    if all_name:
+        assert why is None
+    if base.judgement.verdict == "one_of":
+        assert found == base.judgement
+    if base.judgement.verdict == "unexplained" and twice.judgement.verdict != "unexplained":
+        assert found.verdict == "one_of"
+        assert found.families
+    if base.judgement.verdict == "nothing_detectable":
+        assert found.verdict == ("one_of" if half.judgement.verdict == "named" else "nothing_detectable")
+
+
+def test_what_turns_is_told() -> None:
+    found, why = steady(
+        judged("named", ("slip_sinkage",)),
+        {HALF: judged("unexplained"), TWICE: judged("named", ("slip_sinkage",))}.__getitem__,
+    )
+    assert found.verdict == "one_of"
+    assert why is not None
+    assert why.code == LackCode.FORM_DECIDES
+    assert dict(why.values) == {"half": ("unexplained", ())}
+
+
+def single(seed: int = 1) -> Bench:
+    """Return a table without repeats whose sinkage grows with slip."""
+    return bench(np.random.default_rng(seed), {"vasilev": {"H_m": 0.015}}, repeats=1, noise=0.3)
+
+
+def sizes(one: Bench, form_error: FormError) -> dict[str, float]:
+    problem = BenchProblem.of([one], ("dp", "z"), form_error=form_error)
+    return {noise.channel: noise.form_scale / problem.size_of(noise.channel) for noise in problem.noises}
+
+
+def test_the_share_is_of_load_and_radius() -> None:
+    rng = np.random.default_rng(0)
+    assert sizes(single(), FormError()) == pytest.approx({"dp": FORM_SHARE, "z": FORM_SHARE})
+    assert sizes(single(), FormError(0.01, 2.0)) == pytest.approx({"dp": 0.02, "z": 0.02})
+    assert sizes(bench(rng), FormError(0.04)) == pytest.approx({"dp": 0.04, "z": 0.04})
+    repeated = bench(rng)
+    assert sizes(repeated, FormError()) == pytest.approx(sizes(repeated, FormError(None, 2.0)))
+
+
+def diagnosed(one: Bench, share: float | None = None) -> Diagnosis:
+    return diagnose_bench([one], DiagnosisOptions(effects=FEW, channels=("dp", "z"), error_of_form=share))
+
+
+def test_an_assumed_error_is_said_and_is_what_gives_it() -> None:
+    assumed, given_one = diagnosed(single()), diagnosed(single(), FORM_SHARE)
+    assert [c.probability for c in assumed.candidates] == [c.probability for c in given_one.candidates]
+    assert {one.basis for one in assumed.grounds.form_errors} == {"assumed"}
+    assert {one.basis for one in given_one.grounds.form_errors} == {"given"}
+    assert "is assumed to be 2.5 % of load" in sentence_of(assumed)
+    assert "is given as 2.5 % of load" in sentence_of(given_one)
+    assert not any("repeats" in note.code for note in assumed.notes)
+
+
+def test_repeats_and_sigma_columns_say_the_error_of_form() -> None:
+    repeated = bench(np.random.default_rng(2))
+    stated = Bench(**{**vars(single()), "sigmas": REPEATS})
+    for one, basis in ((repeated, "repeats"), (stated, "stated")):
+        found = diagnosed(one)
+        assert {used.basis for used in found.grounds.form_errors} == {basis}
+        assert "error of form" not in sentence_of(found)
+
+
+def test_a_verdict_that_turns_is_never_a_name() -> None:
+    """The verdict with an error of form that decides is never a name."""
+    for share in (0.005, 0.02, 0.08, 0.3):
+        found = diagnosed(single(), share)
+        if found.grounds.form_matters is not None:
+            assert found.verdict != "named"
+            assert "depends on it" in sentence_of(found)
+    assert diagnosed(single(), 0.3).verdict != "named"

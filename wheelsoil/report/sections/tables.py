@@ -1,0 +1,121 @@
+"""Single-wheel tables: how far to trust their verdict, their rows beside the models, and their sinkage from forces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from daq import OUTPUTS, DataError, FloatArray, number
+from wheelsoil.report.content import Block, Contents, Figure, Panels, Table, Text, section
+from wheelsoil.report.figures import MEASURED, Trace, axes, dots, marked_line, set_axis_range, style
+from wheelsoil.report.inputs import ReportInputs
+from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.verdict import form_error_words, sentence_of
+from wheelsoil.workflows.sinkage import agreement_sentence, growth_sentence, sinkage_as_json, sinkage_of_table
+from wheelsoil.workflows.tables import BenchFiles
+
+_READING = (
+    "dots are the rows of the table. A model's line joins what it says of these rows, at their loads; only driven rows "
+    "(slip > 0) were fitted."
+)
+
+
+@section("verdict", "How far to trust it")
+def verdict(material: ReportInputs) -> Contents:
+    """Build the section: the error of form, what it decides, and whether an explanation is adequate."""
+    found = material.diagnosed
+    if found is None:
+        text = f"No diagnosis: {material.no_diagnosis or 'none was asked for'}."
+        return [Text(text)], {"sentence": text}
+    said = form_error_words(found.grounds.form_errors)
+    blocks: list[Block] = [Text(text) for text in said]
+    if found.grounds.form_matters is not None:
+        blocks.append(Text(f"The verdict depends on it: {note_text(found.grounds.form_matters)}.", "warning"))
+    if found.adequacy is not None:
+        kind = "good" if found.adequacy.ok else "warning"
+        limits = f"lack of fit {number(found.adequacy.statistic, 3)}, threshold {number(found.adequacy.threshold, 3)}"
+        blocks.append(Text(f"The best explanation is {'' if found.adequacy.ok else 'not '}adequate: {limits}.", kind))
+    blocks += [Text(f"Inconsistent: {note_text(item.why)}.", "warning") for item in found.inconsistent]
+    blocks += [Text(f"{note_text(note)}.", "warning") for note in found.grounds.cautions]
+    return blocks, {"sentence": sentence_of(found), "verdict": found.verdict}
+
+
+@section("rows", "Rows of the tables")
+def rows(material: ReportInputs) -> Contents:
+    """Build the section: every channel against slip, of every wheel, with the fitted models of an only one."""
+    blocks: list[Block] = []
+    numbers: dict[str, Any] = {}
+    for i, one in enumerate(material.tables):
+        said = _predicted(material) if len(material.tables) == 1 else {}
+        channels = [c for c, channel in OUTPUTS.items() if np.isfinite(getattr(one.rows, channel.field)).any()]
+        figures = [_figure(one, channel, said, f"rows-{i}-{channel}") for channel in channels]
+        blocks += [Text(one.name), Panels(figures, _READING), _table(one, channels)]
+        numbers[one.name] = {
+            "slip": one.rows.slip,
+            "vertical_load_n": one.rows.vertical_load_n,
+            **{OUTPUTS[c].field: getattr(one.rows, OUTPUTS[c].field) for c in channels},
+            "predicted": said,
+        }
+    if material.no_fit:
+        blocks.append(Text(f"No fit of the four models: {material.no_fit}."))
+    return blocks, numbers
+
+
+def _predicted(material: ReportInputs) -> dict[str, dict[str, FloatArray]]:
+    """Return what every fitted model says of the rows of the only table: model -> channel -> values."""
+    if material.campaign is None:
+        return {}
+    fit = material.campaign
+    found = {}
+    for model in fit.models:
+        forward = fit.options.forward(fit.wheel, fit.soil, model.name)
+        said = forward.predict(fit.observations.conditions, model.values)
+        found[model.name] = {c: getattr(said, channel.field) for c, channel in OUTPUTS.items()}
+    return found
+
+
+def _figure(one: BenchFiles, channel: str, said: dict[str, dict[str, FloatArray]], key: str) -> Figure:
+    factor, unit = (1e3, "mm") if OUTPUTS[channel].unit == "m" else (1.0, OUTPUTS[channel].unit_text)
+    measured, order = factor * getattr(one.rows, OUTPUTS[channel].field), np.argsort(one.rows.slip)
+    data: list[Trace] = [
+        marked_line(one.rows.slip[order], factor * values[channel][order], style(name).label, style(name))
+        for name, values in said.items()
+    ]
+    data.append({**dots(one.rows.slip, measured, "measured"), "marker": {"color": MEASURED, "size": 7}})
+    title = f"{OUTPUTS[channel].name} ({unit})"
+    layout = axes("slip", title, height=360)
+    set_axis_range(layout, "x", one.rows.slip)
+    predicted = [factor * values[channel] for values in said.values()]
+    set_axis_range(layout, "y", measured, also=np.concatenate(predicted) if predicted else measured)
+    return Figure(key, title, data, layout)
+
+
+def _table(one: BenchFiles, channels: list[str]) -> Table:
+    head = ["slip", "load (N)", *(f"{OUTPUTS[c].name} ({OUTPUTS[c].unit_text})" for c in channels)]
+    columns = [one.rows.slip, one.rows.vertical_load_n, *(getattr(one.rows, OUTPUTS[c].field) for c in channels)]
+    cells = [[number(x, 4) if np.isfinite(x) else "–" for x in row] for row in np.array(columns).T]
+    return Table(f"Rows: {one.name}", head, cells, left=0)
+
+
+@section("sinkage", "Sinkage from forces")
+def sinkage(material: ReportInputs) -> Contents:
+    """Build the section; `DataError` if no table holds a torque."""
+    blocks: list[Block] = []
+    numbers: dict[str, Any] = {}
+    why: list[str] = []
+    for one in material.tables:
+        try:
+            facts = sinkage_of_table(one.rows, one.wheel_section)
+        except DataError as error:
+            why.append(f"{one.name}: {error.faults[0].what}")
+            continue
+        said = [f"{one.name}: {growth_sentence(facts.growth)}."]
+        if facts.agreement is not None:
+            said.append(f"{agreement_sentence(facts.agreement)}.")
+        refuted = facts.agreement is not None and facts.agreement.refuted
+        blocks.append(Text(" ".join(said), "warning" if refuted else "text"))
+        numbers[one.name] = sinkage_as_json(facts)
+    if not blocks:
+        raise DataError("; ".join(why))
+    return [*blocks, *(Text(f"Not evaluated: {text}.") for text in why)], numbers
