@@ -131,7 +131,7 @@ def _at_least(state: BoolArray, samples: float) -> BoolArray:
     """Return where a run of True is at least so long."""
     long = np.zeros(len(state), np.bool_)
     for start, stop in runs_of(state):
-        long[start:stop] = stop - start >= samples
+        long[start:stop] = state[start] and stop - start >= samples
     return long
 
 

@@ -58,7 +58,7 @@ def test_a_run_is_not_spoilt_by_what_a_brake_holds() -> None:
 
 def test_the_pull_at_rest_is_one_value_a_run_that_grows_with_the_load_and_the_torque_s_is_small() -> None:
     simulation, samples, linear = linearised(3)
-    found = columns_of(simulation, samples, linear)
+    found = columns_of(simulation, samples, linear, np.zeros(len(samples)))
     priors = hyper_priors(samples)
     load = np.asarray(samples.rests.conditions.vertical_load_n)
     at = {name: found.constants.index(name) - len(found.constants) for name in found.constants}
@@ -74,7 +74,7 @@ def test_the_pull_at_rest_is_one_value_a_run_that_grows_with_the_load_and_the_to
     assert priors["driving_torque_standing_nm"].centre < 5.0
     rests = samples.rests
     lifted = replace(rests, conditions=replace(rests.conditions, vertical_load_n=np.zeros(len(rests))))
-    found = columns_of(simulation, replace(samples, rests=lifted), linear)
+    found = columns_of(simulation, replace(samples, rests=lifted), linear, np.zeros(len(samples)))
     assert not found.rests[0, :, at["drawbar_pull_standing_n"]].any()
 
 
