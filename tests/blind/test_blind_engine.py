@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -19,7 +20,9 @@ from wheelsoil.wording.verdict import sentence_of
 
 
 def diagnosed(seed: int, soil: str, hidden: list[tuple[str, float]]) -> Diagnosis:
+    """Diagnose a campaign whose standstills show the zeros."""
     day = field_day(soil, (21, seed), "fjord")
+    day = replace(day, stance=replace(day.stance, held=False))
     return diagnose([campaign_from_channels(day, hidden)], DiagnosisOptions())
 
 

@@ -202,7 +202,7 @@ def test_braked_wheels_have_their_own_law(study: Any, wheel: str) -> None:
 @pytest.mark.slow
 def test_only_braked_rows(smooth: Bench) -> None:
     """No law of a driven wheel is asked for rows with s < 0."""
-    braked = replace(smooth, rows=smooth.rows[smooth.rows.slip < -0.1])
+    braked = replace(smooth, rows=smooth.rows[smooth.rows.slip < -0.1], lines=())
     found = diagnose_bench([braked], DiagnosisOptions(most_causes=1))
     assert "slip_sinkage" in found.not_identifiable
     assert all(candidate.name != "slip_sinkage" for candidate in found.candidates)
