@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import textwrap
 from dataclasses import fields
 from math import inf
+from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from virtual_support import LYASKO, START_NS, lyasko_model
@@ -69,3 +74,35 @@ def test_stretches_of_any_length_are_the_run(
             assert np.allclose(getattr(run.truth, field.name), getattr(joined.truth, field.name), rtol=0, atol=1e-9)
     frames: FrameBatch = concatenate(list(frame_batches(parts)))
     assert np.array_equal(frames.frames, virtual_frames(run).frames)
+
+
+_LONG_RUN = """
+    import sys
+    from pathlib import Path
+    from memory_support import peak_rss_mb
+    from wheelsoil.simulation import SimulationOptions, simulate_campaign
+
+    options = SimulationOptions(effects={"lyasko": {"m1": 0.1, "m2": 0.05}}, runs=1, duration_s=float(sys.argv[1]))
+    simulate_campaign(Path(sys.argv[2]), options)
+    print(peak_rss_mb())
+"""
+
+
+def _peak_rss_mb(duration_s: float, folder: Path) -> float:
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(_LONG_RUN), str(duration_s), str(folder)],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=Path(__file__).parents[2],
+        env={"PYTHONPATH": "tests:.", "OPENBLAS_NUM_THREADS": "1"},
+    )
+    return float(done.stdout)
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_duration(tmp_path: Path) -> None:
+    """Of 12 minutes as of 4, in stretches of one each: at once it would take 290 MB more."""
+    short, long = (_peak_rss_mb(minutes * 60.0, tmp_path / f"{minutes}") for minutes in (4, 12))
+    assert long - short < 40
+    assert long < 400
