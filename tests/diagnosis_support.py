@@ -13,7 +13,7 @@ from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.time_series.linearise import Linear, Point, Simulation, linearise, soil_space
 from model.diagnosis.time_series.samples import Samples, samples_of
 from model.simulation import VirtualSetup
-from model.simulation.transducer import coloured_noise
+from model.simulation.transducer import ColouredNoise
 from model.wheel_soil.soils import prior_of
 from wheelsoil.simulation.campaign import simulated_run
 from wheelsoil.simulation.options import SimulationOptions, parse_effect
@@ -60,7 +60,7 @@ def with_sinkage(campaign: Campaign, effect: str = "", sigma_m: float = 0.003) -
         virtual = simulated_run(options, index)
         late_s = VirtualSetup().clock.offset_s + index * 600.0 * VirtualSetup().clock.drift_ppm * 1e-6
         at = run.time_s + (run.start_ns - virtual.start_ns) * 1e-9 - late_s
-        noise = coloured_noise(len(run), run.rate_hz, sigma_m, 0.3, np.random.default_rng(index))
+        noise = ColouredNoise(run.rate_hz, sigma_m, 0.3, np.random.default_rng(index)).next(len(run))
         sinkage = np.interp(at, virtual.truth.time_s, virtual.truth.sinkage_m) + noise
         runs.append(replace(run, sinkage_m=sinkage, sinkage_sigma_m=np.full(len(run), sigma_m)))
     return replace(campaign, runs=tuple(runs))

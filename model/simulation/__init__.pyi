@@ -8,6 +8,8 @@ from .run import VirtualRun as VirtualRun
 from .run import VirtualSetup as VirtualSetup
 from .run import drawn_soil as drawn_soil
 from .run import virtual_run as virtual_run
+from .run import virtual_stretches as virtual_stretches
+from .run import whole as whole
 from .speed_sensors import GnssSetup as GnssSetup
 from .speed_sensors import Track as Track
 from .speed_sensors import WheelSpeedSetup as WheelSpeedSetup

@@ -9,14 +9,14 @@ import numpy as np
 
 from daq import RunInfo
 from model.simulation.motion import Motion, integrated, smooth_steps
-from model.simulation.run import Faults, SensedRun, VirtualSetup, sensed_run
+from model.simulation.run import Faults, Faulty, SensedRun, Sensors, VirtualSetup
 from model.simulation.transducer import HubLoads, TransducerSetup
 from model.simulation.truth import Circumstances
 
 LIFTED_S = 14.0
 _RATE_HZ = 1000.0
 _TURNING_RADPS = 2.0 * pi
-_SPEED_KNOTS = [(1.0, 0.0), (2.5, _TURNING_RADPS), (12.5, _TURNING_RADPS), (13.5, 0.0)]
+_SPEED_KNOTS = np.array([(1.0, 0.0), (2.5, _TURNING_RADPS), (12.5, _TURNING_RADPS), (13.5, 0.0)]).T
 _SENSORS_SHARE = 0.35
 """Of the coloured noise on soil."""
 
@@ -43,7 +43,8 @@ def lifted_run(
     hub = HubLoads(time_s, nothing, nothing, torque, angle, omega)
     here = Circumstances(info, setup.vehicle.inflation_kpa, elapsed_s, campaign_s, (0.0, 1.0))
     quiet = replace(setup, transducer=_in_the_air(setup.transducer))
-    return sensed_run(quiet, hub, motion, here, start_ns, wheel_radius_m, rng.spawn(4), ring, faults)
+    sensors = Sensors(quiet, here, start_ns, len(time_s), wheel_radius_m, rng.spawn(4), ring)
+    return SensedRun(info, start_ns, sensors.read(*Faulty(faults, here).of(hub, motion)))
 
 
 def _in_the_air(setup: TransducerSetup) -> TransducerSetup:

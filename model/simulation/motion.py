@@ -19,6 +19,9 @@ _STOP_S = 2.5
 _CYCLE_S = 9.5
 _BRAKE_FROM = 0.69
 
+Knots = FloatArray
+"""Times in s, and values: shape (2, n)."""
+
 
 @dataclass(frozen=True)
 class VehicleSetup:
@@ -50,27 +53,29 @@ class VehicleSetup:
     inflation_kpa: float = 340.0
 
 
-def vertical_load_n(
-    setup: VehicleSetup,
-    ground_speed_mps: FloatArray,
-    ground_acceleration_mps2: FloatArray,
-    rate_hz: float,
-    added_load_kg: float,
-    rng: np.random.Generator,
-) -> FloatArray:
-    """Return the load between wheel and soil, positive up on the wheel; shape (n,).
+class WheelLoad:
+    """Load between wheel and soil, positive up on the wheel, stretch after stretch of a run.
 
     A rear wheel gains load m a h/(2 L) when the vehicle accelerates. The road acts through a linear quarter
     vehicle, so that the load swings at body and wheel frequency and rests at standstill.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Draws the road, one number for each sample.
     """
-    static = static_load_n(setup, added_load_kg)
-    mass = setup.mass_kg + added_load_kg
-    lever = setup.centre_of_gravity_height_m / (2 * setup.wheelbase_m)
-    return (
-        static
-        + mass * lever * ground_acceleration_mps2
-        + road_load_n(setup, static, ground_speed_mps, rate_hz, rng.standard_normal(len(ground_speed_mps)))
-    )
+
+    def __init__(self, setup: VehicleSetup, rate_hz: float, added_load_kg: float, rng: np.random.Generator) -> None:
+        self._static_n = static_load_n(setup, added_load_kg)
+        mass = setup.mass_kg + added_load_kg
+        self._n_per_mps2 = mass * (setup.centre_of_gravity_height_m / (2 * setup.wheelbase_m))
+        self._road = RoadLoad(setup, self._static_n, rate_hz)
+        self._rng = rng
+
+    def next_n(self, ground_speed_mps: FloatArray, ground_acceleration_mps2: FloatArray) -> FloatArray:
+        """Return the load of the next samples, shape (n,)."""
+        swing = self._road.next_n(ground_speed_mps, self._rng.standard_normal(len(ground_speed_mps)))
+        return self._static_n + self._n_per_mps2 * ground_acceleration_mps2 + swing
 
 
 def static_load_n(setup: VehicleSetup, added_load_kg: float) -> float:
@@ -78,39 +83,42 @@ def static_load_n(setup: VehicleSetup, added_load_kg: float) -> float:
     return setup.static_load_n + setup.added_load_share * added_load_kg * GRAVITY_MPS2
 
 
-def road_load_n(
-    setup: VehicleSetup, static_n: float, ground_speed_mps: FloatArray, rate_hz: float, white: FloatArray
-) -> FloatArray:
-    """Return the load's swing about its mean from a road of ISO 8608's shape.
+class RoadLoad:
+    """The load's swing about its mean from a road of ISO 8608's shape, stretch after stretch.
 
     Such a road's vertical velocity is white noise of density (2 pi n0)^2 Gd(n0) V at speed V.
-
-    Parameters
-    ----------
-    white : float64 array, shape (n,)
-        Standard normal.
 
     Notes
     -----
     Source: ISO 8608:2016 (road profiles, waviness 2); the quarter vehicle is the textbook's two-mass model.
     """
-    from scipy.signal import bilinear_zpk, sosfilt, tf2zpk, zpk2sos
 
-    unsprung = setup.unsprung_mass_kg
-    sprung = max(static_n / GRAVITY_MPS2 - unsprung, unsprung)
-    spring = sprung * (2 * np.pi * setup.body_frequency_hz) ** 2
-    damper = 2 * setup.damping_ratio * np.sqrt(spring * sprung)
-    contact = setup.contact_stiffness_n_per_m
-    both = unsprung + sprung
-    numerator = contact * np.array([unsprung * sprung, both * damper, both * spring, 0.0])
-    denominator = np.array(
-        [unsprung * sprung, both * damper, both * spring + contact * sprung, contact * damper, contact * spring]
-    )
-    zeros, poles, gain = tf2zpk(numerator, denominator)
-    sections = zpk2sos(*bilinear_zpk(zeros, poles, gain, rate_hz))
-    density = (2 * np.pi * _REFERENCE_WAVENUMBER_PER_M) ** 2 * setup.roughness_m3
-    road_velocity = white * np.sqrt(density * ground_speed_mps * rate_hz / 2)
-    return np.asarray(sosfilt(sections, road_velocity), np.float64)
+    def __init__(self, setup: VehicleSetup, static_n: float, rate_hz: float) -> None:
+        from scipy.signal import bilinear_zpk, tf2zpk, zpk2sos
+
+        unsprung = setup.unsprung_mass_kg
+        sprung = max(static_n / GRAVITY_MPS2 - unsprung, unsprung)
+        spring = sprung * (2 * np.pi * setup.body_frequency_hz) ** 2
+        damper = 2 * setup.damping_ratio * np.sqrt(spring * sprung)
+        contact = setup.contact_stiffness_n_per_m
+        both = unsprung + sprung
+        numerator = contact * np.array([unsprung * sprung, both * damper, both * spring, 0.0])
+        denominator = np.array(
+            [unsprung * sprung, both * damper, both * spring + contact * sprung, contact * damper, contact * spring]
+        )
+        zeros, poles, gain = tf2zpk(numerator, denominator)
+        self._sections = zpk2sos(*bilinear_zpk(zeros, poles, gain, rate_hz))
+        self._state = np.zeros((len(self._sections), 2))
+        self._density = (2 * np.pi * _REFERENCE_WAVENUMBER_PER_M) ** 2 * setup.roughness_m3
+        self._rate_hz = rate_hz
+
+    def next_n(self, ground_speed_mps: FloatArray, white: FloatArray) -> FloatArray:
+        """Return the swing of the next samples, shape (n,); `white` is standard normal."""
+        from scipy.signal import sosfilt
+
+        road_velocity = white * np.sqrt(self._density * ground_speed_mps * self._rate_hz / 2)
+        swing, self._state = sosfilt(self._sections, road_velocity, zi=self._state)
+        return np.asarray(swing, np.float64)
 
 
 @dataclass(frozen=True)
@@ -157,7 +165,63 @@ class DrivingStyle:
     highest_rim_speed_mps: float = 6.0
 
 
-def drive(
+@dataclass(frozen=True)
+class Drive:
+    """One run as it is to be driven: a `Motion` that is calculated stretch by stretch.
+
+    Ground speed V and log ratio ln(r omega/V) are prescribed as smooth steps, so that both accelerations are
+    continuous; slip follows from the ratio. What the instrumented wheel cannot pull, the others do. Wheel
+    acceleration stays below about 10 rad/s2.
+
+    Attributes
+    ----------
+    rate_hz : samples per second of the motion
+    speed_knots, ratio_knots : of ground speed and of ln(r omega/V), as `smooth_steps` takes them
+    """
+
+    duration_s: float
+    wheel_radius_m: float
+    rate_hz: float
+    speed_knots: Knots
+    ratio_knots: Knots
+
+    @property
+    def count(self) -> int:
+        """Samples of the whole run."""
+        return round(self.duration_s * self.rate_hz)
+
+    def time_s(self, start: int, stop: int, step: int = 1) -> FloatArray:
+        """Return the instants of some samples."""
+        return np.arange(start, stop, step) / self.rate_hz
+
+    def ground(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return speed and acceleration over ground at any instants."""
+        return smooth_steps(time_s, self.speed_knots)
+
+    def motion(self, start: int = 0, stop: int | None = None, before: Motion | None = None) -> Motion:
+        """Return a stretch of the run, or all of it; `before` is the motion that ends just before it."""
+        time_s = self.time_s(start, self.count if stop is None else stop)
+        speed, acceleration = self.ground(time_s)
+        log_ratio, log_ratio_rate = smooth_steps(time_s, self.ratio_knots)
+        ratio = np.exp(log_ratio)
+        omega = speed * ratio / self.wheel_radius_m
+        alpha = (acceleration + speed * log_ratio_rate) * ratio / self.wheel_radius_m
+        slip = np.where(log_ratio >= 0, -np.expm1(-log_ratio), np.expm1(log_ratio))
+        angle = (before.wheel_speed_radps[-1], before.wheel_angle_rad[-1]) if before else None
+        distance = (before.ground_speed_mps[-1], before.distance_m[-1]) if before else None
+        return Motion(
+            time_s=time_s,
+            ground_speed_mps=speed,
+            ground_acceleration_mps2=acceleration,
+            wheel_speed_radps=omega,
+            wheel_acceleration_radps2=alpha,
+            wheel_angle_rad=integrated(omega, self.rate_hz, angle),
+            distance_m=integrated(speed, self.rate_hz, distance),
+            slip=np.where(speed > 0, slip, 0.0),
+        )
+
+
+def drawn_drive(
     duration_s: float,
     wheel_radius_m: float,
     rng: np.random.Generator,
@@ -165,19 +229,15 @@ def drive(
     rate_hz: float = 1000.0,
     coast_slip: float = -0.1,
     style: DrivingStyle | None = None,
-) -> Motion:
+) -> Drive:
     """Draw one run.
-
-    Ground speed V and log ratio ln(r omega/V) are prescribed as smooth steps, so that both accelerations are
-    continuous; slip follows from the ratio. What the instrumented wheel cannot pull, the others do. Wheel
-    acceleration stays below about 10 rad/s2.
 
     Parameters
     ----------
     duration_s : at least `SHORTEST_RUN_S`
     rng : numpy.random.Generator
         Draws the number of cycles, their slip, speed and length.
-    rate_hz : samples per second of the result
+    rate_hz : samples per second of the motion
     coast_slip : slip at which the wheel transmits no torque
 
     Raises
@@ -192,32 +252,16 @@ def drive(
             expected=f"at least {SHORTEST_RUN_S:g} s",
             next_step="give a longer duration",
         )
-    speed_knots, ratio_knots = _knots(duration_s, _log_ratio(coast_slip), rng, style or DrivingStyle())
-    time_s = np.arange(round(duration_s * rate_hz)) / rate_hz
-    speed, acceleration = smooth_steps(time_s, speed_knots)
-    log_ratio, log_ratio_rate = smooth_steps(time_s, ratio_knots)
-    ratio = np.exp(log_ratio)
-    omega = speed * ratio / wheel_radius_m
-    alpha = (acceleration + speed * log_ratio_rate) * ratio / wheel_radius_m
-    slip = np.where(log_ratio >= 0, -np.expm1(-log_ratio), np.expm1(log_ratio))
-    return Motion(
-        time_s=time_s,
-        ground_speed_mps=speed,
-        ground_acceleration_mps2=acceleration,
-        wheel_speed_radps=omega,
-        wheel_acceleration_radps2=alpha,
-        wheel_angle_rad=integrated(omega, rate_hz),
-        distance_m=integrated(speed, rate_hz),
-        slip=np.where(speed > 0, slip, 0.0),
-    )
+    speed, ratio = _knots(duration_s, _log_ratio(coast_slip), rng, style or DrivingStyle())
+    return Drive(duration_s, wheel_radius_m, rate_hz, np.array(speed).T, np.array(ratio).T)
 
 
-def smooth_steps(time_s: FloatArray, knots: list[tuple[float, float]]) -> tuple[FloatArray, FloatArray]:
-    """Return value and rate of cosine steps between knots (time, value); constant outside of them.
+def smooth_steps(time_s: FloatArray, knots: Knots) -> tuple[FloatArray, FloatArray]:
+    """Return value and rate of cosine steps between knots; constant outside of them.
 
     Both are continuous; the rate is zero at every knot.
     """
-    at, value = (np.array(column) for column in zip(*knots, strict=True))
+    at, value = knots
     piece = np.clip(np.searchsorted(at, time_s, side="right") - 1, 0, len(at) - 2)
     length = at[piece + 1] - at[piece]
     fraction = np.clip((time_s - at[piece]) / length, 0.0, 1.0)
@@ -228,10 +272,15 @@ def smooth_steps(time_s: FloatArray, knots: list[tuple[float, float]]) -> tuple[
     )
 
 
-def integrated(rate: FloatArray, rate_hz: float) -> FloatArray:
-    """Return the integral from the first sample on, by trapezoids; shape (n,)."""
-    steps = (rate[1:] + rate[:-1]) / (2 * rate_hz)
-    return np.concatenate([[0.0], np.cumsum(steps)])
+def integrated(rate: FloatArray, rate_hz: float, before: tuple[float, float] | None = None) -> FloatArray:
+    """Return the integral by trapezoids, shape (n,): from the first sample on, or of a stretch after another.
+
+    `before` is rate and integral of the sample before the first.
+    """
+    known, first = ([], 0.0) if before is None else ([before[0]], before[1])
+    ends = np.concatenate([known, rate])
+    steps = (ends[1:] + ends[:-1]) / (2 * rate_hz)
+    return np.cumsum(np.concatenate([[first], steps]))[len(known) :]
 
 
 @dataclass(frozen=True)

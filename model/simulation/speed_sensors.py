@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
 from daq import FloatArray
 from model.simulation.motion import Motion
-from model.simulation.transducer import Readings, coloured_noise, sample_times_s
+from model.simulation.transducer import ColouredNoise, Readings, SampleTimes
 
 _EARTH_RADIUS_M = 6_371_008.8
 _SECONDS_PER_DAY = 86_400.0
+_GNSS_UNITS = {
+    "ground_speed": "m/s",
+    "speed_quality": "m/s",
+    "latitude": "rad",
+    "longitude": "rad",
+    "altitude": "m",
+    "course": "rad",
+    "gnss_time": "s",
+}
 
 
 @dataclass(frozen=True)
@@ -44,10 +54,8 @@ class WheelSpeedSetup:
         return self.transport_s + 2 * np.pi / (self.teeth * self.typical_radps)
 
 
-def measure_wheel_speed(
-    setup: WheelSpeedSetup, motion: Motion, ring: np.random.Generator, rng: np.random.Generator
-) -> Readings:
-    """Return the wheel speed as an electronic unit calculates it from edges.
+class WheelSpeedSensor:
+    """The wheel speed as an electronic unit calculates it from edges, read stretch by stretch.
 
     Each message holds the mean speed over the edges since the one before; without a new edge, the last value,
     or what the missing edge allows at most.
@@ -57,35 +65,64 @@ def measure_wheel_speed(
     ring : numpy.random.Generator
         Draws the ring's errors: the same for every run of a vehicle.
     """
-    duration = float(motion.time_s[-1] + motion.time_s[1])
-    at = sample_times_s(duration, setup.rate_hz, setup.clock_ppm, rng)
-    pitch = 2 * np.pi / setup.teeth
-    tooth = np.arange(setup.teeth)
-    error = setup.pitch_error * ring.standard_normal(setup.teeth)
-    error += setup.teeth / (2 * np.pi) * setup.eccentricity * np.sin(2 * np.pi * tooth / setup.teeth)
-    first = int(rng.integers(setup.teeth))
-    count = int(motion.wheel_angle_rad[-1] / pitch)
-    number = np.arange(1, count + 1)
-    edge_angle = pitch * (number + error[(number + first) % setup.teeth])
-    moving = np.concatenate([[True], np.diff(motion.wheel_angle_rad) > 0])  # else the inverse is not unique
-    edges = np.interp(edge_angle, motion.wheel_angle_rad[moving], motion.time_s[moving])
-    edges = np.round(edges / setup.timer_s) * setup.timer_s
-    speed = _edge_speed(at, edges, pitch, setup)
-    return Readings(at, setup.transport_s, {"wheel_speed": speed}, {"wheel_speed": "rad/s"})
 
+    def __init__(
+        self, setup: WheelSpeedSetup, duration_s: float, ring: np.random.Generator, rng: np.random.Generator
+    ) -> None:
+        self._setup = setup
+        self._times = SampleTimes(duration_s, setup.rate_hz, setup.clock_ppm, rng)
+        self._pitch = 2 * np.pi / setup.teeth
+        tooth = np.arange(setup.teeth)
+        self._error = setup.pitch_error * ring.standard_normal(setup.teeth)
+        self._error += setup.teeth / (2 * np.pi) * setup.eccentricity * np.sin(2 * np.pi * tooth / setup.teeth)
+        self._first = int(rng.integers(setup.teeth))
+        self._seen_s = -inf
+        self._rolled: tuple[FloatArray, FloatArray] = np.zeros(0), np.zeros(0)
+        self._edges_s = np.zeros(0)
+        self._edges_before = 0
+        self._last = -1
 
-def _edge_speed(at: FloatArray, edges: FloatArray, pitch: float, setup: WheelSpeedSetup) -> FloatArray:
-    """Return pitch * edges / time between them, as known at the instants `at`."""
-    if len(edges) < 2:
-        return np.zeros(len(at))
-    last = np.searchsorted(edges, at, side="right") - 1
-    before = np.minimum(np.concatenate([[-1], last[:-1]]), last - 1)
-    known = before >= 0
-    newest, oldest = np.maximum(last, 0), np.maximum(before, 0)
-    span = np.where(known, edges[newest] - edges[oldest], np.inf)
-    silence = np.maximum(at - edges[newest], 1e-9)
-    speed = np.minimum(pitch * (newest - oldest) / span, pitch / silence)
-    return np.where(known & (silence < setup.timeout_s), speed, 0.0)
+    def read(self, motion: Motion, until_s: float = inf) -> Readings:
+        """Return the messages not read yet that come before `until_s`; the motion covers them.
+
+        The motion may begin before and end behind what is read; a stretch before the last must not end at standstill.
+        """
+        self._add_edges(motion, ends=until_s == inf)
+        at = self._times.next_s(until_s)
+        speed = self._speed(at)
+        return Readings(at, self._setup.transport_s, {"wheel_speed": speed}, {"wheel_speed": "rad/s"})
+
+    def _add_edges(self, motion: Motion, *, ends: bool) -> None:
+        """Time the edges that have passed; where the run ends, the last of them at the latest then."""
+        new = motion.time_s > self._seen_s
+        time_s, angle = motion.time_s[new], motion.wheel_angle_rad[new]
+        known_s, known = self._rolled
+        moving = np.diff(angle, prepend=known[-1] if len(known) else -inf) > 0  # else the inverse is not unique
+        known_s, known = np.concatenate([known_s, time_s[moving]]), np.concatenate([known, angle[moving]])
+        number = np.arange(self._edges_before + len(self._edges_s) + 1, int(known[-1] / self._pitch) + 2)
+        edge = self._pitch * (number + self._error[(number + self._first) % self._setup.teeth])
+        passed = number <= int(known[-1] / self._pitch) if ends else edge <= known[-1]
+        edges_s = np.interp(edge[passed], known, known_s)
+        self._edges_s = np.concatenate([self._edges_s, np.round(edges_s / self._setup.timer_s) * self._setup.timer_s])
+        self._rolled = known_s[-1:], known[-1:]
+        self._seen_s = float(motion.time_s[-1])
+
+    def _speed(self, at: FloatArray) -> FloatArray:
+        """Return pitch * edges / time between them, as known at the instants `at`; forget edges that are done with."""
+        if not len(self._edges_s) or not len(at):
+            return np.zeros(len(at))
+        edges = self._edges_s
+        last = np.searchsorted(edges, at, side="right") - 1
+        before = np.minimum(np.concatenate([[self._last], last[:-1]]), last - 1)
+        known = before >= 0
+        newest, oldest = np.maximum(last, 0), np.maximum(before, 0)
+        span = np.where(known, edges[newest] - edges[oldest], np.inf)
+        silence = np.maximum(at - edges[newest], 1e-9)
+        speed = np.minimum(self._pitch * (newest - oldest) / span, self._pitch / silence)
+        done = max(int(last[-1]) - 1, 0)
+        self._edges_s, self._edges_before = edges[done:], self._edges_before + done
+        self._last = int(last[-1]) - done
+        return np.where(known & (silence < self._setup.timeout_s), speed, 0.0)
 
 
 @dataclass(frozen=True)
@@ -138,71 +175,88 @@ class Track:
         return distance_m if direction == "out" else self.length_m - distance_m
 
 
-def measure_gnss(
-    setup: GnssSetup,
-    motion: Motion,
-    track: Track,
-    direction: str,
-    seconds_of_day: float,
-    rng: np.random.Generator,
-    speed_path_m: FloatArray | None = None,
-) -> Readings:
-    """Return the receiver's solutions.
+class GnssReceiver:
+    """The receiver on one run, read stretch by stretch.
 
     Parameters
     ----------
     direction : "out" or "back"
     seconds_of_day : float
         UTC time of day of the start of the run; GNSS time is that of a solution's epoch.
-    speed_path_m : float64 array, shape of the motion, optional
-        Integral of the speed that the receiver sees, where that is not the true one; the position stays true.
+    last_s : instant of the last sample of the motion
     """
-    streams = rng.spawn(4)
-    first = np.ceil(seconds_of_day * setup.rate_hz) / setup.rate_hz - seconds_of_day
-    duration = float(motion.time_s[-1])
-    at = first + np.arange(int((duration - first) * setup.rate_hz) + 1) / setup.rate_hz
-    count = len(at)
-    window = setup.filter_window_s
-    driven = np.interp(at, motion.time_s, motion.distance_m)
-    path = motion.distance_m if speed_path_m is None else speed_path_m
-    mean_speed = np.interp(at, motion.time_s, path) - np.interp(at - window, motion.time_s, path)
-    speed = (
-        mean_speed / window
-        + coloured_noise(count, setup.rate_hz, setup.speed_noise_mps, setup.speed_noise_correlation_s, streams[0])
-        + setup.speed_white_noise_mps * streams[1].standard_normal(count)
-    )
-    east, north = (
-        coloured_noise(count, setup.rate_hz, setup.position_noise_m, setup.position_noise_correlation_s, stream)
-        for stream in streams[2].spawn(2)
-    )
-    bearing = np.radians(track.bearing_deg)
-    along = track.position_m(driven, direction)
-    north, east = north + along * np.cos(bearing), east + along * np.sin(bearing)
-    latitude = track.latitude_deg + np.degrees(north / _EARTH_RADIUS_M)
-    longitude = track.longitude_deg + np.degrees(east / _EARTH_RADIUS_M) / np.cos(np.radians(track.latitude_deg))
-    heading = track.bearing_deg + (0.0 if direction == "out" else 180.0)
-    sideways = setup.speed_noise_mps * streams[3].standard_normal(count)
-    return Readings(
-        time_s=at,
-        latency_s=setup.transport_s,
-        values={
-            "ground_speed": np.abs(speed),
-            "ground_speed_valid": np.ones(count),
-            "speed_quality": np.full(count, np.hypot(setup.speed_noise_mps, setup.speed_white_noise_mps)),
-            "latitude": np.radians(latitude),
-            "longitude": np.radians(longitude),
-            "altitude": np.full(count, 27.0),
-            "course": np.radians(np.mod(heading + np.degrees(np.arctan2(sideways, np.abs(speed))), 360.0)),
-            "gnss_time": np.mod(seconds_of_day + at, _SECONDS_PER_DAY),
-            "satellites": np.full(count, float(setup.satellites)),
-        },
-        units={
-            "ground_speed": "m/s",
-            "speed_quality": "m/s",
-            "latitude": "rad",
-            "longitude": "rad",
-            "altitude": "m",
-            "course": "rad",
-            "gnss_time": "s",
-        },
-    )
+
+    def __init__(
+        self,
+        setup: GnssSetup,
+        track: Track,
+        direction: str,
+        seconds_of_day: float,
+        last_s: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self._setup, self._track, self._direction = setup, track, direction
+        self._seconds_of_day = seconds_of_day
+        self._first_s = np.ceil(seconds_of_day * setup.rate_hz) / setup.rate_hz - seconds_of_day
+        self._count = int((last_s - self._first_s) * setup.rate_hz) + 1
+        self._taken = 0
+        speed, self._white, position, self._sideways = rng.spawn(4)
+        self._speed_noise = ColouredNoise(setup.rate_hz, setup.speed_noise_mps, setup.speed_noise_correlation_s, speed)
+        self._east, self._north = (
+            ColouredNoise(setup.rate_hz, setup.position_noise_m, setup.position_noise_correlation_s, stream)
+            for stream in position.spawn(2)
+        )
+
+    def read(self, motion: Motion, until_s: float = inf, speed_path_m: FloatArray | None = None) -> Readings:
+        """Return the solutions not read yet that come before `until_s`.
+
+        Parameters
+        ----------
+        motion : Motion
+            Covers these solutions, and the receiver's filter before them.
+        speed_path_m : float64 array, shape of the motion, optional
+            Integral of the speed that the receiver sees, where that is not the true one; the position stays true.
+        """
+        setup, track = self._setup, self._track
+        at = self._next_s(until_s)
+        count = len(at)
+        window = setup.filter_window_s
+        driven = np.interp(at, motion.time_s, motion.distance_m)
+        path = motion.distance_m if speed_path_m is None else speed_path_m
+        mean_speed = np.interp(at, motion.time_s, path) - np.interp(at - window, motion.time_s, path)
+        speed = (
+            mean_speed / window
+            + self._speed_noise.next(count)
+            + setup.speed_white_noise_mps * self._white.standard_normal(count)
+        )
+        east, north = self._east.next(count), self._north.next(count)
+        bearing = np.radians(track.bearing_deg)
+        along = track.position_m(driven, self._direction)
+        north, east = north + along * np.cos(bearing), east + along * np.sin(bearing)
+        latitude = track.latitude_deg + np.degrees(north / _EARTH_RADIUS_M)
+        longitude = track.longitude_deg + np.degrees(east / _EARTH_RADIUS_M) / np.cos(np.radians(track.latitude_deg))
+        heading = track.bearing_deg + (0.0 if self._direction == "out" else 180.0)
+        sideways = setup.speed_noise_mps * self._sideways.standard_normal(count)
+        return Readings(
+            time_s=at,
+            latency_s=setup.transport_s,
+            values={
+                "ground_speed": np.abs(speed),
+                "ground_speed_valid": np.ones(count),
+                "speed_quality": np.full(count, np.hypot(setup.speed_noise_mps, setup.speed_white_noise_mps)),
+                "latitude": np.radians(latitude),
+                "longitude": np.radians(longitude),
+                "altitude": np.full(count, 27.0),
+                "course": np.radians(np.mod(heading + np.degrees(np.arctan2(sideways, np.abs(speed))), 360.0)),
+                "gnss_time": np.mod(self._seconds_of_day + at, _SECONDS_PER_DAY),
+                "satellites": np.full(count, float(setup.satellites)),
+            },
+            units=_GNSS_UNITS,
+        )
+
+    def _next_s(self, until_s: float) -> FloatArray:
+        most = min(self._count, int(min((until_s - self._first_s) * self._setup.rate_hz, self._count)) + 2)
+        at = self._first_s + np.arange(self._taken, most) / self._setup.rate_hz
+        at = at[at < until_s]
+        self._taken += len(at)
+        return np.asarray(at, np.float64)

@@ -51,9 +51,9 @@ class StandingForces:
     drawbar_pull_n: FloatArray
     driving_torque_nm: FloatArray
 
-    def along(self, distance_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return pull and torque of the nearer standstill, shape (n,), by the distance since the start."""
-        which = (distance_m > 0.5 * distance_m[-1]).astype(int)
+    def along(self, distance_m: FloatArray, length_m: float) -> tuple[FloatArray, FloatArray]:
+        """Return pull and torque of the nearer standstill, shape (n,), by the distance driven so far and in all."""
+        which = (distance_m > 0.5 * length_m).astype(int)
         return self.drawbar_pull_n[which], self.driving_torque_nm[which]
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import dataclass, field
+from math import inf
 from typing import Literal
 
 import numpy as np
@@ -10,6 +12,7 @@ import numpy as np
 from daq import FloatArray, IntArray
 from model.simulation.motion import GRAVITY_MPS2
 
+_SKIPPED = 1 << 16
 _UNITS = {
     "drawbar_pull": "N",
     "lateral_force": "N",
@@ -60,8 +63,8 @@ class HostClock:
         return np.maximum.accumulate(start_ns + microseconds * 1000)
 
 
-def sample_times_s(duration_s: float, rate_hz: float, clock_ppm: float, rng: np.random.Generator) -> FloatArray:
-    """Return the instants at which a free-running sensor samples within a run: random phase, own clock error.
+class SampleTimes:
+    """Instants at which a free-running sensor samples within a run: random phase, own clock error.
 
     Parameters
     ----------
@@ -69,31 +72,57 @@ def sample_times_s(duration_s: float, rate_hz: float, clock_ppm: float, rng: np.
     rng : numpy.random.Generator
         Draws the phase.
     """
-    period = 1.0 / (rate_hz * (1.0 + clock_ppm * 1e-6))
-    phase = rng.uniform(0.0, period)
-    count = int((duration_s - 1.0 / rate_hz - phase) / period) + 1
-    return np.asarray(phase + period * np.arange(count), np.float64)
+
+    def __init__(self, duration_s: float, rate_hz: float, clock_ppm: float, rng: np.random.Generator) -> None:
+        self._period_s = 1.0 / (rate_hz * (1.0 + clock_ppm * 1e-6))
+        self._phase_s = rng.uniform(0.0, self._period_s)
+        self.count = int((duration_s - 1.0 / rate_hz - self._phase_s) / self._period_s) + 1
+        self.taken = 0
+
+    def next_s(self, until_s: float = inf) -> FloatArray:
+        """Return the instants not taken yet that come before `until_s`."""
+        most = min(self.count, int(min((until_s - self._phase_s) / self._period_s, self.count)) + 2)
+        at = self._phase_s + self._period_s * np.arange(self.taken, most)
+        at = at[at < until_s]
+        self.taken += len(at)
+        return np.asarray(at, np.float64)
 
 
-def coloured_noise(
-    count: int, rate_hz: float, sigma: float, correlation_time_s: float, rng: np.random.Generator
-) -> FloatArray:
-    """Return a stationary Ornstein-Uhlenbeck process: autocorrelation sigma^2 exp(-|lag|/correlation time).
+class ColouredNoise:
+    """A stationary Ornstein-Uhlenbeck process: autocorrelation sigma^2 exp(-|lag|/correlation time).
 
     Parameters
     ----------
-    count : number of samples
     rate_hz : samples per second
     sigma : standard deviation, in the unit of the result
     rng : numpy.random.Generator
-        Gives `count` normal numbers, whatever `sigma` is.
+        Gives one normal number for each sample, whatever `sigma` is.
     """
-    from scipy.signal import lfilter
 
-    white = rng.standard_normal(count)
-    memory = float(np.exp(-1.0 / (rate_hz * correlation_time_s)))
-    white[1:] *= np.sqrt(1.0 - memory**2)
-    return np.asarray(sigma * lfilter([1.0], [1.0, -memory], white), np.float64)
+    def __init__(self, rate_hz: float, sigma: float, correlation_time_s: float, rng: np.random.Generator) -> None:
+        self._memory = float(np.exp(-1.0 / (rate_hz * correlation_time_s)))
+        self._sigma = sigma
+        self._rng = rng
+        self._state = np.zeros(1)
+        self._begun = False
+
+    def next(self, count: int) -> FloatArray:
+        """Return the next samples, shape (count,)."""
+        from scipy.signal import lfilter
+
+        white = self._rng.standard_normal(count)
+        white[0 if self._begun else 1 :] *= np.sqrt(1.0 - self._memory**2)
+        self._begun |= count > 0
+        coloured, self._state = lfilter([1.0], [1.0, -self._memory], white, zi=self._state)
+        return np.asarray(self._sigma * coloured, np.float64)
+
+
+def after_normals(rng: np.random.Generator, count: int) -> np.random.Generator:
+    """Return a generator in the state that `rng` has after `count` more normal numbers."""
+    later = deepcopy(rng)
+    for start in range(0, count, _SKIPPED):
+        later.standard_normal(min(_SKIPPED, count - start))
+    return later
 
 
 @dataclass(frozen=True)
@@ -161,59 +190,99 @@ class Readings:
     units: dict[str, str] = field(default_factory=dict)
 
 
-def measure_loads(
-    setup: TransducerSetup, hub: HubLoads, wheel_radius_m: float, outboard_mass_kg: float, rng: np.random.Generator
-) -> Readings:
-    """Sample the transducer.
+class Transducer:
+    """The transducer on one run; it is read stretch by stretch.
 
     Parameters
     ----------
-    hub : HubLoads
-        Evenly sampled, at a rate that its content needs.
     wheel_radius_m : arm of the lateral force
     outboard_mass_kg : its weight is missing from the vertical force unless the zero was taken with the wheel lifted
+    rng : numpy.random.Generator
+        Every noise has its own stream: switching one off leaves the others as they are.
     """
-    # one stream per noise: switching one off leaves the others as they are
-    streams = rng.spawn(6)
-    duration = float(hub.time_s[-1] + hub.time_s[1] - hub.time_s[0])
-    at = sample_times_s(duration, setup.rate_hz, setup.clock_ppm, streams[0])
-    count = len(at)
 
-    def noise(sigma: float, white: float, stream: np.random.Generator) -> FloatArray:
-        slow = coloured_noise(count, setup.rate_hz, sigma, setup.noise_correlation_s, stream)
-        return slow + white * stream.standard_normal(count)
+    def __init__(
+        self,
+        setup: TransducerSetup,
+        duration_s: float,
+        wheel_radius_m: float,
+        outboard_mass_kg: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self._setup = setup
+        self._wheel_radius_m = wheel_radius_m
+        self._weight_n = outboard_mass_kg * GRAVITY_MPS2 if setup.zero == "spin" else 0.0
+        streams = rng.spawn(6)
+        self._times = SampleTimes(duration_s, setup.rate_hz, setup.clock_ppm, streams[0])
+        self._first_angle_rad = streams[0].uniform(0, 2 * np.pi)
+        self._noise = {
+            name: _Noise(setup, sigma, white, self._times.count, stream)
+            for name, sigma, white, stream in (
+                ("fx", setup.drawbar_pull_noise_n, setup.white_noise_n, streams[1]),
+                ("fz", setup.load_noise_n, setup.white_noise_n, streams[2]),
+                ("fy", setup.lateral_noise_n, setup.white_noise_n, streams[3]),
+                ("my", setup.torque_noise_nm, setup.white_noise_nm, streams[4]),
+            )
+        }
+        self._mz_rng = after_normals(streams[5], self._times.count)
+        self._mx_rng = streams[5]
 
-    angle = np.interp(at, hub.time_s, hub.wheel_angle_rad) + streams[0].uniform(0, 2 * np.pi)
-    weight = outboard_mass_kg * GRAVITY_MPS2 if setup.zero == "spin" else 0.0
-    forces, moments = setup.white_noise_n, setup.white_noise_nm
-    fx = np.interp(at, hub.time_s, hub.longitudinal_n) + noise(setup.drawbar_pull_noise_n, forces, streams[1])
-    fz = np.interp(at, hub.time_s, hub.vertical_n) - weight + noise(setup.load_noise_n, forces, streams[2])
-    fy = noise(setup.lateral_noise_n, forces, streams[3])
-    my = np.interp(at, hub.time_s, hub.torque_nm) + noise(setup.torque_noise_nm, moments, streams[4])
-    mx = fy * wheel_radius_m + moments * streams[5].standard_normal(count)
-    mz = moments * streams[5].standard_normal(count)
-    fx, fz = to_wheel_axes(fx, fz, angle)
-    fx, fz = fx + setup.zero_offset_n[0], fz + setup.zero_offset_n[1]
-    if setup.frame == "vehicle":
-        fx, fz = to_vehicle_axes(fx, fz, angle)
-    else:
-        mx, mz = to_wheel_axes(mx, mz, angle)
-        if setup.side == "right":
-            fx, fy, mx, my = -fx, -fy, -mx, -my
-    values = {
-        "drawbar_pull": fx,
-        "lateral_force": fy,
-        "vertical_load": fz,
-        "overturning_moment": mx,
-        "driving_torque": my,
-        "steering_moment": mz,
-        "wheel_angle": np.mod(setup.angle_direction * angle + np.radians(setup.angle_offset_deg), 2 * np.pi),
-        "spin_rate": np.interp(at, hub.time_s, hub.wheel_speed_radps),
-        "counter": np.mod(np.arange(count), 16).astype(np.float64),
-        "status": np.zeros(count),
-        "temperature": 304.0 + 4.0 * (1 - np.exp(-at / 300.0)),
-    }
-    return Readings(at, setup.latency_s, values, _UNITS)
+    def read(self, hub: HubLoads, until_s: float = inf) -> Readings:
+        """Return the samples not read yet that come before `until_s`.
+
+        Parameters
+        ----------
+        hub : HubLoads
+            Evenly sampled, at a rate that its content needs; it covers those samples.
+        """
+        setup = self._setup
+        start = self._times.taken
+        at = self._times.next_s(until_s)
+        count = len(at)
+        noise = {name: source.next(count) for name, source in self._noise.items()}
+        angle = np.interp(at, hub.time_s, hub.wheel_angle_rad) + self._first_angle_rad
+        fx = np.interp(at, hub.time_s, hub.longitudinal_n) + noise["fx"]
+        fz = np.interp(at, hub.time_s, hub.vertical_n) - self._weight_n + noise["fz"]
+        fy = noise["fy"]
+        my = np.interp(at, hub.time_s, hub.torque_nm) + noise["my"]
+        mx = fy * self._wheel_radius_m + setup.white_noise_nm * self._mx_rng.standard_normal(count)
+        mz = setup.white_noise_nm * self._mz_rng.standard_normal(count)
+        fx, fz = to_wheel_axes(fx, fz, angle)
+        fx, fz = fx + setup.zero_offset_n[0], fz + setup.zero_offset_n[1]
+        if setup.frame == "vehicle":
+            fx, fz = to_vehicle_axes(fx, fz, angle)
+        else:
+            mx, mz = to_wheel_axes(mx, mz, angle)
+            if setup.side == "right":
+                fx, fy, mx, my = -fx, -fy, -mx, -my
+        values = {
+            "drawbar_pull": fx,
+            "lateral_force": fy,
+            "vertical_load": fz,
+            "overturning_moment": mx,
+            "driving_torque": my,
+            "steering_moment": mz,
+            "wheel_angle": np.mod(setup.angle_direction * angle + np.radians(setup.angle_offset_deg), 2 * np.pi),
+            "spin_rate": np.interp(at, hub.time_s, hub.wheel_speed_radps),
+            "counter": np.mod(np.arange(start, start + count), 16).astype(np.float64),
+            "status": np.zeros(count),
+            "temperature": 304.0 + 4.0 * (1 - np.exp(-at / 300.0)),
+        }
+        return Readings(at, setup.latency_s, values, _UNITS)
+
+
+class _Noise:
+    """Coloured and white noise of one channel: one stream gives first all numbers of the one, then of the other."""
+
+    def __init__(
+        self, setup: TransducerSetup, sigma: float, white: float, count: int, rng: np.random.Generator
+    ) -> None:
+        self._white = white
+        self._white_rng = after_normals(rng, count)
+        self._slow = ColouredNoise(setup.rate_hz, sigma, setup.noise_correlation_s, rng)
+
+    def next(self, count: int) -> FloatArray:
+        return self._slow.next(count) + self._white * self._white_rng.standard_normal(count)
 
 
 def to_vehicle_axes(x: FloatArray, z: FloatArray, angle_rad: FloatArray) -> tuple[FloatArray, FloatArray]:

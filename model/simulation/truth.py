@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -58,17 +58,21 @@ class Circumstances:
         return 2.0 * (track_position_m - low) / (high - low) - 1.0
 
     def conditions(
-        self, model: WheelSoilModel, motion: Motion, vertical_load_n: FloatArray, track_position_m: FloatArray
+        self,
+        model: WheelSoilModel,
+        motion: Motion,
+        ground_jerk_mps3: FloatArray,
+        vertical_load_n: FloatArray,
+        track_position_m: FloatArray,
     ) -> Conditions:
         """Return what the wheel is put through, in full."""
-        step_s = float(motion.time_s[1] - motion.time_s[0])
         return Conditions(
             slip=motion.slip,
             vertical_load_n=vertical_load_n,
             ground_speed_mps=motion.ground_speed_mps,
             wheel_speed_radps=motion.wheel_speed_radps,
             ground_acceleration_mps2=motion.ground_acceleration_mps2,
-            ground_jerk_mps3=np.gradient(motion.ground_acceleration_mps2, step_s),
+            ground_jerk_mps3=ground_jerk_mps3,
             wheel_acceleration_radps2=motion.wheel_acceleration_radps2,
             line_position=self.line_position(track_position_m),
             campaign_time=self.campaign_time(motion.time_s),
@@ -164,12 +168,13 @@ def soil_reaction(
     model: WheelSoilModel,
     values: Mapping[str, float],
     motion: Motion,
+    ground_jerk_mps3: FloatArray,
     vertical_load_n: FloatArray,
     track_position_m: FloatArray,
     circumstances: Circumstances,
-    standing: StandingForces | None = None,
+    standing: tuple[FloatArray, FloatArray],
 ) -> Truth:
-    """Put a motion and a load through the wheel-soil model.
+    """Put a motion and a load through the wheel-soil model; a long run stretch by stretch.
 
     The model knows rolling wheels only: towards standstill drawbar pull and torque fade out below 0.5 m/s, to what
     acts at rest too.
@@ -179,9 +184,9 @@ def soil_reaction(
     model : WheelSoilModel
         With its physical effects and its quadrature.
     values : parameters of the effects, as the model takes them
-    vertical_load_n, track_position_m : float64 array, shape (n,)
-    standing : StandingForces, optional
-        What holds the vehicle at rest; by default nothing has to.
+    ground_jerk_mps3, vertical_load_n, track_position_m : float64 array, shape (n,)
+    standing : (float64 array, float64 array), shape (n,) each
+        Pull and torque that hold the vehicle at rest.
 
     Raises
     ------
@@ -189,18 +194,15 @@ def soil_reaction(
         The soil cannot carry the wheel at some moment of the run.
     """
     load = np.maximum(vertical_load_n, _LEAST_LOAD_N)
-    conditions = circumstances.conditions(model, motion, load, track_position_m)
+    conditions = circumstances.conditions(model, motion, ground_jerk_mps3, load, track_position_m)
     prediction = model.predict(conditions, dict(values))
     lost = ~np.isfinite(prediction.drawbar_pull_n)
     if lost.any():
         i = int(np.flatnonzero(lost)[0])
-        where = f"t = {motion.time_s[i]:.2f} s, {int(lost.sum())} of {len(lost)} samples"
-        raise DataError(_lost(model, where, motion.slip[i], load[i]))
+        raise DataError(_lost(model, f"t = {motion.time_s[i]:.2f} s", motion.slip[i], load[i]))
     rolling = -np.expm1(-((motion.ground_speed_mps / _SETTLED_SPEED_MPS) ** 2))
     pull_at_rest, torque_at_rest = model.at_rest(conditions, dict(values))
-    if standing is not None:
-        pull, torque = standing.along(motion.distance_m)
-        pull_at_rest, torque_at_rest = pull_at_rest + pull, torque_at_rest + torque
+    pull_at_rest, torque_at_rest = pull_at_rest + standing[0], torque_at_rest + standing[1]
     return Truth(
         time_s=motion.time_s,
         slip=motion.slip,
@@ -216,6 +218,22 @@ def soil_reaction(
         track_position_m=track_position_m,
         conditions=conditions,
     )
+
+
+def reaction_at_rest(
+    model: WheelSoilModel,
+    values: Mapping[str, float],
+    time_s: FloatArray,
+    vertical_load_n: FloatArray,
+    circumstances: Circumstances,
+    standing: StandingForces,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return load, drawbar pull and torque of `soil_reaction` when the vehicle stands again; shape (n,) each."""
+    load = np.maximum(vertical_load_n, _LEAST_LOAD_N)
+    conditions = circumstances.usual_conditions(model, np.zeros(len(load)), 0.0)
+    conditions = replace(conditions, vertical_load_n=load, campaign_time=circumstances.campaign_time(time_s))
+    pull, torque = model.at_rest(conditions, dict(values))
+    return load, np.asarray(pull) + standing.drawbar_pull_n[-1:], np.asarray(torque) + standing.driving_torque_nm[-1:]
 
 
 def _lost(model: WheelSoilModel, where: str, slip: float, load_n: float) -> Fault:

@@ -10,19 +10,19 @@ from hypothesis import strategies as st
 from daq.errors import ConfigError
 from model.simulation.motion import (
     SHORTEST_RUN_S,
+    RoadLoad,
     VehicleSetup,
-    drive,
-    road_load_n,
+    WheelLoad,
+    drawn_drive,
     smooth_steps,
     static_load_n,
-    vertical_load_n,
 )
 
 seeds = st.integers(0, 2**32 - 1)
 
 
 def motion(seed: int, duration: float = 40.0, coast: float = -0.1):
-    return drive(duration, 0.47, np.random.default_rng(seed), coast_slip=coast)
+    return drawn_drive(duration, 0.47, np.random.default_rng(seed), coast_slip=coast).motion()
 
 
 @settings(max_examples=25, deadline=None)
@@ -77,7 +77,7 @@ def test_the_number_of_cycles_is_three_or_four_in_forty_seconds() -> None:
 
 
 def test_smooth_steps_are_flat_at_their_knots() -> None:
-    knots = [(0.0, 1.0), (2.0, 3.0), (5.0, -1.0)]
+    knots = np.array([(0.0, 1.0), (2.0, 3.0), (5.0, -1.0)]).T
     value, rate = smooth_steps(np.array([-1.0, 0.0, 1.0, 2.0, 3.5, 5.0, 9.0]), knots)
     assert value == pytest.approx([1, 1, 2, 3, 1, -1, -1])
     assert rate == pytest.approx([0, 0, np.pi / 2, 0, -2 * np.pi / 3, 0, 0], abs=1e-12)
@@ -93,7 +93,7 @@ def test_a_run_without_room_for_a_cycle_is_refused() -> None:
 def test_acceleration_loads_the_rear_wheel() -> None:
     smooth = VehicleSetup(roughness_m3=0.0)
     acceleration = np.array([-2.0, 0.0, 1.0])
-    load = vertical_load_n(smooth, np.ones(3), acceleration, 200.0, 300.0, np.random.default_rng(0))
+    load = WheelLoad(smooth, 200.0, 300.0, np.random.default_rng(0)).next_n(np.ones(3), acceleration)
     lever = smooth.centre_of_gravity_height_m / (2 * smooth.wheelbase_m)
     static = 8000 + 0.4 * 300 * 9.80665
     assert static_load_n(smooth, 300.0) == pytest.approx(static)
@@ -105,12 +105,12 @@ def test_the_road_shakes_at_body_frequency_and_rests_at_standstill() -> None:
 
     setup, n = VehicleSetup(), 200 * 400
     white = np.random.default_rng(1).standard_normal(n)
-    slow, fast = (road_load_n(setup, 8000.0, np.full(n, v), 200.0, white) for v in (1.0, 4.0))
+    slow, fast = (RoadLoad(setup, 8000.0, 200.0).next_n(np.full(n, v), white) for v in (1.0, 4.0))
     assert np.std(fast) == pytest.approx(2 * np.std(slow), rel=1e-9)
     assert 0.015 < np.std(slow) / 8000 < 0.06
     frequency, density = welch(fast, 200.0, nperseg=4096)
     assert 0.8 < frequency[np.argmax(density)] < 1.8
-    assert not road_load_n(setup, 8000.0, np.zeros(n), 200.0, white).any()
+    assert not RoadLoad(setup, 8000.0, 200.0).next_n(np.zeros(n), white).any()
 
 
 def test_the_road_has_the_density_of_its_class() -> None:
@@ -118,7 +118,7 @@ def test_the_road_has_the_density_of_its_class() -> None:
     from scipy.signal import welch
 
     setup, rate, n, v = VehicleSetup(), 200.0, 200 * 4000, 2.0
-    load = road_load_n(setup, 8000.0, np.full(n, v), rate, np.random.default_rng(2).standard_normal(n))
+    load = RoadLoad(setup, 8000.0, rate).next_n(np.full(n, v), np.random.default_rng(2).standard_normal(n))
     frequency, density = welch(load, rate, nperseg=1 << 14)
     low = (frequency > 0.1) & (frequency < 0.25)
     mass = 8000 / 9.80665

@@ -11,15 +11,16 @@ from hypothesis import strategies as st
 
 from daq.clock import fit_clock
 from daq.config import TransducerSection
-from model.simulation.motion import Motion, drive
-from model.simulation.speed_sensors import GnssSetup, Track, WheelSpeedSetup, measure_gnss, measure_wheel_speed
+from model.simulation.motion import Motion, drawn_drive
+from model.simulation.speed_sensors import GnssReceiver, GnssSetup, Track, WheelSpeedSensor, WheelSpeedSetup
 from model.simulation.transducer import (
+    ColouredNoise,
     HostClock,
     HubLoads,
+    Readings,
+    SampleTimes,
+    Transducer,
     TransducerSetup,
-    coloured_noise,
-    measure_loads,
-    sample_times_s,
 )
 from processing.pipeline.wheel_frames import rotate
 
@@ -56,6 +57,25 @@ def steady(speed: float, slip: float = 0.0, seconds: float = 30.0) -> Motion:
     return Motion(time, v, zero, omega, zero, omega * time, v * time, np.full(time.shape, slip))
 
 
+def coloured_noise(
+    count: int, rate_hz: float, sigma: float, correlation_time_s: float, rng: np.random.Generator
+) -> np.ndarray:
+    return ColouredNoise(rate_hz, sigma, correlation_time_s, rng).next(count)
+
+
+def measured_loads(setup: TransducerSetup, hub: HubLoads, rng: np.random.Generator) -> Readings:
+    return Transducer(setup, len(hub.time_s) / 1000, 0.47, 75.0, rng).read(hub)
+
+
+def measured_wheel_speed(setup: WheelSpeedSetup, motion: Motion) -> Readings:
+    return WheelSpeedSensor(setup, len(motion.time_s) / 1000, rng(), rng(1)).read(motion)
+
+
+def measured_gnss(setup: GnssSetup, motion: Motion, direction: str = "out", seconds_of_day: float = 0.0) -> Readings:
+    last_s = float(motion.time_s[-1])
+    return GnssReceiver(setup, Track(), direction, seconds_of_day, last_s, rng()).read(motion)
+
+
 def test_coloured_noise_has_its_spread_and_its_memory() -> None:
     x = coloured_noise(400_000, 1000.0, 46.0, 0.1, rng())
     assert np.std(x) == pytest.approx(46.0, rel=0.05)
@@ -68,7 +88,7 @@ def test_coloured_noise_has_its_spread_and_its_memory() -> None:
 
 def test_the_transducer_has_its_noise() -> None:
     setup = TransducerSetup(zero_offset_n=(0, 0))
-    values = measure_loads(setup, rolling(seconds=120.0), 0.47, 75.0, rng()).values
+    values = measured_loads(setup, rolling(seconds=120.0), rng()).values
     assert np.mean(values["drawbar_pull"]) == pytest.approx(500, abs=10)
     assert np.std(values["drawbar_pull"]) == pytest.approx(np.hypot(46, 5), rel=0.08)
     assert np.std(values["vertical_load"]) == pytest.approx(np.hypot(60, 5), rel=0.08)
@@ -80,7 +100,7 @@ def test_the_transducer_has_its_noise() -> None:
 def test_a_rotating_zero_is_a_ripple_of_first_order(frame: str) -> None:
     setup = replace(QUIET, zero_offset_n=(25.0, -15.0), frame=frame)
     omega = 6.0
-    measured = measure_loads(setup, rolling(omega, 60.0), 0.47, 75.0, rng())
+    measured = measured_loads(setup, rolling(omega, 60.0), rng())
     fx, fz, angle = (measured.values[name] for name in ("drawbar_pull", "vertical_load", "wheel_angle"))
     if frame == "wheel":
         fx, fz = rotate(fx, fz, angle, TransducerSection(frame="wheel"))
@@ -100,7 +120,7 @@ def test_a_rotating_zero_is_a_ripple_of_first_order(frame: str) -> None:
 )
 def test_wheel_axes_turn_back_into_vehicle_axes(side: str, direction: int, offset: float, seed: int) -> None:
     axes = {"side": side, "angle_direction": direction, "angle_offset_deg": offset, "frame": "wheel"}
-    sent = measure_loads(replace(QUIET, **axes), rolling(seconds=2.0), 0.47, 75.0, rng(seed)).values
+    sent = measured_loads(replace(QUIET, **axes), rolling(seconds=2.0), rng(seed)).values
     fx, fz = rotate(sent["drawbar_pull"], sent["vertical_load"], sent["wheel_angle"], TransducerSection(**axes))
     assert fx == pytest.approx(500.0, abs=1e-6)
     assert fz == pytest.approx(8000.0, abs=1e-6)
@@ -108,17 +128,17 @@ def test_wheel_axes_turn_back_into_vehicle_axes(side: str, direction: int, offse
 
 
 def test_a_spin_zero_misses_the_outboard_weight() -> None:
-    measured = measure_loads(replace(QUIET, zero="spin"), rolling(), 0.47, 75.0, rng())
+    measured = measured_loads(replace(QUIET, zero="spin"), rolling(), rng())
     assert measured.values["vertical_load"] == pytest.approx(8000 - 75 * 9.80665)
 
 
 @pytest.mark.parametrize("omega", [1.0, 3.0, 9.0, 17.0])
 def test_edges_give_the_speed_of_a_steady_wheel(omega: float) -> None:
     ideal = WheelSpeedSetup(pitch_error=0, eccentricity=0)
-    values = measure_wheel_speed(ideal, steady(omega * 0.47), rng(), rng(1)).values["wheel_speed"]
+    values = measured_wheel_speed(ideal, steady(omega * 0.47)).values["wheel_speed"]
     settled = values[50:]
     assert settled == pytest.approx(omega, rel=2e-4)  # a microsecond in a tooth's time
-    real = measure_wheel_speed(WheelSpeedSetup(), steady(omega * 0.47), rng(), rng(1)).values["wheel_speed"][50:]
+    real = measured_wheel_speed(WheelSpeedSetup(), steady(omega * 0.47)).values["wheel_speed"][50:]
     assert 1e-4 < np.std(real) / omega < 0.006
     assert np.mean(real) == pytest.approx(omega, rel=1e-3)
 
@@ -128,22 +148,22 @@ def test_a_stopped_wheel_reads_zero_after_the_timeout() -> None:
     omega = np.where(time < 3, 5.0, 0.0)
     angle = np.minimum(5.0 * time, 15.0)
     motion = Motion(time, 0.47 * omega, 0 * time, omega, 0 * time, angle, 0.47 * angle, 0 * time)
-    read = measure_wheel_speed(WheelSpeedSetup(), motion, rng(), rng(1))
+    read = measured_wheel_speed(WheelSpeedSetup(), motion)
     after = read.values["wheel_speed"][read.time_s > 3.0]
     assert np.all(read.values["wheel_speed"][read.time_s > 3.0 + 0.26] == 0)
     assert np.all(np.diff(after) <= 1e-9)
     standing = replace(motion, wheel_angle_rad=0 * time)
-    assert not measure_wheel_speed(WheelSpeedSetup(), standing, rng(), rng(1)).values["wheel_speed"].any()
+    assert not measured_wheel_speed(WheelSpeedSetup(), standing).values["wheel_speed"].any()
 
 
 def test_declared_latencies_are_those_of_the_readings() -> None:
     """Shift the truth until it fits best: GNSS to a millisecond, the wheel to what its slowest edges allow."""
-    motion = drive(40.0, 0.47, rng(5))
+    motion = drawn_drive(40.0, 0.47, rng(5)).motion()
     moving = (motion.ground_speed_mps > 0.7).astype(float)
     gnss = GnssSetup(speed_noise_mps=0, speed_white_noise_mps=0)
     ring = WheelSpeedSetup(pitch_error=0, eccentricity=0)
-    fixes = measure_gnss(gnss, motion, Track(), "out", 0.0, rng())
-    wheel = measure_wheel_speed(ring, motion, rng(), rng(1))
+    fixes = measured_gnss(gnss, motion)
+    wheel = measured_wheel_speed(ring, motion)
     for read, name, truth, declared, tolerance in (
         (fixes, "ground_speed", motion.ground_speed_mps, gnss.latency_s, 0.002),
         (wheel, "wheel_speed", motion.wheel_speed_radps, ring.latency_s, 0.012),
@@ -157,11 +177,11 @@ def test_declared_latencies_are_those_of_the_readings() -> None:
 
 def test_gnss_speed_has_its_noise_and_the_position_its_line() -> None:
     setup, track = GnssSetup(), Track()
-    out = measure_gnss(setup, steady(1.5, seconds=600.0), track, "out", 100.0, rng()).values
+    out = measured_gnss(setup, steady(1.5, seconds=600.0), "out", 100.0).values
     assert np.std(out["ground_speed"]) == pytest.approx(np.hypot(0.03, 0.015), rel=0.15)
     assert np.mean(out["ground_speed"]) == pytest.approx(1.5, abs=0.01)
     assert np.degrees(np.mean(out["course"])) == pytest.approx(track.bearing_deg, abs=0.2)
-    back = measure_gnss(setup, steady(1.5, seconds=30.0), track, "back", 100.0, rng()).values
+    back = measured_gnss(setup, steady(1.5, seconds=30.0), "back", 100.0).values
     assert np.degrees(np.mean(back["course"])) == pytest.approx(track.bearing_deg + 180, abs=0.5)
     north = 6_371_008.8 * (out["latitude"][600] - out["latitude"][0])
     east = 6_371_008.8 * (out["longitude"][600] - out["longitude"][0]) * np.cos(out["latitude"][0])
@@ -170,7 +190,7 @@ def test_gnss_speed_has_its_noise_and_the_position_its_line() -> None:
 
 
 def test_gnss_epochs_are_whole_and_pass_midnight() -> None:
-    read = measure_gnss(GnssSetup(), steady(1.0, seconds=10.0), Track(), "out", 86_395.013, rng())
+    read = measured_gnss(GnssSetup(), steady(1.0, seconds=10.0), "out", 86_395.013)
     assert np.allclose(np.mod(read.values["gnss_time"] * 20 + 1e-6, 1), 0, atol=1e-4)
     assert read.values["gnss_time"].max() < 86_400
     assert np.sum(np.diff(read.values["gnss_time"]) < 0) == 1
@@ -180,7 +200,7 @@ def test_the_host_clock_is_off_and_drifts_as_declared() -> None:
     clock = HostClock(offset_s=0.25, drift_ppm=8.0)
     setup = GnssSetup()
     day_ns = 1_780_012_800 * 10**9  # midnight
-    read = measure_gnss(setup, steady(1.0, seconds=600.0), Track(), "out", 0.0, rng())
+    read = measured_gnss(setup, steady(1.0, seconds=600.0))
     host = clock.stamps_ns(read.time_s + read.latency_s, day_ns, 0.0, rng(1))
     assert np.all(np.diff(host) > 0)
     assert np.all(host % 1000 == 0)
@@ -193,7 +213,7 @@ def test_the_host_clock_is_off_and_drifts_as_declared() -> None:
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000), st.floats(-200, 200), st.sampled_from([20.0, 100.0, 1000.0]))
 def test_free_running_sensors_sample_inside_the_run(seed: int, ppm: float, rate: float) -> None:
-    at = sample_times_s(20.0, rate, ppm, rng(seed))
+    at = SampleTimes(20.0, rate, ppm, rng(seed)).next_s()
     assert at[0] >= 0
     assert 20.0 - 2.1 / rate <= at[-1] <= 20.0 - 0.9 / rate
     assert np.diff(at) == pytest.approx(1 / rate, rel=3e-4)

@@ -94,6 +94,13 @@ def test_logs_hold_the_same_frames_as_recordings(campaign: Path) -> None:
     assert frames_sha256(frames_of(campaign / "run-2.log")) == frames_sha256(frames_of(campaign / "run-2.mcap"))
 
 
+def test_a_run_that_fails_leaves_no_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = "simulate --runs 1 --duration 20 --added-load 20000 --format both -o"
+    assert wheelsoil([*shlex.split(text), str(tmp_path / "a")]) != 0
+    assert "cannot carry the wheel" in capsys.readouterr().err
+    assert not [path.name for path in (tmp_path / "a").iterdir() if path.name.startswith("run-")]
+
+
 def test_a_run_does_not_depend_on_the_others() -> None:
     few, many = (SimulationOptions(effects=LYASKO, runs=n, duration_s=20.0) for n in (2, 5))
     assert frames_sha256(virtual_frames(simulated_run(few, 1))) == frames_sha256(virtual_frames(simulated_run(many, 1)))

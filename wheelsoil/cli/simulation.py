@@ -308,9 +308,10 @@ def _send(options: SimulationOptions, interface: str, channel: str, speed: float
     sink = open_sink(BusSection(channel=channel, interface=interface))
     try:
         for run, frames in progress(campaign_frames(options), "sending", total=options.runs):
-            summary = replay_batches([frames], {BUS: sink}, speed=speed)
+            # in full beforehand: the bus must not wait for the simulation
+            summary = replay_batches(list(frames), {BUS: sink}, speed=speed)
             say(
-                f"{run.info.id}: {sum(summary.frames.values())} frames in {summary.duration_s:.1f} s, "
+                f"{run.id}: {sum(summary.frames.values())} frames in {summary.duration_s:.1f} s, "
                 f"99 % at most {summary.lateness_p99_s * 1e3:.2f} ms late"
             )
     finally:

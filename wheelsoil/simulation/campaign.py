@@ -7,7 +7,7 @@ effect, seed, soil of the field).
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -30,13 +30,14 @@ from model.simulation import (
     VirtualSetup,
     drawn_soil,
     lifted_run,
-    virtual_run,
+    virtual_stretches,
+    whole,
 )
 from model.wheel_soil import LABORATORY_SPREAD, Soil, WheelSoilModel, soil_from_terrain
 from processing import LEVEL_DEG
 from wheelsoil import __version__
 from wheelsoil.simulation.options import SimulationOptions
-from wheelsoil.simulation.vehicle import DBC_FILES, vehicle_config, virtual_frames
+from wheelsoil.simulation.vehicle import DBC_FILES, frame_batches, vehicle_config, virtual_frames
 
 Format = Literal["mcap", "candump", "both"]
 
@@ -168,7 +169,12 @@ def _soil(laboratory: SoilSection, values: FloatArray) -> Soil | None:
 
 
 def simulated_run(options: SimulationOptions, index: int) -> VirtualRun:
-    """Return one run of a campaign; it does not depend on the others.
+    """Return one run of a campaign at once; as `simulated_stretches`."""
+    return whole(simulated_stretches(options, index))
+
+
+def simulated_stretches(options: SimulationOptions, index: int) -> Iterator[VirtualRun]:
+    """Yield one run of a campaign, stretch by stretch; it does not depend on the others.
 
     Parameters
     ----------
@@ -187,18 +193,11 @@ def simulated_run(options: SimulationOptions, index: int) -> VirtualRun:
     )
     interval_s = options.duration_s + _BETWEEN_RUNS_S
     elapsed_s = index * interval_s
-    info = RunInfo(
-        id=f"run-{index + 1}",
-        direction="back" if index % 2 else "out",
-        pass_number=options.pass_number[index % len(options.pass_number)],
-        added_load_kg=options.added_load_kg[index % len(options.added_load_kg)],
-        inflation_kpa=options.inflation_kpa[index % len(options.inflation_kpa)] if options.inflation_kpa else None,
-    )
-    return virtual_run(
+    return virtual_stretches(
         simulated_setup(options),
         model,
         {key: value for effect, values in acting for key, value in effect.keyed(values).items()},
-        info,
+        _info(options, index),
         start_ns=_start_ns(options, elapsed_s),
         elapsed_s=elapsed_s,
         rng=_stream(options, 2 + index),
@@ -247,11 +246,20 @@ def _measurement_effects(options: SimulationOptions) -> list[tuple[type[Effect],
     return [(effect, values) for effect, values in chosen if effect.kind == "measurement"]
 
 
-def campaign_frames(options: SimulationOptions) -> Iterator[tuple[VirtualRun, FrameBatch]]:
-    """Yield each run with its frames."""
+def _info(options: SimulationOptions, index: int) -> RunInfo:
+    return RunInfo(
+        id=f"run-{index + 1}",
+        direction="back" if index % 2 else "out",
+        pass_number=options.pass_number[index % len(options.pass_number)],
+        added_load_kg=options.added_load_kg[index % len(options.added_load_kg)],
+        inflation_kpa=options.inflation_kpa[index % len(options.inflation_kpa)] if options.inflation_kpa else None,
+    )
+
+
+def campaign_frames(options: SimulationOptions) -> Iterator[tuple[RunInfo, Iterator[FrameBatch]]]:
+    """Yield each run with its frames, which are calculated as they are taken."""
     for index in range(options.runs):
-        run = simulated_run(options, index)
-        yield run, virtual_frames(run, BUS)
+        yield _info(options, index), frame_batches(simulated_stretches(options, index), BUS)
 
 
 def simulated_roles(options: SimulationOptions, index: int) -> tuple[dict[str, Channel], VehicleConfig, RunInfo]:
@@ -309,18 +317,17 @@ def simulate_campaign(
     infos: list[RunInfo] = []
     files: list[Path] = []
     entries: list[dict[str, Any]] = []
-    for run, frames in campaign_frames(options):
-        paths = [folder / f"{run.info.id}{suffix}" for suffix in suffixes]
-        info = run.info.model_copy(update={"file": paths[0].name})
-        for path in paths:
-            _write_run(path, info, frames, carried, vehicle if decoded else None)
+    for run, batches in campaign_frames(options):
+        paths = [folder / f"{run.id}{suffix}" for suffix in suffixes]
+        info = run.model_copy(update={"file": paths[0].name})
+        counted = _Counted(batches)
+        _write_run(paths, info, counted, carried, vehicle if decoded else None)
         infos.append(info)
         files += paths
-        entries.append({"file": paths[0].name, "frames": len(frames), "frames_sha256": frames_sha256(frames)})
+        entries.append({"file": paths[0].name, "frames": counted.frames, "frames_sha256": counted.hash.hexdigest()})
     for lifted in lifted_runs(options):
         paths = [folder / f"{lifted.info.id}{suffix}" for suffix in suffixes]
-        for path in paths:
-            _write_run(path, lifted.info, virtual_frames(lifted, BUS), carried, vehicle if decoded else None)
+        _write_run(paths, lifted.info, frame_batches([lifted], BUS), carried, vehicle if decoded else None)
         files += paths
     (folder / "runs.toml").write_bytes(runs_toml(infos))
     (folder / MANIFEST_FILE).write_bytes(_manifest(options, entries))
@@ -352,28 +359,62 @@ def _check_folder(folder: Path, *, force: bool) -> None:
         raise ConfigError.of("the folder is not empty", folder, next_step="choose another name, or --force")
 
 
+class _Counted:
+    """Batches on their way into a file, counted and hashed as `frames_sha256` does."""
+
+    def __init__(self, batches: Iterable[FrameBatch]) -> None:
+        self._batches = batches
+        self.frames = 0
+        self.hash = hashlib.sha256()
+
+    def __iter__(self) -> Iterator[FrameBatch]:
+        for batch in self._batches:
+            self.frames += len(batch)
+            self.hash.update(batch.frames.tobytes())
+            yield batch
+
+
 def _write_run(
-    path: Path, info: RunInfo, frames: FrameBatch, carried: dict[str, bytes], vehicle: VehicleConfig | None
+    paths: list[Path],
+    info: RunInfo,
+    batches: Iterable[FrameBatch],
+    carried: dict[str, bytes],
+    vehicle: VehicleConfig | None,
 ) -> None:
-    """Write one run; with a vehicle, also its decoded topics."""
-    if path.suffix == ".log":
-        from daq.logs import write_candump
+    """Write one run into each of its files, or none where that fails; with a vehicle, also its decoded topics."""
+    from daq.logs import write_candump
+    from daq.recording import Recording
 
-        write_candump([frames], path)
-        return
-    from daq.recording import RecordingWriter
+    try:
+        for path in paths:
+            if path.suffix == ".mcap":
+                _write_recording(path, info, batches, carried, vehicle)
+                batches = Recording.open(path).frame_batches()
+            else:
+                write_candump(batches, path)
+    except BaseException:
+        for path in paths:
+            path.unlink(missing_ok=True)
+        raise
 
+
+def _write_recording(
+    path: Path, info: RunInfo, batches: Iterable[FrameBatch], carried: dict[str, bytes], vehicle: VehicleConfig | None
+) -> None:
+    from daq.can import Decoder
+    from daq.recording import DecodedWriter, RecordingWriter
+
+    databases = {BUS: tuple(load_database(carried[name], name) for name in DBC_FILES)}
+    decoder = Decoder(databases)
     # the same command repeats what a crash would lose, so the size of a chunk is not limited
     with RecordingWriter(
         path, run=info, attachments=carried, overwrite=True, flush_every_s=None, sync_every_s=None
     ) as writer:
-        writer.write_frames(frames)
-        if vehicle is not None:
-            from daq.can import decode
-            from daq.recording import DecodedWriter
-
-            databases = {BUS: tuple(load_database(carried[name], name) for name in DBC_FILES)}
-            DecodedWriter(writer, vehicle, databases).write(decode(frames, databases))
+        topics = DecodedWriter(writer, vehicle, databases) if vehicle else None
+        for batch in batches:
+            writer.write_frames(batch)
+            if topics:
+                topics.write(decoder.decode(batch))
 
 
 def _manifest(options: SimulationOptions, runs: list[dict[str, Any]]) -> bytes:

@@ -20,7 +20,7 @@ from wheelsoil.workflows.fit import presets_near
 from wheelsoil.workflows.model_files import load_model
 
 DEFAULT_START = datetime(2026, 5, 4, 8, tzinfo=UTC)
-LONGEST_RUN_S = 3600.0
+LONGEST_RUN_S = 86_400.0
 
 _OF_THE_MODEL = ("soil", "sinkage", "radius", "width")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from math import hypot
 
 import numpy as np
@@ -21,7 +21,7 @@ from daq import (
     WheelSection,
     find_unit,
 )
-from daq.can import FrameBatch, Message, Signal, encode, load_database, merge, rolling_counter, shipped_dbc
+from daq.can import FrameBatch, Message, Signal, concatenate, encode, load_database, merge, rolling_counter, shipped_dbc
 from model.simulation import SensedRun, VirtualSetup
 from model.wheel_soil import Wheel
 
@@ -125,10 +125,15 @@ def vehicle_config(setup: VirtualSetup, wheel: Wheel, bus: str) -> VehicleConfig
 
 
 def virtual_frames(run: SensedRun, bus: str = "can0") -> FrameBatch:
-    """Encode a run as frames of a bus that transmits one frame at a time.
+    """Encode a run at once; see `frame_batches`."""
+    return concatenate(list(frame_batches([run], bus)))
 
-    Returns
-    -------
+
+def frame_batches(stretches: Iterable[SensedRun], bus: str = "can0") -> Iterator[FrameBatch]:
+    """Encode a run, stretch by stretch, as frames of a bus that transmits one frame at a time.
+
+    Yields
+    ------
     FrameBatch
         In time order; a time stamp is the host time at the end of the frame.
 
@@ -138,36 +143,62 @@ def virtual_frames(run: SensedRun, bus: str = "can0") -> FrameBatch:
         A value is outside the range of its signal.
     """
     messages = {m.name: m for name in DBC_FILES for m in load_database(shipped_dbc(name)).messages}
-    batches = [
-        _encoded(messages[name], signals, run.sensors[sensor], bus)
-        for sensor, layout in _LAYOUT.items()
-        for name, signals in layout
+    encoders = [
+        _Encoder(messages[name], signals, sensor, bus) for sensor, layout in _LAYOUT.items() for name, signals in layout
     ]
-    return _one_at_a_time(merge(batches))
+    line = _Line()
+    for run in stretches:
+        for encoder in encoders:
+            encoder.take(run)
+        # a sensor's stamps never decrease, so that no frame comes any more before the earliest of their last ones
+        known_ns = min(encoder.last_ns for encoder in encoders)
+        yield line.one_at_a_time(merge([encoder.released(known_ns) for encoder in encoders]))
+    yield line.one_at_a_time(merge([encoder.released(None) for encoder in encoders]))
 
 
-def _encoded(message: Message, signals: Mapping[str, str], channels: Mapping[str, Channel], bus: str) -> FrameBatch:
-    time_ns = channels[next(iter(signals.values()))].time_ns
-    values = {name: _in_unit(message.by_name[name], channels[quantity]) for name, quantity in signals.items()}
-    for name, signal in message.by_name.items():
-        if name == "Counter":
-            values.setdefault(name, rolling_counter(len(time_ns), signal))
-        elif name not in values:
-            values[name] = np.full(len(time_ns), _filler(signal))
-    encoded = encode(message, values, time_ns, bus)
-    if encoded.saturated:
-        raise DataError(
-            *(
-                Fault(
-                    f"the virtual test exceeds the range of {message.name}.{name}",
-                    found=f"{count} of {len(time_ns)} samples, up to {np.nanmax(np.abs(values[name])):.6g}",
-                    expected=f"at most {message.by_name[name].maximum:g} {message.by_name[name].unit}",
-                    next_step="choose a stiffer soil, less load or a slower run",
+class _Encoder:
+    """Encodes one message of a run, stretch after stretch, and holds its frames until their turn comes."""
+
+    def __init__(self, message: Message, signals: Mapping[str, str], sensor: str, bus: str) -> None:
+        self._message, self._signals, self._sensor, self._bus = message, signals, sensor, bus
+        self._count = 0
+        self._held = FrameBatch.empty((bus,))
+        self.last_ns = np.iinfo(np.int64).min
+        """Of the last frame that came."""
+
+    def take(self, run: SensedRun) -> None:
+        """Encode a stretch."""
+        message, channels = self._message, run.sensors[self._sensor]
+        time_ns = channels[next(iter(self._signals.values()))].time_ns
+        values = {name: _in_unit(message.by_name[name], channels[quantity]) for name, quantity in self._signals.items()}
+        for name, signal in message.by_name.items():
+            if name == "Counter":
+                values.setdefault(name, rolling_counter(len(time_ns), signal, self._count))
+            elif name not in values:
+                values[name] = np.full(len(time_ns), _filler(signal))
+        encoded = encode(message, values, time_ns, self._bus)
+        if encoded.saturated:
+            raise DataError(
+                *(
+                    Fault(
+                        f"the virtual test exceeds the range of {message.name}.{name}",
+                        found=f"{count} of {len(time_ns)} samples, up to {np.nanmax(np.abs(values[name])):.6g}",
+                        expected=f"at most {message.by_name[name].maximum:g} {message.by_name[name].unit}",
+                        next_step="choose a stiffer soil, less load or a slower run",
+                    )
+                    for name, count in encoded.saturated.items()
                 )
-                for name, count in encoded.saturated.items()
             )
-        )
-    return encoded.frames
+        self._count += len(time_ns)
+        self.last_ns = int(time_ns.max(initial=self.last_ns))
+        self._held = concatenate([self._held, encoded.frames])
+
+    def released(self, before_ns: int | None) -> FrameBatch:
+        """Return the frames before an instant, or all, and hold them no longer."""
+        held = self._held
+        stop = len(held) if before_ns is None else int(np.searchsorted(held.frames["time_ns"], before_ns))
+        self._held = held[stop:]
+        return held[:stop]
 
 
 def _in_unit(signal: Signal, channel: Channel) -> FloatArray:
@@ -189,14 +220,25 @@ def _filler(signal: Signal) -> float:
     return raw * signal.scale + signal.offset if raw is not None else _CONSTANT.get(signal.name, 0.0)
 
 
-def _one_at_a_time(batch: FrameBatch) -> FrameBatch:
-    """Delay each frame until the bus is free, and add its own duration; the messages of a sensor are consecutive.
+class _Line:
+    """The bus itself, which carries one frame at a time."""
 
-    End e_i = max(ready_i, e_(i-1)) + d_i, so that e_i - (d_0 + ... + d_i) is a running maximum.
-    """
-    frames = batch.frames.copy()
-    bits = np.rint((_HEADER_BITS + 8 * frames["length"].astype(np.float64)) * _STUFFING)
-    duration = (bits * (1e9 / BITRATE)).astype(np.int64)
-    ends = np.cumsum(duration)
-    frames["time_ns"] = np.maximum.accumulate(frames["time_ns"] - (ends - duration)) + ends
-    return FrameBatch(frames, batch.buses)
+    def __init__(self) -> None:
+        self._free_ns = np.iinfo(np.int64).min
+
+    def one_at_a_time(self, batch: FrameBatch) -> FrameBatch:
+        """Delay each frame until the bus is free, and add its own duration; the messages of a sensor are consecutive.
+
+        End e_i = max(ready_i, e_(i-1)) + d_i, so that e_i - (d_0 + ... + d_i) is a running maximum.
+        """
+        frames = batch.frames.copy()
+        if not len(frames):
+            return batch
+        bits = np.rint((_HEADER_BITS + 8 * frames["length"].astype(np.float64)) * _STUFFING)
+        duration = (bits * (1e9 / BITRATE)).astype(np.int64)
+        ends = np.cumsum(duration)
+        least = frames["time_ns"] - (ends - duration)
+        least[0] = max(least[0], self._free_ns)
+        frames["time_ns"] = np.maximum.accumulate(least) + ends
+        self._free_ns = int(frames["time_ns"][-1])
+        return FrameBatch(frames, batch.buses)

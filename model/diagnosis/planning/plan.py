@@ -23,7 +23,7 @@ from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign, 
 from model.diagnosis.time_series.noise import Noise, hyper_priors
 from model.diagnosis.time_series.samples import samples_of
 from model.simulation import DrivingStyle, VehicleSetup
-from model.simulation.motion import Motion, drive, static_load_n, vertical_load_n
+from model.simulation.motion import Motion, WheelLoad, drawn_drive, static_load_n
 from model.simulation.truth import Circumstances, free_rolling_slip
 from model.wheel_soil.conditions import Conditions, Wheel
 from model.wheel_soil.soils import Soil, SoilPrior, prior_of
@@ -169,9 +169,9 @@ def _run(
     pressure = info.inflation_kpa or plan.vehicle.inflation_kpa
     here = Circumstances(info, pressure, 0.0, plan.duration_s, (0.0, 1.0))
     coast = free_rolling_slip(model, {}, static_load_n(plan.vehicle, info.added_load_kg), here)
-    motion = drive(
+    motion = drawn_drive(
         plan.duration_s, plan.wheel.radius_m, driving, rate_hz=_RATE_HZ, coast_slip=coast, style=DrivingStyle()
-    )
+    ).motion()
     load = _load(plan, info, motion, road)
     said = model.predict(Conditions(motion.slip, load))
     lost = ~np.isfinite(said.drawbar_pull_n)
@@ -232,9 +232,8 @@ def _load(plan: CampaignPlan, info: RunInfo, motion: Motion, rng: np.random.Gene
     """Return the load as the common filter leaves it."""
     from scipy.ndimage import gaussian_filter1d
 
-    raw = vertical_load_n(
-        plan.vehicle, motion.ground_speed_mps, motion.ground_acceleration_mps2, _RATE_HZ, info.added_load_kg, rng
-    )
+    wheel_load = WheelLoad(plan.vehicle, _RATE_HZ, info.added_load_kg, rng)
+    raw = wheel_load.next_n(motion.ground_speed_mps, motion.ground_acceleration_mps2)
     return np.asarray(gaussian_filter1d(raw, kernel_sigma_s(_CUTOFF_HZ) * _RATE_HZ, mode="nearest"))
 
 
