@@ -10,10 +10,7 @@ if the noise model holds, with :math:`\lambda_i` the eigenvalues of K: a shape t
 little. Each T is taken over a far quantile of its own distribution; the statistic is the largest of these ratios. What
 noise makes of it is drawn for the campaign at hand; the threshold is a high quantile of that, times what a noise model
 that was itself estimated is off by (`SLACK`). A formula that is right in kind may miss nature's by `FORM` of its size:
-that share of what the causes take off each T is no lack of fit. Nor is a shape of at most `PRACTICAL` of the load: the
-more data, the smaller a misfit that stands out of the noise, and what is left of the parts outboard of the transducer
-or of a filter would. So the most that one shape of that size adds to T is added to its far quantile: of all shapes of a
-kind together it would be as much as the drag of a hub leaves.
+that share of what the causes take off each T is no lack of fit.
 
 `SLACK` is from campaigns of a generator that shares no numerics with this engine: see docs/diagnosis.md.
 
@@ -35,7 +32,6 @@ from scipy.special import gammaincinv
 from daq import INPUTS, OUTPUTS, FloatArray, IndexArray
 from model.diagnosis.core.result import Adequacy, Finding
 from model.diagnosis.core.shapes import Shape
-from model.diagnosis.time_series.basis import AMPLITUDE, amplitude_of
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.start import CampaignData
 
@@ -46,10 +42,7 @@ SLACK = 1.3
 FORM = 0.1
 """Share of its size by which a cause's formula may miss nature's; of two causes half of it, of three a third: a formula
 that is right in kind needs no others to make up for it."""
-PRACTICAL = 0.00125
-"""Size of a shape that does not matter, where it is present: of the load, of load times radius, of the radius."""
 MOST_EXCESS = 2.0
-_LEAST_SIZE = 1e-9
 _FAR = 0.9998
 """Quantile that each kind is measured in, so that kinds of few shapes and of many are alike."""
 _DRAWS = 2000
@@ -74,12 +67,11 @@ class LeftOver:
 
 @dataclass(frozen=True)
 class _Kind:
-    """Shapes of one kind: their places, (I + K)^-1, the far quantile of T, and what a small shape adds to T."""
+    """Shapes of one kind: their places, (I + K)^-1, and the far quantile of T."""
 
     shapes: IndexArray
     inverse: FloatArray
     far: float
-    small: float
 
     def statistic(self, scores: FloatArray) -> FloatArray:
         """Return T of scores of shape (..., b)."""
@@ -103,9 +95,7 @@ def _uncertain(grams: Grams, keys: tuple[str, ...]) -> IndexArray:
     return np.array([*range(1, 1 + len(grams.soil)), *(p for key in keys for p in grams.columns_of(key))], np.intp)
 
 
-def adequacy(
-    grams: Grams, keys: tuple[str, ...], rng: np.random.Generator, sizes: FloatArray | None = None
-) -> Adequacy:
+def adequacy(grams: Grams, keys: tuple[str, ...], rng: np.random.Generator) -> Adequacy:
     """Judge whether a set of causes is an explanation.
 
     Parameters
@@ -114,14 +104,11 @@ def adequacy(
         Of the set's effects.
     rng : Generator
         For the threshold.
-    sizes : array, shape (all shapes,), optional
-        Of each shape with a coefficient of 1, see `shape_sizes`; without them nothing is too small to matter.
     """
     left = left_over(grams, keys)
     if not left.score.size:
         return Adequacy(0.0, SLACK, ok=True)
-    small = np.zeros(left.score.size) if sizes is None else PRACTICAL / np.maximum(sizes, _LEAST_SIZE)
-    kinds = [_kind(left.information, shapes, small) for shapes in _kinds(grams.all_shapes()[0])]
+    kinds = [_kind(left.information, shapes) for shapes in _kinds(grams.all_shapes()[0])]
     ratios = _ratios(grams, keys, left, kinds)
     values, vectors = np.linalg.eigh(left.information)
     root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T  # whatever signs a processor gives the vectors
@@ -131,28 +118,15 @@ def adequacy(
     return Adequacy(max(ratios), threshold, ok=max(ratios) <= threshold)
 
 
-def shape_sizes(campaigns: Sequence[CampaignData]) -> FloatArray:
-    """Return how large each shape with a coefficient of 1 is where it is present, by rank, shape (all shapes,).
-
-    In shares of the load, in torque of load times radius, in sinkage of the radius.
-    """
-    found = []
-    for data in campaigns:
-        units = [amplitude_of(data.samples, channel) / AMPLITUDE for channel in data.linear.channels]
-        found.append(data.columns.sizes(data.samples.run, np.array(units)))
-    return np.concatenate(found)
-
-
 def _ratios(grams: Grams, keys: tuple[str, ...], left: LeftOver, kinds: Sequence[_Kind]) -> list[float]:
-    """Return T of each kind over what noise, a shape too small to matter and the causes' formulas may make it."""
+    """Return T of each kind over its far quantile and what the causes' formulas may miss."""
     before = left_over(grams)
-    nothing = np.zeros(before.score.size)
     form = FORM / max(len(keys), 1)
     ratios = []
     for kind in kinds:
         found = float(kind.statistic(left.score))
-        explained = float(_kind(before.information, kind.shapes, nothing).statistic(before.score)) - found
-        ratios.append(found / (kind.far + kind.small + form**2 * max(explained, 0.0)))
+        explained = float(_kind(before.information, kind.shapes).statistic(before.score)) - found
+        ratios.append(found / (kind.far + form**2 * max(explained, 0.0)))
     return ratios
 
 
@@ -171,8 +145,7 @@ def lack_of_fit(
     shapes, left = grams.all_shapes()[0], left_over(grams, keys)
     if not shapes:
         return ()
-    small = PRACTICAL / np.maximum(shape_sizes(campaigns), _LEAST_SIZE)
-    kinds = [_kind(left.information, group, small) for group in _kinds(shapes)]
+    kinds = [_kind(left.information, group) for group in _kinds(shapes)]
     worst = kinds[int(np.argmax(_ratios(grams, keys, left, kinds)))].shapes
     heights = np.concatenate([data.columns.heights(data.samples.run) for data in campaigns])
     own = LeftOver(left.misfit, left.score[worst], left.information[np.ix_(worst, worst)])
@@ -212,15 +185,14 @@ def _kinds(basis: tuple[Shape, ...]) -> list[IndexArray]:
     return [np.array(shapes, np.intp) for shapes in [*several, list(range(len(basis)))]]
 
 
-def _kind(information: FloatArray, shapes: IndexArray, small: FloatArray) -> _Kind:
+def _kind(information: FloatArray, shapes: IndexArray) -> _Kind:
     own = information[np.ix_(shapes, shapes)]
     inverse = np.asarray(np.linalg.inv(np.eye(shapes.size) + own))
     weights = inverse @ own
     mean, variance = float(np.trace(weights)), 2.0 * float(np.sum(weights * weights.T))
     shape = mean**2 / max(variance, 1e-12)
     far = variance / max(mean, 1e-12) * float(gammaincinv(shape, _FAR)) if mean > 0 else np.inf
-    added = np.einsum("ij,ji->i", weights, own) * small[shapes] ** 2
-    return _Kind(shapes, inverse, far if far > 0 else np.inf, float(added.max()))
+    return _Kind(shapes, inverse, far if far > 0 else np.inf)
 
 
 LEAST = 3.5

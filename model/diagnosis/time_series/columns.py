@@ -10,7 +10,6 @@ and time grow with the number of runs, not with its square.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress
@@ -266,50 +265,18 @@ class Columns:
         array, shape (all shapes,)
             In the channel's unit, m/s or N.
         """
-        inputs = self.catch_all.input_heights
-        shared, *single = (_largest(columns) for columns in self._shapes(run))
-        return self._by_rank([np.where(np.isnan(inputs), shared, inputs), *single])
-
-    def sizes(self, run: IndexArray, units: FloatArray) -> FloatArray:
-        """Return the root mean square of each shape over the samples where it is present, by rank.
-
-        Of a shape in several channels that in which it is largest.
-
-        Parameters
-        ----------
-        run : int array, shape (n,)
-            Of each sample.
-        units : array, shape (c,)
-            What the channels are measured in.
-
-        Returns
-        -------
-        array, shape (all shapes,)
-        """
-        return self._by_rank([_size(columns, units) for columns in self._shapes(run)])
-
-    def _shapes(self, run: IndexArray) -> Iterator[FloatArray]:
-        """Yield the columns of the shapes that all runs share, and of those of each run, shape (c, n, b)."""
-        yield self.rows[..., self.shared - len(self.catch_all.shapes) : self.shared]
+        inputs, of_run = self.catch_all.input_heights, self.catch_all.of_run
+        shared = _largest(self.rows[..., self.shared - len(inputs) : self.shared])
         own = self.rows[..., self.shared : self.varying]
-        for i, one in enumerate(self.catch_all.of_run):
-            yield own[:, run == i, : len(one.shapes)]
-
-    def _by_rank(self, values: list[FloatArray]) -> FloatArray:
-        ranks = np.concatenate([self.catch_all.order, *(one.order for one in self.catch_all.of_run)])
-        return np.asarray(np.concatenate(values)[np.argsort(ranks)])
+        single = [_largest(own[:, run == i, : len(one.shapes)]) for i, one in enumerate(of_run)]
+        ranks = np.concatenate([self.catch_all.order, *(one.order for one in of_run)])
+        heights = np.concatenate([np.where(np.isnan(inputs), shared, inputs), *single])
+        return np.asarray(heights[np.argsort(ranks)])
 
 
 def _largest(columns: FloatArray) -> FloatArray:
     """Return the largest absolute value of each column, shape (c, n, b) to (b,)."""
     return np.asarray(np.maximum(columns.max(axis=(0, 1), initial=0.0), -columns.min(axis=(0, 1), initial=0.0)))
-
-
-def _size(columns: FloatArray, units: FloatArray) -> FloatArray:
-    """Return the root mean square of each column where it is not zero, shape (c, n, b) to (b,)."""
-    present = np.maximum(np.count_nonzero(columns, axis=1), 1)
-    mean_square = np.einsum("cnb,cnb->cb", columns, columns) / present
-    return np.asarray((np.sqrt(mean_square) / units[:, None]).max(axis=0, initial=0.0))
 
 
 def cause_columns(simulation: Simulation, causes: dict[str, float]) -> tuple[CauseColumn, ...]:

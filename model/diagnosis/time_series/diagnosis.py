@@ -30,7 +30,7 @@ from model.diagnosis.core.result import (
     PriorShift,
     undecided,
 )
-from model.diagnosis.findings.adequacy import adequacy, excess, findings, lack_of_fit, shape_sizes
+from model.diagnosis.findings.adequacy import adequacy, excess, findings, lack_of_fit
 from model.diagnosis.findings.agreement import disagreement_notes, disagreements, other_forms, runs_of, two_soils
 from model.diagnosis.findings.explained import (
     Confounded,
@@ -174,13 +174,11 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
 
 def _judged(linearised: LinearisedCampaign, rng: np.random.Generator) -> tuple[Adequacy, float]:
     """Judge the most probable set under realistic instrument noise; return also the factor on the noise's variance."""
-    sizes = shape_sizes(linearised.campaigns)
-    judged = adequacy(linearised.grams, linearised.best.keys, rng, sizes)
+    judged = adequacy(linearised.grams, linearised.best.keys, rng)
     factor = excess(linearised.grams, linearised.best.keys)
     grams = plausible_grams(linearised)
     if judged.ok and grams is not linearised.grams:
-        best = posterior(grams, linearised.excluded, linearised.most_causes).best()
-        judged = adequacy(grams, best, rng, sizes)
+        judged = adequacy(grams, posterior(grams, linearised.excluded, linearised.most_causes).best(), rng)
     return judged, factor
 
 
